@@ -51,7 +51,7 @@ def test_calibration_is_the_average(ambiguous):
     content = json.loads(calibration_text(extended_calibration(diagnosis)))
     told = content["provenance"]["averaged_over"]
     assert [own["causes"] for own in told] == [list(own.labels) for own in average.weighed]
-    assert content["bias"][0] == pytest.approx(average.value("bias_x"), abs=1e-9)
+    assert content["bias"][0] == pytest.approx(diagnosis.in_use.value("bias_x"), abs=1e-9)
     for term in content["terms"]:
         whole = [
             own.fit.value(name) for own in average.weighed for name in own.fit.names if name.startswith(term["effect"])

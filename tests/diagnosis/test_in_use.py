@@ -114,7 +114,7 @@ def test_a_bias_that_drifts_is_written_for_the_mean_time(diagnoser, hidden):
 def test_where_nothing_is_wrong_and_the_temperature_is_not_known_the_covariance_is_that_of_the_fit(diagnoser, hidden):
     diagnosis = diagnoser(hidden(2, {}, columns=False))
     assert diagnosis.verdict == "adequate"
-    np.testing.assert_array_equal(diagnosis.in_use.values, diagnosis.extended.values)
+    np.testing.assert_allclose(diagnosis.in_use.values, diagnosis.extended.values, atol=1e-14)
     ratio = np.diag(diagnosis.in_use.covariance) / np.diag(diagnosis.extended.covariance)
     assert np.all(ratio > 0.99) and np.median(ratio) < 1.3
 

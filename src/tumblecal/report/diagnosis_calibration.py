@@ -24,6 +24,7 @@ from tumblecal.report.effect_forms import require_forms
 from tumblecal.report.result_file import linear_calibration
 from tumblecal.report.sensor_terms import FittedEffect, SensorTerms, Signal, left_words, terms_of_chain
 from tumblecal.report.terms_covariance import covariance_with_terms
+from tumblecal.report.undetected_terms import added_by_undetected_terms
 
 
 def extended_calibration(diagnosis: Diagnosis) -> Calibration | None:
@@ -42,7 +43,7 @@ def extended_calibration(diagnosis: Diagnosis) -> Calibration | None:
     used, weighed = diagnosis.in_use.as_fit, diagnosis.in_use.weighed
     given = _given_terms(diagnosis, used)
     of_model = [loss.effect for loss in given.not_applied]
-    terms = _with_causes(given, diagnosis, weighed)
+    terms = _with_causes(given, diagnosis, _as_written(diagnosis))
     said = {"verdict": diagnosis.verdict, "causes": list(diagnosis.labels), "not_applied": []}
     if diagnosis.noise_words and not diagnosis.problem.known:
         said["stated_noise"] = f"The residuals contradict the assumed noise: {diagnosis.noise_words}"
@@ -53,7 +54,9 @@ def extended_calibration(diagnosis: Diagnosis) -> Calibration | None:
     calibration = linear_calibration(used)
     calibration = replace(calibration, provenance=calibration.provenance | said, use=_use(diagnosis, terms))
     calibration = terms.put_into(calibration, diagnosis.data.temperature_degc)
-    more = covariance_with_terms(diagnosis.in_use, terms.by_name)
+    added = added_by_undetected_terms(diagnosis, said["reference"].get("temperature_degc"))
+    calibration = replace(calibration, covariance=calibration.covariance + added)
+    more = covariance_with_terms(diagnosis.in_use, terms.by_name, added)
     return replace(calibration, extra=calibration.extra | more)
 
 
@@ -62,7 +65,7 @@ def diagnosed_use(diagnosis: Diagnosis) -> Use:
     if why := not_written(diagnosis):
         return Use("no", f"no calibration is written: {why}")
     used = diagnosis.in_use
-    return _use(diagnosis, _with_causes(_given_terms(diagnosis, used.as_fit), diagnosis, used.weighed))
+    return _use(diagnosis, _with_causes(_given_terms(diagnosis, used.as_fit), diagnosis, _as_written(diagnosis)))
 
 
 def _use(diagnosis: Diagnosis, terms: SensorTerms) -> Use:
@@ -79,7 +82,7 @@ def _given_terms(diagnosis: Diagnosis, fit: Fit) -> SensorTerms:
 
 def _by_explanation(diagnosis: Diagnosis, own: Weighed) -> Calibration:
     """The calibration that one explanation of several would make."""
-    terms = _with_causes(_given_terms(diagnosis, own.fit), diagnosis, [replace(own, share=1.0)])
+    terms = _with_causes(_given_terms(diagnosis, own.fit), diagnosis, [own])
     return terms.put_into(linear_calibration(own.fit), diagnosis.data.temperature_degc)
 
 
@@ -100,7 +103,7 @@ def _uncertainty_parts(diagnosis: Diagnosis) -> dict[str, dict[str, float]]:
 def _undetected(diagnosis: Diagnosis) -> list[str]:
     """Ids of the effects that the contribution of undetected effects is about."""
     undetected = diagnosis.in_use.undetected
-    return [] if undetected is None else sorted({undetected.ids[number] for number in undetected.numbers.tolist()})
+    return [] if undetected is None else sorted(undetected.effects)
 
 
 def _reference(diagnosis: Diagnosis, given: Sequence[str], terms: Sequence[Term]) -> dict[str, float]:
@@ -125,10 +128,17 @@ def _reference(diagnosis: Diagnosis, given: Sequence[str], terms: Sequence[Term]
     return listed
 
 
+def _as_written(diagnosis: Diagnosis) -> list[Weighed]:
+    """The explanations with the values that are written: a mean counts a coefficient that is lacking as zero."""
+    used = diagnosis.in_use
+    values = [np.array([used.value(name) for name in own.fit.names]) for own in used.weighed]
+    return [replace(own, fit=replace(own.fit, values=each)) for own, each in zip(used.weighed, values, strict=True)]
+
+
 def _with_causes(terms: SensorTerms, diagnosis: Diagnosis, weighed: Sequence[Weighed]) -> SensorTerms:
-    """The terms with those of the causes of each explanation, by its share of the average."""
+    """The terms with those of the causes of each explanation, with the coefficients of its fit; each effect once."""
     for own, cause in [(one, member) for one in weighed for member in one.members]:
-        if not cause.slot.columns:
+        if not cause.slot.columns or terms.has(cause.label):
             continue
         single = [c for c in combinations(own.fit, cause, diagnosis.model.scales) if len(c.weights) == 1]
         alone = {name for combination in single for name in combination.weights}
@@ -136,14 +146,14 @@ def _with_causes(terms: SensorTerms, diagnosis: Diagnosis, weighed: Sequence[Wei
         require_forms(entry)
         reason = reason_not_held(entry, cause.slot.links)
         effect = FittedEffect(cause.label, entry.forms, cause.slot.names, reason=reason)
-        signal = None if effect.held else _signal(diagnosis, own, cause)
-        terms.add(effect, own.fit, alone, own.share, signal)
+        terms.add(effect, own.fit, alone, None if effect.held else _signal(diagnosis, own, cause))
     return terms
 
 
 def _signal(diagnosis: Diagnosis, own: Weighed, cause: Cause) -> Signal:
     """What a cause adds to the readings, less what bias and scale factors at the reference take up of it, g."""
-    model, vector, columns = diagnosis.model, own.fit.vector, list(cause.slot.columns)
+    model, vector, columns = diagnosis.model, own.fit.vector.copy(), list(cause.slot.columns)
+    vector[cause.slot.all_columns] = [own.fit.value(name) for name in cause.slot.names]
     added = moved_to_reference(diagnosis.screened.at, {cause.slot.id}, thermal=is_thermal(own.members))
     without = vector.copy()
     without[columns] = 0.0

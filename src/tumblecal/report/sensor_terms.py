@@ -70,29 +70,29 @@ def effects_in(chain: Chain, where: Where, entries: Catalogue) -> Iterator[Fitte
 
 
 class SensorTerms:
-    """The terms of one calibration file, collected from the effects of one fit or of several that are averaged."""
+    """The terms of one calibration file, collected from the effects of one fit or of several."""
 
     def __init__(self):
         self._terms: dict[str, Term] = {}
         self._reasons: dict[str, str] = {}
         self._signals: dict[str, Signal] = {}
 
-    def add(
-        self, effect: FittedEffect, fit: Fit, determined: Collection[str], share: float = 1.0, signal: Signal = None
-    ) -> None:
+    def has(self, id: str) -> bool:
+        """Whether an effect was added."""
+        return id in self._reasons or any(term.effect == id for term in self._terms.values())
+
+    def add(self, effect: FittedEffect, fit: Fit, determined: Collection[str], signal: Signal = None) -> None:
         """Add an effect as it was fitted.
 
         **Arguments:**
 
-        - `determined`: names of the coefficients that the data determine by themselves. `share`: the fit's in the average.
+        - `determined`: names of the coefficients that the data determine by themselves.
         - `signal`: what the effect adds to the readings of the data, g.
 
         **Raises:** `InputError` for a form of a user's effect that no calibration file may hold.
         """
         if not effect.held:
-            self._reasons[effect.id] = effect.reason
-            before = self._signals.get(effect.id, 0.0)
-            self._signals[effect.id] = None if signal is None or before is None else before + share * signal
+            self._reasons[effect.id], self._signals[effect.id] = effect.reason, signal
             return
         values = dict(zip(fit.names, fit.values.tolist(), strict=True))
         units = dict(zip(fit.names, fit.units, strict=True))
@@ -101,13 +101,8 @@ class SensorTerms:
             values = dict(zip(leaf.names, leaf.value.ravel().tolist(), strict=True)) | values
             units = dict.fromkeys(leaf.names, leaf.unit) | units
         for form, name in zip(effect.forms, effect.names, strict=True):
-            if name not in self._terms:
-                self._terms[name] = term_of_form(
-                    form, fit.problem.where, effect=effect.id, determined=name in determined
-                )
-            term = self._terms[name]
-            added = share * values[name] * per_hour(term, units[name])
-            self._terms[name] = replace(term, coefficient=term.coefficient + added)
+            term = term_of_form(form, fit.problem.where, effect=effect.id, determined=name in determined)
+            self._terms[name] = replace(term, coefficient=values[name] * per_hour(term, units[name]))
 
     @property
     def by_name(self) -> dict[str, Term]:

@@ -16,7 +16,6 @@ from jaxtyping import Float
 
 from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.diagnosis.exact.insert import fit_with
-from tumblecal.diagnosis.findings.common_size import with_common_size
 from tumblecal.diagnosis.findings.determined import says_something
 from tumblecal.diagnosis.findings.reference import at_reference, moved_to_reference
 from tumblecal.diagnosis.findings.undetected_effects import UndetectedEffects
@@ -129,18 +128,14 @@ def averaged(
     **Arguments:**
 
     - `left`: as of `explanations_left`. `added`: as of `reference_of`.
-    - `acted_on`: the fit of the causes of the explanation acted on, coefficients of a common size, where it was made.
+    - `acted_on`: the fit of the causes of the explanation acted on, where it was made.
     """
     at, weighed, thermal = screened.at, [], is_thermal(screened.members)
     for labels, share, members in left[:_MOST]:
         if share < _LEAST_SHARE * left[0].share or (is_thermal(members) and not thermal):
             continue
         made = bool(screened.best.members) and labels == screened.best.labels
-        if made and acted_on is not None:
-            fit = acted_on
-        else:
-            exact = fit_with(at, members)
-            fit = with_common_size(exact, at, members, exact.level)
+        fit = acted_on if made and acted_on is not None else fit_with(at, members)
         # Beside the leading explanation one that no instrument can have is none.
         if fit.code.good and says_something(fit) and not (weighed and implausible(fit)):
             weighed.append(Weighed(labels, share, members, at_reference(fit, at, added)))

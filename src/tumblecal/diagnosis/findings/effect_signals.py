@@ -1,4 +1,4 @@
-"""White signals of the effects of the catalogue, each direction of its coefficients at the effect's typical size."""
+"""Directions of the coefficients of the catalogue's effects, each of the effect's typical size."""
 
 from collections.abc import Collection
 from typing import NamedTuple
@@ -14,47 +14,62 @@ from tumblecal.ground.showing import brief
 from tumblecal.ground.units import factor
 
 
-class EffectSignals(NamedTuple):
-    """`rows`: a white signal for each direction of the coefficients. `numbers`: whose each is among `ids`. `shown`: whether the
-    residuals of the nominal model can show the direction."""
+class EffectDirections(NamedTuple):
+    """Directions of the coefficients of effects, of typical size.
+
+    - `steps`: each as a row of the scaled full vector. `numbers`: whose each is among `ids`.
+    - `shown`: whether the residuals of the nominal model can show it.
+    """
 
     __repr__ = brief
 
-    rows: Float[np.ndarray, "directions rows"]
+    steps: Float[np.ndarray, "directions full"]
     numbers: Int[np.ndarray, " directions"]
     ids: tuple[str, ...]
     shown: Bool[np.ndarray, " directions"]
 
+    def of(self, ids: Collection[str]) -> Bool[np.ndarray, " directions"]:
+        """Which directions are those of some effects."""
+        return np.array([id in ids for id in self.ids], bool)[self.numbers]
 
-def signals_at_typical_size(
-    screened: Screened, entries: Catalogue, named: Collection[str], *, absorbed: bool = False
-) -> EffectSignals:
-    """The signals of all effects without the named ones.
+
+def directions_at_typical_size(
+    screened: Screened, entries: Catalogue, without: Collection[str], *, absorbed: bool = False
+) -> EffectDirections:
+    """The directions of all effects that the model can hold, `without` some.
 
     **Arguments:**
 
     - `absorbed`: whether the directions that the nominal model absorbs are included.
     """
     at, seen, slots = screened.at, screened.seen, screened.at.model.layout.slots
-    # An effect that starts from several time constants counts once.
-    first = {slot.id: number for number, slot in reversed([*enumerate(slots)]) if slot.id not in named}
+    # An effect that starts from several time constants counts once: as it is in the explanation, else as it comes first.
+    first = {slot.id: number for number, slot in reversed([*enumerate(slots)]) if slot.id not in without}
+    in_use = {cause.slot.columns for cause in screened.members}
+    first |= {slot.id: number for number, slot in enumerate(slots) if slot.columns in in_use and slot.id in first}
     taken = np.zeros(len(slots), bool)
     taken[list(first.values())] = True
-    rows, visible, owners = [np.zeros((0, len(at.jacobian)))], [np.zeros(0, bool)], list[str]()
+    steps, shown, owners = [np.zeros((0, len(at.vector)))], [np.zeros(0, bool)], list[str]()
     for numbers, group in seen.groups:
         chosen = taken[numbers] & (absorbed | group.shown.any(axis=1))
-        shown, own = group.shown[chosen], [slots[number] for number in numbers[chosen].tolist()]
+        visible, own = group.shown[chosen], [slots[number] for number in numbers[chosen].tolist()]
         columns = np.array([slot.columns for slot in own], int).reshape(len(own), group.turned.shape[1])
         sizes = np.array([_typical_sizes(at.model, slot, entries[slot.id]) for slot in own]).reshape(columns.shape)
-        directions = group.turned[chosen].mT @ (sizes[:, :, None] * at.varying.T[columns])
-        wanted = np.ones_like(shown) if absorbed else shown
-        rows.append(directions[wanted])
-        visible.append(shown[wanted])
+        block = np.zeros((*columns.shape, len(at.vector)))
+        np.put_along_axis(
+            block,
+            np.broadcast_to(columns[:, None, :], (*columns.shape, columns.shape[1])),
+            (sizes[:, :, None] * group.turned[chosen]).mT,
+            axis=2,
+        )
+        wanted = np.ones_like(visible) if absorbed else visible
+        steps.append(block[wanted])
+        shown.append(visible[wanted])
         owners += np.repeat([slot.id for slot in own], wanted.sum(axis=1)).tolist()
     ids = tuple(dict.fromkeys(owners))
     places = {id: number for number, id in enumerate(ids)}
     numbers = np.array([places[id] for id in owners], int)
-    return EffectSignals(np.concatenate(rows), numbers, ids, np.concatenate(visible))
+    return EffectDirections(np.concatenate(steps), numbers, ids, np.concatenate(shown))
 
 
 def _typical_sizes(model: FullModel, slot: Slot, entry: Effect) -> list[float]:

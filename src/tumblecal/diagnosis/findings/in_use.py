@@ -1,25 +1,51 @@
 """The parameters as a calibration is used: at one reference, with the one uncertainty that is stated of them.
 
-The covariance of one fit is that of its noise. Here it is the mean square about the values that are written, over all
-explanations that are left (Hoeting et al. 1999, Statistical Science 14, 382), each with coefficients of one size where an
-effect has several (`findings.common_size`), and over the effects that were not detected, of a
-size that the data themselves make probable (`findings.undetected_effects`).
+The covariance of one fit is that of its noise. Here every effect of the catalogue takes part, named or not
+(`findings.effect_posterior`). The mean of the named effects, and once something was detected of all effects that are no
+property of the sensor, is taken out of the parameters; the covariance is the mean square about what is written, over all
+explanations (Hoeting et al. 1999, Statistical Science 14, 382) and over the effects that were not detected.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
-from tumblecal.diagnosis.findings.common_size import with_common_size
-from tumblecal.diagnosis.findings.decision import Average, Weighed, averaged, explanations_left, mixed, reference_of
-from tumblecal.diagnosis.findings.linear_estimate import linear_estimate
-from tumblecal.diagnosis.findings.reference import at_reference
-from tumblecal.diagnosis.findings.undetected_effects import undetected_effects
+from tumblecal.diagnosis.causes.cause import Cause
+from tumblecal.diagnosis.findings.decision import Average, Weighed, averaged, explanations_left, is_thermal, mixed
+from tumblecal.diagnosis.findings.effect_posterior import Candidate, effect_posterior
+from tumblecal.diagnosis.findings.effect_signals import EffectDirections, directions_at_typical_size
+from tumblecal.diagnosis.findings.reference import at_reference, moved_to_reference
+from tumblecal.diagnosis.findings.undetected_effects import UndetectedEffects
+from tumblecal.diagnosis.model.tangent import unreachable
 from tumblecal.diagnosis.screening.screened import Screened
+from tumblecal.diagnosis.sets.cause_sets import sets_of
+from tumblecal.diagnosis.sets.classes import grouped
+from tumblecal.diagnosis.sets.prior import log_prior
+from tumblecal.diagnosis.tuning import SIZE_PRIOR
 from tumblecal.effects import Catalogue
+from tumblecal.effects.effect import NO_FORMS, reason_not_held
 from tumblecal.estimation.fit import Fit
+from tumblecal.estimation.identifiability import RANK_TOLERANCE
+
+
+# Stated with the data (--gravity), or an input of the budget.
+_STATED = ("gravity_value",)
+_OF_EVERY_SENSOR = ("bias_temperature", "scale_temperature")
+# Explanations that are farther (log posterior) behind the best take no part.
+_FAR = 8.0
+
+
+class _Estimate(NamedTuple):
+    """What is written, by one linearisation: `values`, `covariance`; `shifts` of the values by each direction of an effect's
+    coefficients, and `products`: mean products of these about what was taken out."""
+
+    values: Float[np.ndarray, " names"]
+    covariance: Float[np.ndarray, "names names"]
+    shifts: Float[np.ndarray, "names directions"]
+    products: Float[np.ndarray, "directions directions"]
 
 
 def in_use(screened: Screened, entries: Catalogue, extended: Fit, sigma: float, verdict: str) -> Average:
@@ -29,42 +55,144 @@ def in_use(screened: Screened, entries: Catalogue, extended: Fit, sigma: float, 
 
     - `extended`: exact fit of the explanation acted on. `sigma`: noise in units of the white rows.
     """
-    at, left = screened.at, explanations_left(screened)
-    extended = with_common_size(extended, at, screened.members, sigma)
-    added = reference_of(screened, left)
-    average = averaged(screened, left, added, extended) if verdict == "ambiguous" else None
+    at, thermal = screened.at, is_thermal(screened.members)
+    added = moved_to_reference(at, {slot.id for slot in at.model.slots}, thermal=thermal)
+    average = averaged(screened, explanations_left(screened), added, extended) if verdict == "ambiguous" else None
     if average is None:
-        fit = at_reference(extended, at, added)
-        average = mixed([Weighed(screened.best.labels, 1.0, screened.members, fit)])
-    # The nominal parameters come first.
-    nominal = slice(at.model.nominal)
-    taken = {own.labels for own in average.weighed}
-    covariance, whole = average.covariance.copy(), sum(own.share for own in left if own.labels in taken) or 1.0
-    covariance *= whole
-    for own in left:
-        told = linear_estimate(at, own.members, added) if own.labels not in taken else None
-        if told is not None:
-            off = told.values - average.values[nominal]
-            covariance[nominal, nominal] += own.share * (told.covariance + np.outer(off, off))
-            whole += own.share
-    covariance /= whole
-    to, scale = _derivative(screened, average.names, added)
-    undetected = undetected_effects(screened, entries, extended, sigma, to * scale[:, None])
-    return replace(average, covariance=covariance + undetected.covariance, undetected=undetected)
+        acted_on = at_reference(extended, at, added)
+        average = mixed([Weighed(screened.best.labels, 1.0, screened.members, acted_on)])
+    directions = directions_at_typical_size(screened, entries, _STATED, absorbed=True)
+    named = directions.of({cause.slot.id for own in average.weighed for cause in own.members})
+    taken_out = named | (directions.of(_not_of_sensor(screened, entries)) & screened.detection.detected)
+    # What is no effect is undone in a fit: explanations with the same faults have one linearisation.
+    by_faults: dict[tuple[str, ...], list[Weighed]] = {}
+    for own in average.weighed:
+        by_faults.setdefault(_faults(own.members), []).append(own)
+    shares = [sum(one.share for one in own) for own in by_faults.values()]
+    estimates = [
+        _estimate(screened, own[0], average, directions, named, taken_out, added, sigma) for own in by_faults.values()
+    ]
+    values = sum(share * own.values for share, own in zip(shares, estimates, strict=True))
+    covariance, undetected = np.zeros_like(average.covariance), np.zeros_like(average.covariance)
+    for share, own in zip(shares, estimates, strict=True):
+        off, shifts = own.values - values, own.shifts * ~named
+        covariance += share * (own.covariance + np.outer(off, off))
+        undetected += share * (shifts @ own.products @ shifts.T)
+    shifts, products = estimates[0].shifts, estimates[0].products
+    absorbed = named & ~directions.shown
+    return replace(
+        average,
+        values=values,
+        covariance=covariance,
+        hidden=shifts[:, absorbed] * np.sqrt(np.diag(products)[absorbed]),
+        undetected=UndetectedEffects(
+            undetected, shifts, directions.steps, products, directions.numbers, directions.ids, named
+        ),
+    )
 
 
-def _derivative(
-    screened: Screened, names: Sequence[str], added: Float[np.ndarray, "nominal full"]
-) -> tuple[Float[np.ndarray, "names full"], Float[np.ndarray, " names"]]:
-    """Derivative of scaled parameters at the reference by the scaled full vector, and their scales. The coefficients of an
-    explanation that is not acted on do not move."""
-    model, nominal = screened.at.model, screened.at.model.nominal
-    columns = dict(zip(model.names, range(nominal), strict=True))
-    for slot in [cause.slot for cause in screened.members]:
-        columns |= dict(zip(slot.names, slot.all_columns, strict=True))
-    to, scale = np.zeros((len(names), len(screened.at.vector))), np.zeros(len(names))
-    for row, name in enumerate(names):
-        if name in columns:
-            to[row, columns[name]], scale[row] = 1.0, model.scales[columns[name]]
-    to[:nominal] += added
-    return to, scale
+def _not_of_sensor(screened: Screened, entries: Catalogue) -> set[str]:
+    """The effects that no calibration file holds, as they are no property of the sensor; a user's effect without `forms` is not
+    among them."""
+    reasons = {slot.id: reason_not_held(entries[slot.id], slot.links) for slot in screened.at.model.slots if slot.id}
+    return {id for id, reason in reasons.items() if reason not in ("", NO_FORMS)}
+
+
+def _faults(members: Sequence[Cause]) -> tuple[str, ...]:
+    """The causes that are not effects of the catalogue."""
+    return tuple(sorted(cause.label for cause in members if not cause.slot.columns))
+
+
+def _estimate(
+    screened: Screened,
+    base: Weighed,
+    average: Average,
+    directions: EffectDirections,
+    named: Bool[np.ndarray, " directions"],
+    taken_out: Bool[np.ndarray, " directions"],
+    added: Float[np.ndarray, "nominal full"],
+    sigma: float,
+) -> _Estimate:
+    """What is written where the faults of one explanation are undone.
+
+    **Arguments:**
+
+    - `base`: that explanation. `average`: names of what is written, and its values by the exact fits.
+    - `named`: of effects whose coefficients are written. `taken_out`: of effects whose mean is taken out of the parameters.
+    - `added`: what each coefficient adds to the nominal parameters at the reference.
+    """
+    at, model, fit = screened.at, screened.at.model, base.fit
+    # A time constant that was fitted is one more parameter.
+    shapes = [
+        column
+        for cause in base.members
+        for column, name in zip(cause.slot.all_columns, cause.slot.names, strict=True)
+        if column in cause.slot.shape and fit.noise_covariance[(k := fit.names.index(name)), k] > 0
+    ]
+    columns, nominal = [*range(model.nominal), *shapes], model.nominal
+    takes_part = fit.jacobian.any(axis=1)
+    jacobian, own = at.jacobian[takes_part] / sigma, fit.jacobian[takes_part] / sigma
+    terms = own.shape[1] - sum(len(cause.terms) for cause in base.members)
+    fitted = np.hstack([own[:, :nominal], jacobian[:, shapes], own[:, terms:]])
+    estimator = np.linalg.pinv(fitted, rcond=RANK_TOLERANCE)[: len(columns)]
+    amplitudes = [column for cause in base.members for column in cause.slot.columns]
+    # The named effects are put back: the parameters alone remain fitted.
+    rows = fit.rows[takes_part] / sigma + jacobian[:, amplitudes] @ (fit.vector / model.scales)[amplitudes]
+    signals = jacobian @ directions.steps.T
+    basis = unreachable(fitted)[0]
+    always = np.array([id.partition(".")[0] in _OF_EVERY_SENSOR for id in directions.ids], bool)[directions.numbers]
+    posterior = effect_posterior(
+        basis.T @ signals,
+        basis.T @ rows,
+        directions.shown,
+        always & directions.shown,
+        [*_candidates(screened, base, directions)],
+        known=at.problem.known,
+    )
+    taken = posterior.mean * taken_out
+    products = (
+        posterior.second - np.outer(posterior.mean, taken) - np.outer(taken, posterior.mean) + np.outer(taken, taken)
+    )
+    names = {name: k for k, name in enumerate(average.names)}
+    shifts, values = np.zeros((len(names), len(taken))), average.values.copy()
+    moved = -estimator @ signals
+    moved[:nominal] += added @ directions.steps.T
+    moved *= model.scales[columns][:, None]
+    slots = [cause.slot for own in average.weighed for cause in own.members]
+    names_of = dict(enumerate(model.names)) | {
+        column: name for slot in slots for column, name in zip(slot.all_columns, slot.names, strict=True)
+    }
+    places = [names[names_of[column]] for column in columns]
+    shifts[places] = moved
+    values[places] = fit.vector[columns] + model.scales[columns] * (estimator @ rows) + moved @ taken
+    for slot in slots:
+        for column in slot.columns:
+            shifts[names[names_of[column]]] = model.scales[column] * directions.steps[:, column] * named
+            values[names[names_of[column]]] = shifts[names[names_of[column]]] @ taken
+    covariance = shifts @ products @ shifts.T
+    covariance[np.ix_(places, places)] += np.outer(model.scales[columns], model.scales[columns]) * (
+        estimator @ estimator.T
+    )
+    return _Estimate(values, covariance, shifts, products)
+
+
+def _candidates(screened: Screened, base: Weighed, directions: EffectDirections) -> Iterator[Candidate]:
+    """The explanations of the search that have the same faults and are not negligible, with `base` in any case."""
+    search, faults, met = screened.search, _faults(base.members), False
+    groups, _ = grouped(search, search.ranked())
+
+    def candidate(causes: Sequence[Cause], weight: float) -> Candidate:
+        ids = {cause.slot.id for cause in causes if cause.slot.columns}
+        own = directions.of(ids)
+        return Candidate(own & directions.shown, own & ~directions.shown, weight)
+
+    listed = zip(groups.labels, sets_of(groups.sets), groups.log_prior.tolist(), groups.log_posterior, strict=True)
+    for labels, members, weight, posterior in listed:
+        causes = [search.pool.causes[k] for k in members]
+        near = posterior > groups.log_posterior[0] - _FAR or labels == base.labels or not labels
+        if near and _faults(causes) == faults:
+            met |= labels == base.labels
+            yield candidate(causes, weight if labels else float(np.log(SIZE_PRIOR[0])))
+    if not met:
+        known = base.labels == screened.best.labels and screened.best.members
+        yield candidate(base.members, log_prior(search.pool, screened.best.members) if known else 0.0)

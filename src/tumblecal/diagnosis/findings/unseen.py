@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.diagnosis.exact.insert import directions_of
-from tumblecal.diagnosis.findings.effect_signals import signals_at_typical_size
+from tumblecal.diagnosis.findings.effect_signals import directions_at_typical_size
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.effects import Catalogue
 from tumblecal.estimation.fit import Fit
@@ -71,8 +71,8 @@ def unseen_shifts(
     named = {cause.slot.id for cause in screened.members}
     if ids is not None:
         named |= {id for id in entries if id not in ids}
-    listed = signals_at_typical_size(screened, entries, named)
-    signals, owners = listed.rows.T, [listed.ids[number] for number in listed.numbers]
+    listed = directions_at_typical_size(screened, entries, named)
+    signals, owners = at.varying @ listed.steps.T, [listed.ids[number] for number in listed.numbers]
     # What was left out of the fit says nothing.
     signals[~fitted.any(axis=1)] = 0.0
     signals /= sigma

@@ -1,0 +1,100 @@
+"""The posterior of all effects' coefficients, by other arithmetic: normal densities of scipy, term by term."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from tumblecal.diagnosis.findings import effect_posterior as posterior
+from tumblecal.diagnosis.findings.effect_posterior import Candidate, effect_posterior
+
+
+def by_densities(signals, z, shown, always, candidates):
+    """Mean and mean products summed over every scale, candidate and size, with the densities of `z` by scipy."""
+    visible = np.linalg.norm(signals, axis=0)
+    weights, means, products = [], [], []
+    for scale, prior in zip(posterior.SCALES, posterior.WEIGHTS, strict=True):
+        sd = np.array([scale / np.hypot(scale, size) if scale else 0.0 for size in visible])
+        sd[~shown] = np.median(sd[shown])
+        sd[always] = np.maximum(sd[always], 0.3)
+        for candidate in candidates:
+            sizes = np.geomspace(0.3, 300.0, 16) if candidate.named.any() else [0.0]
+            for size in sizes:
+                own = np.diag(sd**2 + candidate.named * size**2)
+                whole = np.eye(len(z)) + signals @ own @ signals.T
+                density = stats.multivariate_normal(np.zeros(len(z)), whole).logpdf(z)
+                weights.append(density + np.log(prior / len(sizes)) + candidate.log_prior)
+                gain = own @ signals.T @ np.linalg.inv(whole)
+                means.append(gain @ z)
+                products.append(own - gain @ signals @ own + np.outer(means[-1], means[-1]))
+    shares = np.exp(np.array(weights) - max(weights))
+    shares /= shares.sum()
+    return shares @ np.array(means), np.tensordot(shares, np.array(products), 1)
+
+
+@pytest.fixture
+def case():
+    rng = np.random.default_rng(3)
+    signals = rng.normal(size=(20, 7)) * [3.0, 3.0, 10.0, 0.5, 2.0, 2.0, 0.0]
+    shown = np.array([True] * 6 + [False])
+    always = np.array([False] * 5 + [True, False])
+    first = np.array([True, True] + [False] * 5)
+    candidates = [
+        Candidate(np.zeros(7, bool), np.zeros(7, bool), np.log(0.25)),
+        Candidate(first, np.zeros(7, bool), np.log(0.01)),
+        Candidate(np.roll(first, 2), np.zeros(7, bool), np.log(0.02)),
+    ]
+    return signals, shown, always, candidates, rng
+
+
+@pytest.mark.parametrize("size", [0.0, 0.7, 4.0])
+def test_equals_the_sum_over_normal_densities(case, size):
+    signals, shown, always, candidates, rng = case
+    z = signals @ (size * np.array([1.0, -0.5, 0, 0, 0.1, 0.1, 0.0])) + rng.normal(size=20)
+    found = effect_posterior(signals, z, shown, always, candidates, known=True)
+    mean, products = by_densities(signals, z, shown, always, candidates)
+    np.testing.assert_allclose(found.mean, mean, atol=2e-3 * max(1.0, np.abs(mean).max()))
+    np.testing.assert_allclose(found.second, products, atol=4e-3 * max(1.0, np.abs(products).max()))
+
+
+def test_a_hidden_coefficient_is_as_large_as_the_others_of_its_effect(case):
+    signals, shown, always, candidates, rng = case
+    hidden = np.array([False] * 6 + [True])
+    z = signals @ np.array([20.0, -25.0, 0, 0, 0, 0, 0]) + rng.normal(size=20)
+    without = effect_posterior(signals, z, shown, always, candidates, known=True)
+    candidates[1] = candidates[1]._replace(of_same_size=hidden)
+    found = effect_posterior(signals, z, shown, always, candidates, known=True)
+    assert without.second[6, 6] < 1.0
+    # Student's t of two draws about their root mean square, by its 95 % interval: 2.2 times 22.6.
+    assert np.sqrt(found.second[6, 6]) == pytest.approx(2.2 * 22.6, rel=0.25)
+    np.testing.assert_allclose(found.mean, without.mean)
+
+
+def test_an_unlikely_explanation_with_a_huge_coefficient_is_not_followed():
+    """Many small effects together may look like one that hardly shows, with a coefficient of dozens of typical sizes: its mean
+    stays near zero, where least squares has the whole coefficient."""
+    rng, held, squares = np.random.default_rng(5), [], []
+    for _ in range(200):
+        signals = rng.normal(size=(24, 30))
+        signals[:, 0] *= 0.06
+        shown, always = np.ones(30, bool), np.zeros(30, bool)
+        truth = rng.normal(size=30)
+        z = signals @ truth + rng.normal(size=24)
+        candidates = [
+            Candidate(np.zeros(30, bool), np.zeros(30, bool), np.log(0.25)),
+            Candidate(np.arange(30) == 0, np.zeros(30, bool), np.log(0.01)),
+        ]
+        found = effect_posterior(signals, z, shown, always, candidates, known=True)
+        by_least_squares = signals[:, 0] @ z / (signals[:, 0] @ signals[:, 0])
+        squares.append([(found.mean[0] - truth[0]) ** 2, (by_least_squares - truth[0]) ** 2])
+        sd = np.sqrt(found.second[0, 0] - found.mean[0] ** 2)
+        held.append(abs(found.mean[0] - truth[0]) < 1.96 * sd)
+    ours, others = np.sqrt(np.mean(squares, axis=0))
+    assert ours < 0.2 * others
+    assert np.mean(held) > 0.9
+
+
+def test_noise_is_found_from_the_residual_where_it_is_unknown(case):
+    signals, shown, always, candidates, rng = case
+    z = signals @ np.array([3.0, 1.0, 0, 0, 0, 0, 0]) + rng.normal(size=20)
+    found = effect_posterior(signals, z, shown, always, candidates, known=False)
+    np.testing.assert_allclose(found.mean[:2], [3.0, 1.0], atol=0.5)
