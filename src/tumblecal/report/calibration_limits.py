@@ -6,6 +6,7 @@
 from collections.abc import Iterator, Sequence
 
 import numpy as np
+from jaxtyping import Float
 
 from tumblecal.data.calibration_use import Use
 from tumblecal.data.coverage_factor import coverage_factors
@@ -29,15 +30,15 @@ _ONE_TEMPERATURE_DEGC = 0.5
 _LEVEL = 0.95
 
 
-def limits(fit: Fit, terms: SensorTerms) -> Iterator[Use]:
+def limits(fit: Fit, terms: SensorTerms, added: Float[np.ndarray, "12 12"] | float = 0.0) -> Iterator[Use]:
     """All limits of a converged fit's calibration that do not depend on its residuals.
 
     **Arguments:**
 
-    - `fit`: with the parameters and the covariance of the file. `terms`: the terms of the file.
+    - `fit`: with the parameters of the file. `terms`: of the file. `added`: to the fit's covariance of matrix and bias.
     """
     if one_sensor(fit):
-        significant_g = expanded_uncertainty(fit)
+        significant_g = expanded_uncertainty(fit, added)
         yield from _losses(terms.losses(fit.data.temperature_degc), significant_g)
         thermal = any(term.thermal for term in terms.listed)
         yield from _within_dwells(fit.data, significant_g, thermal=thermal)
@@ -46,7 +47,7 @@ def limits(fit: Fit, terms: SensorTerms) -> Iterator[Use]:
     yield from temperature_use(fit.data)
 
 
-def expanded_uncertainty(fit: Fit) -> float:
+def expanded_uncertainty(fit: Fit, added: Float[np.ndarray, "12 12"] | float = 0.0) -> float:
     """The largest expanded uncertainty (95 %) of a corrected reading at 1 g, g."""
     matrix, _, covariance = matrix_and_bias(fit)
     readings = DIRECTIONS @ np.linalg.inv(matrix).T
@@ -55,7 +56,7 @@ def expanded_uncertainty(fit: Fit) -> float:
     for row in range(3):
         slope[:, row, 3 * row : 3 * row + 3] = readings
     slope[:, :, 9:] = -matrix
-    variance = np.einsum("nrp,pq,nrq->nr", slope, covariance, slope)
+    variance = np.einsum("nrp,pq,nrq->nr", slope, covariance + added, slope)
     dof = np.inf if fit.noise == "stated" else max(float(fit.dof), 1.0)
     return float(np.sqrt(np.max(variance)) * coverage_factors(np.array([dof]), _LEVEL)[0])
 

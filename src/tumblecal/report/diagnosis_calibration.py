@@ -5,6 +5,7 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
+from jaxtyping import Float
 
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.calibration_terms import Term
@@ -52,26 +53,30 @@ def extended_calibration(diagnosis: Diagnosis) -> Calibration | None:
     if len(weighed) > 1:
         said["averaged_over"] = [{"causes": list(own.labels), "probability": own.share} for own in weighed]
     calibration = linear_calibration(used)
-    calibration = replace(calibration, provenance=calibration.provenance | said, use=_use(diagnosis, terms))
-    calibration = terms.put_into(calibration, diagnosis.data.temperature_degc)
     added = added_by_undetected_terms(diagnosis, said["reference"].get("temperature_degc"))
-    calibration = replace(calibration, covariance=calibration.covariance + added)
+    calibration = replace(
+        calibration,
+        covariance=calibration.covariance + added,
+        provenance=calibration.provenance | said,
+        use=_use(diagnosis, terms, added),
+    )
+    calibration = terms.put_into(calibration, diagnosis.data.temperature_degc)
     more = covariance_with_terms(diagnosis.in_use, terms.by_name, added)
     return replace(calibration, extra=calibration.extra | more)
 
 
 def diagnosed_use(diagnosis: Diagnosis) -> Use:
     """Whether the calibration of a diagnosis may be used, and why; `no` where none is written."""
-    if why := not_written(diagnosis):
-        return Use("no", f"no calibration is written: {why}")
-    used = diagnosis.in_use
-    return _use(diagnosis, _with_causes(_given_terms(diagnosis, used.as_fit), diagnosis, _as_written(diagnosis)))
+    calibration = extended_calibration(diagnosis)
+    if calibration is None:
+        return Use("no", f"no calibration is written: {not_written(diagnosis)}")
+    return calibration.use
 
 
-def _use(diagnosis: Diagnosis, terms: SensorTerms) -> Use:
+def _use(diagnosis: Diagnosis, terms: SensorTerms, added: Float[np.ndarray, "12 12"]) -> Use:
     weighed = diagnosis.in_use.weighed
     each = [_by_explanation(diagnosis, own) for own in weighed] if len(weighed) > 1 else []
-    return use_of_diagnosis(diagnosis, terms, each)
+    return use_of_diagnosis(diagnosis, terms, added, each)
 
 
 def _given_terms(diagnosis: Diagnosis, fit: Fit) -> SensorTerms:

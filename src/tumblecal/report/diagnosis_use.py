@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 
 import numpy as np
+from jaxtyping import Float
 
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.calibration_use import Use, combined
@@ -33,15 +34,20 @@ def not_written(diagnosis: Diagnosis) -> str:
     return "" if one_sensor(fit) else "the model has no single sensor (dK, bias and gamma, one for all data)"
 
 
-def use_of_diagnosis(diagnosis: Diagnosis, terms: SensorTerms, explanations: Sequence[Calibration] = ()) -> Use:
+def use_of_diagnosis(
+    diagnosis: Diagnosis,
+    terms: SensorTerms,
+    added: Float[np.ndarray, "12 12"] | float = 0.0,
+    explanations: Sequence[Calibration] = (),
+) -> Use:
     """Whether the calibration of the extended model may be used.
 
     **Arguments:**
 
-    - `terms`: of the file. `explanations`: of an average over several the calibration by each.
+    - `terms`: of the file. `added`: as of `limits`. `explanations`: of an average over several the calibration by each.
     """
     used = diagnosis.in_use.as_fit
-    return combined([*_findings(diagnosis), *_disagreement(diagnosis, explanations), *limits(used, terms)])
+    return combined([*_findings(diagnosis), *_disagreement(diagnosis, explanations), *limits(used, terms, added)])
 
 
 def _findings(diagnosis: Diagnosis) -> Iterator[Use]:
