@@ -163,6 +163,17 @@ def test_dashes_are_no_minus_where_the_plan_has_no_such_angles(tmp_path):
     assert angles_of(["alpha-45-beta-30.csv", "alpha-90-beta-0.csv"], read_plan(path)) == [(45, 30), (90, 0)]
 
 
+def test_angles_that_are_not_understood_are_no_order(six):
+    # Numbers of several words are no date, whose order could be the plan's.
+    names = [f"p{k}_tilt{30 * k % 90}_turn{k * 7 % 5}.csv" for k in range(6)]
+    positions = positions_by_names(list(map(Path, names)), six, hand_held=False)
+    assert not positions.known
+    assert "gravity" in positions.by
+    dated = [f"20260504_{hour}0000.csv" for hour in (11, 12, 13, 14, 15, 16)]
+    assert angles_of(dated, six) == [ANGLES[name] for name in FACES]
+    assert angles_of([f"imu90degb{beta}_alpha0deg.csv" for beta in (0, 30)], None) == [(0, 0), (0, 30)]
+
+
 def test_numbers_that_are_angles_or_an_order_are_a_question(tmp_path):
     path = tmp_path / "p.toml"
     path.write_text("[positions]\nalpha_deg = [0, 180, 90, 270]\nbeta_deg = [0]\n")
@@ -277,6 +288,8 @@ def spoil(folder: Path, how: str) -> None:
         path.write_text("time_s,ax_g,ay_g,az_g\n")
     elif how == "unit":
         write(path, (0, 0, 1), names="time_s,ax_ms2,ay_ms2,az_ms2", unit=9.80665)
+    elif how == "no unit":
+        write(path, (0, 0, 1), names="t,ax,ay,az", unit=9.80665)
     elif how == "rate":
         write(path, (0, 0, 1), rate=40.0)
     elif how == "serial":
@@ -291,6 +304,7 @@ def spoil(folder: Path, how: str) -> None:
         ("empty", "z_up.csv: the file is empty"),
         ("no rows", "z_up.csv: no rows"),
         ("unit", "z_up.csv: accelerations in m/s^2, but in"),
+        ("no unit", "z_up.csv: accelerations in m/s^2, but in"),
         ("rate", "samples a second, but"),
         ("serial", "serial_number is not the same in these files"),
     ],

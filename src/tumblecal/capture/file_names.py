@@ -15,7 +15,7 @@ from tumblecal.capture.capture_plan import CapturePlan
 # Angles that differ by less are the same, deg; a face of a cube is the position of a plan within this of it, deg.
 _SAME_DEG, _FACE_DEG = 0.01, 20.0
 _SIGN = r"(minus|neg|plus|pos|[-−+mnp])?"
-_ANGLE = re.compile(rf"(?<![a-z])(alpha|beta|a|b)[ _=]*{_SIGN}[ _]*(\d+(?:[.,]\d+)?)")
+_ANGLE = re.compile(rf"(?:(?<![a-z])|(?<=deg))(alpha|beta|a|b)[ _=]*{_SIGN}[ _]*(\d+(?:[.,]\d+)?)")
 _ENDS = r"(?:up|u|down|dn|d|pos(?:itive)?|neg(?:ative)?|plus|minus|p|n|m|[-−+]1 ?g|[-−+])"
 _FACES = (
     re.compile(rf"(?:(?<![a-z])|(?<=acc)|(?<=axis))([xyz])(?:[ _-]?axis)?[ _-]?({_ENDS})(?![a-z0-9])"),
@@ -59,7 +59,7 @@ def meanings(files: Sequence[Path], plan: CapturePlan | None) -> list[Meaning]:
     if dashes_are_unclear(files):
         ways.append(_by_angles_in_plan(stems, plan, unsigned=True))
     ways = [way for way in ways if any(way.known)]
-    if not any(all(way.known) for way in ways):
+    if not ways:
         ways += [way for way in _by_numbers(stems, plan) if all(way.known)]
     return sorted(ways, key=lambda way: not all(way.known))
 
@@ -170,9 +170,11 @@ def _by_numbers(stems: Sequence[str], plan: CapturePlan) -> list[Meaning]:
     if len({tuple(own[::2]) for own in parts}) != 1 or len(parts[0]) < 3:
         return []
     numbers = np.array([[int(digits) for digits in own[1::2]] for own in parts], object)
-    varying = numbers[:, [len(set(column)) > 1 for column in numbers.T]]
-    keys = [tuple(row) for row in varying]
-    if len(set(keys)) != len(keys) or not keys[0]:
+    varies = np.flatnonzero([len(set(column)) > 1 for column in numbers.T])
+    keys = [tuple(row) for row in numbers[:, varies]]
+    # Several numbers make one only as date and time do, which no other words part.
+    between = parts[0][2 * varies[0] + 2 : 2 * varies[-1] + 1 : 2] if len(varies) else ["?"]
+    if len(set(keys)) != len(keys) or not all(re.fullmatch("[-_ .:t]*", text) for text in between):
         return []
     count, values = len(plan.steps), [key[0] for key in keys]
     ways = []

@@ -9,6 +9,7 @@ import numpy as np
 
 from tumblecal.capture.recordings.column_names import role_of
 from tumblecal.capture.recordings.contents import Contents
+from tumblecal.capture.recordings.guesses import guessed
 from tumblecal.capture.recordings.options import Asked
 from tumblecal.capture.recordings.sample_file import sample_stream, write_samples
 from tumblecal.capture.recordings.units import FORCE, unit_by_size
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
 # Between files the time of the one table goes on by so much, s: a gap, over which no interval goes.
 _APART_S = 1.0
 _LARGEST_RATE_RATIO = 1.2
+# Sizes of gravity in two attitudes that differ by more are in different units.
+_LARGEST_SIZE_RATIO = 2.5
 _SAME_IN_ALL = ("serial_number", "gravity_ms2")
 
 
@@ -64,7 +67,8 @@ def write_files(files: Sequence[Path], folder: Path, asked: Asked, *, by: str = 
 
     try:
         written = _written(files, folder, asked, by)
-        _check_alike(written)
+        with guessed(guesses_of([own.contents for own in written])):
+            _check_alike(written)
     except InputError:
         unit = _unit_of_all(files, asked, by)
         if not unit:
@@ -81,6 +85,11 @@ def write_files(files: Sequence[Path], folder: Path, asked: Asked, *, by: str = 
     path = folder / "samples.parquet"
     write_frames(path, _frames(written, list(schema), parts), pl.Schema(schema), same)
     return path, parts
+
+
+def guesses_of(files: Sequence[Contents]) -> list[str]:
+    """What was guessed of the files, each line once."""
+    return list(dict.fromkeys(line for own in files for line in own.layout.said))
 
 
 def _written(files: Sequence[Path], folder: Path, asked: Asked, by: str) -> list[_Written]:
@@ -110,9 +119,10 @@ def _unit_of_all(files: Sequence[Path], asked: Asked, by: str) -> str:
         return ""
     names = [(layout.columns["ax"].name, layout.table.roles) for layout in layouts]
     stated = {role_of(roles.get(name, name))[1] for name, roles in names}
-    return (
-        "" if asked.unit or stated - {"", "counts"} else unit_by_size(float(np.median([own.size for own in layouts])))
-    )
+    sizes = np.array([layout.size for layout in layouts])
+    median = float(np.median(sizes))
+    of_one_unit = sizes.max() < _LARGEST_SIZE_RATIO * median < _LARGEST_SIZE_RATIO**2 * sizes.min()
+    return unit_by_size(median) if of_one_unit and not asked.unit and not stated - {"", "counts"} else ""
 
 
 def _in_time(written: list[_Written]) -> list[_Written]:

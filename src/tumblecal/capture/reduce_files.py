@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from tumblecal.capture.capture_plan import CapturePlan
 from tumblecal.capture.file_positions import FilePosition, FilePositions, at_step
-from tumblecal.capture.file_stream import FilePart, rate_of_files, with_clocks, write_files
+from tumblecal.capture.file_stream import FilePart, guesses_of, rate_of_files, with_clocks, write_files
 from tumblecal.capture.interval import Interval
 from tumblecal.capture.journal import sha256_of
 from tumblecal.capture.plan_match import matched
 from tumblecal.capture.recordings.contents import Contents
+from tumblecal.capture.recordings.guesses import guessed
 from tumblecal.capture.recordings.options import Asked, Criterion, Known
 from tumblecal.capture.reduce_recording import (
     check_still,
@@ -113,7 +114,8 @@ def reduce_files(
             table = reduce_by_name(source, samples, known, plan, {})
             data, words = with_clocks(table.data, parts)
             return FilesReduction(replace(table, data=data), parts, (), words)
-        return _by_file(source, samples, parts, positions, known, plan, criterion)
+        with guessed(guesses_of([part.contents for part in parts])):
+            return _by_file(source, samples, parts, positions, known, plan, criterion)
 
 
 def _by_file(
