@@ -30,6 +30,14 @@ from tumblecal.capture.reduce_table import enough_samples, names_of
 from tumblecal.capture.reduction import Reduction, reduction_of
 from tumblecal.capture.still import Stillness, still_intervals
 from tumblecal.capture.still_blocks import blocks_of
+from tumblecal.capture.still_by_file import (
+    check_lengths,
+    one_attitude_each,
+    part_of,
+    refused,
+    within_files,
+    without_still,
+)
 from tumblecal.data.parquet import scan_parquet
 from tumblecal.data.positions import PositionSet, attitudes_of
 from tumblecal.ground.errors import InputError
@@ -37,8 +45,6 @@ from tumblecal.ground.frames import gravity_in_head
 from tumblecal.ground.gravity import stated_gravity, unit_in_g
 
 
-# Still intervals of a file whose attitude differs by more from its longest one are of another position, deg.
-_OTHER_ATTITUDE_DEG = 10.0
 # Directions this near are the same to gravity.
 _SAME_DEG = 1.0
 # Readings explain the angles of their files by scale, axes and bias to so much of a g, or the files are mixed up.
@@ -132,17 +138,17 @@ def _by_file(
     rate = rate_of_files(parts)
     if plan is not None:
         criterion = replace(criterion, guard_s=max(criterion.guard_s, plan.dwell.guard_s))
-    stillness = _within_files(still_intervals(blocks_of(samples, channels, rate, timed=True), criterion), parts)
+    stillness = within_files(still_intervals(blocks_of(samples, channels, rate, timed=True), criterion), parts)
     hand_held = known.static or (plan is None and not positions.known)
     comments = stated_comments(samples, source, plan, hand_held=hand_held)
     to_g = unit_in_g(stillness.blocks.unit, stated_gravity(comments, str(source)))
-    _check_lengths(parts, criterion)
+    check_lengths(parts, criterion)
     check_still(source, stillness, to_g)
     of_part = [next(own for own in positions.files if own.file == part.file) for part in parts]
     if not hand_held:
-        stillness = _one_attitude_each(stillness, parts)
-    doubts = _without_still(stillness, parts)
-    rows = [_part_of(interval, parts) for interval in stillness.used]
+        stillness = one_attitude_each(stillness, parts)
+    doubts = without_still(stillness, parts)
+    rows = [part_of(interval, parts) for interval in stillness.used]
     by_gravity = not hand_held and not positions.known
     if by_gravity:
         assert plan is not None
@@ -182,23 +188,6 @@ def _by_file(
     return FilesReduction(replace(table, data=data), parts, of_part, words, doubts, stillness, by_gravity)
 
 
-def _length_s(part: FilePart) -> float:
-    return (part.stop - part.start) / (part.contents.rate_hz or np.inf)
-
-
-def _check_lengths(parts: Sequence[FilePart], criterion: Criterion) -> None:
-    """Check that a file can hold a still interval.
-
-    **Raises:** `InputError` where all are too short.
-    """
-    longest = max(parts, key=_length_s)
-    if _length_s(longest) < criterion.least_s:
-        raise InputError(
-            f"{longest.file}: the longest of {len(parts)} files lasts {_length_s(longest):.2g} s; a still interval takes "
-            f"{criterion.least_s:.2g} s: lower --least-s {criterion.least_s:g}"
-        )
-
-
 def _digest(path: Path) -> str:
     return sha256_of(path, 0, path.stat().st_size) if path.is_file() else path.name
 
@@ -220,62 +209,11 @@ def _labels(
     return labels
 
 
-def _part_of(interval: Interval, parts: Sequence[FilePart]) -> int:
-    middle = (interval.start + interval.stop) // 2
-    return next(k for k, part in enumerate(parts) if middle < part.stop)
-
-
-def _within_files(stillness: Stillness, parts: Sequence[FilePart]) -> Stillness:
-    """The intervals without rows of the file before or after, which a block at the boundary may hold."""
-    cut = []
-    for own in stillness.intervals:
-        part = parts[_part_of(own, parts)]
-        cut.append(replace(own, start=max(own.start, part.start), stop=min(own.stop, part.stop)))
-    return replace(stillness, intervals=cut)
-
-
-def _refused(stillness: Stillness, reasons: Mapping[int, str]) -> Stillness:
-    """With reasons against some of the intervals used, by their first row."""
-    told = [replace(own, reason=own.reason or reasons.get(own.start, "")) for own in stillness.intervals]
-    return replace(stillness, intervals=told)
-
-
 def _only(stillness: Stillness, kept: Sequence[bool]) -> Stillness:
     reasons = {
         own.start: "surplus: no position of the plan" for own, k in zip(stillness.used, kept, strict=True) if not k
     }
-    return _refused(stillness, reasons)
-
-
-def _one_attitude_each(stillness: Stillness, parts: Sequence[FilePart]) -> Stillness:
-    """Of each file the longest interval and those at its attitude: a file is of one position."""
-    reasons = {}
-    for number, part in enumerate(parts):
-        own = [interval for interval in stillness.used if _part_of(interval, parts) == number]
-        longest = max(own, key=lambda interval: interval.stop - interval.start, default=None)
-        for interval in own:
-            assert longest is not None
-            cosine = interval.mean @ longest.mean / np.linalg.norm(interval.mean) / np.linalg.norm(longest.mean)
-            apart = float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
-            if apart > _OTHER_ATTITUDE_DEG:
-                reasons[interval.start] = (
-                    f"attitude: {apart:.0f} deg from the longest still interval of {part.file.name}"
-                )
-    return _refused(stillness, reasons)
-
-
-def _without_still(stillness: Stillness, parts: Sequence[FilePart]) -> list[tuple[str, str]]:
-    """A line for each file without a still part."""
-    having = {_part_of(interval, parts) for interval in stillness.used}
-    lines = []
-    for number, part in enumerate(parts):
-        if number not in having:
-            own = [interval for interval in stillness.intervals if _part_of(interval, parts) == number]
-            longest = max(own, key=lambda interval: interval.stop - interval.start, default=None)
-            reason = longest.reason if longest else f"all of its {_length_s(part):.2g} s move"
-            line = f"no still part ({reason}); its position is missing: see --least-s, or record it again"
-            lines.append((str(part.file), line))
-    return lines
+    return refused(stillness, reasons)
 
 
 def _by_gravity(
