@@ -146,7 +146,7 @@ def test_an_mtb_file_without_specific_force_says_what_it_holds(tmp_path, rows):
 @pytest.mark.parametrize("make", [dataflash, mtb])
 def test_changed_bytes_are_rows_or_a_line(tmp_path, rows, make):
     log, rng = b"".join(make(rows[:20])), np.random.default_rng(4)
-    for _ in range(60):
+    for _ in range(30):
         content = bytearray(log)
         for at in rng.integers(0, len(log), 5):
             content[at] = rng.integers(256)
