@@ -84,6 +84,21 @@ def test_any_order_is_recognised_by_direction(six, seed):
     assert match.repeated == ["x up", "z down"]
 
 
+@pytest.mark.parametrize("offset", [0.3, 0.6])
+@pytest.mark.parametrize("seed", range(3))
+def test_offsets_of_cheap_sensors_hide_no_position(six, grid, offset, seed):
+    """They turn directions by up to 30 degrees: their own middle, or a sphere, gives them. One face may be missing."""
+    bias = offset * np.array([1, -1, 1]) * [[1, 1, 1], [0, 0, 1], [1, 0.5, 0]][seed]
+    plan, rng = read_plan(six), np.random.default_rng(seed)
+    order = rng.permutation(6)
+    for taken in (order, order[1:]):
+        match = matched(readings(plan, taken, bias=bias, seed=seed) * [1.08, 0.95, 1.0], plan)
+        assert match.positions.tolist() == taken.tolist()
+    plan = read_plan(grid)
+    match = matched(readings(plan, range(24), bias=bias, seed=seed), plan)
+    assert match.positions.tolist() == list(range(24))
+
+
 def session_of(plan, order, seed=2):
     """A recorded session at these positions of a plan."""
     return made(Hand(), seed, np.array([plan.expected(k) for k in order]))

@@ -107,7 +107,8 @@ def _sample_words(outliers: np.ndarray, lines: list[Line]) -> Iterator[str]:
 def _step_words(step: list[float], sd: np.ndarray) -> Iterator[str]:
     coarse = [a for a, s, q in zip(AXES, sd, step, strict=True) if q == 0 or q > 2 * s]
     if coarse:
-        yield f"quantisation: axis {', '.join(coarse)} steps by more than its noise: means are biased"
+        width = f" ({1e3 * max(step):.3g} mg)" if max(step) > 0 else ""
+        yield f"quantisation: axis {', '.join(coarse)} steps by more than its noise{width}: means are biased"
 
 
 def _count_words(saturated: int, lost: int, unresolved: int) -> Iterator[str]:

@@ -21,7 +21,7 @@ _ODD_SIZE, _ODD_U = 0.3, 5.0
 # Noise of so many steps of the numbers is resolved: it cannot vanish, nor can more than this share of samples be the largest.
 _RESOLVED, _SHARE_AT_END = 1.0, 0.5
 # Means of half seconds wander by more than they do in other intervals by this factor, and by this share of gravity.
-_WANDER, _WANDER_SHARE = 4.0, 0.005
+_WANDER, _WANDER_SHARE, _FEWEST = 4.0, 0.03, 3
 
 
 def judged(intervals: list[Interval], blocks: Blocks, windows: Windows) -> tuple[list[Interval], bool]:
@@ -60,8 +60,8 @@ def _saturation(rows: list[NDArray[np.int64]], blocks: Blocks, windows: Windows)
 
 
 def _wandering(rows: list[NDArray[np.int64]], intervals: list[Interval], blocks: Blocks, windows: Windows) -> list[str]:
-    """Intervals whose means of half seconds scatter much more than those of the others; of fewer than three, more than a step
-    between two such means may be."""
+    """Intervals whose means of half seconds scatter much more than those of the others. A hand that wanders by a degree, and a
+    sensor that is heated in one attitude, are good."""
     half = windows.length // 2
     sds = np.full((len(rows), 3), np.nan)
     for k, own in enumerate(rows):
@@ -69,12 +69,10 @@ def _wandering(rows: list[NDArray[np.int64]], intervals: list[Interval], blocks:
         if count >= 3:
             sds[k] = blocks.mean[own[: count * half], :3].reshape(count, half, 3).mean(1).std(0, ddof=1)
     known = sds[np.isfinite(sds[:, 0])]
-    if not len(known):
+    if len(known) < _FEWEST:
         return [""] * len(rows)
-    usual = np.median(known, axis=0)
-    size = float(np.median([np.linalg.norm(interval.mean) for interval in intervals]))
-    limit = _WANDER * usual if len(known) > 2 else windows.step_limit
-    limit = np.maximum(limit, np.maximum(_WANDER_SHARE * size, blocks.quantum[:3] / 2))
+    size = _WANDER_SHARE * float(np.median([np.linalg.norm(interval.mean) for interval in intervals]))
+    limit = np.maximum(_WANDER * np.median(known, axis=0), np.maximum(size, blocks.quantum[:3] / 2))
     reasons = []
     for sd in sds:
         axis = int(np.argmax(np.nan_to_num(sd / limit)))

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from tumblecal.capture.capture_plan import CapturePlan
 from tumblecal.capture.reduce_table import names_of
+from tumblecal.capture.rough_sensor import rough_sensor
 
 
 # Half the distance to the next direction, at most this, counts as a position before bias and scale are known.
@@ -17,6 +18,7 @@ _SAME_DEG = 1.0
 _SURPLUS, _MISSING, _AGAIN = 1.5, 1.0, 0.3
 # Bias and scale are taken off before the second look where so many intervals were recognised.
 _FEWEST_FOR_BIAS = 6
+_FEWEST_FOR_CENTRE = 5
 
 
 @dataclass(frozen=True)
@@ -73,9 +75,29 @@ def matched(readings: NDArray[np.float64], plan: CapturePlan) -> PlanMatch:
     apart = _angles(expected, expected)
     tolerance = min([0.5 * angle for angle in apart[apart > _SAME_DEG]] + [_FAR_DEG])
     names = tuple(str(step.name) for step in plan.steps)
-    match = _matched(readings, expected, tolerance, names)
-    corrected = _without_bias(readings, expected, match)
-    return match if corrected is None else _matched(corrected, expected, plan.tolerance_deg, names)
+    found = []
+    for centre in _centres(readings):
+        match = _matched(readings - centre, expected, tolerance, names)
+        corrected = _without_bias(readings, expected, match)
+        match = match if corrected is None else _matched(corrected, expected, plan.tolerance_deg, names)
+        sure = match.positions[(match.positions >= 0) & (match.angle_deg < plan.tolerance_deg)]
+        found.append(((len(sure), len(set(sure.tolist())), corrected is not None, match.in_order), match))
+    return max(found, key=lambda one: one[0])[1]
+
+
+def _centres(readings: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+    """What the axes may read at 0: nothing; the middle of what each reads; the centres of a sphere and of an ellipsoid through
+    them. Offsets of 0.25 to 0.6 g, common in cheap sensors, turn directions by up to 30 degrees."""
+    if len(readings) < _FEWEST_FOR_CENTRE:
+        return [np.zeros(3)]
+    centres = [np.zeros(3), (readings.max(0) + readings.min(0)) / 2]
+    # |r|² = 2 c r + k.
+    design = np.column_stack([2 * readings, np.full(len(readings), np.abs(readings).max())])
+    if np.linalg.cond(design) < 100:
+        centres.append(np.asarray(np.linalg.lstsq(design, (readings**2).sum(1), rcond=None)[0][:3], np.float64))
+    sensor = rough_sensor(readings)
+    centres += [sensor.centre] if sensor else []
+    return [centre for centre in centres if (readings != centre).any(1).all()]
 
 
 def _matched(

@@ -8,6 +8,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from numpy.typing import NDArray
 
+from tumblecal.capture.axis_checks import require_axes_answer
 from tumblecal.capture.capture_plan import CapturePlan, read_plan
 from tumblecal.capture.journal import sha256_of
 from tumblecal.capture.plan_match import PlanMatch, in_plan, matched
@@ -149,7 +150,9 @@ def _by_stillness(
     check_still(path, stillness, to_g)
     match = None
     if plan is not None:
-        match = matched(np.array([interval.mean for interval in stillness.used]), plan)
+        means = np.array([interval.mean for interval in stillness.used])
+        require_axes_answer(str(path), to_g * means[:, None])
+        match = matched(means, plan)
         stillness = _without_surplus(path, stillness, match)
     dwells, temperatures = still_samples(
         samples, stillness, [*channels[:3], *(c for c in columns if c == "temperature_degc")]
@@ -274,6 +277,7 @@ def means_of(path: Path, known: Known, asked: Asked = Asked()) -> tuple[Position
         comments = stated_comments(samples, path, plan, hand_held=plan is None and not with_angles)
         gravity = stated_gravity(comments, str(path))
         raw = raw.in_g_of(gravity) if raw.in_ms2 else raw
+    require_axes_answer(str(path), raw.readings[:, None])
     names = tuple(map(str, raw.frame["position"].to_list())) if "position" in raw.frame.columns else None
     data = _named_set(path, raw.readings, _match_of(path, names, raw, plan), plan)
     if plan is None:

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from tumblecal.capture.axis_checks import require_axes_answer
 from tumblecal.capture.dwell_checks import DwellChecks, check_dwell
 from tumblecal.data.files import write_positions
 from tumblecal.data.positions import PositionSet
@@ -71,8 +72,11 @@ def reduction_of(
     - `said`, `said_of_dwells`: as of `Reduction`; the source alone where left out.
     - `counted`: of each dwell what `check_dwell` is told of samples that are not there.
     - `temperatures`: of each dwell's samples, degC, where recorded.
+
+    **Raises:** `InputError` for an axis that does not answer to gravity.
     """
     assert data.time_s is not None
+    require_axes_answer(data.source, dwells)
     # What all dwells have in common is no noise: it is taken out before the noise is estimated.
     quiet, within = without_common_change(dwells, rate_hz, temperatures)
     recorded = RecordedNoise.of(quiet, rate_hz, float(np.ptp(data.time_s)), recording)

@@ -1,0 +1,113 @@
+"""Axes that do not answer to gravity are refused by name on every way to means; axes that gravity never reaches are not."""
+
+import numpy as np
+import polars as pl
+import pytest
+from recordings_made import imu_columns, made
+
+from tumblecal.capture.axis_checks import require_axes_answer
+from tumblecal.capture.recordings.options import Known
+from tumblecal.capture.reduce_recording import means_of, reduce_recording
+from tumblecal.capture.reduce_table import reduce_table
+from tumblecal.ground.errors import InputError
+
+
+SIX = np.array([[0, 0, 1], [0, 0, -1], [0, 1, 0], [0, -1, 0], [1, 0, 0], [-1, 0, 0]], float)
+PLAN = """
+[positions]
+listed = [
+  {name = "x up", alpha_deg = 0, beta_deg = -90}, {name = "x down", alpha_deg = 0, beta_deg = 90},
+  {name = "y up", alpha_deg = 90, beta_deg = 0}, {name = "y down", alpha_deg = -90, beta_deg = 0},
+  {name = "z up", alpha_deg = 0, beta_deg = 0}, {name = "z down", alpha_deg = 180, beta_deg = 0},
+]
+"""
+
+
+def sphere(count=14):
+    directions = np.random.default_rng(3).normal(size=(count, 3))
+    return directions / np.linalg.norm(directions, axis=1, keepdims=True)
+
+
+def ring(axis, count=8):
+    """Gravity turned about an axis: it never reaches that one."""
+    angle = 2 * np.pi * np.arange(count) / count
+    return np.insert(np.stack([np.cos(angle), np.sin(angle)], axis=1), axis, 0.0, axis=1)
+
+
+def dwells(attitudes, noise=1e-3, rows=50):
+    rng = np.random.default_rng(4)
+    return [
+        np.array([1.08, 0.94, 1.0]) * unit + [0.5, -0.3, 0.1] + noise * rng.normal(size=(rows, 3)) for unit in attitudes
+    ]
+
+
+@pytest.mark.parametrize("attitudes", [SIX, sphere(), ring(1)])
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+def test_an_axis_with_one_reading_is_named(attitudes, axis, noise):
+    rng = np.random.default_rng(5)
+    made_of = dwells(attitudes)
+    for dwell in made_of:
+        dwell[:, axis] = 0.013 + noise * rng.normal(size=len(dwell))
+    if noise and not np.ptp(attitudes[:, axis]):
+        # Gravity never reaches that axis: nothing shows whether it answers.
+        require_axes_answer("log.csv", made_of)
+        return
+    # Of two axes that do not change, gravity may not have reached one: noise hides which.
+    named = "axes .*y.* do" if noise and not np.ptp(attitudes[:, 1]) else f"axis {'xyz'[axis]} does"
+    with pytest.raises(InputError, match=f"log.csv: {named} not answer: the same reading in all attitudes"):
+        require_axes_answer("log.csv", made_of)
+
+
+@pytest.mark.parametrize("attitudes", [SIX, sphere(), *(ring(axis) for axis in range(3)), sphere(3), SIX[:2], SIX[:1]])
+@pytest.mark.parametrize("rows", [1, 50])
+def test_good_axes_are_not_refused(attitudes, rows):
+    """Not even where a turn about one axis leaves its reading the same, or the noise is below the steps."""
+    require_axes_answer("log.csv", dwells(attitudes, rows=rows))
+    require_axes_answer("log.csv", dwells(attitudes, noise=0.0, rows=rows))
+    require_axes_answer("log.csv", [np.round(64 * dwell) / 64 for dwell in dwells(attitudes, noise=5e-3, rows=rows)])
+
+
+@pytest.mark.parametrize("rows", [1, 50])
+def test_an_axis_that_copies_another_is_named(rows):
+    copied = [dwell[:, [0, 1, 0]] for dwell in dwells(sphere(), rows=rows)]
+    with pytest.raises(InputError, match="axes x and z have the same readings in every row"):
+        require_axes_answer("log.csv", copied)
+    # At alpha 45 degrees y and z are equal.
+    tilts = ring(2)[:, [0, 1, 1]] * [1, np.sqrt(0.5), np.sqrt(0.5)]
+    require_axes_answer("log.csv", [unit[None] for unit in tilts])
+
+
+@pytest.mark.parametrize("way", ["static", "plan", "by", "means"])
+def test_a_dead_axis_is_refused_on_every_way_to_means(tmp_path, way):
+    s = made(attitudes=SIX)
+    names = np.full(len(s.time_s), "turning", dtype=object)
+    for k, (start, stop) in enumerate(s.still):
+        names[start:stop] = f"s{k}"
+    columns = imu_columns(s) | {"acc_y": np.full(len(s.time_s), 0.127)}
+    path, plan = tmp_path / "s.parquet", tmp_path / "plan.toml"
+    plan.write_text(PLAN)
+    means = [
+        [9.80665 * float(s.force[a:b, 0].mean()), 0.127, 9.80665 * float(s.force[a:b, 2].mean())] for a, b in s.still
+    ]
+    if way == "means":
+        pl.DataFrame(means, schema=["ax_ms2", "ay_ms2", "az_ms2"], orient="row").write_parquet(path)
+    elif way == "by":
+        force = {f"a{axis}_g": columns[f"acc_{axis}"] / 9.80665 for axis in "xyz"} | {
+            "time_s": s.time_s,
+            "position": names,
+        }
+        kept = pl.DataFrame(force).filter(pl.col("position") != "turning")
+        kept.with_columns(alpha_deg=pl.lit(0.0), beta_deg=pl.lit(0.0)).write_parquet(path)
+    else:
+        pl.DataFrame(columns).write_parquet(path)
+    with pytest.raises(
+        InputError, match=r"s.parquet: axis y does not answer: the same reading in all attitudes \(1[23]"
+    ):
+        match way:
+            case "means":
+                means_of(path, Known(means=True))
+            case "by":
+                reduce_table(path)
+            case _:
+                reduce_recording(path, Known(static=way == "static", plan=plan if way == "plan" else None))
