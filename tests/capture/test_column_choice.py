@@ -1,5 +1,7 @@
 """Which columns are the accelerations: by the headers that loggers write, by values where names say nothing, or asked."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -185,6 +187,26 @@ def test_the_ellipsoid_has_the_bias_and_the_size_of_gravity():
     assert fit.size == pytest.approx(G * scales.prod() ** (1 / 3), rel=1e-6)
     np.testing.assert_allclose(fit.bias, bias, atol=0.02)
     assert ellipsoid(G * unit * [1, 1, 0]) is None
+
+
+def test_import_prints_a_table_of_columns_with_the_evidence_and_the_same_as_json(tmp_path, moved, tumblecal):
+    """Rows, rate, gaps and columns are those that were written into the file."""
+    force, rate, _ = moved
+    path, out = tmp_path / "log.csv", tmp_path / "out.parquet"
+    times = np.arange(len(force)) / 25 + 2.0 * (np.arange(len(force)) >= 200)
+    header = "millis,gyroX,gyroY,gyroZ,z [mg],y [mg],x [mg]"
+    data = np.column_stack([1000 * times, rate, force[:, ::-1] / 2.048])
+    np.savetxt(path, data, delimiter=",", header=header, comments="", fmt="%.4f")
+    lines = tumblecal("import", path, "--out", out).out.splitlines()
+    rows = {line.split()[0]: line.split() for line in lines}
+    assert rows["rows"][1] == str(len(force)) and rows["rate"][1] == "25"
+    assert rows["ax"][1:] == ["x", "[mg]", "mg", "name;", "unit:", "by", "name"]
+    assert rows["gy"][1] == "gyroY" and rows["gaps"][1:3] == ["1", "gap,"] and rows["damage"][1:] == ["none"]
+    result = json.loads(tumblecal("import", path, "--out", out, "--json").out)
+    assert result["schema"] == "tumblecal.import/1" and result["rows"] == len(force)
+    assert result["columns"]["az"] == {"column": "z [mg]", "unit": "mg", "why": "name; unit: by name"}
+    assert result["gaps"]["count"] == 1 and result["gaps"]["total_s"] == pytest.approx(2.04)
+    assert result["rate_hz"] == pytest.approx(25) and result["damage"] == []
 
 
 def test_a_guess_is_printed_before_the_fault_that_may_follow(tmp_path, moved, tumblecal):

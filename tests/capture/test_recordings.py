@@ -260,8 +260,9 @@ def test_import_says_what_is_in_a_recording_and_writes_what_reduce_reads(tmp_pat
     for words in (
         "/chatter (std_msgs/msg/String), 1 message\n",
         "* /imu/data",
-        "accelerations in m/s^2",
-        "at 100 Hz",
+        "linear_acceleration.x  m/s^2  format; unit:",
+        "rate ",
+        "100 Hz",
         "degC",
     ):
         assert words in result.out

@@ -1,12 +1,13 @@
 """`tumblecal import`: what is in a recording made elsewhere, and its samples as a table."""
 
+import json
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
 from tumblecal.capture.recordings.options import Asked
-from tumblecal.cli.output import Output, Quiet, warn
+from tumblecal.cli.output import Output, warn
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 
@@ -17,9 +18,10 @@ def import_samples(
     *,
     out: Path | None = None,
     asked: Annotated[Asked, Parameter(name="*")] = Asked(),
-    quiet: Quiet = False,
+    output: Output = Output(),
 ) -> None:
-    """Say what is in a recording (topics, columns, units, rates, gaps, temperature), and write its samples as a table.
+    """Say what is in a recording (rows, rate, columns and by what evidence, gaps, repeats, damage), and write its samples as a
+    table.
 
     Text of any layout, Parquet, .mat, HDF5, ROS bags, MCAP, PX4 ULog, DataFlash, Xsens .mtb, spreadsheets and byte logs of
     the serial protocols are read. Units stand in the columns' names: ax_ms2, gx_rads, temperature_degc; counts stay counts.
@@ -34,7 +36,10 @@ def import_samples(
     """
     from tumblecal.capture.recordings.sample_file import write_samples
     from tumblecal.data.overwriting import inputs_kept
-    from tumblecal.report.recording_words import contents_words, left_out_words
+    from tumblecal.report.import_report import import_document, import_lines
+    from tumblecal.report.recording_words import left_out_words
+
+    output.begin()
 
     path = out or Path(f"{source.stem}.samples.parquet")
     if path.suffix not in (".csv", ".parquet"):
@@ -42,7 +47,7 @@ def import_samples(
     inputs_kept([source], out=path)
     contents = write_samples(source, path, asked)
     warn(source, contents.damage.lines)
-    lines = [*contents_words(contents, tables=True), f"{path}: {counted(contents.rows, 'sample')}"]
-    output = Output(quiet)
-    output.say("\n".join(lines))
+    output.say("\n".join([*import_lines(contents), f"{path}: {counted(contents.rows, 'sample')}"]))
+    if output.json:
+        print(json.dumps(import_document(source, path, contents)))
     output.warn(str(source), left_out_words(contents))

@@ -13,14 +13,21 @@ if TYPE_CHECKING:
     from tumblecal.capture.reduce_recording import RecordingReduction
     from tumblecal.capture.still import Stillness
 
+# Units as people write them.
+UNITS = {"ms2": "m/s^2", "dps": "deg/s", "rads": "rad/s"} | {unit: unit for unit in ("g", "mg", "counts")}
 _MOST = 12
 
 
 def contents_words(contents: "Contents", *, tables: bool) -> Iterator[str]:
     """What is in a recording; `tables` lists all of them, not only that with the samples."""
     yield from layout_words(contents, tables=tables)
-    yield from _rate_words(contents)
+    yield from rate_words(contents)
     yield from left_out_words(contents)
+    yield from temperature_words(contents)
+
+
+def temperature_words(contents: "Contents") -> Iterator[str]:
+    """The range of the temperature, where there is one."""
     low, high = contents.temperature
     if low <= high:
         lacking = contents.without_temperature
@@ -39,18 +46,23 @@ def recording_words(contents: "Contents", *, kept: bool) -> Iterator[str]:
 
 def layout_words(contents: "Contents", *, tables: bool = False) -> Iterator[str]:
     """What the columns of a recording are, and what of that was guessed."""
-    layout, table = contents.layout, contents.layout.table
+    layout = contents.layout
+    yield from format_words(contents, tables=tables)
+    columns = (f"{role}={column.name}" for role, column in layout.columns.items())
+    yield f"columns: {', '.join(columns)}"
+    per_g = f" ({layout.per_g:g} a g)" if layout.per_g else ""
+    yield f"accelerations in {UNITS[layout.unit]}{per_g}, size about {layout.size:.5g}"
+    yield from layout.said
+
+
+def format_words(contents: "Contents", *, tables: bool) -> Iterator[str]:
+    """The format of a recording and, if it has several tables, what they are."""
+    table = contents.layout.table
     yield f"{contents.reader.title}{f': {table.said}' if table.said else ''}"
     if tables and len(contents.tables) > 1:
         for own in contents.tables:
             rows = "" if own.rows is None else f", {counted(own.rows, own.row_word)}"
             yield f"  {'*' if own is table else ' '} {own.name}{f' ({own.said})' if own.said else ''}{rows}"
-    columns = (f"{role}={column.name}" for role, column in layout.columns.items())
-    yield f"columns: {', '.join(columns)}"
-    units = {"g": "g", "mg": "mg", "ms2": "m/s^2", "counts": "counts"}[layout.unit]
-    per_g = f" ({layout.per_g:g} a g)" if layout.per_g else ""
-    yield f"accelerations in {units}{per_g}, size about {layout.size:.5g}"
-    yield from layout.said
 
 
 def left_out_words(contents: "Contents") -> Iterator[str]:
@@ -61,7 +73,7 @@ def left_out_words(contents: "Contents") -> Iterator[str]:
         yield f"{left_out} left out, without a whole reading: {', '.join(places)}"
 
 
-def _rate_words(contents: "Contents") -> Iterator[str]:
+def rate_words(contents: "Contents") -> Iterator[str]:
     """How many samples there are, how fast they came, and where some are missing."""
     rate = contents.rate_hz
     yield counted(contents.rows, "sample") + (
@@ -125,7 +137,7 @@ def files_words(reduction: "FilesReduction") -> Iterator[str]:
         own = [
             line for line in layout_words(part.contents) if line not in of_all and not line.startswith("accelerations")
         ]
-        about = [*own, *left_out_words(part.contents), *list(_rate_words(part.contents))[1:]]
+        about = [*own, *left_out_words(part.contents), *list(rate_words(part.contents))[1:]]
         yield from (f"{part.file}: {line}" for line in about)
     rows = sum(part.stop - part.start for part in reduction.parts)
     yield f"{counted(rows, 'sample')} of {counted(len(reduction.parts), 'file')} at {reduction.table.rate_hz:.6g} Hz"

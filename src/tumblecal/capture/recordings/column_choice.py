@@ -126,7 +126,7 @@ def _only(columns: Columns, triple: Triple, path: str) -> tuple[Triple, str]:
     named_free = triple.state in ("linear", "free")
     if columns.is_without_gravity(triple) or (named_free and not columns.is_gravity(triple)):
         raise InputError(f"{path}: {_without_gravity(columns, [triple])}")
-    return triple, "name and size" if named_free else "name, unit" if triple.name.unit else "name"
+    return triple, "name and size" if named_free else "name"
 
 
 def _without_gravity(columns: Columns, triples: list[Triple]) -> str:

@@ -144,14 +144,29 @@ def _layout(
         there = ", ".join(named[role].name for role in FORCE)
         raise InputError(f"{path}: no row holds a number in each of {there}; another layout; give --columns")
     size = float(np.nanmedian(lengths)) if fitted is None or asked.scale or asked.offset else fitted
-    named, per_g, words = force_unit(table, named, asked, size)
-    said += words
+    stated = {role: column.unit for role, column in named.items()}
+    named, per_g, by_size = force_unit(table, named, asked, size)
     named, words = rate_unit(table, named, asked)
-    said += words
+    said += [*by_size, *words]
     if "time" in named:
         named, words = time_unit(table, named, asked, first, path)
         said += words
-    return Layout(table, named, per_g, size, tuple(said), {role: why.get(role, "name") for role in named})
+    why = {role: f"{why.get(role, 'name')}{_unit_why(role, stated, asked, bool(by_size))}" for role in named}
+    return Layout(table, named, per_g, size, tuple(said), why)
+
+
+def _unit_why(role: str, stated: Mapping[str, str], asked: Asked, by_size: bool) -> str:
+    """By what evidence a quantity has its unit, in words; nothing for one without a unit."""
+    kinds = (
+        (FORCE, asked.unit, "by size" if by_size else "as the format says, or not known"),
+        (RATE, asked.gyro_unit, "not known"),
+        (("time",), asked.time_unit, "by the rate, or as a clock"),
+    )
+    for roles, given, otherwise in kinds:
+        if role in roles:
+            by_name = any(stated.get(own) for own in roles)
+            return f"; unit: {'asked for' if given else 'by name' if by_name else otherwise}"
+    return ""
 
 
 def _of(named: Mapping[str, Column], roles: Collection[str]) -> dict[str, Column]:
