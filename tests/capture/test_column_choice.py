@@ -126,7 +126,7 @@ def test_without_names_the_triple_on_one_ellipsoid_of_gravity(moved):
     layout = chosen(numbered(np.arange(len(force)) / 25, force, rate, field))
     assert [column.name for column in layout.columns.values()] == ["2", "3", "4", "5", "6", "7", "1"]
     assert layout.per_g == 2048 and layout.size == pytest.approx(2048, rel=0.01)
-    assert layout.why["ax"] == "values" and any("--columns ax=" in line for line in layout.said)
+    assert layout.why["ax"].startswith("values") and any("--columns ax=" in line for line in layout.said)
 
 
 @pytest.mark.parametrize("case", ["one attitude", "a second triad", "a field before", "flat", "no gravity"])

@@ -53,6 +53,13 @@ class Choice:
     said: tuple[str, ...] = ()
 
 
+class Unsettled(InputError):
+    """Columns without names whose values do not show which are the accelerations; more rows may."""
+
+    def __reduce__(self) -> tuple:
+        return Unsettled, (self.faults,)
+
+
 def chosen(columns: Columns, path: str) -> Choice | None:
     """The accelerations and the rates; None where names and values show none, so that nothing can be asked about.
 
@@ -150,7 +157,7 @@ def _by_axes(columns: Columns, unnamed: list[Triple], path: str) -> tuple[Triple
     because = (
         "several triples have the size of gravity" if heavy else "too few attitudes at rest, or no gravity in them"
     )
-    raise InputError(
+    raise Unsettled(
         f"{path}: no name says acceleration, and the values do not show which columns are it ({because}); candidates: "
         f"{_options(columns, heavy or unnamed)}"
     )
@@ -197,7 +204,7 @@ def _by_values(columns: Columns, path: str) -> tuple[Triple, str, list[str]] | N
         if len(fits) > 1
         else f"needed are {FEWEST_ATTITUDES} attitudes at rest, and one triple that fits gravity"
     )
-    raise InputError(
+    raise Unsettled(
         f"{path}: no names of columns, and the values do not show which are the accelerations ({because}); candidates: "
         f"{_options(columns, likely)}"
     )

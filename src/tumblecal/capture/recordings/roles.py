@@ -2,11 +2,12 @@
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
+from itertools import islice
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tumblecal.capture.recordings.column_choice import chosen
+from tumblecal.capture.recordings.column_choice import Unsettled, chosen
 from tumblecal.capture.recordings.column_names import (
     NUMBERS,
     QUANTITIES,
@@ -42,6 +43,9 @@ from tumblecal.ground.text_file import shown
 
 if TYPE_CHECKING:
     import polars as pl
+
+# Of a file without names so many pieces are read until the values show the accelerations.
+_MOST_PIECES = 16
 
 
 @dataclass(frozen=True)
@@ -84,12 +88,23 @@ def layout_of(table: SourceTable, asked: Asked, path: str, only: Collection[str]
     """
     given = _given(table, asked)
     names = _free_names(table, given)
-    first = next(iter(table.pieces(_needed(table, given, names))), None)
+    pieces = iter(table.pieces(_needed(table, given, names)))
+    first = next(pieces, None)
     if first is None or not len(first):
         raise InputError(f"{path}: no rows")
-    said = list[str]()
-    with guessed(said):
-        return _layout(table, asked, (path, only), (given, names, first), said)
+    read = 1
+    while True:
+        said = list[str]()
+        try:
+            with guessed(said):
+                return _layout(table, asked, (path, only), (given, names, first), said)
+        except Unsettled:
+            more = [] if read >= _MOST_PIECES else list(islice(pieces, read))
+            if not more:
+                raise
+            for piece in more:
+                first = first.vstack(piece)
+            read *= 2
 
 
 def _layout(

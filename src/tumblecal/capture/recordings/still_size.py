@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-_FEWEST_ROWS, _MOST_ROWS, _WINDOWS = 8, 500, 400
+_FEWEST_ROWS, _MOST_ROWS, _WINDOWS = 12, 60, 2000
+# More attitudes than anybody visits: the columns do not rest.
+_MOST_ATTITUDES = 300
 # A window is calm where its dispersion is at most so many times that of the quietest fifth.
 _QUIET_SHARE, _CALM = 0.2, 3.0
 # Two stretches are one attitude where their means differ by less than this share of the readings' size.
@@ -51,6 +53,8 @@ class StillMeans:
             mean = np.median(stretch, axis=0)
             if not found or (np.linalg.norm(np.array(found) - mean, axis=1) > least).all():
                 found.append(mean)
+            if len(found) > _MOST_ATTITUDES:
+                return calm[:0]
         return np.array(found)
 
 
