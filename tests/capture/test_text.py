@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from tumblecal.capture.framing import decode_all
+from tumblecal.capture.protocols.line_columns import LineColumns
 from tumblecal.capture.protocols.text import TextDecoder
-from tumblecal.capture.protocols.text_layout import TextLayout
 from tumblecal.capture.samples import Decoded, Status
 from tumblecal.ground.errors import InputError
 
@@ -98,18 +98,18 @@ def test_nonsense_text_gives_no_samples() -> None:
 
 
 def test_given_layout() -> None:
-    layout = TextLayout(("-", "az", "ay", "ax"), "mg", " ")
+    layout = LineColumns(("-", "az", "ay", "ax"), "mg", " ")
     found = decode_all(TextDecoder(layout, whole=True), b"7 1000 0 1\n8 1000 0 2\n")
     assert found.samples.force.tolist() == [[0.001, 0.0, 1.0], [0.002, 0.0, 1.0]]
 
 
 def test_bad_layouts() -> None:
     with pytest.raises(InputError, match="az missing"):
-        TextLayout(("ax", "ay"), "g")
+        LineColumns(("ax", "ay"), "g")
     with pytest.raises(InputError, match="foo not known"):
-        TextLayout(("ax", "ay", "az", "foo"), "g")
+        LineColumns(("ax", "ay", "az", "foo"), "g")
     with pytest.raises(InputError, match="unit"):
-        TextLayout(("ax", "ay", "az"), "stone")
+        LineColumns(("ax", "ay", "az"), "stone")
 
 
 TURNED = ["ax,ay,az"] + ["0.1,0.2,0.97"] * 40 + ["az [mg],ay [mg],ax [mg]"] + ["970,200,100"] * 30 + ["0.5,0.5,0.7"]
@@ -155,7 +155,7 @@ def test_lines_that_cannot_be_read_behind_a_header_are_told() -> None:
 
 def test_a_header_against_the_given_columns_is_told() -> None:
     data = "".join(line + "\n" for line in TURNED[:60]).encode()
-    found = decode_all(TextDecoder(TextLayout(("ax", "ay", "az"), "g"), whole=True), data)
+    found = decode_all(TextDecoder(LineColumns(("ax", "ay", "az"), "g"), whole=True), data)
     (refused,) = [e for e in found.events if e.kind == "refused"]
     assert "names the columns az,ay,ax; read as given: ax,ay,az" in refused.content["text"]
 

@@ -22,6 +22,19 @@ _BLANKS = EMPTY_CELLS.encode()
 _BLANK_FIRST = re.compile(b"\n[" + _BLANKS + b"]")
 
 
+def separator_of(lines: Sequence[str]) -> str:
+    """The separator that gives the most numbers: one that is in no number, otherwise commas or blanks."""
+    joined = "\n".join(lines)
+    for separator in (";", "\t", "|"):
+        if separator in joined:
+            return separator
+    if "," not in joined:
+        return " "
+    padded = any(re.search(r"(^|\s),|,(\s|$)", line) for line in lines)
+    by_space = sum(numbers_in(line.split()) >= 3 for line in lines)
+    return " " if not padded and 2 * by_space > len(lines) else ","
+
+
 def cells_of(line: str, separator: str) -> list[str]:
     """The cells of a line, without the blanks around them."""
     line = unquoted(line.encode(), separator.encode()).decode()

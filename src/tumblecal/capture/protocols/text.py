@@ -12,9 +12,9 @@ import numpy as np
 
 from tumblecal.capture.checks import exclusive_or
 from tumblecal.capture.protocols import DeviceCounter, Protocol
-from tumblecal.capture.protocols.text_layout import (
+from tumblecal.capture.protocols.line_columns import (
     UNITS_PER_G,
-    TextLayout,
+    LineColumns,
     header_words,
     learn,
     looks_numeric,
@@ -48,7 +48,7 @@ class TextDecoder:
     - `whole`: the first line is complete (a file); otherwise it is dropped, as a port opens anywhere.
     """
 
-    def __init__(self, layout: TextLayout | None = None, whole: bool = False):
+    def __init__(self, layout: LineColumns | None = None, whole: bool = False):
         self.layout = layout
         self._given = layout is not None
         self._tail = b""
@@ -228,7 +228,7 @@ def encode(samples: Samples, settings: Settings) -> bytes:
 
 
 def _decoder(settings: Settings | None = None, columns: str = "", unit: str = "", whole: bool = False) -> TextDecoder:
-    layout = TextLayout(tuple(columns.replace(" ", "").split(",")), unit or "g") if columns else None
+    layout = LineColumns(tuple(columns.replace(" ", "").split(",")), unit or "g") if columns else None
     return TextDecoder(layout, whole)
 
 

@@ -4,10 +4,9 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from tumblecal.capture.protocols.text_layout import separator_of
 from tumblecal.capture.recordings.column_names import quantity_of_name
 from tumblecal.capture.recordings.options import Asked
-from tumblecal.data.text_cells import numbers_in, row_of
+from tumblecal.data.text_cells import numbers_in, row_of, separator_of
 from tumblecal.ground.errors import InputError
 
 
@@ -51,7 +50,7 @@ def header_of(
 def _names_in(line: str, separator: str, width: int) -> list[str]:
     names = row_of(line.lstrip("# "), separator)
     if len(names) != width and separator == " ":
-        names = row_of(line.lstrip("# "), separator_of([line])[0])
+        names = row_of(line.lstrip("# "), separator_of([line]))
     return names
 
 

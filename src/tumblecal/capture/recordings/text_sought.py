@@ -6,13 +6,12 @@ from collections import Counter
 from pathlib import Path
 from typing import NamedTuple, NoReturn
 
-from tumblecal.capture.protocols.text_layout import separator_of
 from tumblecal.capture.recordings.column_names import quantity_of_name
 from tumblecal.capture.recordings.options import Asked
 from tumblecal.capture.recordings.text_header import header_of, refuse_fractions
 from tumblecal.data.files import stated
 from tumblecal.data.line_form import FORM_SEPARATOR, LineForm, clock_form, has_words, without_clock, word_forms
-from tumblecal.data.text_cells import numbers_in, row_of
+from tumblecal.data.text_cells import numbers_in, row_of, separator_of
 from tumblecal.data.text_layout import SEPARATORS, TextLayout
 from tumblecal.ground.counted import counted
 from tumblecal.ground.decimal_marks import marks_of
@@ -49,7 +48,7 @@ def sought_layouts(path: Path, asked: Asked) -> tuple[dict[str, TextLayout], dic
     body = [line for line in written if line.strip() and comment_in(line) is None]
     middle = body[len(body) // 2 :][:_LINES]
     plain = without_clock(middle)
-    separator = separator_of(plain or middle)[0]
+    separator = separator_of(plain or middle)
     form = clock_form(separator) if plain else None
     found = _rows_of(path, written, separator, form, asked, len(body))
     if (found is None or (not found.names and _is_labelled(found.good))) and (forms := word_forms(middle)):

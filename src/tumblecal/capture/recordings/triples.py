@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from tumblecal.capture.protocols.text_layout import UNITS_PER_G
+from tumblecal.capture.protocols.line_columns import UNITS_PER_G
 from tumblecal.capture.recordings.column_names import ColumnName
 from tumblecal.capture.recordings.still_size import Ellipsoid, ellipsoid, still_means
 from tumblecal.ground.axes import AXES

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tumblecal.capture.protocols.text_layout import UNITS_PER_G
+from tumblecal.capture.protocols.line_columns import UNITS_PER_G
 from tumblecal.capture.recordings.clock_text import form_of, seconds_of
 from tumblecal.capture.recordings.options import Asked
 from tumblecal.capture.recordings.table import SourceTable

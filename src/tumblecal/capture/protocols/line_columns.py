@@ -10,7 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tumblecal.ground.decimal_marks import NUMBER, marks_of
+from tumblecal.data.text_cells import separator_of
+from tumblecal.ground.decimal_marks import marks_of
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 
@@ -46,7 +47,7 @@ _ROLES = {
 
 
 @dataclass(frozen=True)
-class TextLayout:
+class LineColumns:
     """How the lines are read.
 
     **Arguments:**
@@ -87,32 +88,17 @@ def split_line(text: str, separator: str, decimal_comma: bool) -> list[str]:
     return [w.replace(",", ".") for w in words] if decimal_comma else words
 
 
-def separator_of(lines: list[str]) -> tuple[str, bool]:
-    """The separator that gives the most numbers, and whether numbers have a decimal comma."""
-    separator = _separator(lines)
+def _has_decimal_comma(lines: list[str], separator: str) -> bool:
+    """Whether numbers have a decimal comma; boards put no mark between thousands."""
     if separator == ",":
-        return separator, False
+        return False
     rows = [split_line(line, separator, False) for line in lines]
     width = max({len(row) for row in rows}, key=lambda n: sum(len(row) == n for row in rows), default=0)
     columns = [list(column) for column in zip(*(row for row in rows if len(row) == width), strict=True)]
-    marks = marks_of(columns)
-    # Boards put no mark between thousands.
-    comma = [
-        own[0] == "," if own else any("," in cell for cell in cells) for own, cells in zip(marks, columns, strict=True)
-    ]
-    return separator, any(comma)
-
-
-def _separator(lines: list[str]) -> str:
-    joined = "\n".join(lines)
-    for separator in (";", "\t", "|"):
-        if separator in joined:
-            return separator
-    if "," not in joined:
-        return " "
-    padded = any(re.search(r"(^|\s),|,(\s|$)", line) for line in lines)
-    by_space = sum(sum(bool(NUMBER.fullmatch(word)) for word in line.split()) >= 3 for line in lines)
-    return " " if not padded and 2 * by_space > len(lines) else ","
+    return any(
+        own[0] == "," if own else any("," in cell for cell in cells)
+        for own, cells in zip(marks_of(columns), columns, strict=True)
+    )
 
 
 def names_of(words: list[str]) -> list[str]:
@@ -139,7 +125,7 @@ def _unit_of_length(length: float) -> str | None:
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def learn(lines: list[str], header: list[str] | None = None, checked: bool = False) -> TextLayout | None:
+def learn(lines: list[str], header: list[str] | None = None, checked: bool = False) -> LineColumns | None:
     """The layout of these lines; None when no specific force can be found in them.
 
     **Arguments:**
@@ -149,7 +135,8 @@ def learn(lines: list[str], header: list[str] | None = None, checked: bool = Fal
     """
     if not lines:
         return None
-    separator, decimal_comma = separator_of(lines)
+    separator = separator_of(lines)
+    decimal_comma = _has_decimal_comma(lines, separator)
     rows = [split_line(line, separator, decimal_comma) for line in lines]
     width = max({len(r) for r in rows}, key=lambda n: sum(len(r) == n for r in rows))
     good = [r for r in rows if len(r) == width and all(_NUMBER.match(w) for w in r)]
@@ -170,7 +157,7 @@ def learn(lines: list[str], header: list[str] | None = None, checked: bool = Fal
     unit = unit or _unit_of_length(float(np.median(np.linalg.norm(force, axis=1))))
     if unit is None:
         return None
-    return TextLayout(tuple(roles), unit, separator, decimal_comma, checked)
+    return LineColumns(tuple(roles), unit, separator, decimal_comma, checked)
 
 
 def roles_of_values(table: NDArray[np.float64], roles: list[str]) -> list[str]:
@@ -210,13 +197,13 @@ def header_words(line: bytes) -> list[str] | None:
     text = line.decode("ascii", "replace").strip()
     if looks_numeric(line) or not re.search(r"[A-Za-z]", text):
         return None
-    separator, _ = separator_of([text])
+    separator = separator_of([text])
     words = text.split() if separator == " " else [w.strip() for w in text.split(separator)]
     words = words[1:] if words and words[0].upper() == "LABEL" else words
     return words if {"ax", "ay", "az"} <= set(names_of(words)) else None
 
 
-def numbers_of(line: bytes, layout: TextLayout) -> list[float] | None:
+def numbers_of(line: bytes, layout: LineColumns) -> list[float] | None:
     """The numbers of a line, NaN for nan, inf and ovf; None when it does not have this layout."""
     try:
         text = line.decode("ascii")
