@@ -160,20 +160,31 @@ def test_json_without_samples_is_a_line(tmp_path):
 
 
 XSENS = "// Start Time: Unknown\n// Update Rate: 100.0Hz\n// Firmware Version: 4.0.2\n"
+DOT = "DeviceTag:,A1\nOutputRate:,100Hz\n\n"
 
 
+@pytest.mark.parametrize("separator", ["\t", ","])
 @pytest.mark.parametrize("counted", [True, False])
-def test_xsens_exports(tmp_path, counted):
-    """SampleTimeFine in counts of 0.1 ms, or empty: then the preamble's rate counts."""
+def test_xsens_exports(tmp_path, separator, counted):
+    """SampleTimeFine in counts of 0.1 ms (MT Manager) or 1 us (DOT), or empty: then the preamble's rate counts."""
     names = ["PacketCounter", "SampleTimeFine", "Acc_X", "Acc_Y", "Acc_Z"]
+    step = 100 if separator == "\t" else 10_000
     rows = [
-        [f"{k:05d}", str(2**31 + 100 * k) if counted else "", *map(repr, (9.80665 * FORCE[k]).tolist())]
+        [f"{k:05d}", str(2**31 + step * k) if counted else "", *map(repr, (9.80665 * FORCE[k]).tolist())]
         for k in range(ROWS)
     ]
-    text = XSENS + "\n".join("\t".join(row) for row in [names, *rows])
+    text = (XSENS if separator == "\t" else DOT) + "\n".join(separator.join(row) for row in [names, *rows])
     frame, contents = imported(tmp_path / "log.txt", text + "\n", Asked())
     assert contents.rate_hz == pytest.approx(HZ, abs=1e-6) and ("time_s" in frame.columns) is counted
     np.testing.assert_allclose(of_axes(frame, "a"), 9.80665 * FORCE, rtol=1e-15)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "cp1252"])
+def test_decimal_commas_and_other_letters_between_words(tmp_path, encoding):
+    rows = ["; ".join(f"{axis}: {own} °" for axis, own in zip("XYZ", f, strict=True)).replace(".", ",") for f in FORCE]
+    (tmp_path / "log.txt").write_bytes("\r\n".join([*rows, ""]).encode(encoding))
+    _, (table,) = source_tables(tmp_path / "log.txt")
+    np.testing.assert_array_equal(pl.concat(table.pieces(table.columns)).select("X", "Y", "Z").to_numpy(), FORCE)
 
 
 @pytest.mark.parametrize("instances", [0, 2])

@@ -9,7 +9,6 @@ import numpy as np
 from tumblecal.capture.capture_plan import CapturePlan
 from tumblecal.capture.file_names import Meaning, dashes_are_unclear, meanings, stems_of
 from tumblecal.data.cells import labels_in, number_in
-from tumblecal.data.decimal_mark import with_points
 from tumblecal.data.files import csv_table
 from tumblecal.data.table import Table
 from tumblecal.ground.errors import InputError
@@ -127,9 +126,7 @@ def positions_by_table(files: Sequence[Path], path: Path, plan: CapturePlan | No
     **Raises:** `InputError` for a table without them, for files that it does not list, or lists twice, and cells that are no
     angles, or no positions of the plan.
     """
-    table = csv_table(path)
-    # A comma-separated file has decimal points.
-    table = table if table.separator == "," else with_points(table)
+    table = csv_table(path).with_points()
     names = next((name for name in ("position", "name") if name in table.columns), None)
     lacking = [] if "file" in table.columns else ["file"]
     angles = [name for name in ("alpha_deg", "beta_deg") if name in table.columns]

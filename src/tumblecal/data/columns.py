@@ -9,7 +9,6 @@ import numpy as np
 
 from tumblecal.data.cells import beyond_words, labels_in, number_in
 from tumblecal.data.conditions import temperature_faults, time_fault
-from tumblecal.data.decimal_mark import with_points
 from tumblecal.data.faults import Faults
 from tumblecal.data.measured import MEASURED, measured_at
 from tumblecal.data.positions import ATTITUDES, UNKNOWN, PositionSet, attitudes_of
@@ -60,8 +59,7 @@ def positions(table: Table, *, check_size: bool = True) -> PositionSet:
     # Columns that nothing needs may hold anything.
     ignored = (*table.ignored, *(name for name in table.columns if name not in KNOWN))
     table = reader.table = replace(table, columns={k: own for k, own in table.columns.items() if k in KNOWN})
-    # A comma-separated file has decimal points.
-    table = reader.table = table if table.separator == "," else with_points(table)
+    table = reader.table = table.with_points()
     labels = {name: reader.labels(name) for name in LABELS if name in table.columns}
     numbers = {name: reader.numbers(name) for name in table.columns if name not in LABELS}
     reader.faults.stop()

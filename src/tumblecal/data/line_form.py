@@ -75,13 +75,14 @@ def _is_mixed(cell: str) -> bool:
 
 def word_forms(lines: Sequence[str]) -> dict[str, LineForm]:
     """The forms of lines with words around their numbers, by the first label of each; none if most lines share none."""
+    lines, digits = _with_points(lines)
     texts = Counter(key for line in lines if len(key := _texts(line)) > 1)
     kinds = [key for key, count in texts.most_common(_MOST_KINDS) if count > max(1, _LEAST_SHARE * len(lines))]
     if sum(texts[key] for key in kinds) < _WHOLE_SHARE * len(lines) or not any(
         "".join(key).strip(" ,;|") for key in kinds
     ):
         return {}
-    patterns = {key: _pattern(key) for key in kinds}
+    patterns = {key: _pattern(key, digits) for key in kinds}
     forms = dict[str, LineForm]()
     for key in kinds:
         first = next(line for line in lines if _texts(line) == key)
@@ -97,19 +98,30 @@ def word_forms(lines: Sequence[str]) -> dict[str, LineForm]:
     return forms
 
 
+def _with_points(lines: Sequence[str]) -> tuple[Sequence[str], bytes]:
+    """Lines with decimal points, and the letters of their numbers: a comma in them if commas are between two numbers alone."""
+    text = "\n".join(lines)
+    pairs = len(re.findall(r"(?<=\d),(?=\d)", text))
+    if not pairs or pairs < text.count(",") or re.search(r"\d\.\d|\d,\d+,\d", text):
+        return lines, rb"[-+.\deE]+"
+    return re.sub(r"(?<=\d),(?=\d)", ".", text).split("\n"), rb"[-+,\deE]+"
+
+
 def _texts(line: str) -> tuple[str, ...]:
     """The texts around the numbers of a line, blanks within them alike."""
     return tuple(re.sub(r"\s+", " ", text).strip() for text in _CELL.split(line))
 
 
-def _pattern(texts: Sequence[str]) -> re.Pattern[bytes]:
-    """The pattern of lines with these texts around the numbers."""
-    between = [
-        rb"[ \t]*" + rb"[ \t]+".join(re.escape(word.encode()) for word in text.split()) + rb"[ \t]*" for text in texts
-    ]
-    # A clock or the letters of a number, which is quicker to look for; polars reads no other number from them.
-    cell = b"([-+.\\deE]+|" + _CLOCK.encode() + b"|[-+]?(?:[nN][aA][nN]|[iI][nN][fF]))"
-    return re.compile(b"^" + cell.join(between) + b"$", re.MULTILINE)
+def _pattern(texts: Sequence[str], digits: bytes) -> re.Pattern[bytes]:
+    """The pattern of lines with these texts around numbers of these letters; polars reads no other number from them."""
+    words = [rb"[ \t]+".join(map(_word, text.split())) for text in texts]
+    cell = b"(" + digits + b"|" + _CLOCK.encode() + b"|[-+]?(?:[nN][aA][nN]|[iI][nN][fF]))"
+    return re.compile(b"^" + cell.join(rb"[ \t]*" + word + rb"[ \t]*" for word in words) + b"$", re.MULTILINE)
+
+
+def _word(word: str) -> bytes:
+    """The pattern of a word; letters beyond ASCII are some bytes in any encoding."""
+    return re.sub(rb"[\x80-\xff]+", rb"[\\x80-\\xff]+", re.escape(word.encode()))
 
 
 def _names(texts: Sequence[str], cells: Sequence[str]) -> tuple[str, ...]:

@@ -13,13 +13,13 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.data.cells import ABSOLUTE_ZERO_DEGC, beyond_words, is_empty, mark_advice, unit_advice
-from tumblecal.data.decimal_mark import decimal_mark, either_words, may_be_thousands, written_number
 from tumblecal.data.files import stated_once
 from tumblecal.data.named_layout import layout_of_lines, named_layout, repeated, row_words
 from tumblecal.data.parquet import parquet_pieces, scan_parquet
-from tumblecal.data.table import DIFFERENT_UNITS, Table, axis_columns
+from tumblecal.data.table import DIFFERENT_UNITS, THOUSANDS, Table, axis_columns
 from tumblecal.data.text_layout import ROW, TextLayout
 from tumblecal.ground.axes import AXES
+from tumblecal.ground.decimal_marks import OTHER, either_words, may_be_thousands, number_of
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import STANDARD, UNITS, Gravity, stated_gravity, unit_in_g
 from tumblecal.ground.text_file import comment_in, is_blank, line_in, opened, shown
@@ -117,11 +117,11 @@ class Raw:
 
         if column.dtype != pl.String:
             return column.cast(pl.Float64, strict=False)
-        return column.to_frame().select(written_number(column.name, self._separator, self.decimal)).to_series()
-
-    @property
-    def _separator(self) -> str:
-        return self.layout.separator if self.layout else ","
+        commas = self.layout is None or self.layout.separator == ","
+        marks = "." if commas or self.decimal is None else self.decimal + OTHER[self.decimal]
+        # If nothing shows the mark, it is a point, and readings that may be thousands are none.
+        doubt = THOUSANDS.get(column.name, "") if self.decimal is None and column.name.endswith("_mg") else ""
+        return column.to_frame().select(number_of(column.name, marks, sure=True, either=doubt)).to_series()
 
     def numbers(self, name: str) -> Float[np.ndarray, " rows"]:
         """A column of finite numbers.
@@ -159,7 +159,8 @@ class Raw:
 
     def _wrong(self, cell: object) -> str:
         """What is wrong with a cell that is no finite number."""
-        if isinstance(cell, str) and may_be_thousands(cell, self._separator, self.decimal):
+        commas = self.layout is None or self.layout.separator == ","
+        if isinstance(cell, str) and not commas and may_be_thousands(cell, self.decimal):
             return either_words(cell.strip(), self.decimal)
         if cell is None or (isinstance(cell, str) and not cell.strip()):
             return "the cell is empty; write a number or remove the row"
@@ -228,8 +229,8 @@ def _opened_text(path: Path) -> tuple[Raw, Callable[[], Iterator["pl.DataFrame"]
         return header, frames
     first = pl.concat([piece.head(_SEEN_ROWS) for piece in islice(frames(), 2)])
     seen = {name: first[name].to_list() for name in header.columns}
-    mark = decimal_mark(Table(str(path), seen, first[ROW].to_list(), {}))
-    return replace(header, decimal=mark), frames
+    table = Table(str(path), seen, first[ROW].to_list(), {})
+    return replace(header, decimal=table.marked(header.columns).decimal_mark()), frames
 
 
 def header_of(path: Path, empty: "pl.DataFrame", comments: dict[str, str], lines: Sequence[str] = ()) -> Raw:

@@ -4,7 +4,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from tumblecal.data.cells import labels_in
+from tumblecal.data.faults import Faults
 from tumblecal.ground.axes import AXES
+from tumblecal.ground.decimal_marks import MarkedColumns
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import UNITS
 from tumblecal.ground.text_file import shown
@@ -18,6 +20,8 @@ READINGS = tuple(f"a{axis}_{unit}" for axis in AXES for unit in UNITS)
 DEVIATIONS = tuple(f"a{axis}_sd_{unit}" for axis in AXES for unit in UNITS)
 # What is wrong with axes of which each has a unit of its own, wherever they are read.
 DIFFERENT_UNITS = "are in different units; give the three axes in one unit"
+# Cells of columns that reach a thousand, as patterns: 100 g are no reading.
+THOUSANDS = {"time_s": ".*", "n": ".*", **dict.fromkeys(("ax_mg", "ay_mg", "az_mg"), r"[+-]?[1-9]\d?[.,]\d{3}")}
 KNOWN = (*LABELS, *NUMERIC, *READINGS, *DEVIATIONS)
 
 
@@ -38,6 +42,29 @@ class Table:
     def place(self, row: int, column: str) -> str:
         """A cell as faults name it."""
         return f"{self.source}:{self.row_word} {self.lines[row]}, column {column}"
+
+    def marked(self, names: Iterable[str]) -> MarkedColumns:
+        """Columns of numbers, whose decimal mark is sought."""
+        return MarkedColumns(
+            {name: self.columns[name] for name in names},
+            THOUSANDS,
+            self.source,
+            lambda row, name: f"{self.row_word} {self.lines[row]}, column {name}",
+        )
+
+    def with_points(self) -> "Table":
+        """The table with decimal points in its numbers and nothing between thousands, as between commas they are anyway.
+
+        **Raises:** `InputError` naming two cells with different marks, or each cell whose mark may be either.
+        """
+        if self.separator == ",":
+            return self
+        faults = Faults(self.source)
+        plain = self.marked(name for name in self.columns if name in KNOWN and name not in LABELS).with_points(
+            lambda row, name, words: faults.add(words, f":{self.row_word} {self.lines[row]}", name)
+        )
+        faults.stop()
+        return replace(self, columns={**self.columns, **plain})
 
 
 def axis_columns(names: Iterable[str], kind: str = "") -> list[str]:

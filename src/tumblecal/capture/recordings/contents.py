@@ -26,6 +26,7 @@ RATE_KEYS = (
     "sampling_rate_hz",
     "sampling_frequency",
     "update_rate",
+    "outputrate",
 )
 # Clocks that show more seconds count from 1970: it is later than 2001, and no device has run for so long.
 _LEAST_MOMENT_S = 1e9

@@ -10,6 +10,7 @@ from tumblecal.capture.recordings.damage import Damage
 from tumblecal.capture.recordings.options import Asked
 from tumblecal.capture.recordings.table import Reader, SourceTable
 from tumblecal.capture.recordings.text_sought import check_late_marks, decoded, sought_layouts
+from tumblecal.capture.recordings.units import FINE
 from tumblecal.data.text_layout import TextLayout
 from tumblecal.ground.text_file import is_utf16
 
@@ -18,8 +19,7 @@ if TYPE_CHECKING:
     import polars as pl
 
 _TEXT_SHARE = 0.95
-# Xsens (MT Manager) counts steps of 0.1 ms.
-_ROLES = {"SampleTimeFine": "time_100us"}
+_ROLES = {"SampleTimeFine": f"time_{FINE}"}
 
 
 def _is_text(head: bytes) -> bool:

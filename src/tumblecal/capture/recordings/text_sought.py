@@ -16,7 +16,7 @@ from tumblecal.data.text_layout import SEPARATORS, TextLayout
 from tumblecal.ground.counted import counted
 from tumblecal.ground.decimal_marks import marks_of
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.text_file import comment_in, opened, shown
+from tumblecal.ground.text_file import EMPTY_CELLS, comment_in, opened, shown
 
 
 _HEAD = 1 << 16
@@ -107,7 +107,9 @@ def _rows_of(
 
 def _layout_of_form(path: Path, written: list[str], form: LineForm) -> TextLayout:
     first = next(k for k, line in enumerate(written) if form.pattern.match(line.encode()))
-    marks = tuple("" if ":" in cell else "." for cell in form.line(written[first]).split(FORM_SEPARATOR))
+    cells = form.line(written[first]).split(FORM_SEPARATOR)
+    decimal = "," if any("," in cell for cell in cells) else "."
+    marks = tuple("" if ":" in cell else decimal for cell in cells)
     return TextLayout(path, form.names, FORM_SEPARATOR, marks, None, first + 1, form)
 
 
@@ -116,10 +118,10 @@ def _stated(written: list[str], rows: list[list[str]], first: int) -> dict[str, 
     found = [
         match for line in written[:first] if not line.startswith(("#", '"#')) and (match := _STATED.fullmatch(line))
     ]
-    pairs = [(match[1], match[2]) for match in found]
+    pairs = [(match[1], match[2].strip(EMPTY_CELLS)) for match in found]
     # A spreadsheet adds empty cells.
     pairs += [(row[0], row[1]) for row in rows[:first] if len(row) >= 2 and all(row[:2]) and not any(row[2:])]
-    return {key.lower().replace(" ", "_"): value for key, value in pairs} | stated(written)
+    return {key.lower().strip(" :").replace(" ", "_"): value for key, value in pairs} | stated(written)
 
 
 def _with_last_column(

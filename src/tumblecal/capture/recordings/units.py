@@ -22,7 +22,9 @@ if TYPE_CHECKING:
     import polars as pl
 
 FORCE, RATE = tuple(f"a{axis}" for axis in AXES), tuple(f"g{axis}" for axis in AXES)
-TIME_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "100us": 1e-4}
+# Xsens counts steps of 0.1 ms (MT Manager), or of 1 us (DOT): then the rate would be below any of an IMU.
+FINE = "100us"
+TIME_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, FINE: 1e-4}
 # Rates that IMUs have, Hz.
 _SLOWEST_HZ, _FASTEST_HZ = 8.0, 20000.0
 # A size of the readings this near to one g in some unit is that unit's.
@@ -172,11 +174,11 @@ def time_unit(
             f"{path}:{words}; write seconds, h:m:s.f or dates such as 2026-03-29T01:59:30.010, or give --rate 100 to go "
             "without"
         )
-    if not unit:
-        steps = np.diff(times[np.isfinite(times)])
-        steps = steps[steps > 0]
-        # Without gaps, but with what comes in bursts.
-        step = float(np.mean(steps[steps < 20 * np.median(steps)])) if len(steps) else 0.0
+    steps = np.diff(times[np.isfinite(times)])
+    steps = steps[steps > 0]
+    # Without gaps, but with what comes in bursts.
+    step = float(np.mean(steps[steps < 20 * np.median(steps)])) if len(steps) else 0.0
+    if not unit or (not asked.time_unit and unit == FINE and step * TIME_S[FINE] * _SLOWEST_HZ > 1):
         unit = unit_of_step(step)
         if not unit:
             raise InputError(
