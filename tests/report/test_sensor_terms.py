@@ -87,7 +87,7 @@ def test_what_a_rig_has_fitted_is_applied(tumblecal, tmp_path, measured, command
     out = tmp_path / "out"
     ran = tumblecal(command, measured, "--rig", rig_file(tmp_path, *SENSOR), "--no-figures", "--out", out)
     assert ran.code == 0
-    assert f"erms of calibration.json, beside matrix and bias: {', '.join(SENSOR)}" in " ".join(ran.out.split())
+    assert f"erms of calibration.json, in addition to matrix and bias: {', '.join(SENSOR)}" in " ".join(ran.out.split())
     content = json.loads((out / "calibration.json").read_text())
     assert [term["effect"] for term in content["terms"]] == list(SENSOR)
     assert all(term["determined"] for term in content["terms"])

@@ -119,11 +119,11 @@ def _row(file: Path, calibrated: "Calibrated | InputError") -> dict:
 
 def _lacking(calibrated: "Calibrated | InputError") -> str:
     """What the calibration of one of several files lacks, behind its judgement."""
-    from tumblecal.report.sensor_terms import left_of_fit
+    from tumblecal.report.sensor_terms import lacking_of_fit
 
     if isinstance(calibrated, InputError):
         return ""
-    return "".join(f" ({words})" for words in left_of_fit(calibrated.exact, calibrated.entries, of_sensor=True))
+    return "".join(f" ({words})" for words in lacking_of_fit(calibrated.exact, calibrated.entries, of_sensor=True))
 
 
 def _told(output: Output, folder: Path, calibrated: "Calibrated", kept: Kept, *, said: dict, whole: bool) -> None:

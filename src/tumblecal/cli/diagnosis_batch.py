@@ -133,7 +133,7 @@ class Batch:
         from tumblecal.estimation.methods import require_measured, require_noise
         from tumblecal.ground.result_set import result_set
         from tumblecal.planning import NextPlan, next_plan
-        from tumblecal.report.diagnosis_calibration import left_of_diagnosis
+        from tumblecal.report.diagnosis_calibration import lacking_of_diagnosis
         from tumblecal.report.diagnosis_files import write_diagnosis
         from tumblecal.report.diagnosis_summary import summary_row
         from tumblecal.report.diagnosis_words import verdict_text, warning_words
@@ -169,7 +169,7 @@ class Batch:
             note = f"\n{self.note}" if self.note and diagnosis.verdict != "adequate" else ""
             text = f"{verdict_text(diagnosis, plan)}{note}\nwritten: {folder}/: {', '.join(written)}"
         else:
-            left = left_of_diagnosis(diagnosis, of_sensor=True)
+            left = lacking_of_diagnosis(diagnosis, of_sensor=True)
             text = "; ".join([f"{file}: {diagnosis.verdict}", ", ".join(diagnosis.labels) or "nothing found", *left])
         return summary_row(file, diagnosis), [], text
 

@@ -118,7 +118,9 @@ class Calibration(Shown):
 
     def screen(self) -> Screen:
         """Matrix and bias, and what they hold for."""
-        terms = [f"{len(self.extra['terms'])} nonlinear or thermal terms beside it"] if self.extra.get("terms") else []
+        terms = (
+            [f"{len(self.extra['terms'])} nonlinear or thermal terms in addition"] if self.extra.get("terms") else []
+        )
         facts = [f"one g is {self.gravity}"] if self.gravity else []
         facts += [f"at {self.temperature_degc:.4g} degC"] if self.temperature_degc is not None else []
         unit = f" of {self.serial_number}" if self.serial_number else ""

@@ -21,7 +21,7 @@ from tumblecal.ground.units import in_words
 from tumblecal.report.calibration_limits import gravity_use, limits, undetermined_use
 from tumblecal.report.calibration_words import UNLIKELY, cure_words
 from tumblecal.report.gravity_words import gravity_warning
-from tumblecal.report.sensor_terms import left_of_fit, terms_of_chain
+from tumblecal.report.sensor_terms import lacking_of_fit, terms_of_chain
 from tumblecal.report.setting_words import many_settings_words
 
 
@@ -81,7 +81,7 @@ def warning_words(calibrated: Calibrated) -> Iterator[str]:
     yield from (f"put right: {mix_up.told}" for mix_up in calibrated.mix_ups)
     if gravity:
         yield gravity
-    yield from left_of_fit(calibrated.exact, calibrated.entries, of_sensor=True)
+    yield from lacking_of_fit(calibrated.exact, calibrated.entries, of_sensor=True)
     if many := many_settings_words(calibrated.exact):
         yield many
 

@@ -29,7 +29,7 @@ from tumblecal.report.gravity_words import gravity_words
 from tumblecal.report.identity_words import identity_words
 from tumblecal.report.page import PageFigure, PageTable, Section, inline_figure, write_page
 from tumblecal.report.result_file import calibration_of, source_of, strong_correlations
-from tumblecal.report.sensor_terms import held_words, left_of_fit
+from tumblecal.report.sensor_terms import held_words, lacking_of_fit
 from tumblecal.report.sentences import as_sentence, ended
 from tumblecal.report.setting_words import many_settings_words, read_settings_words
 from tumblecal.report.temperature_words import temperature_words, within_dwells_words
@@ -103,7 +103,7 @@ def _verdict(calibrated: Calibrated, judged: list[Judgement]) -> Iterator[str]:
     changed = [within_dwells_words(exact.data), temperature_words(exact, calibrated.entries)]
     yield from (ended(as_sentence(words)) for words in filter(None, changed))
     yield from (f"{as_sentence(words)}." for words in held_words(exact, exact.problem.chain, calibrated.entries))
-    yield from (ended(as_sentence(words)) for words in left_of_fit(exact, calibrated.entries))
+    yield from (ended(as_sentence(words)) for words in lacking_of_fit(exact, calibrated.entries))
     wrong = wrong_methods(calibrated)
     if wrong:
         yield f"Other methods: do not take the values of {' and '.join(wrong)} for these data (below)."

@@ -23,7 +23,7 @@ from tumblecal.estimation.fit import Fit
 from tumblecal.report.diagnosis_use import not_written, use_of_diagnosis
 from tumblecal.report.effect_forms import require_forms
 from tumblecal.report.result_file import linear_calibration
-from tumblecal.report.sensor_terms import FittedEffect, SensorTerms, Signal, left_words, terms_of_chain
+from tumblecal.report.sensor_terms import FittedEffect, SensorTerms, Signal, lacking_words, terms_of_chain
 from tumblecal.report.terms_covariance import covariance_with_terms
 from tumblecal.report.undetected_terms import added_by_undetected_terms
 
@@ -91,11 +91,11 @@ def _by_explanation(diagnosis: Diagnosis, own: Weighed) -> Calibration:
     return terms.put_into(linear_calibration(own.fit), diagnosis.data.temperature_degc)
 
 
-def left_of_diagnosis(diagnosis: Diagnosis, *, of_sensor: bool = False) -> Iterator[str]:
-    """What calibration.json lacks, why, and how large it is, in words; `of_sensor` as of `left_words`."""
+def lacking_of_diagnosis(diagnosis: Diagnosis, *, of_sensor: bool = False) -> Iterator[str]:
+    """What calibration.json lacks, why, and how large it is, in words; `of_sensor` as of `lacking_words`."""
     calibration = extended_calibration(diagnosis)
     if calibration is not None:
-        yield from left_words(calibration.not_applied, of_sensor=of_sensor)
+        yield from lacking_words(calibration.not_applied, of_sensor=of_sensor)
 
 
 def _uncertainty_parts(diagnosis: Diagnosis) -> dict[str, dict[str, float]]:

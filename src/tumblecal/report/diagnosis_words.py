@@ -11,7 +11,7 @@ from tumblecal.ground.numbers_shown import p_words
 from tumblecal.ground.units import in_words, shown
 from tumblecal.planning.next_plan import NextPlan
 from tumblecal.report.cause_words import label_words, members_words, patchwork_words, unexplained_words
-from tumblecal.report.diagnosis_calibration import diagnosed_use, left_of_diagnosis
+from tumblecal.report.diagnosis_calibration import diagnosed_use, lacking_of_diagnosis
 from tumblecal.report.gravity_words import gravity_warning, gravity_words
 from tumblecal.report.identity_words import identity_words
 from tumblecal.report.next_plan_words import next_words
@@ -67,7 +67,7 @@ def warning_words(diagnosis: Diagnosis) -> Iterator[str]:
     yield from (f"put right: {mix_up.label}: {mix_up.told}" for mix_up in diagnosis.mix_ups)
     if gravity := gravity_warning(diagnosis.extended):
         yield gravity
-    yield from left_of_diagnosis(diagnosis, of_sensor=True)
+    yield from lacking_of_diagnosis(diagnosis, of_sensor=True)
     if many := many_settings_words(diagnosis.nominal):
         yield many
 
@@ -139,7 +139,7 @@ def _reasons(diagnosis: Diagnosis) -> Iterator[str]:
     yield from filter(None, [mounting_words(diagnosis.mountings)])
     settings = (read_settings_words(diagnosis.nominal), many_settings_words(diagnosis.nominal))
     given = held_words(diagnosis.extended, diagnosis.model.nominal_chain, diagnosis.entries)
-    given = [*given, *left_of_diagnosis(diagnosis)]
+    given = [*given, *lacking_of_diagnosis(diagnosis)]
     yield from (as_sentence(words) for words in (*settings, *(f"{words}." for words in given)) if words)
     for label, fault in diagnosis.noise_wrong.items():
         yield (

@@ -22,7 +22,7 @@ from tumblecal.report.diagnosis_calibration import extended_calibration
 from tumblecal.report.diagnosis_words import verdict_text
 from tumblecal.report.gravity_words import gravity_words
 from tumblecal.report.result_file import calibration_of
-from tumblecal.report.sensor_terms import held_words, left_of_fit
+from tumblecal.report.sensor_terms import held_words, lacking_of_fit
 
 
 def calibrated_screen(calibrated: Calibrated) -> Screen:
@@ -34,7 +34,7 @@ def calibrated_screen(calibrated: Calibrated) -> Screen:
     notes += [
         gravity_words(exact),
         *held_words(exact, exact.problem.chain, calibrated.entries),
-        *left_of_fit(exact, calibrated.entries),
+        *lacking_of_fit(exact, calibrated.entries),
         *methods_words(calibrated),
     ]
     return Screen(f"{own.headline}. {judged[0].headline}", own.header, own.rows, [line for line in notes if line])

@@ -47,7 +47,7 @@ class FittedEffect:
 
 
 def effects_in(chain: Chain, where: Where, entries: Catalogue) -> Iterator[FittedEffect]:
-    """The effects that a chain has beside the nominal links: those that are estimated, or kept at more than zero.
+    """The effects of a chain in addition to the nominal links: those that are estimated, or kept at more than zero.
 
     **Arguments:**
 
@@ -187,10 +187,10 @@ def held_words(fit: Fit, chain: Chain, entries: Catalogue) -> Iterator[str]:
         return
     effects = [effect for effect in effects_in(chain, fit.problem.where, entries) if not effect.kept]
     if held := [effect.id for effect in effects if effect.held]:
-        yield f"terms of calibration.json, beside matrix and bias: {', '.join(held)}"
+        yield f"terms of calibration.json, in addition to matrix and bias: {', '.join(held)}"
 
 
-def left_words(losses: Sequence[NotApplied], *, of_sensor: bool = False) -> Iterator[str]:
+def lacking_words(losses: Sequence[NotApplied], *, of_sensor: bool = False) -> Iterator[str]:
     """What calibration.json lacks of the effects that were fitted, why, and how large it is, in words.
 
     **Arguments:**
@@ -202,10 +202,10 @@ def left_words(losses: Sequence[NotApplied], *, of_sensor: bool = False) -> Iter
             yield f"not corrected by calibration.json: {loss.words}"
 
 
-def left_of_fit(fit: Fit, entries: Catalogue, *, of_sensor: bool = False) -> Iterator[str]:
-    """`left_words` of a fit over its own chain, of the effects that were estimated; none if no such file is made of it."""
+def lacking_of_fit(fit: Fit, entries: Catalogue, *, of_sensor: bool = False) -> Iterator[str]:
+    """`lacking_words` of a fit over its own chain, of the effects that were estimated; none if no such file is made of it."""
     if fit.code.good and one_sensor(fit):
         chain = fit.problem.chain
         kept = {effect.id for effect in effects_in(chain, fit.problem.where, entries) if effect.kept}
         losses = terms_of_chain(fit, chain, entries).losses(fit.data.temperature_degc)
-        yield from left_words([loss for loss in losses if loss.effect not in kept], of_sensor=of_sensor)
+        yield from lacking_words([loss for loss in losses if loss.effect not in kept], of_sensor=of_sensor)

@@ -15,7 +15,7 @@ from tumblecal.report.gravity_words import gravity_words
 from tumblecal.report.identity_words import identity_words
 from tumblecal.report.narrow import print_table, print_words
 from tumblecal.report.result_file import strong_correlations
-from tumblecal.report.sensor_terms import held_words, left_of_fit
+from tumblecal.report.sensor_terms import held_words, lacking_of_fit
 from tumblecal.report.setting_words import many_settings_words, read_settings_words
 from tumblecal.report.temperature_words import temperature_words, within_dwells_words
 
@@ -47,7 +47,7 @@ def print_calibration(calibrated: Calibrated, console: Console | None = None) ->
         *quality(exact, calibrated.level),
         *filter(None, [within_dwells_words(exact.data), temperature_words(exact, calibrated.entries)]),
         *held_words(exact, exact.problem.chain, calibrated.entries),
-        *left_of_fit(exact, calibrated.entries),
+        *lacking_of_fit(exact, calibrated.entries),
         *methods_words(calibrated),
         *weaknesses(exact),
         *_skipped(calibrated),
