@@ -141,7 +141,8 @@ def hassan(data: Path, out: Path) -> Iterator[Line]:
     yield near("hassan: bias, g", p[6:], HASSAN_BIAS, 1e-9)
     yield near("hassan: symmetric matrix", p[:6], HASSAN_MATRIX, 1e-9)
     phone, _ = reduced(folder / "MobileAccData30orientationRawSample01.mat", out / "hp", "--static", "--rate", "30")
-    yield counted("hassan: intervals of the phone", len(read_positions(phone / "positions.csv")), 30)
+    # 30 orientations; in two of them the phone was moved by 5 degrees.
+    yield counted("hassan: intervals of the phone", len(read_positions(phone / "positions.csv")), 32)
 
 
 def imucal(data: Path, out: Path) -> Iterator[Line]:
