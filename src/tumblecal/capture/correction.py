@@ -11,7 +11,8 @@ from jaxtyping import Float
 from tumblecal.capture.corrected_text import HeaderChanges, TextCells, replaced_text
 from tumblecal.capture.recordings.contents import Contents
 from tumblecal.capture.recordings.options import Asked
-from tumblecal.capture.recordings.sample_file import OWN, WHOLE, sample_stream
+from tumblecal.capture.recordings.sample_file import sample_stream
+from tumblecal.capture.recordings.sample_frames import OWN, WHOLE
 from tumblecal.capture.recordings.units import FORCE
 from tumblecal.capture.sample_table import write_bytes, write_frames
 from tumblecal.data.calibration import Calibration

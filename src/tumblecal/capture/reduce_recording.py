@@ -270,7 +270,7 @@ def means_of(path: Path, known: Known, asked: Asked = Asked()) -> tuple[Position
     """
     with TemporaryDirectory() as folder:
         samples = Path(folder) / "means.parquet"
-        contents = write_samples(path, samples, asked, by=known.by, in_force_units=True)
+        contents = write_samples(path, samples, asked, by=known.by, in_force_units=True, means=True)
         plan = None if known.plan is None else read_plan(known.plan)
         raw = read_raw(samples, path)
         with_angles = {"alpha_deg", "beta_deg"} <= set(raw.frame.columns)

@@ -8,6 +8,7 @@ import numpy as np
 from tumblecal.capture.recordings.damage import Damage
 from tumblecal.capture.recordings.options import Asked
 from tumblecal.capture.recordings.roles import Layout
+from tumblecal.capture.recordings.row_order import usual_step
 from tumblecal.capture.recordings.table import Reader, SourceTable
 from tumblecal.capture.still_blocks import LONGEST_STEP_S
 from tumblecal.data.joined_clocks import TIME_BEGAN, TIME_ZERO, moment
@@ -39,7 +40,8 @@ class Contents:
     `rate_hz` is None where neither times nor anybody tell it; `unreadable` counts rows left out, `places` says where, and
     `first_unread` for which column the first was; `damage` is what is missing or changed in it.
     `begin_s` is what its own clock shows at time zero, s.
-    `gaps` are (time, length) in s of steps of time of more than half a second, or backwards.
+    `gaps` are (time, length) in s of steps of time of more than half a second, or backwards; `equal_times` counts rows with the
+    time of the row before. `samples_per_row` is below 1 if the rows of a file without times repeat.
     """
 
     reader: Reader
@@ -57,6 +59,10 @@ class Contents:
     temperature: tuple[float, float] = (np.inf, -np.inf)
     begin_s: float = np.nan
     without_temperature: int = 0
+    equal_times: int = 0
+    samples_per_row: float = 1.0
+    _step_s: float = np.nan
+    _lost: int = 0
     _sum_s: float = 0.0
     _steps: int = 0
     _rates: list[float] = field(default_factory=list)
@@ -64,7 +70,22 @@ class Contents:
     @property
     def rate_hz(self) -> float | None:
         """Samples a second, gaps left out."""
-        return self._steps / self._sum_s if self._sum_s > 0 else self.asked.rate or _stated_rate(self.layout.table)
+        if self._sum_s > 0:
+            return self._steps / self._sum_s
+        stated = self.asked.rate or _stated_rate(self.layout.table)
+        return stated and stated * self.samples_per_row
+
+    @property
+    def missing(self) -> int:
+        """How many samples a regular clock lacks, in all steps of more than one and a half usual ones."""
+        return max(0, self._lost - self.equal_times)
+
+    def uncounted(self) -> "Contents":
+        """The same source without what was counted of its rows, to count them again after a repair."""
+        known = {
+            name: getattr(self, name) for name in ("unreadable", "places", "first_unread", "begin_s", "samples_per_row")
+        }
+        return Contents(self.reader, self.tables, self.layout, self.asked, self.damage, **known)
 
     @property
     def clock_comments(self) -> dict[str, str]:
@@ -103,6 +124,11 @@ class Contents:
         self.gaps += [(float(at[k]), float(steps[k])) for k in np.flatnonzero(~whole)]
         self._sum_s += float(steps[whole].sum())
         self._steps += int(whole.sum())
+        self.equal_times += int(np.count_nonzero(steps == 0))
+        if np.isnan(self._step_s):
+            self._step_s = usual_step(times)
+        if self._step_s:
+            self._lost += int((np.round(steps[steps > 1.5 * self._step_s] / self._step_s) - 1).sum())
         for part in np.array_split(np.where(whole, steps, np.nan), max(1, len(steps) // 1000)):
             if len(part) >= 500 and np.nanmean(part) > 0:
                 self._rates.append(float(1 / np.nanmean(part)))

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from itertools import islice
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,7 +19,9 @@ from tumblecal.capture.recordings.column_names import (
     same_kind,
 )
 from tumblecal.capture.recordings.guesses import guessed
+from tumblecal.capture.recordings.number_range import Wrap
 from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.row_runs import without_erased_rows
 from tumblecal.capture.recordings.table import SourceTable
 from tumblecal.capture.recordings.time_or_temperature import CLOCKS, may_be_times, rising, settled
 from tumblecal.capture.recordings.triples import Columns, triples_of
@@ -29,11 +32,13 @@ from tumblecal.capture.recordings.units import (
     check_units,
     first_cell,
     force_unit,
+    in_range,
     numbers_of,
     per_g_of,
     rate_unit,
     time_unit,
     unread,
+    wraps_of,
 )
 from tumblecal.data.cells import advice
 from tumblecal.data.text_layout import ROW
@@ -80,8 +85,16 @@ def has_force(table: SourceTable, asked: Asked) -> bool:
     return any(triple.name.quantity == "acceleration" for triple in triples_of(_free_names(table, given)))
 
 
-def layout_of(table: SourceTable, asked: Asked, path: str, only: Collection[str] | None = None) -> Layout:
+def layout_of(
+    table: SourceTable,
+    asked: Asked,
+    path: str,
+    only: Collection[str] | None = None,
+    wraps: Mapping[str, Wrap] = MappingProxyType({}),
+) -> Layout:
     """Settle what the columns are; of those that are not asked for, `only` some quantities, where given.
+
+    `wraps`: of numbers that left the range of their type, if that is known.
 
     **Raises:** `InputError` when the three accelerations are not among them, or for options that fit nothing. Before it, the
     command prints what was guessed.
@@ -97,7 +110,7 @@ def layout_of(table: SourceTable, asked: Asked, path: str, only: Collection[str]
         said = list[str]()
         try:
             with guessed(said):
-                return _layout(table, asked, (path, only), (given, names, first), said)
+                return _layout(table, asked, (path, only), (given, names, without_erased_rows(first)), said, wraps)
         except Unsettled:
             more = [] if read >= _MOST_PIECES else list(islice(pieces, read))
             if not more:
@@ -113,12 +126,13 @@ def _layout(
     wanted: tuple[str, Collection[str] | None],
     found: tuple[dict[str, Column], dict[str, ColumnName], "pl.DataFrame"],
     said: list[str],
+    wraps: Mapping[str, Wrap],
 ) -> Layout:
     (path, only), (given, names, first) = wanted, found
     why = {role: "asked for" if role in _asked_for(table, asked) else "format" for role in given}
     named, fitted = dict(given), None
     if not set(FORCE) & set(given):
-        choice = chosen(Columns(table.columns, names, _readings(first, asked), per_g_of(asked.unit)), path)
+        choice = chosen(Columns(table.columns, names, _readings(names, first, asked), per_g_of(asked.unit)), path)
         if choice is not None:
             fitted = choice.size
             said += choice.said
@@ -152,9 +166,12 @@ def _layout(
     check_units(table, named, asked, path)
     named, words = _readable(table, named, asked, first, path)
     said += words
-    named = _scaled(named, asked)
+    named = in_range(table, _scaled(named, asked), asked, first, wraps)
     force = np.stack([numbers_of(first, named[role]) for role in FORCE], axis=1)
     lengths = np.linalg.norm(force, axis=1)
+    # Erased memory and sensors that do not answer have one number on all axes; it says nothing of the unit.
+    if (different := np.ptp(force, axis=1) > 0).any():
+        lengths[~different] = np.nan
     if np.isnan(lengths).all():
         there = ", ".join(named[role].name for role in FORCE)
         raise InputError(f"{path}: no row holds a number in each of {there}; another layout; give --columns")
@@ -233,12 +250,21 @@ def _needed(table: SourceTable, given: Mapping[str, Column], names: Mapping[str,
     ]
 
 
-def _readings(first: "pl.DataFrame", asked: Asked) -> Callable[[str, int], np.ndarray]:
-    """The numbers of a column, with the scale and the offset that a user gives for the axis that it may be."""
+def _readings(names: Mapping[str, ColumnName], first: "pl.DataFrame", asked: Asked) -> Callable[[str, int], np.ndarray]:
+    """The numbers of a column, with the scale and the offset that a user gives for the axis that it may be; in the range of
+    their type, as the triples of names show it."""
     scale, offset = _per_axis(asked.scale, "--scale", 1.0), _per_axis(asked.offset, "--offset", 0.0)
+    wraps = dict[str, Wrap]()
+    for triple in triples_of({name: own for name, own in names.items() if name in first.columns}):
+        columns = {
+            role: Column(name, "", scale.get(role, 1.0)) for role, name in zip(FORCE, triple.columns, strict=True)
+        }
+        found = wraps_of(columns, first, per_g_of(asked.unit))
+        wraps |= {columns[role].name: wrap for role, wrap in found.items() if wrap}
 
     def readings(name: str, axis: int) -> np.ndarray:
-        return numbers_of(first, Column(name, "", scale.get(FORCE[axis], 1.0), offset.get(FORCE[axis], 0.0)))
+        column = Column(name, "", scale.get(FORCE[axis], 1.0), offset.get(FORCE[axis], 0.0), wraps.get(name))
+        return numbers_of(first, column)
 
     return readings
 

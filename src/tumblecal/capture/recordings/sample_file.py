@@ -4,41 +4,38 @@ Columns: `time_s`; `ax_g`, `ax_ms2` (m/s^2), `ax_mg` or `ax_counts`; `gx_dps`, `
 knows, `gx_raw`; `temperature_degc`; `position`, `run`, `mount`, `alpha_deg`, `beta_deg`, `approach`.
 """
 
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from shutil import copyfile
+from tempfile import TemporaryDirectory
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tumblecal.capture.recordings import source_tables
-from tumblecal.capture.recordings.clock_text import FORMS, seconds_of
-from tumblecal.capture.recordings.column_names import LABELS, NUMBERS
+from tumblecal.capture.recordings.column_names import LABELS
 from tumblecal.capture.recordings.contents import RATE_KEYS, Contents
 from tumblecal.capture.recordings.damage import Damage
 from tumblecal.capture.recordings.guesses import guessed
+from tumblecal.capture.recordings.number_range import Wrap, wraps_of_force
 from tumblecal.capture.recordings.options import Asked
 from tumblecal.capture.recordings.roles import Layout, has_force, layout_of
+from tumblecal.capture.recordings.row_repair import repaired_frames, repairs
+from tumblecal.capture.recordings.row_runs import RowRuns, row_runs
+from tumblecal.capture.recordings.sample_frames import WHOLE, frames_of, quantity_names
 from tumblecal.capture.recordings.table import SourceTable
-from tumblecal.capture.recordings.units import FORCE, RATE, Column
+from tumblecal.capture.recordings.units import FORCE, RATE
 from tumblecal.capture.sample_table import write_frames
-from tumblecal.data.cells import LARGEST_NUMBER
-from tumblecal.data.text_layout import ROW
+from tumblecal.data.parquet import pieces_in_order, scan_parquet
+from tumblecal.ground.atomic import written_aside
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import comments_of, gravity_of_option
-from tumblecal.ground.plain_text import CONTROLS
-from tumblecal.ground.text_file import shown
 
 
 if TYPE_CHECKING:
     import polars as pl
-
-# Columns of the frames of a table that is kept: its own columns as a struct, and whether a row holds a whole reading.
-OWN, WHOLE = "\x00own", "\x00whole"
-# Beyond this share of rows that cannot be read, the layout is wrong, not some lines.
-_MOST_UNREADABLE = 0.2
-_SHOWN = 5
-_DAY_S = 86400
 
 
 @dataclass(frozen=True)
@@ -56,14 +53,21 @@ class SampleStream:
 
 
 def sample_stream(
-    path: Path, asked: Asked, *, by: str = "", in_force_units: bool = False, needed: Collection[str] | None = None
+    path: Path,
+    asked: Asked,
+    *,
+    by: str = "",
+    in_force_units: bool = False,
+    needed: Collection[str] | None = None,
+    wraps: Mapping[str, Wrap] = MappingProxyType({}),
 ) -> SampleStream:
-    """The samples of a recording.
+    """The samples of a recording, row by row as they are; damage of rows is repaired by `write_samples`.
 
     **Arguments:**
 
     - `by`: column that becomes `position`. `in_force_units`: counts become g; refuse those of which nobody knows how many.
     - `needed`: quantities that are wanted of a table whose columns are kept; what else is in it may be anything.
+    - `wraps`: of numbers that left the range of their type, by quantity; found in the first rows if empty.
 
     **Raises:** `InputError` for a recording that cannot be read, or holds no accelerations.
     """
@@ -75,30 +79,99 @@ def sample_stream(
     damage = Damage()
     reader, tables = source_tables(path, asked, damage)
     table = _chosen(path, tables, asked)
-    layout = layout_of(table, asked, str(path), needed if table.sheet else None)
+    layout = layout_of(table, asked, str(path), needed if table.sheet else None, wraps)
     if in_force_units:
         with guessed(layout.said):
             layout = _in_force_units(layout, path)
     contents = Contents(reader, tables, layout, asked, damage)
-    schema = pl.Schema({name: pl.String if name in LABELS else pl.Float64 for name in _named(layout).values()})
+    schema = pl.Schema({name: pl.String if name in LABELS else pl.Float64 for name in quantity_names(layout).values()})
     return SampleStream(
         contents,
-        _whole_rows(_frames(layout, contents, str(path), ())),
+        _whole_rows(frames_of(layout, contents, str(path), ())),
         schema,
         _comments(contents, path),
-        lambda own: _frames(layout, contents, str(path), own),
+        lambda own: frames_of(layout, contents, str(path), own),
     )
 
 
-def write_samples(path: Path, out: Path, asked: Asked, *, by: str = "", in_force_units: bool = False) -> Contents:
-    """Write the samples of a recording as the one table, Parquet or CSV by the name of `out`.
+def write_samples(
+    path: Path, out: Path, asked: Asked, *, by: str = "", in_force_units: bool = False, means: bool = False
+) -> Contents:
+    """Write the samples of a recording as the one table, Parquet or CSV by the name of `out`, with damaged rows repaired.
 
-    **Arguments, raises:** as `sample_stream`.
+    **Arguments, raises:** as `sample_stream`; `means`: rows are no samples but means, which are not repaired.
     """
-    samples = sample_stream(path, asked, by=by, in_force_units=in_force_units)
-    with guessed(samples.contents.layout.said):
-        write_frames(out, samples.frames, samples.schema, samples.comments)
-    return samples.contents
+    with TemporaryDirectory() as folder:
+        rows = Path(folder) / "rows.parquet"
+
+        def written(wraps: Mapping[str, Wrap]) -> SampleStream:
+            samples = sample_stream(path, asked, by=by, in_force_units=in_force_units, wraps=wraps)
+            with guessed(samples.contents.layout.said):
+                write_frames(rows, samples.frames, samples.schema, samples.comments)
+            return samples
+
+        samples = written({})
+        contents = samples.contents
+        if not means:
+            look = _RangeCheck(contents.layout)
+            runs = _runs(rows, contents, look)
+            if look.wraps:
+                samples = written(look.wraps)
+                contents = samples.contents
+                runs = _runs(rows, contents, look)
+            contents = _repaired(rows, runs, contents, path, samples.schema)
+        if out.suffix == ".parquet":
+            with written_aside(out) as aside:
+                copyfile(rows, aside)
+        else:
+            table, _, comments = scan_parquet(rows, check=False)
+            write_frames(out, pieces_in_order(table), samples.schema, comments)
+    return contents
+
+
+class _RangeCheck:
+    """Looks at all rows for numbers that left the range of their type, where the first rows do not show it."""
+
+    def __init__(self, layout: Layout):
+        self.columns = [layout.columns[role] for role in FORCE]
+        self.wraps: dict[str, Wrap] = {}
+
+    def __call__(self, force: np.ndarray) -> None:
+        if self.wraps or any(column.wrap for column in self.columns):
+            return
+        scale = np.array([column.scale for column in self.columns])
+        # As in the source: a reading is scale (number - offset).
+        numbers = np.round(force / scale + [column.offset for column in self.columns], 9)
+        found = wraps_of_force(numbers, scale)
+        self.wraps = {role: wrap for role, wrap in zip(FORCE, found or [], strict=False) if wrap}
+
+
+def _runs(rows: Path, contents: Contents, look: Callable[[np.ndarray], None]) -> RowRuns:
+    named = quantity_names(contents.layout)
+    channels = [named[role] for role in (*FORCE, *RATE) if role in named]
+    return row_runs(rows, channels, timed="time" in named, look=look)
+
+
+def _repaired(rows: Path, runs: RowRuns, contents: Contents, path: Path, schema: "pl.Schema") -> Contents:
+    """The contents of the table `rows` after each kind of damage in it is repaired."""
+    for find in repairs():
+        repair = find(runs, contents)
+        if repair is None:
+            continue
+        contents = contents.uncounted()
+        contents.samples_per_row *= repair.samples_per_row
+        for record in repair.records:
+            contents.damage.add(record)
+        frames = _counted(repaired_frames(rows, repair, contents), contents)
+        write_frames(rows, frames, schema, _comments(contents, path))
+        runs = _runs(rows, contents, lambda _: None)
+    return contents
+
+
+def _counted(frames: Iterator["pl.DataFrame"], contents: Contents) -> Iterator["pl.DataFrame"]:
+    for frame in frames:
+        contents.add(frame)
+        yield frame
 
 
 def _chosen(path: Path, tables: list[SourceTable], asked: Asked) -> SourceTable:
@@ -132,14 +205,6 @@ def _in_force_units(layout: Layout, path: Path) -> Layout:
     return replace(layout, columns=dict(layout.columns) | in_g)
 
 
-def _named(layout: Layout) -> dict[str, str]:
-    """The columns' names in the one table, by quantity."""
-    order = ("time", *FORCE, *RATE, "temperature", *NUMBERS, *LABELS)
-    names = {"time": "time_s", "temperature": "temperature_degc"}
-    units = {role: f"{role}_{column.unit}" for role, column in layout.columns.items() if role in (*FORCE, *RATE)}
-    return {role: (names | units).get(role, role) for role in order if role in layout.columns}
-
-
 def _comments(contents: Contents, path: Path) -> dict[str, str]:
     kept = {key: value for key, value in contents.layout.table.comments.items() if key not in RATE_KEYS}
     if contents.layout.per_g:
@@ -152,67 +217,3 @@ def _comments(contents: Contents, path: Path) -> dict[str, str]:
 
 def _whole_rows(frames: Iterator["pl.DataFrame"]) -> Iterator["pl.DataFrame"]:
     return (frame.filter(WHOLE).drop(WHOLE) for frame in frames)
-
-
-def _frames(layout: Layout, contents: Contents, path: str, own: Sequence[str]) -> Iterator["pl.DataFrame"]:
-    """The rows, a piece at a time, as `SampleStream.frames_with`; rows without a whole reading are counted."""
-    import polars as pl
-
-    named = _named(layout)
-    wanted = list(dict.fromkeys(layout.columns[role].name for role in named))
-    needed = [named[role] for role in (*FORCE, *RATE, "time", *NUMBERS) if role in named]
-    begin = np.nan
-    seen = 0
-    for piece in layout.table.pieces(list(dict.fromkeys([*wanted, *own]))):
-        frame = piece.select(
-            _expression(layout.columns[role]).alias(name) if role not in LABELS else
-            pl.col(layout.columns[role].name).cast(pl.String).str.replace_all(CONTROLS, "?").alias(name)
-            for role, name in named.items()
-        )  # fmt: skip
-        if "time_s" in frame.columns and len(frame):
-            begin = next(iter(frame["time_s"].drop_nans().drop_nulls().head(1)), np.nan) if np.isnan(begin) else begin
-            frame = frame.with_columns(pl.col("time_s") - begin)
-            clock = layout.columns["time"]
-            shown_s = begin + clock.offset * (_DAY_S if clock.unit in FORMS else clock.scale)
-            contents.begin_s = shown_s + layout.table.zero_s()
-        # Numbers that no quantity has are damage, and would overflow the sums of squares.
-        usual = pl.col(needed).abs() < LARGEST_NUMBER
-        whole = frame.select(pl.all_horizontal(usual.fill_null(False))).to_series()
-        if not whole.all():
-            rows = np.flatnonzero(~whole.to_numpy())
-            contents.unreadable += len(rows)
-            contents.first_unread = contents.first_unread or _unread_in(layout, piece, frame, int(rows[0]))
-            places = piece[ROW].to_numpy() if ROW in piece.columns else np.arange(seen + 1, seen + len(piece) + 1)
-            contents.places += (
-                places[rows[: _SHOWN - len(contents.places)]].tolist() if len(contents.places) < _SHOWN else []
-            )
-        seen += len(piece)
-        if contents.unreadable > max(_SHOWN, _MOST_UNREADABLE * seen):
-            raise InputError(
-                f"{path}:{layout.table.row_word} {contents.places[0]}: {contents.unreadable} of {seen} rows cannot be read "
-                f"as {', '.join(wanted)}; the first {contents.first_unread}: another layout; give --columns"
-            )
-        contents.add(frame if whole.all() else frame.filter(whole))
-        columns = [piece.select(own).to_struct(OWN)] if own else []
-        yield frame.with_columns(whole.alias(WHOLE), *columns)
-    if not contents.rows:
-        raise InputError(f"{path}: no rows")
-
-
-def _unread_in(layout: Layout, piece: "pl.DataFrame", frame: "pl.DataFrame", row: int) -> str:
-    """Which cell of a row is no number; that cells are missing where its text is not kept."""
-    for role, name in _named(layout).items():
-        value = frame[name].cast(float).to_numpy()[row] if role in (*FORCE, *RATE, "time", *NUMBERS) else 0.0
-        if not abs(value) < LARGEST_NUMBER:
-            cell = piece[layout.columns[role].name][row]
-            return f"for column {layout.columns[role].name}" + ("" if cell is None else f", {shown(cell)}")
-    return "for its cells"
-
-
-def _expression(column: Column) -> "pl.Expr":
-    import polars as pl
-
-    if column.unit in FORMS:
-        return seconds_of(column.name, column.unit, column.offset)
-    values = pl.col(column.name).cast(pl.Float64, strict=False)
-    return (values - column.offset) * column.scale

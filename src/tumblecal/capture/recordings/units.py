@@ -1,6 +1,7 @@
 """Units of a recording's columns: as asked, as named, or guessed from the size of gravity and the rate, which is said."""
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -8,6 +9,7 @@ import numpy as np
 
 from tumblecal.capture.protocols.line_columns import UNITS_PER_G
 from tumblecal.capture.recordings.clock_text import form_of, seconds_of
+from tumblecal.capture.recordings.number_range import Wrap, wraps_of_force, wraps_of_rates
 from tumblecal.capture.recordings.options import Asked
 from tumblecal.capture.recordings.table import SourceTable
 from tumblecal.data.cells import LARGEST_NUMBER
@@ -36,12 +38,16 @@ _RATE_UNITS = {"dps": "dps", "deg/s": "dps", "°/s": "dps", "rad/s": "rads", "ra
 
 @dataclass(frozen=True)
 class Column:
-    """Where a quantity stands: `name` in the source; a reading is `scale (number - offset)` in `unit`."""
+    """Where a quantity is: `name` in the source; a reading is `scale (number - offset)` in `unit`.
+
+    `wrap`: how numbers that left the range of their type come back into it, before that.
+    """
 
     name: str
     unit: str = ""
     scale: float = 1.0
     offset: float = 0.0
+    wrap: Wrap | None = None
 
 
 def numbers_of(frame: "pl.DataFrame", column: Column) -> np.ndarray:
@@ -49,7 +55,9 @@ def numbers_of(frame: "pl.DataFrame", column: Column) -> np.ndarray:
     import polars as pl
 
     values = frame[column.name].cast(pl.Float64, strict=False).to_numpy()
-    return column.scale * (np.where(np.abs(values) < LARGEST_NUMBER, values, np.nan) - column.offset)
+    values = np.where(np.abs(values) < LARGEST_NUMBER, values, np.nan)
+    values = column.wrap.corrected(values) if column.wrap else values
+    return column.scale * (values - column.offset)
 
 
 def _with_unit(named: dict[str, Column], roles: tuple[str, ...], unit: str) -> dict[str, Column]:
@@ -138,6 +146,34 @@ def rate_unit(table: SourceTable, named: dict[str, Column], asked: Asked) -> tup
     words = [] if unit else ["unit of the angular rates not known: kept as they are (--gyro-unit says it)"]
     # Where the accelerations are counts, the rates are.
     return _with_unit(named, rates, unit or ("counts" if named["ax"].unit == "counts" else "raw")), words
+
+
+def in_range(
+    table: SourceTable, named: dict[str, Column], asked: Asked, first: "pl.DataFrame", known: Mapping[str, Wrap]
+) -> dict[str, Column]:
+    """The columns with how numbers beyond the range of their type come back into it: as `known`, or as the first rows show."""
+    if known:
+        return {role: replace(column, wrap=known.get(role)) for role, column in named.items()}
+    per_g = (
+        per_g_of(asked.unit)
+        or table.per_unit.get("a")
+        or UNITS_PER_G.get(_own_unit(named, FORCE).replace("ms2", "m/s2"))
+    )
+    wraps = wraps_of(named, first, per_g)
+    return {role: replace(column, wrap=wraps.get(role)) for role, column in named.items()}
+
+
+def wraps_of(named: Mapping[str, Column], first: "pl.DataFrame", per_g: float | None) -> dict[str, Wrap | None]:
+    """How numbers beyond the range of their type come back into it, of accelerations and rates; `per_g`: as `per_g_of`."""
+    wraps = dict[str, Wrap | None]()
+    for roles in (FORCE, tuple(role for role in RATE if role in named)):
+        if not roles:
+            continue
+        numbers = np.stack([numbers_of(first, Column(named[role].name)) for role in roles], axis=1)
+        scale = np.array([named[role].scale for role in roles])
+        found = wraps_of_force(numbers, scale, per_g) if roles == FORCE else wraps_of_rates(numbers)
+        wraps |= dict(zip(roles, found or [], strict=False))
+    return wraps
 
 
 def unit_of_step(step: float) -> str:

@@ -1,0 +1,241 @@
+"""Numbers that left the range of their type: negative ones written as unsigned, and values that overflowed.
+
+A type of n bits is a circle of 2^n steps, cut at the ends of its range. If the readings of an axis pass that cut, rows jump by
+nearly the full range where the reading changes by little. Two ways to read such numbers are tried: as signed (the upper half
+of the range is negative), and, for each axis, with every step the shorter one around the circle. One is used only if at least
+nine tenths of the jumps of more than half a range disappear and the readings fit gravity at least twice as well (their
+distance from a sphere, or the dispersion of their size). If nothing jumps (one attitude), integers are read as signed only if
+their size is then that of one g in a usual unit, and is not as written.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tumblecal.capture.protocols.line_columns import UNITS_PER_G
+from tumblecal.capture.recordings.damage import DamageRecord
+from tumblecal.ground.counted import counted
+from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
+
+
+if TYPE_CHECKING:
+    from tumblecal.capture.recordings.units import Column
+
+# Bits of the types that sensors and loggers have.
+_BITS = (8, 10, 12, 13, 14, 16, 18, 20, 24, 32)
+# Rows that are fitted, and rows from which the step is estimated.
+_FITTED_ROWS, _STEP_ROWS = 20_000, 50_000
+# Overflowed numbers reach the ends of the range within this share of it.
+_END = 1 / 16
+_BETTER = 0.5
+_USUAL = 1.3
+# Full scales of accelerometers, g, and the units in which they are written.
+_FULL_SCALES_G = np.array([1, 1.5, 2, 3, 4, 6, 8, 12, 16, 24, 30, 32, 48, 50, 64, 100, 200, 400])
+_WRITTEN_UNITS = np.array([1.0, 1000.0, STANDARD_GRAVITY_MS2, 9.8, 9.81])
+
+
+@dataclass(frozen=True)
+class Wrap:
+    """How numbers of a column come back into the range: those from `cut` on change by a negative `shift`, those below it by a
+    positive one."""
+
+    cut: float
+    shift: float
+
+    def concerns(self, numbers: NDArray) -> NDArray[np.bool_]:
+        """Which numbers change."""
+        return numbers >= self.cut if self.shift < 0 else numbers < self.cut
+
+    def corrected(self, numbers: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The numbers within the range."""
+        return numbers + self.shift * self.concerns(numbers)
+
+
+Wraps = tuple[Wrap | None, ...]
+
+
+def wraps_of_force(
+    numbers: NDArray[np.float64], scale: NDArray[np.float64], per_g: float | None = None
+) -> Wraps | None:
+    """How accelerations as written (n, 3) come back into the range of their type; None if they are in it.
+
+    **Arguments:**
+
+    - `numbers`: of the source, in the order of its rows. `scale` (3): a reading is `scale` times a number.
+    - `per_g`: how many units of a reading are one g, where that is known.
+    """
+    numbers = numbers[np.isfinite(numbers).all(1)]
+    # The same number on all axes is no reading but erased memory, or a sensor that does not answer.
+    numbers = numbers[~((numbers[:, 0] == numbers[:, 1]) & (numbers[:, 0] == numbers[:, 2]))]
+    if len(numbers) < 3:
+        return None
+    before = _jumps(numbers)
+    if before.max() <= _top(numbers) / 2:
+        return _of_one_attitude(numbers, scale, per_g)
+    misfit = _misfit(numbers, scale)
+    best: Wraps | None = None
+    least = np.inf
+    for full in _full_ranges(numbers, nominal=True):
+        if not (before > full / 2).any():
+            continue
+        for wraps in _ways(numbers, full):
+            corrected = _corrected(numbers, wraps)
+            after = _jumps(corrected)
+            if np.count_nonzero(after > full / 2) > 0.1 * np.count_nonzero(before > full / 2):
+                continue
+            own = _misfit(corrected, scale)
+            if (own < _BETTER * misfit).any():
+                # The range of the numbers' own steps comes first: others must be clearly better.
+                best, least = (wraps, own.prod()) if own.prod() < 0.7 * least else (best, least)
+                break
+    return best
+
+
+def wraps_of_rates(numbers: NDArray[np.float64]) -> Wraps | None:
+    """The same for angular rates (n, k), which are near zero at rest: by their jumps alone."""
+    numbers = numbers[np.isfinite(numbers).all(1)]
+    if len(numbers) < 3 or (numbers < 0).any():
+        return None
+    before = _jumps(numbers)
+    for full in _full_ranges(numbers, nominal=False):
+        wraps = _signed(full, numbers.shape[1])
+        jumping = np.count_nonzero(before > full / 2)
+        if jumping >= 3 and np.count_nonzero(_jumps(_corrected(numbers, wraps)) > full / 2) <= 0.1 * jumping:
+            return wraps
+    return None
+
+
+def wrapped_record(columns: Sequence["Column"], rows: int, first: int) -> DamageRecord:
+    """The record of numbers that were corrected in columns."""
+    names, wraps = [column.name for column in columns], [column.wrap for column in columns if column.wrap]
+    signed = all(wrap.shift < 0 and wrap.cut == -wrap.shift / 2 for wrap in wraps)
+    shifts = sorted({f"{abs(wrap.shift):.9g}" for wrap in wraps})
+    where = f"{', '.join(names)}: {counted(rows, 'row')}, first row {first}"
+    words = (
+        f"{where}: negative numbers written as unsigned ones; {' or '.join(shifts)} subtracted from the upper half of the range"
+        if signed
+        else f"{where}: numbers left the range of their type; changed by {' or '.join(shifts)}, one full range"
+    )
+    kind, largest = "unsigned" if signed else "overflow", max(abs(wrap.shift) for wrap in wraps)
+    return DamageRecord(kind, words, "corrected", rows, first, largest, "number of the source")
+
+
+def _corrected(numbers: NDArray[np.float64], wraps: Wraps) -> NDArray[np.float64]:
+    columns = [wrap.corrected(own) if wrap else own for wrap, own in zip(wraps, numbers.T, strict=True)]
+    return np.stack(columns, axis=1)
+
+
+def _jumps(numbers: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The largest step from row to row of any axis."""
+    return np.abs(np.diff(numbers, axis=0)).max(1, initial=0.0)
+
+
+def _signed(full: float, count: int) -> Wraps:
+    return (Wrap(full / 2, -full),) * count
+
+
+def _ways(numbers: NDArray[np.float64], full: float) -> list[Wraps]:
+    """The ways to read numbers of a type with this full range."""
+    ways = [_signed(full, numbers.shape[1])] if (numbers >= 0).all() else []
+    by_axis = tuple(_around_the_circle(own, full) for own in numbers.T)
+    return [*ways, by_axis] if any(by_axis) else ways
+
+
+def _around_the_circle(numbers: NDArray[np.float64], full: float) -> Wrap | None:
+    """How numbers change if every step is the shorter one around the circle and the range the one nearest to zero."""
+    lowest = 0.0 if numbers.min() >= 0 else -full / 2
+    ends = numbers.min() - lowest, lowest + full - numbers.max()
+    if max(ends) > _END * full:
+        return None
+    along = np.unwrap(numbers, period=full)
+    along -= full * np.round((along.max() + along.min()) / (2 * full))
+    moved = np.round((along - numbers) / full)
+    shifts = np.unique(moved)
+    if np.ptp(along) >= full or len(shifts) != 2 or 0 not in shifts:
+        return None
+    shift = float(shifts[shifts != 0][0])
+    other, own = (numbers[moved != 0], numbers[moved == 0])[:: 1 if shift > 0 else -1]
+    # Those below the cut are moved up, or those above it down.
+    return Wrap((other.max() + own.min()) / 2, shift * full) if other.max() < own.min() else None
+
+
+def _top(numbers: NDArray[np.float64]) -> float:
+    """The least that a full range can be."""
+    return float(numbers.max()) if numbers.min() >= 0 else 2 * float(np.abs(numbers).max())
+
+
+def _full_ranges(numbers: NDArray[np.float64], *, nominal: bool) -> list[float]:
+    """Full ranges that a type of these numbers may have: a power of two of their step, then those of usual full scales."""
+    top = _top(numbers)
+    if top <= 0:
+        return []
+    integers = bool((numbers == np.round(numbers)).all())
+    step = 1.0 if integers else step_of(numbers)
+    ranges = []
+    if step:
+        # The largest number of 16 bits is 65535; that of 16 bits with a sign is 32767, the smallest -32768.
+        bits = (round(top / step) - int(numbers.min() < 0)).bit_length()
+        ranges += [step * 2.0**own for own in _BITS if own >= bits][:1]
+    if nominal and not integers:
+        usual = np.unique(2 * np.outer(_FULL_SCALES_G, _WRITTEN_UNITS))
+        # Over the empty stretch, rounded steps may miscount by one.
+        ranges = [
+            float(usual[np.argmin(np.abs(usual - own))]) for own in ranges if np.abs(usual - own).min() < 2 * step
+        ] or ranges
+        ranges += usual[(usual > top * (1 - 1e-9)) & (usual < 2 * top)].tolist()
+    return ranges
+
+
+def step_of(numbers: NDArray[np.float64]) -> float:
+    """The step of which all numbers are multiples, as far as their digits show it; 0 if there is none."""
+    values = np.unique(numbers[:_STEP_ROWS])
+    apart = np.diff(values)
+    if not len(apart):
+        return 0.0
+    apart[apart < 1e-9 * (values[-1] - values[0])] = np.inf
+    smallest = apart.min()
+    # Digits that are cut off make equal steps differ.
+    step = float(apart[apart < 1.6 * smallest].mean())
+    away = np.sort(np.abs(values - values[int(np.argmin(apart))]))[1:]
+    reach, residual = 4 * step, 0.0
+    while True:
+        near = away[away <= reach]
+        multiple = np.round(near / step)
+        step = float(near @ multiple / (multiple @ multiple)) if multiple.any() else step
+        residual = float(np.sqrt(np.mean((near / step - multiple) ** 2))) if len(near) else 0.0
+        if reach >= away[-1] or residual > 0.2:
+            return step if residual <= 0.2 else 0.0
+        reach *= 4
+
+
+def _misfit(numbers: NDArray[np.float64], scale: NDArray[np.float64]) -> NDArray[np.float64]:
+    """How badly readings fit gravity, in their unit: typical distance from a sphere of any centre, dispersion of the size."""
+    force = (numbers * scale)[:: max(1, len(numbers) // _FITTED_ROWS)]
+    squares = (force**2).sum(1)
+    unit = float(np.abs(force).max()) or 1.0
+    design = np.column_stack([force / unit, np.ones(len(force))])
+    fitted = np.linalg.lstsq(design, squares / unit**2, rcond=None)[0]
+    residual = np.abs(squares / unit**2 - design @ fitted)
+    radius = float(np.sqrt(max(fitted[3] + (fitted[:3] ** 2).sum() / 4, 1e-12)))
+    size = np.sqrt(squares)
+    return np.array([unit * np.median(residual) / (2 * radius), np.quantile(size, 0.9) - np.quantile(size, 0.1)])
+
+
+def _of_one_attitude(numbers: NDArray[np.float64], scale: NDArray[np.float64], per_g: float | None) -> Wraps | None:
+    if (numbers < 0).any() or (numbers != np.round(numbers)).any():
+        return None
+    (full,) = _full_ranges(numbers, nominal=False) or [0.0]
+    wraps = _signed(full, numbers.shape[1])
+    corrected = _corrected(numbers, wraps)
+    if not full or (_jumps(numbers) > full / 2).any() or np.abs(corrected).max() > 0.45 * full:
+        return None
+    usual = [per_g] if per_g else list(UNITS_PER_G.values())
+
+    def one_g(values: NDArray[np.float64]) -> bool:
+        size = float(np.median(np.linalg.norm(values * scale, axis=1)))
+        return any(1 / _USUAL < size / unit < _USUAL for unit in usual)
+
+    return wraps if one_g(corrected) and not one_g(numbers) else None
