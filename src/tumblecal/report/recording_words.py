@@ -83,6 +83,10 @@ def rate_words(contents: "Contents") -> Iterator[str]:
         yield "the rate changes between {:.4g} and {:.4g} Hz: sd of means go by their average".format(
             *contents.mixed_rates
         )
+    if contents.missing:
+        yield f"{counted(contents.missing, 'sample')} missing by the clock"
+    if contents.equal_times:
+        yield f"{counted(contents.equal_times, 'sample')} with the time of the one before"
     back = [gap for gap in contents.gaps if gap[1] < 0]
     if back:
         yield f"the clock jumps back {counted(len(back), 'time')}, first at {back[0][0]:.2f} s; no interval goes across"
