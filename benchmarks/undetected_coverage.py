@@ -51,7 +51,8 @@ def parameters(own: Instrument, diagnosis: Diagnosis) -> tuple[np.ndarray, np.nd
     used, fit = diagnosis.in_use, diagnosis.extended
     here = [used.names.index(name) for name in SENSOR]
     off = used.values[here] - np.concatenate([truth["dK"], truth["bias"], truth["gamma"]])
-    without = np.diag(used.covariance - used.undetected.covariance)[here]
+    parts = used.parts
+    without = (parts["noise"] ** 2 + parts["explanations"] ** 2)[here]
     sizes = [
         fit.sd[[fit.names.index(name) for name in SENSOR]],
         np.sqrt(without),

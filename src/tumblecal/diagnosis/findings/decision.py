@@ -71,13 +71,14 @@ class Average:
     def parts(self) -> dict[str, Float[np.ndarray, " names"]]:
         """The standard uncertainties by their contributions, which add in quadrature: of the noise under the leading
         explanation, of the choice of the explanation, of undetected effects."""
-        fit, noise, undetected = self.weighed[0].fit, np.zeros(len(self.names)), np.zeros(len(self.names))
+        fit, whole, noise = self.weighed[0].fit, np.diag(self.covariance), np.zeros(len(self.names))
         noise[[self.names.index(name) for name in fit.names]] = np.diag(fit.covariance)
-        if self.undetected is not None:
-            undetected = np.diag(self.undetected.covariance)
-        # Where another explanation leaves less noise, the mean may be below that of the leading one.
-        noise = np.minimum(noise, np.diag(self.covariance) - undetected)
-        explanations = np.diag(self.covariance) - undetected - noise
+        undetected = np.zeros(len(self.names)) if self.undetected is None else np.diag(self.undetected.covariance)
+        # A named and an undetected effect that are correlated may add less than the second alone.
+        undetected = np.minimum(undetected, whole)
+        # Another explanation may leave less noise than the leading one.
+        noise = np.minimum(noise, whole - undetected)
+        explanations = whole - undetected - noise
         parts = {"noise": noise, "explanations": explanations, "undetected_effects": undetected}
         return {name: np.sqrt(np.maximum(variance, 0.0)) for name, variance in parts.items()}
 
