@@ -50,6 +50,7 @@ FORMS = {
     ),
     "the Arduino monitor, labels": ("", "{c} -> ax:{f[0]}\tay:{f[1]}\taz:{f[2]}", f"time {AXES}"),
     "a monitor with brackets": ("", "[{c}] {f[0]} {f[1]} {f[2]}", "time 2 3 4"),
+    "a clock and a blank": ("", "2026-03-01 {c} {f[0]},{f[1]},{f[2]}", "time 2 3 4"),
     "Serial Plotter, commas": ("", "ax:{f[0]},ay:{f[1]},az:{f[2]}", AXES),
     "Serial Plotter, tabs": (
         "",
@@ -77,6 +78,12 @@ FORMS = {
         "Accel: X={f[0]} Y={f[1]} Z={f[2]} Gyro: X={w[0]} Y={w[1]} Z={w[2]}",
         "Accel_X Accel_Y Accel_Z Gyro_X Gyro_Y Gyro_Z",
     ),
+    "a word at the beginning": ("", "IMU: ax={f[0]}, ay={f[1]}, az={f[2]}", AXES),
+    "units after labels": (
+        "",
+        "Scaled. Acc (mg) [ {f[0]:08.4f}, {f[1]:08.4f}, {f[2]:08.4f} ], Gyr (DPS) [ {w[0]}, {w[1]}, {w[2]} ]",
+        "Scaled._Acc.x_[mg] Scaled._Acc.y_[mg] Scaled._Acc.z_[mg] Gyr.x_[DPS] Gyr.y_[DPS] Gyr.z_[DPS]",
+    ),
     "a label and blanks": ("", "DATA: {f[0]} {f[1]} {f[2]}", "DATA.x DATA.y DATA.z"),
     "labels and blanks": ("", "ax {f[0]} ay {f[1]} az {f[2]}", AXES),
     "brackets": ("", "[{f[0]}, {f[1]}, {f[2]}]", "1 2 3"),
@@ -94,9 +101,10 @@ def test_numbers_between_words_are_those_written(tmp_path, name):
     assert [other.columns[0] for other in others] == (["Rotation X", "Temp [degC]"] if "three lines" in name else [])
     frame = pl.concat(table.pieces(table.columns))
     truth = {"f": FORCE, "w": RATE, "t": 10.0 * np.arange(ROWS)[:, None], "k": np.arange(ROWS)[:, None]}
-    own = re.findall(r"{(\w)(?:\[(\d)\])?}", row.partition("\n")[0])
+    own = re.findall(r"{(\w)(?:\[(\d)\])?(?::.*?)?}", row.partition("\n")[0])
     for column, (kind, axis) in zip(table.columns[-len(own) :], own, strict=True):
         cells = frame[column].to_list()
+        cells = [cell.removeprefix("2026-03-01 ") for cell in cells] if kind == "c" else cells
         assert cells == (CLOCK if kind == "c" else truth[kind][:, int(axis or 0)].tolist()), column
 
 

@@ -17,8 +17,11 @@ _NUMBER = (
     r"|(?<![\w.])[-+]?(?:nan|inf|NaN|Inf|NAN|INF)(?![\w.])"
 )
 _CELL = re.compile(rf"{_CLOCK}|{_NUMBER}")
-# What monitors put before each line: 10:00:00.000 -> or [10:00:00.000].
-_ARROW = re.compile(rf"^[ \t]*(?:[\[(<]({_CLOCK})[\])>][ \t]*(?:[:>]|->)?|({_CLOCK})[ \t]*[-=]?>)[ \t]*")
+# What monitors put before each line: 10:00:00.000 ->, [10:00:00.000], or a clock and a blank before cells between commas.
+_ARROW = re.compile(
+    rf"^[ \t]*(?:[\[(<]({_CLOCK})[\])>][ \t]*(?:[:>]|->)?|({_CLOCK})[ \t]*[-=]?>|({_CLOCK}) +(?=[-+.\d]+[,;|\t]))"
+    r"[ \t]*(?![,;|])"
+)
 _UNIT = re.compile(
     r"\s?([\[(]?(?:m/s\^?2|m/s²|m?[gG]|deg/s|°/s|dps|rad/s|°?C|deg ?C|[mun]?s|uT|µT|%)[\])]?)(?=[\s,;|}]|$)"
 )
@@ -60,7 +63,7 @@ def without_clock(lines: Sequence[str]) -> list[str] | None:
 
 def clock_form(separator: str) -> LineForm:
     """The form of lines that begin so; the clock becomes the first cell."""
-    return LineForm(re.compile(_ARROW.pattern.encode(), re.MULTILINE), rb"\1\2" + separator.encode())
+    return LineForm(re.compile(_ARROW.pattern.encode(), re.MULTILINE), rb"\1\2\3" + separator.encode())
 
 
 def has_words(rows: Sequence[Sequence[str]]) -> bool:
@@ -126,31 +129,41 @@ def _word(word: str) -> bytes:
 
 def _names(texts: Sequence[str], cells: Sequence[str]) -> tuple[str, ...]:
     """The names of cells by the texts around them; three cells after one label are its x, y and z."""
-    units = [_UNIT.match(text) for text in texts[1:]]
-    before = [texts[0], *(text[unit.end() :] if unit else text for text, unit in zip(texts[1:], units, strict=True))]
-    labels = [_label(text) for text in before[: len(cells)]]
-    for k, cell in enumerate(cells):
-        if not labels[k] and "time" not in labels and re.fullmatch(_CLOCK, cell):
-            labels[k] = "time"
-    # Numbers before the first label have no name.
-    starts = [k for k, label in enumerate(labels) if label or not any(labels[:k])]
-    names, words = list[str](), ""
+    behind = [_UNIT.match(text) for text in texts[1:]]
+    before = [texts[0], *(text[unit.end() :] if unit else text for text, unit in zip(texts[1:], behind, strict=True))]
+    labels, units = map(list, zip(*map(_label, before[: len(cells)]), strict=True))
+    words = labels[0].split()
+    if len(words) > 1 and len(words[-1]) > 1 and re.sub("([xX])$", _next_axis, words[-1]) in labels:
+        # IMU: ax=0.1, ay=0.2: the first word is that of the line.
+        labels[0] = words[-1]
+    clocks = [not label and bool(re.fullmatch(_CLOCK, cell)) for label, cell in zip(labels, cells, strict=True)]
+    # Numbers before the first label, and after a clock, have no name.
+    starts = [k for k, label in enumerate(labels) if label or clocks[k] or not any(labels[:k]) or clocks[k - 1]]
+    names, group = list[str](), ""
     for start, stop in zip(starts, [*starts[1:], len(labels)], strict=True):
-        label, count = labels[start], stop - start
+        label, count = "time" if clocks[start] else labels[start], stop - start
         if re.fullmatch("[xyzXYZ]", label):
             # A lone letter of an axis has the words of the label before it.
-            label = words + label
+            label = group + label
         elif match := re.fullmatch(r"(.+?[ ._]?)[xX]", label):
-            words = match[1]
+            group = match[1]
         ends = [""] if count == 1 else [".x", ".y", ".z"] if count == 3 else [f".{k + 1}" for k in range(count)]
-        for k, end in enumerate(ends):
-            name = f"{label}{end}" if label else str(start + k + 1)
-            names.append(name if name not in names else f"{name}#{start + k + 1}")
-    return tuple(f"{name} [{unit[1].strip('[]()')}]" if unit else name for name, unit in zip(names, units, strict=True))
+        for k, end in enumerate(ends, start):
+            name, unit = f"{label}{end}" if label else str(k + 1), behind[k]
+            name = name if name not in names else f"{name}#{k + 1}"
+            names.append(f"{name} [{own}]" if (own := unit[1].strip("[]()") if unit else units[start]) else name)
+    return tuple(names)
 
 
-def _label(text: str) -> str:
-    """The words that name the next number: the last between separators and brackets."""
-    parts = [part.strip(" \t:=>'\"-#$*@!?/") for part in re.split(r"[,;|\t\[\](){}<>]|\s{2,}", text)]
+def _next_axis(match: re.Match[str]) -> str:
+    return chr(ord(match[1]) + 1)
+
+
+def _label(text: str) -> tuple[str, str]:
+    """The words that name the next number, the last between separators and brackets, and the unit in brackets after them."""
+    text = text.rstrip(" \t:=[({<\"'")
+    unit = re.search(r"[\[(]([^\[\](){}]*)[\])]$", text)
+    parts = re.split(r"[,;|\t\[\](){}<>]|\s{2,}", text[: unit.start()] if unit else text)
+    parts = [part.strip(" \t:=>'\"-#$*@!?/") for part in parts]
     words = next((part for part in reversed(parts) if re.search("[^\\W\\d_]", part)), "")
-    return re.sub(r"\s*[:=]\s*", " ", words)
+    return re.sub(r"\s*[:=]\s*", " ", words), unit[1].strip() if unit and words else ""

@@ -52,7 +52,8 @@ def sought_layouts(path: Path, asked: Asked) -> tuple[dict[str, TextLayout], dic
     form = clock_form(separator) if plain else None
     found = _rows_of(path, written, separator, form, asked, len(body))
     if (found is None or (not found.names and _is_labelled(found.good))) and (forms := word_forms(middle)):
-        return {name: _layout_of_form(path, written, form) for name, form in forms.items()}, _stated(written, [], 0)
+        layouts = {name: _layout_of_form(path, written, form) for name, form in forms.items()}
+        return layouts, _stated(written, [], min(layout.first_line for layout in layouts.values()) - 1)
     if found is None:
         _refuse_no_rows(path, body, separator)
     names, width = found.names, len(found.good[0])
@@ -63,7 +64,7 @@ def sought_layouts(path: Path, asked: Asked) -> tuple[dict[str, TextLayout], dic
     numeric = [2 * numbers_in(cells) > len(cells) for cells in columns]
     told = [*found.good, *(row for row in _later_rows(path, separator, form) if len(row) == width)]
     layout = TextLayout(path, names, separator, _marks(path, names, told, numeric), found.header, found.first + 1, form)
-    return {"": layout}, _stated(written, found.rows, found.first)
+    return {"": layout}, _stated(written, [] if form else found.rows, found.first)
 
 
 def _is_labelled(rows: list[list[str]]) -> bool:
