@@ -126,6 +126,8 @@ def test_a_bad_cell_far_down_leaves_nothing(tumblecal, tmp_path, small_pieces):
     ("unit", "rows", "words"),
     [
         ("g", {}, []),
+        # At rest, with an offset of 0.6 g and coarse steps.
+        ("g", {k: [0, 0.015625, 1.671875] for k in range(5, 40)}, []),
         ("g", {20: [0, 3.5, 1], 33: [0, 0, -4]}, ["2 of 40 rows (the first: line 22) are beyond 2 g, up to 4 g"]),
         (
             "g",

@@ -18,9 +18,9 @@ _NO_UNIT_G = 10.0
 _LIKE = (0.816, 1.183)
 _ONE_G = {"g": 1.0, "mg": 1e3, "ms2": STANDARD_GRAVITY_MS2}
 _NAMES = {"g": "g", "mg": "mg", "ms2": "m/s^2"}
-# No triad at rest reads more, whatever its bias, and so many equal readings at the end of all follow one another there by
-# chance only where the numbers are coarse.
-_RESTING_G = 1.5
+# No triad at rest reads more, with a bias of 0.6 g and a scale in error by 10 %, and so many equal readings at the end of all
+# follow one another there by chance only where the numbers are coarse.
+_RESTING_G = 1.75
 _FEWEST_AT_END = 3
 
 

@@ -101,7 +101,7 @@ def interval_words(stillness: "Stillness") -> Iterator[str]:
     c = stillness.criterion
     yield (
         f"{counted(len(stillness.used), 'still interval')} (a still second is refused with probability {c.false_alarm:g} "
-        f"on an axis; at least {c.least_s:g} s, {c.guard_s:g} s left out at both ends)"
+        f"on an axis; at least {c.least_s:g} s, {c.guard_s:g} s left out beside movement)"
     )
     if stillness.joins:
         follow = "interval follows the one" if stillness.joins == 1 else "intervals follow the ones"

@@ -16,6 +16,7 @@ from tumblecal.noise.dwell_sd import white_sd
 
 # A terminal as wide as this shows a position a row; a narrower one an axis a row, the narrowest without sd / sqrt(n).
 _WIDE, _NARROW = 110, 72
+_SHOWN = 8
 
 
 def print_reduction(reduction: Reduction) -> None:
@@ -35,10 +36,14 @@ def print_reduction(reduction: Reduction) -> None:
 
 
 def unusual_words(reduction: Reduction) -> Iterator[str]:
-    """What the checks of the dwells found, a line for each position with something unusual."""
+    """What the checks of the dwells found that is unusual, a line for each position, or for all with the same findings."""
+    positions: dict[str, list[str]] = {}
     for name, check in zip(reduction.data.names, reduction.checks, strict=True):
         if check.warnings:
-            yield f"{name}: {'; '.join(check.warnings)}"
+            positions.setdefault("; ".join(check.warnings), []).append(name)
+    for words, names in positions.items():
+        more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
+        yield f"{', '.join(names[:_SHOWN])}{more}: {words}"
 
 
 def _sizes(data: PositionSet, dwells: Sequence[NDArray[np.float64]]) -> tuple[NDArray, NDArray]:
