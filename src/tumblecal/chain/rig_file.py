@@ -18,6 +18,8 @@ from tumblecal.ground.toml_faults import located
 from tumblecal.ground.units import factor, quantity, reading_sd
 
 
+# Conditions that a plan may state for each position.
+_CONDITIONS = ("time_s", "temperature_degc", "approach")
 # A plan larger than this is a slip of the keyboard.
 MOST_POSITIONS = 100_000
 
@@ -52,13 +54,16 @@ Angles = Annotated[
 
 
 class Position(Strict):
-    """One position of a plan that is not a grid."""
+    """One position of a plan that is not a grid; time, temperature and approach are those of every position or of none."""
 
     alpha_deg: Number
     beta_deg: Number
     name: Line | None = None
     mount: Line = "1"
     run: Line = "1"
+    time_s: Number | None = None
+    temperature_degc: Number | None = None
+    approach: Literal[-1, 1] | None = None
 
 
 class Ramp(Strict):
@@ -72,7 +77,7 @@ class PlanTable(Strict):
     """The `[plan]` table: a grid (alpha_deg x beta_deg) or a list of positions.
 
     `interval_s` is the time from one position to the next, `temperature_degc` the triad's from first to last,
-    `approach` the sense in which the spindle is turned into its positions.
+    `approach` the sense in which the spindle is turned into its positions; listed positions may state their own.
     """
 
     alpha_deg: Angles | None = None
@@ -89,6 +94,14 @@ class PlanTable(Strict):
         is_grid = self.alpha_deg is not None and self.beta_deg is not None
         if is_grid == (self.positions is not None):
             raise ValueError("give either alpha_deg and beta_deg (a grid), or positions")
+        for column in _CONDITIONS:
+            stated = [getattr(position, column) is not None for position in self.positions or []]
+            if any(stated) and not all(stated):
+                raise ValueError(
+                    f"positions: {column} is stated for {sum(stated)} of {len(stated)}; state all, or none"
+                )
+            if any(stated) and (self.interval_s if column == "time_s" else getattr(self, column)) is not None:
+                raise ValueError(f"{column} is stated for the plan and for its positions; state one of them")
         count = self._count
         if not 0 < count <= MOST_POSITIONS:
             raise ValueError(f"{count} positions; give 1 to {MOST_POSITIONS}")
@@ -106,13 +119,16 @@ class PlanTable(Strict):
         signs = {None: None, "positive": [1.0], "negative": [-1.0], "alternating": [1.0, -1.0]}[self.approach]
         step = self.interval_s
         ramp = self.temperature_degc
+        if self.positions is not None:
+            stated = {name: tuple(getattr(position, name) for position in self.positions) for name in _CONDITIONS}
+            plan = replace(plan, **{name: values for name, values in stated.items() if None not in values})
         return replace(
             plan,
-            time_s=None if step is None else tuple(step * number for number in range(count)),
-            temperature_degc=None
+            time_s=plan.time_s if step is None else tuple(step * number for number in range(count)),
+            temperature_degc=plan.temperature_degc
             if ramp is None
             else tuple(ramp.start + (ramp.end - ramp.start) * number / max(count - 1, 1) for number in range(count)),
-            approach=None if signs is None else tuple(signs[number % len(signs)] for number in range(count)),
+            approach=plan.approach if signs is None else tuple(signs[number % len(signs)] for number in range(count)),
         )
 
     def _bare(self) -> Plan:

@@ -11,13 +11,15 @@ from tumblecal.ground.atomic import writable_folder, write_texts
 from tumblecal.planning import NextPlan
 from tumblecal.report.diagnosis_calibration import extended_calibration
 from tumblecal.report.diagnosis_file import json_text, record
+from tumblecal.report.extended_rig import NAME as EXTENDED_RIG
+from tumblecal.report.extended_rig import extended_rig_text
 from tumblecal.report.next_plan_files import write_next_plan
 
 
 def write_diagnosis(
     folder: Path, diagnosis: Diagnosis, plan: NextPlan, *, figures: bool, said: Mapping[str, Any] | None = None
 ) -> list[str]:
-    """Write diagnosis.json, verdict.txt, calibration.json and plans where there are any, the figures and the page.
+    """Write diagnosis.json, verdict.txt, calibration.json, extended_rig.toml and plans if there are any, figures and page.
 
     **Arguments:**
 
@@ -32,6 +34,8 @@ def write_diagnosis(
     if calibration is not None:
         provenance = calibration.provenance | dict(said or {})
         texts["calibration.json"] = calibration_text(replace(calibration, provenance=provenance))
+    if rig := extended_rig_text(diagnosis):
+        texts[EXTENDED_RIG] = rig
     write_texts(folder, texts)
     names = [*texts, *write_next_plan(folder, diagnosis, plan)]
     if figures:
