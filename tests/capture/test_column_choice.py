@@ -46,7 +46,7 @@ def test_headers_of_loggers(header):
         return
     layout = chosen(table, rate=20.0)
     assert [codes[layout.columns[f"a{axis}"].name] for axis in "xyz"] == ["ax", "ay", "az"]
-    if "gx" in header.codes and "a wrong unit" not in header.source and "rotationRate.alpha" not in header.names:
+    if "gx" in layout.columns:
         assert [codes[layout.columns[f"g{axis}"].name] for axis in "xyz"] == ["gx", "gy", "gz"]
     if any(code[0] == "t" for code in header.codes):
         assert codes[layout.columns["time"].name][0] == "t"

@@ -69,7 +69,8 @@ def chosen(columns: Columns, path: str) -> Choice | None:
     named = [triple for triple in triples if triple.name.quantity == "acceleration"]
     if named:
         force, why, said = _named(columns, named, path)
-    elif any(name.quantity == "acceleration" and name.axis for name in columns.names.values()):
+    elif accelerations := [name for name, own in columns.names.items() if own.quantity == "acceleration"]:
+        _ask_for_axes(columns, accelerations, path)
         return None
     else:
         unnamed = [triple for triple in triples if triple.name.quantity in ("", "letter")]
@@ -80,6 +81,16 @@ def chosen(columns: Columns, path: str) -> Choice | None:
     rate, rate_why, more = _rate(columns, triples, force)
     fit = columns.size(force).fit if force.columns in columns._sizes else None
     return Choice(force, rate, why, rate_why, fit.size if fit is not None and fit.fits else None, (*said, *more))
+
+
+def _ask_for_axes(columns: Columns, accelerations: list[str], path: str) -> None:
+    """Ask which is which, where three columns or more are accelerations of other axes than x, y, z (forwards, up)."""
+    if len(accelerations) >= len(AXES):
+        first = Triple(tuple(accelerations[: len(AXES)]), _NAMELESS)  # type: ignore[arg-type]
+        raise InputError(
+            f"{path}: {', '.join(accelerations)} are accelerations, but not of axes x, y, z; say which is which, such as: "
+            f"{columns.option(first)}"
+        )
 
 
 def _named(columns: Columns, named: list[Triple], path: str) -> tuple[Triple, str, list[str]]:
@@ -148,7 +159,7 @@ def _without_gravity(columns: Columns, triples: list[Triple]) -> str:
 
 def _by_axes(columns: Columns, unnamed: list[Triple], path: str) -> tuple[Triple, str, list[str]] | None:
     """The accelerations among triples whose names give the axes, and no quantity: those that have the size of gravity."""
-    heavy = [triple for triple in unnamed if columns.is_gravity(triple)]
+    heavy = [triple for triple in unnamed if columns.is_gravity(triple) and not columns.size(triple).computed]
     if len(heavy) == 1:
         triple = heavy[0]
         size = columns.size(triple).middle

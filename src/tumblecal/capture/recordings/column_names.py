@@ -75,7 +75,7 @@ def parsed(name: str) -> ColumnName:
     }
     stem = tuple(rest)
     own = unit[1] if unit and (unit[0] == quantity or unit[0] == "counts") else ""
-    own = own or ("g" if quantity == "acceleration" and "gf" in rest else "")
+    own = own or ("g" if quantity == "acceleration" and {"gf", "gforce"} & set(rest) else "")
     own = own or {"millis": "ms", "micros": "us", "nanos": "ns", "ms": "ms", "us": "us"}.get(
         rest[-1] if rest else "", ""
     )
@@ -130,9 +130,14 @@ def _trailing_unit(words: list[str]) -> tuple[list[str], tuple[str, str] | None]
             if unit == ("orientation", "") or unit == ("orientation", "deg"):
                 # `gyro_rad[0]`: a rate in radians a second.
                 unit = ("rate", "rads" if unit[1] == "" else "dps") if "rate" in known else unit
-            if len("".join(words[start:end])) > 1 or unit[0] in known or (words[start:end] == ["g"] and "a" in others):
+            if len("".join(words[start:end])) > 1 or unit[0] in known or _of_letter(words[start:end], others):
                 return others, unit
     return words, None
+
+
+def _of_letter(unit: list[str], others: list[str]) -> bool:
+    """Whether a unit of one letter belongs to a quantity of one: `a_x_g`, `t / s`."""
+    return (unit == ["g"] and "a" in others) or (unit == ["s"] and others == ["t"])
 
 
 def _kinds(word: str, rest: list[str], axis: str) -> list[str]:
@@ -141,7 +146,7 @@ def _kinds(word: str, rest: list[str], axis: str) -> list[str]:
         return (
             []
             if any(meanings(own) for own in rest if len(own) > 1 and WORDS.get(own) not in ("plain", *_STATES))
-            else [LETTERS[word]]
+            else [LETTERS[word] if axis in "xyz" or word == "q" else "letter"]
         )
     return meanings(word)
 

@@ -10,59 +10,63 @@ import unicodedata
 # Quantities, and words that decide between them. `other` is no reading: a count, an uncertainty, a set point.
 _MEANINGS = {
     "acceleration": (
-        "acc accs accl acce accel accelero accelerometer accelerometers acceleration accelerations gf gforce xl "
-        "specificforce beschleunigung beschleunigungssensor beschl aceleracion acelerometro acel accelerometre "
-        "accelerazione accelerometro aceleracao versnelling acceleratie versnellingsmeter ivme przyspieszenie "
-        "zrychleni kiihtyvyys gyorsulas 加速度 加速度计 加速度計 加速 ускорение акселерометр 가속도 adxl mma bma kxtj lis"
+        "ac acc accs accl acce accel accelero accelerometer accelerometers acceleration accelerations gf "
+        "gforce xl specificforce beschleunigung beschleunigungssensor beschl aceleracion acelerometro "
+        "acel accelerometre accelerazione accelerometro aceleracao versnelling acceleratie "
+        "versnellingsmeter ivme przyspieszenie zrychleni kiihtyvyys gyorsulas 加速度 加速度计 加速度計 加速 ускорение "
+        "акселерометр 가속도 adxl mma bma kxtj lis"
     ),
     "rate": (
-        "gyr gyrs gyro gyros gyroscope gyroscopes omega drehrate winkelgeschwindigkeit giro giroscopio giroscopo "
-        "gyroskop hoeksnelheid 角速度 陀螺仪 陀螺 гироскоп 자이로 itg bmg fxas"
+        "ジャイロ gyr gyrs gyro gyros gyroscope gyroscopes omega drehrate winkelgeschwindigkeit giro "
+        "giroscopio giroscopo gyroskop hoeksnelheid 角速度 陀螺仪 陀螺 гироскоп 자이로 itg bmg fxas"
     ),
     "field": (
-        "mag mags magn magnet magneto magnetic magnetometer magnetometers magfield compass magnetfeld magnetisch "
-        "magnetfeldstarke magnetometro magnetique magnetico 磁场 磁場 磁力计 магнитометр hmc qmc ak bmm mdl"
+        "地磁気 地磁 mag mags magn magnet magneto magnetic magnetometer magnetometers magfield compass "
+        "magnetfeld magnetisch magnetfeldstarke magnetometro magnetique magnetico 磁场 磁場 磁力计 магнитометр "
+        "hmc qmc ak bmm mdl"
     ),
     "orientation": (
-        "quat quaternion quaternions orientation attitude euler roll pitch yaw azimuth heading course angle "
-        "angles tilt rpy inclination lage winkel angulo rotvec rotationvector matrix dcm mat 角度 姿态 四元数"
+        "quat quaternion quaternions orientation attitude euler roll pitch yaw azimuth heading course "
+        "angle angles tilt rpy inclination lage winkel angulo rotvec rotationvector matrix dcm mat 角度 姿态 "
+        "四元数"
     ),
     "gravity": "gravity grav schwerkraft gravedad gravite 重力",
     "velocity": "vel velocity velocities speed speeds geschwindigkeit velocidad vitesse velocita twist",
-    "place": "pos latitude longitude lat lon lng alt altitude height location gps gnss east north northing easting",
+    "place": ("pos latitude longitude lat lon lng alt altitude height location gps gnss east north northing easting"),
     "time": (
-        "time times timestamp timestamps zeit zeitstempel tiempo temps tempo tijd stamp epoch epoc clock chiptime "
-        "datetime elapsed seconds millis micros nanos ms us 时间 時間 время 시간"
+        "sec secs second time times timestamp timestamps zeit zeitstempel tiempo temps tempo tijd stamp "
+        "epoch epoc clock chiptime datetime elapsed seconds millis micros nanos ms us 时间 時間 время 시간"
     ),
     "temperature": "temp temps temperature temperatures temperatur temperatura tmp 温度 температура 온도",
     "other": (
-        "covariance convariance cov variance var std stdev stddev sd sigma error err bias offset accuracy status "
-        "valid clip clipping count counter seq sequence integral derivative jerk setpoint target desired cmd "
-        "command max min peak rms range fs threshold increment inc delta residual uncertainty pressure baro "
-        "barometer druck hpa humidity light lux sound battery voltage current motor servo rc pid debug force "
-        "torque emg ecg ppg gsr heart altimeter flow date id axisp axisi axisd axisf displacement norm abs "
-        "absolute magnitude loop iteration frame index packet"
+        "covariance convariance cov variance var std stdev stddev sd sigma error err bias offset accuracy "
+        "status valid clip clipping count counter seq sequence integral derivative jerk setpoint target "
+        "desired cmd command max min peak rms range fs threshold increment inc delta residual uncertainty "
+        "pressure baro barometer druck hpa humidity light lux sound battery voltage current motor servo "
+        "rc pid debug force torque emg ecg ppg gsr heart altimeter flow date id axisp axisi axisd axisf "
+        "displacement norm abs absolute magnitude loop iteration frame index packet"
     ),
     # These decide only with another word.
     "angular": "angular ang winkelig angulaire angolare",
     "rotation": "rotation rot rotational turn drehung",
     "rate_of": "rate rates",
     "specific": "specific",
-    "linear": "lin linear lineare lineaire lineal la lacc linacc laccel",
+    "linear": "線形 线性 lin linear lineare lineaire lineal la lacc linacc laccel",
     "free": "free user ua uacc useracc dynamic highpass hpf hp nograv gravityfree",
     "with": "including incl includes with total",
     "without": "without no minus removed excluding excl less non free",
     "world": "world earth ned enu global navigation nav",
     "raw": "raw uncal uncalibrated uncomp uncompensated unfilt unfiltered adc",
     "processed": (
-        "smooth smoothed filt filtered filter lpf lowpass lp cal calib calibrated corrected corr comp compensated "
-        "avg average averaged fused est estimated"
+        "smooth smoothed filt filtered filter lpf lowpass lp cal calib calibrated corrected corr comp "
+        "compensated avg average averaged fused est estimated"
     ),
     # These say nothing of a quantity.
     "plain": (
-        "imu sensor sensors data axis component field header msg message value values signal body device since "
-        "start started boot reboot begin unix utc system local sample samples sampling fine coarse logging log "
-        "host of the in from relative to recorded received measurement motion motionsensor achse eje"
+        "out 轴 軸 方向 richtung direction dir val imu sensor sensors data axis component field header msg "
+        "message value values signal body device since start started boot reboot begin unix utc system "
+        "local sample samples sampling fine coarse logging log host of the in from relative to recorded "
+        "received measurement motion motionsensor achse eje"
     ),
 }
 # Both an acceleration and a state of it.
@@ -75,8 +79,8 @@ LETTERS = {
 }  # fmt: skip
 _UNITS = {
     "acceleration": {
-        "g": "g gs gn g0 gforce",
-        "mg": "mg millig milligs",
+        "g": "g gs g's gn g0 gforce",
+        "mg": "mg millig milligs milli-g mgee",
         "ms2": "m/s2 ms2 ms-2 m/s/s mps2 mpss m/(s2) m/ss m.s-2 mss",
     },
     "rate": {
@@ -102,14 +106,14 @@ _UNITS = {
 
 def plain_letters(text: str) -> str:
     """A text without accents, its raised digits and the like as usual ones, letters as they are."""
-    decomposed = unicodedata.normalize("NFKD", text.replace("µ", "μ"))
+    decomposed = unicodedata.normalize("NFKD", text.replace("µ", "μ")).replace("−", "-")
     return "".join(letter for letter in decomposed if not unicodedata.combining(letter))
 
 
 # Of a word that stands twice the first meaning counts.
 WORDS = {plain_letters(word): kind for kind, words in reversed(_MEANINGS.items()) for word in words.split()}
 _LONG = sorted((w for w in WORDS if len(w) >= _SHORTEST_WITHIN or not w.isascii()), key=len, reverse=True)
-_WITH_AXIS = ("gf", "xl", "la", "ua")
+_WITH_AXIS = {short: short for short in ("gf", "xl", "la", "ua", "ac")} | {"gy": "gyr"}
 UNITS = {
     plain_letters(own): (kind, unit)
     for kind, units in _UNITS.items()
@@ -146,9 +150,8 @@ def split(chunk: str) -> list[str] | None:
     """The known words, and at most one letter x, y or z, of which letters without a gap are made; None for others."""
     if chunk in WORDS or chunk in ("x", "y", "z"):
         return [chunk]
-    for short in _WITH_AXIS:
-        if chunk[:-1] == short and chunk[-1] in "xyz":
-            return [short, chunk[-1]]
+    if chunk[:-1] in _WITH_AXIS and chunk[-1] in "xyz":
+        return [_WITH_AXIS[chunk[:-1]], chunk[-1]]
     return _split(chunk, axis=True)
 
 

@@ -20,6 +20,8 @@ _LEAST, _SMALLEST, _LARGEST = 0.25, 0.35, 1.9
 # A fitted ellipsoid has the size of gravity to within a scale factor; so has a length without a fit, with offsets.
 ALIKE_FITTED, ALIKE = 1.15, 1.3
 _FEWEST_ALIKE = 3
+# A sensor's noise and errors change the length of its readings by more, over it; a direction of gravity has one length.
+_LEAST_NOISE = 1e-4
 STATE_ORDER = ("raw", "", "processed", "linear", "world", "free")
 
 
@@ -65,6 +67,7 @@ class Columns:
             attitudes = means.attitudes([0, 1, 2])
             self._sizes[triple.columns] = Size(
                 float(np.median(lengths)) if len(lengths) else np.nan,
+                _is_computed(lengths),
                 np.linalg.norm(attitudes, axis=1),
                 ellipsoid(attitudes),
                 _spread(means.means[means.calm([0, 1, 2])], means.means),
@@ -99,11 +102,13 @@ class Size:
 
     **Arguments:**
 
-    - `usual`: median length of all rows. `lengths` (m,): of the attitudes at rest; `fit`: the ellipsoid through them.
+    - `usual`: median length of all rows; `computed`: whether it never changes, as only that of a vector from a filter.
+    - `lengths` (m,): of the attitudes at rest; `fit`: the ellipsoid through them.
     - `spread`: how far the still means spread as a share of all readings.
     """
 
     usual: float
+    computed: bool
     lengths: NDArray[np.float64]
     fit: Ellipsoid | None
     spread: float
@@ -148,6 +153,12 @@ def triples_of(names: Mapping[str, ColumnName]) -> list[Triple]:
         if set(group) == set(axes)
     ]
     return sorted(triples, key=lambda triple: list(names).index(triple.columns[0]))
+
+
+def _is_computed(lengths: NDArray[np.float64]) -> bool:
+    """Whether nine lengths in ten are the same, as of no sensor."""
+    middle = float(np.median(lengths)) if len(lengths) else 0.0
+    return middle > 0 and float(np.quantile(np.abs(lengths / middle - 1), 0.9)) < _LEAST_NOISE
 
 
 def _spread(still: NDArray[np.float64], every: NDArray[np.float64]) -> float:
