@@ -155,6 +155,14 @@ def test_axes_alone_are_taken_only_with_the_size_of_gravity(moved):
     assert layout.columns["ax"].name == "s2_x" and "gx" not in layout.columns
 
 
+def test_a_word_for_acceleration_that_others_outweigh_counts_with_the_size_of_gravity(moved):
+    force, rate, _ = moved
+    named = lambda values: {f"PhoneAcc30orientationSample[{k}]": values[:, k] for k in range(3)}  # noqa: E731
+    assert chosen(named(force)).columns["az"].name == "PhoneAcc30orientationSample[2]"
+    with pytest.raises(InputError, match=r"--columns '?ax="):
+        chosen(named(rate))
+
+
 def test_a_letter_g_is_a_rate_only_if_it_rests(moved):
     force, rate, _ = moved
     axes = lambda name, values: {f"{name}{axis}": values[:, k] for k, axis in enumerate("xyz")}  # noqa: E731

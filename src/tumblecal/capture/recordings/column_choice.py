@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tumblecal.capture.recordings.column_names import ColumnName
+from tumblecal.capture.recordings.column_words import meanings
 from tumblecal.capture.recordings.still_size import FEWEST_ATTITUDES, Ellipsoid, ellipsoid, still_means
 from tumblecal.capture.recordings.triples import (
     ALIKE,
@@ -73,7 +74,7 @@ def chosen(columns: Columns, path: str) -> Choice | None:
         _ask_for_axes(columns, accelerations, path)
         return None
     else:
-        unnamed = [triple for triple in triples if triple.name.quantity in ("", "letter")]
+        unnamed = [triple for triple in triples if triple.name.quantity in ("", "letter") or _mentioned(triple)]
         found = _by_axes(columns, unnamed, path) if unnamed else _by_values(columns, path)
         if found is None:
             return None
@@ -81,6 +82,11 @@ def chosen(columns: Columns, path: str) -> Choice | None:
     rate, rate_why, more = _rate(columns, triples, force)
     fit = columns.size(force).fit if force.columns in columns._sizes else None
     return Choice(force, rate, why, rate_why, fit.size if fit is not None and fit.fits else None, (*said, *more))
+
+
+def _mentioned(triple: Triple) -> bool:
+    """Whether a name has a word for acceleration, which others in it outweigh: `acc_30_orientations[0]`."""
+    return any("acceleration" in meanings(word) for word in triple.name.stem)
 
 
 def _ask_for_axes(columns: Columns, accelerations: list[str], path: str) -> None:
