@@ -124,12 +124,12 @@ def test_rows_of_erased_memory_are_left_out(tmp_path, kind):
 def test_erased_memory_without_a_clock_and_under_one_that_goes_on(tmp_path):
     steps = table(np.round(forces() * 16384), names=NAMES)
     count = len(steps["time_s"])
-    erased = with_erased(steps, "zeros", count, count)
-    erased["time_s"] = np.arange(2 * count) / RATE_HZ
+    erased = with_erased(steps, "zeros", count, 3 * count)
+    erased["time_s"] = np.arange(4 * count) / RATE_HZ
     for columns in (erased, {name: erased[name] for name in NAMES}):
         got, contents = read(tmp_path, columns, Asked(rate=RATE_HZ, unit="16384/g"))
         np.testing.assert_array_equal(got[:, -3:], whole(steps)[:, 1:])
-        assert records(contents) == [("erased", "left out", count)]
+        assert records(contents) == [("erased", "left out", 3 * count)]
 
 
 def test_rows_out_of_order_are_sorted(tmp_path):
