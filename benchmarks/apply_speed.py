@@ -57,14 +57,14 @@ def step(name: str, folder: Path) -> None:
     """One way from file to file."""
     from tumblecal.cli.apply import apply
     from tumblecal.data.calibration import read_calibration
-    from tumblecal.data.raw import frames_of, opened_raw
+    from tumblecal.data.raw import opened_raw
     from tumblecal.data.reading_checks import ReadingChecks
 
     log, out = folder / "log.parquet", folder / f"{name}.parquet"
     if name in ("read", "correct"):
-        header, table = opened_raw(log)
+        header, frames = opened_raw(log)
         checks, calibration = ReadingChecks(header.columns, "row"), read_calibration(folder / "linear.json")
-        for frame in frames_of(header, table):
+        for frame in frames():
             if name == "correct":
                 piece = header.with_rows(frame)
                 checks.add(piece.readings, 1)

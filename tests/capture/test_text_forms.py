@@ -117,6 +117,18 @@ def test_a_labelled_recording_is_imported(tmp_path):
     assert not contents.unreadable
 
 
+def test_a_number_that_lost_its_blank_is_not_two(tmp_path):
+    lines = [f"[{f[0]} {f[1]} {f[2]}]" for f in FORCE]
+    lines[20] = lines[20].replace(" ", "", 1)
+    (tmp_path / "log.txt").write_text("\n".join(lines) + "\n")
+    _, (table,) = source_tables(tmp_path / "log.txt")
+    frame = pl.concat(table.pieces(table.columns))
+    assert (
+        frame["2"][20] is None
+        and frame.drop_nulls().select("1", "2", "3").to_numpy().tolist() == np.delete(FORCE, 20, 0).tolist()
+    )
+
+
 def test_torn_lines_are_counted_and_lines_of_another_order_are_none_of_these(tmp_path):
     lines = [f"ax:{f[0]},ay:{f[1]},az:{f[2]}" for f in FORCE]
     lines[20], lines[30], lines[40] = "ax:0.1,az:0.3", "ay:0.1,ax:0.2,az:0.3", "ax:0.1,ay:0"

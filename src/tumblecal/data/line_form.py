@@ -78,25 +78,25 @@ def _is_mixed(cell: str) -> bool:
 
 def word_forms(lines: Sequence[str]) -> dict[str, LineForm]:
     """The forms of lines with words around their numbers, by the first label of each; none if most lines share none."""
-    lines, digits = _with_points(lines)
-    texts = Counter(key for line in lines if len(key := _texts(line)) > 1)
-    kinds = [key for key, count in texts.most_common(_MOST_KINDS) if count > max(1, _LEAST_SHARE * len(lines))]
-    if sum(texts[key] for key in kinds) < _WHOLE_SHARE * len(lines) or not any(
-        "".join(key).strip(" ,;|") for key in kinds
-    ):
+    pointed, digits = _with_points(lines)
+    texts = [_texts(line) for line in pointed]
+    kinds = [key for key, count in Counter(texts).most_common(_MOST_KINDS) if count > max(1, _LEAST_SHARE * len(lines))]
+    patterns = {key: _pattern(key, digits) for key in kinds if len(key) > 1}
+    whole = [
+        key for key, line in zip(texts, lines, strict=True) if key in patterns and patterns[key].match(line.encode())
+    ]
+    if len(whole) < _WHOLE_SHARE * len(lines) or not any("".join(key).strip(" ,;|") for key in whole):
         return {}
-    patterns = {key: _pattern(key, digits) for key in kinds}
     forms = dict[str, LineForm]()
-    for key in kinds:
-        first = next(line for line in lines if _texts(line) == key)
+    for key in dict.fromkeys(whole):
+        first = pointed[texts.index(key)]
         names = _names(_CELL.split(first), _CELL.findall(first))
-        others = [pattern for other, pattern in patterns.items() if other != key]
+        others = b"|".join(pattern.pattern for other, pattern in patterns.items() if other != key)
         cells = FORM_SEPARATOR.encode().join(rb"\g<%d>" % (k + 1) for k in range(len(names)))
-        passed_over = re.compile(b"|".join(other.pattern for other in others), re.MULTILINE) if others else None
         label = names[0].partition(" [")[0]
         name = (re.sub(r"[._ ]?[xXyYzZ1]$", "", label) if len(names) > 1 else "") or label
         forms[name if name not in forms else f"{name}#{len(forms) + 1}"] = LineForm(
-            patterns[key], cells, names, passed_over
+            patterns[key], cells, names, re.compile(others, re.MULTILINE) if others else None
         )
     return forms
 
@@ -118,8 +118,13 @@ def _texts(line: str) -> tuple[str, ...]:
 def _pattern(texts: Sequence[str], digits: bytes) -> re.Pattern[bytes]:
     """The pattern of lines with these texts around numbers of these letters; polars reads no other number from them."""
     words = [rb"[ \t]+".join(map(_word, text.split())) for text in texts]
+    # Two numbers without a word between them have a blank there, without which one number would be two.
+    least = [b"*" if k in (0, len(words) - 1) else b"+" for k in range(len(words))]
+    between = [
+        rb"[ \t]*" + word + rb"[ \t]*" if word else rb"[ \t]" + own for word, own in zip(words, least, strict=True)
+    ]
     cell = b"(" + digits + b"|" + _CLOCK.encode() + b"|[-+]?(?:[nN][aA][nN]|[iI][nN][fF]))"
-    return re.compile(b"^" + cell.join(rb"[ \t]*" + word + rb"[ \t]*" for word in words) + b"$", re.MULTILINE)
+    return re.compile(b"^" + cell.join(between) + b"$", re.MULTILINE)
 
 
 def _word(word: str) -> bytes:
