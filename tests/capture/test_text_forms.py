@@ -123,10 +123,8 @@ def test_a_number_that_lost_its_blank_is_not_two(tmp_path):
     (tmp_path / "log.txt").write_text("\n".join(lines) + "\n")
     _, (table,) = source_tables(tmp_path / "log.txt")
     frame = pl.concat(table.pieces(table.columns))
-    assert (
-        frame["2"][20] is None
-        and frame.drop_nulls().select("1", "2", "3").to_numpy().tolist() == np.delete(FORCE, 20, 0).tolist()
-    )
+    assert frame["2"][20] is None
+    np.testing.assert_array_equal(frame.drop_nulls().select("1", "2", "3").to_numpy(), np.delete(FORCE, 20, axis=0))
 
 
 def test_torn_lines_are_counted_and_lines_of_another_order_are_none_of_these(tmp_path):

@@ -80,8 +80,9 @@ def word_forms(lines: Sequence[str]) -> dict[str, LineForm]:
     """The forms of lines with words around their numbers, by the first label of each; none if most lines share none."""
     pointed, digits = _with_points(lines)
     texts = [_texts(line) for line in pointed]
-    kinds = [key for key, count in Counter(texts).most_common(_MOST_KINDS) if count > max(1, _LEAST_SHARE * len(lines))]
-    patterns = {key: _pattern(key, digits) for key in kinds if len(key) > 1}
+    least = max(1, _LEAST_SHARE * len(lines))
+    kinds = [key for key, count in Counter(texts).most_common(_MOST_KINDS) if count > least and key[1:]]
+    patterns = {key: _pattern(key, digits) for key in kinds}
     whole = [
         key for key, line in zip(texts, lines, strict=True) if key in patterns and patterns[key].match(line.encode())
     ]

@@ -33,15 +33,15 @@ Rows = Callable[[], Iterable[tuple[int, Row | None]]]
 
 
 def _recognised(path: Path, head: bytes) -> bool:
-    text = head.removeprefix(b"\xef\xbb\xbf").lstrip()
-    if re.match(rb"\[\s*\{", text):
+    text = head.decode("utf-8-sig", "replace").lstrip()
+    if re.match(r"\[\s*\{", text):
         return True
     lines = text.splitlines()[:20]
     of_rows = sum(_row(line) is not None for line in lines)
-    return of_rows > _WHOLE_SHARE * (len(lines) - 1) if of_rows else bool(re.match(rb'\{\s*"[^"]*"\s*:\s*[\[{]', text))
+    return of_rows > _WHOLE_SHARE * (len(lines) - 1) if of_rows else bool(re.match(r'\{\s*"[^"]*"\s*:\s*[\[{]', text))
 
 
-def _row(line: bytes) -> Row | None:
+def _row(line: str) -> Row | None:
     """The object of a line, its nested names joined; None for another line, and for an object of lists."""
     try:
         content = json.loads(line)
@@ -67,8 +67,8 @@ def _flat(content: Mapping[str, object], before: str = "") -> Row:
 def _rows_of_lines(path: Path) -> Iterator[tuple[int, Row | None]]:
     line = 1
     for piece in pieces_of(path):
-        for text in piece.removesuffix(b"\n").split(b"\n"):
-            if own := text.strip(b" \t,[]"):
+        for text in piece.removesuffix(b"\n").decode("utf-8", "replace").split("\n"):
+            if own := text.strip(" \t,[]\ufeff"):
                 yield line, _row(own)
             line += 1
 
