@@ -13,7 +13,6 @@ from tumblecal.ground.axes import AXES
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import UNITS
-from tumblecal.ground.last_line import lines_at_end, may_be_cut
 from tumblecal.ground.text_file import comment_in, decoded_pieces, is_blank, shown
 
 
@@ -53,11 +52,12 @@ def named_layout(path: Path) -> tuple[TextLayout, list[tuple[int, str]]]:
     comments = [own for own in comments if own[0] != layout.header_line]
     if faults := _rows_behind_marks(layout, comments):
         raise InputError(faults)
-    lines, ended = lines_at_end(path)
-    if not ended and lines and count >= layout.first_line and not _is_beside(lines[-1]):
-        above = max(0, len(lines) - (count - layout.first_line + 1))
-        if cut := _cut_row(layout, count, [cells_of(line, layout.separator) for line in lines[above:]]):
-            raise InputError(cut)
+    if count >= layout.first_line and (cells := layout.cut_row()):
+        column = f", column {layout.names[len(cells) - 1]}" if len(cells) <= len(layout.names) else ""
+        raise InputError(
+            f"{path}:line {count}{column}: the last line has no end, and {shown(cells[-1])} is shorter than in other rows: it "
+            "may be cut off; complete the row and end its line, or remove it"
+        )
     return layout, comments
 
 
@@ -163,20 +163,6 @@ def row_words(cells: Sequence[str], names: Sequence[str]) -> str:
         return ""
     cure = "remove the row" if len(cells) > len(names) else "complete the row or remove it"
     return f"{counted(len(cells), 'cell')}, but the header has {len(names)}; {cure}"
-
-
-def _cut_row(layout: TextLayout, number: int, rows: Sequence[Sequence[str]]) -> str:
-    """A fault for the last of some rows, whose line (`number`) is the last and has no end, if it may be cut off."""
-    names, cells = layout.names, rows[-1]
-    others = [row for row in rows[:-1] if len(row) == len(cells)]
-    whole = len(cells) == len(names) or (others and len(cells) == len(names) + 1)
-    if whole and not may_be_cut(cells[-1], [row[-1] for row in others]):
-        return ""
-    column = f", column {names[len(cells) - 1]}" if 0 < len(cells) <= len(names) else ""
-    return (
-        f"{layout.path}:line {number}{column}: the last line has no end, and {shown(cells[-1])} is shorter than in other "
-        "rows: it may be cut off; complete the row and end its line, or remove it"
-    )
 
 
 def _of_numbers(cells: Sequence[str]) -> bool:

@@ -14,11 +14,10 @@ from tumblecal.data.text_cells import (
     joined_pieces,
     pieces_of,
     row_lines,
-    row_of,
     strict_cells,
 )
 from tumblecal.ground.last_line import lines_at_end, may_be_cut
-from tumblecal.ground.text_file import is_blank
+from tumblecal.ground.text_file import comment_in, is_blank
 
 
 if TYPE_CHECKING:
@@ -98,7 +97,7 @@ class TextLayout:
                 if rows.any():
                     longer(line + int(rows.arg_max() or 0))
                 frame = frame.with_columns(pl.when(~more).then(pl.col(name)) for name in names)
-            if cut and not piece.endswith(b"\n") and self._is_cut():
+            if cut and not piece.endswith(b"\n") and self.cut_row("most"):
                 cut(line + len(frame) - 1)
                 frame = frame.with_columns(
                     pl.col(name).slice(0, len(frame) - 1).extend_constant(None, 1) for name in names
@@ -130,19 +129,22 @@ class TextLayout:
             before += len(frame)
         raise IndexError(row)
 
-    def _is_cut(self) -> bool:
-        """Whether the last line, which has no end, is a row that may not be whole."""
-        lines, _ = lines_at_end(self.path)
+    def cut_row(self, digits: str = "fewest") -> list[str]:
+        """The cells of the last line if it has no end and may not be whole, by those of the others; none for another.
+
+        **Arguments:**
+
+        - `digits`: "fewest", or "most" of the others' decimals are wanted.
+        """
+        lines, ended = lines_at_end(self.path)
         lines = [self.form.line(line) for line in lines] if self.form else lines
-        if not lines:  # of a line that long
-            return True
-        if is_blank(lines[-1]) or lines[-1].startswith("#"):
-            return False
-        rows = [row_of(line, self.separator) for line in lines]
+        if ended or (lines and (is_blank(lines[-1]) or comment_in(lines[-1]) is not None)):
+            return []
+        rows = [self.cells(line) for line in lines if comment_in(line) is None] or [[""]]  # of a line of many kilobytes
+        others = [row[-1] for row in rows[:-1] if len(row) == len(rows[-1]) and row != [*self.names]]
         # A last column that is empty throughout is none of the layout, but its separators are there.
-        others = [row[-1] for row in rows[:-1] if len(row) == len(rows[-1]) > 0]
-        usual = bool(others) or len(rows[-1]) == len(self.names)
-        return not usual or may_be_cut(rows[-1][-1], others, digits="most")
+        usual = len(rows[-1]) == len(self.names) or (others and len(rows[-1]) == len(self.names) + 1)
+        return rows[-1] if not usual or may_be_cut(rows[-1][-1], others, digits=digits) else []
 
     def cells(self, line: str) -> list[str]:
         """The cells of a line, also the empty one after a separator at its end."""
