@@ -49,8 +49,8 @@ def rivals_of(diagnosis: Diagnosis, rows: Rows) -> list[Rival]:
     if not all(cause.named for cause in members):
         return []
     best, leader = screened.best, {cause.label for cause in members if cause.slot.columns}
-    shared = (best.probability - best.own_probability) / max(1, len(best.equivalents))
-    listed = [(labels, max(shared, LEAST_PROBABILITY)) for labels in best.equivalents]
+    shared = (best.probability - best.own_probability) / max(1, len(best.separable))
+    listed = [(labels, max(shared, LEAST_PROBABILITY)) for labels in best.separable]
     listed += [(told.labels, told.probability) for told in screened.explanations if told is not best and not told.noise]
     wanted = {label for labels, _ in listed for label in labels} - {UNEXPLAINED}
     by_label: dict[str, list[Cause]] = {}

@@ -8,6 +8,8 @@ import numpy as np
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.causes.cause import Cause, family_of, id_of
 from tumblecal.diagnosis.causes.generic import UNEXPLAINED
+from tumblecal.diagnosis.sets.classes import Explanation
+from tumblecal.diagnosis.sets.exchanges import exchanges
 from tumblecal.diagnosis.sets.patchwork import Neighbours, is_patchwork
 from tumblecal.estimation.identifiability import formula
 from tumblecal.ground.units import factor, shown
@@ -18,6 +20,16 @@ def label_words(labels: tuple[str, ...]) -> str:
     families = [list(own) for _, own in groupby(labels, key=lambda label: (family_of(label) or (label,))[0])]
     told = (", ".join([own[0], *("." + label.rpartition(".")[2] for label in own[1:])]) for own in families)
     return " + ".join(words.replace(":", " at ", 1) for words in told)
+
+
+def identical_words(best: Explanation) -> Iterator[str]:
+    """Which causes are one function at 1 g with those named, where there are any: a footnote, as it changes nothing at 1 g."""
+    for exchange in exchanges(best.labels, best.identical, best.identical):
+        named, other = (label_words(tuple(sorted(own))) for own in (exchange.removed, exchange.added))
+        yield (
+            f"{named} and {other} are the same function in a 1 g field (u_x^2 + u_y^2 + u_z^2 = 1). No measurement on a head "
+            "distinguishes them; at 1 g the correction is the same."
+        )
 
 
 def by_family(causes: Iterable[Cause]) -> list[list[Cause]]:

@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 from tumblecal.diagnosis import Diagnosis
@@ -148,12 +149,18 @@ def _explanation(diagnosis: Diagnosis, explanation: Explanation) -> dict:
     return {
         "effects": [label.split(":")[0] for label in explanation.labels],
         "positions": _positions(explanation.labels),
-        "equivalents": [[label.replace(":", " at ", 1) for label in labels] for labels in explanation.equivalents],
+        "equivalents": _named(explanation.equivalents),
+        "identical_at_1_g": _named(explanation.identical),
+        "supersets": _named(explanation.supersets),
         "probability": explanation.probability,
         "chosen": chosen,
         "coefficients": values,
         "combinations": together,
     }
+
+
+def _named(sets: Sequence[tuple[str, ...]]) -> list[list[str]]:
+    return [[label.replace(":", " at ", 1) for label in labels] for labels in sets]
 
 
 def _positions(labels: tuple[str, ...]) -> dict[str, list[str]]:

@@ -14,6 +14,7 @@ from tumblecal.planning.next_plan import SEPARATE, NextPlan
 from tumblecal.report import diagnosis_tables as tables
 from tumblecal.report.cause_words import (
     by_family,
+    identical_words,
     label_words,
     other_axes,
     patchwork_words,
@@ -188,9 +189,10 @@ def _causes(diagnosis: Diagnosis) -> Section:
         facts = [*generic, ("what it is", "No entry of the catalogue describes it; it is not named.")]
         cards.append(PageCard("unexplained", [*facts, ("on the bench", _LOOK)]))
     words = [] if cards else ["None: nothing in these data contradicts the model."]
-    if diagnosis.best.equivalents:
-        same = "; ".join(label_words(labels) for labels in diagnosis.best.equivalents[:8])
-        more = len(diagnosis.best.equivalents) - 8
+    words += identical_words(diagnosis.best)
+    if diagnosis.best.separable:
+        same = "; ".join(label_words(labels) for labels in diagnosis.best.separable[:8])
+        more = len(diagnosis.best.separable) - 8
         words.append(
             f"These data cannot tell what follows from: {same}{f'; and {more} more' if more > 0 else ''}. The one most "
             f"probable by itself is shown. {patchwork_words(diagnosis)}".rstrip()

@@ -10,7 +10,7 @@ from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.ground.numbers_shown import p_words
 from tumblecal.ground.units import in_words, shown
 from tumblecal.planning.next_plan import NextPlan
-from tumblecal.report.cause_words import label_words, members_words, patchwork_words, unexplained_words
+from tumblecal.report.cause_words import identical_words, label_words, members_words, patchwork_words, unexplained_words
 from tumblecal.report.diagnosis_calibration import diagnosed_use, lacking_of_diagnosis
 from tumblecal.report.gravity_words import gravity_warning, gravity_words
 from tumblecal.report.identity_words import identity_words
@@ -172,12 +172,13 @@ def _reasons(diagnosis: Diagnosis) -> Iterator[str]:
 
 
 def _with_equivalents(diagnosis: Diagnosis) -> str:
-    return " together with those that these data cannot tell from it" if diagnosis.best.equivalents else ""
+    return " together with those that these data cannot tell from it" if diagnosis.best.separable else ""
 
 
 def _rivals(diagnosis: Diagnosis) -> Iterator[str]:
-    if diagnosis.best.equivalents:
-        same = "; ".join(label_words(labels) for labels in diagnosis.best.equivalents[:8])
+    yield from identical_words(diagnosis.best)
+    if diagnosis.best.separable:
+        same = "; ".join(label_words(labels) for labels in diagnosis.best.separable[:8])
         yield f"These data cannot tell it from: {same}. {patchwork_words(diagnosis)}".rstrip()
     others = [e for e in diagnosis.screened.explanations if e is not diagnosis.best and e.probability > 0.02][:4]
     if others:

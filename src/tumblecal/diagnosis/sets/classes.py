@@ -8,8 +8,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from tumblecal.diagnosis.causes.generic import UNEXPLAINED
+from tumblecal.diagnosis.causes.identities import one_function_at_1_g
 from tumblecal.diagnosis.causes.pool import Pool
-from tumblecal.diagnosis.sets.cause_sets import Ranked, keys_of, sets_of
+from tumblecal.diagnosis.sets.cause_sets import Members, Ranked, keys_of, sets_of
+from tumblecal.diagnosis.sets.exchanges import Labels, supersets
 from tumblecal.diagnosis.sets.partial_set import partial_sets
 from tumblecal.diagnosis.sets.patchwork import Neighbours, is_patchwork
 from tumblecal.diagnosis.sets.prior import SetPriors
@@ -31,7 +33,9 @@ class Explanation:
     """A set of named causes.
 
     - `labels`: ids, positions after a colon; empty: the model is adequate.
-    - `equivalents`: other sets of labels that these data cannot tell from it.
+    - `equivalents`: other sets of labels that these data cannot tell from it; `identical`: those of them that no data of a head
+      can, as they are the same function at 1 g.
+    - `apart`: how much of its signal each equivalent cannot make, in noise sd (norm); NaN where that is not known.
     - `probability`: that the truth is this set or one of its equivalents; `own_probability`: this set alone.
     - `members`: the best set of candidates with these labels; `noise`: the noise alternative where it is one.
     """
@@ -42,6 +46,8 @@ class Explanation:
     own_probability: float
     members: tuple[int, ...]
     noise: str = ""
+    identical: tuple[Labels, ...] = ()
+    apart: tuple[float, ...] = ()
 
     @property
     def unexplained(self) -> bool:
@@ -50,8 +56,18 @@ class Explanation:
 
     @property
     def single_name(self) -> bool:
-        """Whether exactly one set of causes is claimed."""
-        return not self.equivalents
+        """Whether one set of causes is claimed, and no measurement on a head could show another in its place."""
+        return not self.separable
+
+    @property
+    def supersets(self) -> tuple[Labels, ...]:
+        """Equivalents that hold another one, or this, and causes that the data do not need."""
+        return supersets(self.labels, self.equivalents)
+
+    @property
+    def separable(self) -> tuple[Labels, ...]:
+        """The equivalents that other positions could tell from it."""
+        return tuple([own for own in self.equivalents if own not in self.identical and own not in self.supersets])
 
 
 class Groups(NamedTuple):
@@ -122,32 +138,39 @@ def explanations(
     # The number -1 means no cause, which has no coefficient.
     coefficients = np.append(search.pool.ranks, 0)[groups.sets].sum(axis=1)
     near = _near(groups, coefficients, shares, changes)
-    alike = _alike(search, groups, near, INDISTINGUISHABLE * sigma)
+    alike = _alike(search, groups, near, sigma)
     if (UNEXPLAINED,) in groups.labels:
         unexplained = groups.labels.index((UNEXPLAINED,))
-        alike |= {
-            k: [*alike.get(k, ()), unexplained]
-            for k in groups.patchwork(neighbours)
-            if unexplained not in alike.get(k, ())
-        }
+        alike |= {k: alike.get(k, {}) | {unexplained: np.nan} for k in groups.patchwork(neighbours)}
     found, used = [], set()
-    listed = zip(groups.labels, sets_of(groups.sets), groups.unnamed.tolist(), strict=True)
+    sets = sets_of(groups.sets)
+    listed = zip(groups.labels, sets, groups.unnamed.tolist(), strict=True)
     for k, (labels, members, unnamed) in enumerate(listed):
         if k in used:
             continue
-        same = [other for other in alike.get(k, ()) if other not in used]
+        same = [other for other in alike.get(k, {}) if other not in used]
         used |= {k, *same}
         found.append(
             Explanation(
                 labels=labels,
                 equivalents=tuple([groups.labels[other] for other in same]),
+                apart=tuple([alike[k][other] for other in same]),
                 probability=shares[k] + sum([shares[other] for other in same]),
                 own_probability=shares[k],
                 members=members,
                 noise=labels[0] if not unnamed and labels and labels[0] in noise else "",
+                identical=tuple(
+                    [groups.labels[other] for other in same if _one_function(search.pool, members, sets[other])]
+                ),
             )
         )
     return sorted(found, key=attrgetter("probability"), reverse=True)
+
+
+def _one_function(pool: Pool, first: Members, second: Members) -> bool:
+    """Whether two sets of causes that these data cannot tell apart are one function at 1 g."""
+    apart = ([pool.causes[k].slot for k in own if k not in other] for own, other in ((first, second), (second, first)))
+    return one_function_at_1_g(*apart)
 
 
 def grouped(search: Search, ranked: Ranked) -> tuple[Groups, float]:
@@ -223,12 +246,14 @@ def _one_holds_the_other(sets: list[tuple[str, ...]]) -> Bool[np.ndarray, "group
     return has @ has.T == np.minimum(size[:, None], size)
 
 
-def _alike(search: Search, groups: Groups, near: dict[int, list[int]], least: float) -> dict[int, list[int]]:
-    """Of the groups near to each, those that can make the signal that it sees to within `least` (norm).
+def _alike(search: Search, groups: Groups, near: dict[int, list[int]], sigma: float) -> dict[int, dict[int, float]]:
+    """Of the groups near to each, those that can make the signal that it sees to within `INDISTINGUISHABLE`, with the norm of
+    what they leave of it, both in units of `sigma`.
 
     The signal is what a representative says that the residual would be without noise; a group can make its offset (its
     faults) and what its blocks span.
     """
+    least = INDISTINGUISHABLE * sigma
     compared = list(dict.fromkeys([k for k, others in near.items() if others for k in (k, *others)]))
     if not compared:
         return {}
@@ -240,13 +265,14 @@ def _alike(search: Search, groups: Groups, near: dict[int, list[int]], least: fl
     # What each set leaves of every signal.
     left = squares - 2 * offsets @ signals.T + np.vecdot(offsets, offsets)[:, None]
     left -= np.sum((sets.q @ signals.T - sets.q @ offsets[:, :, None]) ** 2, axis=1)
-    can_make = (left < least**2).tolist()
+    can_make, apart = (left < least**2).tolist(), np.sqrt(np.maximum(left, 0.0)) / sigma
     alike, unnamed = {}, groups.unnamed.tolist()
     for k, others in near.items():
         # What cannot be told from noise every set can make.
         hidden = bool(others) and unnamed[k] and squares[rows[k]] < least**2
         makes = [other for other in others if can_make[rows[other]][rows[k]]]
-        alike[k] = [other for other in makes if unnamed[other]] if hidden else makes
+        makes = [other for other in makes if unnamed[other]] if hidden else makes
+        alike[k] = {other: float(apart[rows[other]][rows[k]]) for other in makes}
     return alike
 
 

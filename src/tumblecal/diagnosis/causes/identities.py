@@ -1,0 +1,89 @@
+"""Effects of the sensor that are one function at 1 g: no measurement on a head tells them apart, and none needs to.
+
+`u_x^2 + u_y^2 + u_z^2 = 1` in the field of gravity, so `u_z^2` is `-(u_x^2 + u_y^2)` but for a constant, which is a bias: with
+either term a calibration corrects all readings at 1 g alike. Such identities are found as a rank: of what the effects add to
+the outputs at many attitudes, times and temperatures that have nothing to do with each other (as in all mountings together),
+without what bias, scale factors and misalignments of a sensor can make.
+"""
+
+from collections.abc import Callable, Collection
+from functools import cache, lru_cache
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from tumblecal.chain import Chain, Link, Place, State, Where, settings
+from tumblecal.diagnosis.model.layout import Slot
+
+
+# Attitudes: several times the columns of any sets that are compared.
+_ATTITUDES = 240
+# Singular values of unit columns below this are rounding.
+_LEAST = 1e-6
+
+
+class _Sphere(NamedTuple):
+    """Attitudes all over the sphere at times and temperatures of their own; `nominal`: orthonormal basis of what bias and
+    matrix of a sensor make of them, for one output."""
+
+    where: Where
+    f: Float[np.ndarray, "attitudes 3"]
+    nominal: Float[np.ndarray, "attitudes 4"]
+
+
+def one_function_at_1_g(first: Collection[Slot], second: Collection[Slot]) -> bool:
+    """Whether, at 1 g and in every attitude and mounting, some effects of the sensor can add to the readings all that the
+    others can, with free nominal parameters. False where one of them is not an effect on an output."""
+    if not (first and second and all(slot.columns for slot in (*first, *second))):
+        return False
+    signals = [[_signals(slot.make, slot.variant) for slot in own] for own in (first, second)]
+    if any(own is None for both in signals for own in both):
+        return False
+    each = [np.column_stack([own for own in both if own is not None]) for both in signals]
+    return bool(_rank(np.column_stack(each)) == max(map(_rank, each)))
+
+
+def _rank(columns: Float[np.ndarray, "rows columns"]) -> int:
+    return int(np.sum(np.linalg.svd(columns, compute_uv=False) > _LEAST))
+
+
+@lru_cache(maxsize=512)
+def _signals(make: Callable[[Where], tuple[Link, ...]], variant: int) -> Float[np.ndarray, "rows coefficients"] | None:
+    """What each coefficient of an effect adds to the outputs, less what the nominal parameters can make, of norm 1; None for an
+    effect that acts on something else than the outputs at one attitude, or whose coefficients are nothing but nominal."""
+    sphere = _sphere()
+    link = make(sphere.where)[variant]
+    if link.place != Place.READING or link.looks_back:
+        return None
+    chain = Chain((link,))
+    zero, (x, y, z) = np.zeros(len(sphere.f)), jnp.asarray(sphere.f.T)
+    alpha, beta, nothing = jnp.asarray(sphere.where.alpha), jnp.asarray(sphere.where.beta), jnp.asarray(zero)
+    state = State(alpha, beta, (x, y, z), (nothing, nothing, nothing))
+    columns = []
+    for number in np.flatnonzero(np.asarray(chain.vector) == 0.0).tolist():
+        vector = np.array(chain.vector)
+        vector[number] = chain.scales[number]
+        reading = chain.at(vector).links[0](state, sphere.where).reading
+        added = np.stack([np.broadcast_to(np.asarray(part), zero.shape) for part in reading], axis=-1)
+        left = added - sphere.nominal @ (sphere.nominal.T @ added)
+        if np.linalg.norm(left) > _LEAST * np.linalg.norm(added):
+            columns.append(left.ravel() / np.linalg.norm(left))
+    return np.column_stack(columns) if columns else None
+
+
+@cache
+def _sphere() -> _Sphere:
+    rng = np.random.default_rng(0)
+    f = rng.normal(size=(_ATTITUDES, 3))
+    f /= np.linalg.norm(f, axis=1, keepdims=True)
+    where = settings(
+        rng.uniform(0.0, 2 * np.pi, _ATTITUDES),
+        rng.choice(np.radians([-60.0, -20.0, 10.0, 45.0]), _ATTITUDES),
+        run=rng.choice(["1", "2"], _ATTITUDES).tolist(),
+        time_s=np.sort(rng.uniform(0.0, 7200.0, _ATTITUDES)),
+        temperature_degc=rng.uniform(-20.0, 60.0, _ATTITUDES),
+        approach=rng.choice([-1.0, 1.0], _ATTITUDES),
+    )
+    return _Sphere(where, f, np.linalg.qr(np.column_stack([np.ones(_ATTITUDES), f]))[0])

@@ -1,0 +1,118 @@
+"""A class of explanations as a product of factors, each with the reason why these data leave it open.
+
+`bias_drift.x + second_order.z`, with `bias_temperature.x` in place of the first and `cross_axis_square.z` in place of the
+second, is two findings: a bias that follows the time or the temperature, and a quadratic response of z.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from itertools import product
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from tumblecal.diagnosis.causes.cause import id_of
+from tumblecal.diagnosis.causes.generic import UNEXPLAINED
+from tumblecal.diagnosis.sets.classes import Explanation
+from tumblecal.diagnosis.sets.exchanges import Exchange, Labels, exchanges, parts
+from tumblecal.diagnosis.tuning import INDISTINGUISHABLE
+from tumblecal.effects import Catalogue
+
+
+if TYPE_CHECKING:
+    from tumblecal.diagnosis.diagnosis import Diagnosis
+
+# Columns of the data that effects follow count as fully correlated from this correlation on.
+_CORRELATED = 0.98
+# An error so many times as large would be told apart: it is too small; otherwise these angles do not tell.
+_LARGER = 3.0
+# Columns of numbers that effects follow, with their attribute of a position set.
+_COLUMNS = {"time_s": "time_s", "temperature_degc": "temperature_degc", "pitch": "beta_deg", "approach": "approach"}
+
+
+class Reason(NamedTuple):
+    """Why these data cannot tell one member of a factor from the first.
+
+    - `kind`: "identity" (one function at 1 g: no measurement on a head separates them, and the correction at 1 g is the same),
+      "columns" (columns of the data that are fully correlated), "size" (the error is too small: one three times as large would
+      be distinguished), "range" (both follow the same column, which does not vary enough), "angles" (the same signal at these
+      angles: others are missing), or "unnamed" (it may be something that no entry of the catalogue describes).
+    - `columns`, `r`: of "columns" both names and their correlation, of "range" the column.
+    """
+
+    kind: str
+    columns: tuple[str, ...] = ()
+    r: float = float("nan")
+
+
+class Factor(NamedTuple):
+    """Causes that can be exchanged for each other while the rest of the explanation stays.
+
+    - `members`: sets of labels, that of the leading explanation first.
+    - `reasons`: why these data cannot tell each further member from the first.
+    """
+
+    members: tuple[Labels, ...]
+    reasons: tuple[Reason, ...] = ()
+
+    @property
+    def resolved(self) -> bool:
+        """Whether no measurement on a head could show another of its members in place of the first."""
+        return all(reason.kind == "identity" for reason in self.reasons)
+
+
+def factors(diagnosis: "Diagnosis") -> tuple[Factor, ...]:
+    """The best explanation as a product, a factor for each finding, in the order of its labels; nothing where it has no label.
+
+    Supersets (`diagnosis.best.supersets`: members of the class with coefficients that the data do not need) are in none.
+    """
+    data = diagnosis.data
+    columns = {name: getattr(data, attribute) for name, attribute in _COLUMNS.items()}
+    known = {name: np.asarray(values, float) for name, values in columns.items() if values is not None}
+    return factors_of(diagnosis.best, diagnosis.entries, known)
+
+
+def factors_of(best: Explanation, entries: Catalogue, columns: Mapping[str, np.ndarray]) -> tuple[Factor, ...]:
+    """The same of an explanation and the columns of the data by name."""
+    kept = [labels for labels in best.equivalents if labels not in best.supersets]
+    listed = exchanges(best.labels, kept, best.identical)
+    apart = dict(zip(best.equivalents, best.apart, strict=False))
+
+    def reason(exchange: Exchange) -> Reason:
+        if UNEXPLAINED in exchange.added:
+            return Reason("unnamed")
+        if exchange.identical:
+            return Reason("identity")
+        if apart.get(exchange.labels, 0.0) * _LARGER >= INDISTINGUISHABLE:
+            return Reason("size")
+        return _of_columns(exchange, entries, columns) or Reason("angles")
+
+    return tuple([_factor(part, listed, reason) for part in parts(best.labels, listed)])
+
+
+def _factor(part: Labels, listed: Sequence[Exchange], reason: Callable[[Exchange], Reason]) -> Factor:
+    """The factor of some causes of the leading explanation."""
+    own = [exchange for exchange in listed if exchange.removed <= {*part}]
+    others = [tuple(sorted({*part} - exchange.removed | exchange.added)) for exchange in own]
+    return Factor((part, *others), tuple(map(reason, own)))
+
+
+def _of_columns(exchange: Exchange, entries: Catalogue, columns: Mapping[str, np.ndarray]) -> Reason | None:
+    """The columns that the exchanged causes follow, where both follow the same or those are fully correlated."""
+    removed, added = (
+        {name for label in own for name in _needs(label, entries) if name in columns}
+        for own in (exchange.removed, exchange.added)
+    )
+    if removed and removed == added:
+        return Reason("range", tuple(sorted(removed)))
+    for first, second in product(sorted(removed - added), sorted(added - removed)):
+        both = columns[first], columns[second]
+        if all(np.ptp(values) > 0 for values in both) and len(both[0]) == len(both[1]):
+            r = float(np.corrcoef(*both)[0, 1])
+            if abs(r) >= _CORRELATED:
+                return Reason("columns", (first, second), r)
+    return None
+
+
+def _needs(label: str, entries: Catalogue) -> tuple[str, ...]:
+    entry = entries.get(id_of(label))
+    return () if entry is None else entry.needs

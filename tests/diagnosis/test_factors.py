@@ -1,0 +1,164 @@
+"""A class of explanations is written as a product of findings; what is one function at 1 g is one cause."""
+
+from dataclasses import replace
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tumblecal.diagnosis.causes.cause import NO_SLOT
+from tumblecal.diagnosis.causes.identities import one_function_at_1_g
+from tumblecal.diagnosis.findings.factors import Factor, Reason, factors_of
+from tumblecal.diagnosis.sets.classes import Explanation, verdict_of
+from tumblecal.effects import catalogue
+from tumblecal.effects.effect import output_effect
+
+
+ROOT = Path(__file__).parents[2]
+ENTRIES = catalogue()
+TIME = np.linspace(0.0, 4.0, 24)
+COLUMNS = {"time_s": TIME, "temperature_degc": 24.0 + 0.6 * TIME}
+
+
+def told(best, *equivalents, identical=(), apart=None, probability=0.96):
+    """A class of explanations by hand, its members as texts."""
+    sets = [tuple(words.split()) for words in equivalents]
+    return Explanation(
+        labels=tuple(best.split()),
+        equivalents=tuple(sets),
+        probability=probability,
+        own_probability=0.5,
+        members=(0,),
+        identical=tuple(tuple(words.split()) for words in identical),
+        apart=tuple([0.1] * len(sets) if apart is None else apart),
+    )
+
+
+def shown(factor: Factor) -> str:
+    return " | ".join("+".join(labels) for labels in factor.members)
+
+
+# The class of the case in the README: the rate of x follows the time or the temperature, z has one of two squares.
+README = told(
+    "bias_drift.x second_order.z",
+    "bias_temperature.x second_order.z",
+    "bias_drift.x cross_axis_square.z",
+    "bias_temperature.x cross_axis_square.z",
+    "bias_temperature.x second_order.y second_order.z",
+    "bias_temperature.x bias_temperature.y second_order.z",
+    "second_order.z warm_up",
+    identical=["bias_drift.x cross_axis_square.z"],
+)
+
+
+def test_a_class_that_is_a_product_is_two_factors_with_their_reasons():
+    drift, square = factors_of(README, ENTRIES, COLUMNS)
+    assert shown(drift) == "bias_drift.x | bias_temperature.x | warm_up"
+    assert shown(square) == "second_order.z | cross_axis_square.z"
+    assert drift.reasons == (
+        Reason("columns", ("time_s", "temperature_degc"), pytest.approx(1.0)),
+        Reason("range", ("time_s",)),
+    )
+    assert square.reasons == (Reason("identity"),)
+    assert (drift.resolved, square.resolved) == (False, True)
+    assert len(README.supersets) == 2 and not README.single_name
+    assert README.separable == (
+        ("bias_temperature.x", "second_order.z"),
+        README.equivalents[2],
+        README.equivalents[-1],
+    )
+
+
+def test_columns_that_are_not_correlated_are_no_reason():
+    columns = COLUMNS | {"temperature_degc": 25.0 + np.sin(TIME * 5)}
+    drift, _ = factors_of(README, ENTRIES, columns)
+    assert drift.reasons[0] == Reason("angles")
+
+
+def test_an_error_three_times_as_large_that_would_be_told_apart_is_too_small():
+    """Told apart from three noise sd on: of 1.1 that it leaves now, three times as much; of 0.9 not."""
+    (factor,) = factors_of(
+        told("second_order.x", "scale_asymmetry.x", "third_order.x", apart=[1.1, 0.9]), ENTRIES, COLUMNS
+    )
+    assert factor.reasons == (Reason("size"), Reason("angles"))
+
+
+def test_what_is_exchanged_together_is_one_factor_beside_the_rest():
+    """Two causes for one, a family for another family, a fault that stays, something without a name."""
+    (one,) = factors_of(told("cross_axis_square.y", "bias_drift.y second_order.y"), ENTRIES, COLUMNS)
+    assert shown(one) == "cross_axis_square.y | bias_drift.y+second_order.y"
+    x, y, fault = factors_of(
+        told(
+            "second_order.x second_order.y outlier_position:1-2",
+            "cross_axis_square.x cross_axis_square.y outlier_position:1-2",
+            identical=["cross_axis_square.x cross_axis_square.y outlier_position:1-2"],
+        ),
+        ENTRIES,
+        COLUMNS,
+    )
+    # An identity holds for each axis alone.
+    assert shown(x) == "second_order.x | cross_axis_square.x" and shown(y) == "second_order.y | cross_axis_square.y"
+    assert fault == Factor((("outlier_position:1-2",),)) and fault.resolved
+    (unnamed,) = factors_of(told("second_order.z", "unexplained"), ENTRIES, COLUMNS)
+    assert unnamed.reasons == (Reason("unnamed"),)
+
+
+def test_a_product_of_which_the_class_holds_a_corner_alone():
+    """Both exchanged at once; one of them alone is in the class, and what remains is the other."""
+    first, second = factors_of(
+        told("bias_drift.x second_order.z", "bias_temperature.x second_order.z", "bias_temperature.x index_gain"),
+        ENTRIES,
+        COLUMNS,
+    )
+    assert shown(first) == "bias_drift.x | bias_temperature.x" and shown(second) == "second_order.z | index_gain"
+
+
+def test_an_identity_at_1_g_is_identified_and_a_superset_adds_nothing():
+    alike = "cross_axis_square.z", "cross_axis_square.y cross_axis_square.z"
+    assert verdict_of(told("second_order.z", *alike, identical=alike[:1]), False, False, False) == "identified"
+    assert verdict_of(told("second_order.z", *alike), False, False, False) == "ambiguous"
+    assert (
+        verdict_of(told("second_order.z", *alike, identical=alike[:1], probability=0.7), False, False, False)
+        == "ambiguous"
+    )
+
+
+def test_effects_of_the_sensor_that_are_one_function_at_1_g():
+    """All pairs of the catalogue, by rank, and by the algebra of polynomials on the unit sphere: those of docs/diagnosis.md."""
+    slots = {}
+    for effect in ENTRIES.values():
+        if effect.id.startswith(("second", "third", "fifth", "cross", "scale_asym", "bias_temp")):
+            slots[effect.id] = replace(NO_SLOT, id=effect.id, make=effect.make, columns=(0,))
+    pairs = {(a, b) for a, b in combinations(slots, 2) if one_function_at_1_g([slots[a]], [slots[b]])}
+    assert pairs == {(f"second_order.{axis}", f"cross_axis_square.{axis}") for axis in "xyz"}
+    text = (ROOT / "docs/diagnosis.md").read_text()
+    assert all(f"| `{a}` | `{b}` |" in text for a, b in pairs)
+
+
+def test_sets_of_effects_are_compared_as_a_whole():
+    slots = {id: replace(NO_SLOT, id=id, make=ENTRIES[id].make, columns=(0,)) for id in ENTRIES if ENTRIES[id].make}
+    x, y = ([slots[f"second_order.{axis}"], slots[f"cross_axis_square.{axis}"]] for axis in "xy")
+    assert one_function_at_1_g([x[0], y[0]], [x[1], y[1]])
+    assert not one_function_at_1_g([x[0], y[0]], [x[1], slots["third_order.y"]])
+    assert not one_function_at_1_g([x[0]], [slots["bias_drift.x"], y[1]])
+    # A shape of the head at some angles is no identity, nor is an error of a position.
+    assert not one_function_at_1_g([x[0]], [slots["fixture_flexure"]]) and not one_function_at_1_g([x[0]], [NO_SLOT])
+
+
+def test_an_identity_of_an_effect_of_the_users():
+    """By Legendre's polynomial, 3 u_z^2 - 1, on the sphere u_x^2 + u_y^2 - 2 u_z^2 = 1 - 3 u_z^2."""
+    own = output_effect(
+        "mine.z",
+        "z",
+        lambda u, where: u[0] ** 2 + u[1] ** 2 - 2 * u[2] ** 2,
+        unit="mg",
+        typical=0.1,
+        physics="",
+        cause="",
+    )
+    slots = [
+        replace(NO_SLOT, id=effect.id, make=effect.make, columns=(0,))
+        for effect in (own, ENTRIES["second_order.z"], ENTRIES["second_order.y"])
+    ]
+    assert one_function_at_1_g(slots[:1], slots[1:2]) and not one_function_at_1_g(slots[:1], slots[2:])
