@@ -8,7 +8,6 @@ import pytest
 from tumblecal.diagnosis import Diagnoser
 from tumblecal.diagnosis.causes.cause import EFFECT
 from tumblecal.diagnosis.findings import fold_search
-from tumblecal.diagnosis.findings.factors import factors
 from tumblecal.diagnosis.findings.fold_search import _chosen_without, chosen_anew
 from tumblecal.diagnosis.findings.gain import fold_errors
 from tumblecal.diagnosis.sets.cause_sets import rows_of
@@ -117,7 +116,7 @@ def test_equal_causes_are_told_in_an_order_that_rounding_does_not_turn(configs):
     assert any("temperature" in label for other in equivalents for label in other)
     assert any("drift" in label for label in labels)
     # Two findings: a bias of x that follows either of the two, and the square of z, which has two forms at 1 g.
-    drift, square = sorted(factors(diagnosis), key=lambda factor: factor.resolved)
+    drift, square = sorted(diagnosis.factors, key=lambda factor: factor.resolved)
     assert {("bias_drift.x",), ("bias_temperature.x",)} <= {*drift.members}
     assert "columns" in [reason.kind for reason in drift.reasons]
     assert square.members[0] == ("second_order.z",) and {reason.kind for reason in square.reasons} == {"identity"}

@@ -15,6 +15,7 @@ from tumblecal.diagnosis.exact.insert import fit_with
 from tumblecal.diagnosis.findings import residuals
 from tumblecal.diagnosis.findings.decision import Average
 from tumblecal.diagnosis.findings.determined import Combination, combinations
+from tumblecal.diagnosis.findings.factors import Factor, factors
 from tumblecal.diagnosis.findings.fold_search import chosen_anew
 from tumblecal.diagnosis.findings.gain import Gain, gain
 from tumblecal.diagnosis.findings.in_use import in_use
@@ -110,6 +111,11 @@ class Diagnosis(Shown):
     def determined(self) -> dict[str, list[Combination]]:
         """What the data determine of the coefficients of each cause, by its label."""
         return {cause.label: combinations(self.extended, cause, self.model.scales) for cause in self.members}
+
+    @cached_property
+    def factors(self) -> tuple[Factor, ...]:
+        """The best explanation with its equivalents as a product: one factor for each finding."""
+        return factors(self.best, self.entries, self.data)
 
     @cached_property
     def harmonics(self) -> list[residuals.Harmonic]:

@@ -6,10 +6,11 @@ second, is two findings: a bias that follows the time or the temperature, and a 
 
 from collections.abc import Callable, Mapping, Sequence
 from itertools import product
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from tumblecal.data import PositionSet
 from tumblecal.diagnosis.causes.cause import id_of
 from tumblecal.diagnosis.causes.generic import UNEXPLAINED
 from tumblecal.diagnosis.sets.classes import Explanation
@@ -17,9 +18,6 @@ from tumblecal.diagnosis.sets.exchanges import Exchange, Labels, exchanges, part
 from tumblecal.diagnosis.tuning import INDISTINGUISHABLE
 from tumblecal.effects import Catalogue
 
-
-if TYPE_CHECKING:
-    from tumblecal.diagnosis.diagnosis import Diagnosis
 
 # Columns of the data that effects follow count as fully correlated from this correlation on.
 _CORRELATED = 0.98
@@ -60,15 +58,15 @@ class Factor(NamedTuple):
         return all(reason.kind == "identity" for reason in self.reasons)
 
 
-def factors(diagnosis: "Diagnosis") -> tuple[Factor, ...]:
-    """The best explanation as a product, a factor for each finding, in the order of its labels; nothing where it has no label.
+def factors(best: Explanation, entries: Catalogue, data: PositionSet) -> tuple[Factor, ...]:
+    """An explanation of some data as a product, a factor for each finding, in the order of its labels; nothing where it has no
+    label.
 
-    Supersets (`diagnosis.best.supersets`: members of the class with coefficients that the data do not need) are in none.
+    Supersets (`best.supersets`: members of the class with coefficients that the data do not need) are in none.
     """
-    data = diagnosis.data
     columns = {name: getattr(data, attribute) for name, attribute in _COLUMNS.items()}
     known = {name: np.asarray(values, float) for name, values in columns.items() if values is not None}
-    return factors_of(diagnosis.best, diagnosis.entries, known)
+    return factors_of(best, entries, known)
 
 
 def factors_of(best: Explanation, entries: Catalogue, columns: Mapping[str, np.ndarray]) -> tuple[Factor, ...]:
