@@ -68,7 +68,7 @@ def test_p_values_hold_under_the_noise_found(kind, diagnoser, monkeypatch):
 def test_sd_columns_that_the_scatter_contradicts(diagnoser, hidden):
     data = hidden(21, {}, noise=12 * blind.SIGMA)
     diagnosis = diagnoser(data)
-    assert diagnosis.labels == ("noise_unequal",) and not diagnosis.problem.known
+    assert diagnosis.labels == ("noise_level",) and not diagnosis.problem.known
     factor = float(diagnosis.noise_words.removeprefix("every sd times ").split(":")[0])
     assert factor == pytest.approx(12, rel=0.25)
     assert diagnosis.screened.detection.p_value > 0.01 > diagnosis.assumed_p_value
@@ -87,7 +87,7 @@ def test_a_wrong_level_is_no_scatter_of_the_attitude(diagnoser):
         data = blind_noise.position_set(setup, clean + 2 * blind.SIGMA * rng.normal(size=clean.shape), known=True)
         if number in (12, 14, 16):
             diagnosis = diagnoser(data)
-            assert diagnosis.labels == ("noise_unequal",) and diagnosis.noise_words.startswith("every sd times ")
+            assert diagnosis.labels == ("noise_level",) and diagnosis.noise_words.startswith("every sd times ")
 
 
 def test_a_stated_sd_that_is_too_small_by_half(diagnoser):
@@ -111,7 +111,7 @@ def test_a_large_effect_under_a_stated_sd_that_is_too_small_is_told_with_the_lev
         readings = blind.readings(setup, setup.nominal, {name: coefficients})
         readings += 2 * blind.SIGMA * rng.normal(size=readings.shape)
         diagnosis = diagnoser(blind_noise.position_set(setup, readings, known=True))
-        assert set(diagnosis.labels) == {"noise_unequal", name} or (name,) in diagnosis.best.equivalents
+        assert set(diagnosis.labels) == {"noise_level", name} or (name,) in diagnosis.best.equivalents
 
 
 def test_of_level_and_attitude_that_cannot_be_told_the_level_leads(diagnoser):
@@ -139,8 +139,8 @@ def test_positions_off_where_the_stated_sd_is_too_small(diagnoser, off):
         readings[rows] += 100 * 4**number * blind.SIGMA * rng.choice([-1, 1], (off, 3))
         diagnosis = diagnoser(blind_noise.position_set(setup, readings, known=True))
         assert set(diagnosis.best.labels) == {f"outlier_position:{setup.names[row]}" for row in rows}
-        assert [*diagnosis.noise_wrong] == ["noise_unequal"]
-        assert diagnosis.noise_wrong["noise_unequal"].measured.startswith("every sd times")
+        assert [*diagnosis.noise_wrong] == ["noise_level"]
+        assert diagnosis.noise_wrong["noise_level"].measured.startswith("every sd times")
 
 
 def test_heavy_tails_beside_a_stated_sd_are_told_as_that(diagnoser):
@@ -237,7 +237,7 @@ def test_slow_noise_is_no_effect(diagnoser, parts):
 def test_repeatability_that_raw_samples_do_not_show(diagnoser):
     data, samples, _ = recorded(4, (White(100e-6 * ONE),), extra=2e-4)
     diagnosis = diagnoser(data, samples=samples)
-    assert "noise_unequal" in diagnosis.labels and not diagnosis.problem.known
+    assert "noise_level" in diagnosis.labels and not diagnosis.problem.known
     assert float(diagnosis.noise_words.split("times ")[1].split(":")[0]) == pytest.approx(
         2e-4 * np.sqrt(60) / 100e-6, rel=0.25
     )

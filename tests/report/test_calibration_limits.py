@@ -12,6 +12,7 @@ from tumblecal.data.calibration_use import combined
 from tumblecal.data.not_applied import NotApplied
 from tumblecal.data.sensor_parameters import SENSOR
 from tumblecal.effects.effect import OF_HEAD, OF_RUN
+from tumblecal.estimation.intrinsic import matrix_and_bias
 from tumblecal.estimation.methods import calibrate
 from tumblecal.report.calibration_judgements import use_of
 from tumblecal.report.calibration_limits import expanded_uncertainty, limits
@@ -51,8 +52,8 @@ def test_the_uncertainty_of_corrected_readings(fit):
     t_57 = 2.0025  # 95 %, both sides: tables of Student's t
     assert fit.dof == 57 and expanded_uncertainty(fit) == pytest.approx(t_57 * np.max(sd), rel=0.04)
     # With 1 mg more of the bias of z alone, by matrix entry (3, 3) of about 1.
-    added = np.diag([0.0] * 11 + [1e-6])
-    assert expanded_uncertainty(fit, added) == pytest.approx(t_57 * np.hypot(np.max(sd[:, 2]), 1e-3), rel=0.04)
+    written = matrix_and_bias(fit)[2] + np.diag([0.0] * 11 + [1e-6])
+    assert expanded_uncertainty(fit, written) == pytest.approx(t_57 * np.hypot(np.max(sd[:, 2]), 1e-3), rel=0.04)
 
 
 def test_a_correction_that_the_file_lacks_limits_the_use_to_its_size(fit):
@@ -121,12 +122,12 @@ def test_an_ambiguous_verdict_allows_the_parameters_in_which_the_explanations_ag
         in_use=used,
     )  # fmt: skip
     held = SimpleNamespace(losses=lambda degc: [], listed=())
-    own = use_of_diagnosis(diagnosis, held, 0.0, [explained(2e-3, 0.0), explained(0.0, 2e-3)])
+    own = use_of_diagnosis(diagnosis, held, None, [explained(2e-3, 0.0), explained(0.0, 2e-3)])
     assert own.answer == "only" and own.parameters == tuple(name for name in SENSOR if name != "bias_x")
     # Across the x axis they differ by 2 mg, along it not at all.
     assert own.size_g == pytest.approx(2e-3, rel=0.02)
     assert own.reason == "the explanations that these data do not separate correct the readings differently"
     across = Calibration(np.eye(3), np.array([2e-3, 0, 0]), 1e-10 * np.eye(12))
     across = across.with_terms([Term("x", -2e-3, powers) for powers in ((0, 2, 0), (0, 0, 2))])
-    same = use_of_diagnosis(diagnosis, held, 0.0, [explained(0.0, 2e-3), across])
+    same = use_of_diagnosis(diagnosis, held, None, [explained(0.0, 2e-3), across])
     assert same.answer == "yes" and same.size_g is None

@@ -11,9 +11,16 @@ ENTRIES = (
     _entry(
         "noise_unequal",
         "another noise sd on an axis, at a pitch setting, in a run or mounting, or for large inputs",
-        "Some readings are noisier than others (an axis, a setting, large inputs), or all are not as noisy as stated.",
+        "Some readings are noisier than others (an axis, a setting, large inputs).",
         "State each reading's own standard deviation in the sd columns; find out what is worse there.",
         "Bartlett (1937); restricted likelihood of Patterson and Thompson (1971)",
+    ),
+    _entry(
+        "noise_level",
+        "every stated sd wrong by one factor",
+        "The stated noise is wrong by one factor for all readings.",
+        "State the sd that the data show, or leave it out: it is then estimated.",
+        "chi-square test of the residuals",
     ),
     _entry(
         "noise_coloured",

@@ -30,15 +30,15 @@ _ONE_TEMPERATURE_DEGC = 0.5
 _LEVEL = 0.95
 
 
-def limits(fit: Fit, terms: SensorTerms, added: Float[np.ndarray, "12 12"] | float = 0.0) -> Iterator[Use]:
+def limits(fit: Fit, terms: SensorTerms, written: Float[np.ndarray, "12 12"] | None = None) -> Iterator[Use]:
     """All limits of a converged fit's calibration that do not depend on its residuals.
 
     **Arguments:**
 
-    - `fit`: with the parameters of the file. `terms`: of the file. `added`: to the fit's covariance of matrix and bias.
+    - `fit`: with the parameters of the file. `terms`: of the file. `written`: covariance of matrix and bias, if not the fit's.
     """
     if one_sensor(fit):
-        significant_g = expanded_uncertainty(fit, added)
+        significant_g = expanded_uncertainty(fit, written)
         yield from _losses(terms.losses(fit.data.temperature_degc), significant_g)
         thermal = any(term.thermal for term in terms.listed)
         yield from _within_dwells(fit.data, significant_g, thermal=thermal)
@@ -47,16 +47,17 @@ def limits(fit: Fit, terms: SensorTerms, added: Float[np.ndarray, "12 12"] | flo
     yield from temperature_use(fit.data)
 
 
-def expanded_uncertainty(fit: Fit, added: Float[np.ndarray, "12 12"] | float = 0.0) -> float:
+def expanded_uncertainty(fit: Fit, written: Float[np.ndarray, "12 12"] | None = None) -> float:
     """The largest expanded uncertainty (95 %) of a corrected reading at 1 g, g."""
-    matrix, _, covariance = matrix_and_bias(fit)
+    matrix, _, by_fit = matrix_and_bias(fit)
+    covariance = by_fit if written is None else written
     readings = DIRECTIONS @ np.linalg.inv(matrix).T
     # f_r = sum_c matrix_rc (A_c - bias_c): derivative by the row of the matrix, and by the bias.
     slope = np.zeros((len(DIRECTIONS), 3, 12))
     for row in range(3):
         slope[:, row, 3 * row : 3 * row + 3] = readings
     slope[:, :, 9:] = -matrix
-    variance = np.einsum("nrp,pq,nrq->nr", slope, covariance + added, slope)
+    variance = np.einsum("nrp,pq,nrq->nr", slope, covariance, slope)
     dof = np.inf if fit.noise == "stated" else max(float(fit.dof), 1.0)
     return float(np.sqrt(np.max(variance)) * coverage_factors(np.array([dof]), _LEVEL)[0])
 

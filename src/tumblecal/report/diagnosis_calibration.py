@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.data.calibration import Calibration
+from tumblecal.data.calibration import ORDER, Calibration
 from tumblecal.data.calibration_terms import Term
 from tumblecal.data.calibration_use import Use
 from tumblecal.data.sensor_parameters import SENSOR, leaf_of
@@ -24,8 +24,7 @@ from tumblecal.report.diagnosis_use import not_written, use_of_diagnosis
 from tumblecal.report.effect_forms import require_forms
 from tumblecal.report.result_file import linear_calibration
 from tumblecal.report.sensor_terms import FittedEffect, SensorTerms, Signal, lacking_words, terms_of_chain
-from tumblecal.report.terms_covariance import covariance_with_terms
-from tumblecal.report.undetected_terms import added_by_undetected_terms
+from tumblecal.report.terms_covariance import WITH_TERMS, covariance_in_use
 
 
 def extended_calibration(diagnosis: Diagnosis) -> Calibration | None:
@@ -53,16 +52,18 @@ def extended_calibration(diagnosis: Diagnosis) -> Calibration | None:
     if len(weighed) > 1:
         said["averaged_over"] = [{"causes": list(own.labels), "probability": own.share} for own in weighed]
     calibration = linear_calibration(used)
-    added = added_by_undetected_terms(diagnosis, said["reference"].get("temperature_degc"))
+    estimated = terms.by_name if terms.by_name.keys() <= set(diagnosis.in_use.names) else {}
+    covariance = covariance_in_use(diagnosis, estimated, said["reference"].get("temperature_degc"))
+    alone, together = covariance[: len(ORDER), : len(ORDER)], {"order": [*ORDER, *estimated]}
     calibration = replace(
         calibration,
-        covariance=calibration.covariance + added,
+        covariance=alone,
         provenance=calibration.provenance | said,
-        use=_use(diagnosis, terms, added),
+        use=_use(diagnosis, terms, alone),
     )
     calibration = terms.put_into(calibration, diagnosis.data.temperature_degc)
-    more = covariance_with_terms(diagnosis.in_use, terms.by_name, added)
-    return replace(calibration, extra=calibration.extra | more)
+    together |= {"covariance": covariance.tolist()}
+    return replace(calibration, extra=calibration.extra | ({WITH_TERMS: together} if estimated else {}))
 
 
 def diagnosed_use(diagnosis: Diagnosis) -> Use:
@@ -73,10 +74,10 @@ def diagnosed_use(diagnosis: Diagnosis) -> Use:
     return calibration.use
 
 
-def _use(diagnosis: Diagnosis, terms: SensorTerms, added: Float[np.ndarray, "12 12"]) -> Use:
+def _use(diagnosis: Diagnosis, terms: SensorTerms, covariance: Float[np.ndarray, "12 12"]) -> Use:
     weighed = diagnosis.in_use.weighed
     each = [_by_explanation(diagnosis, own) for own in weighed] if len(weighed) > 1 else []
-    return use_of_diagnosis(diagnosis, terms, added, each)
+    return use_of_diagnosis(diagnosis, terms, covariance, each)
 
 
 def _given_terms(diagnosis: Diagnosis, fit: Fit) -> SensorTerms:

@@ -37,17 +37,17 @@ def not_written(diagnosis: Diagnosis) -> str:
 def use_of_diagnosis(
     diagnosis: Diagnosis,
     terms: SensorTerms,
-    added: Float[np.ndarray, "12 12"] | float = 0.0,
+    written: Float[np.ndarray, "12 12"] | None = None,
     explanations: Sequence[Calibration] = (),
 ) -> Use:
     """Whether the calibration of the extended model may be used.
 
     **Arguments:**
 
-    - `terms`: of the file. `added`: as of `limits`. `explanations`: of an average over several the calibration by each.
+    - `terms`: of the file. `written`: as of `limits`. `explanations`: of an average over several the calibration by each.
     """
     used = diagnosis.in_use.as_fit
-    return combined([*_findings(diagnosis), *_disagreement(diagnosis, explanations), *limits(used, terms, added)])
+    return combined([*_findings(diagnosis), *_disagreement(diagnosis, explanations), *limits(used, terms, written)])
 
 
 def _findings(diagnosis: Diagnosis) -> Iterator[Use]:

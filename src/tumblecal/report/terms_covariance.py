@@ -1,35 +1,98 @@
-"""The covariance of matrix, bias and terms of a diagnosis' calibration together, for the uncertainty of corrected readings."""
+"""The covariance of matrix, bias and terms of a diagnosis' calibration together, for the uncertainty of corrected readings.
+
+An effect that was not detected, and of which the file holds no term, is missing in every corrected reading: `phi(u, T) c`. It
+moved the fitted parameters too, which makes up for a part of it. Over all attitudes and the measured temperatures, `phi` is
+split into what matrix and bias can make (least squares), which is added to what the coefficient does to the parameters, and a
+remainder, whose mean square counts as that of the bias. The covariance so holds for the readings that are corrected.
+"""
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
 
 from tumblecal.data.calibration import ORDER
+from tumblecal.data.calibration_extended import values
 from tumblecal.data.calibration_terms import Term
 from tumblecal.data.sensor_parameters import SENSOR
-from tumblecal.diagnosis.findings.decision import Average
+from tumblecal.diagnosis import Diagnosis
 from tumblecal.estimation.intrinsic import correction_slope
+from tumblecal.report.calibration_limits import DIRECTIONS
+from tumblecal.report.effect_forms import per_hour, term_of_form
 
 
-KEY = "covariance_with_terms"
+# The key of a file for it.
+WITH_TERMS = "covariance_with_terms"
 
 
-def covariance_with_terms(used: Average, terms: Mapping[str, Term], added: Float[np.ndarray, "12 12"]) -> dict:
-    """The key `KEY` of a file: the covariance of `ORDER` and of the terms' coefficients, in the order and units of the file;
-    nothing without terms, or if one of them was not estimated.
+def covariance_in_use(
+    diagnosis: Diagnosis, terms: Mapping[str, Term], reference_degc: float | None
+) -> Float[np.ndarray, "entries entries"]:
+    """The covariance of matrix and bias (the order of `ORDER`), then of the terms' coefficients, in the units of the file.
 
     **Arguments:**
 
-    - `used`: the parameters as written. `terms`: by the names of their coefficients. `added`: to the covariance of `ORDER`.
+    - `terms`: that were estimated, by the names of their coefficients.
+    - `reference_degc`: temperature for which the parameters are meant.
     """
-    if not terms or not terms.keys() <= set(used.names):
-        return {}
-    sensor, own = [used.names.index(name) for name in SENSOR], [used.names.index(name) for name in terms]
-    slope = np.zeros((len(ORDER) + len(own), len(used.names)))
-    slope[: len(ORDER), sensor] = correction_slope(used.values[sensor])
+    used, own = diagnosis.in_use, [diagnosis.in_use.names.index(name) for name in terms]
+    places, count = [used.names.index(name) for name in SENSOR], len(ORDER)
+    slope = np.zeros((count + len(own), len(used.names)))
+    slope[:count, places] = correction_slope(used.values[places])
     # The model counts time in seconds.
-    slope[len(ORDER) + np.arange(len(own)), own] = [3600.0 if term.per_hour else 1.0 for term in terms.values()]
-    covariance = slope @ used.covariance @ slope.T
-    covariance[: len(ORDER), : len(ORDER)] += added
-    return {KEY: {"order": [*ORDER, *terms], "covariance": covariance.tolist()}}
+    slope[count + np.arange(len(own)), own] = [3600.0 if term.per_hour else 1.0 for term in terms.values()]
+    covariance, undetected = slope @ used.covariance @ slope.T, used.undetected
+    responses = _responses(diagnosis, reference_degc)
+    if undetected is None or not len(responses):
+        return covariance
+    inputs = np.tile(DIRECTIONS, (responses.shape[1] // len(DIRECTIONS), 1))
+    regressors = np.column_stack([np.ones(len(inputs)), inputs])
+    fitted = np.linalg.pinv(regressors) @ responses.transpose(2, 1, 0)  # axis, (1, u), direction
+    remainder, products = responses.transpose(2, 1, 0) - regressors @ fitted, undetected.products
+    moved = slope @ undetected.shifts
+    whole = moved.copy()
+    for axis in range(3):
+        # A reading is the inverse of the matrix times the force, and the bias: a slope takes from the matrix.
+        whole[3 * axis : 3 * axis + 3] -= fitted[axis, 1:]
+        whole[9 + axis] += fitted[axis, 0]
+    covariance = _without_negative(covariance - moved @ products @ moved.T, covariance) + whole @ products @ whole.T
+    missed = np.einsum("kpi,ij,kpj->k", remainder, products, remainder) / len(inputs)
+    covariance[np.arange(9, 12), np.arange(9, 12)] += missed
+    return covariance
+
+
+def _without_negative(
+    difference: Float[np.ndarray, "entries entries"], scale: Float[np.ndarray, "entries entries"]
+) -> Float[np.ndarray, "entries entries"]:
+    """A difference of covariances without negative variances: of an average over several explanations only the leading one's
+    part of the effects is known."""
+    sd = np.sqrt(np.maximum(np.diag(scale), 1e-300))
+    variances, axes = np.linalg.eigh(difference / np.outer(sd, sd))
+    root = sd[:, None] * axes * np.sqrt(np.maximum(variances, 0.0))
+    return root @ root.T
+
+
+def _responses(diagnosis: Diagnosis, reference_degc: float | None) -> Float[np.ndarray, "directions points 3"]:
+    """What each direction of the undetected effects that a file could hold adds to the readings, at points of the sphere and
+    of the temperature range, g; none without such effects."""
+    undetected, model = diagnosis.in_use.undetected, diagnosis.model
+    where, degc = diagnosis.problem.where, diagnosis.data.temperature_degc
+    span = [None] if degc is None else [np.min(degc), np.mean(degc), np.max(degc)]
+    responses = np.zeros((0 if undetected is None else len(undetected.numbers), len(span) * len(DIRECTIONS), 3))
+    if undetected is None:
+        return responses
+    for slot in {slot.id: slot for slot in model.slots if slot.id in undetected.effects}.values():
+        entry = diagnosis.entries[slot.id]
+        for form, column, unit in zip(entry.forms, slot.columns, slot.units, strict=False):
+            # At the time of the reference a drift is zero.
+            if form.get("per_hour"):
+                continue
+            thermal = (
+                {"reference_degc": reference_degc} if "reference_degc" in form and reference_degc is not None else {}
+            )
+            term = term_of_form(form | thermal, where, effect=slot.id, determined=False)
+            size = float(model.scales[column]) * per_hour(term, unit)
+            alone = [values([replace(term, coefficient=size)], DIRECTIONS, warm) for warm in span]
+            responses += undetected.steps[:, column, None, None] * np.concatenate(alone)
+    return responses * ~undetected.named[:, None, None]

@@ -178,7 +178,7 @@ def _level(positions: int) -> NoiseModel:
     """All sd wrong by one factor."""
     share = log(LEVEL_WEIGHT) - log(log(_MOST_FACTOR / _LEAST_FACTOR))
     equal = Covariance(np.ones(3 * positions), "rows")
-    return NoiseModel("noise_unequal", "every sd times one factor", share, equal, kind=LEVEL)
+    return NoiseModel("noise_level", "every sd times one factor", share, equal, kind=LEVEL)
 
 
 @lru_cache(maxsize=64)

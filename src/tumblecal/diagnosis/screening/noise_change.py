@@ -229,10 +229,11 @@ def _unexplained_log_odds(screened: Screened) -> float:
 
 
 def _level_first(scores: NoiseScores, best: NoiseChange | None) -> NoiseChange | None:
-    """Of a wrong level and another alternative that these data cannot tell from it, the level: it is the simpler."""
+    """The level, if these data cannot tell it from another kind of noise: it is the simpler. Unequal sds hold a part of a wrong
+    level themselves, so their odds decide."""
     level = scores.most_probable(lambda model: model.kind == LEVEL)
     other = scores.most_probable(lambda model: model.kind != LEVEL)
-    if level is None or other is None or best is None or other.model.label == level.model.label:
+    if level is None or other is None or best is None or other.model.label == "noise_unequal":
         return best
     if abs(other.log_odds - level.log_odds) > LEAST_NOISE_ODDS:
         return best
