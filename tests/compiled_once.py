@@ -1,7 +1,6 @@
-"""What JAX compiles in this session is compiled once: its workers and the commands that it starts share one folder.
+"""What JAX traces and compiles in this session is made once: its workers and the commands that it starts share one folder.
 
-Only executables: the functions are traced in every process, so that the shapes of their signatures are checked there.
-Null distributions are drawn once a plan.
+The process that traces a function checks the shapes of its signatures. Null distributions are drawn once a plan.
 """
 
 import os
@@ -21,23 +20,6 @@ def keep_programs() -> None:
     from tumblecal.ground import program_cache  # not earlier: the import hook checks what it imports
 
     program_cache.keep_programs(Path(os.environ["TUMBLECAL_CACHE"]) / "programs")
-
-
-def keep_executables() -> None:
-    """Let this process read and keep what JAX compiled, and no traced program."""
-    from tumblecal.ground import program_cache
-
-    keep_programs()
-    program_cache._kept = None
-
-
-def share_null_distributions() -> None:
-    """Let all processes of this session draw the null distribution of a plan once."""
-    from tumblecal.diagnosis.detection import kept_null
-    from tumblecal.ground.program_cache import ProgramCache
-
-    cache = ProgramCache(Path(os.environ["TUMBLECAL_CACHE"]) / "programs")
-    kept_null.program_cache = lambda: cache
 
 
 def end() -> None:

@@ -55,8 +55,7 @@ def pytest_configure() -> None:
     tumblecal.enable_float64()
     jax.config.update("jax_numpy_rank_promotion", "raise")
     jax.config.update("jax_numpy_dtype_promotion", "strict")
-    compiled_once.keep_executables()
-    compiled_once.share_null_distributions()
+    compiled_once.keep_programs()
 
 
 # Files that take longest, so that with `--dist loadfile` none of them is begun last and waited for by all; two that compile
@@ -141,14 +140,6 @@ def study():
     from tumblecal.studies.paper_study import paper_study
 
     return paper_study()
-
-
-@pytest.fixture
-def programs_kept():
-    """Programs are kept and read as a command does, by the workers that this process starts too."""
-    compiled_once.keep_programs()
-    yield
-    compiled_once.keep_executables()
 
 
 @pytest.fixture(scope="module")
@@ -240,7 +231,7 @@ def tumblecal(monkeypatch, capsys):
         return Outcome(code, captured.out, captured.err.splitlines())
 
     yield run
-    compiled_once.keep_executables()
+    compiled_once.keep_programs()
 
 
 @pytest.fixture

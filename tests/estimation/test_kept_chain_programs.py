@@ -33,7 +33,7 @@ def exports(tmp_path, monkeypatch):
     monkeypatch.setattr(export, "export", counted)
     keep_programs(tmp_path / "programs")
     yield made
-    compiled_once.keep_executables()
+    compiled_once.keep_programs()
 
 
 def settings_of(pitches):

@@ -113,7 +113,7 @@ def test_the_folder_is_private_or_not_used(filled):
     try:
         assert keep_programs(folder) == ""
     finally:
-        compiled_once.keep_executables()
+        compiled_once.keep_programs()
     assert stat.S_IMODE(folder.stat().st_mode) == 0o700
     folder.chmod(0o777)
     environment = os.environ | {"TUMBLECAL_CACHE": str(cache)}

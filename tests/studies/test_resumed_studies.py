@@ -38,9 +38,7 @@ def one_core(tmp_path_factory, configs):
     return folder
 
 
-def test_one_core_all_cores_and_workers_of_which_one_is_killed_give_the_same_bytes(
-    programs_kept, one_core, tmp_path, configs
-):
+def test_one_core_all_cores_and_workers_of_which_one_is_killed_give_the_same_bytes(one_core, tmp_path, configs):
     distributed = pytest.importorskip("distributed")
     from tumblecal.studies.cluster import cluster
 
