@@ -17,9 +17,9 @@ from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.diagnosis.findings.decision import Average, Weighed, averaged, explanations_left, is_thermal, mixed
 from tumblecal.diagnosis.findings.effect_posterior import Candidate, effect_posterior
 from tumblecal.diagnosis.findings.effect_signals import EffectDirections, directions_at_typical_size
-from tumblecal.diagnosis.findings.reference import at_reference, moved_to_reference
+from tumblecal.diagnosis.findings.reference import at_reference, long_lived, moved_to_reference
 from tumblecal.diagnosis.findings.undetected_effects import UndetectedEffects
-from tumblecal.diagnosis.model.tangent import unreachable
+from tumblecal.diagnosis.model.tangent import tangent, unreachable
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.cause_sets import sets_of
 from tumblecal.diagnosis.sets.classes import grouped
@@ -122,6 +122,10 @@ def _estimate(
     - `added`: what each coefficient adds to the nominal parameters at the reference.
     """
     at, model, fit = screened.at, screened.at.model, base.fit
+    if dying := [cause.slot for cause in base.members if cause.slot.shape]:
+        # The time constants as fitted.
+        at = tangent(model, at.problem, fit.vector)
+        added = long_lived(at, dying, added)
     # A time constant that was fitted is one more parameter.
     shapes = [
         column
@@ -165,6 +169,8 @@ def _estimate(
     places = [names[names_of[column]] for column in columns]
     shifts[places] = moved
     values[places] = fit.vector[columns] + model.scales[columns] * (estimator @ rows) + moved @ taken
+    # A step along a time constant means nothing once its amplitude is another.
+    values[places[nominal:]] = fit.vector[shapes]
     for slot in slots:
         for column in slot.columns:
             shifts[names[names_of[column]]] = model.scales[column] * directions.steps[:, column] * named

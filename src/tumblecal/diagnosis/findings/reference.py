@@ -21,7 +21,7 @@ from tumblecal.ground.axes import AXES
 
 def moved_to_reference(at: Tangent, ids: Collection[str], *, thermal: bool) -> Float[np.ndarray, "nominal full"]:
     """What each coefficient of the full vector adds to the nominal parameters at the reference, all in their scales; zero for
-    effects that do not change with time, temperature, run or setting, and for those that die away.
+    effects that do not change with time, temperature, run or setting, and for those that die away within the measurement.
 
     **Arguments:**
 
@@ -51,6 +51,27 @@ def at_reference(fit: Fit, at: Tangent, added: Float[np.ndarray, "nominal full"]
     if not np.any(to[:nominal, nominal:]):
         return fit
     return replace(fit, values=to @ fit.values, covariance=to @ fit.covariance @ to.T, hidden=to @ fit.hidden)
+
+
+def long_lived(
+    point: Tangent, slots: Sequence[Slot], added: Float[np.ndarray, "nominal full"]
+) -> Float[np.ndarray, "nominal full"]:
+    """`added` with the effects that die away more slowly than the measurement lasts: their end was not measured, so the
+    parameters are those that the nominal model fits, in the middle.
+
+    **Arguments:**
+
+    - `point`: the problem linearised with the time constants as fitted. `slots`: of the effects.
+    """
+    time = point.problem.where.time_s
+    if time is None:
+        return added
+    added, duration = added.copy(), np.ptp(np.asarray(time))
+    for slot in slots:
+        if slot.shape and np.all(point.vector[list(slot.shape)] > duration):
+            columns = list(slot.columns)
+            added[:, columns] = _absorbed(point.jacobian[:, : point.model.nominal], point.jacobian[:, columns])
+    return added
 
 
 def _add_drifts(at: Tangent, slots: Sequence[Slot], added: Float[np.ndarray, "nominal full"]) -> None:
