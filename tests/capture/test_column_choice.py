@@ -143,12 +143,25 @@ def test_without_names_and_without_evidence_the_user_is_asked(moved, case):
         chosen(numbered(*data))
 
 
+def test_three_columns_alone_at_rest_are_accelerations_of_one_g():
+    """As a file of one face; not with a fourth column, beyond one g, or moving."""
+    rng = np.random.default_rng(2)
+    face = G * np.array([0.6, 0.0, 0.8]) + 0.02 * rng.normal(size=(200, 3))
+    for columns in (numbered(np.arange(200) / 50, face), dict(zip("xyz", face.T, strict=True))):
+        layout = chosen(columns)
+        assert [layout.columns[f"a{axis}"].name[-1] for axis in "xyz"] in (["2", "3", "4"], ["x", "y", "z"])
+    moving = face + 4 * np.cumsum(rng.normal(size=face.shape), axis=0)
+    for data in (np.column_stack([face, face[:, 0]]), 1.5 * face, moving):
+        with pytest.raises(InputError, match=r"--columns ax=\d,ay=\d,az=\d"):
+            chosen(numbered(data))
+
+
 def test_axes_alone_are_taken_only_with_the_size_of_gravity(moved):
     force, rate, field = moved
     named = lambda values, stem="": dict(zip((f"{stem}z", f"{stem}y", f"{stem}x"), values.T, strict=True))  # noqa: E731
     layout = chosen(named(force))
     assert [layout.columns[f"a{axis}"].name for axis in "xyz"] == ["x", "y", "z"]
-    for values in (rate, field, force[:40] / 2048):
+    for values in (rate, field, force[:40]):
         with pytest.raises(InputError, match="--columns ax=x,ay=y,az=z"):
             chosen(named(values))
     layout = chosen(named(rate, "s1_") | named(force, "s2_") | named(field, "s3_"))

@@ -165,7 +165,9 @@ def _without_gravity(columns: Columns, triples: list[Triple]) -> str:
 
 def _by_axes(columns: Columns, unnamed: list[Triple], path: str) -> tuple[Triple, str, list[str]] | None:
     """The accelerations among triples whose names give the axes, and no quantity: those that have the size of gravity."""
-    heavy = [triple for triple in unnamed if columns.is_gravity(triple) and not columns.size(triple).computed]
+    heavy = [triple for triple in unnamed if columns.is_gravity(triple) and not columns.size(triple).is_computed]
+    if not heavy and len(unnamed) == 1 and columns.size(unnamed[0]).rests_at_gravity:
+        heavy = unnamed
     if len(heavy) == 1:
         triple = heavy[0]
         size = columns.size(triple).middle
@@ -211,6 +213,11 @@ def _by_values(columns: Columns, path: str) -> tuple[Triple, str, list[str]] | N
             f"{fit.attitudes} attitudes, {100 * fit.dispersion:.1f} % dispersion); to override: {_OTHERS}"
         )
         return triple, "values", [said]
+    if len(varied) == len(AXES) and not fits:
+        only = Triple((free[varied[0]], free[varied[1]], free[varied[2]]), _NAMELESS)
+        if columns.size(only).rests_at_gravity:
+            said = f"accelerations: columns {only} as x, y, z, the only three, at rest with the size of gravity"
+            return only, "values", [f"{said}; to override: {_OTHERS}"]
     likely = [named[three] for three in fits] or [
         Triple((free[k], free[k + 1], free[k + 2]), _NAMELESS) for k in varied if {k + 1, k + 2} <= set(varied)
     ]

@@ -8,15 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tumblecal.capture.recordings.asked_columns import asked_for, given_columns, per_axis, scaled
 from tumblecal.capture.recordings.column_choice import Unsettled, chosen
 from tumblecal.capture.recordings.column_names import (
     NUMBERS,
-    QUANTITIES,
     ColumnName,
-    exact_role,
     parsed,
     role_of,
-    same_kind,
 )
 from tumblecal.capture.recordings.guesses import guessed
 from tumblecal.capture.recordings.number_range import Wrap
@@ -24,7 +22,7 @@ from tumblecal.capture.recordings.options import Asked
 from tumblecal.capture.recordings.row_runs import without_erased_rows
 from tumblecal.capture.recordings.table import SourceTable
 from tumblecal.capture.recordings.time_or_temperature import CLOCKS, may_be_times, rising, settled
-from tumblecal.capture.recordings.triples import Columns, triples_of
+from tumblecal.capture.recordings.triples import ALIKE, Columns, triples_of, usual_unit
 from tumblecal.capture.recordings.units import (
     FORCE,
     RATE,
@@ -51,6 +49,8 @@ if TYPE_CHECKING:
 
 # Of a file without names so many pieces are read until the values show the accelerations.
 _MOST_PIECES = 16
+# Readings whose size is so many times one g are in another unit than their name says.
+_FAR = 3.0
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ class Layout:
 
 def has_force(table: SourceTable, asked: Asked) -> bool:
     """Whether a table has three accelerations by name, as asked or as its format says."""
-    given = _given(table, asked)
+    given = given_columns(table, asked)
     if set(FORCE) <= set(given):
         return True
     return any(triple.name.quantity == "acceleration" for triple in triples_of(_free_names(table, given)))
@@ -99,7 +99,7 @@ def layout_of(
     **Raises:** `InputError` when the three accelerations are not among them, or for options that fit nothing. Before it, the
     command prints what was guessed.
     """
-    given = _given(table, asked)
+    given = given_columns(table, asked)
     names = _free_names(table, given)
     pieces = iter(table.pieces(_needed(table, given, names)))
     first = next(pieces, None)
@@ -129,7 +129,7 @@ def _layout(
     wraps: Mapping[str, Wrap],
 ) -> Layout:
     (path, only), (given, names, first) = wanted, found
-    why = {role: "asked for" if role in _asked_for(table, asked) else "format" for role in given}
+    why = {role: "asked for" if role in asked_for(table, asked) else "format" for role in given}
     named, fitted = dict(given), None
     if not set(FORCE) & set(given):
         choice = chosen(Columns(table.columns, names, _readings(names, first, asked), per_g_of(asked.unit)), path)
@@ -151,7 +151,7 @@ def _layout(
             named["time"], why["time"] = Column(clock), "values"
             said.append(f"time: column {clock}, by its values (it only rises); to override: --columns time=...")
     if only is not None:
-        only = {*only, *_asked_for(table, asked)}
+        only = {*only, *asked_for(table, asked)}
         # A column `t` is told by the time or the temperature beside it.
         named = _of(named, only | CLOCKS if only & CLOCKS else only)
     named, words = settled(named, first, path)
@@ -166,7 +166,7 @@ def _layout(
     check_units(table, named, asked, path)
     named, words = _readable(table, named, asked, first, path)
     said += words
-    named = in_range(table, _scaled(named, asked), asked, first, wraps)
+    named = in_range(table, scaled(named, asked), asked, first, wraps)
     force = np.stack([numbers_of(first, named[role]) for role in FORCE], axis=1)
     lengths = np.linalg.norm(force, axis=1)
     # Erased memory and sensors that do not answer have one number on all axes; it says nothing of the unit.
@@ -179,12 +179,22 @@ def _layout(
     stated = {role: column.unit for role, column in named.items()}
     named, per_g, by_size = force_unit(table, named, asked, size)
     named, words = rate_unit(table, named, asked)
-    said += [*by_size, *words]
+    said += [*by_size, *words, *_other_unit(named, asked, size)]
     if "time" in named:
         named, words = time_unit(table, named, asked, first, path)
         said += words
     why = {role: f"{why.get(role, 'name')}{_unit_why(role, stated, asked, bool(by_size))}" for role in named}
     return Layout(table, named, per_g, size, tuple(said), why)
+
+
+def _other_unit(named: Mapping[str, Column], asked: Asked, size: float) -> list[str]:
+    """That the unit in the names contradicts the size of the readings, which is one g in another."""
+    per_g, other = per_g_of(named["ax"].unit), usual_unit(size, ALIKE)
+    if asked.unit or per_g is None or other is None or 1 / _FAR < size / per_g < _FAR:
+        return []
+    return [
+        f"unit by name: {named['ax'].unit}, but the readings' size is about {size:.5g}, one g in {other}; --unit sets another"
+    ]
 
 
 def _unit_why(role: str, stated: Mapping[str, str], asked: Asked, by_size: bool) -> str:
@@ -218,23 +228,11 @@ def _readable(
     for role in unreadable:
         # What a device does not send stands as empty columns in some formats; of a column of words it is said.
         cell, of_words = first_cell(first, named[role]), not _numeric_or_empty(first, named[role])
-        if role in (*FORCE, *_asked_for(table, asked)) or (role in NUMBERS and of_words):
+        if role in (*FORCE, *asked_for(table, asked)) or (role in NUMBERS and of_words):
             more = ", or give --columns" if role in FORCE else ""
             raise InputError(f"{path}:{unread(table, first, named[role])}: no number; {advice(cell, role)}{more}")
         said += [f"{unread(table, first, named[role])}: no number; left out as {role}"] * of_words
     return {role: column for role, column in named.items() if role not in unreadable}, said
-
-
-def _given(table: SourceTable, asked: Asked) -> dict[str, Column]:
-    """Columns by their quantity as the format says, as this program names them itself, and before all as the user says."""
-    asked_for = _asked_for(table, asked)
-    taken = {column.name for column in asked_for.values()}
-    given: dict[str, Column] = {}
-    for name in table.columns:
-        role, unit = exact_role(table.roles.get(name, ""))
-        if role and role not in given and name not in taken:
-            given[role] = Column(name, unit)
-    return given | asked_for
 
 
 def _needed(table: SourceTable, given: Mapping[str, Column], names: Mapping[str, ColumnName]) -> list[str]:
@@ -253,7 +251,7 @@ def _needed(table: SourceTable, given: Mapping[str, Column], names: Mapping[str,
 def _readings(names: Mapping[str, ColumnName], first: "pl.DataFrame", asked: Asked) -> Callable[[str, int], np.ndarray]:
     """The numbers of a column, with the scale and the offset that a user gives for the axis that it may be; in the range of
     their type, as the triples of names show it."""
-    scale, offset = _per_axis(asked.scale, "--scale", 1.0), _per_axis(asked.offset, "--offset", 0.0)
+    scale, offset = per_axis(asked.scale, "--scale", 1.0), per_axis(asked.offset, "--offset", 0.0)
     wraps = dict[str, Wrap]()
     for triple in triples_of({name: own for name, own in names.items() if name in first.columns}):
         columns = {
@@ -300,76 +298,6 @@ def _others(
     return others
 
 
-def _asked_for(table: SourceTable, asked: Asked) -> dict[str, Column]:
-    """The columns that a user names.
-
-    **Raises:** `InputError` for a quantity or a column that there is not.
-    """
-    asked_for: dict[str, Column] = {}
-    for role, given in _pairs(asked.columns, "--columns").items():
-        quantity, unit = exact_role(role)
-        said = f"--columns {role}={given}"
-        if quantity not in QUANTITIES:
-            raise InputError(f"{said}: no such quantity; there are {', '.join(QUANTITIES)}")
-        name = _column_asked_for(table, given, said)
-        taken = next((other for other, own in asked_for.items() if own.name == name or other == quantity), None)
-        if taken is not None:
-            other = f"column {asked_for[taken].name} is {taken} already"
-            raise InputError(f"{said}: {other}; name another column for each quantity")
-        # Where the user says no unit, the column's own name may.
-        own_quantity, own_unit = exact_role(table.roles[name]) if name in table.roles else role_of(name)
-        unit = unit or (own_unit if same_kind(own_quantity, quantity) else "")
-        asked_for[quantity] = Column(name, unit)
-    return asked_for
-
-
-def _column_asked_for(table: SourceTable, given: str, said: str) -> str:
-    """The name of a column that is asked for by its name or its number."""
-    if given in table.columns:
-        return given
-    number = int(given) if given.isdecimal() else 0
-    if not 1 <= number <= len(table.columns):
-        raise InputError(f"{said}: no such column; the recording has {shown(', '.join(table.columns))}")
-    return table.columns[number - 1]
-
-
 def _numeric_or_empty(first: "pl.DataFrame", column: Column) -> bool:
     cells = first[column.name]
     return cells.dtype.is_numeric() or not any(str(cell).strip() for cell in cells.drop_nulls())
-
-
-def _pairs(text: str, option: str) -> dict[str, str]:
-    pairs = {}
-    for part in filter(None, text.split(",")):
-        key, equals, value = part.partition("=")
-        if not equals or not value.strip():
-            raise InputError(f"{option} {text}: write pairs such as ax=AccX,ay=AccY,az=AccZ")
-        if pairs.get(key.strip(), value.strip()) != value.strip():
-            raise InputError(f"{option} {text}: {key.strip()} is given twice; keep one")
-        pairs[key.strip()] = value.strip()
-    return pairs
-
-
-def _per_axis(text: str, option: str, default: float) -> dict[str, float]:
-    """A finite number for all accelerations, or one for each quantity named; of scales none is 0."""
-    pairs = _pairs(text, option) if "=" in text else dict.fromkeys(FORCE, text or str(default))
-    numbers = {}
-    for role, value in pairs.items():
-        try:
-            numbers[role] = float(value)
-        except ValueError:
-            raise InputError(f"{option} {text}: not a number; write 0.5, or ax=0.5,ay=0.4,az=0.5") from None
-        if not np.isfinite(numbers[role]) or (default and not numbers[role]):
-            raise InputError(f"{option} {text}: must be finite{' and other than 0' if default else ''}")
-    return numbers
-
-
-def _scaled(named: dict[str, Column], asked: Asked) -> dict[str, Column]:
-    scale, offset = _per_axis(asked.scale, "--scale", 1.0), _per_axis(asked.offset, "--offset", 0.0)
-    unknown = [role for role in (*scale, *offset) if role not in named]
-    if unknown:
-        raise InputError(f"--scale, --offset: {unknown[0]} is not among the columns; there are {', '.join(named)}")
-    return {
-        role: Column(column.name, column.unit, scale.get(role, 1.0), offset.get(role, 0.0))
-        for role, column in named.items()
-    }

@@ -22,6 +22,8 @@ ALIKE_FITTED, ALIKE = 1.15, 1.3
 _FEWEST_ALIKE = 3
 # A sensor's noise and errors change the length of its readings by more, over it; a direction of gravity has one length.
 _LEAST_NOISE = 1e-4
+# Of one attitude alone: the length changes by less than this share, and is one g to within this factor.
+_AT_REST, _ALIKE_ONE = 0.1, 1.2
 STATE_ORDER = ("raw", "", "processed", "linear", "world", "free")
 
 
@@ -67,7 +69,7 @@ class Columns:
             attitudes = means.attitudes([0, 1, 2])
             self._sizes[triple.columns] = Size(
                 float(np.median(lengths)) if len(lengths) else np.nan,
-                _is_computed(lengths),
+                _changes(lengths),
                 np.linalg.norm(attitudes, axis=1),
                 ellipsoid(attitudes),
                 _spread(means.means[means.calm([0, 1, 2])], means.means),
@@ -102,13 +104,13 @@ class Size:
 
     **Arguments:**
 
-    - `usual`: median length of all rows; `computed`: whether it never changes, as only that of a vector from a filter.
+    - `usual`: median length of all rows; `changes`: by how much nine in ten differ from it at most, over it.
     - `lengths` (m,): of the attitudes at rest; `fit`: the ellipsoid through them.
     - `spread`: how far the still means spread as a share of all readings.
     """
 
     usual: float
-    computed: bool
+    changes: float
     lengths: NDArray[np.float64]
     fit: Ellipsoid | None
     spread: float
@@ -126,6 +128,16 @@ class Size:
             return usual_unit(self.fit.size, ALIKE_FITTED) is not None
         alike = {usual_unit(length, ALIKE) for length in self.lengths}
         return len(self.lengths) >= _FEWEST_ALIKE and len(alike) == 1 and None not in alike
+
+    @property
+    def is_computed(self) -> bool:
+        """Whether the lengths never change, as only those of a vector that a filter makes."""
+        return self.changes < _LEAST_NOISE
+
+    @property
+    def rests_at_gravity(self) -> bool:
+        """Whether nothing moves in all rows, and their length is one g in g, mg or m/s^2."""
+        return _LEAST_NOISE <= self.changes < _AT_REST and usual_unit(self.usual, _ALIKE_ONE) in ("g", "mg", "m/s2")
 
     def is_without_gravity(self, per_g: float | None) -> bool:
         """Whether gravity has been removed: in their unit, or in any usual one, the readings are near zero."""
@@ -155,10 +167,10 @@ def triples_of(names: Mapping[str, ColumnName]) -> list[Triple]:
     return sorted(triples, key=lambda triple: list(names).index(triple.columns[0]))
 
 
-def _is_computed(lengths: NDArray[np.float64]) -> bool:
-    """Whether nine lengths in ten are the same, as of no sensor."""
+def _changes(lengths: NDArray[np.float64]) -> float:
+    """By how much nine lengths in ten differ from the usual one at most, over it."""
     middle = float(np.median(lengths)) if len(lengths) else 0.0
-    return middle > 0 and float(np.quantile(np.abs(lengths / middle - 1), 0.9)) < _LEAST_NOISE
+    return float(np.quantile(np.abs(lengths / middle - 1), 0.9)) if middle > 0 else np.inf
 
 
 def _spread(still: NDArray[np.float64], every: NDArray[np.float64]) -> float:

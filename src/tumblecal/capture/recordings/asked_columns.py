@@ -1,0 +1,96 @@
+"""The columns that a user names, with their scales and offsets, and those that the format names."""
+
+import numpy as np
+
+from tumblecal.capture.recordings.column_names import QUANTITIES, exact_role, role_of, same_kind
+from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.table import SourceTable
+from tumblecal.capture.recordings.units import FORCE, Column
+from tumblecal.ground.errors import InputError
+from tumblecal.ground.text_file import shown
+
+
+def given_columns(table: SourceTable, asked: Asked) -> dict[str, Column]:
+    """Columns by their quantity as the format says, as this program names them itself, and before all as the user says."""
+    own = asked_for(table, asked)
+    taken = {column.name for column in own.values()}
+    given: dict[str, Column] = {}
+    for name in table.columns:
+        role, unit = exact_role(table.roles.get(name, ""))
+        if role and role not in given and name not in taken:
+            given[role] = Column(name, unit)
+    return given | own
+
+
+def asked_for(table: SourceTable, asked: Asked) -> dict[str, Column]:
+    """The columns that a user names.
+
+    **Raises:** `InputError` for a quantity or a column that there is not.
+    """
+    columns: dict[str, Column] = {}
+    for role, given in _pairs(asked.columns, "--columns").items():
+        quantity, unit = exact_role(role)
+        said = f"--columns {role}={given}"
+        if quantity not in QUANTITIES:
+            raise InputError(f"{said}: no such quantity; there are {', '.join(QUANTITIES)}")
+        name = _column_columns(table, given, said)
+        taken = next((other for other, column in columns.items() if column.name == name or other == quantity), None)
+        if taken is not None:
+            other = f"column {columns[taken].name} is {taken} already"
+            raise InputError(f"{said}: {other}; name another column for each quantity")
+        # Where the user says no unit, the column's own name may.
+        own_quantity, own_unit = exact_role(table.roles[name]) if name in table.roles else role_of(name)
+        unit = unit or (own_unit if same_kind(own_quantity, quantity) else "")
+        columns[quantity] = Column(name, unit)
+    return columns
+
+
+def _column_asked_for(table: SourceTable, given: str, said: str) -> str:
+    """The name of a column that is asked for by its name or its number."""
+    if given in table.columns:
+        return given
+    number = int(given) if given.isdecimal() else 0
+    if not 1 <= number <= len(table.columns):
+        raise InputError(f"{said}: no such column; the recording has {shown(', '.join(table.columns))}")
+    return table.columns[number - 1]
+
+
+def _pairs(text: str, option: str) -> dict[str, str]:
+    pairs = {}
+    for part in filter(None, text.split(",")):
+        key, equals, value = part.partition("=")
+        if not equals or not value.strip():
+            raise InputError(f"{option} {text}: write pairs such as ax=AccX,ay=AccY,az=AccZ")
+        if pairs.get(key.strip(), value.strip()) != value.strip():
+            raise InputError(f"{option} {text}: {key.strip()} is given twice; keep one")
+        pairs[key.strip()] = value.strip()
+    return pairs
+
+
+def per_axis(text: str, option: str, default: float) -> dict[str, float]:
+    """A finite number for all accelerations, or one for each quantity named; of scales none is 0."""
+    pairs = _pairs(text, option) if "=" in text else dict.fromkeys(FORCE, text or str(default))
+    numbers = {}
+    for role, value in pairs.items():
+        try:
+            numbers[role] = float(value)
+        except ValueError:
+            raise InputError(f"{option} {text}: not a number; write 0.5, or ax=0.5,ay=0.4,az=0.5") from None
+        if not np.isfinite(numbers[role]) or (default and not numbers[role]):
+            raise InputError(f"{option} {text}: must be finite{' and other than 0' if default else ''}")
+    return numbers
+
+
+def scaled(named: dict[str, Column], asked: Asked) -> dict[str, Column]:
+    """The columns with the scales and offsets that a user gives.
+
+    **Raises:** `InputError` for those of a quantity that is not among them.
+    """
+    scale, offset = per_axis(asked.scale, "--scale", 1.0), per_axis(asked.offset, "--offset", 0.0)
+    unknown = [role for role in (*scale, *offset) if role not in named]
+    if unknown:
+        raise InputError(f"--scale, --offset: {unknown[0]} is not among the columns; there are {', '.join(named)}")
+    return {
+        role: Column(column.name, column.unit, scale.get(role, 1.0), offset.get(role, 0.0))
+        for role, column in named.items()
+    }
