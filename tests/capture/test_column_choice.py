@@ -194,6 +194,10 @@ def test_of_raw_and_smoothed_the_raw_ones_and_of_two_sensors_a_question(moved):
     )
     with pytest.raises(InputError, match=r"2 accelerometers; choose one: --columns .* or --columns "):
         chosen(axes("imu1_acc") | axes("imu2_acc"))
+    # Few attitudes and a large offset make no sensor less of one.
+    shifted = {f"imu1_acc[{k}]": force[:120, k] + [1200, -1200, 900][k] for k in range(3)}
+    with pytest.raises(InputError, match="2 accelerometers"):
+        chosen(shifted | {f"imu2_acc[{k}]": force[:120, k] for k in range(3)})
 
 
 def test_the_ellipsoid_has_the_bias_and_the_size_of_gravity():

@@ -33,7 +33,7 @@ def asked_for(table: SourceTable, asked: Asked) -> dict[str, Column]:
         said = f"--columns {role}={given}"
         if quantity not in QUANTITIES:
             raise InputError(f"{said}: no such quantity; there are {', '.join(QUANTITIES)}")
-        name = _column_columns(table, given, said)
+        name = _column_asked_for(table, given, said)
         taken = next((other for other, column in columns.items() if column.name == name or other == quantity), None)
         if taken is not None:
             other = f"column {columns[taken].name} is {taken} already"

@@ -107,7 +107,7 @@ def _named(columns: Columns, named: list[Triple], path: str) -> tuple[Triple, st
     others = _but(named, body)
     if len(body) == 1:
         return *_only(columns, body[0], path), [f"accelerations: {body[0]}, not {others} (without gravity, by name)"]
-    heavy = [triple for triple in body if columns.is_gravity(triple)]
+    heavy = [triple for triple in body if columns.may_be_gravity(triple)]
     left = heavy or body
     if not heavy and all(columns.is_without_gravity(t) for t in left):
         raise InputError(f"{path}: {_without_gravity(columns, left)}")

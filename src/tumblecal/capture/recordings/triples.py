@@ -85,6 +85,10 @@ class Columns:
         """Whether a triple has the size of gravity."""
         return self.size(triple).is_gravity(self.unit(triple))
 
+    def may_be_gravity(self, triple: Triple) -> bool:
+        """Whether a triple may have the size of gravity, with offsets that its sensor may have."""
+        return self.size(triple).may_be_gravity(self.unit(triple))
+
     def is_without_gravity(self, triple: Triple) -> bool:
         """Whether gravity has been removed from a triple."""
         return self.size(triple).is_without_gravity(self.unit(triple))
@@ -128,6 +132,11 @@ class Size:
             return usual_unit(self.fit.size, ALIKE_FITTED) is not None
         alike = {usual_unit(length, ALIKE) for length in self.lengths}
         return len(self.lengths) >= _FEWEST_ALIKE and len(alike) == 1 and None not in alike
+
+    def may_be_gravity(self, per_g: float | None) -> bool:
+        """Whether the usual length is gravity with offsets, in their unit or in any usual one."""
+        units = UNITS_PER_G.values() if per_g is None else [per_g]
+        return any(_SMALLEST < self.usual / unit < _LARGEST for unit in units)
 
     @property
     def is_computed(self) -> bool:
