@@ -88,12 +88,11 @@ def test_errors_of_a_measured_head_are_stated(tumblecal, tmp_path, calibrated_as
         text = (folder / file).read_text()
         words = f"measured errors of the dividing head ({tmp_path / 'head.toml'}, SHA-256 {digest}) went into the fit"
         assert f"; {words}, {said}{end}" in text
-    diagnosed = tumblecal(
-        "diagnose", tmp_path / "changed.csv", *noise, "--head", tmp_path / "head.toml", "--out", tmp_path / "diagnosis"
-    )
-    assert diagnosed.code == 0
-    head = read_calibration(tmp_path / "diagnosis" / "calibration.json").provenance["head"]
-    assert head["parameters"] == said.rpartition(": ")[2].split(", ") and head["exact"] == (not noise)
+    if noise:  # what is recorded of a head is one function of the problem for both commands
+        given = (tmp_path / "changed.csv", *noise, "--head", tmp_path / "head.toml", "--no-figures")
+        assert tumblecal("diagnose", *given, "--out", tmp_path / "diagnosis").code == 0
+        head = read_calibration(tmp_path / "diagnosis" / "calibration.json").provenance["head"]
+        assert head["parameters"] == said.rpartition(": ")[2].split(", ") and not head["exact"]
 
 
 def test_certificate_compare_and_history_state_corrections_that_the_file_lacks_and_the_noise_level(

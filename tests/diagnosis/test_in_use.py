@@ -12,7 +12,7 @@ from tumblecal.diagnosis.findings.unseen import unseen_shifts
 from tumblecal.report.diagnosis_calibration import extended_calibration
 
 
-FILES = 4
+FILES = 3
 # Of bias (g/degC) and scale factor (1/degC), as data sheets have them.
 BIAS, SCALE = 5e-5, 6e-5
 
@@ -59,6 +59,8 @@ def positions(setup, readings, **labels):
         "temperature_degc": setup.temperature_degc,
         "sd": np.full(readings.shape, blind.SIGMA),
     }
+    if not labels:  # with it the plan is compiled as `hidden`'s is
+        extra["approach"] = setup.approach
     angles = np.degrees(setup.alpha), np.degrees(setup.beta)
     return PositionSet(tuple(setup.names), *angles, readings, **extra, **labels)
 
