@@ -134,9 +134,11 @@ class Batch:
         from tumblecal.ground.result_set import result_set
         from tumblecal.planning import NextPlan, next_plan
         from tumblecal.report.diagnosis_calibration import lacking_of_diagnosis
+        from tumblecal.report.diagnosis_details import warning_words
         from tumblecal.report.diagnosis_files import write_diagnosis
         from tumblecal.report.diagnosis_summary import summary_row
-        from tumblecal.report.diagnosis_words import verdict_text, warning_words
+        from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
+        from tumblecal.report.verdict import verdict_lines
 
         if isinstance(read, InputError):
             return self._refused(file, read)
@@ -167,7 +169,8 @@ class Batch:
         self.output.warn(diagnosis.data.source, warning_words(diagnosis))
         if self.single:
             note = f"\n{self.note}" if self.note and diagnosis.verdict != "adequate" else ""
-            text = f"{verdict_text(diagnosis, plan)}{note}\nwritten: {folder}/: {', '.join(written)}"
+            verdict = verdict_lines(verdict_of_diagnosis(diagnosis, plan, folder), self.output.columns)
+            text = "\n".join(verdict) + f"{note}\nwritten: {folder}/: {', '.join(written)}"
         else:
             left = lacking_of_diagnosis(diagnosis, of_sensor=True)
             text = "; ".join([f"{file}: {diagnosis.verdict}", ", ".join(diagnosis.labels) or "nothing found", *left])

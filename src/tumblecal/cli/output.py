@@ -63,11 +63,22 @@ class Output:
         """Whether words are printed."""
         return not (self.quiet or self.json)
 
+    @property
+    def _on_terminal(self) -> bool:
+        return sys.stdout.isatty() or "COLUMNS" in os.environ
+
+    @property
+    def columns(self) -> int:
+        """Columns of a text with a layout: at most its own 100, or the terminal's."""
+        from tumblecal.report.verdict import WIDTH
+
+        return min(WIDTH, shutil.get_terminal_size().columns) if self._on_terminal else WIDTH
+
     def say(self, text: str) -> None:
         """Print words, where these are asked for; on a terminal folded between words, elsewhere a paragraph a line."""
         if self.words and text:
             text = plain(text)
-            if sys.stdout.isatty() or "COLUMNS" in os.environ:
+            if self._on_terminal:
                 from tumblecal.report.narrow import folded
 
                 text = folded(text, shutil.get_terminal_size().columns)

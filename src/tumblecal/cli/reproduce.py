@@ -35,10 +35,11 @@ def reproduce(*, out: Path = Path("study"), seed: int = 0) -> None:
     from tumblecal.ground.result_set import result_set
     from tumblecal.planning import next_plan
     from tumblecal.report.diagnosis_files import write_diagnosis
-    from tumblecal.report.diagnosis_words import verdict_text
+    from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
     from tumblecal.report.narrow import print_words
     from tumblecal.report.paper_report import write_paper_study
     from tumblecal.report.terminal import print_calibration
+    from tumblecal.report.verdict import WIDTH, verdict_lines
     from tumblecal.studies.paper_audit import audit
     from tumblecal.studies.paper_study import paper_study
 
@@ -61,7 +62,8 @@ def reproduce(*, out: Path = Path("study"), seed: int = 0) -> None:
     for text in words:
         print_words(console, f"\n{text}")
     console.print("\nDiagnosis of Table 1", style="bold")
-    for line in verdict_text(diagnosis, plan).splitlines():
+    verdict = verdict_of_diagnosis(diagnosis, plan, out / _DIAGNOSIS)
+    for line in verdict_lines(verdict, min(WIDTH, console.width)):
         print_words(console, line)
     console.print(
         f"\nwritten: {out}/page.html (open it), study.json, findings.txt, diagnosis/, 7 figures", highlight=False

@@ -6,12 +6,13 @@ from itertools import groupby
 import numpy as np
 
 from tumblecal.diagnosis import Diagnosis
-from tumblecal.diagnosis.causes.cause import Cause, family_of, id_of
+from tumblecal.diagnosis.causes.cause import Cause, family_of
 from tumblecal.diagnosis.causes.generic import UNEXPLAINED
 from tumblecal.diagnosis.sets.classes import Explanation
 from tumblecal.diagnosis.sets.exchanges import exchanges
 from tumblecal.diagnosis.sets.patchwork import Neighbours, is_patchwork
 from tumblecal.estimation.identifiability import formula
+from tumblecal.ground.numbers_shown import rounded_together
 from tumblecal.ground.units import factor, shown
 
 
@@ -41,14 +42,6 @@ def by_family(causes: Iterable[Cause]) -> list[list[Cause]]:
     return list(together.values())
 
 
-def members_words(diagnosis: Diagnosis) -> Iterator[str]:
-    """Each cause of the best explanation with its coefficients or position, and the advice; the axes of a family together."""
-    for causes in by_family(diagnosis.members):
-        sizes = "; ".join(words for cause in causes for _, words in size_words(diagnosis, cause))
-        told = causes[0].told(diagnosis.entries.get(id_of(causes[0].label)), sizes)
-        yield f"{told} {other_axes(causes)}".rstrip()
-
-
 def other_axes(causes: Sequence[Cause]) -> str:
     """For which axes what is said of the first of a family holds as well; "" where it is alone."""
     others = " and ".join(cause.label.rpartition(".")[2] for cause in causes[1:])
@@ -60,11 +53,11 @@ def size_words(diagnosis: Diagnosis, cause: Cause) -> Iterator[tuple[str, str]]:
     together = combined(diagnosis, cause)
     for name, value in coefficients(diagnosis, cause).items():
         if value["determined"]:
-            yield "coefficient", f"{name} = {value['value']:.3g} +- {value['sd']:.2g} {value['unit']}"
+            yield "coefficient", f"{name} = {rounded_together(value['value'], value['sd'])} {value['unit']}"
         elif not any(name in combination["weights"] for combination in together):
             yield "not determined", f"{name} is not determined ({value['value']:.3g} {value['unit']} in the fit)"
     for combination in together:
-        sum_of, size = formula(combination["weights"]), f"{combination['value']:.3g} +- {combination['sd']:.2g}"
+        sum_of, size = formula(combination["weights"]), rounded_together(combination["value"], combination["sd"])
         yield "combination", f"only the combination {sum_of} = {size} {combination['unit']} is determined"
 
 
@@ -116,12 +109,12 @@ def patchwork_words(diagnosis: Diagnosis) -> str:
         return ""
     if neighbours.at_a_jump(best.labels):
         return (
-            "A position off where the input of a jump is near zero may be no accident: a dead zone, or what jumps with the "
-            "output and not with the input, reads so there."
+            "An outlier position where the input of a jump is near zero may be no accident: a dead zone, or a jump with the "
+            "output instead of the input, reads so there."
         )
     told = is_patchwork(best.labels, len(best.labels), neighbours=neighbours)
     return (
-        "So many jumps and single positions at once are more often one thing that no entry describes." if told else ""
+        "So many jumps and single positions at once are more often one effect that no entry describes." if told else ""
     )
 
 

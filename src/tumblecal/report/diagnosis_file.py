@@ -12,16 +12,20 @@ from tumblecal.ground.gravity import record_of
 from tumblecal.planning import NextPlan
 from tumblecal.report.cause_words import coefficients, combined, unexplained_words
 from tumblecal.report.diagnosis_calibration import diagnosed_use
+from tumblecal.report.diagnosis_details import shifts
 from tumblecal.report.diagnosis_tables import leading
-from tumblecal.report.diagnosis_words import shifts, verdict_text
+from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
+from tumblecal.report.verdict import verdict_lines
 
 
 SCHEMA = "tumblecal.diagnosis/1"
 _MOST_EXPLANATIONS = 10
 
 
-def record(diagnosis: Diagnosis, plan: NextPlan) -> dict:
-    """The diagnosis as plain numbers, lists and texts; coefficients as shown, the rest in g and rad."""
+def record(diagnosis: Diagnosis, plan: NextPlan, folder: Path | None = None) -> dict:
+    """The diagnosis as plain numbers, lists and texts; coefficients as shown, the rest in g and rad; `folder`: where its plans
+    are written."""
+    verdict = verdict_of_diagnosis(diagnosis, plan, folder)
     test = diagnosis.screened.detection
     return {
         "schema": SCHEMA,
@@ -29,7 +33,9 @@ def record(diagnosis: Diagnosis, plan: NextPlan) -> dict:
         "gravity": record_of(diagnosis.data.gravity),
         "verdict": diagnosis.verdict,
         "use": diagnosed_use(diagnosis).record(),
-        "text": verdict_text(diagnosis, plan),
+        "text": "\n".join(verdict_lines(verdict)),
+        "findings": [vars(finding) for finding in verdict.found],
+        "unresolved": [vars(question) for question in verdict.unresolved],
         "causes": list(diagnosis.labels),
         "set_up": [mix_up.record() for mix_up in diagnosis.mix_ups],
         "implausible": [vars(unusual) for unusual in diagnosis.implausible],

@@ -29,7 +29,7 @@ def write_diagnosis(
     """
     if not folder.is_dir():
         writable_folder(folder)
-    content, calibration = record(diagnosis, plan), extended_calibration(diagnosis)
+    content, calibration = record(diagnosis, plan, folder), extended_calibration(diagnosis)
     texts = {"diagnosis.json": json_text(content), "verdict.txt": content["text"] + "\n"}
     if calibration is not None:
         provenance = calibration.provenance | dict(said or {})

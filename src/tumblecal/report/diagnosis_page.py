@@ -21,7 +21,8 @@ from tumblecal.report.cause_words import (
     size_words,
     unexplained_terms,
 )
-from tumblecal.report.diagnosis_words import undetermined_words, verdict_text
+from tumblecal.report.diagnosis_details import undetermined_words
+from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
 from tumblecal.report.page import TONES, PageCard, PageFigure, PageTable, Section, headed, inline_figure, write_page
 
 
@@ -65,7 +66,8 @@ def write_diagnosis_page(path: Path, diagnosis: Diagnosis, plan: NextPlan, figur
     """
     drawn = {name: inline_figure(path.parent / name, _caption(diagnosis, name)) for name in figures}
     drawn |= {name: replace(drawn[name], on_paper=False) for name in _IN_TABLES if name in drawn}
-    headline, lines = headed(verdict_text(diagnosis, plan, lists=False).replace(" -> ", " → "))
+    verdict = verdict_of_diagnosis(diagnosis, plan)
+    headline, lines = headed("\n".join(verdict.paragraphs(lists=False)).replace(" -> ", " → "))
     write_page(
         path,
         f"Diagnosis of {Path(diagnosis.data.source).name}",

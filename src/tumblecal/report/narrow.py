@@ -28,6 +28,8 @@ def _paragraph(words: str, width: int) -> str:
     def wrapped(text: str) -> list[str]:
         return textwrap.wrap(text, width, break_long_words=False, break_on_hyphens=False)
 
+    if words.startswith("  ") and words.lstrip().startswith("tumblecal "):
+        return words  # a command on a line of its own
     text, command = command_at_end(words)
     if not command or len(words) <= width:
         return "\n".join(wrapped(words))

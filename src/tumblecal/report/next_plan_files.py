@@ -51,14 +51,12 @@ def write_next_plan(folder: Path, diagnosis: Diagnosis, plan: NextPlan) -> list[
 def plan_text(diagnosis: Diagnosis, plan: NextPlan, chosen: Iterable[NextPosition], side: str, folder: Path) -> str:
     """A plan of `tumblecal capture` for the positions of one mounting, for a folder; one pitch setting after the
     other."""
-    data, told = diagnosis.data, diagnosis.data.comments
-    mount, stated = _label(diagnosis, side), kept_setup(told.get(SETUP))
-    spoken = PortTable(protocol=told["protocol"]) if told.get("protocol") else PortTable()
-    setup = stated or KeptSetup(port=spoken)
+    data, setup = diagnosis.data, _setup(diagnosis)
+    mount, stated = _label(diagnosis, side), kept_setup(data.comments.get(SETUP))
     lines = [
         f"# Measure next, to {plan.purpose}; proposed by tumblecal diagnose.",
         f"# {_KEPT if stated else _UNKNOWN}",
-        *(f"# {one_line(command)}" for command in _commands(diagnosis, plan, side, folder, setup)),
+        *(f"# {one_line(command)}" for command in _commands(diagnosis, plan, side, folder)),
         "",
         "[session]",
         f"title = {toml_string(f'next positions for {data.source}')}",
@@ -96,15 +94,30 @@ def plan_text(diagnosis: Diagnosis, plan: NextPlan, chosen: Iterable[NextPositio
     return "\n".join(lines)
 
 
-def _commands(diagnosis: Diagnosis, plan: NextPlan, side: str, folder: Path, setup: KeptSetup) -> Iterator[str]:
+def next_commands(diagnosis: Diagnosis, plan: NextPlan, folder: Path) -> list[str]:
+    """The commands that measure the plans of all mountings, written into a folder, and diagnose old and new positions."""
+    positions = [position for position in plan.together if not position.direction]
+    sides = [side for side in ("", *SIDES) if any(position.mount == side for position in positions)]
+    listed = (command for side in sides for command in _commands(diagnosis, plan, side, folder))
+    return list(dict.fromkeys(listed))
+
+
+def _commands(diagnosis: Diagnosis, plan: NextPlan, side: str, folder: Path) -> Iterator[str]:
     """The commands that measure a plan, and then diagnose old and new positions together."""
-    new = Path(f"next{f'_{LABELS[side]}' if side else ''}")
+    new, setup = Path(f"next{f'_{LABELS[side]}' if side else ''}"), _setup(diagnosis)
     yield suggested(
         *("capture", folder / _plan_name(side), "--out", new), *([] if setup.port.url else ["--port", "PORT"])
     )
     yield suggested("reduce", new, less=EVERY)
     whole = joined_arguments([*(diagnosis.data.files or [diagnosis.data.source]), str(new / "positions.csv")])
     yield suggested("diagnose", *whole, *(["--rig", folder / RIG] if side and not plan.from_rig else []))
+
+
+def _setup(diagnosis: Diagnosis) -> KeptSetup:
+    """How the data were captured, as far as they state it."""
+    told = diagnosis.data.comments
+    spoken = PortTable(protocol=told["protocol"]) if told.get("protocol") else PortTable()
+    return kept_setup(told.get(SETUP)) or KeptSetup(port=spoken)
 
 
 def _plan_name(side: str) -> str:

@@ -1,28 +1,48 @@
-"""What to measure next, in words."""
+"""What to measure next, in words: positions, conditions, commands, and what it settles."""
 
 import math
 from collections.abc import Iterator
+from pathlib import Path
 
+import numpy as np
+
+from tumblecal.diagnosis import Diagnosis
 from tumblecal.planning.next_plan import SEPARATE, SHARPEN_WEAKEST, NextPlan, NextPosition
+from tumblecal.report.cause_words import label_words
+from tumblecal.report.next_plan_files import next_commands
 
 
-def next_words(plan: NextPlan, rival: str) -> Iterator[str]:
-    """The reading that confirms what was named, the positions that go well together, and what to know of them.
+def next_words(diagnosis: Diagnosis, plan: NextPlan, folder: Path | None) -> Iterator[str]:
+    """Instructions and commands, a paragraph or command each.
 
     **Arguments:**
 
-    - `rival`: the strongest rival of what was named, in words; empty where there is none.
+    - `folder`: where the plans are written; None: nowhere, so no commands.
     """
+    if plan.together:
+        yield f"Measure next, to {plan.purpose}: {'; '.join(_grouped(plan.together))}{_conditions(diagnosis)}. {_promise(plan)}"
+        if folder is not None:
+            yield from next_commands(diagnosis, plan, folder)
+    yield from plan.notes
     if plan.confirming:
         clearest = plan.confirming[0]
         yield (
-            f"To confirm it, measure alpha {clearest.alpha_deg:g} at beta {clearest.beta_deg:g} (anew, or again): "
-            f"{clearest.axis} reads {clearest.expected_g:.5f} g (sd {clearest.expected_sd_g * 1e3:.2g} mg) if it is so, "
-            f"{clearest.rival_g:.5f} g (sd {clearest.sd_g * 1e3:.2g} mg) if {rival or 'nothing is wrong'}."
+            f"To test the cause found, measure alpha {clearest.alpha_deg:g} at beta {clearest.beta_deg:g}: "
+            f"{clearest.axis} reads {clearest.expected_g:.5f} g (sd {clearest.expected_sd_g * 1e3:.2g} mg) if it is "
+            f"present, {clearest.rival_g:.5f} g (sd {clearest.sd_g * 1e3:.2g} mg) if {label_words(clearest.rival) or 'no error is present'}."
         )
-    if plan.together:
-        yield f"Measure next, to {plan.purpose}: {'; '.join(_grouped(plan.together))}. {_promise(plan)}"
-    yield from plan.notes
+
+
+def _conditions(diagnosis: Diagnosis) -> str:
+    """Time and temperature for which the new positions are evaluated (`planning.new_rows`)."""
+    data = diagnosis.data
+    if data.hand_held:
+        return ""
+    when = ", directly after this measurement" if data.time_s is not None else ""
+    if data.temperature_degc is None:
+        return when
+    degc = np.asarray(data.temperature_degc)
+    return f"{when}, at about {np.median(degc):.1f} degC (last position: {degc[-1]:.1f} degC)"
 
 
 def _grouped(chosen: tuple[NextPosition, ...]) -> Iterator[str]:
@@ -40,10 +60,9 @@ def _grouped(chosen: tuple[NextPosition, ...]) -> Iterator[str]:
 
 def _promise(plan: NextPlan) -> str:
     if plan.purpose == SEPARATE:
-        # Beyond e^20 a number says nothing.
-        return (
-            f"Expected: the odds of the other explanations fall by a factor of {math.exp(min(plan.value, 20.0)):.2g}."
-        )
+        odds = math.exp(min(plan.value, 20.0))
+        factor = "more than 1000" if odds > 1000 else f"{odds:.2g}"
+        return f"Expected: odds against the alternatives rise by a factor of {factor}."
     if plan.purpose == SHARPEN_WEAKEST:
         return f"Expected: it falls by {100 * plan.value:.0f} %."
-    return f"Expected: the sd of the worst parameter ({plan.watched} now) falls by {100 * plan.value:.0f} %."
+    return f"Expected: u({plan.watched}), the largest now, falls by {100 * plan.value:.0f} %."

@@ -19,7 +19,7 @@ from tumblecal.report.calibration_judgements import judgements, use_of
 from tumblecal.report.calibration_words import methods_words, noise_words
 from tumblecal.report.cause_words import label_words
 from tumblecal.report.diagnosis_calibration import extended_calibration
-from tumblecal.report.diagnosis_words import verdict_text
+from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
 from tumblecal.report.gravity_words import gravity_words
 from tumblecal.report.result_file import calibration_of
 from tumblecal.report.sensor_terms import held_words, lacking_of_fit
@@ -42,7 +42,7 @@ def calibrated_screen(calibrated: Calibrated) -> Screen:
 
 def diagnosis_screen(diagnosis: Diagnosis) -> Screen:
     """The verdict and its reasons, and the leading explanations."""
-    headline, *reasons = verdict_text(diagnosis, lists=False).splitlines()
+    headline, *reasons = verdict_of_diagnosis(diagnosis).paragraphs(lists=False)
     rows = [
         (row["explanation"], f"{row['probability']:.3f}", f"{row['alone']:.3f}")
         for row in explanations(diagnosis).head(5).iter_rows(named=True)

@@ -3,7 +3,7 @@
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.planning import NextPlan
 from tumblecal.report.diagnosis_tables import invisible_table, limits_table
-from tumblecal.report.diagnosis_words import verdict_text
+from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
 from tumblecal.report.page import Section
 
 
@@ -11,6 +11,9 @@ def diagnosis_section(diagnosis: Diagnosis, plan: NextPlan) -> Section:
     """Verdict, detection limits of the visible effects, and the harm of the invisible ones."""
     return Section(
         "Diagnosis of Table 1",
-        words=[*verdict_text(diagnosis, plan).splitlines(), "What these positions could and could not have shown:"],
+        words=[
+            *verdict_of_diagnosis(diagnosis, plan).paragraphs(),
+            "What these positions could and could not have shown:",
+        ],
         tables=[limits_table(diagnosis), invisible_table(diagnosis)],
     )

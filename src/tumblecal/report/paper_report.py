@@ -16,7 +16,7 @@ from tumblecal.ground.numbers_shown import p_cell
 from tumblecal.ground.units import shown
 from tumblecal.planning import NextPlan
 from tumblecal.report.calibration_words import TITLES
-from tumblecal.report.diagnosis_words import verdict_text
+from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
 from tumblecal.report.page import PageTable, Section, inline_figure, write_page
 from tumblecal.report.paper_diagnosis import diagnosis_section
 from tumblecal.report.paper_figures import draw_audit, draw_study
@@ -74,7 +74,7 @@ def write_paper_study(
         sections,
         headline=headline(audit),
         tone="named",
-        cards=cards(study, audit, table1.exact, verdict_text(diagnosis, lists=False).splitlines()[0]),
+        cards=cards(study, audit, table1.exact, next(verdict_of_diagnosis(diagnosis).paragraphs())),
     )
     return words
 

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.diagnosis.model.layout import Slot
-from tumblecal.effects import AXES, Effect
+from tumblecal.effects import AXES
 from tumblecal.estimation.problem import Problem
 from tumblecal.ground.showing import brief
 
@@ -21,12 +21,10 @@ NO_SLOT = Slot("", 0, (), (), (), (), (), False, lambda where: ())
 class Kind:
     """What all causes of a kind have in common.
 
-    - `told`: what a cause is and what to do, in words, from the catalogue's entry and its fitted coefficients in words.
     - `fitted`: whether they have coefficients. `named`: whether the catalogue describes them.
     """
 
     name: str
-    told: Callable[["Cause", Effect | None, str], str]
     fitted: bool = True
     named: bool = True
 
@@ -73,10 +71,6 @@ class Cause(NamedTuple):
         """Whether the catalogue describes it."""
         return self.kind.named
 
-    def told(self, entry: Effect | None, sizes: str) -> str:
-        """What it is and what to do, in words; `sizes`: its fitted coefficients in words."""
-        return self.kind.told(self, entry, sizes)
-
 
 def id_of(label: str) -> str:
     """The catalogue's id in a label."""
@@ -89,16 +83,4 @@ def family_of(id: str) -> tuple[str, str] | None:
     return (kind, axis) if axis in AXES else None
 
 
-def _told_sizes(cause: Cause, entry: Effect | None, sizes: str) -> str:
-    assert entry is not None
-    return f"{sizes}. {entry.cause} {entry.advice}"
-
-
-EFFECT = Kind("effect", _told_sizes)
-
-
-def told_at(fault: Cause, entry: Effect | None, sizes: str) -> str:
-    """A cause at some positions in words: where, what it is and what to do."""
-    assert entry is not None
-    positions = fault.label.partition(":")[2] + (f" ({fault.words})" if fault.words else "")
-    return f"{id_of(fault.label)} at {positions}: {entry.cause} {entry.advice}"
+EFFECT = Kind("effect")

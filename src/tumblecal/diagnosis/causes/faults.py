@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from tumblecal.chain import Where
-from tumblecal.diagnosis.causes.cause import Cause, Kind, told_at
+from tumblecal.diagnosis.causes.cause import Cause, Kind
 from tumblecal.diagnosis.causes.exchanged_pairs import exchanged_pairs
 from tumblecal.diagnosis.causes.plan_steps import Step, plan_steps
 from tumblecal.diagnosis.causes.table import CauseTable, alike
@@ -34,9 +34,9 @@ from tumblecal.estimation.problem import Problem
 _LARGE_NOISE = 1.5
 
 
-OUTLIER = Kind("outlier", told_at)
-SWAP = Kind("swap", told_at, fitted=False)
-MISLABEL = Kind("mislabel", told_at, fitted=False)
+OUTLIER = Kind("outlier")
+SWAP = Kind("swap", fitted=False)
+MISLABEL = Kind("mislabel", fitted=False)
 
 
 def log_weights(id: str, share: float) -> tuple[float, float]:

@@ -17,7 +17,7 @@ from tumblecal.diagnosis.causes.cause import Cause, Kind
 from tumblecal.diagnosis.causes.table import CauseTable, alike
 from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.diagnosis.tuning import GENERIC_TEST_WEIGHT, GENERIC_WEIGHT, LEAST_VISIBLE_TERM, SAME_TERM
-from tumblecal.effects import AXES, Effect
+from tumblecal.effects import AXES
 from tumblecal.effects.effect import elapsed
 
 
@@ -37,12 +37,8 @@ _MULTIPLES = [
 HEAD_ANGLES = ("index angle", "pitch angle", "tilt across the pitch axis")
 
 
-def _told_like(cause: Cause, entry: Effect | None, sizes: str) -> str:
-    return f"something that depends like {cause.words}; no entry of the catalogue describes it"
-
-
 # What no entry of the catalogue describes: a signal for each coefficient.
-GENERIC = Kind("generic", _told_like, named=False)
+GENERIC = Kind("generic", named=False)
 
 
 def generic_causes(

@@ -5,7 +5,7 @@ from functools import lru_cache
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from tumblecal.diagnosis.causes.cause import Cause, Kind, told_at
+from tumblecal.diagnosis.causes.cause import Cause, Kind
 from tumblecal.diagnosis.causes.faults import log_weights
 from tumblecal.diagnosis.causes.table import CauseTable, alike
 from tumblecal.diagnosis.model.tangent import Tangent
@@ -18,7 +18,7 @@ JUMPS = ("bias_jump", "mount_slip")
 
 
 # Signals that begin at one position of the measuring order, with coefficients of their own.
-JUMP = Kind("jump", told_at)
+JUMP = Kind("jump")
 
 
 def jumps(at: Tangent) -> list[CauseTable]:

@@ -1,0 +1,208 @@
+"""The verdict record of a diagnosis: errors found, open questions, evidence, and what to do next."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from tumblecal.diagnosis import Diagnosis
+from tumblecal.diagnosis.causes.cause import Cause, id_of
+from tumblecal.diagnosis.causes.generic import UNEXPLAINED
+from tumblecal.estimation.plausibility import implausible_words
+from tumblecal.ground.numbers_shown import p_words
+from tumblecal.planning.next_plan import NextPlan
+from tumblecal.report.cause_words import label_words, patchwork_words, size_words, unexplained_words
+from tumblecal.report.class_members import ClassMembers, class_members
+from tumblecal.report.diagnosis_calibration import diagnosed_use
+from tumblecal.report.diagnosis_details import details
+from tumblecal.report.gravity_words import gravity_warning
+from tumblecal.report.identity_words import identity_words
+from tumblecal.report.next_plan_words import next_words
+from tumblecal.report.number_words import ambiguity, odds_words
+from tumblecal.report.sentences import as_sentence
+from tumblecal.report.verdict import Finding, Unresolved, Verdict
+
+
+_NUMBERS = {1: "One", 2: "Two", 3: "Three", 4: "Four", 5: "Five", 6: "Six"}
+# Said where the noise of the raw samples is not enough.
+_NOT_IN_SAMPLES = (
+    "The raw samples do not show this noise: it is slower than a dwell, or comes from setting the positions (a head that does "
+    "not repeat, handling)."
+)
+_MOST_OTHERS, _LEAST_OTHER = 4, 0.02
+_MOST_MEMBERS = 4
+
+
+def verdict_of_diagnosis(diagnosis: Diagnosis, plan: NextPlan | None = None, folder: Path | None = None) -> Verdict:
+    """The verdict of a diagnosis.
+
+    **Arguments:**
+
+    - `plan`: what to measure next, if that was asked for. `folder`: where its plans are written; None: nowhere, so no
+      commands are suggested.
+    """
+    found = tuple(_found(diagnosis))
+    members = class_members(diagnosis.best.labels, diagnosis.best.equivalents)
+    return Verdict(
+        verdict=diagnosis.verdict,
+        headline=_headline(diagnosis, len(found), len(members.exchangeable)),
+        source=Path(diagnosis.data.source).name,
+        use=diagnosed_use(diagnosis).words,
+        found=found,
+        unresolved=tuple(_unresolved(diagnosis, found, members)),
+        evidence=tuple(_evidence(diagnosis)),
+        next=tuple(_next(diagnosis, plan, folder)),
+        details=tuple(details(diagnosis)),
+    )
+
+
+def _headline(diagnosis: Diagnosis, found: int, open_causes: int) -> str:
+    if diagnosis.implausible:
+        stated = all(unusual.stated is not None for unusual in diagnosis.implausible)
+        if not diagnosis.best.labels:
+            return (
+                "Stated parameter values are contradicted: without these stated values the data are consistent with the "
+                "nominal model."
+                if stated
+                else "Implausible parameter values: the nominal model fits only with them. Check the set-up first."
+            )
+        return "Stated parameter values are contradicted." if stated else "Implausible values. Check the set-up first."
+    p_value = p_words(diagnosis.screened.detection.p_value)
+    if diagnosis.verdict == "adequate":
+        noise = 1e3 * diagnosis.level * float(np.median(diagnosis.problem.sd))
+        return f"No error found that {len(diagnosis.data)} positions with {noise:.2g} mg noise can show ({p_value})."
+    if diagnosis.verdict == "unexplained":
+        where = " that acts on all positions" if diagnosis.located else ""
+        return f"The nominal model is rejected ({p_value}); no catalogued effect{where} explains the data."
+    if not diagnosis.best.labels:
+        return _of_data(diagnosis)
+    count = f"{_NUMBERS.get(found, found)} error{'s' if found > 1 else ''} found"
+    if diagnosis.verdict == "identified":
+        return f"{count} and identified (probability {diagnosis.best.probability:.2f})."
+    if open_causes:
+        which = "the cause of one is" if open_causes == 1 else f"the causes of {open_causes} are"
+        return f"{count}; {'its cause is' if found == 1 else which} not resolved."
+    others = (e.probability for e in diagnosis.screened.explanations if e is not diagnosis.best)
+    way = ambiguity(diagnosis.best.probability, others, alike=not diagnosis.best.single_name)
+    return f"The nominal model is rejected; {way}."
+
+
+def _of_data(diagnosis: Diagnosis) -> str:
+    """Headline where only the data or their noise are in error."""
+    faults = {
+        "the data are not what their columns say": diagnosis.mix_ups,
+        "the noise is not as assumed": diagnosis.noise_labels,
+    }
+    wrong = " and ".join(words for words, there in faults.items() if there)
+    doubt = ", or an effect without an entry is present" if diagnosis.verdict == "ambiguous" else ""
+    return f"{as_sentence(wrong)}{doubt}; otherwise the data are consistent with the nominal model."
+
+
+def _found(diagnosis: Diagnosis) -> Iterator[Finding]:
+    yield from (Finding(words) for words in implausible_words(diagnosis.implausible))
+    for mix_up in dict.fromkeys(diagnosis.mix_ups):
+        yield Finding(f"{as_sentence(mix_up.told)}; corrected in this diagnosis", id=mix_up.label)
+    for label, fault in diagnosis.noise_wrong.items():
+        yield Finding(f"Noise: {fault.words}", id=label)
+    for cause in diagnosis.members:
+        yield _finding(diagnosis, cause)
+    if diagnosis.best.unexplained and not diagnosis.members:
+        yield Finding(f"An effect that depends on {unexplained_words(diagnosis)}; not in the catalogue")
+    if diagnosis.verdict == "unexplained":
+        yield from (Finding(as_sentence(words)) for words in _located(diagnosis))
+
+
+def _finding(diagnosis: Diagnosis, cause: Cause) -> Finding:
+    if not cause.named:
+        return Finding(f"An effect that depends on {cause.words}; not in the catalogue", id=UNEXPLAINED)
+    id, _, positions = cause.label.partition(":")
+    words = title(diagnosis.entries[id].cause)
+    if positions:
+        known = f" ({cause.words})" if cause.words else ""
+        return Finding(f"{words}, at {positions.replace('+', ' and ')}{known}", id=id)
+    sizes = [size.removeprefix(f"{id} = ") for _, size in size_words(diagnosis, cause)]
+    return Finding(words, "; ".join(sizes), id)
+
+
+def title(cause: str) -> str:
+    """A catalogue entry's cause without explanation in brackets or after a colon: `The x axis ends at its range`."""
+    for mark in (":", " ("):
+        first = cause.partition(mark)[0]
+        cause = first if first.count(" ") > 1 else cause
+    return cause.removesuffix(".")
+
+
+def _located(diagnosis: Diagnosis) -> Iterator[str]:
+    unnamed = diagnosis.best.labels == (UNEXPLAINED,)
+    acts = "an unnamed effect on all positions" if unnamed else "these causes acting on all positions"
+    for told in diagnosis.located:
+        yield f"{told.words}: more probable than {acts}, odds {odds_words(told.log_odds)}"
+
+
+def _unresolved(diagnosis: Diagnosis, found: Sequence[Finding], members: ClassMembers) -> Iterator[Unresolved]:
+    ids = [one.id for one in found]
+    for label in sorted(members.exchangeable, key=lambda label: ids.index(id_of(label))):
+        listed = _either([(label,), *members.exchangeable[label]])
+        yield Unresolved(listed, "the same signal at these positions", (ids.index(id_of(label)) + 1,))
+    if members.others:
+        yield Unresolved(_either(members.others), "other sets with the same signal at these positions")
+    if patchwork := patchwork_words(diagnosis):
+        yield Unresolved(patchwork)
+    if diagnosis.verdict != "unexplained":
+        yield from (Unresolved(as_sentence(words)) for words in _located(diagnosis))
+    yield from (Unresolved(words) for words in filter(None, [identity_words(diagnosis.data)]))
+
+
+def _either(sets: Sequence[tuple[str, ...]]) -> str:
+    more = len(sets) - _MOST_MEMBERS
+    listed = " or ".join(label_words(labels) for labels in sets[:_MOST_MEMBERS])
+    return f"{listed}{f' or {more} more' if more > 0 else ''}"
+
+
+def _evidence(diagnosis: Diagnosis) -> Iterator[str]:
+    test = diagnosis.screened.detection
+    noise = "stated noise" if diagnosis.problem.known else "noise estimated from the data"
+    if diagnosis.samples is not None:
+        level = "" if diagnosis.problem.known else ", its level estimated from the data"
+        noise = f"noise of {diagnosis.samples.origin}{level}"
+    before = f"; under the noise as assumed {p_words(diagnosis.assumed_p_value)}" if diagnosis.noise_labels else ""
+    tested = f"{p_words(test.p_value)} (test over all listed causes, {noise}{before})"
+    if diagnosis.implausible and not test.detected:
+        # The test is made with the fitted values, so it does not confirm them.
+        yield f"With these values the residuals are consistent with the noise, {tested}; this does not confirm them."
+    else:
+        yield f"Nominal model {'' if test.detected else 'not '}rejected, {tested}."
+    if not diagnosis.best.labels:
+        size, dof = diagnosis.nominal.rms * 1e3, diagnosis.nominal.dof
+        yield f"Residuals: {size:.3g} mg rms with {diagnosis.model.nominal} parameters, {dof} degrees of freedom."
+        return
+    of = "this class of causes" if diagnosis.best.equivalents else "this explanation"
+    others = [e for e in diagnosis.screened.explanations if e is not diagnosis.best and e.probability > _LEAST_OTHER]
+    listed = ", ".join(f"{label_words(e.labels) or 'adequate'} {e.probability:.2f}" for e in others[:_MOST_OTHERS])
+    yield f"Probability of {of} {diagnosis.best.probability:.2f}{f'; next: {listed}' if listed else ''}."
+    if diagnosis.screened.contradicted:
+        yield "This probability is of the linear screen. The exact fit of these causes does not explain the data."
+    gain = diagnosis.gain
+    before_mg, after_mg = gain.cv_rms_before_g * 1e3, gain.cv_rms_after_g * 1e3
+    same = (
+        ""
+        if gain.cv_same_causes is None
+        else f"; {100 * gain.cv_same_causes:.0f} % of the folds select the same causes"
+    )
+    yield f"Held-out error {before_mg:.3g} -> {after_mg:.3g} mg ({gain.cv_kind}){same}."
+    if after_mg > before_mg:
+        yield "Held-out predictions became WORSE: do not correct positions beyond or between these with this explanation."
+
+
+def _next(diagnosis: Diagnosis, plan: NextPlan | None, folder: Path | None) -> Iterator[str]:
+    if diagnosis.implausible and any(unusual.stated is None for unusual in diagnosis.implausible):
+        yield "Check the set-up; a rig file may state other usual values ([usual])."
+    if gravity := gravity_warning(diagnosis.extended):
+        yield f"WARNING: {gravity}"
+    if diagnosis.noise_labels and diagnosis.samples is not None:
+        yield _NOT_IN_SAMPLES
+    if plan is not None:
+        yield from next_words(diagnosis, plan, folder)
+    causes = [id_of(cause.label) for cause in diagnosis.members if cause.named]
+    for id in dict.fromkeys([*(mix_up.label for mix_up in diagnosis.mix_ups), *diagnosis.noise_labels, *causes]):
+        yield f"{id}: {diagnosis.entries[id].advice}"
