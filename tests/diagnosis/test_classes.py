@@ -7,7 +7,7 @@ import pytest
 
 import blind_instrument as blind
 from tumblecal.diagnosis.sets.patchwork import is_patchwork
-from tumblecal.report.diagnosis_words import verdict_text
+from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
 
 
 def of_size(plan, seed, name, direction, d):
@@ -50,7 +50,7 @@ def test_one_jump_is_a_jump_and_several_may_be_something_that_comes_and_goes(hid
     assert diagnosis.verdict == verdict
     assert {label.partition(":")[0] for label in diagnosis.labels} == {"bias_jump"}
     assert (("unexplained",) in diagnosis.best.equivalents) == (len(begins) > 1)
-    assert ("more often one thing" in verdict_text(diagnosis)) == (len(begins) > 1)
+    assert ("more often one effect" in verdict_of_diagnosis(diagnosis).words()) == (len(begins) > 1)
 
 
 @pytest.mark.parametrize(

@@ -75,7 +75,7 @@ def test_only_combinations_are_stated_where_the_coefficients_are_not_determined(
 
 def test_text_and_page_print_no_interval_of_an_undetermined_coefficient(said, files):
     _, diagnosis = said
-    text, page = (files / "verdict.txt").read_text(), (files / "diagnosis.html").read_text()
+    text, page = (" ".join((files / name).read_text().split()) for name in ("verdict.txt", "diagnosis.html"))
     (cause,) = diagnosis.members
     names = cause.slot.names
     for words in (text, page):

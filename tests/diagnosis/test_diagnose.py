@@ -13,7 +13,7 @@ from tumblecal.planning import NextPlan
 from tumblecal.report.cause_words import coefficients
 from tumblecal.report.diagnosis_file import record, write_json
 from tumblecal.report.diagnosis_page import write_diagnosis_page
-from tumblecal.report.diagnosis_words import verdict_text
+from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
 
 
 def names(diagnosis):
@@ -145,12 +145,12 @@ def test_units_and_axes_mixed_up(diagnoser, hidden, label, change):
 def test_implausible_parameters_speak_up_before_the_verdict(diagnoser, hidden, tmp_path):
     diagnosis = diagnoser(hidden(9, {}, change=lambda readings, rng: readings + np.array([0, 0.8, 0])))
     assert diagnosis.verdict == "unexplained" and diagnosis.labels == ()
-    text = verdict_text(diagnosis)
-    assert text.startswith("IMPLAUSIBLE: ") and "UNEXPLAINED: the nominal model fits these data only with" in text
-    # The test of the residuals does not contradict the two lines before it.
-    assert "as expected" not in text and "this does not confirm these values" in text
+    text = verdict_of_diagnosis(diagnosis).words()
+    assert text.startswith("UNEXPLAINED: Implausible parameter values: ") and "\nFound: 1. bias_y = " in text
+    # The test of the residuals does not contradict the lines before it.
+    assert "Nominal model not rejected" not in text and "this does not confirm them" in text
     write_diagnosis_page(tmp_path / "diagnosis.html", diagnosis, NextPlan(), [])
-    assert ">Implausible: " in (tmp_path / "diagnosis.html").read_text()
+    assert "Implausible parameter values: " in (tmp_path / "diagnosis.html").read_text()
     with pytest.raises(InputError, match=r"axis z reads the negative of axis x"):
         diagnoser(hidden(9, {}, change=lambda readings, rng: readings[:, [0, 1, 0]] * [1, 1, -1]))
 
@@ -216,7 +216,7 @@ def test_record_is_json_with_the_public_keys(diagnoser, hidden, tmp_path):
         content["gain"]
     )
     assert content["detection"]["p_value"] < 0.01 and content["detection_limits"] and content["invisible"]
-    assert verdict_text(diagnosis).startswith(content["verdict"].upper())
+    assert verdict_of_diagnosis(diagnosis).words().startswith(content["verdict"].upper())
 
 
 def test_too_few_positions_are_refused_before_their_plan_is_compiled(diagnoser, table1, monkeypatch):

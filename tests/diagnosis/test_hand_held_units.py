@@ -9,7 +9,7 @@ from tumblecal.data import PositionSet
 from tumblecal.data.positions import attitudes_of
 from tumblecal.diagnosis.head import together
 from tumblecal.ground.errors import InputError
-from tumblecal.report.diagnosis_words import verdict_text
+from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
 from tumblecal.report.hand_held_units import ATTITUDES
 from tumblecal.report.head_words import units_text
 
@@ -61,7 +61,7 @@ def test_an_ordinary_bias_is_no_contradiction(diagnoser):
     (own,) = sensors(1, 0.0)
     diagnosis = diagnoser(own, noise_sd=SIGMA)
     assert np.max(np.abs(diagnosis.in_use.as_fit.values[3:6])) > 0.06 and not diagnosis.implausible
-    text = verdict_text(diagnosis)
+    text = verdict_of_diagnosis(diagnosis).words()
     assert diagnosis.verdict == "adequate" and text.startswith("ADEQUATE") and "UNEXPLAINED" not in text
     assert "IMPLAUSIBLE" not in text and "Use of calibration.json: yes" in text
 

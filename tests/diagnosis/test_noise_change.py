@@ -17,7 +17,7 @@ from tumblecal.estimation.mean_noise import sample_noises
 from tumblecal.ground.errors import InputError
 from tumblecal.noise import Dwells, Flicker, GaussMarkov, Noise, RandomWalk, White
 from tumblecal.noise.sampling import dwell_records
-from tumblecal.report.diagnosis_words import verdict_text
+from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
 
 
 RATE, COUNT = 50.0, 3000
@@ -72,8 +72,8 @@ def test_sd_columns_that_the_scatter_contradicts(diagnoser, hidden):
     factor = float(diagnosis.noise_words.removeprefix("every sd times ").split(":")[0])
     assert factor == pytest.approx(12, rel=0.25)
     assert diagnosis.screened.detection.p_value > 0.01 > diagnosis.assumed_p_value
-    text = verdict_text(diagnosis)
-    assert text.startswith("IDENTIFIED: the noise is not as assumed") and "under the noise as assumed" in text
+    text = verdict_of_diagnosis(diagnosis).words()
+    assert text.startswith("IDENTIFIED: The noise is not as assumed") and "under the noise as assumed" in text
     overstated = diagnoser(hidden(22, {}, noise=blind.SIGMA / 8))
     assert float(overstated.noise_words.removeprefix("every sd times ").split(":")[0]) == pytest.approx(1 / 8, rel=0.25)
 
@@ -220,7 +220,7 @@ def test_slow_noise_of_raw_samples_weighs_the_positions(diagnoser):
     diagnosis = diagnoser(data, samples=samples)
     assert diagnosis.samples.lasts == "flicker" and diagnosis.problem.correlated
     assert {"second_order.y"} in [set(diagnosis.best.labels), *map(set, diagnosis.best.equivalents)]
-    text = verdict_text(diagnosis)
+    text = verdict_of_diagnosis(diagnosis).words()
     assert "times too small" in text and "correlated" in text and "counts as unknown" in text
     assert 0.6 < diagnosis.extended.level < 1.6
 

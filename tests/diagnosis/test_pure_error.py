@@ -7,7 +7,7 @@ import blind_conditions
 import blind_instrument as blind
 import blind_noise
 from tumblecal.data import PositionSet
-from tumblecal.report.diagnosis_words import verdict_text
+from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
 
 
 def measured_twice(seed: int, how: str, known: bool, error) -> PositionSet:
@@ -36,7 +36,7 @@ def test_an_error_that_comes_back_is_no_noise(diagnoser, how, known):
     for seed in (1, 2):
         diagnosis = diagnoser(measured_twice(seed, how, known, of_the_attitude))
         assert diagnosis.labels == ("unexplained",) and diagnosis.verdict == "unexplained"
-    assert "comes back where one is repeated" in verdict_text(diagnosis)
+    assert "comes back where one is repeated" in verdict_of_diagnosis(diagnosis).words()
 
 
 @pytest.mark.parametrize("known", [True, False], ids=["stated", "unknown"])

@@ -13,7 +13,7 @@ from blind_unseen import LATEST, UNSEEN
 from tumblecal.diagnosis.lack_of_fit.one_curve import best_curve, one_curve
 from tumblecal.diagnosis.model.full_model import FullModel
 from tumblecal.diagnosis.tuning import LACK_OF_FIT_TEST_WEIGHT
-from tumblecal.report.diagnosis_words import verdict_text
+from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
 
 
 def unlisted(name, seed, d=12.0):
@@ -97,7 +97,7 @@ def test_a_cause_of_a_shape_of_its_own_is_unexplained(diagnoser, name):
 def test_what_it_depends_on_is_said_and_fitted(diagnoser):
     diagnosis = diagnoser(unlisted("knee of an output", 0))
     (cause,) = diagnosis.members
-    assert ": a function of input" in cause.words and cause.words in verdict_text(diagnosis)
+    assert ": a function of input" in cause.words and cause.words in verdict_of_diagnosis(diagnosis).words()
     assert len(cause.terms) == cause.block.shape[1] >= 2
     fit = diagnosis.extended
     assert fit.code.good and fit.dof == diagnosis.nominal.dof - len(cause.terms)
@@ -135,8 +135,8 @@ def test_a_noise_that_lack_of_fit_would_explain_as_well_is_ambiguous(diagnoser):
     diagnosis = diagnoser(unlisted("heater cycles", 1))
     assert diagnosis.noise_wrong["noise_unequal"].rival == "unexplained" and not diagnosis.best.labels
     assert diagnosis.verdict == "ambiguous"
-    words = verdict_text(diagnosis)
-    assert "or something that no entry describes is there" in words.partition("\n")[0]
+    words = verdict_of_diagnosis(diagnosis).words()
+    assert "or an effect without an entry is present" in words.partition("\n")[0]
     assert "something that no entry describes would explain it about as well" in words
 
 

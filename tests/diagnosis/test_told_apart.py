@@ -7,7 +7,7 @@ import blind_instrument as blind
 import blind_study as study
 from blind_noise import position_set
 from tumblecal.diagnosis.screening import jumps_tried
-from tumblecal.report.diagnosis_words import verdict_text
+from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
 
 
 @pytest.mark.parametrize("off", [8.0, 1000.0, None], ids=["8 sigma off", "1000 sigma off", "exchanged"])
@@ -81,7 +81,10 @@ def test_a_position_inside_a_dead_zone_is_no_accident(diagnoser, seed):
     readings[:, 1] = np.sign(readings[:, 1]) * np.maximum(np.abs(readings[:, 1]) - width, 0.0)
     diagnosis = diagnoser(position_set(setup, readings + blind.SIGMA * rng.normal(size=(24, 3)), known=False))
     assert {label.partition(":")[0] for label in diagnosis.labels} == {"bias_asymmetry.y", "outlier_position"}
-    assert diagnosis.verdict == "ambiguous" and "may be no accident: a dead zone" in verdict_text(diagnosis)
+    assert (
+        diagnosis.verdict == "ambiguous"
+        and "may be no accident: a dead zone" in verdict_of_diagnosis(diagnosis).words()
+    )
 
 
 def test_priors_that_alone_are_contradicted_are_said_and_left_out(diagnoser):
@@ -95,6 +98,9 @@ def test_priors_that_alone_are_contradicted_are_said_and_left_out(diagnoser):
     told = {unusual.parameter: unusual.stated_sd for unusual in diagnosis.implausible}
     assert set(told) == {"dbeta_0", "dbeta_1"} and told["dbeta_0"] == pytest.approx(0.03)
     assert diagnosis.labels == () and diagnosis.screened.detection.p_value > 1e-3
-    assert "without these stated values the data are consistent with the nominal model" in verdict_text(diagnosis)
+    assert (
+        "without these stated values the data are consistent with the nominal model"
+        in verdict_of_diagnosis(diagnosis).words()
+    )
     kept = diagnosis.problem
     assert kept.priors == 1 and kept.prior_root @ np.ones(len(kept.chain.names)) == pytest.approx([1 / 3e-5])

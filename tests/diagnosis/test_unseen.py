@@ -6,7 +6,7 @@ import pytest
 import blind_instrument as blind
 from tumblecal.diagnosis import Diagnoser
 from tumblecal.effects import catalogue
-from tumblecal.report.diagnosis_words import verdict_text
+from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
 
 
 # Typical sizes of the catalogue in g, s and degC, written down a second time.
@@ -81,5 +81,5 @@ def test_of_an_effect_that_was_named_nothing_is_left_to_be_seen(hidden, diagnose
 
 def test_what_cannot_be_seen_at_all_is_not_held(hidden):
     own = Diagnoser({"gravity_value": catalogue()["gravity_value"]}, nested=False)(hidden(1, {}))
-    assert "gravity_value" in own.invisible and "undetected" not in verdict_text(own)
+    assert "gravity_value" in own.invisible and "undetected" not in verdict_of_diagnosis(own).words()
     assert own.unseen and all(known.sd_with_unseen == known.sd and not known.effects for known in own.unseen.values())

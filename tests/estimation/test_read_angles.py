@@ -148,7 +148,7 @@ def test_what_the_settings_are_is_said(tumblecal, tmp_path):
         assert (tmp_path / command / name).exists()
     result = json.loads((tmp_path / "calibrate" / "result.json").read_text())
     assert list(result["methods"]["harmonic"]["parameters"])[-1] == "dbeta_2"
-    assert "Pitch settings: beta_deg holds angles" in (tmp_path / "diagnose" / "verdict.txt").read_text()
+    assert "Pitch settings                beta_deg holds angles" in (tmp_path / "diagnose" / "verdict.txt").read_text()
 
 
 def test_a_setting_for_every_row_is_a_warning(tumblecal, tmp_path):

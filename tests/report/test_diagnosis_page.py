@@ -17,7 +17,7 @@ from tumblecal.report.diagnosis_figures import draw_all
 from tumblecal.report.diagnosis_files import write_diagnosis
 from tumblecal.report.diagnosis_limits import limits_figure
 from tumblecal.report.diagnosis_predictive import predictive_figure
-from tumblecal.report.diagnosis_words import verdict_text
+from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
 from tumblecal.report.drawing import OUTSIDE
 
 
@@ -75,7 +75,8 @@ def test_page_stands_alone(page):
 def test_verdict_comes_first_in_words(page, diagnosis):
     words = words_of(page)
     head, *lines = (
-        verdict_text(diagnosis, next_plan(diagnosis), lists=False)
+        verdict_of_diagnosis(diagnosis, next_plan(diagnosis))
+        .words(lists=False)
         .replace("+- ", "± ")
         .replace(" -> ", " → ")
         .splitlines()
@@ -89,10 +90,12 @@ def test_verdict_comes_first_in_words(page, diagnosis):
 
 def test_predictions_that_became_worse_are_said_to_be(diagnosis, monkeypatch):
     """They stood in a row of numbers, and nothing was said."""
-    assert "WORSE" not in verdict_text(diagnosis)
+    assert "WORSE" not in verdict_of_diagnosis(diagnosis).words()
     worse = replace(diagnosis.gain, cv_rms_after_g=2.0 * diagnosis.gain.cv_rms_before_g)
     monkeypatch.setitem(vars(diagnosis), "gain", worse)
-    assert "Predictions became WORSE: positions that took no part are not where" in verdict_text(diagnosis)
+    assert (
+        "Held-out predictions became WORSE: do not correct positions beyond" in verdict_of_diagnosis(diagnosis).words()
+    )
 
 
 def test_parts_stand_in_the_order_in_which_they_are_read(page):

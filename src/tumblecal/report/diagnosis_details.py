@@ -9,7 +9,7 @@ from tumblecal.estimation.mountings import mounting_words
 from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.ground.units import in_words, shown
 from tumblecal.report.diagnosis_calibration import diagnosed_use, lacking_of_diagnosis
-from tumblecal.report.gravity_words import gravity_warning
+from tumblecal.report.gravity_words import gravity_warning, gravity_words
 from tumblecal.report.number_words import bic_words, short
 from tumblecal.report.sensor_terms import held_words
 from tumblecal.report.sentences import as_sentence
@@ -66,7 +66,7 @@ def _of_model(diagnosis: Diagnosis) -> dict[str, str]:
         "Pitch settings": " ".join(_text_of(words) for words in settings if words),
         "Calibration file": " ".join(f"{as_sentence(words)}." for words in held),
         "Not in the calibration file": " ".join(f"{_text_of(words)}." for words in lacking_of_diagnosis(diagnosis)),
-        "Gravity": gravity,
+        "Gravity": "" if gravity_warning(diagnosis.extended) else gravity_words(diagnosis.extended),
         "Changes within dwells": within_dwells_words(diagnosis.data),
     }
 

@@ -67,7 +67,7 @@ def write_diagnosis_page(path: Path, diagnosis: Diagnosis, plan: NextPlan, figur
     drawn = {name: inline_figure(path.parent / name, _caption(diagnosis, name)) for name in figures}
     drawn |= {name: replace(drawn[name], on_paper=False) for name in _IN_TABLES if name in drawn}
     verdict = verdict_of_diagnosis(diagnosis, plan)
-    headline, lines = headed("\n".join(verdict.paragraphs(lists=False)).replace(" -> ", " → "))
+    headline, lines = headed(verdict.words(lists=False).replace(" -> ", " → "))
     write_page(
         path,
         f"Diagnosis of {Path(diagnosis.data.source).name}",

@@ -1,6 +1,6 @@
 """The verdict record of a diagnosis: errors found, open questions, evidence, and what to do next."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -41,7 +41,9 @@ def verdict_of_diagnosis(diagnosis: Diagnosis, plan: NextPlan | None = None, fol
     - `plan`: what to measure next, if that was asked for. `folder`: where its plans are written; None: nowhere, so no
       commands are suggested.
     """
-    found = tuple(_found(diagnosis))
+    before, causes = list(_before_causes(diagnosis)), [_finding(diagnosis, cause) for cause in diagnosis.members]
+    numbers = {cause.label: len(before) + k for k, cause in enumerate(diagnosis.members, 1)}
+    found = (*before, *causes, *_unnamed(diagnosis))
     members = class_members(diagnosis.best.labels, diagnosis.best.equivalents)
     return Verdict(
         verdict=diagnosis.verdict,
@@ -49,7 +51,7 @@ def verdict_of_diagnosis(diagnosis: Diagnosis, plan: NextPlan | None = None, fol
         source=Path(diagnosis.data.source).name,
         use=diagnosed_use(diagnosis).words,
         found=found,
-        unresolved=tuple(_unresolved(diagnosis, found, members)),
+        unresolved=tuple(_unresolved(diagnosis, numbers, members)),
         evidence=tuple(_evidence(diagnosis)),
         next=tuple(_next(diagnosis, plan, folder)),
         details=tuple(details(diagnosis)),
@@ -98,14 +100,17 @@ def _of_data(diagnosis: Diagnosis) -> str:
     return f"{as_sentence(wrong)}{doubt}; otherwise the data are consistent with the nominal model."
 
 
-def _found(diagnosis: Diagnosis) -> Iterator[Finding]:
+def _before_causes(diagnosis: Diagnosis) -> Iterator[Finding]:
+    """Implausible values, and errors of the data and of their noise."""
     yield from (Finding(words) for words in implausible_words(diagnosis.implausible))
     for mix_up in dict.fromkeys(diagnosis.mix_ups):
         yield Finding(f"{as_sentence(mix_up.told)}; corrected in this diagnosis", id=mix_up.label)
     for label, fault in diagnosis.noise_wrong.items():
         yield Finding(f"Noise: {fault.words}", id=label)
-    for cause in diagnosis.members:
-        yield _finding(diagnosis, cause)
+
+
+def _unnamed(diagnosis: Diagnosis) -> Iterator[Finding]:
+    """Errors that no entry describes, and where an unexplained error is."""
     if diagnosis.best.unexplained and not diagnosis.members:
         yield Finding(f"An effect that depends on {unexplained_words(diagnosis)}; not in the catalogue")
     if diagnosis.verdict == "unexplained":
@@ -139,11 +144,11 @@ def _located(diagnosis: Diagnosis) -> Iterator[str]:
         yield f"{told.words}: more probable than {acts}, odds {odds_words(told.log_odds)}"
 
 
-def _unresolved(diagnosis: Diagnosis, found: Sequence[Finding], members: ClassMembers) -> Iterator[Unresolved]:
-    ids = [one.id for one in found]
-    for label in sorted(members.exchangeable, key=lambda label: ids.index(id_of(label))):
+def _unresolved(diagnosis: Diagnosis, number: Mapping[str, int], members: ClassMembers) -> Iterator[Unresolved]:
+    for label in sorted(members.exchangeable, key=lambda label: number.get(label, 0)):
         listed = _either([(label,), *members.exchangeable[label]])
-        yield Unresolved(listed, "the same signal at these positions", (ids.index(id_of(label)) + 1,))
+        about = (number[label],) if label in number else ()
+        yield Unresolved(listed, "the same signal at these positions", about)
     if members.others:
         yield Unresolved(_either(members.others), "other sets with the same signal at these positions")
     if patchwork := patchwork_words(diagnosis):

@@ -29,7 +29,8 @@ def next_words(diagnosis: Diagnosis, plan: NextPlan, folder: Path | None) -> Ite
         yield (
             f"To test the cause found, measure alpha {clearest.alpha_deg:g} at beta {clearest.beta_deg:g}: "
             f"{clearest.axis} reads {clearest.expected_g:.5f} g (sd {clearest.expected_sd_g * 1e3:.2g} mg) if it is "
-            f"present, {clearest.rival_g:.5f} g (sd {clearest.sd_g * 1e3:.2g} mg) if {label_words(clearest.rival) or 'no error is present'}."
+            f"present, {clearest.rival_g:.5f} g (sd {clearest.sd_g * 1e3:.2g} mg) if "
+            f"{label_words(clearest.rival) or 'no error is present'}."
         )
 
 

@@ -42,7 +42,7 @@ def calibrated_screen(calibrated: Calibrated) -> Screen:
 
 def diagnosis_screen(diagnosis: Diagnosis) -> Screen:
     """The verdict and its reasons, and the leading explanations."""
-    headline, *reasons = verdict_of_diagnosis(diagnosis).paragraphs(lists=False)
+    headline, *reasons = verdict_of_diagnosis(diagnosis).words(lists=False).splitlines()
     rows = [
         (row["explanation"], f"{row['probability']:.3f}", f"{row['alone']:.3f}")
         for row in explanations(diagnosis).head(5).iter_rows(named=True)

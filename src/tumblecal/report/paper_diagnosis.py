@@ -12,7 +12,7 @@ def diagnosis_section(diagnosis: Diagnosis, plan: NextPlan) -> Section:
     return Section(
         "Diagnosis of Table 1",
         words=[
-            *verdict_of_diagnosis(diagnosis, plan).paragraphs(),
+            *verdict_of_diagnosis(diagnosis, plan).words().splitlines(),
             "What these positions could and could not have shown:",
         ],
         tables=[limits_table(diagnosis), invisible_table(diagnosis)],

@@ -74,7 +74,7 @@ def write_paper_study(
         sections,
         headline=headline(audit),
         tone="named",
-        cards=cards(study, audit, table1.exact, next(verdict_of_diagnosis(diagnosis).paragraphs())),
+        cards=cards(study, audit, table1.exact, verdict_of_diagnosis(diagnosis).words().splitlines()[0]),
     )
     return words
 

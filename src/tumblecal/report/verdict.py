@@ -67,8 +67,11 @@ class Verdict:
     next: tuple[str, ...] = ()
     details: tuple[tuple[str, str], ...] = ()
 
-    def paragraphs(self, *, lists: bool = True) -> Iterator[str]:
-        """The verdict as a paragraph a line, without layout; `lists`: whether with the effects that the data cannot show."""
+    def words(self, *, lists: bool = True) -> str:
+        """The verdict without layout, a paragraph a line; `lists`: whether with the effects that the data cannot show."""
+        return "\n".join(self._paragraphs(lists=lists))
+
+    def _paragraphs(self, *, lists: bool) -> Iterator[str]:
         yield f"{self.verdict.upper()}: {self.headline}"
         yield f"Use of calibration.json: {self.use}."
         yield from (f"Found: {_numbered(number, one.sentence)}" for number, one in enumerate(self.found, 1))

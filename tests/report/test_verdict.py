@@ -1,0 +1,114 @@
+"""The one layout of a verdict, from records made by hand: order of the blocks, number of lines, whole commands and sizes."""
+
+import textwrap
+
+import pytest
+
+from tumblecal.report.class_members import class_members
+from tumblecal.report.diagnosis_verdict import title
+from tumblecal.report.verdict import Finding, Unresolved, Verdict, verdict_lines
+
+
+COMMAND = "tumblecal diagnose --join --same-run measured.csv next/positions.csv --noise-sd 0.1mg --gravity lat=48.14,height=520"
+TWO = Verdict(
+    "ambiguous",
+    "Two errors found; the cause of one is not resolved.",
+    "measured.csv",
+    "yes, from 24 to 26.5 degC only",
+    found=(
+        Finding("Second-order nonlinearity of the z axis", "0.532 +- 0.062 mg/g^2", "second_order.z"),
+        Finding("The bias of the x axis drifts", "0.297 +- 0.054 mg/h", "bias_drift.x"),
+    ),
+    unresolved=(Unresolved("bias_drift.x or bias_temperature.x", "time and temperature correlate (r = 1.00)", (2,)),),
+    evidence=("Nominal model rejected, p = 3.2e-13.", "Held-out error 0.141 -> 0.103 mg."),
+    next=("Measure next: alpha 0, 225 at beta 0.", COMMAND),
+    details=(("Not testable", "index_backlash (the data have no column approach)."),),
+)
+
+
+def labels(lines) -> list[str]:
+    return [line.split()[0] for line in lines if line[:1].strip()]
+
+
+def test_the_layout():
+    rule = "-" * 100
+    expected = f"""\
+        AMBIGUOUS   Two errors found; the cause of one is not resolved.                         measured.csv
+        USE         calibration.json: yes, from 24 to 26.5 degC only.
+
+        FOUND       1. Second-order nonlinearity of the z axis  0.532 +- 0.062 mg/g^2  second_order.z
+                    2. The bias of the x axis drifts            0.297 +- 0.054 mg/h    bias_drift.x
+        UNRESOLVED  2. bias_drift.x or bias_temperature.x: time and temperature correlate (r = 1.00)
+        EVIDENCE    Nominal model rejected, p = 3.2e-13.
+                    Held-out error 0.141 -> 0.103 mg.
+        NEXT        Measure next: alpha 0, 225 at beta 0.
+                      {COMMAND}
+        {rule}
+        Not testable                  index_backlash (the data have no column approach)."""
+    assert "\n".join(verdict_lines(TWO)) == textwrap.dedent(expected)
+
+
+def test_blocks_without_an_entry_are_left_out():
+    lines = verdict_lines(Verdict("adequate", "No error found.", "a.csv", "yes", evidence=("p = 0.6.",)))
+    assert labels(lines) == ["ADEQUATE", "USE", "EVIDENCE"]
+
+
+def test_at_most_25_lines_stand_above_the_rule_and_nothing_is_lost():
+    words = [
+        f"word{k} " + "of an entry that is longer than a line of this layout is at its hundred columns " * 2
+        for k in range(40)
+    ]
+    many = Verdict(
+        "unexplained", words[0], "a.csv", f"no: {words[1] * 2}",
+        found=tuple(map(Finding, words[2:12])), unresolved=tuple(map(Unresolved, words[12:20])),
+        evidence=tuple(words[20:28]), next=(COMMAND, *words[28:]),
+    )  # fmt: skip
+    lines = verdict_lines(many)
+    above = lines.index("-" * 100)
+    assert above <= 25 and labels(lines[:above]) == ["UNEXPLAINED", "USE", "FOUND", "UNRESOLVED", "EVIDENCE", "NEXT"]
+    assert max(len(line) for line in lines if "tumblecal" not in line) <= 100
+    printed = " ".join(" ".join(lines).split())
+    assert all(" ".join(entry.split()) in printed for entry in (words[5], words[15], words[25], words[39], COMMAND))
+    assert all(f"word{k} " in printed for k in range(40))
+
+
+@pytest.mark.parametrize("width", [60, 80])
+def test_a_narrow_terminal_has_the_same_words_and_whole_commands(width):
+    lines = verdict_lines(TWO, width)
+    assert all(len(line) <= width or COMMAND in line for line in lines)
+    assert sum(line.strip() == COMMAND for line in lines) == 1
+    joined = " ".join(" ".join(lines).split())
+    for words in ("0.532 +- 0.062 mg/g^2", "(r = 1.00)", "index_backlash (the data have no column approach)."):
+        assert words in joined
+
+
+def test_words_without_layout_have_all_of_it_too():
+    said = TWO.words()
+    assert said.startswith("AMBIGUOUS: Two errors found") and COMMAND in said.splitlines()
+    assert "\nUse of calibration.json: yes, from 24" in said and "0.297 +- 0.054 mg/h (bias_drift.x)" in said
+    assert "Not testable" in said and "Not testable" not in TWO.words(lists=False)
+
+
+def test_a_class_that_is_a_product_is_a_product():
+    """Two pairs make four members; a member that only adds a cause to another is none of its own."""
+    best = ("bias_drift.x", "second_order.z")
+    pairs = [("bias_temperature.x", "second_order.z"), ("bias_drift.x", "cross_axis_square.z")]
+    members = class_members(best, [*pairs, ("bias_temperature.x", "cross_axis_square.z"), (*best, "warm_up")])
+    assert members.exchangeable == {
+        "bias_drift.x": [("bias_temperature.x",)],
+        "second_order.z": [("cross_axis_square.z",)],
+    }
+    assert members.others == []
+    assert class_members(best, [("gravity_value",)]).others == [("gravity_value",)]
+
+
+@pytest.mark.parametrize(
+    ("cause", "words"),
+    [
+        ("Cross-coupling: output x depends on the product.", "Cross-coupling: output x depends on the product"),
+        ("Nonlinearity of the z axis: output bends.", "Nonlinearity of the z axis"),
+        ("The spindle stops at another place (backlash, wind-up).", "The spindle stops at another place"),
+    ],
+)
+def test_titles_are_causes_without_their_explanation(cause, words):
+    assert title(cause) == words
