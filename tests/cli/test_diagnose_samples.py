@@ -47,8 +47,9 @@ def test_samples_of_a_capture(tumblecal, tmp_path, recorded, means):
     """The slow noise is seen in the samples and counted; the cause is found through it."""
     outcome = tumblecal("diagnose", means, "--samples", recorded.folder, "--out", tmp_path / "out")
     assert outcome.code == 0 and not outcome.lines
-    assert f"Raw samples of {recorded.folder} (24 positions of 30 s): x white 42." in outcome.out
-    assert "noise of the raw samples" in outcome.out and "Counted as white noise (sd / sqrt(n))" in outcome.out
+    said = " ".join(outcome.out.split())
+    assert f"Raw samples of {recorded.folder} (24 positions of 30 s): x white 42." in said
+    assert "noise of the raw samples" in said and "Counted as white noise (sd / sqrt(n))" in said
     found = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
     samples, white = found["samples"], 3e-4 / np.sqrt(30 * 50)
     assert samples["source"] == str(recorded.folder) and samples["slow_noise"] in ("walk", "markov", "flicker", "apart")

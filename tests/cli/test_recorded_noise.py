@@ -44,7 +44,9 @@ def test_means_say_how_they_were_captured(means):
 
 def test_diagnose_uses_it_without_an_option(tumblecal, tmp_path, means):
     outcome = tumblecal("diagnose", means, "--no-figures", "--out", tmp_path / "out")
-    assert outcome.code == 0 and f"Noise model of {means} (24 positions of 30 s): x white 42." in outcome.out
+    assert outcome.code == 0 and f"Noise model of {means} (24 positions of 30 s): x white 42." in " ".join(
+        outcome.out.split()
+    )
     found = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
     assert not [label for label in found["explanations"][0]["effects"] if not label.startswith("noise_")]
     assert found["samples"]["source"] == str(means)

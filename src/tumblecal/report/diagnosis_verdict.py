@@ -114,7 +114,7 @@ def _unnamed(diagnosis: Diagnosis) -> Iterator[Finding]:
     if diagnosis.best.unexplained and not diagnosis.members:
         yield Finding(f"An effect that depends on {unexplained_words(diagnosis)}; not in the catalogue")
     if diagnosis.verdict == "unexplained":
-        yield from (Finding(as_sentence(words)) for words in _located(diagnosis))
+        yield from (Finding(words) for words in _located(diagnosis))
 
 
 def _finding(diagnosis: Diagnosis, cause: Cause) -> Finding:
@@ -154,7 +154,7 @@ def _unresolved(diagnosis: Diagnosis, number: Mapping[str, int], members: ClassM
     if patchwork := patchwork_words(diagnosis):
         yield Unresolved(patchwork)
     if diagnosis.verdict != "unexplained":
-        yield from (Unresolved(as_sentence(words)) for words in _located(diagnosis))
+        yield from (Unresolved(words) for words in _located(diagnosis))
     yield from (Unresolved(words) for words in filter(None, [identity_words(diagnosis.data)]))
 
 
