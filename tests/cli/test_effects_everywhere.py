@@ -57,7 +57,7 @@ def test_simulate_calibrate_diagnose(tumblecal, tmp_path, mine):
     assert found["verdict"] == "identified" and found["causes"] == ["index_third"]
     size = found["explanations"][0]["coefficients"]["index_third_cos"]
     assert size["unit"] == "mrad" and abs(size["value"] - 0.8) < 4 * size["sd"]
-    assert found["next_plan"]["together"] and "three times round" in found["text"]
+    assert found["next_plan"]["together"] and "three times round" in " ".join(found["text"].split())
     assert json.loads((tmp_path / "found" / "calibration.json").read_text())["provenance"]["causes"] == ["index_third"]
 
 

@@ -56,14 +56,13 @@ def details(diagnosis: Diagnosis) -> Iterator[tuple[str, str]]:
 def _of_model(diagnosis: Diagnosis) -> dict[str, str]:
     """What the data, the noise and the model were taken to be, and which effects the calibration file holds or lacks."""
     held = held_words(diagnosis.extended, diagnosis.model.nominal_chain, diagnosis.entries)
-    settings = (read_settings_words(diagnosis.nominal), many_settings_words(diagnosis.nominal))
     ids = [id for id in dict.fromkeys(map(id_of, diagnosis.labels)) if id in diagnosis.entries]
     return {
         "Causes": " ".join(f"{id}: {diagnosis.entries[id].cause}" for id in ids),
         "Noise": "" if diagnosis.samples is None else _noise_of_samples(diagnosis),
         "Noise correction": "All tests and intervals use the corrected weights." if diagnosis.noise_labels else "",
         "Mountings": mounting_words(diagnosis.mountings),
-        "Pitch settings": " ".join(_text_of(words) for words in settings if words),
+        "Pitch settings": _text_of(read_settings_words(diagnosis.nominal)),
         "Calibration file": " ".join(f"{as_sentence(words)}." for words in held),
         "Not in the calibration file": " ".join(f"{_text_of(words)}." for words in lacking_of_diagnosis(diagnosis)),
         "Gravity": "" if gravity_warning(diagnosis.extended) else gravity_words(diagnosis.extended),

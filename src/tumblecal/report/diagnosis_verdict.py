@@ -20,6 +20,7 @@ from tumblecal.report.identity_words import identity_words
 from tumblecal.report.next_plan_words import next_words
 from tumblecal.report.number_words import ambiguity, odds_words
 from tumblecal.report.sentences import as_sentence
+from tumblecal.report.setting_words import many_settings_words
 from tumblecal.report.verdict import Finding, Unresolved, Verdict
 
 
@@ -204,6 +205,8 @@ def _next(diagnosis: Diagnosis, plan: NextPlan | None, folder: Path | None) -> I
         yield "Check the set-up; a rig file may state other usual values ([usual])."
     if gravity := gravity_warning(diagnosis.extended):
         yield f"WARNING: {gravity}"
+    if many := many_settings_words(diagnosis.nominal):
+        yield as_sentence(many)
     if diagnosis.noise_labels and diagnosis.samples is not None:
         yield _NOT_IN_SAMPLES
     if plan is not None:
