@@ -1,11 +1,13 @@
 """The one layout of a verdict, from records made by hand: order of the blocks, number of lines, whole commands and sizes."""
 
 import textwrap
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from tumblecal.report.class_members import class_members
-from tumblecal.report.diagnosis_verdict import title
+from tumblecal.report.diagnosis_verdict import headline, title
 from tumblecal.report.verdict import Finding, Unresolved, Verdict, verdict_lines
 
 
@@ -112,3 +114,39 @@ def test_a_class_that_is_a_product_is_a_product():
 )
 def test_titles_are_causes_without_their_explanation(cause, words):
     assert title(cause) == words
+
+
+def diagnosed(verdict="ambiguous", labels=("bias_drift.x", "second_order.z"), **changed):
+    """As much of a diagnosis as a headline needs."""
+    best = SimpleNamespace(labels=labels, probability=0.97, single_name=verdict == "identified")
+    other = SimpleNamespace(probability=0.02)
+    screened = SimpleNamespace(detection=SimpleNamespace(p_value=3.2e-13), explanations=[best, other])
+    given = {"mix_ups": (), "noise_labels": (), "implausible": (), "located": [], "level": 1.0, "data": range(24)}
+    problem = SimpleNamespace(sd=np.full((24, 3), 1e-4))
+    return SimpleNamespace(verdict=verdict, best=best, screened=screened, problem=problem, **given | changed)
+
+
+@pytest.mark.parametrize(
+    ("diagnosis", "found", "open_causes", "words"),
+    [
+        (diagnosed("adequate", ()), 0, 0, "No error found that 24 positions with 0.1 mg noise can show (p = 3.2e-13)."),
+        (diagnosed("identified", ("a.x",)), 1, 0, "One error found and identified (probability 0.97)."),
+        (diagnosed(), 2, 1, "Two errors found; the cause of one is not resolved."),
+        (diagnosed(), 2, 2, "Two errors found; the causes of 2 are not resolved."),
+        (diagnosed(labels=("a.x",)), 1, 1, "One error found; its cause is not resolved."),
+        (
+            diagnosed("unexplained"), 1, 0,
+            "The nominal model is rejected (p = 3.2e-13); no catalogued effect explains the data.",
+        ),
+        (
+            diagnosed("identified", (), noise_labels=("noise_unequal",)), 1, 0,
+            "The noise is not as assumed; otherwise the data are consistent with the nominal model.",
+        ),
+        (
+            diagnosed("unexplained", (), implausible=(SimpleNamespace(stated=None),)), 1, 0,
+            "Implausible parameter values: the nominal model fits only with them. Check the set-up first.",
+        ),
+    ],
+)  # fmt: skip
+def test_headlines_state_the_consequence(diagnosis, found, open_causes, words):
+    assert headline(diagnosis, found, open_causes) == words

@@ -48,7 +48,7 @@ def verdict_of_diagnosis(diagnosis: Diagnosis, plan: NextPlan | None = None, fol
     members = class_members(diagnosis.best.labels, diagnosis.best.equivalents)
     return Verdict(
         verdict=diagnosis.verdict,
-        headline=_headline(diagnosis, len(found), len(members.exchangeable)),
+        headline=headline(diagnosis, len(found), len(members.exchangeable)),
         source=Path(diagnosis.data.source).name,
         use=diagnosed_use(diagnosis).words,
         found=found,
@@ -59,7 +59,13 @@ def verdict_of_diagnosis(diagnosis: Diagnosis, plan: NextPlan | None = None, fol
     )
 
 
-def _headline(diagnosis: Diagnosis, found: int, open_causes: int) -> str:
+def headline(diagnosis: Diagnosis, found: int, open_causes: int) -> str:
+    """The consequence of the verdict in a line.
+
+    **Arguments:**
+
+    - `found`: number of findings. `open_causes`: number of causes that others can replace.
+    """
     if diagnosis.implausible:
         stated = all(unusual.stated is not None for unusual in diagnosis.implausible)
         if not diagnosis.best.labels:
