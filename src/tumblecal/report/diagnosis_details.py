@@ -44,7 +44,7 @@ def details(diagnosis: Diagnosis) -> Iterator[tuple[str, str]]:
     if diagnosis.members:
         yield from _changes(diagnosis)
     listed = {
-        "Not determined": undetermined_words(diagnosis),
+        "Undetermined parameters": undetermined_words(diagnosis),
         "Uncertainties": uncertainty_words(diagnosis),
         **_of_model(diagnosis),
         UNDETECTABLE: _undetectable(diagnosis),
