@@ -6,8 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tumblecal.report.class_members import class_members
-from tumblecal.report.diagnosis_verdict import headline, title
+from tumblecal.diagnosis.findings.factors import Factor, Reason
+from tumblecal.report.diagnosis_verdict import alternatives, headline, reason_words, title
 from tumblecal.report.verdict import Finding, Unresolved, Verdict, verdict_lines
 
 
@@ -91,17 +91,22 @@ def test_words_without_layout_have_all_of_it_too():
     assert "Not testable" in said and "Not testable" not in TWO.words(lists=False)
 
 
-def test_a_class_that_is_a_product_is_a_product():
-    """Two pairs make four members; a member that only adds a cause to another is none of its own."""
-    best = ("bias_drift.x", "second_order.z")
-    pairs = [("bias_temperature.x", "second_order.z"), ("bias_drift.x", "cross_axis_square.z")]
-    members = class_members(best, [*pairs, ("bias_temperature.x", "cross_axis_square.z"), (*best, "warm_up")])
-    assert members.exchangeable == {
-        "bias_drift.x": [("bias_temperature.x",)],
-        "second_order.z": [("cross_axis_square.z",)],
-    }
-    assert members.others == []
-    assert class_members(best, [("gravity_value",)]).others == [("gravity_value",)]
+def test_alternatives_of_one_reason_are_one_line():
+    clocks, identity = Reason("columns", ("time_s", "temperature_degc"), 0.9999), Reason("identity")
+    members = (("bias_drift.x",), ("bias_temperature.x",), ("warm_up",), ("bias_temperature_square.x",))
+    factor = Factor(members, (clocks, Reason("angles"), clocks._replace(r=0.9991)))
+    time, angles = alternatives(factor, {"second_order.z": 1, "bias_drift.x": 2})
+    assert time.sentence == (
+        "2. bias_drift.x or bias_temperature.x or bias_temperature_square.x: time and temperature are fully correlated in these "
+        "data (r = 1.00)"
+    )
+    assert angles.sentence == "2. bias_drift.x or warm_up: the same signal at these angles"
+    square = Factor((("second_order.z",), ("cross_axis_square.z",)), (identity,))
+    (words,) = [one.sentence for one in alternatives(square, {"second_order.z": 1})]
+    assert words.startswith("1. second_order.z or cross_axis_square.z: the same function in a 1 g field")
+    for kind in ("size", "angles", "unnamed", "identity"):
+        assert reason_words(Reason(kind))
+    assert reason_words(Reason("range", ("temperature_degc",))) == "temperature does not vary enough in these data"
 
 
 @pytest.mark.parametrize(

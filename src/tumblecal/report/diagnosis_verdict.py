@@ -8,11 +8,11 @@ import numpy as np
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.causes.cause import Cause, id_of
 from tumblecal.diagnosis.causes.generic import UNEXPLAINED
+from tumblecal.diagnosis.findings.factors import Factor, Reason
 from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.ground.numbers_shown import p_words
 from tumblecal.planning.next_plan import NextPlan
 from tumblecal.report.cause_words import label_words, patchwork_words, size_words, unexplained_words
-from tumblecal.report.class_members import ClassMembers, class_members
 from tumblecal.report.diagnosis_calibration import diagnosed_use
 from tumblecal.report.diagnosis_details import details
 from tumblecal.report.gravity_words import gravity_warning
@@ -32,6 +32,14 @@ _NOT_IN_SAMPLES = (
 )
 _MOST_OTHERS, _LEAST_OTHER = 4, 0.02
 _MOST_MEMBERS = 4
+_COLUMN_WORDS = {"time_s": "time", "temperature_degc": "temperature", "pitch": "the pitch angle"}
+_REASONS = {
+    "identity": "the same function in a 1 g field (u_x^2 + u_y^2 + u_z^2 = 1); no measurement on a head distinguishes them, and "
+    "the correction at 1 g is the same",
+    "size": "the error is too small; one three times as large would be distinguished",
+    "angles": "the same signal at these angles",
+    "unnamed": "it may be an effect that is not in the catalogue",
+}
 
 
 def verdict_of_diagnosis(diagnosis: Diagnosis, plan: NextPlan | None = None, folder: Path | None = None) -> Verdict:
@@ -45,14 +53,14 @@ def verdict_of_diagnosis(diagnosis: Diagnosis, plan: NextPlan | None = None, fol
     before, causes = list(_before_causes(diagnosis)), [_finding(diagnosis, cause) for cause in diagnosis.members]
     numbers = {cause.label: len(before) + k for k, cause in enumerate(diagnosis.members, 1)}
     found = (*before, *causes, *_unnamed(diagnosis))
-    members = class_members(diagnosis.best.labels, diagnosis.best.equivalents)
+    open_causes = sum(not factor.resolved for factor in diagnosis.factors)
     return Verdict(
         verdict=diagnosis.verdict,
-        headline=headline(diagnosis, len(found), len(members.exchangeable)),
+        headline=headline(diagnosis, len(found), open_causes),
         source=Path(diagnosis.data.source).name,
         use=diagnosed_use(diagnosis).words,
         found=found,
-        unresolved=tuple(_unresolved(diagnosis, numbers, members)),
+        unresolved=tuple(_unresolved(diagnosis, numbers)),
         evidence=tuple(_evidence(diagnosis)),
         next=tuple(_next(diagnosis, plan, folder)),
         details=tuple(details(diagnosis)),
@@ -151,18 +159,41 @@ def _located(diagnosis: Diagnosis) -> Iterator[str]:
         yield f"{told.words}: more probable than {acts}, odds {odds_words(told.log_odds)}"
 
 
-def _unresolved(diagnosis: Diagnosis, number: Mapping[str, int], members: ClassMembers) -> Iterator[Unresolved]:
-    for label in sorted(members.exchangeable, key=lambda label: number.get(label, 0)):
-        listed = _either([(label,), *members.exchangeable[label]])
-        about = (number[label],) if label in number else ()
-        yield Unresolved(listed, "the same signal at these positions", about)
-    if members.others:
-        yield Unresolved(_either(members.others), "other sets with the same signal at these positions")
+def _unresolved(diagnosis: Diagnosis, numbers: Mapping[str, int]) -> Iterator[Unresolved]:
+    for factor in sorted(diagnosis.factors, key=lambda factor: numbers.get(factor.members[0][0], 0)):
+        yield from alternatives(factor, numbers)
     if patchwork := patchwork_words(diagnosis):
         yield Unresolved(patchwork)
     if diagnosis.verdict != "unexplained":
         yield from (Unresolved(words) for words in _located(diagnosis))
     yield from (Unresolved(words) for words in filter(None, [identity_words(diagnosis.data)]))
+
+
+def alternatives(factor: Factor, numbers: Mapping[str, int]) -> Iterator[Unresolved]:
+    """The causes that can take the place of one that was found, those of one reason together.
+
+    **Arguments:**
+
+    - `numbers`: of the findings, by label.
+    """
+    first, *others = factor.members
+    by_reason: dict[Reason, list[tuple[str, ...]]] = {}
+    for labels, reason in zip(others, factor.reasons, strict=True):
+        same = next((own for own in by_reason if own[:2] == reason[:2]), reason)
+        by_reason.setdefault(same, []).append(labels)
+    about = tuple([numbers[label] for label in first if label in numbers])
+    for reason, own in by_reason.items():
+        yield Unresolved(_either([first, *own]), reason_words(reason), about)
+
+
+def reason_words(reason: Reason) -> str:
+    """Why causes cannot be distinguished."""
+    if reason.kind == "columns":
+        first, second = (_COLUMN_WORDS.get(name, name) for name in reason.columns)
+        return f"{first} and {second} are fully correlated in these data (r = {reason.r:.2f})"
+    if reason.kind == "range":
+        return f"{_COLUMN_WORDS.get(reason.columns[0], reason.columns[0])} does not vary enough in these data"
+    return _REASONS[reason.kind]
 
 
 def _either(sets: Sequence[tuple[str, ...]]) -> str:
@@ -188,7 +219,7 @@ def _evidence(diagnosis: Diagnosis) -> Iterator[str]:
         size, dof = diagnosis.nominal.rms * 1e3, diagnosis.nominal.dof
         yield f"Residuals: {size:.3g} mg rms with {diagnosis.model.nominal} parameters, {dof} degrees of freedom."
         return
-    of = "this class of causes" if diagnosis.best.equivalents else "this explanation"
+    of = "this class of causes" if diagnosis.best.separable else "this explanation"
     others = [e for e in diagnosis.screened.explanations if e is not diagnosis.best and e.probability > _LEAST_OTHER]
     listed = ", ".join(f"{label_words(e.labels) or 'adequate'} {e.probability:.2f}" for e in others[:_MOST_OTHERS])
     yield f"Probability of {of} {diagnosis.best.probability:.2f}{f'; next: {listed}' if listed else ''}."
