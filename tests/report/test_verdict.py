@@ -97,8 +97,8 @@ def test_alternatives_of_one_reason_are_one_line():
     factor = Factor(members, (clocks, Reason("angles"), clocks._replace(r=0.9991)))
     time, angles = alternatives(factor, {"second_order.z": 1, "bias_drift.x": 2})
     assert time.sentence == (
-        "2. bias_drift.x or bias_temperature.x or bias_temperature_square.x: time and temperature are fully correlated in these "
-        "data (r = 1.00)"
+        "2. bias_drift.x or bias_temperature.x or bias_temperature_square.x: time and temperature are fully correlated in "
+        "these data (r = 1.00)"
     )
     assert angles.sentence == "2. bias_drift.x or warm_up: the same signal at these angles"
     square = Factor((("second_order.z",), ("cross_axis_square.z",)), (identity,))

@@ -34,8 +34,8 @@ _MOST_OTHERS, _LEAST_OTHER = 4, 0.02
 _MOST_MEMBERS = 4
 _COLUMN_WORDS = {"time_s": "time", "temperature_degc": "temperature", "pitch": "the pitch angle"}
 _REASONS = {
-    "identity": "the same function in a 1 g field (u_x^2 + u_y^2 + u_z^2 = 1); no measurement on a head distinguishes them, and "
-    "the correction at 1 g is the same",
+    "identity": "the same function in a 1 g field (u_x^2 + u_y^2 + u_z^2 = 1): no measurement on a head separates them, and at "
+    "1 g it makes no difference",
     "size": "the error is too small; one three times as large would be distinguished",
     "angles": "the same signal at these angles",
     "unnamed": "it may be an effect that is not in the catalogue",
@@ -160,7 +160,7 @@ def _located(diagnosis: Diagnosis) -> Iterator[str]:
 
 
 def _unresolved(diagnosis: Diagnosis, numbers: Mapping[str, int]) -> Iterator[Unresolved]:
-    for factor in sorted(diagnosis.factors, key=lambda factor: numbers.get(factor.members[0][0], 0)):
+    for factor in sorted(diagnosis.factors, key=lambda own: (own.resolved, numbers.get(own.members[0][0], 0))):
         yield from alternatives(factor, numbers)
     if patchwork := patchwork_words(diagnosis):
         yield Unresolved(patchwork)

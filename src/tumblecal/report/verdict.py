@@ -8,9 +8,9 @@ from dataclasses import dataclass
 WIDTH = 100
 _COMMAND = "tumblecal "
 _INDENT = 12
-# Lines above the rule at `WIDTH` columns: of all blocks, and of each; NEXT has those that the others leave (at least 7).
+# Lines above the rule at `WIDTH` columns: of all blocks, and of each; NEXT has those that the others leave (at least 6).
 _MOST = 25
-_MOST_LINES = {"USE": 2, "FOUND": 5, "UNRESOLVED": 4, "EVIDENCE": 4}
+_MOST_LINES = {"USE": 2, "FOUND": 5, "UNRESOLVED": 5, "EVIDENCE": 4}
 _MORE = "(continued below the rule)"
 _DETAIL = 30
 # Details that tables of a page repeat.
