@@ -58,7 +58,7 @@ def cards(study: PaperStudy, audit: Audit, table1: Fit, verdict: str) -> list[Se
     ]
     trusted = [
         f"Simulated with known truth, the exact fit of {len(study.single)} data sets is off by at most {off:.1f} of its sd.",
-        f"Diagnosis of Table 1: {verdict}",
+        f"Table 1: {verdict}",
         *(f"Badly determined: {direction.words}; a second mounting cures it." for direction in weak[:1]),
     ]
     return [
