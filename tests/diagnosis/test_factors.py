@@ -11,6 +11,7 @@ from tumblecal.diagnosis.causes.cause import NO_SLOT
 from tumblecal.diagnosis.causes.identities import one_function_at_1_g
 from tumblecal.diagnosis.findings.factors import Factor, Reason, factors_of
 from tumblecal.diagnosis.sets.classes import Explanation, verdict_of
+from tumblecal.diagnosis.sets.occam import needs_more
 from tumblecal.effects import catalogue
 from tumblecal.effects.effect import output_effect
 
@@ -21,7 +22,7 @@ TIME = np.linspace(0.0, 4.0, 24)
 COLUMNS = {"time_s": TIME, "temperature_degc": 24.0 + 0.6 * TIME}
 
 
-def told(best, *equivalents, identical=(), apart=None, probability=0.96):
+def told(best, *equivalents, identical=(), less_simple=(), apart=None, probability=0.96):
     """A class of explanations by hand, its members as texts."""
     sets = [tuple(words.split()) for words in equivalents]
     return Explanation(
@@ -31,6 +32,7 @@ def told(best, *equivalents, identical=(), apart=None, probability=0.96):
         own_probability=0.5,
         members=(0,),
         identical=tuple(tuple(words.split()) for words in identical),
+        less_simple=tuple(tuple(words.split()) for words in less_simple),
         apart=tuple([0.1] * len(sets) if apart is None else apart),
     )
 
@@ -118,6 +120,12 @@ def test_an_identity_at_1_g_is_identified_and_a_superset_adds_nothing():
     alike = "cross_axis_square.z", "cross_axis_square.y cross_axis_square.z"
     assert verdict_of(told("second_order.z", *alike, identical=alike[:1]), False, False, False) == "identified"
     assert verdict_of(told("second_order.z", *alike), False, False, False) == "ambiguous"
+    orders = told("third_order.x", "fifth_order.x", "fifth_order.x fifth_order.y", less_simple=["fifth_order.x"])
+    assert (
+        verdict_of(orders, False, False, False) == "identified"
+        and verdict_of(replace(orders, less_simple=()), False, False, False) == "ambiguous"
+    )
+    assert factors_of(orders, ENTRIES, COLUMNS) == (Factor((("third_order.x",),)),)
     assert (
         verdict_of(told("second_order.z", *alike, identical=alike[:1], probability=0.7), False, False, False)
         == "ambiguous"
@@ -162,3 +170,45 @@ def test_an_identity_of_an_effect_of_the_users():
         for effect in (own, ENTRIES["second_order.z"], ENTRIES["second_order.y"])
     ]
     assert one_function_at_1_g(slots[:1], slots[1:2]) and not one_function_at_1_g(slots[:1], slots[2:])
+
+
+def slots_of(*ids):
+    made = []
+    for id in ids:
+        effect = ENTRIES[id]
+        polynomial, order = effect.polynomial
+        columns = tuple(range(len(effect.forms) or 1))
+        made.append(
+            replace(
+                NO_SLOT,
+                id=id,
+                make=effect.make,
+                columns=columns,
+                weight=effect.weight,
+                polynomial=polynomial,
+                order=order,
+            )
+        )
+    return made
+
+
+@pytest.mark.parametrize(
+    ("simpler", "other", "more"),
+    [
+        ("third_order.x", "fifth_order.x", True),
+        ("fifth_order.x", "third_order.x", False),
+        ("third_order.x", "fifth_order.y", False),
+        ("third_order.x", "fifth_order.x fifth_order.y", True),
+        ("third_order.x third_order.y", "fifth_order.x fifth_order.y", True),
+        # Either is met as often as the other, so neither is the simpler one.
+        ("second_order.x", "third_order.x", False),
+        ("bias_temperature.y", "bias_temperature_square.y", True),
+        ("bias_temperature.y", "bias_drift.y", False),
+        ("cross_axis_square.y", "bias_drift.y second_order.y", True),
+        ("cross_axis_square.y", "bias_drift.y second_order.x", False),
+        ("cross_axis_square.y", "second_order.y", False),
+        ("second_order.z", "cross_axis_square.y cross_axis_square.z", False),
+    ],
+)
+def test_a_higher_order_and_a_special_case_with_a_further_effect_are_no_equals(simpler, other, more):
+    assert needs_more(slots_of(*simpler.split()), slots_of(*other.split())) is more

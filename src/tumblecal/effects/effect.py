@@ -19,6 +19,8 @@ from tumblecal.ground.units import converts, factor
 
 # Weight of an entry that is the cause less often than those of the model equation and of the head.
 RARE = 0.25
+# The same of a higher order that is met alone, without the lower one that makes nearly the same signal.
+HIGHER_ORDER = 0.05
 
 # Pauses of unknown length that an effect of time allows for: it counts the time in each run by itself.
 BETWEEN_RUNS = "between runs"
@@ -106,6 +108,19 @@ class Effect:
             return False
         within = len({*zip(*(np.asarray(where.index(by)).tolist() for by in ("run", "clock")), strict=True)})
         return self.pauses != BETWEEN_RUNS or within > len(where.names("run"))
+
+    @property
+    def polynomial(self) -> tuple[tuple[str, str] | tuple[()], int]:
+        """Output and variable (an input or `degc`) of which it is a power, and the power; `()` and 0 where it is none."""
+        form = self.forms[0] if len(self.forms) == 1 else {}
+        # Whether a form of the user's is a right one is for `data.calibration_terms` to say.
+        inputs, degc = form.get("powers"), form.get("degc_power", form.get("per_degc"))
+        powers = dict(zip([*AXES, "degc"], [*inputs, degc] if isinstance(inputs, list) else [], strict=False))
+        own = [(name, power) for name, power in powers.items() if isinstance(power, int) and power]
+        if form.get("kind", "product") != "product" or form.get("per_hour") or len(own) != 1:
+            return (), 0
+        ((variable, power),) = own
+        return (str(form.get("axis")), variable), int(power)
 
     def shows(self, base: str) -> bool:
         """Whether a coefficient of this base unit is shown in its unit."""

@@ -5,7 +5,7 @@ from itertools import combinations
 
 import jax.numpy as jnp
 
-from tumblecal.effects.effect import RARE, Effect, output_effect
+from tumblecal.effects.effect import HIGHER_ORDER, Effect, output_effect
 from tumblecal.ground.axes import AXES
 
 
@@ -67,7 +67,7 @@ def _nonlinearities(own: int, axis: str) -> tuple[Effect, ...]:
             symbol="K5",
             cause=f"Fifth-order nonlinearity of the {axis} axis: gain differs close to the largest inputs.",
             advice="Apply the term from the extended calibration; check the range.",
-            weight=RARE,
+            weight=HIGHER_ORDER,
         ),
     )
 

@@ -158,6 +158,7 @@ def _explanation(diagnosis: Diagnosis, explanation: Explanation) -> dict:
         "equivalents": _named(explanation.equivalents),
         "identical_at_1_g": _named(explanation.identical),
         "supersets": _named(explanation.supersets),
+        "less_simple": _named(explanation.less_simple),
         "probability": explanation.probability,
         "chosen": chosen,
         "coefficients": values,

@@ -229,6 +229,7 @@ def _slot(effect: Effect, variant: int, link: Link, first: int) -> Slot:
         effect.shares[variant] if effect.shares else 1.0,
         effect.largest,
         effect.needs,
+        *effect.polynomial,
     )
 
 

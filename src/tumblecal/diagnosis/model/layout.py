@@ -19,7 +19,8 @@ class Slot:
     """The columns of one link of one effect in the full vector; `shape` columns (a time constant) act only once
     their amplitudes are not zero. `make` makes the effect's links for other settings; `thermal`: they read the
     temperature; `weight`: how often the effect is the cause; `share`: of that, the variant's beside the others';
-    `largest`: size of a coefficient (base unit) beyond which it is no cause; `needs`: columns that it needs."""
+    `largest`: size of a coefficient (base unit) beyond which it is no cause; `needs`: columns that it needs;
+    `polynomial`, `order`: as of `Effect.polynomial`."""
 
     __repr__ = brief
 
@@ -37,6 +38,8 @@ class Slot:
     share: float = 1.0
     largest: float = math.inf
     needs: tuple[str, ...] = ()
+    polynomial: tuple[str, str] | tuple[()] = ()
+    order: int = 0
 
     @property
     def all_columns(self) -> list[int]:

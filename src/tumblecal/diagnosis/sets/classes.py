@@ -10,8 +10,10 @@ from jaxtyping import Bool, Float, Int
 from tumblecal.diagnosis.causes.generic import UNEXPLAINED
 from tumblecal.diagnosis.causes.identities import one_function_at_1_g
 from tumblecal.diagnosis.causes.pool import Pool
+from tumblecal.diagnosis.model.layout import Slot
 from tumblecal.diagnosis.sets.cause_sets import Members, Ranked, keys_of, sets_of
 from tumblecal.diagnosis.sets.exchanges import Labels, supersets
+from tumblecal.diagnosis.sets.occam import needs_more
 from tumblecal.diagnosis.sets.partial_set import partial_sets
 from tumblecal.diagnosis.sets.patchwork import Neighbours, is_patchwork
 from tumblecal.diagnosis.sets.prior import SetPriors
@@ -34,7 +36,7 @@ class Explanation:
 
     - `labels`: ids, positions after a colon; empty: the model is adequate.
     - `equivalents`: other sets of labels that these data cannot tell from it; `identical`: those of them that no data of a head
-      can, as they are the same function at 1 g.
+      can, as they are the same function at 1 g; `less_simple`: those that need more for the same signal (`sets.occam`).
     - `apart`: how much of its signal each equivalent cannot make, in noise sd (norm); NaN where that is not known.
     - `probability`: that the truth is this set or one of its equivalents; `own_probability`: this set alone.
     - `members`: the best set of candidates with these labels; `noise`: the noise alternative where it is one.
@@ -47,6 +49,7 @@ class Explanation:
     members: tuple[int, ...]
     noise: str = ""
     identical: tuple[Labels, ...] = ()
+    less_simple: tuple[Labels, ...] = ()
     apart: tuple[float, ...] = ()
 
     @property
@@ -66,8 +69,9 @@ class Explanation:
 
     @property
     def separable(self) -> tuple[Labels, ...]:
-        """The equivalents that other positions could tell from it."""
-        return tuple([own for own in self.equivalents if own not in self.identical and own not in self.supersets])
+        """The equivalents that other positions could tell from it, and that are as simple."""
+        aside = {*self.identical, *self.supersets, *self.less_simple}
+        return tuple([own for own in self.equivalents if own not in aside])
 
 
 class Groups(NamedTuple):
@@ -148,7 +152,7 @@ def explanations(
     for k, (labels, members, unnamed) in enumerate(listed):
         if k in used:
             continue
-        same = [other for other in alike.get(k, {}) if other not in used]
+        same = {other: _apart(search.pool, members, sets[other]) for other in alike.get(k, {}) if other not in used}
         used |= {k, *same}
         found.append(
             Explanation(
@@ -159,18 +163,17 @@ def explanations(
                 own_probability=shares[k],
                 members=members,
                 noise=labels[0] if not unnamed and labels and labels[0] in noise else "",
-                identical=tuple(
-                    [groups.labels[other] for other in same if _one_function(search.pool, members, sets[other])]
-                ),
+                identical=tuple([groups.labels[other] for other, own in same.items() if one_function_at_1_g(*own)]),
+                less_simple=tuple([groups.labels[other] for other, own in same.items() if needs_more(*own)]),
             )
         )
     return sorted(found, key=attrgetter("probability"), reverse=True)
 
 
-def _one_function(pool: Pool, first: Members, second: Members) -> bool:
-    """Whether two sets of causes that these data cannot tell apart are one function at 1 g."""
-    apart = ([pool.causes[k].slot for k in own if k not in other] for own, other in ((first, second), (second, first)))
-    return one_function_at_1_g(*apart)
+def _apart(pool: Pool, first: Members, second: Members) -> tuple[list[Slot], list[Slot]]:
+    """What causes of each of two sets move that are not in the other."""
+    own, other = ([pool.causes[k].slot for k in a if k not in b] for a, b in ((first, second), (second, first)))
+    return own, other
 
 
 def grouped(search: Search, ranked: Ranked) -> tuple[Groups, float]:
