@@ -34,8 +34,7 @@ _MOST_OTHERS, _LEAST_OTHER = 4, 0.02
 _MOST_MEMBERS = 4
 _COLUMN_WORDS = {"time_s": "time", "temperature_degc": "temperature", "pitch": "the pitch angle"}
 _REASONS = {
-    "identity": "the same function in a 1 g field (u_x^2 + u_y^2 + u_z^2 = 1): no measurement on a head separates them, and at "
-    "1 g it makes no difference",
+    "identity": "the same function in a 1 g field (u_x^2 + u_y^2 + u_z^2 = 1), with equal corrections: no head separates them",
     "size": "the error is too small; one three times as large would be distinguished",
     "angles": "the same signal at these angles",
     "unnamed": "it may be an effect that is not in the catalogue",
