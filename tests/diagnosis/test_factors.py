@@ -14,6 +14,7 @@ from tumblecal.diagnosis.sets.classes import Explanation, verdict_of
 from tumblecal.diagnosis.sets.occam import needs_more
 from tumblecal.effects import catalogue
 from tumblecal.effects.effect import output_effect
+from tumblecal.report.cause_words import less_simple_words
 
 
 ROOT = Path(__file__).parents[2]
@@ -126,6 +127,8 @@ def test_an_identity_at_1_g_is_identified_and_a_superset_adds_nothing():
         and verdict_of(replace(orders, less_simple=()), False, False, False) == "ambiguous"
     )
     assert factors_of(orders, ENTRIES, COLUMNS) == (Factor((("third_order.x",),)),)
+    said = "fifth_order.x would explain these data as well as third_order.x, the simpler cause"
+    assert list(less_simple_words(orders)) == [said] and not [*less_simple_words(README)]
     assert (
         verdict_of(told("second_order.z", *alike, identical=alike[:1], probability=0.7), False, False, False)
         == "ambiguous"

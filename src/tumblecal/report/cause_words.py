@@ -33,6 +33,14 @@ def identical_words(best: Explanation) -> Iterator[str]:
         )
 
 
+def less_simple_words(best: Explanation) -> Iterator[str]:
+    """Which sets explain the data as well and are less simple, where there are any."""
+    others = [labels for labels in best.less_simple if labels not in best.supersets]
+    if others:
+        listed = "; ".join(label_words(labels) for labels in others)
+        yield f"{listed} would explain these data as well as {label_words(best.labels)}, the simpler cause"
+
+
 def by_family(causes: Iterable[Cause]) -> list[list[Cause]]:
     """Causes that differ in their axis alone together, each other one by itself."""
     together: dict[str | int, list[Cause]] = {}

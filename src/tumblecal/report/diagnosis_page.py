@@ -16,6 +16,7 @@ from tumblecal.report.cause_words import (
     by_family,
     identical_words,
     label_words,
+    less_simple_words,
     other_axes,
     patchwork_words,
     size_words,
@@ -191,7 +192,7 @@ def _causes(diagnosis: Diagnosis) -> Section:
         facts = [*generic, ("what it is", "No entry of the catalogue describes it; it is not named.")]
         cards.append(PageCard("unexplained", [*facts, ("on the bench", _LOOK)]))
     words = [] if cards else ["None: nothing in these data contradicts the model."]
-    words += identical_words(diagnosis.best)
+    words += [*identical_words(diagnosis.best), *(f"{words}." for words in less_simple_words(diagnosis.best))]
     if diagnosis.best.separable:
         same = "; ".join(label_words(labels) for labels in diagnosis.best.separable[:8])
         more = len(diagnosis.best.separable) - 8
