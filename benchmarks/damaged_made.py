@@ -1,6 +1,7 @@
 """Small valid files of every format that tumblecal reads, made without tumblecal's readers."""
 
 import io
+import json
 import struct
 import zipfile
 import zlib
@@ -70,6 +71,56 @@ def log_is_whole(content: bytes) -> bool:
             return False
         at += 24 + size
     return at == len(content)
+
+
+def json_lines() -> bytes:
+    """A recording with an object in each line."""
+    own = samples()
+    rows = zip(*own.values(), strict=True)
+    lines = [{"t": t, "acc": {"x": x, "y": y, "z": z}, "temp": degc} for t, x, y, z, degc in rows]
+    return "".join(json.dumps(line) + "\n" for line in lines).encode()
+
+
+def labelled() -> bytes:
+    """A recording with its names in every line, as sketches for a serial plotter print."""
+    own = samples()
+    rows = zip(*own.values(), strict=True)
+    return "".join(f"t:{t:.3f},ax:{x:.5f},ay:{y:.5f},az:{z:.5f}\n" for t, x, y, z, _ in rows).encode()
+
+
+def dataflash() -> bytes:
+    """An ArduPilot log (https://ardupilot.org/dev/docs/code-overview-adding-a-new-log-message.html)."""
+
+    def stated(number: int, length: int, name: str, formats: str, fields: str) -> bytes:
+        texts = (name.encode(), formats.encode(), fields.encode())
+        return b"\xa3\x95\x80" + struct.pack("<BB4s16s64s", number, length, *texts)
+
+    own = samples()
+    out = [stated(0x80, 89, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns")]
+    out.append(stated(21, 23, "IMU", "Qfff", "TimeUS,AccX,AccY,AccZ"))
+    for time, *force, _ in zip(*own.values(), strict=True):
+        out.append(b"\xa3\x95\x15" + struct.pack("<Q3f", round(time * 1e6) + 10**6, *force))
+    return b"".join(out)
+
+
+def dataflash_is_whole(content: bytes) -> bool:
+    """Whether the messages of a log follow one another to its end."""
+    at, lengths = 0, {0x80: 89, 21: 23}
+    while at + 3 <= len(content):
+        if content[at : at + 2] != b"\xa3\x95" or content[at + 2] not in lengths:
+            return False
+        at += lengths[content[at + 2]]
+    return at == len(content)
+
+
+def mtb() -> bytes:
+    """An Xsens log: a message for each sample with SampleTimeFine and acceleration, each with its checksum."""
+    own, out = samples(), []
+    for time, *force, _ in zip(*own.values(), strict=True):
+        fields = struct.pack(">HBI", 0x1060, 4, round(time * 1e4)) + struct.pack(">HB3f", 0x4020, 12, *force)
+        body = bytes([0xFF, 0x36, len(fields)]) + fields
+        out.append(b"\xfa" + body + bytes([-sum(body) % 256]))
+    return b"".join(out)
 
 
 def mimu() -> bytes:
