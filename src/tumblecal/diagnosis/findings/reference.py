@@ -89,7 +89,9 @@ def _add_drifts(at: Tangent, slots: Sequence[Slot], added: Float[np.ndarray, "no
         steady[first] = time[first]
         groups = where.groups | ({"clock": np.full_like(clock, number)} if where.clocks > 1 else {})
         jacobian = at.model.evaluate(replace(where, time_s=steady, groups=groups), at.vector).jacobian
-        rows = np.delete(jacobian, first, axis=0).reshape(-1, jacobian.shape[2])
+        rows = np.delete(jacobian, first, axis=0).reshape(-1, jacobian.shape[2]) / np.median(at.problem.sd)
+        # What is known of parameters counts here as in a fit: without it a direction may be determined by nothing.
+        rows = np.vstack([rows, at.jacobian[at.problem.readings.size :]])
         added[:, columns] += np.mean(own) * _absorbed(rows[:, : at.model.nominal], rows[:, columns])
 
 
