@@ -9,6 +9,7 @@ from tumblecal.chain.parameter import Parameter
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.ground.strict_toml import toml_string
 from tumblecal.report.diagnosis_use import not_written
+from tumblecal.report.rig_text import SCHEMA, leaf_table, mount_tables, position_table
 from tumblecal.report.sensor_terms import effects_in
 
 
@@ -25,7 +26,13 @@ def extended_rig_text(diagnosis: Diagnosis) -> str:
     if not_written(diagnosis) or diagnosis.chain.of_positions or unnamed:
         return ""
     return "\n".join(
-        [*_head(diagnosis), *_leaves(diagnosis), *_mounts(diagnosis), *_truth(diagnosis), *_positions(diagnosis)]
+        [
+            *_head(diagnosis),
+            *_leaves(diagnosis),
+            *mount_tables(diagnosis.mountings),
+            *_truth(diagnosis),
+            *_positions(diagnosis),
+        ]
     )
 
 
@@ -35,7 +42,7 @@ def _head(diagnosis: Diagnosis) -> Iterator[str]:
     nominal = [names[type(link)] for link in chain.links if type(link) in names]
     effects = [effect.id for effect in effects_in(chain, diagnosis.problem.where, diagnosis.entries)]
     yield "# The model that tumblecal diagnose found, for `tumblecal simulate`, `calibrate --rig` and `study`."
-    yield 'schema = "tumblecal.rig/1"'
+    yield SCHEMA
     yield f"title = {toml_string(f'extended model of {data.source}')}"
     yield ""
     yield "[chain]"
@@ -47,18 +54,7 @@ def _head(diagnosis: Diagnosis) -> Iterator[str]:
 def _leaves(diagnosis: Diagnosis) -> Iterator[str]:
     for leaf in diagnosis.model.nominal_chain.parameters:
         if leaf.name in UNIT_OF_LEAF:
-            yield f"[chain.leaves.{leaf.name}]"
-            if leaf.by is not None:
-                yield f"by = {toml_string(leaf.by)}"
-            yield f"free = {str(leaf.free).lower()}"
-            yield ""
-
-
-def _mounts(diagnosis: Diagnosis) -> Iterator[str]:
-    for label, rotation in diagnosis.mountings.items():
-        yield f"[mounts.{toml_string(label)}]"
-        yield f"rotation_deg = {[float(angle) for angle in rotation]}"
-        yield ""
+            yield from leaf_table(leaf.name, leaf.by, leaf.free)
 
 
 def _truth(diagnosis: Diagnosis) -> Iterator[str]:
@@ -79,19 +75,11 @@ def _values(leaf: Parameter) -> str:
 
 def _positions(diagnosis: Diagnosis) -> Iterator[str]:
     data = diagnosis.data
-    conditions = {
-        name: values
-        for name in ("time_s", "temperature_degc", "approach")
-        if (values := getattr(data, name)) is not None
-    }
+    labels = {"mount": data.mount, "run": data.run}
+    conditions = {"time_s": data.time_s, "temperature_degc": data.temperature_degc}
     for k, name in enumerate(data.names):
-        yield "[[plan.positions]]"
-        yield f"name = {toml_string(name)}"
-        yield f"alpha_deg = {float(data.alpha_deg[k])!r}"
-        yield f"beta_deg = {float(data.beta_deg[k])!r}"
-        for label, column in (("mount", data.mount), ("run", data.run)):
-            if column is not None:
-                yield f"{label} = {toml_string(column[k])}"
-        for label, values in conditions.items():
-            yield f"{label} = {int(values[k]) if label == 'approach' else repr(float(values[k]))}"
-        yield ""
+        more: dict[str, str | float] = {key: column[k] for key, column in labels.items() if column is not None}
+        more |= {key: float(values[k]) for key, values in conditions.items() if values is not None}
+        if data.approach is not None:
+            more["approach"] = int(data.approach[k])
+        yield from position_table(name, float(data.alpha_deg[k]), float(data.beta_deg[k]), more)

@@ -15,6 +15,7 @@ from tumblecal.ground.strict_toml import toml_string
 from tumblecal.ground.suggested_command import EVERY, suggested
 from tumblecal.planning.next_plan import NextPlan, NextPosition
 from tumblecal.planning.proposals import SIDES
+from tumblecal.report.rig_text import SCHEMA, leaf_table, mount_tables, position_table
 
 
 PLAN = "next_positions"
@@ -160,27 +161,14 @@ def rig_text(diagnosis: Diagnosis, plan: NextPlan) -> str:
     ]
     lines = [
         "# The head with its old positions and those proposed by tumblecal diagnose, for --rig.",
-        'schema = "tumblecal.rig/1"',
+        SCHEMA,
         f"title = {toml_string(f'{data.source} with the next positions')}",
         "",
     ]
     for name in dict.fromkeys((*by, *fixed)):
-        lines += [
-            f"[chain.leaves.{name}]",
-            *([f'by = "{by[name]}"'] if name in by else []),
-            *(["free = false"] if name in fixed else []),
-            "",
-        ]
-    for label, rotation in angles.items():
-        lines += [f"[mounts.{toml_string(label)}]", f"rotation_deg = {list(rotation)}", ""]
+        lines += leaf_table(name, by.get(name), False if name in fixed else None)
+    lines += mount_tables(angles)
     for name, alpha, beta, mount, run in rows:
-        lines += [
-            "[[plan.positions]]",
-            f"name = {toml_string(name)}",
-            f"alpha_deg = {round(float(np.round(alpha, 9)), 9)}",
-            f"beta_deg = {round(float(np.round(beta, 9)), 9)}",
-            f"mount = {toml_string(mount)}",
-            f"run = {toml_string(run)}",
-            "",
-        ]
+        alpha, beta = (round(float(np.round(angle, 9)), 9) for angle in (alpha, beta))
+        lines += position_table(name, alpha, beta, {"mount": mount, "run": run})
     return "\n".join(lines)
