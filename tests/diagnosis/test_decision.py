@@ -6,13 +6,16 @@ import numpy as np
 import pytest
 
 from tumblecal.data.calibration import calibration_text
-from tumblecal.diagnosis.findings.decision import averaged, explanations_left, reference_of
+from tumblecal.diagnosis.findings.decision import averaged, explanations_left, is_thermal
+from tumblecal.diagnosis.findings.reference import moved_to_reference
 from tumblecal.report.diagnosis_calibration import extended_calibration
 
 
 def average_of(screened, acted_on=None):
     left = explanations_left(screened)
-    return averaged(screened, left, reference_of(screened, left), acted_on)
+    ids = {slot.id for slot in screened.at.model.slots}
+    added = moved_to_reference(screened.at, ids, thermal=is_thermal(screened.members))
+    return averaged(screened, left, added, acted_on)
 
 
 @pytest.fixture(scope="module")

@@ -150,7 +150,7 @@ def _tokens(text: str) -> list[str]:
 
 
 def _by_names(stems: Sequence[str], plan: CapturePlan) -> Meaning:
-    """Positions whose name stands in a file's name, the longest such; not names that are numbers alone."""
+    """Positions whose name is in a file's name, the longest of these; not names that are numbers alone."""
     names = [_tokens(str(step.name)) for step in plan.steps]
 
     def steps_of(words: list[str]) -> list[int]:

@@ -23,5 +23,5 @@ class Interval:
 
     def as_dict(self) -> dict:
         """For a file."""
-        told = asdict(self) | {"mean": self.mean.tolist(), "knocks": [list(pair) for pair in self.knocks]}
-        return told | {"used": not self.reason}
+        record = asdict(self) | {"mean": self.mean.tolist(), "knocks": [list(pair) for pair in self.knocks]}
+        return record | {"used": not self.reason}

@@ -8,7 +8,7 @@ from pathlib import Path
 from tumblecal.ground.errors import InputError
 
 
-# Of a folder, files with these ends are recordings; plans, pages and figures lie beside them.
+# In a folder, files with these ends are recordings; it may also hold plans, pages and figures.
 _TEXTS = (".csv", ".tsv", ".txt", ".dat", ".log", ".asc", ".jsonl", ".xlsx")
 _OTHERS = (".parquet", ".mat", ".h5", ".hdf5", ".bag", ".db3", ".mcap", ".ulg", ".bin", ".mtb", ".raw")
 # Folders with one of these are one recording themselves.

@@ -21,7 +21,7 @@ _KNOCK_BLOCKS = 3
 _RESTLESS = 3.0
 # A jump is so many times the median step in the rest of its run: one hand trembles more than the others do.
 _OWN_STEPS = 8.0
-# Means within so many windows beside a jump still differ by so much of it; after a swing they do not.
+# Means within so many windows on both sides of a jump differ by so much of it; after a swing they do not.
 _BESIDE_JUMP, _LASTING = 3, 0.5
 _LEAST_FOR_LISTING = 0.3
 _ONE_ATTITUDE_DEG = 10.0

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from tumblecal.chain import Parameter
 from tumblecal.chain.nominal import Mount
@@ -27,6 +27,11 @@ from tumblecal.planning.proposals import SIDES, Proposal
 _SAME_ANGLE = 1e-6
 # A parameter of new positions alone is determined by them if they show more than this share of the best shown.
 _SEEN = 0.02
+
+
+def assumed_temperature(temperature_degc: Float[Array | np.ndarray, " positions"] | None) -> float | None:
+    """The temperature at which new positions are evaluated, degC: the median of the data; None without temperatures."""
+    return None if temperature_degc is None else float(np.median(np.asarray(temperature_degc)))
 
 
 @dataclass(frozen=True)
@@ -197,7 +202,7 @@ class _NewPositions:
             beta=put(where.beta, np.radians([self.spots[k].beta_deg for k in block])),
             groups=index,
             time_s=put(where.time_s, later),
-            temperature_degc=put(warmth, None if warmth is None else float(np.median(warmth))),
+            temperature_degc=put(warmth, assumed_temperature(warmth)),
             approach=put(where.approach, 1.0),
         )
         return rows, self.model.evaluate(here, vector)

@@ -4,9 +4,8 @@ import math
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
-
 from tumblecal.diagnosis import Diagnosis
+from tumblecal.planning.new_rows import assumed_temperature
 from tumblecal.planning.next_plan import SEPARATE, SHARPEN_WEAKEST, NextPlan, NextPosition
 from tumblecal.report.cause_words import label_words
 from tumblecal.report.next_plan_files import next_commands
@@ -35,15 +34,15 @@ def next_words(diagnosis: Diagnosis, plan: NextPlan, folder: Path | None) -> Ite
 
 
 def _conditions(diagnosis: Diagnosis) -> str:
-    """Time and temperature for which the new positions are evaluated (`planning.new_rows`)."""
+    """Time and temperature for which the new positions are evaluated."""
     data = diagnosis.data
     if data.hand_held:
         return ""
     when = ", directly after this measurement" if data.time_s is not None else ""
-    if data.temperature_degc is None:
+    degc = assumed_temperature(data.temperature_degc)
+    if data.temperature_degc is None or degc is None:
         return when
-    degc = np.asarray(data.temperature_degc)
-    return f"{when}, at about {np.median(degc):.1f} degC (last position: {degc[-1]:.1f} degC)"
+    return f"{when}, at about {degc:.1f} degC (last position: {data.temperature_degc[-1]:.1f} degC)"
 
 
 def _grouped(chosen: tuple[NextPosition, ...]) -> Iterator[str]:

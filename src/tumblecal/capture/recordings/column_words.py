@@ -110,7 +110,7 @@ def plain_letters(text: str) -> str:
     return "".join(letter for letter in decomposed if not unicodedata.combining(letter))
 
 
-# Of a word that stands twice the first meaning counts.
+# If a word is listed twice, its first meaning counts.
 WORDS = {plain_letters(word): kind for kind, words in reversed(_MEANINGS.items()) for word in words.split()}
 _LONG = sorted((w for w in WORDS if len(w) >= _SHORTEST_WITHIN or not w.isascii()), key=len, reverse=True)
 _WITH_AXIS = {short: short for short in ("gf", "xl", "la", "ua", "ac")} | {"gy": "gyr"}

@@ -17,7 +17,7 @@ from jaxtyping import Float
 from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.diagnosis.exact.insert import fit_with
 from tumblecal.diagnosis.findings.determined import says_something
-from tumblecal.diagnosis.findings.reference import at_reference, moved_to_reference
+from tumblecal.diagnosis.findings.reference import at_reference
 from tumblecal.diagnosis.findings.undetected_effects import UndetectedEffects
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.cause_sets import sets_of
@@ -128,7 +128,7 @@ def averaged(
 
     **Arguments:**
 
-    - `left`: as of `explanations_left`. `added`: as of `reference_of`.
+    - `left`: as of `explanations_left`. `added`: as of `moved_to_reference`.
     - `acted_on`: the fit of the causes of the explanation acted on, where it was made.
     """
     at, weighed, thermal = screened.at, [], is_thermal(screened.members)
@@ -144,13 +144,6 @@ def averaged(
         return None
     whole = sum(own.share for own in weighed)
     return mixed([replace(own, share=own.share / whole) for own in weighed])
-
-
-def reference_of(screened: Screened, left: Sequence[Left]) -> Float[np.ndarray, "nominal full"]:
-    """`moved_to_reference` for the effects of the explanation acted on and of those left."""
-    causes = [*screened.members, *(cause for own in left for cause in own.members)]
-    ids = {cause.slot.id for cause in causes}
-    return moved_to_reference(screened.at, ids, thermal=is_thermal(screened.members))
 
 
 def is_thermal(members: Sequence[Cause]) -> bool:

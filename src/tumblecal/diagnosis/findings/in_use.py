@@ -103,6 +103,59 @@ def _faults(members: Sequence[Cause]) -> tuple[str, ...]:
     return tuple(sorted(cause.label for cause in members if not cause.slot.columns))
 
 
+class _Linear(NamedTuple):
+    """The problem of one explanation, linearised at its fit, in noise sd; positions that took no part are left out.
+
+    - `columns`: of the full vector, the fitted parameters without the named effects' coefficients, `nominal` ones first.
+    - `estimator`: what these, scaled, make of the rows. `rows`: the residual with the named effects put back.
+    - `signals`: of each direction of an effect. `basis`: orthonormal, what the fitted parameters cannot reach.
+    - `added`: what each coefficient adds to the nominal parameters at the reference.
+    """
+
+    columns: list[int]
+    nominal: int
+    estimator: Float[np.ndarray, "columns rows"]
+    rows: Float[np.ndarray, " rows"]
+    signals: Float[np.ndarray, "rows directions"]
+    basis: Float[np.ndarray, "rows nu"]
+    added: Float[np.ndarray, "nominal full"]
+
+
+def _linearised(
+    screened: Screened,
+    base: Weighed,
+    directions: EffectDirections,
+    added: Float[np.ndarray, "nominal full"],
+    sigma: float,
+) -> _Linear:
+    at, model, fit = screened.at, screened.at.model, base.fit
+    if dying := [cause.slot for cause in base.members if cause.slot.shape]:
+        # The time constants as fitted.
+        at = tangent(model, at.problem, fit.vector)
+        added = long_lived(at, dying, added)
+    # A time constant that was fitted is one more parameter.
+    shapes = [
+        column
+        for cause in base.members
+        for column, name in zip(cause.slot.all_columns, cause.slot.names, strict=True)
+        if column in cause.slot.shape and fit.noise_covariance[(k := fit.names.index(name)), k] > 0
+    ]
+    columns, takes_part = [*range(model.nominal), *shapes], fit.jacobian.any(axis=1)
+    jacobian, own = at.jacobian[takes_part] / sigma, fit.jacobian[takes_part] / sigma
+    terms = own.shape[1] - sum(len(cause.terms) for cause in base.members)
+    fitted = np.hstack([own[:, : model.nominal], jacobian[:, shapes], own[:, terms:]])
+    amplitudes = [column for cause in base.members for column in cause.slot.columns]
+    return _Linear(
+        columns,
+        model.nominal,
+        np.linalg.pinv(fitted, rcond=RANK_TOLERANCE)[: len(columns)],
+        fit.rows[takes_part] / sigma + jacobian[:, amplitudes] @ (fit.vector / model.scales)[amplitudes],
+        jacobian @ directions.steps.T,
+        unreachable(fitted)[0],
+        added,
+    )
+
+
 def _estimate(
     screened: Screened,
     base: Weighed,
@@ -121,64 +174,42 @@ def _estimate(
     - `named`: of effects whose coefficients are written. `taken_out`: of effects whose mean is taken out of the parameters.
     - `added`: what each coefficient adds to the nominal parameters at the reference.
     """
-    at, model, fit = screened.at, screened.at.model, base.fit
-    if dying := [cause.slot for cause in base.members if cause.slot.shape]:
-        # The time constants as fitted.
-        at = tangent(model, at.problem, fit.vector)
-        added = long_lived(at, dying, added)
-    # A time constant that was fitted is one more parameter.
-    shapes = [
-        column
-        for cause in base.members
-        for column, name in zip(cause.slot.all_columns, cause.slot.names, strict=True)
-        if column in cause.slot.shape and fit.noise_covariance[(k := fit.names.index(name)), k] > 0
-    ]
-    columns, nominal = [*range(model.nominal), *shapes], model.nominal
-    takes_part = fit.jacobian.any(axis=1)
-    jacobian, own = at.jacobian[takes_part] / sigma, fit.jacobian[takes_part] / sigma
-    terms = own.shape[1] - sum(len(cause.terms) for cause in base.members)
-    fitted = np.hstack([own[:, :nominal], jacobian[:, shapes], own[:, terms:]])
-    estimator = np.linalg.pinv(fitted, rcond=RANK_TOLERANCE)[: len(columns)]
-    amplitudes = [column for cause in base.members for column in cause.slot.columns]
-    # The named effects are put back: the parameters alone remain fitted.
-    rows = fit.rows[takes_part] / sigma + jacobian[:, amplitudes] @ (fit.vector / model.scales)[amplitudes]
-    signals = jacobian @ directions.steps.T
-    basis = unreachable(fitted)[0]
+    model, linear = screened.at.model, _linearised(screened, base, directions, added, sigma)
     always = np.array([id.partition(".")[0] in _OF_EVERY_SENSOR for id in directions.ids], bool)[directions.numbers]
     posterior = effect_posterior(
-        basis.T @ signals,
-        basis.T @ rows,
+        linear.basis.T @ linear.signals,
+        linear.basis.T @ linear.rows,
         directions.shown,
         always & directions.shown,
         [*_candidates(screened, base, directions)],
-        known=at.problem.known,
+        known=screened.problem.known,
     )
     taken = posterior.mean * taken_out
     products = (
         posterior.second - np.outer(posterior.mean, taken) - np.outer(taken, posterior.mean) + np.outer(taken, taken)
     )
-    names = {name: k for k, name in enumerate(average.names)}
-    shifts, values = np.zeros((len(names), len(taken))), average.values.copy()
-    moved = -estimator @ signals
-    moved[:nominal] += added @ directions.steps.T
-    moved *= model.scales[columns][:, None]
     slots = [cause.slot for own in average.weighed for cause in own.members]
     names_of = dict(enumerate(model.names)) | {
         column: name for slot in slots for column, name in zip(slot.all_columns, slot.names, strict=True)
     }
-    places = [names[names_of[column]] for column in columns]
+    place_of = {name: k for k, name in enumerate(average.names)}
+    shifts, values = np.zeros((len(place_of), len(taken))), average.values.copy()
+    columns, places = linear.columns, [place_of[names_of[column]] for column in linear.columns]
+    moved = -linear.estimator @ linear.signals
+    moved[: linear.nominal] += linear.added @ directions.steps.T
+    moved *= model.scales[columns][:, None]
     shifts[places] = moved
-    values[places] = fit.vector[columns] + model.scales[columns] * (estimator @ rows) + moved @ taken
+    step = model.scales[columns] * (linear.estimator @ linear.rows) + moved @ taken
     # A step along a time constant means nothing once its amplitude is another.
-    values[places[nominal:]] = fit.vector[shapes]
-    for slot in slots:
-        for column in slot.columns:
-            shifts[names[names_of[column]]] = model.scales[column] * directions.steps[:, column] * named
-            values[names[names_of[column]]] = shifts[names[names_of[column]]] @ taken
+    step[linear.nominal :] = 0.0
+    values[places] = base.fit.vector[columns] + step
+    for column in (column for slot in slots for column in slot.columns):
+        place = place_of[names_of[column]]
+        shifts[place] = model.scales[column] * directions.steps[:, column] * named
+        values[place] = shifts[place] @ taken
     covariance = shifts @ products @ shifts.T
-    covariance[np.ix_(places, places)] += np.outer(model.scales[columns], model.scales[columns]) * (
-        estimator @ estimator.T
-    )
+    spread = model.scales[columns][:, None] * linear.estimator
+    covariance[np.ix_(places, places)] += spread @ spread.T
     return _Estimate(values, covariance, shifts, products)
 
 
