@@ -33,6 +33,7 @@ COMMANDS = {
     "certificate": "Write a calibration certificate: a page to print and a DCC (XML).",
     "history": "List the results of all units; repeatability, drift and control charts of one.",
     "compare": "Say what moved between two calibrations.",
+    "example": "Write an example file (rig, plan or study), or list all examples.",
     "simulate": "Simulate position means of a rig.",
     "effects": "List the effects that diagnose knows, or explain one.",
     "study": "Simulation studies: convergence, linearization, coverage, sweep, power.",

@@ -21,6 +21,7 @@ from tumblecal.effects import (
 from tumblecal.effects.effect import Effect, of_head
 from tumblecal.effects.users_file import Source, effects_of, read_source
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.examples import file_or_example
 
 
 Catalogue = dict[str, Effect]
@@ -105,11 +106,18 @@ def links_and_units(entries: Catalogue) -> tuple[dict[str, Callable[[Where], Lin
 
 
 def read_rig_with_effects(path: Path | str, entries: Catalogue | None = None) -> Rig:
-    """A rig whose chain may name the effects of a catalogue, the program's own where none is given.
+    """Read a rig whose chain may name the effects of a catalogue.
+
+    **Arguments:**
+
+    - `path`: the TOML file, or the name of an example (`tumblecal example` lists them).
+    - `entries`: the catalogue; the program's if omitted.
 
     **Raises:** `InputError` with every fault and its dotted path.
+
+    **Example:** `tumblecal.read_rig("paper24")`
     """
-    return read_rig(path, *links_and_units(catalogue() if entries is None else entries))
+    return read_rig(file_or_example(path), *links_and_units(catalogue() if entries is None else entries))
 
 
 def first_link(effect: Effect, where: Where) -> Link:

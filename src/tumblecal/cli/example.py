@@ -1,0 +1,37 @@
+"""`tumblecal example`: the rig, plan and study files that come with the package."""
+
+from pathlib import Path
+
+from tumblecal.ground.errors import InputError
+
+
+def example(name: str | None = None, *, out: Path = Path()) -> None:
+    """Write an example file, with the rig that it refers to, or list all examples.
+
+    Parameters
+    ----------
+    name
+        Name of the example, e.g. paper24. If omitted, all examples are listed.
+    out
+        Folder to write to. Default: the current folder. Existing files are not overwritten.
+    """
+    from tumblecal.ground.atomic import writable_folder, write_text
+    from tumblecal.ground.examples import example_files, example_names, example_title
+
+    if name is None:
+        names = example_names()
+        width = max(map(len, names))
+        for known in names:
+            print(f"{known:{width}}  {example_title(known)}")
+        return
+    files = example_files(name)
+    different = [
+        path for file, text in files.items() if (path := out / file).exists() and path.read_bytes() != text.encode()
+    ]
+    if different:
+        paths = " and ".join(map(str, different))
+        raise InputError(f"{paths}: exists and differs from the example; move it, or give another folder with --out")
+    writable_folder(out)
+    for file, text in files.items():
+        write_text(out / file, text)
+        print(f"{out / file}: {example_title(file)}")
