@@ -30,7 +30,9 @@ def example_path(name: str) -> Path:
         return _folder() / f"{bare}.toml"
     near = difflib.get_close_matches(bare, names, n=3, cutoff=0.4)
     guess = f"did you mean {' or '.join(near)}? " if near else ""
-    raise InputError(f"{name}: neither a file nor an example has this name; {guess}`tumblecal example` lists the examples")
+    raise InputError(
+        f"{name}: neither a file nor an example has this name; {guess}`tumblecal example` lists the examples"
+    )
 
 
 def example_files(name: str) -> dict[str, str]:
