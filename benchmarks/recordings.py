@@ -47,13 +47,13 @@ Line = tuple[str, bool]
 
 
 def reduced(source: Path, out: Path, *options: str) -> tuple[Path, str]:
-    """Run `tumblecal reduce`; its folder, and what it printed."""
+    """Run `tumblecal reduce`; its folder, and what it printed, warnings included."""
     said = io.StringIO()
     sys.argv = ["tumblecal", "reduce", str(source), *options, "--out", str(out)]
-    with contextlib.redirect_stdout(said):
+    with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
         code = run()
     if code:
-        raise SystemExit(f"{' '.join(sys.argv)}: exit code {code}")
+        raise SystemExit(f"{' '.join(sys.argv)}: exit code {code}\n{said.getvalue()}")
     return out, said.getvalue()
 
 
@@ -113,8 +113,8 @@ def suarez(data: Path, out: Path) -> Iterator[Line]:
 def carlsson(data: Path, out: Path) -> Iterator[Line]:
     """Frames of eight IMUs: twenty faces of the holder (at its end the second experiment rests once more)."""
     for name in ("exp_1", "exp_7"):
+        source = data / "carlsson_mimu4444" / f"{name}.bin"
         for imu in ("imu1", "imu8"):
-            source = data / "carlsson_mimu4444" / f"{name}.bin"
             folder, said = reduced(
                 source, out / f"{name}{imu}", "--static", "--topic", imu, "--gravity", "9.8184", "--least-s", "10"
             )
@@ -122,7 +122,8 @@ def carlsson(data: Path, out: Path) -> Iterator[Line]:
                 f"carlsson {name} {imu}: intervals of 10 s and more", len(read_positions(folder / "positions.csv")), 20
             )
         outside = 4 + (83 if name == "exp_1" else 6)
-        yield f"carlsson {name}: all bytes but {outside} are whole frames", f"{outside} bytes outside" in said
+        words = f" {outside} of {source.stat().st_size} bytes are outside whole frames"
+        yield f"carlsson {name}: all bytes but {outside} are whole frames", words in said
 
 
 def hassan(data: Path, out: Path) -> Iterator[Line]:

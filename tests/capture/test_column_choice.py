@@ -243,3 +243,57 @@ def test_a_guess_is_printed_before_the_fault_that_may_follow(tmp_path, moved, tu
     assert outcome.code == 2
     assert "accelerations: columns 2, 3, 4 as x, y, z, by their values" in outcome.lines[0]
     assert "how are its positions told apart" in outcome.lines[-1]
+
+
+@pytest.mark.parametrize(
+    ("name", "role"),
+    [
+        *[
+            (name, ("time", ""))
+            for name in ("ts", "imu.ts", "host_ts", "uptime", "systime", "Laufzeit", "tstamp", "tick", "now")
+        ],
+        *[(name, ("time", "ms")) for name in ("ts_ms", "uptime [ms]", "msec", "millis")],
+        *[(name, ("time", "ns")) for name in ("ns", "nsec", "header.stamp.nanosec", "t_nsec")],
+        *[(name, (None, "")) for name in ("dt", "dt_ms", "sample_interval", "period")],
+    ],
+)
+def test_a_name_of_a_clock(name, role):
+    assert role_of(name) == role
+
+
+_TIMES = 3 + np.arange(300) / 50 + 1e-5 * np.random.default_rng(4).normal(size=300)
+_AT = np.datetime64("2024-01-01T10:00:00", "us") + np.round(1e6 * _TIMES).astype("timedelta64[us]")
+
+
+@pytest.mark.parametrize(
+    ("clock", "column"),
+    [
+        (
+            {
+                "header.stamp.sec": np.floor(1.7e9 + _TIMES),
+                "header.stamp.nanosec": np.round(1e9 * ((1.7e9 + _TIMES) % 1)),
+            },
+            1,
+        ),
+        ({"msecs": np.floor(1e5 * (_TIMES % 1)) / 100, "secs": np.floor(_TIMES)}, 0),
+        ({"seq": np.arange(300), "created_at": _AT.astype(str)}, 1),
+        ({"date": _AT.astype(str), "fw": np.full(300, "1.2")}, 0),
+        ({"czas": _TIMES}, 0),
+        ({"tus": np.round(1e6 * _TIMES)}, 0),
+        # A count with a gap, and in equal whole steps; steps of time; unequal sums.
+        ({"nr": np.arange(300) + 5.0 * (np.arange(300) > 90)}, None),
+        ({"pos_byte": 32.0 * np.arange(300), "dt": np.full(300, 20)}, None),
+        ({"sum": np.cumsum(np.random.default_rng(5).exponential(size=300))}, None),
+    ],
+    ids=lambda own: "+".join(own) if isinstance(own, dict) else "",
+)
+def test_the_clock_by_names_in_two_columns_or_by_values(tmp_path, moved, clock, column):
+    """50 Hz from the times that were written."""
+    columns = {**clock, **dict(zip(("ax", "ay", "az"), moved[0][:300].T, strict=True))}
+    path = tmp_path / "log.csv"
+    lines = [",".join(columns), *(",".join(map(str, row)) for row in zip(*columns.values(), strict=True))]
+    path.write_text("\n".join(lines) + "\n")
+    contents = write_samples(path, tmp_path / "out.parquet", Asked(unit="2048/g"))
+    own = contents.layout.columns.get("time")
+    assert (own and own.name) == (None if column is None else list(clock)[column])
+    assert contents.rate_hz == (None if column is None else pytest.approx(50, rel=1e-3))

@@ -1,5 +1,7 @@
 """The columns that a user names, with their scales and offsets, and those that the format names."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from tumblecal.capture.recordings.column_names import QUANTITIES, exact_role, role_of, same_kind
@@ -91,6 +93,6 @@ def scaled(named: dict[str, Column], asked: Asked) -> dict[str, Column]:
     if unknown:
         raise InputError(f"--scale, --offset: {unknown[0]} is not among the columns; there are {', '.join(named)}")
     return {
-        role: Column(column.name, column.unit, scale.get(role, 1.0), offset.get(role, 0.0))
+        role: replace(column, scale=scale.get(role, column.scale), offset=offset.get(role, column.offset))
         for role, column in named.items()
     }

@@ -5,10 +5,12 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 from tumblecal.capture.recordings.column_words import LETTERS, WORDS, meanings, plain_letters, split, unit_of
-from tumblecal.capture.recordings.time_or_temperature import EITHER
 from tumblecal.capture.recordings.units import FORCE, RATE, TIME_S
 
 
+# The time or the temperature.
+EITHER = ("t", "T")
+CLOCKS = frozenset(("time", "temperature", *EITHER))
 LABELS = ("position", "run", "mount")
 NUMBERS = ("alpha_deg", "beta_deg", "approach")
 QUANTITIES = (*FORCE, *RATE, "time", "temperature", *LABELS, *NUMBERS)
@@ -76,9 +78,8 @@ def parsed(name: str) -> ColumnName:
     stem = tuple(rest)
     own = unit[1] if unit and (unit[0] == quantity or unit[0] == "counts") else ""
     own = own or ("g" if quantity == "acceleration" and {"gf", "gforce"} & set(rest) else "")
-    own = own or {"millis": "ms", "micros": "us", "nanos": "ns", "ms": "ms", "us": "us"}.get(
-        rest[-1] if rest else "", ""
-    )
+    # A unit alone is no name of a quantity, but of a clock.
+    own = own or (clock[1] if rest and (clock := unit_of(rest[-1])) and clock[0] == "time" else "")
     own = own if own in _UNITS_OF.get(quantity, ()) else ""
     sensor = tuple(word for word in stem if WORDS.get(word) not in _STATES)
     foreign = sum(not set(meanings(word)) & {quantity, "plain"} for word in rest)

@@ -35,7 +35,8 @@ _MEANINGS = {
     "place": ("pos latitude longitude lat lon lng alt altitude height location gps gnss east north northing easting"),
     "time": (
         "sec secs second time times timestamp timestamps zeit zeitstempel tiempo temps tempo tijd stamp "
-        "epoch epoc clock chiptime datetime elapsed seconds millis micros nanos ms us 时间 時間 время 시간"
+        "epoch epoc clock chiptime datetime elapsed seconds millis micros nanos ms us ns ts tick ticks tow now "
+        "msec usec nsec msecs usecs nsecs 时间 時間 время 시간"
     ),
     "temperature": "temp temps temperature temperatures temperatur temperatura tmp 温度 температура 온도",
     "other": (
@@ -44,7 +45,7 @@ _MEANINGS = {
         "desired cmd command max min peak rms range fs threshold increment inc delta residual uncertainty "
         "pressure baro barometer druck hpa humidity light lux sound battery voltage current motor servo "
         "rc pid debug force torque emg ecg ppg gsr heart altimeter flow date id axisp axisi axisd axisf "
-        "displacement norm abs absolute magnitude loop iteration frame index packet"
+        "displacement norm abs absolute magnitude loop iteration frame index packet dt interval period latency"
     ),
     # These decide only with another word.
     "angular": "angular ang winkelig angulaire angolare",
@@ -69,6 +70,8 @@ _MEANINGS = {
         "received measurement motion motionsensor achse eje"
     ),
 }
+# A word that ends so is a time: uptime, systime, Laufzeit, tstamp.
+_ENDS_OF_TIMES = ("time", "stamp", "zeit", "tijd", "seconds")
 # Both an acceleration and a state of it.
 _BOTH = {"la", "lacc", "linacc", "laccel", "ua", "uacc", "useracc"}
 # Short words that are found within a longer one only with an axis alone.
@@ -95,7 +98,7 @@ _UNITS = {
         "s": "s",
         "ms": "ms msec msecs milliseconds millis millisecond",
         "us": "us μs usec usecs microsec microseconds micros",
-        "ns": "ns nsec nanoseconds",
+        "ns": "ns nsec nsecs nanosec nanoseconds nanos",
     },
     "counts": {"counts": "lsb count counts adc digit digits bit bits nounits no_units"},
     "other": {
@@ -142,7 +145,7 @@ def unit_of(text: str) -> tuple[str, str] | None:
 
 def meanings(word: str) -> list[str]:
     """What a word says."""
-    kind = WORDS.get(word, "")
+    kind = WORDS.get(word, "") or ("time" if word.endswith(_ENDS_OF_TIMES) else "")
     return ["acceleration", kind] if word in _BOTH else [kind] if kind else []
 
 

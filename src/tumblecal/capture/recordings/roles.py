@@ -9,19 +9,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tumblecal.capture.recordings.asked_columns import asked_for, given_columns, per_axis, scaled
+from tumblecal.capture.recordings.clock_column import clock_by_name, clock_by_values, settled
 from tumblecal.capture.recordings.column_choice import Unsettled, chosen
-from tumblecal.capture.recordings.column_names import (
-    NUMBERS,
-    ColumnName,
-    parsed,
-    role_of,
-)
+from tumblecal.capture.recordings.column_names import CLOCKS, EITHER, NUMBERS, ColumnName, parsed, role_of
 from tumblecal.capture.recordings.guesses import guessed
 from tumblecal.capture.recordings.number_range import Wrap
 from tumblecal.capture.recordings.options import Asked
 from tumblecal.capture.recordings.row_runs import without_erased_rows
 from tumblecal.capture.recordings.table import SourceTable
-from tumblecal.capture.recordings.time_or_temperature import CLOCKS, may_be_times, rising, settled
 from tumblecal.capture.recordings.triples import ALIKE, Columns, triples_of, usual_unit
 from tumblecal.capture.recordings.units import (
     FORCE,
@@ -145,9 +140,11 @@ def _layout(
     for role, column in _others(table, names, named, first).items():
         named.setdefault(role, column)
         why.setdefault(role, "name")
-    if "time" not in named and not any(name.quantity for name in names.values()):
-        clock = rising(first, [name for name in names if name not in {own.name for own in named.values()}])
-        if clock:
+    if not {"time", *EITHER} & set(named):
+        taken = {own.name for own in named.values()}
+        silent = {name: own for name, own in names.items() if own.quantity in ("", "other") and name not in taken}
+        nameless = not any(name.quantity for name in names.values())
+        if clock := clock_by_values(first, silent, nameless=nameless):
             named["time"], why["time"] = Column(clock), "values"
             said.append(f"time: column {clock}, by its values (it only rises); to override: --columns time=...")
     if only is not None:
@@ -181,6 +178,10 @@ def _layout(
     named, words = rate_unit(table, named, asked)
     said += [*by_size, *words, *_other_unit(named, asked, size)]
     if "time" in named:
+        if named["time"].whole:
+            said.append(
+                f"time: columns {named['time'].whole} (whole seconds) and {named['time'].name}; --columns time=..."
+            )
         named, words = time_unit(table, named, asked, first, path)
         said += words
     why = {role: f"{why.get(role, 'name')}{_unit_why(role, stated, asked, bool(by_size))}" for role in named}
@@ -240,6 +241,9 @@ def _needed(table: SourceTable, given: Mapping[str, Column], names: Mapping[str,
     if not any(triple.name.quantity == "acceleration" for triple in triples_of(names)) and not set(FORCE) <= set(given):
         return list(table.columns)
     read = ("acceleration", "rate", "letter", "time", "temperature")
+    if not any(role_of(name)[0] in CLOCKS for name in names):
+        # The clock is sought among those whose names say nothing.
+        read = (*read, "", "other")
     taken = {column.name for column in given.values()}
     return [
         name
@@ -289,13 +293,8 @@ def _others(
         ):
             continue
         others[role] = Column(name, unit)
-    clocks = [name for name, own in names.items() if own.quantity == "time" and name not in taken]
-    clocks = sorted(clocks, key=lambda name: names[name].foreign)
-    readable = [name for name in clocks if may_be_times(first, name)]
-    if clocks:
-        clock = (readable or clocks)[0]
-        others["time"] = Column(clock, names[clock].unit)
-    return others
+    clock = clock_by_name(first, {name: own for name, own in names.items() if name not in taken})
+    return others | ({"time": clock} if clock else {})
 
 
 def _numeric_or_empty(first: "pl.DataFrame", column: Column) -> bool:

@@ -59,7 +59,7 @@ def frames_of(layout: Layout, contents: Contents, path: str, own: Sequence[str])
     import polars as pl
 
     named = quantity_names(layout)
-    wanted = list(dict.fromkeys(layout.columns[role].name for role in named))
+    wanted = list(dict.fromkeys(name for role in named for name in layout.columns[role].names))
     needed = [named[role] for role in (*FORCE, *RATE, "time", *NUMBERS) if role in named]
     begin = np.nan
     seen = 0
@@ -152,4 +152,5 @@ def _expression(column: Column) -> "pl.Expr":
     if column.wrap:
         moved = values >= column.wrap.cut if column.wrap.shift < 0 else values < column.wrap.cut
         values = pl.when(moved).then(values + column.wrap.shift).otherwise(values)
-    return (values - column.offset) * column.scale
+    values = (values - column.offset) * column.scale
+    return values + pl.col(column.whole).cast(pl.Float64, strict=False) if column.whole else values

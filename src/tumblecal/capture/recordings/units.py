@@ -40,7 +40,8 @@ _RATE_UNITS = {"dps": "dps", "deg/s": "dps", "°/s": "dps", "rad/s": "rads", "ra
 class Column:
     """Where a quantity is: `name` in the source; a reading is `scale (number - offset)` in `unit`.
 
-    `wrap`: how numbers that left the range of their type come back into it, before that.
+    `wrap`: how numbers that left the range of their type come back into it, before that. `whole`: the column of the whole
+    seconds of a clock, whose parts of a second are in `name`.
     """
 
     name: str
@@ -48,6 +49,12 @@ class Column:
     scale: float = 1.0
     offset: float = 0.0
     wrap: Wrap | None = None
+    whole: str = ""
+
+    @property
+    def names(self) -> list[str]:
+        """The columns of the source that it is read from."""
+        return [self.name, self.whole] if self.whole else [self.name]
 
 
 def numbers_of(frame: "pl.DataFrame", column: Column) -> np.ndarray:
@@ -57,7 +64,8 @@ def numbers_of(frame: "pl.DataFrame", column: Column) -> np.ndarray:
     values = frame[column.name].cast(pl.Float64, strict=False).to_numpy()
     values = np.where(np.abs(values) < LARGEST_NUMBER, values, np.nan)
     values = column.wrap.corrected(values) if column.wrap else values
-    return column.scale * (values - column.offset)
+    values = column.scale * (values - column.offset)
+    return values + numbers_of(frame, Column(column.whole)) if column.whole else values
 
 
 def _with_unit(named: dict[str, Column], roles: tuple[str, ...], unit: str) -> dict[str, Column]:
@@ -191,6 +199,8 @@ def time_unit(
     import polars as pl
 
     column = named["time"]
+    if column.whole:
+        return named, []
     unit, said = asked.time_unit or column.unit, []
     if unit and unit not in TIME_S:
         raise InputError(f"--time-unit {unit}: not known; write one of {', '.join(TIME_S)}")
@@ -222,7 +232,7 @@ def time_unit(
                 "--time-unit, or --rate without it"
             )
         said.append(f"time unit guessed: {unit} ({1 / (step * TIME_S[unit]):.4g} samples a second)")
-    return named | {"time": Column(column.name, "s", TIME_S[unit], 0.0)}, said
+    return named | {"time": Column(column.name, "s", TIME_S[unit])}, said
 
 
 def unread(table: SourceTable, first: "pl.DataFrame", column: Column) -> str:

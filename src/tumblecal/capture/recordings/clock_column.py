@@ -1,20 +1,23 @@
-"""A column `t` or `T` is the time or the temperature: what stands beside it tells, else its values, else the user."""
+"""The clock among the columns of a recording, by their names, and by values if no name says time.
 
-from collections.abc import Mapping, Sequence
+A column `t` or `T` is the time or the temperature: the other columns decide, otherwise its values, otherwise the user.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tumblecal.capture.recordings.clock_text import form_of
-from tumblecal.capture.recordings.units import Column, numbers_of, unit_of_step
+from tumblecal.capture.recordings.column_names import EITHER, ColumnName
+from tumblecal.capture.recordings.units import TIME_S, Column, numbers_of, unit_of_step
 from tumblecal.ground.errors import InputError
 
 
 if TYPE_CHECKING:
     import polars as pl
 
-EITHER = ("t", "T")
-CLOCKS = frozenset(("time", "temperature", *EITHER))
 _COLDEST_DEGC, _WARMEST_DEGC = -60.0, 150.0
 # Of the steps of a clock so many are within half of the usual one.
 _EQUAL_SHARE, _MOST_BACK = 0.8, 0.01
@@ -76,12 +79,51 @@ def may_be_times(first: "pl.DataFrame", name: str) -> bool:
     return len(steps) > 0 and bool(np.mean(steps < 0) <= _MOST_BACK) and bool((steps > 0).any())
 
 
-def rising(first: "pl.DataFrame", names: Sequence[str]) -> str:
-    """The first column that only rises and is no count of rows; empty for none."""
+def clock_by_name(first: "pl.DataFrame", names: Mapping[str, ColumnName]) -> Column | None:
+    """The clock among columns: of several that are named so, that whose name says least of other things and whose values can be
+    times; None for none."""
+    clocks = sorted((name for name, own in names.items() if own.quantity == "time"), key=lambda k: names[k].foreign)
+    parted = _parted(first, {name: names[name].unit for name in clocks})
+    own = [name for name in clocks if (parted is None or name not in parted.names) and may_be_times(first, name)]
+    if parted and not own:
+        return parted
+    return next((Column(name, names[name].unit) for name in (*own, *clocks)), None)
+
+
+def _parted(first: "pl.DataFrame", clocks: Mapping[str, str]) -> Column | None:
+    """A clock of which one column has the whole seconds and another the rest of a second, in ms, us or ns, as these units of
+    the columns say; None for none."""
+    whole, parts = list[str](), list[Column]()
+    for name in clocks if len(clocks) > 1 else ():
+        scale = TIME_S.get(clocks[name], 0.0)
+        values = numbers_of(first, Column(name)) if first[name].dtype.is_numeric() else np.zeros(0)
+        values = values[np.isfinite(values)]
+        if scale == 1 and len(values) and (values == np.round(values)).all():
+            whole.append(name)
+        elif 0 < scale < 1 and len(values) and values.min() >= 0 and np.ptp(values) > 0 and values.max() < 1 / scale:
+            parts.append(Column(name, "s", scale))
+    return replace(parts[0], whole=whole[0]) if whole and parts else None
+
+
+def clock_by_values(first: "pl.DataFrame", names: Mapping[str, ColumnName], *, nameless: bool) -> str:
+    """The first column that is a clock by its values, of those whose names do not say time; empty for none.
+
+    It has moments or times of day, or, if its name says nothing, numbers that only rise: in a file without names any but a
+    count of rows, otherwise in nearly equal steps of an IMU's rate. Whole steps that are nearly all the same may be a count.
+    """
     for name in filter(first.columns.__contains__, names):
-        if first[name].dtype.is_numeric():
-            steps = np.diff(numbers_of(first, Column(name)))
-            steps = steps[np.isfinite(steps)]
-            if len(steps) and (steps > 0).all() and not (steps == 1).all():
+        if not first[name].dtype.is_numeric():
+            if may_be_times(first, name) and first[name].n_unique() > 1:
                 return name
+            continue
+        steps = np.diff(numbers_of(first, Column(name)))
+        steps = steps[np.isfinite(steps)]
+        if names[name].quantity or not len(steps) or not (steps > 0).all():
+            continue
+        if nameless and not (steps == 1).all():
+            return name
+        usual = float(np.median(steps))
+        counts = usual == round(usual) and np.mean(steps == usual) > _EQUAL_SHARE
+        if not counts and _kind(first, Column(name)) == "time":
+            return name
     return ""
