@@ -11,7 +11,7 @@ import sys
 
 
 if sys.version_info < (3, 11):  # noqa: UP036
-    sys.exit("tumblecal needs Python 3.11, 3.12 or 3.13; this is Python %d.%d" % sys.version_info[:2])  # noqa: UP031
+    sys.exit("tumblecal needs Python 3.11 or later; this is Python %d.%d" % sys.version_info[:2])  # noqa: UP031
 
 from tumblecal.ground.errors import InputError as InputError
 from tumblecal.ground.precision import enable_float64 as enable_float64
