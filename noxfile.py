@@ -41,5 +41,12 @@ def package(session: nox.Session) -> None:
     )
 
 
+@nox.session(default=False)
+def docs(session: nox.Session) -> None:
+    """Build the site with its gallery into site/; warnings are errors."""
+    session.install("-c", "constraints.txt", "-e", ".[docs]")
+    session.run("mkdocs", "build", "--strict", env={"NO_MKDOCS_2_WARNING": "1"})
+
+
 if __name__ == "__main__":
     nox.main()

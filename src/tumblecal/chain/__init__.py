@@ -1,15 +1,23 @@
 """Frames, links, parameters; a rig from TOML. Knows no file of data, no fit, no screen."""
 
-from tumblecal.chain.chain import Chain as Chain
-from tumblecal.chain.chain import hand_held_chain as hand_held_chain
-from tumblecal.chain.chain import nominal_chain as nominal_chain
-from tumblecal.chain.link import Link as Link
-from tumblecal.chain.link import Place as Place
-from tumblecal.chain.link import State as State
-from tumblecal.chain.parameter import Parameter as Parameter
-from tumblecal.chain.parameter import coefficients as coefficients
-from tumblecal.chain.parameter import parameters_of as parameters_of
-from tumblecal.chain.parameter import with_parameters as with_parameters
-from tumblecal.chain.parameter import with_values as with_values
-from tumblecal.chain.where import Where as Where
-from tumblecal.chain.where import settings as settings
+from tumblecal.chain.chain import Chain, hand_held_chain, nominal_chain
+from tumblecal.chain.link import Link, Place, State
+from tumblecal.chain.parameter import Parameter, coefficients, parameters_of, with_parameters, with_values
+from tumblecal.chain.where import Where, settings
+
+
+__all__ = [
+    "Chain",
+    "Link",
+    "Parameter",
+    "Place",
+    "State",
+    "Where",
+    "coefficients",
+    "hand_held_chain",
+    "nominal_chain",
+    "parameters_of",
+    "settings",
+    "with_parameters",
+    "with_values",
+]

@@ -1,5 +1,11 @@
 """What does the model get wrong, and why: show, detect, identify, adapt, and say what cannot be said."""
 
-from tumblecal.diagnosis.diagnose import Diagnoser as Diagnoser
-from tumblecal.diagnosis.diagnose import diagnose as diagnose
-from tumblecal.diagnosis.diagnosis import Diagnosis as Diagnosis
+from tumblecal.diagnosis.diagnose import Diagnoser, diagnose
+from tumblecal.diagnosis.diagnosis import Diagnosis
+
+
+__all__ = [
+    "Diagnoser",
+    "Diagnosis",
+    "diagnose",
+]
