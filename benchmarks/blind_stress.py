@@ -24,13 +24,12 @@ import zlib
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from fnmatch import fnmatchcase
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from scipy.stats import binomtest
 
 from blind_conditions import CONDITIONS, PLANS, Case, drawn, write
+from blind_judge import interval, print_reliability
 
 
 BINS = (0.0, 0.3, 0.5, 0.7, 0.85, 0.9, 1.0)
@@ -149,7 +148,7 @@ def line(name: str, cases: list[Judged]) -> str:
     cells = []
     for what in ("right", "strict", "sure"):
         yes = sum(getattr(case, what) for case in cases)
-        low, high = binomtest(yes, len(cases)).proportion_ci(method="wilson")
+        low, high = interval(yes, len(cases))
         cells.append(f"{yes / len(cases):6.1%} ({low:5.1%} to {high:6.1%})")
     crashes = sum(case.crashed for case in cases)
     return f"{name:46s} {len(cases):5d}  {'  '.join(cells)}" + (f"  {crashes} tracebacks" if crashes else "")
@@ -158,12 +157,7 @@ def line(name: str, cases: list[Judged]) -> str:
 def reliability(cases: Iterable[Judged]) -> None:
     """Stated probabilities beside how often they were right: all cases without a mistake in which something is said."""
     told = [case for case in cases if case.said and not CONDITIONS[case.condition].mistake]
-    print("\nprobability said  statements  mean said  right")
-    for low, high in pairwise(BINS):
-        here = [case for case in told if low <= case.probability < high or case.probability == high == 1.0]
-        if here:
-            mean, right = (np.mean([getattr(case, what) for case in here]) for what in ("probability", "right"))
-            print(f"{low:4.2f} to {high:4.2f} {len(here):15d} {mean:10.3f} {right:6.3f}")
+    print_reliability([(case.probability, case.right) for case in told], BINS)
 
 
 def main() -> None:

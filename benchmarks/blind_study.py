@@ -25,6 +25,7 @@ import tumblecal
 
 
 tumblecal.enable_float64()
+from blind_judge import interval, print_reliability, right, sure, with_unexplained  # noqa: E402
 from blind_noise import position_set  # noqa: E402
 from tumblecal.diagnosis.causes.cause import Cause  # noqa: E402
 from tumblecal.diagnosis.detection.reference import References  # noqa: E402
@@ -111,11 +112,6 @@ class Bench:
         return screened, tuple(noise_wrong)
 
 
-def right(best, truth, noise=()):
-    """Whether the hidden set is the best explanation or one of its equivalents, and nothing is said of the noise."""
-    return not noise and (best.labels == truth or truth in best.equivalents)
-
-
 def one_of(names):
     names = list(names)
     return lambda rng: (names[rng.integers(len(names))],)
@@ -200,7 +196,7 @@ def judged(group: str, plan: str, known: bool, case: Case, bench: Bench, rng, ri
     if unknown:
         # One of several stories for the same signal, of which one has no name, is no name either.
         strict = "unexplained" in best.labels
-        ok = not noise and any("unexplained" in labels for labels in (best.labels, *best.equivalents))
+        ok = with_unexplained(best, noise)
     elif group == "adequate":
         ok = strict = not detected
     else:
@@ -233,7 +229,7 @@ def judged(group: str, plan: str, known: bool, case: Case, bench: Bench, rng, ri
         p_value=screened.detection.p_value,
         right=bool(ok),
         strict=bool(strict),
-        sure=bool(best.labels and best.single_name and best.probability > 0.9),
+        sure=sure(best),
         covered=covered,
         gain=gained,
         rivals=others,
@@ -343,17 +339,11 @@ def summary(outcomes: list[Outcome]) -> None:
         if not own:
             continue
         value = share(own, what)
-        low, high = stats.binomtest(round(value * len(own)), len(own)).proportion_ci(method="wilson")
+        low, high = interval(round(value * len(own)), len(own))
         met = value >= limit if sense == "at least" else value <= limit
         said = "met" if met else "NOT MET"
         print(f"{group:20s} {what:11s} {sense} {limit:5.0%}   {value:7.1%}  ({low:.1%} to {high:.1%})  {said}")
-    said = [outcome for outcome in outcomes if outcome.detected]
-    print("\nprobability said     statements   mean said   right")
-    for low, high in ((0, 0.3), (0.3, 0.5), (0.5, 0.7), (0.7, 0.85), (0.85, 0.95), (0.95, 1.01)):
-        here = [outcome for outcome in said if low <= outcome.probability < high]
-        if here:
-            mean = np.mean([outcome.probability for outcome in here])
-            print(f"{low:.2f} to {min(high, 1):.2f} {len(here):16d} {mean:11.3f} {share(here, 'right'):9.3f}")
+    print_reliability((outcome.probability, outcome.right) for outcome in outcomes if outcome.detected)
     covered = [value for outcome in outcomes for value in outcome.covered]
     if covered:
         print(
