@@ -15,11 +15,12 @@ if sys.version_info < (3, 11):  # noqa: UP036
 
 from tumblecal.ground.errors import InputError as InputError
 from tumblecal.ground.precision import enable_float64 as enable_float64
+from tumblecal.ground.showing import find_drawings_by
 
 
 __version__ = "0.1.0"
 
-# Where the names stand; `__init__.pyi` says the same to type checkers.
+# The module of each name; `__init__.pyi` states the same to type checkers.
 _FROM = {
     "read_positions": "tumblecal.data.files:read_positions",
     "read_rig": "tumblecal.effects.catalogue:read_rig_with_effects",
@@ -34,10 +35,21 @@ _FROM = {
 def __getattr__(name: str):
     if name not in _FROM:
         raise AttributeError(f"module 'tumblecal' has no attribute {name!r}; there are {', '.join(_FROM)}")
+    return _loaded(*_FROM[name].split(":"))
+
+
+def _loaded(module: str, name: str):
     from importlib import import_module
 
-    module, _, own = _FROM[name].partition(":")
-    return getattr(import_module(module), own)
+    return getattr(import_module(module), name)
+
+
+def _drawing(name: str):
+    module, _, function = name.partition(".")
+    return _loaded(f"tumblecal.report.{module}", function)
+
+
+find_drawings_by(_drawing)
 
 
 def __dir__() -> list[str]:

@@ -15,7 +15,6 @@ import pytest
 from tumblecal import InputError
 from tumblecal.cli.export import Format
 from tumblecal.data.calibration import Calibration, write_calibration
-from tumblecal.data.calibration_extended import corrected
 from tumblecal.devices import TARGETS, Export, losses, read_any
 from tumblecal.ground.gravity import Gravity
 
@@ -67,7 +66,7 @@ def test_the_target_s_formula_is_apply_s_but_for_what_was_said(name, terms):
     readings = attitudes() @ np.linalg.inv(own.matrix).T + own.bias
     degc = np.full(len(readings), 20.0)
     text, lost = exported(name, own)
-    apart = np.max(np.abs(applied(name, text, readings, degc, G) - corrected(own, readings, degc))) * 1e3
+    apart = np.max(np.abs(applied(name, text, readings, degc, G) - own.corrected(readings, degc))) * 1e3
     said = max((loss.mg for loss in lost if not loss.per), default=0.0)
     assert apart <= said * 1.02 + 2e-4, (apart, [str(loss) for loss in lost])
     assert apart >= said * 0.9 - 2e-4  # what is said is what happens, not a bound from far above
@@ -108,7 +107,7 @@ def test_the_bias_over_temperature_within_its_range(name):
     assert not any(loss.per for loss in lost)
     readings = attitudes() @ np.linalg.inv(own.matrix).T + own.bias
     degc = RNG.uniform(0, 50, len(readings))
-    apart = np.max(np.abs(applied(name, text, readings, degc, G) - corrected(own, readings, degc))) * 1e3
+    apart = np.max(np.abs(applied(name, text, readings, degc, G) - own.corrected(readings, degc))) * 1e3
     assert apart <= 1.02 * max(loss.mg for loss in lost) + 1e-3  # a bias moves by 0.6 mg in this range
     _, lost = exported(name, own)
     assert next(loss for loss in lost if loss.per).mg == pytest.approx(0.02, rel=0.05)
@@ -157,7 +156,7 @@ def test_the_c_header_compiles_strictly_and_agrees_to_rounding(tmp_path, real, t
     degc = RNG.uniform(0, 50, count).astype(np.float32).astype(float)
     given = np.column_stack([readings, degc]).tobytes()
     out = subprocess.run([tmp_path / "main"], input=given, capture_output=True, check=True).stdout
-    expected = corrected(own, readings, degc)
+    expected = own.corrected(readings, degc)
     clear = np.abs(expected[:, 1]) > 0.01
     np.testing.assert_allclose(np.frombuffer(out).reshape(-1, 3)[clear], expected[clear], rtol=0, atol=tolerance)
 

@@ -16,7 +16,6 @@ from tumblecal.capture.recordings.sample_frames import OWN, WHOLE
 from tumblecal.capture.recordings.units import FORCE
 from tumblecal.capture.sample_table import write_bytes, write_frames
 from tumblecal.data.calibration import Calibration
-from tumblecal.data.calibration_extended import columns_needed
 from tumblecal.data.files import stated
 from tumblecal.data.named_layout import readings_among
 from tumblecal.data.positions import serial_number_of
@@ -102,7 +101,7 @@ def uncorrected(source: Path, asked: Asked = Asked(), calibration: Calibration |
             return Uncorrected(
                 header, lambda _: frames(), header.frame.schema, header.columns, _cells_of(header, frames)
             )
-    needed = () if calibration is None else [name.partition("_")[0] for name in columns_needed(calibration)]
+    needed = () if calibration is None else [name.partition("_")[0] for name in calibration.columns_needed]
     stream = sample_stream(source, asked, in_force_units=True, needed=(*FORCE, *needed))
     layout = stream.contents.layout
     if not layout.table.sheet:
@@ -155,7 +154,7 @@ def write_corrected(out: Path, source: Uncorrected, correction: Correction) -> t
     _check_needs(correction, header)
     local = None if header.in_ms2 else correction.local
     unit_g = _written_unit_g(header, calibration.gravity, local)
-    needed = columns_needed(calibration)
+    needed = calibration.columns_needed
     checks = ReadingChecks(
         header.columns,
         header.row_word,
@@ -204,7 +203,7 @@ def _temperatures(calibration: Calibration) -> tuple[Sequence[float], float]:
     of its data. For a file that does not state its use these count if it has thermal terms."""
     if calibration.use.temperature_degc is not None:
         return calibration.use.temperature_degc, 0.0
-    counts = calibration.use.answer is not None or TEMPERATURE in columns_needed(calibration)
+    counts = calibration.use.answer is not None or TEMPERATURE in calibration.columns_needed
     return calibration.provenance.get("temperature_range_degc") or () if counts else (), _WARMER_DEGC
 
 
@@ -267,7 +266,7 @@ def _same_unit(correction: Correction, header: Raw) -> None:
 
 
 def _check_needs(correction: Correction, header: Raw) -> None:
-    lacking = [name for name in columns_needed(correction.calibration) if name not in header.frame.columns]
+    lacking = [name for name in correction.calibration.columns_needed if name not in header.frame.columns]
     if lacking:
         kind = {"temperature_degc": "temperature", "time_s": "drift"}[lacking[0]]
         role = lacking[0].partition("_")[0]

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.data.calibration_extended import corrected
+from tumblecal.data.calibration_extended import columns_needed, corrected, linear
 from tumblecal.data.calibration_parts import agreeing, checked_matrix, covariance, is_number, numbers, parameters
 from tumblecal.data.calibration_terms import Term, terms_of
 from tumblecal.data.calibration_use import NOT_STATED, Use, read_use
@@ -79,6 +79,11 @@ class Calibration(Shown):
         return terms_of(self.extra.get("terms", []))
 
     @property
+    def columns_needed(self) -> tuple[str, ...]:
+        """Columns that its terms require in addition to the readings: `temperature_degc`, `time_s`."""
+        return columns_needed(self.terms)
+
+    @property
     def not_applied(self) -> list[NotApplied]:
         """Corrections of which the file holds no term, with reason and size."""
         return not_applied(self.provenance)
@@ -90,7 +95,7 @@ class Calibration(Shown):
 
     def linear(self, readings: Float[np.ndarray, "rows 3"]) -> Float[np.ndarray, "rows 3"]:
         """Matrix and bias applied to readings in g; what terms there are is left out."""
-        return (readings - self.bias) @ self.matrix.T
+        return linear(self.matrix, self.bias, readings)
 
     def corrected(
         self,
@@ -106,7 +111,7 @@ class Calibration(Shown):
 
         **Raises:** `InputError` as `calibration_extended.corrected` does.
         """
-        return corrected(self, readings, temperature_degc, time_s)
+        return corrected(self.matrix, self.bias, self.terms, readings, temperature_degc, time_s)
 
     @property
     def rows(self) -> list[list[str]]:

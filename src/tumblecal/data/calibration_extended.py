@@ -4,7 +4,6 @@ The reading is `A = diag(1 + dK) u + bias + terms(u, T)`, u being the ideal inpu
 """
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
@@ -13,9 +12,6 @@ from tumblecal.data.calibration_terms import Term
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
 
-
-if TYPE_CHECKING:
-    from tumblecal.data.calibration import Calibration
 
 # Fixed-point steps shrink the error by the terms' slope, some 1e-3 each: this is rounding of a reading near 1 g.
 TOLERANCE = 1e-14
@@ -28,12 +24,14 @@ FARTHEST = 3.0
 
 
 def corrected(
-    calibration: "Calibration",
+    matrix: Float[np.ndarray, "3 3"],
+    bias: Float[np.ndarray, "3"],
+    terms: Sequence[Term],
     readings: Float[np.ndarray, "rows 3"],
     temperature_degc: Float[np.ndarray, " rows"] | float | None = None,
     time_s: Float[np.ndarray, " rows"] | float | None = None,
 ) -> Float[np.ndarray, "rows 3"]:
-    """Specific force in g from readings in g, by the linear correction and the calibration's terms.
+    """Specific force in g from readings in g, by matrix, bias and terms of a calibration.
 
     A reading in the gap that a term of kind `sign` leaves at zero input has no input: it gets the middle of the gap.
 
@@ -47,9 +45,8 @@ def corrected(
     if np.ndim(readings) == 0 or np.shape(readings)[-1] != 3:
         raise InputError(f"readings have the shape {np.shape(readings)}; (rows, 3) is wanted")
     readings = np.asarray(readings)
-    terms = calibration.terms
     for name, values in (("temperature_degc", temperature_degc), ("time_s", time_s)):
-        if values is None and name in columns_needed(calibration):
+        if values is None and name in columns_needed(terms):
             raise InputError(f"this calibration has {_KINDS_OF[name]} terms: the data need a column {name}")
         if values is not None and np.ndim(values) and np.shape(values) != readings.shape[:1]:
             raise InputError(f"{name} has the shape {np.shape(values)}; one number, or {readings.shape[:1]}, is wanted")
@@ -62,17 +59,24 @@ def corrected(
             rows = slice(first, first + _BLOCK)
             if terms:
                 given = (None if column is None else column[rows] for column in (degc, time))
-                force[rows] = _inverted(calibration, terms, _factors(terms, *given), readings[rows])
+                force[rows] = _inverted(matrix, bias, terms, _factors(terms, *given), readings[rows])
             else:
-                force[rows] = calibration.linear(readings[rows])
+                force[rows] = linear(matrix, bias, readings[rows])
     return force
 
 
-def columns_needed(calibration: "Calibration") -> tuple[str, ...]:
-    """Columns beside the readings without which its terms mean nothing."""
+def linear(
+    matrix: Float[np.ndarray, "3 3"], bias: Float[np.ndarray, "3"], readings: Float[np.ndarray, "rows 3"]
+) -> Float[np.ndarray, "rows 3"]:
+    """Matrix and bias applied to readings in g."""
+    return (readings - bias) @ matrix.T
+
+
+def columns_needed(terms: Sequence[Term]) -> tuple[str, ...]:
+    """Columns that terms require in addition to the readings."""
     needs = {
-        "temperature_degc": any(term.thermal for term in calibration.terms),
-        "time_s": any(term.per_hour for term in calibration.terms),
+        "temperature_degc": any(term.thermal for term in terms),
+        "time_s": any(term.per_hour for term in terms),
     }
     return tuple([name for name, needed in needs.items() if needed])
 
@@ -84,19 +88,20 @@ def _factors(
 
 
 def _inverted(
-    calibration: "Calibration",
+    matrix: Float[np.ndarray, "3 3"],
+    bias: Float[np.ndarray, "3"],
     terms: Sequence[Term],
     factors: list[np.ndarray | float],
     readings: Float[np.ndarray, "rows 3"],
 ) -> Float[np.ndarray, "rows 3"]:
-    lower = np.linalg.inv(calibration.matrix)
+    lower = np.linalg.inv(matrix)
     to_inputs = (lower / np.diag(lower)[:, None]).T
     jumps = 2 * sum(np.max(np.abs(own)) for term, own in zip(terms, factors, strict=True) if term.kind == "sign")
     farthest = FARTHEST * max(1.0, float(np.max(np.abs(readings), initial=0.0)))
-    force = calibration.linear(readings)
+    force = linear(matrix, bias, readings)
     before = np.full_like(force, np.nan)
     for _ in range(MOST_STEPS):
-        better = calibration.linear(readings - _added(terms, factors, force @ to_inputs))
+        better = linear(matrix, bias, readings - _added(terms, factors, force @ to_inputs))
         change = np.abs(better - force)
         tolerance = TOLERANCE * max(1.0, float(np.max(np.abs(better), initial=0.0)))
         if (largest := np.max(change, initial=0.0)) <= tolerance:

@@ -1,13 +1,13 @@
 """How a result shows itself: one screen of text, and in a notebook a table with its figure.
 
-Figures and verdicts stand in `report`, above every result. A result reaches them by name, when somebody looks: so imports
-run one way, and a result loads neither matplotlib nor polars by itself.
+Figures and words of results are functions of `report`, a later folder. The root package, which knows all folders, states
+how they are found (`find_drawings_by`); a result names the function, which is loaded when somebody looks. So no folder
+refers to a later one, and a result loads neither matplotlib nor polars.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from html import escape
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 
@@ -19,10 +19,17 @@ _MOST_ROWS = 24
 _CELL = 'style="padding: 0 .7em; text-align: {}"'
 
 
+_finders: list[Callable[[str], Callable[..., Any]]] = []
+
+
+def find_drawings_by(find: Callable[[str], Callable[..., Any]]) -> None:
+    """State how functions that draw and describe results are found by their names."""
+    _finders[:] = [find]
+
+
 def of_report(name: str) -> Callable[..., Any]:
-    """A function of `report` by `module.function`, such as `calibration_figures.residuals_figure`."""
-    module, _, function = name.partition(".")
-    return getattr(import_module(f"tumblecal.report.{module}"), function)
+    """A function that draws or describes a result, by `module.function`, such as `calibration_figures.residuals_figure`."""
+    return _finders[-1](name)
 
 
 def drawn_by(name: str, words: str) -> Callable[[Any], "Figure"]:

@@ -8,7 +8,6 @@ import numpy as np
 
 from tumblecal import __version__
 from tumblecal.data.calibration import Calibration
-from tumblecal.data.calibration_extended import columns_needed
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.intrinsic import one_sensor
 from tumblecal.estimation.methods import Calibrated
@@ -181,7 +180,7 @@ def _methods(calibrated: Calibrated) -> PageTable:
 
 
 def _applied(calibration: Calibration, folder: Path) -> Section:
-    columns = ", ".join(["readings", *(f"{name}={name}" for name in columns_needed(calibration))])
+    columns = ", ".join(["readings", *(f"{name}={name}" for name in calibration.columns_needed)])
     with_terms = (*_LOAD, f"force = calibration.corrected({columns})  # readings (rows, 3) in g")
     terms = bool(calibration.extra.get("terms"))
     return Section(
