@@ -3,7 +3,7 @@
 The columns of the ids are those of `in_use_instrument.py` (plain numpy), not the program's.
 """
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -27,14 +27,19 @@ _VISIBLE = 0.03
 _WHOLE = ("mount_drift", "mount_temperature", "warm_up", "settling", "index_gain", "index_zero")
 
 
-def columns(own: Instrument, plan: Schedule, projector: np.ndarray) -> dict[str, np.ndarray]:
-    """Of each id, an orthonormal basis of what it can add to the readings that the nominal parameters cannot make."""
+def columns(
+    own: Instrument, plan: Schedule, projector: np.ndarray, only: Collection[str] = ()
+) -> dict[str, np.ndarray]:
+    """Of each id (or only of some), an orthonormal basis of what it can add to the readings that the nominal parameters
+    cannot make."""
     plain = listed.Instrument(own.scale, own.bias, own.gamma, own.mounts, own.turns, own.pitch_errors, {})
     at_zero = listed.readings(plain, plan)
     found: dict[str, list[np.ndarray]] = {}
     for name, size in listed.SIZES.items():
         whole = listed.instrument(plan, own.turns, np.random.default_rng(0), [name]).effects[name]
         for place in np.ndindex(whole.shape):
+            if only and _id(name, place) not in only:
+                continue
             unit = np.zeros_like(whole)
             unit[place] = 1e-3 * size
             signal = listed.readings(replace(plain, effects={name: unit}), plan) - at_zero

@@ -24,7 +24,7 @@ cross_coupling.i.ip + cross_axis_square.i |
 | soft iron | torque of the induced moment, quadratic in the field | unlisted |
 | cable with hysteresis | Dahl friction that turns over within steps: depends on the path | unlisted |
 | cable pulls | slack for a part of the turn, tips the spindle for the rest | unlisted |
-| flicker and random walk | correlated from position to position | noise_coloured |
+| flicker and random walk | correlated from position to position; a bias that wanders with time | noise_coloured, or unlisted |
 
 Unlisted: `unexplained`, or a class that includes it. `second_study.py` checks both kinds of statement on each case, in numbers.
 """

@@ -16,6 +16,7 @@ truth leaves more than a sigma of it (or an id of it is not needed), or, unliste
 """
 
 import argparse
+import contextlib
 import json
 import time
 from collections.abc import Sequence
@@ -155,7 +156,7 @@ def _size(own, plan, truth: tuple[str, ...], mechanism, sd: float, d: float) -> 
         if not np.linalg.norm(signal) > LEAST_SHARE * np.linalg.norm(whole) or size > MOST:
             return None
         size *= wanted / np.linalg.norm(signal)
-    ids = check.columns(own, plan, projector)
+    ids = check.columns(own, plan, projector, () if truth == UNLISTED else truth)
     if truth == UNLISTED:
         others = (*ids.values(), *check.jumps(own, plan, projector))
         return size if all(check.left(signal, basis) >= 5.0 for basis in others) else None
@@ -198,7 +199,11 @@ def judged(case: Case, diagnoser: Diagnoser) -> Outcome:
             in_class = with_unexplained(best, noise)
         case ("noise_coloured",):
             alone = said == case.truth
-            in_class = alone or right(best, case.truth)
+            in_class = (
+                alone
+                or right(best, case.truth)
+                or with_unexplained(best, [own for own in noise if own not in case.truth])
+            )
         case truth:
             in_class = right(best, truth, noise)
             alone = in_class and best.single_name and truth in (best.labels, *best.identical)
@@ -229,10 +234,12 @@ def main() -> None:
     # One compiled model a plan.
     cases.sort(key=lambda case: (case.plan, case.with_columns))
     diagnoser, outcomes = Diagnoser(nested=False), []
-    for case in cases:
-        outcomes.append(judged(case, diagnoser))
-        if args.detail and not outcomes[-1].alone:
-            print(words(outcomes[-1]), flush=True)
+    # Ctrl-C ends the study with what there is.
+    with contextlib.suppress(KeyboardInterrupt):
+        for case in cases:
+            outcomes.append(judged(case, diagnoser))
+            if args.detail and not outcomes[-1].alone:
+                print(words(outcomes[-1]), flush=True)
     report(outcomes)
     print(f"\n{len(outcomes)} cases in {time.time() - started:.0f} s")
     if args.json:
@@ -281,7 +288,8 @@ def report(outcomes: Sequence[Outcome]) -> None:
     for words_of, own in (
         ("truth alone, one id, d = 7", [one.alone for one in listed if one.d == 7 and len(one.truth) == 1]),
         ("truth alone, one id, d = 15", [one.alone for one in listed if one.d == 15 and len(one.truth) == 1]),
-        ("truth in the class", [one.in_class for one in outcomes if one.truth]),
+        ("truth in the class, listed", [one.in_class for one in listed]),
+        ("the same, unlisted", [one.in_class for one in outcomes if one.truth == UNLISTED]),
         ("wrong", [one.wrong for one in outcomes if one.truth]),
         ("false alarms", [one.detected for one in outcomes if not one.truth]),
     ):
