@@ -2,8 +2,8 @@
 Correlations of the parameters
 ==============================
 
-The correlation matrix of the paper's plan. dK_x, bias_x and dbeta_0 have correlations near one: only a combination of them is determined
-well.
+The correlation matrix of the paper's plan. dK_x, bias_x and dbeta_0 have correlations near one: only a combination
+of them is determined well.
 """
 
 import numpy as np

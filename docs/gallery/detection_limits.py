@@ -2,8 +2,8 @@
 Effects that could still be present
 ===================================
 
-For each effect of the catalogue: the size that these positions detect with probability 0.8. An adequate verdict excludes larger ones
-only.
+For each effect of the catalogue: the size that these positions detect with probability 0.8. An adequate verdict
+excludes larger ones only.
 """
 
 import tumblecal

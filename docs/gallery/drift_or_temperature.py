@@ -2,8 +2,8 @@
 Drift or temperature?
 =====================
 
-The bias of x drifts while the room becomes warmer. Time and temperature are fully correlated in these data, so the verdict is
-ambiguous. The next measurement is chosen to separate them.
+The bias of x drifts while the room becomes warmer. Time and temperature are fully correlated in these data, so the
+verdict is ambiguous. The next measurement is chosen to separate them.
 """
 
 import tumblecal

@@ -2,8 +2,8 @@
 Orientations by hand
 ====================
 
-Without a dividing head only the size of gravity calibrates. Scale factors, biases and non-orthogonality are determined; the mounting
-angles are not.
+Without a dividing head only the size of gravity calibrates. Scale factors, biases and non-orthogonality are
+determined; the mounting angles are not.
 """
 
 import tumblecal

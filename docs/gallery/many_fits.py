@@ -2,7 +2,8 @@
 A thousand calibrations at once
 ===============================
 
-`jax.vmap` repeats the exact fit for a thousand draws of the noise. The spread of the estimates agrees with the stated uncertainty.
+`jax.vmap` repeats the exact fit for a thousand draws of the noise. The spread of the estimates agrees with the
+stated uncertainty.
 """
 
 from dataclasses import replace

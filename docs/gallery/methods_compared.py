@@ -2,8 +2,8 @@
 Exact chain, harmonics and Kalman filters
 =========================================
 
-All methods are applied to the same positions. At mounting angles of a few mrad the small-angle methods differ from the exact fit by a
-small part of its standard uncertainty.
+All methods are applied to the same positions. At mounting angles of a few mrad the small-angle methods differ from
+the exact fit by a small part of its standard uncertainty.
 """
 
 import tumblecal

@@ -2,7 +2,8 @@
 Noise of position means
 =======================
 
-White noise averages out over a dwell; flicker noise hardly does. The uncertainty of the mean of one dwell, for dwells of different length.
+White noise averages out over a dwell; flicker noise hardly does. The uncertainty of the mean of one dwell, for
+dwells of different length.
 """
 
 import numpy as np

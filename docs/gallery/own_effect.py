@@ -2,8 +2,8 @@
 An effect of your own
 =====================
 
-An effect is a link of the chain whose coefficients are zero in the nominal model. This one is a fourth-order nonlinearity of the y axis:
-it is added to the catalogue, hidden in simulated data, and found.
+An effect is a link of the chain whose coefficients are zero in the nominal model. This one is a fourth-order
+nonlinearity of the y axis: it is added to the catalogue, hidden in simulated data, and found.
 """
 
 from dataclasses import replace

@@ -2,8 +2,8 @@
 A quadratic axis, found and corrected
 =====================================
 
-The z axis of a simulated instrument responds quadratically. The nominal model is rejected, the cause is named, and the residuals of the
-extended model show only noise.
+The z axis of a simulated instrument responds quadratically. The nominal model is rejected, the cause is named, and
+the residuals of the extended model show only noise.
 """
 
 from dataclasses import replace

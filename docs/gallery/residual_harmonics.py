@@ -2,8 +2,8 @@
 Harmonics in the residuals
 ==========================
 
-Errors of the head and of the sensor appear at different harmonics of the spindle angle. A second-order nonlinearity makes a second
-harmonic.
+Errors of the head and of the sensor appear at different harmonics of the spindle angle. A second-order nonlinearity
+makes a second harmonic.
 """
 
 from dataclasses import replace

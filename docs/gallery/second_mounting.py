@@ -2,8 +2,8 @@
 What a second mounting is worth
 ===============================
 
-With the x axis along the spindle, scale factor, bias and pitch error of that axis are almost fully correlated. A mounting turned by 90
-degrees determines them.
+With the x axis along the spindle, scale factor, bias and pitch error of that axis are almost fully correlated. A
+mounting turned by 90 degrees determines them.
 """
 
 import numpy as np

@@ -2,7 +2,8 @@
 Derivative of an estimate with respect to the readings
 ======================================================
 
-The fit is differentiable. The derivative of bias_z with respect to every reading shows which positions determine it.
+The fit is differentiable. The derivative of bias_z with respect to every reading shows which positions determine
+it.
 """
 
 import numpy as np

@@ -2,8 +2,8 @@
 When are small angles good enough?
 ==================================
 
-The instrument of a rig is turned in its mounting by growing angles, without noise. The error of the harmonic equations grows with
-the square of the angle; the exact chain has none.
+The instrument of a rig is turned in its mounting by growing angles, without noise. The error of the harmonic
+equations grows with the square of the angle; the exact chain has none.
 """
 
 from dataclasses import replace
