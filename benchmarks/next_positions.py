@@ -1,128 +1,173 @@
 """Do the proposed positions do what is promised? Hidden effects, proposals measured by the blind instrument, diagnosed again.
 
-    python benchmarks/next_positions.py --cases 100
+    python benchmarks/next_positions.py --cases 200
 
-Random effects; where the right explanation leads and has rivals that can be separated: how much its log odds against them
-were expected to rise, and how much they rose. Also the time that the proposals take.
+Every instrument hides one random effect, with time and temperature recorded; in every second one the temperature rises in
+proportion to the time. Where the diagnosis is ambiguous, the proposed positions are measured under the proposed conditions,
+in the proposed order, and old and new positions are diagnosed together as one run: was the question settled as promised? Also
+the time that the proposals take.
 """
 
 import argparse
 import time
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 import blind_instrument as blind
 import tumblecal
-from tumblecal.data import PositionSet
+from blind_noise import position_set
 from tumblecal.diagnosis import Diagnoser, Diagnosis
-from tumblecal.planning import next_plan
+from tumblecal.planning import NextPlan, next_plan
 from tumblecal.planning.next_plan import SEPARATE
-from tumblecal.planning.proposals import Allowed
+from tumblecal.planning.proposals import Allowed, Proposal, by_pitch
 
 
 # Old pitch settings only: then every measurement has one model for each number of positions.
 OLD_SETTINGS = Allowed(beta_deg=(0.0, 45.0, 90.0), remount=False)
-# Effects that need no optional column.
-HIDDEN = [
-    name for name in blind.COEFFICIENTS if not any(word in name for word in ("drift", "temper", "warm", "backlash"))
-]
+# Change of temperature over a run in which it rises with the time, degC.
+RAMP_DEGC = 3.0
 
 
-def data_of(setup: blind.Setup, readings: np.ndarray) -> PositionSet:
-    """The readings as a position set without optional columns."""
-    sd = np.full(readings.shape, blind.SIGMA)
-    return PositionSet(tuple(setup.names), np.degrees(setup.alpha), np.degrees(setup.beta), readings, sd=sd)
+class Outcome(NamedTuple):
+    """What became of one ambiguous case: the `verdict` of old and new positions, whether that is `right`."""
+
+    hidden: str
+    ramp: bool
+    plan: NextPlan
+    verdict: str
+    right: bool
+    labels: tuple[str, ...]
 
 
-def effect_scores(diagnosis: Diagnosis) -> dict[str, float]:
-    """Log posterior of each single effect in the screen."""
-    ranked, causes = diagnosis.screened.search.ranked(), diagnosis.screened.pool.causes
-    scores: dict[str, float] = {}
-    for members, value in zip(ranked.members, ranked.log_posterior, strict=True):
-        if members[0] >= 0 > members[1] and causes[members[0]].slot.columns:
-            scores.setdefault(causes[members[0]].label, float(value))
-    return scores
+def names_true(diagnosis: Diagnosis, hidden: str) -> bool:
+    """Whether the hidden effect is what is named, alone or as the same function at 1 g."""
+    return (hidden,) in (diagnosis.best.labels, *diagnosis.best.identical)
 
 
-def share(scores: dict[str, float], right: str, rivals: list[str]) -> float:
-    """Log odds of the right effect against its rivals together."""
-    return -float(np.log(sum(np.exp(scores.get(rival, min(scores.values())) - scores[right]) for rival in rivals)))
+def settled(diagnosis: Diagnosis, hidden: str, plan: NextPlan) -> bool:
+    """Whether the truth is among what remains, and nothing else does than what the plan does not separate."""
+    best = diagnosis.best
+    remaining = {*plan.promise.remaining} if plan.promise is not None else set()
+    members = {best.labels, *best.separable}
+    hit = (hidden,) in {*members, *best.identical}
+    if not remaining:
+        return hit and diagnosis.verdict == "identified"
+    return hit and len(members - remaining) <= 1
 
 
-def one_case(diagnoser: Diagnoser, seed: int, least: float, most: float):
-    """A random effect: said and got; None where the right explanation does not lead or has no rival to be told from."""
+def measured(setup: blind.Setup, plan: NextPlan, rng: np.random.Generator) -> blind.Setup:
+    """The instrument with the positions of a plan, in its order and under its conditions."""
+    listed = by_pitch(Proposal((own.alpha_deg,), own.beta_deg, own.mount) for own in plan.together)
+    cells = [(alpha, own.beta_deg) for own in listed for alpha in own.alpha_deg]
+    more, conditions = blind.extended(setup, cells, rng), plan.conditions
+    assert conditions is not None and conditions.time_s is not None and conditions.temperature_degc is not None
+    new = np.arange(len(setup.alpha), len(more.alpha))
+    more.time_s[new] = conditions.time_s + conditions.step_s * np.arange(len(cells))
+    more.temperature_degc[new] = conditions.temperature_degc + 0.1 * rng.normal(size=len(cells))
+    return more
+
+
+def one_case(diagnoser: Diagnoser, seed: int, least: float, most: float) -> Outcome | str | None:
+    """An instrument with a random effect; None if none of it shows, the verdict if that is not ambiguous."""
     rng = np.random.default_rng(seed)
     setup = blind.random_setup(rng, 3, 8)
-    projector = blind.unreachable(setup)
-    hidden = str(rng.choice(HIDDEN))
-    sized = blind.sized(setup, projector, hidden, rng.uniform(least, most), rng)
+    ramp = bool(seed % 2)
+    if ramp:
+        share = (setup.time_s - setup.time_s[0]) / np.ptp(setup.time_s)
+        setup = replace(setup, temperature_degc=setup.temperature_degc[0] + RAMP_DEGC * share)
+    names = list(blind.COEFFICIENTS)
+    if rng.uniform() < 0.5:
+        names = [name for name in names if any(word in name for word in ("drift", "temper", "warm"))]
+    hidden = str(rng.choice(names))
+    sized = blind.sized(setup, blind.unreachable(setup), hidden, rng.uniform(least, most), rng)
     if sized is None:
         return None
     effects = {hidden: sized[0]}
     readings = blind.readings(setup, setup.nominal, effects)
     readings = readings + blind.SIGMA * rng.normal(size=readings.shape)
-    diagnosis = diagnoser(data_of(setup, readings))
-    proposed = next_plan(diagnosis, OLD_SETTINGS)
-    if diagnosis.best.labels != (hidden,) or proposed.purpose != SEPARATE:
-        return None
-    before = effect_scores(diagnosis)
-    hopeless = " ".join(proposed.notes)
-    listed = [
-        *diagnosis.best.equivalents,
-        *(told.labels for told in diagnosis.screened.explanations if told.probability > 0.01),
-    ]
-    rivals = [
-        labels[0]
-        for labels in listed
-        if len(labels) == 1 and labels[0] in before and labels[0] != hidden and labels[0] not in hopeless
-    ]
-    if not rivals or hidden in rivals:
-        return None
-    more = blind.extended(setup, [(position.alpha_deg, position.beta_deg) for position in proposed.together], rng)
+    diagnosis = diagnoser(position_set(setup, readings, known=True))
+    if diagnosis.verdict != "ambiguous":
+        right = diagnosis.verdict == "identified" and names_true(diagnosis, hidden)
+        return f"{diagnosis.verdict}{'' if right or diagnosis.verdict != 'identified' else ' WRONG'}"
+    plan = next_plan(diagnosis, OLD_SETTINGS)
+    if plan.purpose != SEPARATE:
+        return Outcome(hidden, ramp, plan, "not worth measuring", False, ())
+    more = measured(setup, plan, rng)
     new = blind.readings(more, more.nominal, effects)[len(readings) :]
-    again = diagnoser(data_of(more, np.concatenate([readings, new + blind.SIGMA * rng.normal(size=new.shape)])))
-    after = effect_scores(again)
-    if hidden not in after:
-        return None
-    got = share(after, hidden, rivals) - share(before, hidden, rivals)
-    return hidden, proposed.value, got, share(before, hidden, rivals), len(new)
+    new = new + blind.SIGMA * rng.normal(size=new.shape)
+    again = diagnoser(position_set(more, np.concatenate([readings, new]), known=True))
+    return Outcome(hidden, ramp, plan, again.verdict, settled(again, hidden, plan), again.best.labels)
+
+
+def wrong(outcome: Outcome) -> bool:
+    """Whether a cause is identified that is not there."""
+    return outcome.verdict == "identified" and not outcome.right
+
+
+def shares(outcomes: list[Outcome], what: str) -> None:
+    """How many were settled, rightly and wrongly."""
+    count = max(1, len(outcomes))
+    good, bad = sum(own.right for own in outcomes), sum(map(wrong, outcomes))
+    expected = np.mean([own.plan.promise.probability for own in outcomes]) if outcomes else np.nan
+    print(
+        f"{what}: {len(outcomes)}; settled {good} ({good / count:.1%}; expected {expected:.1%}), "
+        f"wrongly {bad} ({bad / count:.1%})"
+    )
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--cases", type=int, default=100)
-    parser.add_argument("--size", type=float, nargs=2, default=(5.0, 10.0), help="of the hidden effect, sigma")
+    parser.add_argument("--cases", type=int, default=200, help="instruments whose first diagnosis is ambiguous")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--size", type=float, nargs=2, default=(5.0, 15.0), help="of the hidden effect, sigma")
     options = parser.parse_args()
     tumblecal.enable_float64()
     from tumblecal.cli.start import start
 
     start()
-    diagnoser = Diagnoser()
-    rows = []
-    for seed in range(options.cases):
-        row = one_case(diagnoser, seed, *options.size)
-        if row is not None:
-            rows.append(row)
-            name, said, got, before, count = row
-            print(
-                f"{name:22s} {count:2d} positions: said {said:5.2f} got {got:6.2f}, log odds before {before:5.2f}",
-                flush=True,
-            )
-    said, got = (np.array([row[k] for row in rows]) for k in (1, 2))
-    error = got.std() / np.sqrt(len(got))
-    print(
-        f"{len(rows)} of {options.cases} cases: said {said.mean():.2f}, got {got.mean():.2f} +- {error:.2f} (log Bayes factor)"
+    diagnoser = Diagnoser(nested=False)
+    outcomes: list[Outcome] = []
+    verdicts: dict[str, int] = {}
+    seed = options.seed
+    while len(outcomes) < options.cases:
+        case = one_case(diagnoser, seed, *options.size)
+        seed += 1
+        if isinstance(case, str):
+            verdicts[case] = verdicts.get(case, 0) + 1
+        if not isinstance(case, Outcome):
+            continue
+        outcomes.append(case)
+        promise, conditions = case.plan.promise, case.plan.conditions
+        if promise is None or conditions is None:
+            print(f"{seed - 1:4d} {case.hidden:22s} no alternative that predicts anything", flush=True)
+            continue
+        print(
+            f"{seed - 1:4d} {case.hidden:22s} {'ramp' if case.ramp else '    '} {case.plan.positions:2d} positions after "
+            f"{conditions.after_s:5.0f} s at {conditions.temperature_degc:5.2f} degC ({conditions.last_degc:5.2f}): "
+            f"p = {promise.probability:.2f} odds {promise.odds:8.2g} remaining {len(promise.remaining)}: {case.verdict} "
+            f"{'right' if case.right else ' + '.join(case.labels)}",
+            flush=True,
+        )
+    print(f"{seed - options.seed} instruments; at first {verdicts}, ambiguous {len(outcomes)}")
+    worth = [own for own in outcomes if own.plan.purpose == SEPARATE]
+    shares([own for own in worth if own.plan.promise.made], "promised")
+    shares(
+        [own for own in worth if own.plan.promise.made and not own.plan.promise.remaining],
+        "promised, nothing remaining",
     )
-    print(f"log odds rose in {np.mean(got > 0):.0%}")
+    shares([own for own in worth if not own.plan.promise.made], "not promised, measured all the same")
+    print(f"not worth measuring, or no alternative that predicts anything: {len(outcomes) - len(worth)}")
     timing(diagnoser)
 
 
 def timing(diagnoser: Diagnoser) -> None:
     """Seconds of a diagnosis with and without proposals, compiled before."""
-    setup = blind.random_setup(np.random.default_rng(0), 3, 8)
-    data = data_of(
-        setup, blind.readings(setup, setup.nominal, {}) + 1e-4 * np.random.default_rng(1).normal(size=(24, 3))
-    )
+    rng = np.random.default_rng(0)
+    setup = blind.random_setup(rng, 3, 8)
+    readings = blind.readings(setup, setup.nominal, {})
+    data = position_set(setup, readings + blind.SIGMA * rng.normal(size=readings.shape), known=True)
     next_plan(diagnoser(data))
     times = []
     for _ in range(20):

@@ -57,6 +57,10 @@ def test_the_shell_s_blocks_and_then_python_s(folder):
     assert (folder / "calibration" / "calibration.html").is_file() and (
         folder / "diagnosis" / "diagnosis.html"
     ).is_file()
+    # Measured as proposed, the ambiguous example is identified.
+    verdicts = [(folder / name / "verdict.txt").read_text(encoding="utf-8") for name in ("diagnosis", "again")]
+    assert verdicts[0].startswith("AMBIGUOUS") and verdicts[1].startswith("IDENTIFIED")
+    assert "bias_drift.x" in verdicts[1] and "second_order.z" in verdicts[1]
     python = "".join(blocks("python"))
     said = run(folder, sys.executable, "-W", "error::DeprecationWarning", "-c", python)
     # The README's own clean data hold nothing but noise, whose sd the example states too low.

@@ -10,7 +10,7 @@ from tumblecal.effects import catalogue
 from tumblecal.planning.new_rows import rows_of
 from tumblecal.planning.next_plan import SEPARATE, next_plan
 from tumblecal.planning.proposals import Allowed, Proposal, proposals
-from tumblecal.planning.rivals import columns_of, rivals_of
+from tumblecal.planning.rivals import Rival, columns_of, rivals_of
 from tumblecal.planning.value import Separation
 
 
@@ -54,7 +54,8 @@ def test_positions_that_a_rival_takes_for_off_tell_it_nothing(diagnosed):
 def test_what_is_told_apart_by_thousands_of_sd_stays_finite(diagnosed):
     rows, leader = present(diagnosed), columns_of(diagnosed.members)
     amplitudes = 1e4 * diagnosed.extended.vector[leader] / diagnosed.model.scales[leader]
-    value = Separation(rows, diagnosed.model.nominal, leader, amplitudes, rivals_of(diagnosed, rows))
+    own = Rival(diagnosed.best.labels, tuple(leader), 1.0, rows)
+    value = Separation(diagnosed.model.nominal, own, amplitudes, rivals_of(diagnosed, rows))
     for cells in rows.cells[:3]:
         expected = value.total + value.of([cells])[0]
         value.take(cells)

@@ -91,6 +91,15 @@ class DwellTable(Strict):
     guard_s: Number = Field(default=0.0, ge=0)
 
 
+class PlannedConditions(Strict):
+    """The conditions that a proposed plan supposes: the time from the last position measured before to the first of these, from
+    one to the next, and the temperature."""
+
+    after_s: Number | None = Field(default=None, ge=0)
+    step_s: Number | None = Field(default=None, ge=0)
+    temperature_degc: Number | None = None
+
+
 class LimitsTable(Strict):
     """When a dwell is good."""
 
@@ -111,6 +120,7 @@ class CapturePlan(Strict):
     positions: PositionsTable
     dwell: DwellTable = DwellTable()
     limits: LimitsTable = LimitsTable()
+    conditions: PlannedConditions = PlannedConditions()
 
     @cached_property
     def steps(self) -> list[PlanPosition]:

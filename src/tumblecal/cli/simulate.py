@@ -17,6 +17,7 @@ def simulate(
     noise_sd: str | None = None,
     serial_number: str | None = None,
     effects: EffectFiles = (),
+    then: Path | None = None,
     quiet: Quiet = False,
 ) -> None:
     """Simulate the position means of a rig and write them as a position file.
@@ -33,19 +34,24 @@ def simulate(
         Standard deviation of a reading with its unit, e.g. 0.1mg; goes before the rig's own.
     serial_number
         Serial number of the simulated unit, e.g. A-17, as certificates and a history need one.
+    then
+        Plan of a second measurement with the same instrument, e.g. diagnosis/next_positions.toml: only its positions are
+        written, as measured after the rig's plan, under the conditions that it states.
     """
     from tumblecal.cli.start import start
 
     start()
+    from tumblecal.capture.capture_plan import read_plan
     from tumblecal.data import write_positions
     from tumblecal.data.overwriting import inputs_kept
     from tumblecal.effects import catalogue
     from tumblecal.effects.catalogue import read_rig_with_effects
     from tumblecal.ground.atomic import writable_file
     from tumblecal.ground.units import reading_sd
+    from tumblecal.simulation.next_measurement import simulated_after
     from tumblecal.simulation.position_means import simulated
 
-    inputs_kept([config, *effects], out=out)
+    inputs_kept([config, *effects, *([then] if then else [])], out=out)
     seed_in_range(seed)
     if out.suffix not in (".csv", ".parquet"):
         raise InputError(f"{out}: must end in .csv or .parquet")
@@ -54,9 +60,10 @@ def simulate(
         stated = None if noise_sd is None else reading_sd(noise_sd, none=True)
     except InputError as error:
         raise InputError(f"--noise-sd: {error}") from error
-    data = simulated(rig, seed, stated)
+    data = simulated(rig, seed, stated) if then is None else simulated_after(rig, read_plan(then), then, seed, stated)
     if serial_number:
         data = replace(data, comments=data.comments | {"serial_number": one_line(serial_number)})
     writable_file(out)
     write_positions(out, data)
-    print(f"{out}: {len(data)} positions of {rig.title or config}, seed {seed}")
+    after = f" after those of its plan, as {then} lists them" if then else ""
+    print(f"{out}: {len(data)} positions of {rig.title or config}{after}, seed {seed}")

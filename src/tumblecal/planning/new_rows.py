@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from tumblecal.chain import Parameter
 from tumblecal.chain.nominal import Mount
@@ -20,6 +20,7 @@ from tumblecal.estimation.chain_programs import Evaluation
 from tumblecal.estimation.problem import Problem
 from tumblecal.estimation.quarter_turns import turn_of
 from tumblecal.ground.frames import rotation_angles, rotation_matrix
+from tumblecal.planning.conditions import Conditions, going_on
 from tumblecal.planning.proposals import SIDES, Proposal
 
 
@@ -29,21 +30,17 @@ _SAME_ANGLE = 1e-6
 _SEEN = 0.02
 
 
-def assumed_temperature(temperature_degc: Float[Array | np.ndarray, " positions"] | None) -> float | None:
-    """The temperature at which new positions are evaluated, degC: the median of the data; None without temperatures."""
-    return None if temperature_degc is None else float(np.median(np.asarray(temperature_degc)))
-
-
 @dataclass(frozen=True)
 class Rows:
     """Rows in units of the noise; columns: the model's full vector (scaled), then parameters that only new groups have.
 
-    `old`: rows of the data, priors' rows last. `new` (cells, 3, columns): of each new position; `cells` gives those of
-    each proposal. `own_prior`: information on each of the new groups' parameters from a prior on their leaf. `predicted`
-    (cells, 3): readings by the extended model, g; `weight` (3): units of the noise a g.
+    `old`: rows of the data, priors' rows last; `residual`: measured minus the extended model. `new` (cells, 3, columns): of
+    each new position; `cells` gives those of each proposal. `own_prior`: information on each of the new groups' parameters
+    from a prior on their leaf. `predicted` (cells, 3): readings by the extended model, g; `weight` (3): units of the noise a g.
     """
 
     old: Float[np.ndarray, "rows columns"]
+    residual: Float[np.ndarray, " rows"]
     new: Float[np.ndarray, "cells 3 columns"]
     cells: list[np.ndarray]
     own_prior: Float[np.ndarray, " own"]
@@ -82,24 +79,30 @@ def remountings(diagnosis: Diagnosis) -> tuple[tuple[str, ...], str]:
     return tuple(SIDES), ""
 
 
-def rows_of(diagnosis: Diagnosis, listed: Sequence[Proposal]) -> Rows:
+def rows_of(
+    diagnosis: Diagnosis, listed: Sequence[Proposal], conditions: Conditions | None = None, *, in_order: bool = False
+) -> Rows:
     """Rows of the data and of all proposals.
 
     **Arguments:**
 
     - `diagnosis`: of the present data.
     - `listed`: the proposals. New positions belong to the last run and mounting, or to a new mounting.
+    - `conditions`: under which they are measured; directly after the data where left out.
+    - `in_order`: whether they are measured one after another as listed; otherwise each is the first.
     """
+    conditions = conditions or going_on(diagnosis.data)
     problem, model, vector = diagnosis.problem, diagnosis.model, diagnosis.extended.vector
     for cause in diagnosis.members:
         problem = cause.undone(problem)
-    _, old = white_rows(model, problem, vector, model.evaluate(problem.where, vector))
-    old = old / diagnosis.level
-    old[: problem.readings.size][np.repeat(~problem.takes_part, 3)] = 0.0
+    residual, old = white_rows(model, problem, vector, model.evaluate(problem.where, vector))
+    residual, old = residual / diagnosis.level, old / diagnosis.level
+    for rows in (residual, old):
+        rows[: problem.readings.size][np.repeat(~problem.takes_part, 3)] = 0.0
     spots = [_Spot(alpha, proposal.beta_deg, proposal.side) for proposal in listed for alpha in proposal.alpha_deg]
     ends = np.cumsum([proposal.cost for proposal in listed])
     cells = [np.arange(end - proposal.cost, end) for end, proposal in zip(ends.tolist(), listed, strict=True)]
-    new = _NewPositions(problem, model, spots, diagnosis.from_rig)
+    new = _NewPositions(problem, model, spots, diagnosis.from_rig, conditions, in_order)
     jacobian, predicted = np.zeros((len(spots), 3, len(model.start))), np.zeros((len(spots), 3))
     sides = np.array([spot.side for spot in spots])
     for side in dict.fromkeys(sides.tolist()):
@@ -113,7 +116,7 @@ def rows_of(diagnosis: Diagnosis, listed: Sequence[Proposal]) -> Rows:
     weight = np.median(1.0 / problem.sd, axis=0) / diagnosis.level
     weighted = np.concatenate([jacobian, own], axis=2) * weight[:, None]
     old = np.hstack([old, np.zeros((len(old), own.shape[2]))])
-    return Rows(old, weighted, cells, prior / diagnosis.level**2, predicted, weight)
+    return Rows(old, residual, weighted, cells, prior / diagnosis.level**2, predicted, weight)
 
 
 @dataclass(frozen=True)
@@ -136,8 +139,17 @@ class _Columns:
 class _NewPositions:
     """New positions beside those of a problem: which groups they belong to, and their rows."""
 
-    def __init__(self, problem: Problem, model: FullModel, spots: Sequence[_Spot], from_rig: bool):
+    def __init__(
+        self,
+        problem: Problem,
+        model: FullModel,
+        spots: Sequence[_Spot],
+        from_rig: bool,
+        conditions: Conditions,
+        in_order: bool,
+    ):
         self.problem, self.model, self.spots, self.from_rig = problem, model, spots, from_rig
+        self.conditions, self.in_order = conditions, in_order
         self.leaves, offset = [], 0
         for leaf in model.nominal_chain.free:
             self.leaves.append(_Columns(leaf, offset + np.arange(leaf.value.size).reshape(leaf.value.shape)))
@@ -194,15 +206,15 @@ class _NewPositions:
         for by, old in where.groups.items():
             known = self.index[by][block]
             index[by] = put(old, np.where(known >= 0, known, np.asarray(old)[self.like[block]]))
-        later = time.max() + np.ptp(time) / max(1, count - 1)
-        warmth = where.temperature_degc
+        after = self.conditions.step_s * (block if self.in_order else np.zeros(len(block)))
+        later = (time.max() if self.conditions.time_s is None else self.conditions.time_s) + after
         here = replace(
             where,
             alpha=put(where.alpha, np.radians([self.spots[k].alpha_deg for k in block])),
             beta=put(where.beta, np.radians([self.spots[k].beta_deg for k in block])),
             groups=index,
             time_s=put(where.time_s, later),
-            temperature_degc=put(warmth, assumed_temperature(warmth)),
+            temperature_degc=put(where.temperature_degc, self.conditions.temperature_degc),
             approach=put(where.approach, 1.0),
         )
         return rows, self.model.evaluate(here, vector)

@@ -4,30 +4,31 @@ Candidates are single positions of a grid in the present mounting, and turns of 
 (turned by a quarter in its fixture), which brings its own mounting angles as new unknowns.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool
 
 from tumblecal.data.positions import attitudes_of
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.estimation.attitudes import next_attitudes
+from tumblecal.ground.blas import one_thread
+from tumblecal.planning.choosing import Choosing
+from tumblecal.planning.conditions import Conditions, going_on
 from tumblecal.planning.confirming import Confirmation, confirmations
-from tumblecal.planning.new_rows import Rows, remountings, rows_of
+from tumblecal.planning.new_rows import remountings
+from tumblecal.planning.promise import Promise
 from tumblecal.planning.proposals import Allowed, Proposal, proposals
-from tumblecal.planning.rivals import Rival, columns_of, rivals_of
-from tumblecal.planning.value import Separation, Sharpening, Value
+from tumblecal.planning.rivals import Rival, columns_of
+from tumblecal.planning.separating import separate
+from tumblecal.planning.value import Sharpening
 
 
 MOST = 6
-MOST_IN_SET = 12
 LEAST_VALUE = 1e-3
-# A set is complete when it is enough, or another position would take less than 3 % off the worst sd (a turn of several: less
-# than 10 %), or add less than this to the log Bayes factor.
+# A set is complete when another position would take less than 3 % off the worst sd (a turn of several: less than 10 %).
 _LEAST_GAIN = 0.03
 _LEAST_TURN = 0.1
-LEAST_STEP = 0.05
 SEPARATE = "separate the leading explanations"
 SHARPEN_WEAKEST = "lower the standard deviation of the weakest direction of the sensor's parameters"
 _SIDES_BY_HAND = (
@@ -64,6 +65,8 @@ class NextPlan:
     - `purpose`; `watched`: the worst parameter, where its sd is to be lowered.
     - `notes`: what was taken for granted, or why something is not proposed. `from_rig`: the chain is a rig file's.
     - `confirming`: readings that test the named cause, with what it and its strongest rival predict.
+    - `conditions`: under which the values hold. `promise`: what the best positions would settle between the leading
+      explanations, None where there is but one; `needed`: positions that would do where it is not sure, if any number would.
     """
 
     singles: tuple[NextPosition, ...] = ()
@@ -74,6 +77,9 @@ class NextPlan:
     notes: tuple[str, ...] = ()
     from_rig: bool = False
     confirming: tuple[Confirmation, ...] = ()
+    conditions: Conditions | None = None
+    promise: Promise | None = None
+    needed: int | None = None
 
     @property
     def positions(self) -> int:
@@ -94,35 +100,49 @@ def next_plan(diagnosis: Diagnosis, allowed: Allowed | None = None) -> NextPlan:
     allowed, model = allowed or Allowed(), diagnosis.model
     sides, why_not = remountings(diagnosis) if allowed.remount else ((), "")
     listed = proposals(diagnosis.data, allowed, sides)
-    rows = rows_of(diagnosis, listed)
     notes = [why_not] if why_not else []
     if diagnosis.problem.correlated:
         notes.append("The noise is correlated from position to position; new positions are counted as independent.")
-    rivals, leader = rivals_of(diagnosis, rows), columns_of(diagnosis.members)
-    amplitudes = diagnosis.extended.vector[leader] / model.scales[leader]
-    separation = None
-    if rivals and leader:
-        separation = Separation(rows, model.nominal, leader, amplitudes, rivals)
-        hopeless = separation.inseparable(rows.cells)
-        if hopeless:
-            names = "; ".join(" + ".join(rivals[k].labels) or "a right model" for k in hopeless)
-            notes.append(f"None of these positions would tell it from {names}.")
-            rivals = [rival for k, rival in enumerate(rivals) if k not in hopeless]
-            separation = Separation(rows, model.nominal, leader, amplitudes, rivals) if rivals else None
     notes += _repeats(diagnosis.members)
-    confirming: tuple[Confirmation, ...] = ()
+    with one_thread():
+        first, separated = separate(diagnosis, listed, MOST)
+    rows, leader, told = first.rows, columns_of(diagnosis.members), first
+    plan = NextPlan(from_rig=diagnosis.from_rig, conditions=going_on(diagnosis.data))
+    if separated is not None:
+        plan = replace(plan, promise=separated.promise, needed=separated.needed)
+        if separated.promise.worth_measuring:
+            plan, told = replace(plan, conditions=separated.conditions, value=separated.value), separated.told
     if leader:
-        rival = rivals[0] if rivals else Rival((), (), 1.0, rows)
-        confirming = confirmations(rows, listed, model.nominal, (leader, amplitudes), rival)
-    choosing = _Choosing(listed, rows, tuple(notes), diagnosis.from_rig, confirming)
-    if separation is not None:
-        separating = choosing.planned(separation, SEPARATE)
-        if separating.together:
-            return separating
-    watching = _watched(diagnosis)
+        amplitudes = diagnosis.extended.vector[leader] / model.scales[leader]
+        rival = told.rivals[0] if told.rivals else Rival((), (), 1.0, told.rows)
+        confirming = confirmations(told.rows, listed, model.nominal, (leader, amplitudes), rival)
+        plan = replace(plan, confirming=confirming)
+    if separated is not None and separated.promise.worth_measuring:
+        return _with(plan, listed, separated.singles, separated.chosen, SEPARATE, notes)
+    watching, choosing = _watched(diagnosis), Choosing(listed, rows)
     sharpening = Sharpening(rows, [*range(model.nominal), *leader], watching)
     worst = model.names[watching[int(np.argmax(sharpening.variances()))]]
-    return choosing.planned(sharpening, SHARPEN, worst)
+    singles = choosing.best(sharpening, MOST, LEAST_VALUE)
+    chosen = choosing.greedy(sharpening, lambda positions: min(_LEAST_GAIN * positions, _LEAST_TURN))
+    plan = replace(plan, watched=worst, value=sharpening.total if chosen else 0.0)
+    return _with(plan, listed, singles, chosen, SHARPEN, notes)
+
+
+def _with(
+    plan: NextPlan,
+    listed: list[Proposal],
+    singles: list[tuple[int, float]],
+    chosen: list[tuple[int, float]],
+    purpose: str,
+    notes: list[str],
+) -> NextPlan:
+    """A plan with proposals, by their numbers and values."""
+    together = tuple(_told(listed[k], purpose, gain) for k, gain in chosen)
+    if plan.from_rig and any(position.mount for position in together):
+        new_mounting = "The rig file must get a [mounts] entry for the new mounting, and dtheta one value a mounting."
+        notes = [*notes, new_mounting]
+    told = tuple(_told(listed[k], purpose, value) for k, value in singles)
+    return replace(plan, singles=told, together=together, purpose=purpose, notes=tuple(notes))
 
 
 def _by_hand(diagnosis: Diagnosis) -> NextPlan:
@@ -137,77 +157,6 @@ def _by_hand(diagnosis: Diagnosis) -> NextPlan:
     )
     value = 1 - float(np.prod([1 - position.value for position in together]))
     return NextPlan(together=together, purpose=SHARPEN_WEAKEST, value=value, notes=(_SIDES_BY_HAND,))
-
-
-@dataclass(frozen=True)
-class _Choosing:
-    """What is chosen from: `listed` with their `rows`, and what every plan says."""
-
-    listed: list[Proposal]
-    rows: Rows
-    notes: tuple[str, ...]
-    from_rig: bool
-    confirming: tuple[Confirmation, ...]
-
-    def planned(self, value: Value, purpose: str, watched: str = "") -> NextPlan:
-        """The best proposals each for itself, and a set that goes well together."""
-        values = np.where(self._usable([]), value.of(self.rows.cells), 0.0)
-        best = np.argsort(-values, kind="stable")[:MOST]
-        singles = tuple(
-            _told(self.listed[k], purpose, float(values[k])) for k in best.tolist() if values[k] > LEAST_VALUE
-        )
-        together = tuple(_told(self.listed[k], purpose, gain) for k, gain in self._greedy(value, purpose))
-        notes = self.notes
-        if self.from_rig and any(position.mount for position in together):
-            new_mounting = (
-                "The rig file must get a [mounts] entry for the new mounting, and dtheta one value a mounting."
-            )
-            notes = (*notes, new_mounting)
-        worth = value.total if together else 0.0
-        return NextPlan(singles, together, purpose, worth, watched, notes, self.from_rig, self.confirming)
-
-    def _greedy(self, value: Value, purpose: str) -> list[tuple[int, float]]:
-        """Proposals taken one by one, each the best per position beside those before it, and what each adds."""
-        taken: list[tuple[int, float]] = []
-        spent, open_ = 0, set(range(len(self.listed)))
-        costs = np.array([proposal.cost for proposal in self.listed])
-        while not value.enough:
-            usable = self._usable([k for k, _ in taken])
-            fits = [k for k in sorted(open_) if costs[k] <= MOST_IN_SET - spent and usable[k]]
-            if not fits:
-                break
-            own = [self.rows.cells[k] for k in fits]
-            values = value.of(own)
-            best = int(np.argmax(value.per_position(own, values)))
-            least = min(_LEAST_GAIN * costs[fits[best]], _LEAST_TURN) if purpose == SHARPEN else LEAST_STEP
-            if values[best] < least:
-                break
-            taken.append((fits[best], float(values[best])))
-            value.take(self.rows.cells[fits[best]])
-            spent += int(costs[fits[best]])
-            # The same position is not proposed twice: a turn of four is part of that of eight.
-            same = self.listed[fits[best]]
-            open_ -= {
-                k
-                for k in open_
-                if (self.listed[k].side, self.listed[k].beta_deg) == (same.side, same.beta_deg)
-                and set(self.listed[k].alpha_deg) & set(same.alpha_deg)
-            }
-        return taken
-
-    def _usable(self, taken: list[int]) -> Bool[np.ndarray, " listed"]:
-        """Which proposals can be analysed beside those taken: what is measured in a new mounting must tell how the triad stands
-        in it."""
-        own: dict[str, list[np.ndarray]] = {}
-        for k in taken:
-            own.setdefault(self.listed[k].side, []).append(self.rows.cells[k])
-        return np.array(
-            [
-                not proposal.side or self.rows.determine_their_own(np.concatenate([*own.get(proposal.side, ()), cells]))
-                for proposal, cells in zip(self.listed, self.rows.cells, strict=True)
-            ],
-            bool,
-        )
 
 
 def _told(proposal: Proposal, purpose: str, value: float) -> NextPosition:

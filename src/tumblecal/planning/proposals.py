@@ -1,6 +1,6 @@
 """What could be measured next: single positions of a grid, and turns of the spindle with the triad remounted."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -57,6 +57,15 @@ def proposals(data: PositionSet, allowed: Allowed, sides: Sequence[str]) -> list
     own = [beta for beta in betas if np.any(np.isclose(data.pitch_setting_deg, beta))] or betas
     turns = dict.fromkeys(_turn(alphas, count) for count in TURNS)
     return listed + [Proposal(turn, beta, side) for side in sides for beta in own for turn in turns]
+
+
+def by_pitch(chosen: Iterable[Proposal]) -> list[Proposal]:
+    """Proposals in the order in which they are measured: those of one mounting, and of one pitch setting, together."""
+    groups: dict[tuple[str, float], list[Proposal]] = {}
+    for proposal in chosen:
+        groups.setdefault((proposal.side, proposal.beta_deg), []).append(proposal)
+    order = ("", *SIDES)
+    return [own for key in sorted(groups, key=lambda key: order.index(key[0])) for own in groups[key]]
 
 
 def _levels(beta_deg: np.ndarray) -> tuple[float, ...]:

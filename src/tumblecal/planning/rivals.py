@@ -1,17 +1,18 @@
 """Rivals of what was named: the explanations that are still possible, and what each can make of old and new positions."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.diagnosis.causes.generic import UNEXPLAINED
+from tumblecal.diagnosis.causes.identities import one_function_at_1_g
 from tumblecal.planning.new_rows import Rows
 
 
-MOST_RIVALS = 6
+MOST_RIVALS = 10
 # An explanation less probable than this is no rival, unless it is one class with the leader: while these data cannot tell the
 # two apart nothing is identified, however improbable it is by itself. It counts with these odds then.
 LEAST_PROBABILITY = 0.01
@@ -57,15 +58,29 @@ def rivals_of(diagnosis: Diagnosis, rows: Rows) -> list[Rival]:
     for k, label in enumerate(screened.pool.labels):
         if label in wanted:
             by_label.setdefault(label, []).append(screened.pool.causes[k])
-    rivals = []
+    rivals: list[Rival] = []
+    by_labels: dict[tuple[str, ...], list[Cause]] = {}
     for labels, probability in sorted(listed, key=lambda item: -item[1]):
         # A set that holds the leader's effects can always make its signal; what no entry describes predicts nothing.
         if probability < LEAST_PROBABILITY or leader <= set(labels) or not set(labels) <= set(by_label):
             continue
         causes = [cause for label in labels for cause in by_label[label]]
         odds = probability / max(best.own_probability, 1e-12)
+        same = next((k for k, other in enumerate(rivals) if _one_function(causes, by_labels[other.labels])), None)
+        if same is not None:
+            rivals[same] = replace(rivals[same], odds=rivals[same].odds + odds)
+            continue
+        by_labels[labels] = causes
         rivals.append(Rival(labels, tuple(columns_of(causes)), odds, _seen_by(causes, diagnosis, rows)))
     return rivals[:MOST_RIVALS]
+
+
+def _one_function(causes: Sequence[Cause], others: Sequence[Cause]) -> bool:
+    """Whether two sets of effects differ by effects that are one function at 1 g: no measurement on a head separates them."""
+    if not all(cause.slot.columns for cause in (*causes, *others)):
+        return False
+    own, other = ([cause.slot for cause in a if cause not in b] for a, b in ((causes, others), (others, causes)))
+    return one_function_at_1_g(own, other)
 
 
 def _seen_by(causes: Sequence[Cause], diagnosis: Diagnosis, rows: Rows) -> Rows:

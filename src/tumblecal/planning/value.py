@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from tumblecal.planning.new_rows import Rows
 from tumblecal.planning.rivals import Rival
@@ -16,8 +16,8 @@ from tumblecal.planning.rivals import Rival
 
 # Information on what nothing has determined yet, as a share of the largest there is: practically none.
 _NOTHING = 1e-10
-# Separated: the odds of the rivals together are expected to fall by e^5.
-DECIDED = 5.0
+# Separated: the odds of the rivals together are expected to fall by e^10, so that they nearly always fall by e^4.
+DECIDED = 10.0
 
 
 class Value(Protocol):
@@ -63,12 +63,12 @@ class Known:
         """Of the columns' parameters."""
         return np.linalg.inv(self.information)
 
-    def take(self, cells: np.ndarray, signal: np.ndarray | None = None) -> None:
-        """Measure these cells, which show `signal`."""
+    def take(self, cells: np.ndarray, shown: np.ndarray | None = None) -> None:
+        """Measure these cells, which show `shown`."""
         rows = self.new[cells].reshape(-1, self.new.shape[-1])
         self.information = self.information + rows.T @ rows
-        if signal is not None:
-            self.towards = self.towards + rows.T @ signal[cells].ravel()
+        if shown is not None:
+            self.towards = self.towards + rows.T @ shown
 
 
 def _batches(cells: Sequence[np.ndarray]) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -83,36 +83,43 @@ def _batches(cells: Sequence[np.ndarray]) -> list[tuple[np.ndarray, np.ndarray]]
 class Separation:
     """Expected log Bayes factor of the leader against its rivals together.
 
-    Against one rival it is half the squared norm of the part of the leader's signal that the rival, refitted to old and
-    new positions together, cannot make. Several rivals count by their posterior odds: the value is how far the log of
-    the sum of their odds is expected to fall.
+    Every explanation predicts new readings as a normal distribution: its own fit to the data, with the uncertainty of all its
+    coefficients. Against one rival the expected log Bayes factor is the Kullback-Leibler divergence of its distribution from
+    the leader's. Several rivals count by their posterior odds: the value is how far the log of the sum of their odds is
+    expected to fall.
 
     **Arguments:**
 
-    - `rows`, `nominal`: rows, and number of nominal columns.
-    - `leader`, `amplitudes`: the leader's columns, and what it says of them (scaled).
+    - `nominal`: number of nominal columns.
+    - `leader`: its columns, with its rows. `amplitudes`: what it says of them (scaled).
     - `rivals`: what else may be.
     """
 
-    def __init__(
-        self,
-        rows: Rows,
-        nominal: int,
-        leader: Sequence[int],
-        amplitudes: np.ndarray,
-        rivals: Sequence[Rival],
-    ):
-        self.signal = rows.new[:, :, list(leader)] @ amplitudes
-        old = rows.old[:, list(leader)] @ amplitudes
-        self.known = [Known(rival.rows, [*range(nominal), *rival.columns], old) for rival in rivals]
+    def __init__(self, nominal: int, leader: Rival, amplitudes: np.ndarray, rivals: Sequence[Rival]):
+        columns = list(leader.columns)
+        # The data, as they are without the leader's effects.
+        shown = leader.rows.residual + leader.rows.old[:, columns] @ amplitudes
+        self.explanations = [Known(own.rows, [*range(nominal), *own.columns], shown) for own in (leader, *rivals)]
+        self.labels = [rival.labels for rival in rivals]
         self.log_odds = np.log([rival.odds for rival in rivals])
         self.gained, self.most = np.zeros(len(rivals)), 0.0
 
+    def predictions(
+        self, cells: Int[np.ndarray, "proposals cells"]
+    ) -> list[tuple[Float[np.ndarray, "proposals rows"], Float[np.ndarray, "proposals rows rows"]]]:
+        """Mean and covariance of the readings at each proposal's cells by each explanation, the leader first, in units of the
+        noise."""
+        predicted = []
+        for known in self.explanations:
+            covariance = known.covariance()
+            rows = known.new[cells].reshape(len(cells), -1, len(covariance))
+            spread = rows @ covariance @ rows.transpose(0, 2, 1) + np.eye(rows.shape[1])
+            predicted.append((rows @ (covariance @ known.towards), spread))
+        return predicted
+
     def of(self, cells: Sequence[np.ndarray]) -> Float[np.ndarray, " proposals"]:
         """Expected log Bayes factor that each proposal adds."""
-        gains = np.stack([self._gains(known, cells) for known in self.known])
-        left = self.log_odds - self.gained
-        return np.logaddexp.reduce(left) - np.logaddexp.reduce(left[:, None] - gains, axis=0)
+        return self._total(self.gained[:, None] + self._gains(cells)) - self.total
 
     def per_position(self, cells: Sequence[np.ndarray], values: np.ndarray) -> Float[np.ndarray, " proposals"]:
         """Log Bayes factor a position, as far as it is needed to decide."""
@@ -121,9 +128,11 @@ class Separation:
     def take(self, cells: np.ndarray) -> None:
         """Measure these positions."""
         before = self.total
-        self.gained = self.gained + [self._gains(known, [cells])[0] for known in self.known]
-        for known in self.known:
-            known.take(cells, self.signal)
+        self.gained = self.gained + self._gains([cells])[:, 0]
+        # The leader's own prediction is what they are expected to show.
+        expected = self.predictions(cells[None])[0][0][0]
+        for known in self.explanations:
+            known.take(cells, expected)
         self.most = max(self.most, (self.total - before) / len(cells))
 
     @property
@@ -139,23 +148,41 @@ class Separation:
     @property
     def total(self) -> float:
         """Expected log Bayes factor of all that was taken."""
-        return float(np.logaddexp.reduce(self.log_odds) - np.logaddexp.reduce(self.log_odds - self.gained))
+        return float(self._total(self.gained[:, None])[0])
+
+    def _total(self, gains: Float[np.ndarray, "rivals proposals"]) -> Float[np.ndarray, " proposals"]:
+        fallen = np.logaddexp.reduce(self.log_odds[:, None] - gains, axis=0)
+        return np.logaddexp.reduce(self.log_odds) - fallen
 
     def inseparable(self, cells: Sequence[np.ndarray]) -> list[int]:
         """Numbers of the rivals that even all proposals together would not tell from the leader."""
-        everything = [np.concatenate(cells)]
-        return [k for k, known in enumerate(self.known) if self._gains(known, everything)[0] < 1.0]
+        leader, *others = self.explanations
+        rows = leader.new[np.concatenate(cells)].reshape(-1, leader.new.shape[-1])
+        expected = rows @ (leader.covariance() @ leader.towards)
+        inseparable = []
+        for k, known in enumerate(others):
+            rows = known.new[np.concatenate(cells)].reshape(len(expected), -1)
+            rest = expected - rows @ (known.covariance() @ known.towards)
+            seen = rows.T @ rest
+            left = rest @ rest - seen @ np.linalg.solve(known.information + rows.T @ rows, seen)
+            if 0.5 * left < 1.0:
+                inseparable.append(k)
+        return inseparable
 
-    def _gains(self, known: Known, cells: Sequence[np.ndarray]) -> np.ndarray:
-        covariance = known.covariance()
-        fitted = covariance @ known.towards
-        gains = np.zeros(len(cells))
+    def _gains(self, cells: Sequence[np.ndarray]) -> Float[np.ndarray, "rivals proposals"]:
+        """Expected log Bayes factor against each rival that each proposal adds."""
+        gains = np.zeros((len(self.log_odds), len(cells)))
         for numbers, own in _batches(cells):
-            rows = known.new[own].reshape(len(own), -1, len(fitted))
-            rest = self.signal[own].reshape(len(own), -1) - rows @ fitted
-            spread = rows @ covariance @ rows.transpose(0, 2, 1) + np.eye(rows.shape[1])
-            gains[numbers] = 0.5 * np.sum(rest * np.linalg.solve(spread, rest[:, :, None])[:, :, 0], axis=1)
-        return gains
+            (mean, spread), *others = self.predictions(own)
+            own_volume = np.linalg.slogdet(spread)[1]
+            for k, (other_mean, other_spread) in enumerate(others):
+                rest = (mean - other_mean)[:, :, None]
+                solved = np.linalg.solve(other_spread, np.concatenate([spread, rest], axis=2))
+                traces = np.trace(solved[:, :, :-1], axis1=1, axis2=2) - mean.shape[1]
+                squares = np.sum(rest[:, :, 0] * solved[:, :, -1], axis=1)
+                volumes = np.linalg.slogdet(other_spread)[1] - own_volume
+                gains[k, numbers] = 0.5 * (traces + squares + volumes)
+        return np.maximum(gains, 0.0)
 
 
 class Sharpening:

@@ -10,6 +10,7 @@ from tumblecal.diagnosis.sets.classes import Explanation
 from tumblecal.ground.atomic import write_text
 from tumblecal.ground.gravity import record_of
 from tumblecal.planning import NextPlan
+from tumblecal.planning.promise import Promise
 from tumblecal.report.cause_words import coefficients, combined, unexplained_words
 from tumblecal.report.diagnosis_calibration import diagnosed_use
 from tumblecal.report.diagnosis_details import shifts
@@ -85,10 +86,28 @@ def record(diagnosis: Diagnosis, plan: NextPlan, folder: Path | None = None) -> 
             "notes": list(plan.notes),
             "confirming": [{**vars(reading), "sd_apart": reading.sd_apart} for reading in plan.confirming],
         },
+        "next": {
+            "conditions": conditions_record(plan),
+            "promise": None if plan.promise is None else promise_record(plan.promise),
+            "positions_needed": plan.needed,
+        },
         "harmonics": [vars(harmonic) for harmonic in diagnosis.harmonics],
         "predictive_checks": [{**vars(check), "outside": check.outside} for check in diagnosis.checks],
         "predictive_checks_after": [{**vars(check), "outside": check.outside} for check in diagnosis.checks_after],
     }
+
+
+def conditions_record(plan: NextPlan) -> dict | None:
+    """The conditions that a plan supposes; `mounting`: how the triad is turned in its fixture, "" for the present mounting."""
+    if plan.conditions is None:
+        return None
+    mounting = list(dict.fromkeys(position.mount for position in plan.together))
+    return {**plan.conditions.record(), "mounting": mounting, "order": "as listed in the plan"}
+
+
+def promise_record(promise: Promise) -> dict:
+    """What new positions are expected to settle, with whether that is promised, and whether they are worth measuring."""
+    return {**vars(promise), "made": promise.made, "worth_measuring": promise.worth_measuring}
 
 
 def _parameters(diagnosis: Diagnosis) -> dict[str, dict]:

@@ -61,7 +61,7 @@ def verdict_of_diagnosis(diagnosis: Diagnosis, plan: NextPlan | None = None, fol
         found=found,
         unresolved=tuple(_unresolved(diagnosis, numbers)),
         evidence=tuple(_evidence(diagnosis)),
-        next=tuple(_next(diagnosis, plan, folder)),
+        next=tuple(_next(diagnosis, plan, folder, numbers)),
         details=tuple(details(diagnosis)),
     )
 
@@ -237,7 +237,9 @@ def _evidence(diagnosis: Diagnosis) -> Iterator[str]:
         yield "Held-out predictions became WORSE: do not correct positions beyond or between these with this explanation."
 
 
-def _next(diagnosis: Diagnosis, plan: NextPlan | None, folder: Path | None) -> Iterator[str]:
+def _next(
+    diagnosis: Diagnosis, plan: NextPlan | None, folder: Path | None, numbers: Mapping[str, int]
+) -> Iterator[str]:
     if diagnosis.implausible and any(unusual.stated is None for unusual in diagnosis.implausible):
         yield "Check the set-up; a rig file may state other usual values ([usual])."
     if gravity := gravity_warning(diagnosis.extended):
@@ -247,7 +249,7 @@ def _next(diagnosis: Diagnosis, plan: NextPlan | None, folder: Path | None) -> I
     if diagnosis.noise_labels and diagnosis.samples is not None:
         yield _NOT_IN_SAMPLES
     if plan is not None:
-        yield from next_words(diagnosis, plan, folder)
+        yield from next_words(diagnosis, plan, folder, numbers)
     causes = [id_of(cause.label) for cause in diagnosis.members if cause.named]
     for id in dict.fromkeys([*(mix_up.label for mix_up in diagnosis.mix_ups), *diagnosis.noise_labels, *causes]):
         yield f"{id}: {diagnosis.entries[id].advice}"

@@ -13,6 +13,7 @@ from tumblecal.ground.atomic import write_text
 from tumblecal.ground.errors import one_line
 from tumblecal.ground.strict_toml import toml_string
 from tumblecal.ground.suggested_command import EVERY, suggested
+from tumblecal.planning.conditions import Conditions
 from tumblecal.planning.next_plan import NextPlan, NextPosition
 from tumblecal.planning.proposals import SIDES
 from tumblecal.report.rig_text import SCHEMA, leaf_table, mount_tables, position_table
@@ -54,8 +55,10 @@ def plan_text(diagnosis: Diagnosis, plan: NextPlan, chosen: Iterable[NextPositio
     other."""
     data, setup = diagnosis.data, _setup(diagnosis)
     mount, stated = _label(diagnosis, side), kept_setup(data.comments.get(SETUP))
+    conditions = "" if plan.conditions is None else conditions_words(plan.conditions).removeprefix(", ")
     lines = [
         f"# Measure next, to {plan.purpose}; proposed by tumblecal diagnose.",
+        *([f"# Measure these positions {conditions}, in this order."] if conditions else []),
         f"# {_KEPT if stated else _UNKNOWN}",
         *(f"# {one_line(command)}" for command in _commands(diagnosis, plan, side, folder)),
         "",
@@ -78,6 +81,7 @@ def plan_text(diagnosis: Diagnosis, plan: NextPlan, chosen: Iterable[NextPositio
         *setup.lines("dwell"),
         "",
         *(["[limits]", *limits, ""] if (limits := [*setup.lines("limits")]) else []),
+        *(["[conditions]", *supposed, ""] if (supposed := _conditions(plan)) else []),
     ]
     if side:
         lines += [f"# The triad {side} in its fixture.", "[positions]", f"mount_rotation_deg = {list(SIDES[side])}", ""]
@@ -93,6 +97,37 @@ def plan_text(diagnosis: Diagnosis, plan: NextPlan, chosen: Iterable[NextPositio
             "",
         ]
     return "\n".join(lines)
+
+
+def _conditions(plan: NextPlan) -> list[str]:
+    """Lines of the table of the conditions, as far as the data state any."""
+    if plan.conditions is None or not plan.together:
+        return []
+    stated = {name: getattr(plan.conditions, name) for name in ("after_s", "step_s", "temperature_degc")}
+    if plan.conditions.after_s is None:
+        stated.pop("step_s")
+    return [f"{name} = {round(value, 3)}" for name, value in stated.items() if value is not None]
+
+
+def conditions_words(conditions: Conditions) -> str:
+    """Time and temperature for which the new positions are evaluated; "" where the data state neither."""
+    when = ""
+    if conditions.after_s is not None:
+        waited = f", {_duration(conditions.after_s)} after the last position"
+        when = waited if conditions.waited else ", directly after this measurement"
+    if conditions.temperature_degc is None or conditions.last_degc is None:
+        return when
+    at = f"{conditions.temperature_degc:.1f} degC"
+    if conditions.at_another_temperature:
+        return f"{when}, at {at} (last position: {conditions.last_degc:.1f} degC)"
+    return f"{when}, at about {at}, as at the end"
+
+
+def _duration(seconds: float) -> str:
+    for unit, size in (("h", 3600.0), ("min", 60.0)):
+        if seconds >= 1.5 * size:
+            return f"{round(seconds / size, 1 if seconds < 10 * size else None):g} {unit}"
+    return f"{seconds:.0f} s"
 
 
 def next_commands(diagnosis: Diagnosis, plan: NextPlan, folder: Path) -> list[str]:

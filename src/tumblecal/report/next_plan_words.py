@@ -1,48 +1,91 @@
 """What to measure next, in words: positions, conditions, commands, and what it settles."""
 
-import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from tumblecal.diagnosis import Diagnosis
-from tumblecal.planning.new_rows import assumed_temperature
+from tumblecal.diagnosis.findings.factors import Factor
 from tumblecal.planning.next_plan import SEPARATE, SHARPEN_WEAKEST, NextPlan, NextPosition
+from tumblecal.planning.promise import LEAST_WORTH_ODDS, Promise
 from tumblecal.report.cause_words import label_words
-from tumblecal.report.next_plan_files import next_commands
+from tumblecal.report.next_plan_files import conditions_words, next_commands
 
 
-def next_words(diagnosis: Diagnosis, plan: NextPlan, folder: Path | None) -> Iterator[str]:
+# Odds above this are not stated more exactly.
+_MOST_ODDS = 1000.0
+
+
+def next_words(
+    diagnosis: Diagnosis, plan: NextPlan, folder: Path | None, numbers: Mapping[str, int] | None = None
+) -> Iterator[str]:
     """Instructions and commands, a paragraph or command each.
 
     **Arguments:**
 
-    - `folder`: where the plans are written; None: nowhere, so no commands.
+    - `folder`: where the plans are written; None: nowhere, so no commands. `numbers`: of the findings, by label.
     """
+    factors = diagnosis.factors if plan.promise is not None else ()
+    numbers = numbers or {}
+    if plan.promise is not None and plan.purpose != SEPARATE:
+        yield not_worth_words(plan.promise, plan.needed, open_numbers(factors, numbers))
     if plan.together:
-        yield f"Measure next, to {plan.purpose}: {'; '.join(_grouped(plan.together))}{_conditions(diagnosis)}. {_promise(plan)}"
+        conditions = "" if plan.conditions is None else conditions_words(plan.conditions)
+        promise = _promise(plan, settled_numbers(factors, plan.promise, numbers))
+        yield f"Measure next, to {plan.purpose}: {'; '.join(_grouped(plan.together))}{conditions}. {promise}"
         if folder is not None:
             yield from next_commands(diagnosis, plan, folder)
+    if plan.purpose == SEPARATE and plan.promise is not None and plan.promise.remaining:
+        listed = "; ".join(label_words(labels) for labels in plan.promise.remaining)
+        yield f"Not separated by these positions: {listed}."
+    if identical := [number for factor in factors for number in _about(factor, numbers) if _of_identity(factor)]:
+        yield f"No measurement on a head settles {_listed(identical)} further: the same function at 1 g."
     yield from plan.notes
     if plan.confirming:
         clearest = plan.confirming[0]
         yield (
-            f"To test the cause found, measure alpha {clearest.alpha_deg:g} at beta {clearest.beta_deg:g}: "
-            f"{clearest.axis} reads {clearest.expected_g:.5f} g (sd {clearest.expected_sd_g * 1e3:.2g} mg) if it is "
-            f"present, {clearest.rival_g:.5f} g (sd {clearest.sd_g * 1e3:.2g} mg) if "
-            f"{label_words(clearest.rival) or 'no error is present'}."
+            "To test the cause found, under the same conditions, measure alpha "
+            f"{clearest.alpha_deg:g} at beta {clearest.beta_deg:g}: {clearest.axis} reads {clearest.expected_g:.5f} g "
+            f"(sd {clearest.expected_sd_g * 1e3:.2g} mg) if it is present, {clearest.rival_g:.5f} g "
+            f"(sd {clearest.sd_g * 1e3:.2g} mg) if {label_words(clearest.rival) or 'no error is present'}."
         )
 
 
-def _conditions(diagnosis: Diagnosis) -> str:
-    """Time and temperature for which the new positions are evaluated."""
-    data = diagnosis.data
-    if data.hand_held:
-        return ""
-    when = ", directly after this measurement" if data.time_s is not None else ""
-    degc = assumed_temperature(data.temperature_degc)
-    if data.temperature_degc is None or degc is None:
-        return when
-    return f"{when}, at about {degc:.1f} degC (last position: {data.temperature_degc[-1]:.1f} degC)"
+def open_numbers(factors: Iterable[Factor], numbers: Mapping[str, int]) -> list[int]:
+    """Numbers of the findings whose cause is open."""
+    return sorted({number for factor in factors if not factor.resolved for number in _about(factor, numbers)})
+
+
+def settled_numbers(factors: Iterable[Factor], promise: Promise | None, numbers: Mapping[str, int]) -> list[int]:
+    """Numbers of the findings whose open cause the new positions settle: every explanation that remains has the first one."""
+    if promise is None:
+        return []
+    closed = [factor for factor in factors if all({*factor.members[0]} <= {*labels} for labels in promise.remaining)]
+    return open_numbers(closed, numbers)
+
+
+def _about(factor: Factor, numbers: Mapping[str, int]) -> list[int]:
+    return [numbers[label] for label in factor.members[0] if label in numbers]
+
+
+def _of_identity(factor: Factor) -> bool:
+    return any(reason.kind == "identity" for reason in factor.reasons)
+
+
+def _listed(numbers: Sequence[int]) -> str:
+    return " and ".join(str(number) for number in dict.fromkeys(numbers))
+
+
+def not_worth_words(promise: Promise, needed: int | None, about: Sequence[int]) -> str:
+    """Why no positions are proposed to separate the explanations, and what would separate them."""
+    what = f"to settle {_listed(about)}" if about else "to separate the leading explanations"
+    would = (
+        f"Some {needed} positions under the same conditions would be."
+        if needed is not None
+        else "Other pitch angles, another mounting, a second run in the reverse order (column run), or a larger range of "
+        "time or temperature may be."
+    )
+    odds = "no proposed position separates them" if promise.odds < 2 else f"expected odds {promise.odds:.2g} to 1"
+    return f"Not worth measuring {what}: {odds}, below {LEAST_WORTH_ODDS:g} to 1. {would}"
 
 
 def _grouped(chosen: tuple[NextPosition, ...]) -> Iterator[str]:
@@ -58,11 +101,21 @@ def _grouped(chosen: tuple[NextPosition, ...]) -> Iterator[str]:
         yield f"alpha {listed} at beta {beta:g}{f' with the triad {mount}' if mount else ''}"
 
 
-def _promise(plan: NextPlan) -> str:
-    if plan.purpose == SEPARATE:
-        odds = math.exp(min(plan.value, 20.0))
-        factor = "more than 1000" if odds > 1000 else f"{odds:.2g}"
-        return f"Expected: odds against the alternatives rise by a factor of {factor}."
+def _promise(plan: NextPlan, settled: Sequence[int]) -> str:
+    """What the plan is expected to do.
+
+    **Arguments:**
+
+    - `settled`: numbers of the findings that it settles.
+    """
+    if plan.purpose == SEPARATE and plan.promise is not None:
+        promise = plan.promise
+        odds = f"> {_MOST_ODDS:g}" if promise.odds > _MOST_ODDS else f"{promise.odds:.2g}"
+        what = _listed(settled) if settled else "which of the explanations is true"
+        if promise.made:
+            return f"This settles {what} (probability {promise.probability:.2f}, expected odds {odds} to 1)."
+        needed = f"; {plan.needed} positions would" if plan.needed is not None else ""
+        return f"This may settle {what} (probability {promise.probability:.2f}, expected odds {odds} to 1{needed})."
     if plan.purpose == SHARPEN_WEAKEST:
         return f"Expected: it falls by {100 * plan.value:.0f} %."
     return f"Expected: u({plan.watched}), the largest now, falls by {100 * plan.value:.0f} %."

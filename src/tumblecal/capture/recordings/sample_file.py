@@ -26,10 +26,9 @@ from tumblecal.capture.recordings.row_repair import repaired_frames, repairs
 from tumblecal.capture.recordings.row_runs import RowRuns, row_runs
 from tumblecal.capture.recordings.sample_frames import WHOLE, frames_of, quantity_names
 from tumblecal.capture.recordings.table import SourceTable
-from tumblecal.capture.recordings.units import FORCE, RATE, Column
+from tumblecal.capture.recordings.units import FORCE, RATE
 from tumblecal.capture.sample_table import write_frames
 from tumblecal.data.parquet import pieces_in_order, scan_parquet
-from tumblecal.data.text_layout import ROW
 from tumblecal.ground.atomic import written_aside
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import comments_of, gravity_of_option
@@ -43,7 +42,7 @@ if TYPE_CHECKING:
 class SampleStream:
     """The one table of a recording's samples, a piece at a time; `contents` adds up what has been read.
 
-    `frames_with(names)` are the frames of all rows, with the columns `WHOLE`, `ROW` and, of these columns of the source, `OWN`.
+    `frames_with(names)` are the frames of all rows, with the columns `WHOLE` and, of these columns of the source, `OWN`.
     """
 
     contents: Contents
@@ -114,12 +113,12 @@ def write_samples(
         samples = written({})
         contents = samples.contents
         if not means:
-            look = RangeCheck([contents.layout.columns[role] for role in FORCE])
-            runs = runs_of_samples(rows, contents, look)
+            look = _RangeCheck(contents.layout)
+            runs = _runs(rows, contents, look)
             if look.wraps:
                 samples = written(look.wraps)
                 contents = samples.contents
-                runs = runs_of_samples(rows, contents)
+                runs = _runs(rows, contents, look)
             contents = _repaired(rows, runs, contents, path, samples.schema)
         if out.suffix == ".parquet":
             with written_aside(out) as aside:
@@ -130,17 +129,15 @@ def write_samples(
     return contents
 
 
-class RangeCheck:
-    """Looks at all rows for numbers of these columns of accelerations that left the range of their type, where the first rows
-    do not show it."""
+class _RangeCheck:
+    """Looks at all rows for numbers that left the range of their type, where the first rows do not show it."""
 
-    def __init__(self, columns: Sequence[Column]):
-        self.columns = columns
+    def __init__(self, layout: Layout):
+        self.columns = [layout.columns[role] for role in FORCE]
         self.wraps: dict[str, Wrap] = {}
 
     def __call__(self, force: np.ndarray) -> None:
-        """Look at the accelerations of a piece."""
-        if not self.columns or self.wraps or any(column.wrap for column in self.columns):
+        if self.wraps or any(column.wrap for column in self.columns):
             return
         scale = np.array([column.scale for column in self.columns])
         # As in the source: a reading is scale (number - offset).
@@ -149,29 +146,25 @@ class RangeCheck:
         self.wraps = {role: wrap for role, wrap in zip(FORCE, found or [], strict=False) if wrap}
 
 
-def runs_of_samples(rows: Path, contents: Contents, look: Callable[[np.ndarray], None] = lambda force: None) -> RowRuns:
-    """The runs of equal rows of the one table of samples; `look` gets the accelerations of each piece."""
+def _runs(rows: Path, contents: Contents, look: Callable[[np.ndarray], None]) -> RowRuns:
     named = quantity_names(contents.layout)
     channels = [named[role] for role in (*FORCE, *RATE) if role in named]
-    columns = [contents.layout.columns[role] for role in FORCE]
-    return row_runs(rows, channels, timed="time" in named, columns=columns, rate_hz=contents.rate_hz, look=look)
+    return row_runs(rows, channels, timed="time" in named, look=look)
 
 
 def _repaired(rows: Path, runs: RowRuns, contents: Contents, path: Path, schema: "pl.Schema") -> Contents:
     """The contents of the table `rows` after each kind of damage in it is repaired."""
     for find in repairs():
-        repair = find(runs)
+        repair = find(runs, contents)
         if repair is None:
             continue
         contents = contents.uncounted()
         contents.samples_per_row *= repair.samples_per_row
         for record in repair.records:
             contents.damage.add(record)
-        begin_s = float(runs.rows_at(repair.rows[:1])[0, -1]) if runs.timed else 0.0
-        frames = _counted(repaired_frames(rows, repair.rows, begin_s), contents)
+        frames = _counted(repaired_frames(rows, repair, contents), contents)
         write_frames(rows, frames, schema, _comments(contents, path))
-        contents.begin_s += begin_s
-        runs = runs_of_samples(rows, contents)
+        runs = _runs(rows, contents, lambda _: None)
     return contents
 
 
@@ -223,4 +216,4 @@ def _comments(contents: Contents, path: Path) -> dict[str, str]:
 
 
 def _whole_rows(frames: Iterator["pl.DataFrame"]) -> Iterator["pl.DataFrame"]:
-    return (frame.filter(WHOLE).drop(WHOLE, ROW) for frame in frames)
+    return (frame.filter(WHOLE).drop(WHOLE) for frame in frames)

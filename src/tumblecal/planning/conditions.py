@@ -1,0 +1,114 @@
+"""When and at which temperature new positions are measured: the conditions under which a proposal is evaluated.
+
+A drift is told from a dependence on temperature by the conditions of new readings more than by their angles, so that every
+promise is one for stated conditions.
+"""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from tumblecal.data import PositionSet
+
+
+# The temperature's trend is that of this share of the positions, the last ones.
+_TREND_SHARE = 0.25
+# A range of temperatures below this (degC) is taken for none: a unit is then warmed up by so much more instead.
+_LEAST_RANGE_DEGC, _WARMER_DEGC = 1.0, 5.0
+# Pauses before the new positions, as shares of the time that the measurement took.
+_PAUSES = (0.5, 1.0)
+
+
+class Conditions(NamedTuple):
+    """Conditions of the new positions.
+
+    - `after_s`: pause from the last position to the first new one; `time_s`: its time by the data's clock; `step_s`: from one
+      new position to the next. None, None and 0 without times.
+    - `temperature_degc`: of the new positions; None without temperatures. `last_degc`: of the last position.
+    - `run`: label of the run that they belong to.
+    """
+
+    after_s: float | None
+    time_s: float | None
+    step_s: float
+    temperature_degc: float | None
+    last_degc: float | None
+    run: str
+
+    @property
+    def at_another_temperature(self) -> bool:
+        """Whether the temperature must be changed first."""
+        if self.temperature_degc is None or self.last_degc is None:
+            return False
+        return abs(self.temperature_degc - self.last_degc) >= _LEAST_RANGE_DEGC
+
+    def record(self) -> dict:
+        """For JSON: what the new positions suppose."""
+        return {
+            "after_s": self.after_s,
+            "time_s": self.time_s,
+            "step_s": self.step_s,
+            "temperature_degc": self.temperature_degc,
+            "last_temperature_degc": self.last_degc,
+            "run": self.run,
+        }
+
+    @property
+    def waited(self) -> bool:
+        """Whether the new positions are measured after a pause, not directly after the others."""
+        return self.after_s is not None and self.after_s > self.step_s
+
+
+def going_on(data: PositionSet) -> Conditions:
+    """The conditions of positions that are measured directly after the data: the temperature follows its last trend."""
+    run = (data.run or ("1",))[-1]
+    temperature = None if data.temperature_degc is None else np.asarray(data.temperature_degc, float)
+    if data.time_s is None:
+        last = None if temperature is None else float(temperature[-1])
+        return Conditions(None, None, 0.0, last, last, run)
+    time, clock = np.asarray(data.time_s, float), np.asarray(data.clock or ("1",) * len(data))
+    own = np.flatnonzero(clock == clock[-1])
+    own = own[np.argsort(time[own], kind="stable")]
+    step = float(np.median(np.diff(time[own]))) if len(own) > 1 else 0.0
+    if temperature is None:
+        return Conditions(step, float(time[own[-1]]) + step, step, None, None, run)
+    last = float(temperature[own[-1]])
+    late = own[-max(3, round(_TREND_SHARE * len(own))) :]
+    centred = time[late] - time[late].mean()
+    slope = float(centred @ temperature[late] / (centred @ centred)) if np.any(centred) else 0.0
+    return Conditions(step, float(time[own[-1]]) + step, step, last + slope * step, last, run)
+
+
+def candidates(data: PositionSet, *, in_time: bool, with_temperature: bool) -> Iterator[Conditions]:
+    """Conditions that new positions may be measured under, those that take least effort first.
+
+    **Arguments:**
+
+    - `in_time`, `with_temperature`: whether an explanation depends on the time, and on the temperature.
+    """
+    first = going_on(data)
+    yield first
+    pauses = [first.after_s]
+    if first.time_s is not None and first.after_s is not None and data.time_s is not None and in_time:
+        pauses = [share * float(np.ptp(data.time_s)) for share in _PAUSES]
+    far = _far_temperature(data, first) if with_temperature else None
+    for pause in pauses:
+        own = first
+        if pause is not None and first.time_s is not None and first.after_s is not None:
+            own = first._replace(after_s=pause, time_s=first.time_s - first.after_s + pause)
+        own = own._replace(temperature_degc=first.last_degc)
+        if pause != first.after_s:
+            yield own
+        if far is not None:
+            yield own._replace(temperature_degc=far)
+
+
+def _far_temperature(data: PositionSet, first: Conditions) -> float | None:
+    """The end of the data's temperatures that is farther from the last one; without a range a warmer one."""
+    if data.temperature_degc is None or first.last_degc is None:
+        return None
+    ends = [float(np.min(data.temperature_degc)), float(np.max(data.temperature_degc))]
+    last = first.last_degc
+    far = max(ends, key=lambda end: abs(end - last))
+    return far if abs(far - last) >= _LEAST_RANGE_DEGC else last + _WARMER_DEGC

@@ -1,0 +1,113 @@
+"""Conditions of new positions, and what is promised of them: normal distributions in closed form."""
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from tumblecal.data import PositionSet
+from tumblecal.diagnosis.findings.factors import Factor, Reason
+from tumblecal.planning.conditions import Conditions, candidates, going_on
+from tumblecal.planning.new_rows import Rows
+from tumblecal.planning.promise import Promise, positions_needed, promise_of
+from tumblecal.planning.rivals import Rival
+from tumblecal.planning.value import Separation
+from tumblecal.report.next_plan_files import conditions_words
+from tumblecal.report.next_plan_words import not_worth_words, settled_numbers
+
+
+def measured(time=True, temperature=None):
+    """Twelve positions five minutes apart."""
+    count = 12
+    return PositionSet(
+        tuple(map(str, range(count))),
+        np.zeros(count),
+        np.zeros(count),
+        np.tile([0.0, 0.0, 1.0], (count, 1)),
+        time_s=300.0 * np.arange(count) if time else None,
+        temperature_degc=temperature,
+    )
+
+
+def test_new_positions_continue_the_time_and_the_temperature_of_the_last_ones_not_their_median():
+    ramp = 24.0 + 0.2 * np.arange(12)
+    conditions = going_on(measured(temperature=ramp))
+    assert (conditions.time_s, conditions.after_s, conditions.step_s, conditions.run) == (3600.0, 300.0, 300.0, "1")
+    assert conditions.temperature_degc == pytest.approx(26.4) and conditions.last_degc == pytest.approx(26.2)
+    without_time = going_on(measured(time=False, temperature=ramp))
+    assert without_time.temperature_degc == pytest.approx(26.2) and without_time.time_s is None
+
+
+def test_a_pause_and_another_temperature_are_tried_where_an_explanation_depends_on_them():
+    data = measured(temperature=24.0 + 0.2 * np.arange(12))
+    assert list(candidates(data, in_time=False, with_temperature=False)) == [going_on(data)]
+    tried = [
+        (own.after_s, round(own.temperature_degc, 1)) for own in candidates(data, in_time=True, with_temperature=True)
+    ]
+    assert tried == [(300, 26.4), (1650, 26.2), (1650, 24.0), (3300, 26.2), (3300, 24.0)]
+    # Where the temperature hardly varied a warmer unit shows a dependence on it.
+    steady = candidates(measured(temperature=np.full(12, 20.0)), in_time=False, with_temperature=True)
+    assert [own.temperature_degc for own in steady] == pytest.approx([20.0, 25.0])
+
+
+def separation(apart, *, sd=0.0, odds=1.0, positions=1):
+    """A coefficient 1 +- `sd` whose signal at each new position, on x, is `apart` sd of the noise; the alternative has none.
+    A nominal parameter that the new positions do not depend on is there as well."""
+    old = np.diag([1.0, 1.0 / max(sd, 1e-4)])
+    new = np.zeros((positions, 3, 2))
+    new[:, 0, 1] = apart
+    cells = [np.array([k]) for k in range(positions)]
+    rows = Rows(old, np.zeros(2), new, cells, np.zeros(0), np.zeros((positions, 3)), np.ones(3))
+    return Separation(1, Rival(("a",), (1,), 1.0, rows), np.array([1.0]), [Rival(("b",), (), odds, rows)])
+
+
+@pytest.mark.parametrize("apart", [4.0, 6.0])
+def test_the_probability_that_two_predictions_are_told_apart(apart):
+    """The log likelihood ratio of N(apart, 1) and N(0, 1) is normal: mean apart^2 / 2, variance apart^2; e^4 is needed."""
+    promise = promise_of(separation(apart))
+    assert promise.probability == pytest.approx(norm.cdf((apart**2 / 2 - 4) / apart), abs=0.04)
+    assert promise.odds == pytest.approx(np.exp(apart**2 / 2), rel=0.35 * apart)
+    assert promise.excluded == (("b",),)
+
+
+def test_what_is_not_known_of_a_coefficient_counts_against_the_promise():
+    """N(6, 1 + 36/4) against N(0, 1): by two million draws of numpy."""
+    rng, odds = np.random.default_rng(0), 0.5
+    wide = np.sqrt(1 + 9.0)
+    x = np.array([rng.normal(6.0, wide, 1_000_000), rng.normal(0.0, 1.0, 1_000_000)])
+    ratio = norm.logpdf(x, 6.0, wide) - norm.logpdf(x, 0.0, 1.0) - np.log(odds)
+    expected = (np.mean(ratio[0] > 4) + odds * np.mean(ratio[1] < -4)) / (1 + odds)
+    told = promise_of(separation(6.0, sd=0.5, odds=odds))
+    assert told.probability == pytest.approx(expected, abs=0.04) and expected < 0.65 and not told.made
+
+
+def test_how_many_positions_would_do():
+    once = separation(3.5)
+    # In closed form 0.73 once, 0.95 twice.
+    assert not promise_of(once).made and positions_needed(once) == 2
+    assert positions_needed(separation(0.1)) is None
+
+
+def test_words_of_conditions_and_of_what_is_not_worth_measuring():
+    assert conditions_words(Conditions(300.0, 1.0, 300.0, 26.4, 26.2, "1")) == (
+        ", directly after this measurement, at about 26.4 degC, as at the end"
+    )
+    assert conditions_words(Conditions(7050.0, 1.0, 300.0, 24.0, 26.5, "1")) == (
+        ", 2 h after the last position, at 24.0 degC (last position: 26.5 degC)"
+    )
+    assert conditions_words(Conditions(None, None, 0.0, None, None, "1")) == ""
+    promise = Promise(0.1, 3.2, (("b",),), ())
+    assert not promise.worth_measuring
+    assert not_worth_words(promise, 24, [2]).startswith(
+        "Not worth measuring to settle 2: expected odds 3.2 to 1, below 10 to 1. Some 24 positions"
+    )
+    assert "another mounting" in not_worth_words(promise, None, [2])
+
+
+def test_the_findings_that_a_plan_settles_are_those_that_every_remaining_explanation_has():
+    drift = Factor((("bias_drift.x",), ("warm_up",)), (Reason("range", ("time_s",)),))
+    square = Factor((("second_order.z",), ("cross_axis_square.z",)), (Reason("identity"),))
+    numbers = {"bias_drift.x": 2, "second_order.z": 1}
+    every = Promise(0.99, 1e6, (("second_order.z", "warm_up"),), ())
+    none = Promise(0.99, 1e6, (("x", "second_order.z"),), (("second_order.z", "warm_up"),))
+    assert settled_numbers([drift, square], every, numbers) == [2]
+    assert settled_numbers([drift, square], none, numbers) == []
