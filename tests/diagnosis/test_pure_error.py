@@ -26,6 +26,18 @@ def of_the_attitude(rng, clean):
     return np.vstack([own, own])
 
 
+def of_the_attitude_on_one_axis(rng, clean):
+    """About 14 sigma together."""
+    own = 2 * rng.normal(size=(len(clean) // 2, 1)) * (np.arange(3) == rng.integers(3))
+    return np.vstack([own, own])
+
+
+def of_two_attitudes(rng, clean):
+    own = np.zeros((len(clean) // 2, 3))
+    own[rng.choice(len(own), 2, replace=False)] = 6 * np.sign(rng.normal(size=(2, 3)))
+    return np.vstack([own, own])
+
+
 def of_the_reading(rng, clean):
     return 3 * np.cross(rng.normal(size=clean.shape), clean)
 
@@ -33,8 +45,8 @@ def of_the_reading(rng, clean):
 @pytest.mark.parametrize("known", [True, False], ids=["stated", "unknown"])
 @pytest.mark.parametrize("how", ["one run", "two runs"])
 def test_an_error_that_comes_back_is_no_noise(diagnoser, how, known):
-    for seed in (1, 2):
-        diagnosis = diagnoser(measured_twice(seed, how, known, of_the_attitude))
+    for seed, error in ((1, of_the_attitude), (4, of_the_attitude_on_one_axis)):
+        diagnosis = diagnoser(measured_twice(seed, how, known, error))
         assert diagnosis.labels == ("unexplained",) and diagnosis.verdict == "unexplained"
     assert "comes back where one is repeated" in verdict_of_diagnosis(diagnosis).words()
 

@@ -1,9 +1,5 @@
 """The noise models that are tried against equal, white, Gaussian noise: unequal axes or settings, more for large inputs, a
 wrong level, coloured in time, scatter of the attitude, heavy tails.
-
-Rows that repeat an attitude tell pure error from lack of fit (Draper and Smith 1998, section 2.1): what comes back in
-every repeat is none of these, but an error of the model that no cause of the list describes. It is weighed beside them as
-a covariance that the repeats of an attitude share.
 """
 
 from collections.abc import Callable
@@ -15,10 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from tumblecal.diagnosis.causes.generic import UNEXPLAINED
 from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.diagnosis.noise.covariances import across, attitude, coloured
-from tumblecal.diagnosis.tuning import GENERIC_WEIGHT, LEVEL_WEIGHT, NOISE_WEIGHT
+from tumblecal.diagnosis.tuning import LEVEL_WEIGHT, NOISE_WEIGHT
 from tumblecal.effects import AXES
 from tumblecal.noise.covariance import Covariance
 
@@ -36,8 +31,6 @@ _CORRELATIONS = (0.3, 0.5, 0.7, 0.85, 0.95)
 _TAILS = (2.0, 4.0)
 # Scatter of the attitude from position to position, in noise standard deviations of a reading, for 1 g.
 _ATTITUDES = (2.0, 5.0, 15.0, 50.0, 200.0)
-# Size of an attitude's own error that comes back, in noise standard deviations.
-_MISFITS = (0.7, 1.5, 3.0, 8.0, 30.0)
 # Kinds of alternatives, which share the weight of all: unequal axes, colour, tails, attitude.
 _KINDS = 4
 _WEIGHT = log(NOISE_WEIGHT / _KINDS)
@@ -84,7 +77,8 @@ class NoiseModel:
     """Another distribution of the noise.
 
     - `label`: catalogue id; `words`: which one; `log_weight`: prior.
-    - `covariance`: of the readings' white rows.
+    - `covariance`: of the readings' white rows; where `of_means`, of their means over repeats and differences
+      (`repeats.Repeats`).
     - `family`: where it is one of a continuous family, the covariance by `level`, which may be refined.
     - `groups`: where groups of readings have an sd each.
     - `tail`: degrees of freedom of Student's t where single readings have heavy tails.
@@ -101,6 +95,7 @@ class NoiseModel:
     level: float = 1.0
     kind: str = ""
     groups: NoiseGroups | None = None
+    of_means: bool = False
 
 
 def noise_models(at: Tangent) -> list[NoiseModel]:
@@ -113,7 +108,7 @@ def noise_models(at: Tangent) -> list[NoiseModel]:
             words, covariance = family.words(level, 1.0), family.covariance(level)
             listed.append(NoiseModel(label, words, share, covariance, family=family, level=level))
     listed += _with_inputs(at)
-    return [*listed, *_misfits(at), *_heavy_tails(positions)]
+    return [*listed, *_heavy_tails(positions)]
 
 
 @lru_cache(maxsize=64)
@@ -217,20 +212,3 @@ def _families(at: Tangent) -> dict[str, Family]:
         # Its own tilts take up whatever a position's attitude does.
         del families["noise_attitude"]
     return families
-
-
-def _misfits(at: Tangent) -> list[NoiseModel]:
-    """Every attitude has an error of its own that comes back in its repeats; none where no row repeats another's."""
-    attitude, weights = at.problem.where.attitude, np.mean(at.problem.sd, axis=1)
-    # The same to the last digit is one reading written twice, or rounded: it shows no noise.
-    others = np.any(at.problem.readings[:, None] != at.problem.readings, axis=2) | np.eye(len(attitude), dtype=bool)
-    repeats = (attitude[:, None] == attitude) & others
-    if at.model.hand_held or np.all(np.sum(repeats, axis=1) == 1):
-        return []
-    shared = repeats * np.outer(np.median(weights) / weights, np.median(weights) / weights)
-    share = float(np.log(GENERIC_WEIGHT / len(_MISFITS)))
-    words = "the attitude and, as it comes back where one is repeated, is no noise"
-    return [
-        NoiseModel(UNEXPLAINED, words, share, Covariance(size**2 * shared + np.eye(len(shared)), "between"))
-        for size in _MISFITS
-    ]

@@ -9,14 +9,17 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.diagnosis.model.tangent import Tangent
+from tumblecal.diagnosis.noise.repeats import Repeats
 from tumblecal.ground.showing import brief
 from tumblecal.noise.covariance import Covariance
 
 
 class _Form(NamedTuple):
-    """Covariances of one form by their numbers, and what makes rows white: inverse roots in that form, where it has such."""
+    """Covariances of one form by their numbers, whether they are `of_means` and differences of repeats, and what makes rows
+    white: inverse roots in that form, where it has such."""
 
     form: str
+    of_means: bool
     numbers: list[int]
     inverse: np.ndarray
 
@@ -26,13 +29,20 @@ class Whitening:
     """Covariances of the readings' white rows on the residual space of a problem.
 
     Where the nominal model reaches less than it leaves, rows are made white and what it reaches of them is taken out; else
-    (free tilts) the covariances are taken on the residual space itself.
+    (free tilts) the covariances are taken on the residual space itself. `of_means`: which covariances are of means over
+    `repeats`, and differences.
     """
 
     __repr__ = brief
 
     at: Tangent
     covariances: Sequence[Covariance]
+    repeats: Repeats | None = None
+    of_means: Sequence[bool] = ()
+
+    @property
+    def _of_means(self) -> Sequence[bool]:
+        return self.of_means or [False] * len(self.covariances)
 
     @property
     def on_rows(self) -> bool:
@@ -66,7 +76,9 @@ class Whitening:
     def _roots(self) -> Float[np.ndarray, "covariances nu nu"]:
         """What makes vectors of the residual space white."""
         readings, priors = np.split(self.at.basis, [self.at.problem.readings.size])
-        own = np.stack([readings.T @ covariance.times(readings) for covariance in self.covariances])
+        turned = readings if self.repeats is None else self.repeats.turned(readings)
+        rows = [turned if own else readings for own in self._of_means]
+        own = np.stack([x.T @ covariance.times(x) for covariance, x in zip(self.covariances, rows, strict=True)])
         return np.linalg.inv(np.linalg.cholesky(own + priors.T @ priors))
 
     @cached_property
@@ -81,7 +93,7 @@ class Whitening:
     def _whole_half_log_dets(self) -> Float[np.ndarray, " covariances"]:
         """Half the logarithms of the determinants of the whole covariances."""
         half_log_dets = np.zeros(len(self.covariances))
-        for form, numbers, inverse in self._forms:
+        for form, _, numbers, inverse in self._forms:
             if form == "rows":
                 half_log_dets[numbers] = -np.log(inverse).sum(axis=1)
             elif form in ("between", "blocks"):
@@ -93,31 +105,33 @@ class Whitening:
 
     @cached_property
     def _forms(self) -> list[_Form]:
-        forms = [covariance.form for covariance in self.covariances]
+        forms = [(covariance.form, own) for covariance, own in zip(self.covariances, self._of_means, strict=True)]
         made = []
-        for form in dict.fromkeys(forms):
-            numbers = [k for k, other in enumerate(forms) if other == form]
+        for form, own in dict.fromkeys(forms):
+            numbers = [k for k, other in enumerate(forms) if other == (form, own)]
             inverse = np.zeros(0)
             if form in ("rows", "between", "blocks"):
                 values = np.stack([self.covariances[k].values for k in numbers])
                 inverse = 1.0 / np.sqrt(values) if form == "rows" else np.linalg.inv(np.linalg.cholesky(values))
-            made.append(_Form(form, numbers, inverse))
+            made.append(_Form(form, own, numbers, inverse))
         return made
 
     def _white(self, rows: Float[np.ndarray, "rows columns"]) -> Float[np.ndarray, "covariances rows columns"]:
         """Rows made white by each covariance, those of one form at once."""
         white, count = np.empty((len(self.covariances), *rows.shape)), self.at.problem.readings.size
         white[:, count:] = rows[count:]
-        readings = rows[:count].reshape(count // 3, 3, -1)
-        for form, numbers, inverse in self._forms:
+        whole = {False: rows} | ({} if self.repeats is None else {True: self.repeats.turned(rows)})
+        for form, of_means, numbers, inverse in self._forms:
+            own = whole[of_means]
+            readings = own[:count].reshape(count // 3, 3, -1)
             if form == "rows":
-                white[numbers, :count] = inverse[:, :, None] * rows[:count]
+                white[numbers, :count] = inverse[:, :, None] * own[:count]
             elif form == "between":
                 white[numbers, :count] = (inverse @ readings.reshape(count // 3, -1)).reshape(len(numbers), count, -1)
             elif form == "blocks":
                 white[numbers, :count] = (inverse @ readings).reshape(len(numbers), count, -1)
             else:
-                white[numbers] = [self.covariances[k].whiten(rows) for k in numbers]
+                white[numbers] = [self.covariances[k].whiten(own) for k in numbers]
         return white
 
 

@@ -179,6 +179,9 @@ def noise_change(screened: Screened, used: tuple[str, ...]) -> NoiseChange | Non
     - `used`: labels of the noise alternatives that were acted on already.
     """
     best = _most_probable(screened, used)
+    if best is not None and best.model.label == UNEXPLAINED:
+        # The repeats show how large the noise is: what comes back in them is none.
+        return None
     if best is None or best.model.tail is None or not screened.problem.known:
         return best
     return level_change(screened) or best
@@ -192,8 +195,7 @@ def _most_probable(screened: Screened, used: tuple[str, ...]) -> NoiseChange | N
         return scores.most_probable(lambda model: model.tail is not None or model.kind in NOISIER)
     best = scores.most_probable()
     if best is not None and best.model.label == UNEXPLAINED:
-        # The repeats show how large the noise is: what comes back in them is none.
-        return None
+        return best
     unexplained = _unexplained_log_odds(screened)
     # A wrong level is simpler than something that no entry describes.
     simpler = LEAST_NOISE_ODDS if best is not None and best.model.kind == LEVEL else 0.0

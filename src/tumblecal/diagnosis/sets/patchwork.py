@@ -39,13 +39,13 @@ class Neighbours:
     at: Tangent
 
     def touch(self, labels: Sequence[str]) -> bool:
-        """Whether all of the positions that are off, two or more, do, by their labels."""
+        """Whether each of the positions that are off does with another of them, or two repeat an attitude, by their labels."""
         off = [label.partition(":")[2] for label in labels if id_of(label) == _POSITIONS]
         if len(off) < 2:
             return False
         rows = [self.at.problem.names.index(name) for name in off]
-        beside = self._near[np.ix_(rows, rows)] | np.eye(len(rows), dtype=bool)
-        return bool(np.all(np.linalg.matrix_power(beside.astype(int), len(rows))[0]))
+        attitudes = self.at.problem.where.attitude[rows]
+        return len(np.unique(attitudes)) < len(rows) or bool(np.all(np.any(self._near[np.ix_(rows, rows)], axis=1)))
 
     def at_a_jump(self, labels: Sequence[str]) -> bool:
         """Whether one of the positions off stands where an input is near zero with which another of the causes jumps."""
