@@ -51,6 +51,11 @@ def test_an_error_that_comes_back_is_no_noise(diagnoser, how, known):
     assert "comes back where one is repeated" in verdict_of_diagnosis(diagnosis).words()
 
 
+def test_two_attitudes_off_in_every_repeat_are_no_heavy_tails(diagnoser):
+    diagnosis = diagnoser(measured_twice(2, "one run", False, of_two_attitudes))
+    assert not diagnosis.noise_wrong and ("unexplained",) in (diagnosis.best.labels, *diagnosis.best.equivalents)
+
+
 @pytest.mark.parametrize("known", [True, False], ids=["stated", "unknown"])
 def test_an_attitude_that_does_not_repeat_is_noise(diagnoser, known):
     for seed, how in ((1, "one run"), (2, "two runs")):

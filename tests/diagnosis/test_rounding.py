@@ -52,3 +52,13 @@ def test_a_reading_written_twice_is_no_repeat_that_shows_no_noise(diagnoser):
         again = {name: getattr(data, name)[rows] for name in columns if getattr(data, name) is not None}
         again["time_s"] = np.append(data.time_s, data.time_s[-1] + 60.0)
         assert diagnoser(replace(data, names=(*data.names, "again"), **again)).verdict == "adequate"
+
+
+def test_equal_readings_at_the_ends_of_a_range_are_clipped(diagnoser):
+    """One position at either end, at no round number: far from the noise, and not refused."""
+    data = measured(0)
+    limit = np.sort(np.abs(data.readings[:, 2]))[-2] - 9.87654e-4
+    readings = data.readings.copy()
+    readings[:, 2] = np.clip(readings[:, 2], -limit, limit)
+    assert np.sum(np.abs(readings[:, 2]) == limit) == 2
+    assert "clipping.z" in diagnoser(replace(data, readings=np.round(readings, 7))).best.labels

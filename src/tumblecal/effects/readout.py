@@ -59,7 +59,7 @@ def _axis_entries(own: int, axis: str) -> tuple[Effect, ...]:
             source,
             made(f"clipping.{axis}", "1/g", _clipped),
             not_held=OF_RESOLUTION,
-            found_as=f"refused, where several readings end at one value; else third_order.{axis} or positions off",
+            found_as=f"itself, or refused, where several readings end at one value; else third_order.{axis} or positions off",
         ),
         Effect(
             f"quantisation.{axis}",

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from tumblecal.data import PositionSet
+from tumblecal.estimation.equal_ends import equal_ends
 from tumblecal.estimation.mix_up import MixUp
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
@@ -43,6 +44,8 @@ _OTHER_G, _COARSE_G = 0.1, 1e-4
 _FEWEST_STUCK = 3
 # More than this (g) is due beyond the end of a range.
 _BEYOND_G = 0.02
+# Equal readings at the end of a range are no chance where they come by it less often than this.
+_NO_CHANCE = 1e-5
 
 
 def units_of_rows(data: PositionSet) -> tuple[PositionSet, list[MixUp]]:
@@ -117,17 +120,20 @@ def refuse_unmeasured(data: PositionSet) -> None:
 
 
 def _refuse_clipped(data: PositionSet, predicted: Float[np.ndarray, "positions 3"]) -> None:
-    """Refuse an axis none of whose readings is beyond a value that several have."""
-    for axis in range(3):
-        size = np.abs(data.readings[:, axis])
-        end = float(size.max())
-        rows = np.flatnonzero(size == end)
-        beyond = np.max(np.abs(predicted[rows, axis])) - end
-        if len(rows) > 1 and np.mean(_fine(data)[:, axis]) > 0.5 and beyond > _BEYOND_G:
+    """Refuse an axis whose largest readings are equal to the last digit: far below what is due, or so many, at so round a
+    value, that it is no chance."""
+    fine = np.mean(_fine(data), axis=0) > 0.5
+    for end in equal_ends(data.readings):
+        if not fine[end.axis]:
+            continue
+        beyond = float(np.max(np.abs(predicted[end.rows, end.axis]))) - end.size
+        due = f"where up to {end.size + beyond:.2f} g is due" if beyond > _BEYOND_G else "which is no chance"
+        if beyond > _BEYOND_G or end.chance < _NO_CHANCE:
+            axis = AXES[end.axis]
             raise InputError(
-                f"{data.source}: axis {AXES[axis]} reads {end:.9g} g, of either sign, at {len(rows)} positions and never more, "
-                f"where up to {end + beyond:.2f} g is due: it is clipped at the end of its range (clipping.{AXES[axis]}); "
-                f"choose a larger one, or take positions {_listed(data, rows)} out"
+                f"{data.source}: axis {axis} reads {end.size:.9g} g, of either sign, at {len(end.rows)} positions and never "
+                f"more, {due}: it is clipped at the end of its range (clipping.{axis}); choose a larger one, or take positions "
+                f"{_listed(data, end.rows)} out"
             )
 
 

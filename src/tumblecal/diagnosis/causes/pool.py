@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from tumblecal.diagnosis.causes.cause import EFFECT, Cause, Kind, family_of
+from tumblecal.diagnosis.causes.clipped import clipped
 from tumblecal.diagnosis.causes.effects import SeenEffects, effect_causes, seen_effects
 from tumblecal.diagnosis.causes.faults import FAULTS, OUTLIER
 from tumblecal.diagnosis.causes.generic import generic_causes
@@ -286,4 +287,4 @@ def pooled(
     effects = effect_causes(at, seen, visible)
     faults = (table for candidates in FAULTS if (table := candidates(at, level)) is not None)
     terms, generic = generic_causes(at, effects, generic)
-    return Pool((effects, *faults, *jumps(at), terms, *shape_causes(at)), at.dof, seen, generic)
+    return Pool((effects, *faults, *clipped(at), *jumps(at), terms, *shape_causes(at)), at.dof, seen, generic)
