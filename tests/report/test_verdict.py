@@ -24,7 +24,10 @@ TWO = Verdict(
     unresolved=(Unresolved("bias_drift.x or bias_temperature.x", "time and temperature correlate (r = 1.00)", (2,)),),
     evidence=("Nominal model rejected, p = 3.2e-13.", "Held-out error 0.141 -> 0.103 mg."),
     next=("Measure next: alpha 0, 225 at beta 0.", COMMAND),
-    details=(("Not testable", "index_backlash (the data have no column approach)."),),
+    details=(
+        ("Not testable", "the data have no column approach: index_backlash."),
+        ("Not testable", "the data have only one run: bias_repeatability."),
+    ),
 )
 
 
@@ -46,7 +49,8 @@ def test_the_layout():
         NEXT        Measure next: alpha 0, 225 at beta 0.
                       {COMMAND}
         {rule}
-        Not testable                  index_backlash (the data have no column approach)."""
+        Not testable                  the data have no column approach: index_backlash.
+                                      the data have only one run: bias_repeatability."""
     assert "\n".join(verdict_lines(TWO)) == textwrap.dedent(expected)
 
 
@@ -80,7 +84,7 @@ def test_a_narrow_terminal_has_the_same_words_and_whole_commands(width):
     assert all(len(line) <= width or COMMAND in line for line in lines)
     assert sum(line.strip() == COMMAND for line in lines) == 1
     joined = " ".join(" ".join(lines).split())
-    for words in ("0.532 +- 0.062 mg/g^2", "(r = 1.00)", "index_backlash (the data have no column approach)."):
+    for words in ("0.532 +- 0.062 mg/g^2", "(r = 1.00)", "the data have no column approach: index_backlash."):
         assert words in joined
 
 

@@ -48,9 +48,9 @@ def details(diagnosis: Diagnosis) -> Iterator[tuple[str, str]]:
         "Uncertainties": uncertainty_words(diagnosis),
         **_of_model(diagnosis),
         UNDETECTABLE: _undetectable(diagnosis),
-        NOT_TESTABLE: _not_testable(diagnosis),
     }
     yield from ((name, words) for name, words in listed.items() if words)
+    yield from ((NOT_TESTABLE, words) for words in _not_testable(diagnosis))
 
 
 def _of_model(diagnosis: Diagnosis) -> dict[str, str]:
@@ -184,19 +184,16 @@ def _undetectable(diagnosis: Diagnosis) -> str:
     )
 
 
-def _not_testable(diagnosis: Diagnosis) -> str:
-    """The effects by what the data lack, and those that are found under another name."""
-    entries, by_reason, renamed = diagnosis.entries, {}, []
+def _not_testable(diagnosis: Diagnosis) -> Iterator[str]:
+    """The effects by what the data lack, an entry for each remedy, and those that are found under another name."""
+    entries, by_reason, renamed = diagnosis.entries, dict[str, list[str]](), list[str]()
     for id, reason in diagnosis.model.not_testable.items():
         if id in entries and entries[id].found_as:
             renamed.append(id.partition(".")[0])
         else:
             by_reason.setdefault(reason, []).append(id)
-    listed = []
     for reason, ids in by_reason.items():
         more = len(ids) - _MOST_NOT_TESTABLE
-        listed.append(f"{', '.join(ids[:_MOST_NOT_TESTABLE])}{f' and {more} more' if more > 0 else ''} ({reason})")
+        yield f"{reason}: {', '.join(ids[:_MOST_NOT_TESTABLE])}{f' and {more} more' if more > 0 else ''}."
     if renamed:
-        names = ", ".join(dict.fromkeys(renamed))
-        listed.append(f"{len(renamed)} faults ({names}) are reported under another name if present")
-    return f"{'; '.join(listed)}." if listed else ""
+        yield f"reported under another name if present: {', '.join(dict.fromkeys(renamed))}."

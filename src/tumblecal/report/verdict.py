@@ -108,7 +108,9 @@ def verdict_lines(verdict: Verdict, width: int = WIDTH) -> list[str]:
         open_lines -= _count(shown)
         lines += _block(label, shown, width)
         below += [line for entry in moved for line in _detail(f"{label}, continued", entry, width)]
-    below += [line for name, text in verdict.details for line in _detail(name, text, width)]
+    headings = ["", *(name for name, _ in verdict.details)]
+    for before, (name, text) in zip(headings, verdict.details, strict=False):
+        below += _detail("" if name == before and width >= WIDTH else name, text, width)
     return [*lines, "-" * width, *below] if below else lines
 
 
