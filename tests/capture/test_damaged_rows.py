@@ -11,6 +11,7 @@ from tumblecal.capture.recordings.options import Asked, Known
 from tumblecal.capture.recordings.row_order import order_by_clock
 from tumblecal.capture.recordings.sample_file import write_samples
 from tumblecal.capture.reduce_recording import reduce_recording
+from tumblecal.data.calibration import Calibration, write_calibration
 
 
 NAMES = ("ax", "ay", "az")
@@ -208,7 +209,7 @@ def test_repeats_change_neither_means_nor_their_uncertainty(tmp_path, tumblecal)
     content = json.loads((tmp_path / "r" / "reduction.json").read_text())
     np.testing.assert_allclose([own["mean_g"] for own in content["positions"]], one.table.data.readings, atol=1e-12)
     np.testing.assert_allclose([own["sd_of_mean_g"] for own in content["positions"]], one.table.sd_of_mean, rtol=1e-3)
-    words = "each sample is written 7 times, one of each is kept: the sensor gives 25 samples a second, the file has 175 rows"
+    words = "each sample is written 7 times: the sensor gives 25 samples a second, the file has 175 rows: one of each is kept"
     assert told.code == 0 and told.lines == [f"WARNING: {paths[1]}: {words}"]
     assert content["damage"] == [words]
     (record,) = content["damage_records"]
@@ -276,3 +277,48 @@ def test_means_are_no_samples(tmp_path, tumblecal):
     told = tumblecal("reduce", path, "--means", "--out", tmp_path / "r")
     assert told.code == 0 and not told.lines
     assert len(pl.read_csv(tmp_path / "r" / "positions.csv", comment_prefix="#")) == len(means["time_s"])
+
+
+@pytest.mark.parametrize("suffix", [".parquet", ".csv"])
+@pytest.mark.parametrize(
+    "names", [AXES, tuple(f"acc_{axis} [g]" for axis in "xyz")], ids=["a table in g", "a recording"]
+)
+def test_apply_leaves_erased_rows_out_and_reports_other_damage(tmp_path, tumblecal, names, suffix):
+    """The corrected file is the formula on the sound rows; it says which others were left out, and keeps those out of order."""
+    matrix, bias = np.diag([1.01, 0.99, 1.02]), np.array([0.02, -0.03, 0.05])
+    write_calibration(tmp_path / "cal.json", Calibration(matrix, bias, np.zeros((12, 12))))
+    path, out = tmp_path / f"log{suffix}", tmp_path / f"out{suffix}"
+    columns = table(np.round(forces()[:1200], 5), names=names)
+    columns |= {"note": np.arange(1200.0)}
+    places = "rows 601 to 1800" if suffix == ".parquet" else "lines 602 to 1801"
+
+    def applied(damaged):
+        frame = pl.DataFrame(damaged)
+        frame.write_parquet(path) if suffix == ".parquet" else frame.write_csv(path)
+        outcome = tumblecal("apply", tmp_path / "cal.json", path, "--out", out)
+        assert outcome.code == 0, outcome.lines
+        read = pl.read_parquet if suffix == ".parquet" else lambda own: pl.read_csv(own, comment_prefix="#")
+        comments = out.read_bytes().partition(b"note")[0] if suffix == ".csv" else str(pl.read_parquet_metadata(out))
+        return outcome, read(out).select(*columns).to_numpy(), str(comments)
+
+    truth = whole(columns)
+    truth[:, 1:4] = (truth[:, 1:4] - bias) @ matrix.T
+    for kind in ERASED:
+        outcome, got, comments = applied(with_erased(columns, kind, 600, 1200))
+        np.testing.assert_allclose(got, truth, atol=1e-9, err_msg=kind)
+        assert any("1200 rows of erased memory, first row 601" in line for line in outcome.lines), (kind, outcome.lines)
+        assert f"left out: {places}" in outcome.out and places in comments
+    for what, moved, order in [*orders(1200), ("repeats", 1200, np.repeat(np.arange(1200), 2))]:
+        outcome, got, comments = applied(
+            rows(columns, order) | {"time_s": np.arange(2400) / 200} if what == "repeats" else rows(columns, order)
+        )
+        np.testing.assert_allclose(got[:, 1:], truth[order, 1:], atol=1e-9, err_msg=what)
+        words = "each sample is written 2 times" if what == "repeats" else f"{moved} row"
+        assert any(words in line and "the rows stay as they are" in line for line in outcome.lines), (
+            what,
+            outcome.lines,
+        )
+        assert "left_out" not in comments
+    outcome, got, comments = applied(columns)
+    np.testing.assert_allclose(got, truth, atol=1e-9)
+    assert "left_out" not in comments and not any("rows stay" in line for line in outcome.lines)

@@ -37,7 +37,8 @@ def apply(
     raw
         The readings: a table with columns ax_g, ay_g, az_g (or _mg, _ms2, or those that --columns names). All else in it is
         kept; text stays as it was, byte for byte. Of other recordings, as tumblecal import reads them, the samples are
-        written, corrected. Readings in m/s^2 are divided by the gravity that the calibration states (else by their own
+        written, corrected. Rows without a reading (erased memory, torn lines) are left out and listed in the corrected file;
+        other damage is reported. Readings in m/s^2 are divided by the gravity that the calibration states (else by their own
         `# gravity_ms2`).
     out
         The file to write, .csv or .parquet; by default RAW with _corrected added to its name.
@@ -46,7 +47,8 @@ def apply(
     use_anyway
         Apply a calibration whose own judgement is that it must not be used (`use: no`).
     """
-    from tumblecal.capture.correction import Correction, uncorrected, write_corrected
+    from tumblecal.capture.correction import Correction, write_corrected
+    from tumblecal.capture.uncorrected import uncorrected
     from tumblecal.data.calibration import read_calibration
     from tumblecal.data.calibration_terms import undetermined_words
     from tumblecal.data.not_applied import losses_words
@@ -79,8 +81,7 @@ def apply(
         print(f"WARNING: {raw}: {words}", file=sys.stderr)
     if left := correction.calibration.sensor.of(SENSOR).undetermined_words:
         print(f"WARNING: {calibration}: the data did not determine {left}", file=sys.stderr)
-    if source.contents:
-        warn(raw, source.contents.damage.lines)
+    warn(raw, source.damage.lines)
     print(f"use of {calibration}: {read.use.words}")
     for line in recording_words(source.contents, kept=source.schema is not None) if source.contents else ():
         print(line)
@@ -92,4 +93,6 @@ def apply(
         print(words)
     for words in losses_words(correction.calibration.not_applied):
         print(words)
+    if source.left_out:
+        print(f"left out: {source.left_out}")
     print(f"{out}: {counted(checks.rows, 'row')} corrected")

@@ -98,9 +98,14 @@ class Raw:
         """A cell as faults name it."""
         return f"{self.path}:{self.row_word} {self.number_of(row)}, column {column}"
 
+    @property
+    def row_numbers(self) -> np.ndarray:
+        """The lines of the rows in text, or their numbers from 1 in other tables."""
+        return self.places if len(self.places) else np.arange(len(self.frame)) + self.before + 1
+
     def number_of(self, row: int) -> int:
         """The line of a row in text, or its number from 1 in other tables."""
-        return int(self.places[row]) if len(self.places) else self.before + row + 1
+        return int(self.row_numbers[row])
 
     def numbers_if_any(self, name: str) -> Float[np.ndarray, " rows"]:
         """A column as numbers; not a number where a cell is none."""
@@ -109,9 +114,9 @@ class Raw:
         column = self.frame[name]
         if not (column.dtype.is_numeric() or column.dtype == pl.String):
             return np.full(len(column), np.nan)
-        return self._cast(column).fill_null(math.nan).to_numpy()
+        return self.cast(column).fill_null(math.nan).to_numpy()
 
-    def _cast(self, column: "pl.Series") -> "pl.Series":
+    def cast(self, column: "pl.Series") -> "pl.Series":
         """Cells as numbers, null where one is none."""
         import polars as pl
 
@@ -133,7 +138,7 @@ class Raw:
         column = self.frame[name]
         if not (column.dtype.is_numeric() or column.dtype == pl.String):
             raise InputError(f"{self.path}: column {name}: holds {column.dtype}, not numbers; write numbers")
-        values = self._cast(column).to_numpy()
+        values = self.cast(column).to_numpy()
         bad = np.nonzero(~np.isfinite(values))[0]
         if len(bad):
             row, more = int(bad[0]), f" ({len(bad)} such cells)" if len(bad) > 1 else ""

@@ -1,10 +1,10 @@
 """What is unlikely of readings that a calibration at rest is to correct, counted a piece at a time."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2, UNITS
@@ -40,13 +40,14 @@ class Occurrences:
 
 @dataclass
 class _End:
-    """Readings that stay at the largest value of an axis; `run` of them ended the last piece."""
+    """Readings that stay at the largest value of an axis; `run` of them ended the last piece, whose `last` rows these are."""
 
     value: float = _RESTING_G
     at: Occurrences = field(default_factory=Occurrences)
     run: int = 0
+    last: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
 
-    def add(self, values: np.ndarray, first_row: int) -> None:
+    def add(self, values: np.ndarray, rows: np.ndarray) -> None:
         largest = float(values.max())
         if largest > self.value:
             self.value, self.at, self.run = largest, Occurrences(), 0
@@ -58,7 +59,8 @@ class _End:
             before = self.run if start == 0 else 0
             if before + stop - start >= _FEWEST_AT_END:
                 told = 0 if before >= _FEWEST_AT_END else before
-                self.at.add(np.arange(start - told, stop) + first_row)
+                self.at.add(np.append(self.last[len(self.last) - told :], rows[start:stop]))
+        self.last = np.append(self.last, rows)[-_FEWEST_AT_END:]
         self.run = int(edges[-1] - edges[-2] + (self.run if edges[-2] == 0 else 0)) if edges[-1] == len(values) else 0
 
 
@@ -67,8 +69,7 @@ class ReadingChecks:
 
     **Arguments:**
 
-    - `columns`: of the readings, their unit behind the last `_`. `row_word`: what a row is called. `line_of`: by which number,
-      of that among all rows (from 1).
+    - `columns`: of the readings, their unit behind the last `_`. `row_word`: what a row is called.
     - `range_degc`: the temperatures within which the calibration holds, where they are known; `margin_degc`: so far beyond them
       it holds as well.
     """
@@ -79,9 +80,8 @@ class ReadingChecks:
         row_word: str = "line",
         range_degc: Sequence[float] = (),
         margin_degc: float = 0.0,
-        line_of: Callable[[int], int] = int,
     ):
-        self.columns, self.row_word, self.range_degc, self.line_of = columns, row_word, range_degc, line_of
+        self.columns, self.row_word, self.range_degc = columns, row_word, range_degc
         self.other_degc, self.margin_degc = Occurrences(), margin_degc
         self.rows, self.largest = 0, 0.0
         self.far, self.no_unit = Occurrences(), Occurrences()
@@ -93,8 +93,8 @@ class ReadingChecks:
         """That the columns name."""
         return self.columns[0].rpartition("_")[2]
 
-    def add(self, readings: Float[np.ndarray, "rows 3"], first_row: int) -> None:
-        """Look at a piece, in g as its columns say."""
+    def add(self, readings: Float[np.ndarray, "rows 3"], rows: Int[np.ndarray, " rows"]) -> None:
+        """Look at a piece, in g as its columns say; `rows`: the number of each."""
         if not len(readings):
             return
         self.rows += len(readings)
@@ -102,9 +102,9 @@ class ReadingChecks:
         size = float(max(most.max(), -least.min()))
         self.largest = max(self.largest, size)
         if size > FAR_G:
-            self.far.add(np.flatnonzero((np.abs(readings) > FAR_G).any(1)) + first_row)
+            self.far.add(rows[(np.abs(readings) > FAR_G).any(1)])
         if size > _NO_UNIT_G:
-            self.no_unit.add(np.flatnonzero((np.abs(readings) > _NO_UNIT_G).any(1)) + first_row)
+            self.no_unit.add(rows[(np.abs(readings) > _NO_UNIT_G).any(1)])
         bands = {unit: _ONE_G[unit] / _ONE_G[self.unit] for unit in self.like}
         # Most pieces hold no reading of such a size, which their largest tells.
         bands = {
@@ -114,21 +114,21 @@ class ReadingChecks:
             sizes = np.linalg.norm(readings, axis=1)
             for unit, one_g in bands.items():
                 near = (sizes > _LIKE[0] * one_g) & (sizes < _LIKE[1] * one_g)
-                self.like[unit].add(np.flatnonzero(near) + first_row)
+                self.like[unit].add(rows[near])
         if size > _RESTING_G:
             for k, axis in enumerate(AXES):
-                self.ends[axis, 1].add(readings[:, k], first_row)
-                self.ends[axis, -1].add(-readings[:, k], first_row)
+                self.ends[axis, 1].add(readings[:, k], rows)
+                self.ends[axis, -1].add(-readings[:, k], rows)
         else:
             for end in self.ends.values():
                 end.run = 0
 
-    def add_temperatures(self, degc: Float[np.ndarray, " rows"], first_row: int) -> None:
+    def add_temperatures(self, degc: Float[np.ndarray, " rows"], rows: Int[np.ndarray, " rows"]) -> None:
         """Look at the temperatures of a piece; those that are not a number are not counted."""
         if self.range_degc:
             low, high = self.range_degc
             beyond = (degc < low - self.margin_degc) | (degc > high + self.margin_degc)
-            self.other_degc.add(np.flatnonzero(beyond) + first_row)
+            self.other_degc.add(rows[beyond])
 
     def words(self) -> Iterator[str]:
         """What is to be said, a line each; another unit explains all else."""
@@ -173,4 +173,4 @@ class ReadingChecks:
         return f" in {at.count} of {self.rows} rows (the first: {self._place(at)})"
 
     def _place(self, at: Occurrences) -> str:
-        return f"{self.row_word} {self.line_of(at.first)}"
+        return f"{self.row_word} {at.first}"

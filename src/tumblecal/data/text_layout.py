@@ -120,15 +120,6 @@ class TextLayout:
                 except csv.Error as error:
                     yield line + k, [], f"{error}; check the quotation marks"
 
-    def line_of(self, row: int) -> int:
-        """The line of a row, counted from 0."""
-        before = 0
-        for frame in self.frames(self.names[:1]):
-            if row < before + len(frame):
-                return int(frame[ROW][row - before])
-            before += len(frame)
-        raise IndexError(row)
-
     def cut_row(self, digits: str = "fewest") -> list[str]:
         """The cells of the last line if it has no end and may not be whole, by those of the others; none for another.
 

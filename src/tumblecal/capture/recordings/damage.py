@@ -12,7 +12,7 @@
 | `repeats` | each sample several times: the logger was faster than the sensor | one of each kept |
 """
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 
 
 @dataclass(frozen=True)
@@ -21,23 +21,36 @@ class DamageRecord:
 
     **Arguments:**
 
-    - `kind`: as in the table above. `words`: for people, one line.
+    - `kind`: as in the table above. `finding`: for people; with `done`, how it was mended, one line.
     - `action`: `reported`, `corrected`, `sorted` or `left out`. `rows`: how many it concerns; None if that is not known.
     - `first_row`: the first of them, from 1, among the rows that are whole. `largest`, `unit`: its largest size, such as the
       correction in the numbers of the source or the delay in s.
     """
 
     kind: str
-    words: str
+    finding: str
+    done: str = ""
     action: str = "reported"
     rows: int | None = None
     first_row: int | None = None
     largest: float | None = None
     unit: str = ""
 
+    @property
+    def words(self) -> str:
+        """For people, one line."""
+        return f"{self.finding}: {self.done}" if self.done else self.finding
+
+    def unrepaired(self) -> "DamageRecord":
+        """The same where rows stay as they are."""
+        return replace(self, action="reported", done="the rows stay as they are")
+
     def as_dict(self) -> dict[str, object]:
         """For a file."""
-        return asdict(self)
+        content = asdict(self)
+        return {"kind": content.pop("kind"), "words": self.words} | {
+            key: value for key, value in content.items() if key not in ("finding", "done")
+        }
 
 
 @dataclass

@@ -120,7 +120,7 @@ def wrapped_record(columns: Sequence["Column"], rows: int, first: int) -> Damage
         else f"{where}: numbers left the range of their type; changed by {' or '.join(shifts)}, one full range"
     )
     kind, largest = "unsigned" if signed else "overflow", max(abs(wrap.shift) for wrap in wraps)
-    return DamageRecord(kind, words, "corrected", rows, first, largest, "number of the source")
+    return DamageRecord(kind, words, "", "corrected", rows, first, largest, "number of the source")
 
 
 def _corrected(numbers: NDArray[np.float64], wraps: Wraps) -> NDArray[np.float64]:

@@ -22,7 +22,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from tumblecal.capture.recordings.contents import Contents
 from tumblecal.capture.recordings.damage import DamageRecord
 from tumblecal.capture.recordings.row_order import RowOrder, order_by_clock
 from tumblecal.capture.recordings.row_runs import FEWEST_ERASED, TIME, RowRuns, runs_of
@@ -55,12 +54,12 @@ class Repair:
     samples_per_row: float = 1.0
 
 
-def repairs() -> tuple[Callable[[RowRuns, Contents], Repair | None], ...]:
+def repairs() -> tuple[Callable[[RowRuns], Repair | None], ...]:
     """The search for each kind of damage, in order."""
     return without_erased, in_order, one_of_each, without_duplicates
 
 
-def without_erased(runs: RowRuns, contents: Contents) -> Repair | None:
+def without_erased(runs: RowRuns) -> Repair | None:
     """The rows without those of erased memory."""
     starts, lengths = runs_of(runs.same)
     long = np.flatnonzero(lengths >= FEWEST_ERASED)
@@ -70,7 +69,7 @@ def without_erased(runs: RowRuns, contents: Contents) -> Repair | None:
     stopped = _stopped(runs)
     for start, length in stopped:
         erased[start : start + length] = True
-    patterns = _patterns(runs, starts[long], contents) & ~erased[starts[long]]
+    patterns = _patterns(runs, starts[long]) & ~erased[starts[long]]
     for start, length in zip(starts[long][patterns].tolist(), lengths[long][patterns].tolist(), strict=True):
         erased[start : start + length] = True
     count = int(erased.sum())
@@ -87,8 +86,8 @@ def without_erased(runs: RowRuns, contents: Contents) -> Repair | None:
 
 def erased_record(rows: int, first: int, why: str) -> DamageRecord:
     """The record of rows of erased memory, of which `first` is the first, from 1."""
-    words = f"{counted(rows, 'row')} of erased memory left out, first row {first}: {why}"
-    return DamageRecord("erased", words, "left out", rows, first)
+    finding = f"{counted(rows, 'row')} of erased memory, first row {first} ({why})"
+    return DamageRecord("erased", finding, "left out", "left out", rows, first)
 
 
 def _stopped(runs: RowRuns) -> list[tuple[int, int]]:
@@ -113,19 +112,17 @@ def _stopped(runs: RowRuns) -> list[tuple[int, int]]:
     return [(int(s), int(n)) for s, n in zip(starts[~late], lengths[~late], strict=True)]
 
 
-def _patterns(runs: RowRuns, rows: NDArray[np.int64], contents: Contents) -> NDArray[np.bool_]:
+def _patterns(runs: RowRuns, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Whether in each of some rows all axes have the same number, whose size is not that of gravity."""
     readings = runs.rows_at(rows)[:, :3]
-    columns = [contents.layout.columns[axis] for axis in ("ax", "ay", "az")]
-    numbers = readings / [column.scale for column in columns] + [column.offset for column in columns]
+    numbers = readings / runs.scale + runs.offset
     size = np.linalg.norm(readings, axis=1)
     alike = np.ptp(numbers, axis=1) <= 1e-9 * np.abs(numbers).max(1)
     return np.asarray(alike & (np.abs(size - runs.size) > _NO_GRAVITY * runs.size))
 
 
-def in_order(runs: RowRuns, contents: Contents) -> Repair | None:
+def in_order(runs: RowRuns) -> Repair | None:
     """The rows in the order of their clock."""
-    del contents
     if not runs.backward:
         return None
     order = order_by_clock(runs.times())
@@ -136,20 +133,20 @@ def _order_records(order: RowOrder) -> Iterator[DamageRecord]:
     if len(order.moved):
         count, first = len(order.moved), int(order.moved.min()) + 1
         by = f"by up to {order.largest_s:.4g} s"
-        words = f"{counted(count, 'row')} not in the order of the clock, {by}: sorted, first row {first}"
-        yield DamageRecord("disorder", words, "sorted", count, first, order.largest_s, "s")
+        finding = f"{counted(count, 'row')} not in the order of the clock, {by}, first row {first}"
+        yield DamageRecord("disorder", finding, "sorted", "sorted", count, first, order.largest_s, "s")
     for kind, rows, why in (
         ("disorder", order.unplaced, "whose time has no place among the others"),
         ("duplicates", order.repeated, "whose time is there already"),
     ):
         if len(rows):
-            words = f"{counted(len(rows), 'row')} {why} left out, first row {int(rows.min()) + 1}"
-            yield DamageRecord(kind, words, "left out", len(rows), int(rows.min()) + 1)
+            finding = f"{counted(len(rows), 'row')} {why}, first row {int(rows.min()) + 1}"
+            yield DamageRecord(kind, finding, "left out", "left out", len(rows), int(rows.min()) + 1)
 
 
-def one_of_each(runs: RowRuns, contents: Contents) -> Repair | None:
+def one_of_each(runs: RowRuns) -> Repair | None:
     """One row of each sample, if the logger repeats them."""
-    rate_hz = contents.rate_hz
+    rate_hz = runs.rate_hz
     starts, lengths = runs_of(runs.same_force)
     # The first and the last run may be cut.
     ratio = rows_per_sample(lengths[1:-1])
@@ -161,14 +158,13 @@ def one_of_each(runs: RowRuns, contents: Contents) -> Repair | None:
     rates = (
         f": the sensor gives {rate_hz / ratio:.4g} samples a second, the file has {rate_hz:.4g} rows" if rate_hz else ""
     )
-    words = f"each sample is written {ratio:.3g} times, one of each is kept{rates}"
-    record = DamageRecord("repeats", words, "left out", len(runs) - len(rows), None, ratio, "rows a sample")
+    finding, done = f"each sample is written {ratio:.3g} times{rates}", "one of each is kept"
+    record = DamageRecord("repeats", finding, done, "left out", len(runs) - len(rows), None, ratio, "rows a sample")
     return Repair(rows, (record,), len(rows) / len(runs))
 
 
-def without_duplicates(runs: RowRuns, contents: Contents) -> Repair | None:
+def without_duplicates(runs: RowRuns) -> Repair | None:
     """The rows without those that came twice in succession."""
-    del contents
     twice = np.flatnonzero(runs.same & runs.same_time)
     if len(twice) < _EQUAL * np.count_nonzero(runs.same_time) or not len(twice):
         return None
@@ -176,8 +172,8 @@ def without_duplicates(runs: RowRuns, contents: Contents) -> Repair | None:
     if not others.any() or np.mean(runs.same[1:][others]) > _ALIKE:
         return None
     first = int(twice[0]) + 1
-    words = f"{counted(len(twice), 'row')} came twice, with the same time and readings: left out, first row {first}"
-    record = DamageRecord("duplicates", words, "left out", len(twice), first)
+    finding = f"{counted(len(twice), 'row')} came twice, with the same time and readings, first row {first}"
+    record = DamageRecord("duplicates", finding, "left out", "left out", len(twice), first)
     return Repair(np.flatnonzero(~(runs.same & runs.same_time)), (record,))
 
 
@@ -203,22 +199,17 @@ def rows_per_sample(lengths: NDArray[np.int64]) -> float | None:
     return float(found if multiples >= 0.95 else single.mean())
 
 
-def repaired_frames(path: Path, repair: Repair, contents: Contents) -> Iterator["pl.DataFrame"]:
-    """The rows that remain, a piece at a time, with times from 0."""
+def repaired_frames(path: Path, rows: NDArray[np.int64], begin_s: float = 0.0) -> Iterator["pl.DataFrame"]:
+    """These rows of a table, in this order, a piece at a time, with times from `begin_s` on."""
     import polars as pl
 
     table, count, _ = scan_parquet(path, check=False)
-    rising = bool((np.diff(repair.rows) > 0).all())
+    rising = bool((np.diff(rows) > 0).all())
     whole = None if rising else table.collect()
-    begin = np.nan
     for first in range(0, count, PARQUET_ROWS):
         if whole is None:
-            start, stop = np.searchsorted(repair.rows, [first, first + PARQUET_ROWS])
-            piece = table.slice(first, PARQUET_ROWS).collect()[repair.rows[start:stop] - first]
+            start, stop = np.searchsorted(rows, [first, first + PARQUET_ROWS])
+            piece = table.slice(first, PARQUET_ROWS).collect()[rows[start:stop] - first]
         else:
-            piece = whole[repair.rows[first : first + PARQUET_ROWS]]
-        if TIME in piece.columns and len(piece):
-            begin = float(piece[TIME][0]) if np.isnan(begin) else begin
-            piece = piece.with_columns(pl.col(TIME) - begin)
-        yield piece
-    contents.begin_s += 0.0 if np.isnan(begin) else begin
+            piece = whole[rows[first : first + PARQUET_ROWS]]
+        yield piece.with_columns(pl.col(TIME) - begin_s) if TIME in piece.columns else piece

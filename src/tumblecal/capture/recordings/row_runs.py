@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from tumblecal.capture.recordings.units import Column
 from tumblecal.capture.still_blocks import pieces_of
 from tumblecal.data.text_layout import ROW
 
@@ -31,6 +32,7 @@ class RowRuns:
     - `same_force`, `same`, `same_time` (rows): whether the accelerations, all readings, the time equal those of the row before.
     - `path`, `channels`: of the samples, the three accelerations first; `timed`: whether they have times.
     - `backward`: number of steps of time backwards. `size`: median size of the accelerations, rows alike counted once.
+    - `scale`, `offset`: of numbers of the source, of which a reading is `scale (number - offset)`. `rate_hz`: rows a second.
     """
 
     path: Path
@@ -41,6 +43,9 @@ class RowRuns:
     same_time: NDArray[np.bool_]
     backward: int
     size: float
+    scale: NDArray[np.float64]
+    offset: NDArray[np.float64]
+    rate_hz: float | None
 
     def __len__(self) -> int:
         return len(self.same)
@@ -94,13 +99,20 @@ def without_erased_rows(first: "pl.DataFrame") -> "pl.DataFrame":
 
 
 def row_runs(
-    path: Path, channels: Sequence[str], *, timed: bool, look: Callable[[NDArray[np.float64]], None]
+    path: Path,
+    channels: Sequence[str],
+    *,
+    timed: bool,
+    columns: Sequence[Column],
+    rate_hz: float | None,
+    look: Callable[[NDArray[np.float64]], None] = lambda force: None,
 ) -> RowRuns:
     """The runs of equal rows of a table of samples.
 
     **Arguments:**
 
     - `channels`: columns, the three accelerations first. `timed`: whether there is a column `time_s`.
+    - `columns`: the accelerations in the source. `rate_hz`: rows a second, None if not known.
     - `look`: gets the accelerations of each piece.
     """
     parts: list[tuple[NDArray[np.bool_], ...]] = []
@@ -125,4 +137,5 @@ def row_runs(
         before = piece[-1].copy()
     same_force, same, same_time = (np.concatenate(column) for column in zip(*parts, strict=True))
     size = float(np.median(np.concatenate(sizes)))
-    return RowRuns(path, channels, timed, same_force, same, same_time, backward, size)
+    scale, offset = np.array([(column.scale, column.offset) for column in columns]).T
+    return RowRuns(path, channels, timed, same_force, same, same_time, backward, size, scale, offset, rate_hz)

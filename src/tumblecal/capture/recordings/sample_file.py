@@ -26,9 +26,10 @@ from tumblecal.capture.recordings.row_repair import repaired_frames, repairs
 from tumblecal.capture.recordings.row_runs import RowRuns, row_runs
 from tumblecal.capture.recordings.sample_frames import WHOLE, frames_of, quantity_names
 from tumblecal.capture.recordings.table import SourceTable
-from tumblecal.capture.recordings.units import FORCE, RATE
+from tumblecal.capture.recordings.units import FORCE, RATE, Column
 from tumblecal.capture.sample_table import write_frames
 from tumblecal.data.parquet import pieces_in_order, scan_parquet
+from tumblecal.data.text_layout import ROW
 from tumblecal.ground.atomic import written_aside
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import comments_of, gravity_of_option
@@ -42,7 +43,7 @@ if TYPE_CHECKING:
 class SampleStream:
     """The one table of a recording's samples, a piece at a time; `contents` adds up what has been read.
 
-    `frames_with(names)` are the frames of all rows, with the columns `WHOLE` and, of these columns of the source, `OWN`.
+    `frames_with(names)` are the frames of all rows, with the columns `WHOLE`, `ROW` and, of these columns of the source, `OWN`.
     """
 
     contents: Contents
@@ -113,12 +114,12 @@ def write_samples(
         samples = written({})
         contents = samples.contents
         if not means:
-            look = _RangeCheck(contents.layout)
-            runs = _runs(rows, contents, look)
+            look = RangeCheck([contents.layout.columns[role] for role in FORCE])
+            runs = runs_of_samples(rows, contents, look)
             if look.wraps:
                 samples = written(look.wraps)
                 contents = samples.contents
-                runs = _runs(rows, contents, look)
+                runs = runs_of_samples(rows, contents)
             contents = _repaired(rows, runs, contents, path, samples.schema)
         if out.suffix == ".parquet":
             with written_aside(out) as aside:
@@ -129,15 +130,17 @@ def write_samples(
     return contents
 
 
-class _RangeCheck:
-    """Looks at all rows for numbers that left the range of their type, where the first rows do not show it."""
+class RangeCheck:
+    """Looks at all rows for numbers of these columns of accelerations that left the range of their type, where the first rows
+    do not show it."""
 
-    def __init__(self, layout: Layout):
-        self.columns = [layout.columns[role] for role in FORCE]
+    def __init__(self, columns: Sequence[Column]):
+        self.columns = columns
         self.wraps: dict[str, Wrap] = {}
 
     def __call__(self, force: np.ndarray) -> None:
-        if self.wraps or any(column.wrap for column in self.columns):
+        """Look at the accelerations of a piece."""
+        if not self.columns or self.wraps or any(column.wrap for column in self.columns):
             return
         scale = np.array([column.scale for column in self.columns])
         # As in the source: a reading is scale (number - offset).
@@ -146,25 +149,29 @@ class _RangeCheck:
         self.wraps = {role: wrap for role, wrap in zip(FORCE, found or [], strict=False) if wrap}
 
 
-def _runs(rows: Path, contents: Contents, look: Callable[[np.ndarray], None]) -> RowRuns:
+def runs_of_samples(rows: Path, contents: Contents, look: Callable[[np.ndarray], None] = lambda force: None) -> RowRuns:
+    """The runs of equal rows of the one table of samples; `look` gets the accelerations of each piece."""
     named = quantity_names(contents.layout)
     channels = [named[role] for role in (*FORCE, *RATE) if role in named]
-    return row_runs(rows, channels, timed="time" in named, look=look)
+    columns = [contents.layout.columns[role] for role in FORCE]
+    return row_runs(rows, channels, timed="time" in named, columns=columns, rate_hz=contents.rate_hz, look=look)
 
 
 def _repaired(rows: Path, runs: RowRuns, contents: Contents, path: Path, schema: "pl.Schema") -> Contents:
     """The contents of the table `rows` after each kind of damage in it is repaired."""
     for find in repairs():
-        repair = find(runs, contents)
+        repair = find(runs)
         if repair is None:
             continue
         contents = contents.uncounted()
         contents.samples_per_row *= repair.samples_per_row
         for record in repair.records:
             contents.damage.add(record)
-        frames = _counted(repaired_frames(rows, repair, contents), contents)
+        begin_s = float(runs.rows_at(repair.rows[:1])[0, -1]) if runs.timed else 0.0
+        frames = _counted(repaired_frames(rows, repair.rows, begin_s), contents)
         write_frames(rows, frames, schema, _comments(contents, path))
-        runs = _runs(rows, contents, lambda _: None)
+        contents.begin_s += begin_s
+        runs = runs_of_samples(rows, contents)
     return contents
 
 
@@ -216,4 +223,4 @@ def _comments(contents: Contents, path: Path) -> dict[str, str]:
 
 
 def _whole_rows(frames: Iterator["pl.DataFrame"]) -> Iterator["pl.DataFrame"]:
-    return (frame.filter(WHOLE).drop(WHOLE) for frame in frames)
+    return (frame.filter(WHOLE).drop(WHOLE, ROW) for frame in frames)

@@ -82,16 +82,16 @@ def frames_of(layout: Layout, contents: Contents, path: str, own: Sequence[str])
         # Numbers that no quantity has are damage, and would overflow the sums of squares.
         usual = pl.col(needed).abs() < LARGEST_NUMBER
         whole = frame.select(pl.all_horizontal(usual.fill_null(False))).to_series()
+        places = piece[ROW].to_numpy() if ROW in piece.columns else np.arange(seen + 1, seen + len(piece) + 1)
         if wrapped:
             out_of_range.add(seen, np.any([_concerned(piece, column) for column in wrapped], axis=0))
         if not whole.all():
-            blank = _blank(frame.select(named[role] for role in FORCE))
+            blank = blank_rows(frame.select(named[role] for role in FORCE))
             erased.add(seen, blank)
             rows = np.flatnonzero(~whole.to_numpy() & ~blank)
             contents.unreadable += len(rows)
             if len(rows):
                 contents.first_unread = contents.first_unread or _unread_in(layout, piece, frame, int(rows[0]))
-            places = piece[ROW].to_numpy() if ROW in piece.columns else np.arange(seen + 1, seen + len(piece) + 1)
             contents.places += (
                 places[rows[: _SHOWN - len(contents.places)]].tolist() if len(contents.places) < _SHOWN else []
             )
@@ -103,7 +103,7 @@ def frames_of(layout: Layout, contents: Contents, path: str, own: Sequence[str])
             )
         contents.add(frame if whole.all() else frame.filter(whole))
         columns = [piece.select(own).to_struct(OWN)] if own else []
-        yield frame.with_columns(whole.alias(WHOLE), *columns)
+        yield frame.with_columns(whole.alias(WHOLE), pl.Series(ROW, places), *columns)
     if not contents.rows:
         raise InputError(f"{path}: no rows")
     if out_of_range.rows:
@@ -120,7 +120,7 @@ def _concerned(piece: "pl.DataFrame", column: Column) -> np.ndarray:
     return column.wrap.concerns(numbers) if column.wrap else np.zeros(len(numbers), bool)
 
 
-def _blank(force: "pl.DataFrame") -> np.ndarray:
+def blank_rows(force: "pl.DataFrame") -> np.ndarray:
     """Rows of erased memory: all axes are NaN, or have one number that no quantity has, in many rows in succession."""
     import polars as pl
 
