@@ -8,8 +8,10 @@ import polars as pl
 import pytest
 
 from tumblecal.capture.recordings import source_tables
+from tumblecal.capture.recordings.damage import Damage
 from tumblecal.capture.recordings.options import Asked
 from tumblecal.capture.recordings.sample_file import write_samples
+from tumblecal.data.text_layout import ROW
 from tumblecal.ground.errors import InputError
 
 
@@ -240,3 +242,41 @@ def test_dataflash_logs_as_text(tmp_path, instances):
 def test_what_is_no_table_is_told_by_its_first_line(tmp_path, text, words):
     with pytest.raises(InputError, match=words):
         imported(tmp_path / "log.txt", text)
+
+
+_ODD = {
+    "none": None,
+    "a key twice": '{"ts": 1, "ts": 2.5, "ax": 1, "ay": 2, "az": 3, "note": "b"}',
+    "twice for another": '{"ts": 1, "ts": 2.5, "ax": 1, "ay": 2, "note": "b"}',
+    "a torn line": '{"ts": 1, "ax": 1, "ay',
+    "another key": '{"ts": 1, "ax": 1, "ay": 2, "az": 3, "note": "b", "e": 1}',
+    "a number in words": '{"ts": 1, "ax": "1", "ay": 2, "az": 3, "note": "b"}',
+    "no number": '{"ts": NaN, "ax": 1, "ay": 2, "az": null, "note": "b"}',
+    "escapes": '{"ts": 1, "ax": 1, "ay": 2, "az": 3, "note": "b\\u0041 \\"ax\\": "}',
+    "a key among words": '{"ts": 1, "ax": 1, "ay": 2, "az": 3, "note": "ax"}',
+    "digits": '{"ts": 9007199254740993, "ax": 1e-400, "ay": 0.1234567890123456789, "az": -0.0, "note": "ü"}',
+    "blank": "",
+}
+
+
+@pytest.mark.parametrize("odd", _ODD.values(), ids=_ODD)
+def test_json_lines_are_read_as_json_reads_each(tmp_path, odd):
+    """All numbers to the last digit, the last of a key that comes twice, and the number of each line."""
+    rng = np.random.default_rng(1)
+    keys = ["ts", "ax", "ay", "az", "note"]
+    rows = [dict(zip(keys, [*row, "ä"], strict=True)) for row in rng.normal(size=(1100, 4))]
+    lines = [json.dumps(row, ensure_ascii=False) for row in rows]
+    lines = lines if odd is None else [*lines[:1050], odd, *lines[1050:]]
+    (tmp_path / "log.jsonl").write_text("\n".join(lines), encoding="utf-8")
+    _, (table,) = source_tables(tmp_path / "log.jsonl", Asked(), Damage())
+    got = pl.concat(table.pieces(keys))
+    wanted = [(k, line) for k, line in enumerate(lines, 1) if line]
+    assert got[ROW].to_list() == [k for k, _ in wanted]
+    for row, (_, line) in zip(got.drop(ROW).rows(), wanted, strict=True):
+        try:
+            content = json.loads(line)
+        except ValueError:
+            content = {}
+        numbers = tuple(None if (own := content.get(key)) is None else float(own) for key in keys[:4])
+        assert repr(row[:4]) == repr(numbers)
+        assert row[4] == content.get("note")

@@ -64,19 +64,54 @@ def _flat(content: Mapping[str, object], before: str = "") -> Row:
     return row
 
 
-def _rows_of_lines(path: Path) -> Iterator[tuple[int, Row | None]]:
+def _numbered_pieces(path: Path) -> Iterator[tuple[int, bytes]]:
     line = 1
     for piece in pieces_of(path):
-        for text in piece.removesuffix(b"\n").decode("utf-8", "replace").split("\n"):
-            if own := text.strip(" \t,[]\ufeff"):
-                yield line, _row(own)
-            line += 1
+        yield line, piece
+        line += piece.count(b"\n")
+
+
+def _rows_in(line: int, piece: bytes) -> Iterator[tuple[int, Row | None]]:
+    """The objects in lines, the first of which has this number."""
+    for number, text in enumerate(piece.removesuffix(b"\n").decode("utf-8", "replace").split("\n"), line):
+        if own := text.strip(" \t,[]\ufeff"):
+            yield number, _row(own)
+
+
+def _rows_of_lines(path: Path) -> Iterator[tuple[int, Row | None]]:
+    for line, piece in _numbered_pieces(path):
+        yield from _rows_in(line, piece)
+
+
+def _flat_frame(line: int, piece: bytes, kinds: Mapping[str, bool]) -> "pl.DataFrame | None":
+    """The rows of lines each of which is an object of these keys alone, each once; None where not all are.
+
+    **Arguments:**
+
+    - `kinds`: the keys, and whether their values are numbers, otherwise words.
+    """
+    import polars as pl
+
+    count = piece.count(b"\n") + (not piece.endswith(b"\n"))
+    marks = {b"{": count, b"}": count, b"[": 0, b"\\": 0, b"true": 0, b"false": 0, b"},": 0}
+    marks |= {json.dumps(key, ensure_ascii=False).encode(): count for key in kinds}
+    marks[b'"'] = count * sum(2 if number else 4 for number in kinds.values())
+    if any(piece.count(mark) != own for mark, own in marks.items()):
+        return None
+    try:
+        schema = {key: pl.Float64 if number else pl.String for key, number in kinds.items()}
+        frame = pl.read_ndjson(piece, schema=schema)
+    except (pl.exceptions.PolarsError, pl.exceptions.PanicException, ValueError):
+        return None
+    if len(frame) != count or sum(frame.null_count().row(0)):
+        return None
+    return frame.with_columns(pl.Series(ROW, range(line, line + count), pl.Int64))
 
 
 def _read(path: Path, asked: Asked, damage: Damage) -> list[SourceTable]:
     seen = [row for _, row in islice(_rows_of_lines(path), _SEEN)]
     if sum(row is not None for row in seen) > max(0, _WHOLE_SHARE * (len(seen) - 1)):
-        return _tables(seen, lambda: _rows_of_lines(path), "line")
+        return _tables(seen, lambda: _rows_of_lines(path), "line", path)
     with opened(path) as file:
         try:
             content = json.loads(file.read())
@@ -106,8 +141,13 @@ def _arrays(content: Mapping[str, object], before: str = "") -> dict[str, np.nda
     return arrays
 
 
-def _tables(seen: Sequence[Row | None], rows: Rows, row_word: str) -> list[SourceTable]:
-    """A table for each kind of object: of another word in a field such as `sensor`, or of other names."""
+def _tables(seen: Sequence[Row | None], rows: Rows, row_word: str, lines: Path | None = None) -> list[SourceTable]:
+    """A table for each kind of object: of another word in a field such as `sensor`, or of other names.
+
+    **Arguments:**
+
+    - `lines`: the file, if each line is an object.
+    """
     whole = [row for row in seen if row]
     words = [name for name in whole[0] if len({own for row in whole if isinstance(own := row.get(name), str)}) > 1]
     words = [name for name in words if len({row.get(name) for row in whole}) <= _MOST_KINDS]
@@ -125,28 +165,44 @@ def _tables(seen: Sequence[Row | None], rows: Rows, row_word: str) -> list[Sourc
         kinds.setdefault(kind_of(row), []).append(row)
     if not words and any(len(own) == len(set().union(*whole)) for own in whole):
         # Objects that lack a name are of the same kind as those that have all.
-        return [_table("", whole, lambda row: "", rows, row_word)]
+        return [_table("", whole, lambda row: "", rows, row_word, lines)]
     return [_table(kind, own, kind_of, rows, row_word) for kind, own in kinds.items()]
 
 
-def _table(kind: str, seen: Sequence[Row], kind_of: Callable[[Row], str], rows: Rows, row_word: str) -> SourceTable:
+def _table(
+    kind: str,
+    seen: Sequence[Row],
+    kind_of: Callable[[Row], str],
+    rows: Rows,
+    row_word: str,
+    lines: Path | None = None,
+) -> SourceTable:
     names = tuple(dict.fromkeys(name for row in seen for name in row))
     # A lone letter of an axis has the word of its kind before it.
     own = {f"{kind}.{name}" if kind and name in ("x", "y", "z") else name: name for name in names}
     numeric = {column for column, name in own.items() if any(isinstance(row.get(name), int | float) for row in seen)}
 
-    def pieces(columns: Sequence[str]) -> Iterator["pl.DataFrame"]:
+    def frames(columns: Sequence[str], rows: Iterable[tuple[int, Row | None]]) -> Iterator["pl.DataFrame"]:
         import polars as pl
 
         schema = {name: pl.Float64 if name in numeric else pl.String for name in columns} | {ROW: pl.Int64}
         cells = (
             (*((row or {}).get(own[column]) for column in columns), line)
-            for line, row in rows()
+            for line, row in rows
             if row is None or kind_of(row) == kind
         )
         while piece := list(islice(cells, PIECE_ROWS)):
             series = zip(schema.items(), zip(*piece, strict=True), strict=True)
             yield pl.DataFrame([pl.Series(name, values, dtype, strict=False) for (name, dtype), values in series])
+
+    def pieces(columns: Sequence[str]) -> Iterator["pl.DataFrame"]:
+        if lines is None:
+            yield from frames(columns, rows())
+            return
+        kinds = {name: name in numeric for name in names}
+        for line, piece in _numbered_pieces(lines):
+            frame = _flat_frame(line, piece, kinds)
+            yield from frames(columns, _rows_in(line, piece)) if frame is None else [frame.select([*columns, ROW])]
 
     return SourceTable(kind, tuple(own), pieces, said=f"JSON, {len(names)} columns", row_word=row_word)
 
