@@ -120,6 +120,16 @@ def readings(setup: Setup, nominal: dict[str, np.ndarray], effects: dict[str, np
     if "warm_up" in effects:
         *amplitudes, tau = effects["warm_up"]
         out = out + np.exp(-(setup.time_s - setup.time_s[0]) / tau)[:, None] * np.array(amplitudes)
+    for name in POLYNOMIALS.keys() & effects.keys():
+        size, about = effects[name]
+        axis, (kind, _, _) = AXES.index(name[-1]), name.partition("_polynomial")
+        t, v = setup.time_s - setup.time_s[0], u[:, axis]
+        shapes = {
+            "temperature": (setup.temperature_degc - about) ** 2,
+            "time": (t - about) ** 2,
+            "input": v**2 + about * v**3,
+        }
+        out[:, axis] += size * shapes[kind]
     if "settling" in effects:
         *amplitudes, tau = effects["settling"]
         began = np.array([setup.time_s[np.flatnonzero(level == own)[0]] for own in level])
@@ -204,6 +214,7 @@ def _of_an_axis(setup: Setup, u: np.ndarray, i: int, mounting: np.ndarray) -> di
         f"memory.{a}": [v[last] - v],
         f"hysteresis.{a}": [np.clip((v - v[last]) / 0.1, -1, 1)],
         f"bias_temperature_square.{a}": [(setup.temperature_degc - setup.temperature_degc.mean()) ** 2],
+        f"bias_drift_square.{a}": [(t - t.mean()) ** 2],
         f"temperature_rate.{a}": [rate],
         # No entry of the catalogue describes these.
         f"?square_times_sine.{a}": [v**2 * np.sin(setup.alpha)],
@@ -238,7 +249,14 @@ BY_SETTING = -1
 RARE = {
     **{
         f"{name}.{a}": 1
-        for name in ("fifth_order", "memory", "hysteresis", "bias_temperature_square", "temperature_rate")
+        for name in (
+            "fifth_order",
+            "memory",
+            "hysteresis",
+            "bias_temperature_square",
+            "bias_drift_square",
+            "temperature_rate",
+        )
         for a in AXES
     },
     **{f"{name}_by_pitch.{a}": BY_SETTING for name in ("bias", "scale") for a in AXES},
@@ -247,6 +265,16 @@ RARE = {
     **{f"misalignment_{by}.{a}": 2 for by in ("drift", "temperature") for a in AXES},
     "mount_drift": 3,
     "mount_temperature": 3,
+}
+# Squares about references other than the mean, and an input's square with its cube: what is to be found of each.
+POLYNOMIALS = {
+    f"{kind}_polynomial.{a}": (f"{first}.{a}", f"{second}.{a}")
+    for kind, first, second in (
+        ("temperature", "bias_temperature", "bias_temperature_square"),
+        ("time", "bias_drift", "bias_drift_square"),
+        ("input", "second_order", "third_order"),
+    )
+    for a in AXES
 }
 # From the middle position on.
 JUMPS = {"?mount_slip": 3, **{f"?step_half_way.{a}": 1 for a in AXES}}
@@ -309,10 +337,11 @@ def sized(
 
     Returns coefficients, unreachable signal / sigma, visible share; None when less than `least_share` of it is visible.
     """
-    count = (COEFFICIENTS | RARE | JUMPS | UNKNOWN)[name]
+    count = 1 if name in POLYNOMIALS else (COEFFICIENTS | RARE | JUMPS | UNKNOWN)[name]
     direction = rng.normal(size=setup.pitch.max() if count == BY_SETTING else count)
     tail = [rng.uniform(0.07, 0.5) * np.ptp(setup.time_s)] if name == "warm_up" else []
     tail = [rng.uniform(40, 250)] if name == "settling" else tail
+    tail = [_about(setup, name, rng)] if name in POLYNOMIALS else tail
     plain = readings(setup, setup.nominal, {})
     size = 1e-6
     for _ in range(4):
@@ -324,6 +353,15 @@ def sized(
             return None
         size *= d / norm
     return coefficients, signal, float(norm / np.linalg.norm(whole))
+
+
+def _about(setup: Setup, name: str, rng: np.random.Generator) -> float:
+    """Where the parabola of a polynomial turns, degC or s, within the run and as far beyond; of an input how much cube there is
+    beside the square."""
+    if name.startswith("input"):
+        return float(rng.uniform(0.5, 2.0) * rng.choice([-1, 1]))
+    along = setup.temperature_degc if name.startswith("temperature") else setup.time_s - setup.time_s[0]
+    return float(along.min() + rng.uniform(-0.5, 1.5) * np.ptp(along))
 
 
 def resembles_none(setup: Setup, projector: np.ndarray, signal: np.ndarray, least: float) -> bool:

@@ -79,7 +79,8 @@ def hidden(rng, plan, names_of, sizes, gross=None, most_cosine=None, soaks=()):
         begins = setup.names[len(setup.names) // 2]
         truth = [
             f"{'mount_slip' if 'slip' in name else 'bias_jump'}:{begins}" if name in blind.JUMPS else name
-            for name in names
+            for own in names
+            for name in blind.POLYNOMIALS.get(own, (own,))
         ]
         if gross == "outlier":
             measured, label = blind.knocked(setup, projector, measured, rng.integers(len(measured)), rng)
@@ -142,6 +143,8 @@ GROUPS = {
     "unknown d=10": (one_of(blind.UNKNOWN), (10,), {}),
     "rare d=10": (one_of(blind.RARE), (10,), {}),
     "rare d=30": (one_of(blind.RARE), (30,), {}),
+    "polynomial d=7": (one_of(blind.POLYNOMIALS), (7,), {}),
+    "polynomial d=12": (one_of(blind.POLYNOMIALS), (12,), {}),
     "jump d=10": (one_of(blind.JUMPS), (10,), {}),
     "soak d=7": (one_of(THERMAL), (7,), {"soaks": (-40.0, 45.0, 60.0, 85.0)}),
 }

@@ -215,3 +215,25 @@ def slots_of(*ids):
 )
 def test_a_higher_order_and_a_special_case_with_a_further_effect_are_no_equals(simpler, other, more):
     assert needs_more(slots_of(*simpler.split()), slots_of(*other.split())) is more
+
+
+def test_powers_of_a_polynomial_are_one_factor_and_fewer_of_them_no_other_explanation():
+    best = told(
+        "bias_temperature.x bias_temperature_square.x second_order.z",
+        "bias_temperature_square.x second_order.z",
+        "bias_drift.x bias_drift_square.x second_order.z",
+        "bias_temperature.x bias_temperature_square.x cross_axis_square.z",
+        identical=["bias_temperature.x bias_temperature_square.x cross_axis_square.z"],
+    )
+    assert best.separable == (("bias_drift.x", "bias_drift_square.x", "second_order.z"),)
+    assert best.supersets == ()
+    bias, square = factors_of(best, ENTRIES, COLUMNS)
+    assert shown(bias) == "bias_temperature.x+bias_temperature_square.x | bias_drift.x+bias_drift_square.x"
+    assert shown(square) == "second_order.z | cross_axis_square.z"
+    nested = told("bias_drift.y", "bias_drift.y bias_drift_square.y")
+    assert nested.single_name and verdict_of(nested, False, False, False) == "identified"
+    whole = told("bias_drift.y bias_drift_square.y", "bias_drift.y")
+    assert whole.single_name and verdict_of(whole, False, False, False) == "identified"
+    # Where no member of the class joins them either.
+    (factor,) = factors_of(whole, ENTRIES, COLUMNS)
+    assert factor.members == (("bias_drift.y", "bias_drift_square.y"),) and factor.resolved

@@ -1,18 +1,21 @@
 """The search over sets against brute force, its scores against integrals done here."""
 
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 import pytest
 from scipy import integrate
 
-from tumblecal.diagnosis.causes.cause import EFFECT, Cause
+from tumblecal.diagnosis.causes.cause import EFFECT, NO_SLOT, Cause
 from tumblecal.diagnosis.causes.faults import swap
 from tumblecal.diagnosis.causes.pool import Pool
 from tumblecal.diagnosis.evidence import LARGEST, SMALLEST, gain
 from tumblecal.diagnosis.sets.cause_sets import keys_of, rows_of
+from tumblecal.diagnosis.sets.occam import further_powers, splits
+from tumblecal.diagnosis.sets.prior import SetPriors, log_prior
 from tumblecal.diagnosis.sets.search import Search
-from tumblecal.diagnosis.tuning import EFFECT_WEIGHT, FAULT_WEIGHTS, ON_AXES, SIZE_PRIOR
+from tumblecal.diagnosis.tuning import EFFECT_WEIGHT, FAULT_WEIGHTS, OF_ORDERS, ON_AXES, SIZE_PRIOR
 
 
 DOF = 20
@@ -23,10 +26,13 @@ def unit(rng):
     return vector / np.linalg.norm(vector)
 
 
-def pool_of(rng, count=12, labels=None):
-    labels = labels or [f"effect_{k}" for k in range(count)]
+def pool_of(rng, count=12, labels=None, powers=None):
+    """`powers`: of some labels the polynomial and the power."""
+    labels, powers = labels or [f"effect_{k}" for k in range(count)], powers or {}
     share, fault_share = np.log(EFFECT_WEIGHT / len(labels)), np.log(FAULT_WEIGHTS["swapped_positions"] / 3)
-    blocks = [Cause(EFFECT, label, share, share, unit(rng)) for label in labels]
+    stated = {label: powers.get(label, ((), 0)) for label in labels}
+    slots = {label: replace(NO_SLOT, polynomial=of, order=order) for label, (of, order) in stated.items()}
+    blocks = [Cause(EFFECT, label, share, share, unit(rng), slot=slots[label]) for label in labels]
     faults = [swap(f"swap:{k}", (fault_share, fault_share), rng.normal(size=DOF), (k, k + 1)) for k in range(3)]
     return Pool.of((*blocks, *faults), DOF)
 
@@ -163,3 +169,68 @@ def test_two_families_that_hide_each_other_in_unknown_noise_are_found():
     search = Search(pool, z, known=False)
     assert search.several() > 10.0
     assert search.ranked().set_at(0) == tuple(range(6))
+
+
+# Bias against temperature on two axes, first and second order; an input's second, third and fifth power.
+POWERS = {
+    "slope.x": (("x", "degc"), 1), "bend.x": (("x", "degc"), 2), "slope.y": (("y", "degc"), 1), "bend.y": (("y", "degc"), 2),
+    "square.z": (("z", "z"), 2), "cube.z": (("z", "z"), 3), "fifth.z": (("z", "z"), 5),
+}  # fmt: skip
+LABELS = [*POWERS, "slope.z", "bend.z", "other", "another"]
+
+
+@pytest.mark.parametrize(
+    ("labels", "causes", "shares"),
+    [
+        ("slope.x bend.x", 1, [dict(OF_ORDERS)[2] / 3]),
+        ("square.z cube.z", 1, [dict(OF_ORDERS)[2] / 3]),
+        # One of three orders is listed.
+        ("square.z cube.z fifth.z", 1, [dict(OF_ORDERS)[3]]),
+        # A power below is missing.
+        ("cube.z fifth.z", 2, [1 / 11, 1 / 11]),
+        ("square.z fifth.z", 2, [1 / 11, 1 / 11]),
+        ("slope.x bend.x other", 2, [dict(OF_ORDERS)[2] / 3, 1 / 11]),
+        # Either two polynomials, or two families on two axes, of which there are two with three choices each.
+        ("slope.x bend.x slope.y bend.y", 2, [max(dict(OF_ORDERS)[2] / 3, ON_AXES[2] / 6)] * 2),
+        ("slope.x bend.x bend.y", 2, [dict(OF_ORDERS)[2] / 3, 1 / 11]),
+    ],
+)
+def test_powers_of_one_variable_on_one_output_count_as_one_cause(labels, causes, shares):
+    pool = pool_of(np.random.default_rng(0), labels=LABELS, powers=POWERS)
+    members = tuple(sorted(LABELS.index(label) for label in labels.split()))
+    expected = np.log(SIZE_PRIOR[causes] * causes * np.prod(EFFECT_WEIGHT * np.array(shares)))
+    assert log_prior(pool, members) == pytest.approx(expected)
+    # The same by each way of single steps.
+    for k in members:
+        less = tuple(other for other in members if other != k)
+        assert SetPriors.of(pool, rows_of([less])).with_each()[0, k] == pytest.approx(expected)
+
+
+def test_a_parabola_about_a_reference_far_from_the_mean_is_found_where_either_power_leaves_much():
+    """Seen from the mean it is a slope and a bend; two separate causes of this size would be too improbable."""
+    rng = np.random.default_rng(9)
+    pool = pool_of(rng, labels=LABELS, powers=POWERS)
+    z = sum(6 * pool.causes[k].block[:, 0] for k in (0, 1)) + rng.normal(size=DOF)
+    assert Search(pool, z, known=True).run().set_at(0) == (0, 1)
+    assert pool.together.polynomials == ((0, 1), (2, 3), (4, 5, 6))
+
+
+def test_how_many_powers_a_polynomial_has_is_no_other_cause():
+    pool = pool_of(np.random.default_rng(0), labels=LABELS, powers=POWERS)
+
+    def numbers(labels):
+        return tuple(sorted(LABELS.index(label) for label in labels.split()))
+
+    for first, second, powers, split in (
+        ("slope.x", "slope.x bend.x", True, False),
+        ("bend.x other", "slope.x bend.x other", True, False),
+        ("slope.x", "bend.x", False, False),
+        ("slope.x bend.x", "slope.x bend.x other", False, False),
+        ("slope.x", "slope.x bend.y", False, False),
+        ("slope.x bend.x", "other bend.x", False, True),
+        ("slope.x bend.x", "other another", False, True),
+        ("slope.x other", "slope.x another", False, False),
+    ):
+        assert further_powers(pool, numbers(first), numbers(second)) is powers
+        assert further_powers(pool, numbers(second), numbers(first)) is powers
+        assert splits(pool, numbers(first), numbers(second)) is split

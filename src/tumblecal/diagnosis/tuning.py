@@ -55,6 +55,9 @@ SIZE_PRIOR = (0.25, 0.69, 0.05, 0.004, 0.0003)
 # Of the prior of one cause, the shares of a family of effects (bias against temperature, say) that acts on all three axes,
 # and on two of them, each with a coefficient of its own: such a set counts as one cause. (blind)
 ON_AXES = {3: 0.08, 2: 0.08}
+# The same for the lowest powers of one variable on one output, by their number: two powers share what a bias that follows the
+# temperature about any reference needs. (benchmarks/blind_study.py --only polynomial)
+OF_ORDERS = ((2, 0.04), (3, 0.005))
 # The same for outlying positions: shares of the prior of one that two, three and four of them have as one cause.
 SEVERAL_OUTLIERS = {2: 0.2, 3: 0.1, 4: 0.03}
 # What is left of a candidate's direction beside those already in the set: below this (squared) it adds nothing; beside other

@@ -68,6 +68,7 @@ class Effect:
     - `largest`: the size (base unit) of a coefficient beyond which it is no cause: it would be seen in setting up.
     - `found_as`: what the diagnosis finds it as, of an entry that it does not look for.
     - `pauses`: pauses of unknown length that it allows for, of an effect of time: "" none, "between runs", or "any".
+    - `of_time`: the power of the time with which it changes the bias of its axis; 0: it is another function.
     """
 
     def __repr__(self) -> str:
@@ -93,6 +94,7 @@ class Effect:
     looks_back: bool = False
     largest: float = math.inf
     pauses: str = ""
+    of_time: int = 0
 
     def lacking(self, where: Where) -> str:
         """What it needs and the data lack, as in "the data have no column time_s and only one run"; "" where nothing. One run,
@@ -111,7 +113,9 @@ class Effect:
 
     @property
     def polynomial(self) -> tuple[tuple[str, str] | tuple[()], int]:
-        """Output and variable (an input or `degc`) of which it is a power, and the power; `()` and 0 where it is none."""
+        """Output and variable (an input, `degc`, `time`) of which it is a power, and the power; `()` and 0 where it is none."""
+        if self.of_time:
+            return (self.id.rpartition(".")[2], "time"), self.of_time
         form = self.forms[0] if len(self.forms) == 1 else {}
         # Whether a form of the user's is a right one is for `data.calibration_terms` to say.
         inputs, degc = form.get("powers"), form.get("degc_power", form.get("per_degc"))
@@ -179,6 +183,7 @@ def output_effect(
     looks_back: bool = False,
     pauses: str = "",
     not_held: str = "",
+    of_time: int = 0,
 ) -> Effect:
     """An effect that adds terms to the output of one axis.
 
@@ -189,6 +194,7 @@ def output_effect(
     - `terms`: one function of `(u, where)` for each coefficient; u is the tuple of ideal inputs in g.
     - `looks_back`: whether the terms take `where.inputs_before`, the inputs at the position before.
     - `pauses`: which pauses of unknown length the terms allow for: "", "between runs" or "any".
+    - `of_time`: the power of the time, of a term that is one.
     - `unit`: of the coefficients, such as `mg/g^2`; the rest as in `Effect`.
 
     **Returns:** the catalogue entry.
@@ -206,7 +212,7 @@ def output_effect(
 
     described = id, physics, unit, typical, cause, advice, source
     shown = {"kinked": kinked, "forms": tuple(forms), "weight": weight, "looks_back": looks_back, "pauses": pauses}
-    return Effect(*described, make, symbol, tuple(needs), **shown, not_held=not_held)
+    return Effect(*described, make, symbol, tuple(needs), **shown, not_held=not_held, of_time=of_time)
 
 
 class AngleTerm(Link):

@@ -6,7 +6,7 @@ import numpy as np
 from tumblecal.chain import Link, Where
 from tumblecal.effects.decay import decays
 from tumblecal.effects.drift import drift_effect
-from tumblecal.effects.effect import OF_RUN, Effect, elapsed, output_effect
+from tumblecal.effects.effect import OF_RUN, RARE, Effect, elapsed, output_effect
 from tumblecal.ground.axes import AXES
 
 
@@ -26,6 +26,11 @@ def warmer(where: Where):
     return jnp.asarray(where.temperature_degc) - REFERENCE_DEGC
 
 
+def _off_mean(u, where: Where):
+    time = elapsed(where)
+    return (time - jnp.mean(time)) ** 2
+
+
 def _axis_entries(number: int, axis: str) -> tuple[Effect, ...]:
     return (
         drift_effect(
@@ -39,6 +44,22 @@ def _axis_entries(number: int, axis: str) -> tuple[Effect, ...]:
             advice="Let the unit settle longer; repeat the first position at the end; measure positions in another order.",
             source="IEEE 1293 (bias trending)",
             not_held=OF_RUN,
+            of_time=1,
+        ),
+        output_effect(
+            f"bias_drift_square.{axis}",
+            axis,
+            _off_mean,
+            unit="mg/h/h",
+            typical=0.2,
+            physics="bias with the square of time_s less its mean",
+            needs=("time_s",),
+            cause=f"The drift of the bias of the {axis} axis becomes slower or faster during the measurement.",
+            advice="Let the unit settle longer; repeat the first position at the end; measure positions in another order.",
+            source="IEEE 1293 (bias trending)",
+            weight=RARE,
+            not_held=OF_RUN,
+            of_time=2,
         ),
         drift_effect(
             f"scale_drift.{axis}",

@@ -75,9 +75,9 @@ def coefficients(diagnosis: Diagnosis, cause: Cause) -> dict[str, dict]:
     fit, listed = diagnosis.extended, {}
     alone = {next(iter(own.weights)) for own in diagnosis.determined[cause.label] if len(own.weights) == 1}
     for name, base in zip(cause.slot.names, cause.slot.units, strict=True):
-        display = _display(diagnosis, cause, base)
+        display = display_unit(diagnosis, cause, base)
         scale, k = factor(display, base), fit.names.index(name)
-        sd = _with_undetected(diagnosis, {name: 1.0}, float(fit.sd[k])) / scale if name in alone else None
+        sd = with_undetected(diagnosis, {name: 1.0}, float(fit.sd[k])) / scale if name in alone else None
         listed[name] = {"value": float(fit.values[k] / scale), "sd": sd, "unit": display, "determined": name in alone}
     return listed
 
@@ -89,14 +89,14 @@ def combined(diagnosis: Diagnosis, cause: Cause) -> list[dict]:
     for own in diagnosis.determined[cause.label]:
         if len(own.weights) > 1:
             base = cause.slot.units[cause.slot.names.index(max(own.weights, key=lambda name: abs(own.weights[name])))]
-            display = _display(diagnosis, cause, base)
+            display = display_unit(diagnosis, cause, base)
             scale = factor(display, base)
-            sd = _with_undetected(diagnosis, own.weights, own.sd) / scale
+            sd = with_undetected(diagnosis, own.weights, own.sd) / scale
             listed.append({"weights": own.weights, "value": own.value / scale, "sd": sd, "unit": display})
     return listed
 
 
-def _with_undetected(diagnosis: Diagnosis, weights: Mapping[str, float], sd: float) -> float:
+def with_undetected(diagnosis: Diagnosis, weights: Mapping[str, float], sd: float) -> float:
     """Standard uncertainty of a combination of coefficients, from that by the noise, with the part of undetected effects."""
     used = diagnosis.in_use
     if used.undetected is None or not weights.keys() <= set(used.names):
@@ -105,7 +105,8 @@ def _with_undetected(diagnosis: Diagnosis, weights: Mapping[str, float], sd: flo
     return float(np.sqrt(sd**2 + each @ used.undetected.covariance[np.ix_(places, places)] @ each))
 
 
-def _display(diagnosis: Diagnosis, cause: Cause, base: str) -> str:
+def display_unit(diagnosis: Diagnosis, cause: Cause, base: str) -> str:
+    """The unit in which a coefficient of a base unit is shown."""
     entry = diagnosis.entries[cause.label]
     return entry.unit if entry.shows(base) else shown(base)[0]
 

@@ -19,6 +19,7 @@ from tumblecal.report.gravity_words import gravity_warning
 from tumblecal.report.identity_words import identity_words
 from tumblecal.report.next_plan_words import next_words
 from tumblecal.report.number_words import ambiguity, odds_words
+from tumblecal.report.polynomial_words import by_finding, polynomial_words
 from tumblecal.report.sentences import as_sentence
 from tumblecal.report.setting_words import many_settings_words
 from tumblecal.report.verdict import Finding, Unresolved, Verdict
@@ -49,8 +50,9 @@ def verdict_of_diagnosis(diagnosis: Diagnosis, plan: NextPlan | None = None, fol
     - `plan`: what to measure next, if that was asked for. `folder`: where its plans are written; None: nowhere, so no
       commands are suggested.
     """
-    before, causes = list(_before_causes(diagnosis)), [_finding(diagnosis, cause) for cause in diagnosis.members]
-    numbers = {cause.label: len(before) + k for k, cause in enumerate(diagnosis.members, 1)}
+    before, together = list(_before_causes(diagnosis)), by_finding(diagnosis.members)
+    causes = [_finding(diagnosis, own) for own in together]
+    numbers = {cause.label: len(before) + k for k, own in enumerate(together, 1) for cause in own}
     found = (*before, *causes, *_unnamed(diagnosis))
     open_causes = sum(not factor.resolved for factor in diagnosis.factors)
     return Verdict(
@@ -131,7 +133,10 @@ def _unnamed(diagnosis: Diagnosis) -> Iterator[Finding]:
         yield from (Finding(words) for words in _located(diagnosis))
 
 
-def _finding(diagnosis: Diagnosis, cause: Cause) -> Finding:
+def _finding(diagnosis: Diagnosis, causes: Sequence[Cause]) -> Finding:
+    cause, *further = causes
+    if further:
+        return Finding(*polynomial_words(diagnosis, causes), label_words(tuple([own.label for own in causes])))
     if not cause.named:
         return Finding(f"An effect that depends on {cause.words}; not in the catalogue", id=UNEXPLAINED)
     id, _, positions = cause.label.partition(":")
@@ -251,5 +256,7 @@ def _next(
     if plan is not None:
         yield from next_words(diagnosis, plan, folder, numbers)
     causes = [id_of(cause.label) for cause in diagnosis.members if cause.named]
-    for id in dict.fromkeys([*(mix_up.label for mix_up in diagnosis.mix_ups), *diagnosis.noise_labels, *causes]):
-        yield f"{id}: {diagnosis.entries[id].advice}"
+    by_advice: dict[str, dict[str, None]] = {}
+    for id in (*(mix_up.label for mix_up in diagnosis.mix_ups), *diagnosis.noise_labels, *causes):
+        by_advice.setdefault(diagnosis.entries[id].advice, {})[id] = None
+    yield from (f"{', '.join(ids)}: {advice}" for advice, ids in by_advice.items())

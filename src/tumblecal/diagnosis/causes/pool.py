@@ -16,6 +16,7 @@ from tumblecal.diagnosis.causes.generic import generic_causes
 from tumblecal.diagnosis.causes.jumps import jumps
 from tumblecal.diagnosis.causes.shapes import shape_causes
 from tumblecal.diagnosis.causes.table import Blocks, CauseTable, MadeCauses, tables_of
+from tumblecal.diagnosis.causes.together import Together, polynomials
 from tumblecal.diagnosis.causes.visibility import Visibility
 from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.diagnosis.tuning import COLLINEAR, FAMILY_TEST_WEIGHT
@@ -190,11 +191,11 @@ class Pool:
         return self.effects[_on_axes(tuple([self.labels[k] for k in self.effects.tolist()]))]
 
     @cached_property
-    def family(self) -> Int[np.ndarray, " causes"]:
-        """The number of each cause's family in `axes`, -1 for one without."""
-        family = np.full(self.size, -1)
-        family[self.axes] = np.arange(len(self.axes))[:, None]
-        return family
+    def together(self) -> Together:
+        """Which effects are one cause together."""
+        effects = self.effects.tolist()
+        listed = polynomials([self.causes[k].slot for k in effects])
+        return Together(self.size, self.axes, tuple([tuple([effects[number] for number in own]) for own in listed]))
 
     @cached_property
     def tested(self) -> tuple[Tested, Tested]:

@@ -85,7 +85,12 @@ def factors_of(best: Explanation, entries: Catalogue, columns: Mapping[str, np.n
             return Reason("size")
         return _of_columns(exchange, entries, columns) or Reason("angles")
 
-    return tuple([_factor(part, listed, reason) for part in parts(best.labels, listed)])
+    powers = ((label, entries[id_of(label)].polynomial[0]) for label in best.labels if id_of(label) in entries)
+    whole: dict[tuple[str, ...], list[str]] = {}
+    for label, polynomial in powers:
+        whole.setdefault(polynomial or (label,), []).append(label)
+    replaced = (exchange.removed for exchange in listed)
+    return tuple([_factor(part, listed, reason) for part in parts(best.labels, [*replaced, *whole.values()])])
 
 
 def _factor(part: Labels, listed: Sequence[Exchange], reason: Callable[[Exchange], Reason]) -> Factor:

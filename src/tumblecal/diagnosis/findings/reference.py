@@ -32,7 +32,9 @@ def moved_to_reference(at: Tangent, ids: Collection[str], *, thermal: bool) -> F
     if not thermal and columns:
         added[:, columns] = _absorbed(at.jacobian[:, : at.model.nominal], (at.jacobian - at.varying)[:, columns])
     slots = [slot for slot in at.model.slots if slot.id in ids]
-    _add_drifts(at, [slot for slot in slots if slot.needs == ("time_s",) and not slot.shape], added)
+    # The square of the time counts from its mean.
+    linear = [slot for slot in slots if slot.needs == ("time_s",) and not slot.shape and slot.order < 2]
+    _add_drifts(at, linear, added)
     for slot in slots:
         for link in slot.links:
             if isinstance(link, GroupTerms):

@@ -13,7 +13,7 @@ from tumblecal.diagnosis.causes.pool import Pool
 from tumblecal.diagnosis.model.layout import Slot
 from tumblecal.diagnosis.sets.cause_sets import Members, Ranked, keys_of, sets_of
 from tumblecal.diagnosis.sets.exchanges import Labels, supersets
-from tumblecal.diagnosis.sets.occam import needs_more
+from tumblecal.diagnosis.sets.occam import further_powers, needs_more, splits
 from tumblecal.diagnosis.sets.partial_set import partial_sets
 from tumblecal.diagnosis.sets.patchwork import Neighbours, is_patchwork
 from tumblecal.diagnosis.sets.prior import SetPriors
@@ -35,8 +35,9 @@ class Explanation:
     """A set of named causes.
 
     - `labels`: ids, positions after a colon; empty: the model is adequate.
-    - `equivalents`: other sets of labels that these data cannot tell from it; `identical`: those of them that no data of a head
-      can, as they are the same function at 1 g; `less_simple`: those that need more for the same signal (`sets.occam`).
+    - `equivalents`: other sets of labels that these data cannot tell from it, and those with fewer or more powers of the same
+      polynomial; `identical`: those of them that no data of a head can, as they are the same function at 1 g;
+      `less_simple`: those that need more for the same signal (`sets.occam`).
     - `apart`: how much of its signal each equivalent cannot make, in noise sd (norm); NaN where that is not known.
     - `probability`: that the truth is this set or one of its equivalents; `own_probability`: this set alone.
     - `members`: the best set of candidates with these labels; `noise`: the noise alternative where it is one.
@@ -65,13 +66,17 @@ class Explanation:
     @property
     def supersets(self) -> tuple[Labels, ...]:
         """Equivalents that hold another one, or this, and causes that the data do not need."""
-        return supersets(self.labels, self.equivalents)
+        return supersets(self.labels, [own for own in self.equivalents if not self._within(own)])
+
+    def _within(self, labels: Labels) -> bool:
+        """Whether a member of the class has fewer powers of a polynomial, and all else the same."""
+        return {*labels} < {*self.labels}
 
     @property
     def separable(self) -> tuple[Labels, ...]:
         """The equivalents that other positions could tell from it, and that are as simple."""
         aside = {*self.identical, *self.supersets, *self.less_simple}
-        return tuple([own for own in self.equivalents if own not in aside])
+        return tuple([own for own in self.equivalents if own not in aside and not self._within(own)])
 
 
 class Groups(NamedTuple):
@@ -147,13 +152,21 @@ def explanations(
         unexplained = groups.labels.index((UNEXPLAINED,))
         alike |= {k: alike.get(k, {}) | {unexplained: np.nan} for k in groups.patchwork(neighbours)}
     found, used = [], set()
-    sets = sets_of(groups.sets)
+    sets, causes = sets_of(groups.sets), groups.causes.tolist()
+    for k in near:
+        powers = [other for other in range(len(sets)) if further_powers(search.pool, sets[k], sets[other])]
+        alike[k] = alike.get(k, {}) | dict.fromkeys(powers, np.nan)
     listed = zip(groups.labels, sets, groups.unnamed.tolist(), strict=True)
     for k, (labels, members, unnamed) in enumerate(listed):
         if k in used:
             continue
         same = {other: _apart(search.pool, members, sets[other]) for other in alike.get(k, {}) if other not in used}
         used |= {k, *same}
+        less_simple = {
+            other
+            for other, own in same.items()
+            if needs_more(*own) or (causes[other] > causes[k] and splits(search.pool, members, sets[other]))
+        }
         found.append(
             Explanation(
                 labels=labels,
@@ -164,7 +177,7 @@ def explanations(
                 members=members,
                 noise=labels[0] if not unnamed and labels and labels[0] in noise else "",
                 identical=tuple([groups.labels[other] for other, own in same.items() if one_function_at_1_g(*own)]),
-                less_simple=tuple([groups.labels[other] for other, own in same.items() if needs_more(*own)]),
+                less_simple=tuple([groups.labels[other] for other in same if other in less_simple]),
             )
         )
     return sorted(found, key=attrgetter("probability"), reverse=True)

@@ -1,6 +1,6 @@
 """A class of explanations as a product: which of its causes can be exchanged for which others while the rest stays."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from typing import NamedTuple
 
 
@@ -63,11 +63,12 @@ def _by_axis(exchange: Exchange) -> list[Exchange]:
     return [Exchange(sides[0][axis], sides[1][axis], exchange.labels, True) for axis in sides[0]]
 
 
-def parts(best: Labels, listed: Collection[Exchange]) -> list[Labels]:
-    """The causes of an explanation, those together that an exchange replaces together, in the order of `best`."""
+def parts(best: Labels, whole: Iterable[Collection[str]]) -> list[Labels]:
+    """The causes of an explanation in the order of `best`, those together that are `whole`: that an exchange replaces together,
+    or the powers of a polynomial."""
     together = [{label} for label in best]
-    for exchange in listed:
-        touched = [part for part in together if part & exchange.removed]
+    for own in whole:
+        touched = [part for part in together if not part.isdisjoint(own)]
         if touched:
             joined = set[str]().union(*touched)
             together = [joined if part is touched[0] else part for part in together if part not in touched[1:]]

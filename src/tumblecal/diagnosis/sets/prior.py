@@ -9,8 +9,7 @@ from jaxtyping import Bool, Float, Int
 
 from tumblecal.diagnosis.causes.pool import Pool
 from tumblecal.diagnosis.sets.cause_sets import MOST, MOST_CAUSES, Members, rows_of
-from tumblecal.diagnosis.tuning import EFFECT_WEIGHT, FAULT_WEIGHTS, ON_AXES, SEVERAL_OUTLIERS, SIZE_PRIOR
-from tumblecal.effects import AXES
+from tumblecal.diagnosis.tuning import EFFECT_WEIGHT, FAULT_WEIGHTS, OF_ORDERS, ON_AXES, SEVERAL_OUTLIERS, SIZE_PRIOR
 from tumblecal.ground.showing import brief
 
 
@@ -36,8 +35,8 @@ def log_prior(pool: Pool, members: Members) -> float:
 class SetPriors(NamedTuple):
     """Priors of sets, as rows of indices into a pool.
 
-    - `there`: which entries of the rows are causes; `family`: of which family of axes each is, -1: of none.
-    - `outliers`: number of outlying positions. `causes`: how many a set counts for: axes of a family are one cause, and so are
+    - `there`: which entries of the rows are causes. `outliers`: number of outlying positions.
+    - `causes`: how many a set counts for: axes of a family are one cause, and so are a polynomial's lowest powers, and
       outlying positions. `log_weight`: of the causes.
     """
 
@@ -46,7 +45,6 @@ class SetPriors(NamedTuple):
     pool: Pool
     sets: Int[np.ndarray, "sets most"]
     there: Bool[np.ndarray, "sets most"]
-    family: Int[np.ndarray, "sets most"]
     outliers: Int[np.ndarray, " sets"]
     causes: Int[np.ndarray, " sets"]
     log_weight: Float[np.ndarray, " sets"]
@@ -58,18 +56,17 @@ class SetPriors(NamedTuple):
         if not there.any():
             # Of nothing alone; a pool may hold no cause at all.
             none, count = np.zeros(len(sets), int), np.zeros(len(sets))
-            return cls(pool, sets, there, np.full(sets.shape, -1), none, none, count)
-        each, family = np.where(there, pool.log_weights[sets], 0.0), np.where(there, pool.family[sets], -1)
+            return cls(pool, sets, there, none, none, count)
         outliers = (pool.is_outlier[sets] & there).sum(axis=1)
-        causes = there.sum(axis=1) - np.maximum(outliers - 1, 0)
-        if np.count_nonzero(family >= 0) > 1:
-            same = (family[:, :, None] == family[:, None, :]) & (family >= 0)[:, :, None]
-            axes = same.sum(axis=2)
-            # Of the axes of a family the first stands for all.
-            follows = np.any(same & _BEFORE[: sets.shape[1], : sets.shape[1]], axis=2)
-            each = np.where(axes > 1, _log_on_axes(len(pool.axes))[axes], each)
-            each, causes = np.where(follows, 0.0, each), causes - follows.sum(axis=1)
-        return cls(pool, sets, there, family, outliers, causes, each.sum(axis=1) + _LOG_TOGETHER[outliers])
+        causes, log_weight = there.sum(axis=1), np.where(there, pool.log_weights[sets], 0.0).sum(axis=1)
+        rows = np.flatnonzero((there & (pool.together.partners[sets, 0] >= 0)).sum(axis=1) > 1)
+        if len(rows):
+            # A member is counted in one way only: with the other axes, or with the other powers.
+            ways = [_together(pool, sets[rows], powers_first=first) for first in (False, True)]
+            better = _LOG_SIZE[ways[1][0]] + ways[1][1] > _LOG_SIZE[ways[0][0]] + ways[0][1]
+            causes[rows], log_weight[rows] = (np.where(better, *both) for both in zip(*reversed(ways), strict=True))
+        causes, log_weight = causes - np.maximum(outliers - 1, 0), log_weight + _LOG_TOGETHER[outliers]
+        return cls(pool, sets, there, outliers, causes, log_weight)
 
     @property
     def own(self) -> Float[np.ndarray, " sets"]:
@@ -88,10 +85,10 @@ class SetPriors(NamedTuple):
             rows, further = np.nonzero((outliers > 0)[:, None] & pool.is_outlier)
             several = self.own + _LOG_TOGETHER[outliers + 1] - _LOG_TOGETHER[outliers]
             priors[rows, further] = several[rows] + pool.log_weights[further]
-        rows, member = (self.family >= 0).nonzero()
+        further = np.where(self.there[:, :, None], pool.together.partners[self.sets], -1).reshape(len(self.sets), -1)
+        rows, column = (further >= 0).nonzero()
         if len(rows):
-            further = pool.axes[self.family[rows, member]].ravel()
-            rows = np.repeat(rows, len(AXES))
+            further = further[rows, column]
             new = (self.sets[rows] != further[:, None]).all(axis=1)
             rows, further = rows[new], further[new]
             priors[rows, further] = SetPriors.of(pool, np.column_stack([self.sets[rows], further])).own
@@ -102,9 +99,47 @@ class SetPriors(NamedTuple):
         return priors
 
 
+def _together(
+    pool: Pool, sets: Int[np.ndarray, "sets most"], *, powers_first: bool
+) -> tuple[Int[np.ndarray, " sets"], Float[np.ndarray, " sets"]]:
+    """How many causes sets count for and the log weight of these, each member in the first group that it shares with others."""
+    there = sets >= 0
+    each, alone, follows = np.where(there, pool.log_weights[sets], 0.0), there, np.zeros(sets.shape, bool)
+    before, together = _BEFORE[: sets.shape[1], : sets.shape[1]], pool.together
+    on_axes, of_orders = _log_on_axes(len(pool.axes)), _log_of_orders(tuple(map(len, together.polynomials)))
+    ways = [(together.family, on_axes, False), (together.polynomial, of_orders, True)]
+    for groups, log_weights, lowest in reversed(ways) if powers_first else ways:
+        own = np.where(alone, groups[sets], -1)
+        same = (own[:, :, None] == own[:, None, :]) & (own >= 0)[:, :, None]
+        count = same.sum(axis=2)
+        one = (count > 1) & (count < len(log_weights))
+        if lowest:
+            # Of a polynomial no power below the highest may be missing.
+            one &= np.where(same, together.lower[sets][:, None, :], 0).max(axis=2) == count - 1
+        later = one & np.any(same & before, axis=2)
+        # The first stands for all.
+        each = np.where(later, 0.0, np.where(one, log_weights[np.where(one, count, 0)], each))
+        alone, follows = alone & ~one, follows | later
+    return there.sum(axis=1) - follows.sum(axis=1), each.sum(axis=1)
+
+
 @lru_cache
 def _log_on_axes(families: int) -> Float[np.ndarray, " axes"]:
     """Logarithm of the weight of a family of so many that acts on so many axes; 0 where that is no more than one."""
     choices = {2: 3 * families, 3: families}
     several = (log(ON_AXES[axes] * EFFECT_WEIGHT / max(choices[axes], 1)) for axes in (2, 3))
+    return np.array([0.0, 0.0, *several])
+
+
+@lru_cache
+def _log_of_orders(sizes: tuple[int, ...]) -> Float[np.ndarray, " orders"]:
+    """Logarithm of the weight of so many of the lowest powers of a polynomial; 0 where that is no more than one.
+
+    **Arguments:**
+
+    - `sizes`: how many powers each polynomial of a pool has.
+    """
+    several = (
+        log(share * EFFECT_WEIGHT / max(sum(size >= orders for size in sizes), 1)) for orders, share in OF_ORDERS
+    )
     return np.array([0.0, 0.0, *several])

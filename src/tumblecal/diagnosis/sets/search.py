@@ -18,7 +18,7 @@ from tumblecal.diagnosis.sets.enlarged import Enlarged
 from tumblecal.diagnosis.sets.partial_set import PartialSet, PartialSets, least_left, partial_sets
 from tumblecal.diagnosis.sets.positions_off import off_together
 from tumblecal.diagnosis.sets.prior import SetPriors, log_prior
-from tumblecal.diagnosis.tuning import HOPELESS, LARGE, NEGLIGIBLE, SIZE_PRIOR, WIDTH
+from tumblecal.diagnosis.tuning import HOPELESS, LARGE, NEGLIGIBLE, OF_ORDERS, SIZE_PRIOR, WIDTH
 from tumblecal.effects import AXES
 
 
@@ -53,8 +53,8 @@ class Search:
         **Returns:** all sets looked at, best first.
         """
         self.expand([()])
-        families = self._families if most == MOST else []
-        if looked_at := [*([likely] if len(likely) > 1 else []), *families]:
+        families, polynomials = (self._families, self._polynomials) if most == MOST else ([], [])
+        if looked_at := [*([likely] if len(likely) > 1 else []), *families, *polynomials]:
             self._score(partial_sets(self.pool, self.z, looked_at))
         self._forward(most)
         # Positions that are off hide each other in what they do to the parameters: no way of single steps need lead to them.
@@ -64,7 +64,7 @@ class Search:
             # One strong mixture of two effects hides both: every effect is a beginning then.
             self.expand([(k,) for k in self.pool.effects.tolist()])
         if most > 1 and self._best_size > 1:
-            self.expand(families)
+            self.expand([*families, *polynomials])
             self._expand_families(families)
             self._forward(most)
         self._exchange(most)
@@ -139,6 +139,14 @@ class Search:
         return [tuple(axes) for axes in np.sort(self.pool.axes, axis=1).tolist()]
 
     @property
+    def _polynomials(self) -> list[Members]:
+        """The lowest powers of each variable on each output: each is one cause, whatever the variable's reference is."""
+        listed = (
+            own[:orders] for own in self.pool.together.polynomials for orders, _ in OF_ORDERS if orders <= len(own)
+        )
+        return [tuple(sorted(own)) for own in listed]
+
+    @property
     def _best_size(self) -> int:
         return max(range(MOST + 1), key=self._best.__getitem__)
 
@@ -191,10 +199,12 @@ class Search:
             self.expand(todo)
 
     def _exchange_for_families(self, best: Members) -> None:
-        """The best set with an effect on all axes in place of each member that has a time constant, or no name: a long warm-up
-        is a drift, many coefficients may be one on every axis, and no exchange of single effects leads there."""
+        """The best set with an effect on all axes, or a polynomial, in place of each member with a time constant, or without a
+        name: a long warm-up is a drift, many coefficients may be one on every axis, and no exchange of single effects leads
+        there."""
         flexible = [k for k in best if self.pool.causes[k].slot.shape or not self.pool.is_named[k]]
-        sets = {tuple(sorted({*best} - {k} | {*family})) for k in flexible for family in self._families}
+        several = [*self._families, *self._polynomials]
+        sets = {tuple(sorted({*best} - {k} | {*own})) for k in flexible for own in several}
         sets = {members for members in sets if len(best) <= len(members) <= MOST} - self._exchanged
         if sets:
             self._exchanged |= sets

@@ -1,0 +1,66 @@
+"""Effects that are one cause together: the axes of a family, and the powers of one variable on one output, a polynomial."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Int
+
+from tumblecal.diagnosis.model.layout import Slot
+from tumblecal.ground.showing import brief
+
+
+def polynomials(slots: Sequence[Slot]) -> list[tuple[int, ...]]:
+    """Numbers of the effects that are powers of one variable on one output, the lowest first, of each with two or more."""
+    powers: dict[tuple[str, ...], dict[int, int]] = {}
+    for number, slot in enumerate(slots):
+        if slot.polynomial:
+            powers.setdefault(slot.polynomial, {}).setdefault(slot.order, number)
+    return [tuple(own[order] for order in sorted(own)) for own in powers.values() if len(own) > 1]
+
+
+@dataclass(frozen=True)
+class Together:
+    """The causes of a pool of `size` that are one together: `axes` of families, and `polynomials`, the lowest power first."""
+
+    __repr__ = brief
+
+    size: int
+    axes: Int[np.ndarray, "families 3"]
+    polynomials: tuple[tuple[int, ...], ...]
+
+    @cached_property
+    def family(self) -> Int[np.ndarray, " causes"]:
+        """The number of each cause's family in `axes`, -1 for one without."""
+        family = np.full(self.size, -1)
+        family[self.axes] = np.arange(len(self.axes))[:, None]
+        return family
+
+    @cached_property
+    def polynomial(self) -> Int[np.ndarray, " causes"]:
+        """The number of each cause's polynomial, -1 for one without."""
+        number = np.full(self.size, -1)
+        for k, own in enumerate(self.polynomials):
+            number[list(own)] = k
+        return number
+
+    @cached_property
+    def lower(self) -> Int[np.ndarray, " causes"]:
+        """How many lower powers each cause's polynomial has."""
+        lower = np.zeros(self.size, int)
+        for own in self.polynomials:
+            lower[list(own)] = range(len(own))
+        return lower
+
+    @cached_property
+    def partners(self) -> Int[np.ndarray, "causes most"]:
+        """The other axes and the other powers of each cause, then -1."""
+        others: dict[int, set[int]] = {}
+        for own in (*self.axes.tolist(), *self.polynomials):
+            for cause in own:
+                others.setdefault(cause, set()).update(own)
+        partners = np.full((self.size, 1 + max(map(len, others.values()), default=0)), -1)
+        for cause, own in others.items():
+            partners[cause, : len(own) - 1] = sorted(own - {cause})
+        return partners
