@@ -30,8 +30,9 @@ class Where:
     Angles in rad, commanded or read, time in s, temperature in degC. An optional column that was not recorded is `None`.
     `groups` gives for each index column (pitch setting, mount, run, position) the group of every position; `labels`
     the groups' names. There is a column `clock` only where the times count by several clocks: from one to the next the pause
-    is unknown. `inputs_before`: the ideal inputs u at the position measured before in the same run and mounting (at the
-    first: its own), g, as a chain shows them to those of its links that look back.
+    is unknown. `mean_time_s`, `mean_degc`: the means of both columns where they were measured, the same for every position: from
+    these squares count at other times and temperatures as well. `inputs_before`: the ideal inputs u at the position measured
+    before in the same run and mounting (at the first: its own), g, as a chain shows them to those of its links that look back.
     """
 
     __repr__ = brief
@@ -43,6 +44,8 @@ class Where:
     temperature_degc: Column | None
     approach: Column | None
     labels: tuple[tuple[str, tuple[str, ...]], ...]
+    mean_time_s: Column | None = None
+    mean_degc: Column | None = None
     inputs_before: tuple[Column, Column, Column] | None = None
 
     def index(self, by: str) -> Int[Array | np.ndarray, " positions"]:
@@ -80,7 +83,7 @@ class Where:
 
     def at_rows(self, rows: Int[Array | np.ndarray, " positions"]) -> "Where":
         """The settings of these rows in the place of each."""
-        columns = {name: getattr(self, name) for name in ("alpha", "beta", "time_s", "temperature_degc", "approach")}
+        columns = {name: getattr(self, name) for name in _COLUMNS if name not in ("groups", "inputs_before")}
         taken = {name: None if column is None else jnp.asarray(column)[rows] for name, column in columns.items()}
         groups = {name: jnp.asarray(index)[rows] for name, index in self.groups.items()}
         return replace(self, groups=groups, **taken)
@@ -126,7 +129,7 @@ class Where:
         return going_on
 
 
-_COLUMNS = ("alpha", "beta", "groups", "time_s", "temperature_degc", "approach", "inputs_before")
+_COLUMNS = ("alpha", "beta", "groups", "time_s", "temperature_degc", "approach", "mean_time_s", "mean_degc", "inputs_before")
 
 
 def _flattened(where: Where) -> tuple[tuple, tuple]:
@@ -192,15 +195,9 @@ def settings(
         groups[name] = np.array([number[text] for text in texts], dtype=np.int64)
         labels.append((name, tuple(order)))
 
-    return Where(
-        alpha=alpha,
-        beta=beta,
-        groups=groups,
-        time_s=None if time_s is None else np.asarray(time_s, float),
-        temperature_degc=None if temperature_degc is None else np.asarray(temperature_degc, float),
-        approach=None if approach is None else np.asarray(approach, float),
-        labels=tuple(labels),
-    )
+    time, degc, side = (None if own is None else np.asarray(own, float) for own in (time_s, temperature_degc, approach))
+    means = [None if own is None else np.full(count, np.mean(own)) for own in (time, degc)]
+    return Where(alpha, beta, groups, time, degc, side, tuple(labels), *means)
 
 
 def check_index(by: str, where: Where) -> None:

@@ -32,9 +32,7 @@ def moved_to_reference(at: Tangent, ids: Collection[str], *, thermal: bool) -> F
     if not thermal and columns:
         added[:, columns] = _absorbed(at.jacobian[:, : at.model.nominal], (at.jacobian - at.varying)[:, columns])
     slots = [slot for slot in at.model.slots if slot.id in ids]
-    # The square of the time counts from its mean.
-    linear = [slot for slot in slots if slot.needs == ("time_s",) and not slot.shape and slot.order < 2]
-    _add_drifts(at, linear, added)
+    _add_drifts(at, [slot for slot in slots if slot.needs == ("time_s",) and not slot.shape], added)
     for slot in slots:
         for link in slot.links:
             if isinstance(link, GroupTerms):
@@ -77,8 +75,8 @@ def long_lived(
 
 
 def _add_drifts(at: Tangent, slots: Sequence[Slot], added: Float[np.ndarray, "nominal full"]) -> None:
-    """Drifts linear in the time since the first position: all others are put at the mean time; by several clocks, at that of
-    each, weighted with its positions."""
+    """Drifts: all positions but the first, from which they count, are put at the mean time; by several clocks, at that of each,
+    weighted with its positions."""
     time = at.problem.where.time_s
     if not slots or time is None:
         return
