@@ -122,6 +122,8 @@ def added(id, u, where):
             signals = [u[:, other] ** 2 for other in others]
         case "bias_drift":
             signals = [time]
+        case "bias_drift_square":
+            signals = [(where.time - PLAN.time.mean()) ** 2]
         case "scale_drift":
             signals = [u[:, k] * time]
         case "misalignment_drift":
@@ -228,7 +230,7 @@ def held_out(id):
 
 
 REASONS = {
-    OF_RUN: ("bias_drift", "scale_drift", "misalignment_drift", "warm_up", "settling"),
+    OF_RUN: ("bias_drift", "bias_drift_square", "scale_drift", "misalignment_drift", "warm_up", "settling"),
     OF_GROUPS: ("bias_by_pitch", "scale_by_pitch", "run_drift", "bias_repeatability"),
     OF_PATH: ("memory", "hysteresis", "temperature_rate"),
     OF_MOUNT: ("mount_drift", "mount_temperature"),
