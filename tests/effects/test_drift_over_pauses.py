@@ -82,7 +82,7 @@ def test_a_rate_does_not_depend_on_a_pause_of_unknown_length():
     assert better[0] < sd[0] / 5 and abs(value[0] - DRIFT_G_S) < 3 * better[0]
 
 
-TIMED = [one for one in catalogue().values() if one.make is not None and "time_s" in one.needs and not one.found_as]
+TIMED = [one for one in catalogue().values() if one.make is not None and "time_s" in one.needs and one.pauses == "any"]
 
 
 @pytest.mark.parametrize("effect", TIMED, ids=lambda own: own.id)
@@ -108,6 +108,7 @@ def test_an_effect_that_needs_the_length_of_a_pause_is_not_testable():
     where = settings(np.zeros(4), np.zeros(4), time_s=np.arange(4.0), clock=["a", "a", "b", "b"], run=["1"] * 3 + ["2"])
     drift = catalogue()["run_drift.x"]
     assert drift.lacking(where) == "pauses of unknown length"
+    assert catalogue()["bias_drift_square.x"].lacking(where) == "pauses of unknown length"
     own = replace(catalogue()["bias_drift.x"], pauses="")
     assert own.lacking(where) == "pauses of unknown length"
     assert not own.lacking(settings(np.zeros(2), np.zeros(2), time_s=np.arange(2.0)))

@@ -27,7 +27,7 @@ def warmer(where: Where):
 
 
 def _off_mean(u, where: Where):
-    return (jnp.asarray(where.time_s) - where.mean_time_s) ** 2
+    return (jnp.asarray(where.time_s) - jnp.asarray(where.mean_time_s)) ** 2
 
 
 def _axis_entries(number: int, axis: str) -> tuple[Effect, ...]:

@@ -54,7 +54,7 @@ def _warming(u, where: Where):
 
 
 def _off_mean(u, where: Where):
-    return (jnp.asarray(where.temperature_degc) - where.mean_degc) ** 2
+    return (jnp.asarray(where.temperature_degc) - jnp.asarray(where.mean_degc)) ** 2
 
 
 def _axis_entries(own: int, axis: str) -> tuple[Effect, ...]:

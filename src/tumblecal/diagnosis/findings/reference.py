@@ -32,7 +32,11 @@ def moved_to_reference(at: Tangent, ids: Collection[str], *, thermal: bool) -> F
     if not thermal and columns:
         added[:, columns] = _absorbed(at.jacobian[:, : at.model.nominal], (at.jacobian - at.varying)[:, columns])
     slots = [slot for slot in at.model.slots if slot.id in ids]
-    _add_drifts(at, [slot for slot in slots if slot.needs == ("time_s",) and not slot.shape], added)
+    timed = [slot for slot in slots if slot.needs == ("time_s",) and not slot.shape]
+    _add_drifts(at, [slot for slot in timed if slot.order < 2], added)
+    # A bend has no one middle: parameters are those that the nominal model fits.
+    bends = [column for slot in timed if slot.order > 1 for column in slot.columns]
+    added[:, bends] = _absorbed(at.jacobian[:, : at.model.nominal], at.jacobian[:, bends])
     for slot in slots:
         for link in slot.links:
             if isinstance(link, GroupTerms):

@@ -38,7 +38,7 @@ class Slot:
     share: float = 1.0
     largest: float = math.inf
     needs: tuple[str, ...] = ()
-    polynomial: tuple[str, str] | tuple[()] = ()
+    polynomial: tuple[str, ...] = ()
     order: int = 0
 
     @property
