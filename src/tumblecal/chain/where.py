@@ -30,8 +30,8 @@ class Where:
     Angles in rad, commanded or read, time in s, temperature in degC. An optional column that was not recorded is `None`.
     `groups` gives for each index column (pitch setting, mount, run, position) the group of every position; `labels`
     the groups' names. There is a column `clock` only where the times count by several clocks: from one to the next the pause
-    is unknown. `mean_time_s`, `mean_degc`: the means of both columns where they were measured, the same for every position: from
-    these squares count at other times and temperatures as well. `inputs_before`: the ideal inputs u at the position measured
+    is unknown. `mean_time_s`, `mean_degc`: the means of both columns where they were measured, the same for every position;
+    squares count from them, at other times and temperatures too. `inputs_before`: the ideal inputs u at the position measured
     before in the same run and mounting (at the first: its own), g, as a chain shows them to those of its links that look back.
     """
 
@@ -129,7 +129,17 @@ class Where:
         return going_on
 
 
-_COLUMNS = ("alpha", "beta", "groups", "time_s", "temperature_degc", "approach", "mean_time_s", "mean_degc", "inputs_before")
+_COLUMNS = (
+    "alpha",
+    "beta",
+    "groups",
+    "time_s",
+    "temperature_degc",
+    "approach",
+    "mean_time_s",
+    "mean_degc",
+    "inputs_before",
+)
 
 
 def _flattened(where: Where) -> tuple[tuple, tuple]:
