@@ -206,8 +206,8 @@ def settings(
         labels.append((name, tuple(order)))
 
     time, degc, side = (None if own is None else np.asarray(own, float) for own in (time_s, temperature_degc, approach))
-    means = [None if own is None else np.full(count, np.mean(own)) for own in (time, degc)]
-    return Where(alpha, beta, groups, time, degc, side, tuple(labels), *means)
+    mean_time, mean_degc = (None if own is None else np.full(count, np.mean(own)) for own in (time, degc))
+    return Where(alpha, beta, groups, time, degc, side, tuple(labels), mean_time, mean_degc)
 
 
 def check_index(by: str, where: Where) -> None:
