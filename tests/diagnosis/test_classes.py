@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import blind_instrument as blind
+from tumblecal.diagnosis.sets.named_first import named_in_place
 from tumblecal.diagnosis.sets.patchwork import is_patchwork
 from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
 
@@ -137,3 +138,15 @@ def test_along_the_spindle_bias_and_scale_factor_by_setting_are_one_class(hidden
     name = "scale_by_pitch.x"
     diagnosis = diagnoser(hidden(seed, {name: of_size((5, 8), seed, name, direction, 100)}, plan=(5, 8)))
     assert {("bias_by_pitch.x",), (name,)} <= told(diagnosis) and diagnosis.verdict == "ambiguous"
+
+
+def test_listed_causes_lead_in_the_place_of_one_without_a_name_from_a_probability_of_a_tenth_on():
+    none, cubic, square, unnamed = (), ("third_order.x",), ("second_order.x",), ("unexplained",)
+    labels = [unnamed, none, cubic, square, ("unexplained", "second_order.x")]
+    assert named_in_place(labels, [0.7, 0.1, 0.12, 0.05, 0.03], {}) == (2, 0)
+    # Those of one signal count together, and the most probable of them leads.
+    assert named_in_place(labels, [0.8, 0.05, 0.06, 0.05, 0.04], {2: {3: 1.0}, 3: {2: 1.0}}) == (2, 0)
+    assert named_in_place(labels, [0.8, 0.05, 0.06, 0.05, 0.04], {}) is None
+    # Adequate is no cause, and a set with a cause without a name is no listed one.
+    assert named_in_place(labels, [0.5, 0.3, 0.05, 0.05, 0.1], {}) is None
+    assert named_in_place([cubic, unnamed], [0.6, 0.4], {}) is None

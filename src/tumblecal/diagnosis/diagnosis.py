@@ -21,6 +21,7 @@ from tumblecal.diagnosis.findings.gain import Gain, gain
 from tumblecal.diagnosis.findings.in_use import in_use
 from tumblecal.diagnosis.findings.limits import DetectionLimit, Invisible, invisible, limits
 from tumblecal.diagnosis.findings.location import Located
+from tumblecal.diagnosis.findings.unnamed import Unnamed, unnamed
 from tumblecal.diagnosis.findings.unseen import Unseen, unseen
 from tumblecal.diagnosis.model.full_model import FullModel
 from tumblecal.diagnosis.screening.noise_change import NoiseFault
@@ -106,6 +107,15 @@ class Diagnosis(Shown):
     def in_use(self) -> Average:
         """The parameters that are written, with their covariance in use."""
         return in_use(self.screened, self.entries, self.extended, self.level, self.verdict)
+
+    @cached_property
+    def unnamed(self) -> Unnamed | None:
+        """Where an unexplained error is, and a candidate law of it; None of other verdicts, and of unknown attitudes."""
+        if self.verdict != "unexplained" or self.model.hand_held or not self.screened.detection.detected:
+            return None
+        named = [] if self.screened.contradicted else [cause for cause in self.members if cause.named]
+        with one_thread():
+            return unnamed(self.screened.at, fit_with(self.screened.at, named) if named else self.nominal)
 
     @cached_property
     def determined(self) -> dict[str, list[Combination]]:

@@ -119,6 +119,8 @@ RIVAL_SHARE = 0.05
 INDISTINGUISHABLE = 3.0
 # A set that needs more coefficients for the same signal is no equal: its posterior is lower by more than this (log).
 LEAST_ODDS = 4.0
+# Where listed causes have this probability, one that no entry describes does not lead: the verdict names them first.
+LEAST_NAMED = 0.1
 # From this probability on an explanation without equivalents is called identified.
 SURE = 0.8
 

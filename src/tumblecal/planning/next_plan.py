@@ -20,6 +20,7 @@ from tumblecal.planning.new_rows import remountings
 from tumblecal.planning.promise import Promise
 from tumblecal.planning.proposals import Allowed, Proposal, proposals
 from tumblecal.planning.rivals import Rival, columns_of
+from tumblecal.planning.sampling import REVERSED, SAMPLE, samples
 from tumblecal.planning.separating import separate
 from tumblecal.planning.value import Sharpening
 
@@ -42,8 +43,9 @@ class NextPosition:
     """A proposal, its angles in degrees.
 
     `mount`: "" for the present mounting, else how to turn the triad; `alpha_deg` is then the first of a turn, `turn_deg`
-    all of it. `purpose`: what it is for; `value`: the expected log Bayes factor that it adds, or the share by which it
-    lowers the worst parameter's sd. `direction`: of a hand-held set, how to lay the triad down; the angles say no more.
+    all of it. `purpose`: what it is for; `value`: the expected log Bayes factor that it adds, the share by which it lowers the
+    worst parameter's sd, or the unexplained error there in noise sd. `direction`: of a hand-held set, how to lay the triad
+    down; the angles say no more.
     """
 
     alpha_deg: float
@@ -99,6 +101,15 @@ def next_plan(diagnosis: Diagnosis, allowed: Allowed | None = None) -> NextPlan:
         return _by_hand(diagnosis)
     allowed, model = allowed or Allowed(), diagnosis.model
     sides, why_not = remountings(diagnosis) if allowed.remount else ((), "")
+    if diagnosis.unnamed is not None:
+        chosen = samples(diagnosis, allowed, MOST_IN_SET)
+        together = tuple([NextPosition(own.alpha_deg, own.beta_deg, "", SAMPLE, own.in_sd) for own in chosen])
+        singles = tuple(sorted(together, key=lambda own: -own.value)[:MOST])
+        notes = (REVERSED, why_not) if why_not else (REVERSED,)
+        conditions = going_on(diagnosis.data)
+        return NextPlan(
+            singles, together, SAMPLE, notes=notes, from_rig=diagnosis.from_rig, conditions=conditions
+        )
     listed = proposals(diagnosis.data, allowed, sides)
     notes = [why_not] if why_not else []
     if diagnosis.problem.correlated:

@@ -18,6 +18,7 @@ from tumblecal.report.diagnosis_predictive import predictive_figure
 from tumblecal.report.diagnosis_signal import Curve, by_angle, by_column
 from tumblecal.report.diagnosis_tables import leading
 from tumblecal.report.drawing import AXIS_COLOUR, INK, MUTED, OUTSIDE, Margins, new_figure, new_panels, save
+from tumblecal.report.unnamed_figure import unnamed_figure
 
 
 _MOST_EXPLANATIONS = 8
@@ -37,6 +38,7 @@ _RUN_MARKERS = "os^Dv"
 def draw_all(diagnosis: Diagnosis, folder: Path) -> list[str]:
     """Draw all figures of a diagnosis into `folder` (SVG); returns the names of those that there is something for."""
     figures = {
+        "unexplained.svg": unnamed_figure,
         "residuals_by_angle.svg": angle_figure,
         "residuals_by_column.svg": column_figure,
         "residual_harmonics.svg": harmonics_figure,

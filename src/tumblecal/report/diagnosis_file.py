@@ -16,6 +16,7 @@ from tumblecal.report.diagnosis_calibration import diagnosed_use
 from tumblecal.report.diagnosis_details import shifts
 from tumblecal.report.diagnosis_tables import leading
 from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
+from tumblecal.report.unnamed_words import unnamed_record
 from tumblecal.report.verdict import verdict_lines
 
 
@@ -58,6 +59,7 @@ def record(diagnosis: Diagnosis, plan: NextPlan, folder: Path | None = None) -> 
         "explanations": _explanations(diagnosis),
         "located": [told._asdict() for told in diagnosis.located],
         "unexplained": unexplained_words(diagnosis) or None,
+        "excess": unnamed_record(diagnosis.unnamed),
         "gain": {key: value for key, value in vars(diagnosis.gain).items()},
         "shifts": shifts(diagnosis),
         "detection_limits": {

@@ -14,12 +14,15 @@ from tumblecal.report.diagnosis_file import json_text, record
 from tumblecal.report.extended_rig import NAME as EXTENDED_RIG
 from tumblecal.report.extended_rig import extended_rig_text
 from tumblecal.report.next_plan_files import write_next_plan
+from tumblecal.report.suggested_effect import suggested_effect_text
+from tumblecal.report.unnamed_words import SUGGESTED
 
 
 def write_diagnosis(
     folder: Path, diagnosis: Diagnosis, plan: NextPlan, *, figures: bool, said: Mapping[str, Any] | None = None
 ) -> list[str]:
-    """Write diagnosis.json, verdict.txt, calibration.json, extended_rig.toml and plans if there are any, figures and page.
+    """Write diagnosis.json, verdict.txt; calibration.json, extended_rig.toml, suggested_effect.py and plans if there are any;
+    figures and page.
 
     **Arguments:**
 
@@ -36,6 +39,8 @@ def write_diagnosis(
         texts["calibration.json"] = calibration_text(replace(calibration, provenance=provenance))
     if rig := extended_rig_text(diagnosis):
         texts[EXTENDED_RIG] = rig
+    if suggested := suggested_effect_text(diagnosis):
+        texts[SUGGESTED] = suggested
     write_texts(folder, texts)
     names = [*texts, *write_next_plan(folder, diagnosis, plan)]
     if figures:

@@ -25,11 +25,14 @@ from tumblecal.report.cause_words import (
 from tumblecal.report.diagnosis_details import undetermined_words
 from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
 from tumblecal.report.page import TONES, PageCard, PageFigure, PageTable, Section, headed, inline_figure, write_page
+from tumblecal.report.unnamed_figure import CAPTION as UNNAMED_CAPTION
 
 
 # Figures of what the table beside them says: not printed.
 _IN_TABLES = ("explanations.svg", "limits.svg")
+_OF_RESIDUALS = ("residuals_by_angle.svg", "residuals_by_column.svg", "residual_harmonics.svg")
 _CAPTIONS = {
+    "unexplained.svg": UNNAMED_CAPTION,
     "explanations.svg": "Posterior probability of the leading explanations.",
     "residuals_by_angle.svg": (
         "Measured minus predicted against the spindle angle. The band is two standard deviations of the noise."
@@ -140,7 +143,7 @@ def _sections(diagnosis: Diagnosis, plan: NextPlan, drawn: dict[str, PageFigure]
     yield Section(
         "Residuals",
         words=[] if "residual_harmonics.svg" in drawn else [_NO_HARMONICS],
-        figures=_chosen(drawn, "residuals_by_angle.svg", "residuals_by_column.svg", "residual_harmonics.svg"),
+        figures=_chosen(drawn, "unexplained.svg", *_OF_RESIDUALS),
     )
     yield Section(
         "Does the fitted model make such data?", _outside(diagnosis), figures=_chosen(drawn, "predictive.svg")

@@ -66,11 +66,14 @@ def _findings(diagnosis: Diagnosis) -> Iterator[Use]:
 
 
 def _unexplained(diagnosis: Diagnosis) -> Use:
-    """Something that no effect explains: the calibration holds to about the largest residual, and is not to be used where the
+    """Something that no effect explains: the calibration holds to about the largest error, and is not to be used where the
     residuals are many times the noise, or the noise is not known."""
     size = float(np.max(np.abs(diagnosis.extended.residuals[diagnosis.extended.kept])))
-    reason = "the nominal model is rejected, and no catalogued effect explains the data"
     small = diagnosis.problem.known and diagnosis.extended.level <= MOST_TIMES_NOISE
+    if diagnosis.unnamed is not None:
+        size = max(size, diagnosis.unnamed.excess.largest)
+        small = small and size <= MOST_TIMES_NOISE * diagnosis.sigma_g
+    reason = "the nominal model is rejected, and no catalogued effect explains the data"
     return Use("yes" if small else "no", reason, size_g=size or None)
 
 

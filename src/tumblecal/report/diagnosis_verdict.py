@@ -22,6 +22,7 @@ from tumblecal.report.number_words import ambiguity, odds_words
 from tumblecal.report.polynomial_words import by_finding, polynomial_words
 from tumblecal.report.sentences import as_sentence
 from tumblecal.report.setting_words import many_settings_words
+from tumblecal.report.unnamed_words import test_of_law, unnamed_findings
 from tumblecal.report.verdict import Finding, Unresolved, Verdict
 
 
@@ -50,7 +51,10 @@ def verdict_of_diagnosis(diagnosis: Diagnosis, plan: NextPlan | None = None, fol
     - `plan`: what to measure next, if that was asked for. `folder`: where its plans are written; None: nowhere, so no
       commands are suggested.
     """
-    before, together = list(_before_causes(diagnosis)), by_finding(diagnosis.members)
+    before = [*_before_causes(diagnosis), *unnamed_findings(diagnosis)]
+    # What a candidate law says more exactly is not said twice.
+    with_law = diagnosis.unnamed is not None and diagnosis.unnamed.law is not None
+    together = by_finding([cause for cause in diagnosis.members if cause.named or not with_law])
     causes = [_finding(diagnosis, own) for own in together]
     numbers = {cause.label: len(before) + k for k, own in enumerate(together, 1) for cause in own}
     found = (*before, *causes, *_unnamed(diagnosis))
@@ -255,6 +259,8 @@ def _next(
         yield _NOT_IN_SAMPLES
     if plan is not None:
         yield from next_words(diagnosis, plan, folder, numbers)
+        if folder is not None:
+            yield from test_of_law(diagnosis, folder)
     causes = [id_of(cause.label) for cause in diagnosis.members if cause.named]
     by_advice: dict[str, dict[str, None]] = {}
     for id in (*(mix_up.label for mix_up in diagnosis.mix_ups), *diagnosis.noise_labels, *causes):

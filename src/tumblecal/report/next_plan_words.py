@@ -7,6 +7,7 @@ from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.findings.factors import Factor
 from tumblecal.planning.next_plan import SEPARATE, SHARPEN_WEAKEST, NextPlan, NextPosition
 from tumblecal.planning.promise import LEAST_WORTH_ODDS, Promise
+from tumblecal.planning.sampling import SAMPLE
 from tumblecal.report.cause_words import label_words
 from tumblecal.report.next_plan_files import conditions_words, next_commands
 
@@ -116,6 +117,8 @@ def _promise(plan: NextPlan, settled: Sequence[int]) -> str:
             return f"This settles {what} (probability {promise.probability:.2f}, expected odds {odds} to 1)."
         needed = f"; {plan.needed} positions would" if plan.needed is not None else ""
         return f"This may settle {what} (probability {promise.probability:.2f}, expected odds {odds} to 1{needed})."
+    if plan.purpose == SAMPLE:
+        return "They show whether the error comes back, and its course between the measured angles."
     if plan.purpose == SHARPEN_WEAKEST:
         return f"Expected: it falls by {100 * plan.value:.0f} %."
     return f"Expected: u({plan.watched}), the largest now, falls by {100 * plan.value:.0f} %."

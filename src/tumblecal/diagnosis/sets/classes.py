@@ -13,6 +13,7 @@ from tumblecal.diagnosis.causes.pool import Pool
 from tumblecal.diagnosis.model.layout import Slot
 from tumblecal.diagnosis.sets.cause_sets import Members, Ranked, keys_of, sets_of
 from tumblecal.diagnosis.sets.exchanges import Labels, supersets
+from tumblecal.diagnosis.sets.named_first import named_in_place
 from tumblecal.diagnosis.sets.occam import further_powers, needs_more, splits
 from tumblecal.diagnosis.sets.partial_set import partial_sets
 from tumblecal.diagnosis.sets.patchwork import Neighbours, is_patchwork
@@ -76,7 +77,13 @@ class Explanation:
     def separable(self) -> tuple[Labels, ...]:
         """The equivalents that other positions could tell from it, and that are as simple."""
         aside = {*self.identical, *self.supersets, *self.less_simple}
-        return tuple([own for own in self.equivalents if own not in aside and not self._within(own)])
+        return tuple(
+            [
+                own
+                for own in self.equivalents
+                if (UNEXPLAINED in own and not self.unexplained) or (own not in aside and not self._within(own))
+            ]
+        )
 
 
 class Groups(NamedTuple):
@@ -152,14 +159,18 @@ def explanations(
         unexplained = groups.labels.index((UNEXPLAINED,))
         alike |= {k: alike.get(k, {}) | {unexplained: np.nan} for k in groups.patchwork(neighbours)}
     found, used = [], set()
-    sets, causes = sets_of(groups.sets), groups.causes.tolist()
+    sets, causes, order = sets_of(groups.sets), groups.causes.tolist(), list(range(len(groups.labels)))
     for k in near:
         powers = [other for other in range(len(sets)) if further_powers(search.pool, sets[k], sets[other])]
         alike[k] = alike.get(k, {}) | dict.fromkeys(powers, np.nan)
-    listed = zip(groups.labels, sets, groups.unnamed.tolist(), strict=True)
-    for k, (labels, members, unnamed) in enumerate(listed):
+    if (named := named_in_place(groups.labels, shares, alike)) is not None:
+        first, unnamed_one = named
+        alike[first] = {unnamed_one: np.nan} | alike.get(first, {})
+        order.sort(key=lambda k: k != first)
+    for k in order:
         if k in used:
             continue
+        labels, members, unnamed = groups.labels[k], sets[k], bool(groups.unnamed[k])
         same = {other: _apart(search.pool, members, sets[other]) for other in alike.get(k, {}) if other not in used}
         used |= {k, *same}
         less_simple = {

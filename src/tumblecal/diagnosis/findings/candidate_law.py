@@ -1,0 +1,272 @@
+"""The sparsest closed form that explains what no entry of the catalogue does.
+
+Orthogonal matching pursuit (Pati, Rezaiifar and Krishnaprasad 1993) over the forms of `law_shapes`, on one output, all outputs
+or an angle of the head. A form is taken if it explains more than its coefficients cost (BIC, Schwarz 1978) and than its prior
+weight among all forms does (Chen and Chen 2008). The held-out error is that of the whole procedure: in every fold the law is
+chosen again from the most likely forms.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from tumblecal.chain import Where
+from tumblecal.diagnosis.findings.law_shapes import Form, forms, values_of
+from tumblecal.diagnosis.findings.left_over import LeftOver
+from tumblecal.effects import AXES
+from tumblecal.ground.showing import brief
+
+
+ALL_OUTPUTS, ANGLES = "xyz", ("alpha", "beta")
+_MOST_TERMS, _FOLDS, _LIKELY = 3, 6, 150
+# A form counts as visible if the fitted parameters leave more than this share of it.
+_VISIBLE = 0.1
+# Standard deviations by which the sum of squares of held-out errors must fall. Outputs with coefficients below so many u are
+# left out.
+_SURE, _LEAST_SD = 2.0, 2.0
+# Forms that the catalogue has already, by name and where they act.
+_LISTED = {*((f"product_{axis * 3}", axis) for axis in AXES), *((f"harmonic_{k}", "alpha") for k in (1, 2))}
+
+
+class Term(NamedTuple):
+    """One form where it acts: an output (x, y, z) or an angle of the head (alpha, beta); `sizes` of its functions, with their
+    standard uncertainties `sd`: g or rad and the form's unit."""
+
+    form: Form
+    acts_on: str
+    sizes: tuple[float, ...]
+    sd: tuple[float, ...]
+
+    @property
+    def of_head(self) -> bool:
+        """Whether it acts on an angle of the head."""
+        return self.acts_on in ANGLES
+
+    @property
+    def unit(self) -> str:
+        """Unit in which its coefficients are shown, 1e-3 of what they are stored in."""
+        return f"{'mrad' if self.of_head else 'mg'}{self.form.unit}"
+
+
+@dataclass(frozen=True)
+class Law:
+    """A closed form, fitted.
+
+    - `terms`. `signal`: what it adds to the readings, g (positions, 3); `left`: what the fit with it leaves.
+    - `before_g`, `after_g`: root mean square of held-out errors without and with it.
+    - `same`: share of the folds that choose the same first form.
+    """
+
+    __repr__ = brief
+
+    terms: tuple[Term, ...]
+    signal: Float[np.ndarray, "positions 3"]
+    before_g: float
+    after_g: float
+    same: float
+
+
+class _Chosen(NamedTuple):
+    """A form by its number, and where it acts."""
+
+    form: int
+    on: str
+
+
+@dataclass(frozen=True)
+class _Dictionary:
+    """All forms for one problem: `values` of every function, `head` (positions, 3, 2): what a rad of each head's angle adds."""
+
+    listed: Sequence[Form]
+    values: Float[np.ndarray, "positions functions"]
+    head: Float[np.ndarray, "positions 3 angles"]
+
+    @cached_property
+    def first(self) -> Int[np.ndarray, " forms"]:
+        """The number of each form's first function."""
+        widths = [len(form.code) for form in self.listed]
+        return np.cumsum([0, *widths])[:-1]
+
+    def carriers(self, responses: Float[np.ndarray, "nu positions 3"]) -> dict[str, Float[np.ndarray, "nu positions"]]:
+        """What a unit at every position does, on each output and each angle of the head."""
+        made = {axis: responses[:, :, k] for k, axis in enumerate(AXES)}
+        return made | {name: np.einsum("npa,pa->np", responses, self.head[:, :, k]) for k, name in enumerate(ANGLES)}
+
+    def columns(self, chosen: Sequence[_Chosen], responses: np.ndarray) -> Float[np.ndarray, "nu columns"]:
+        """Signals of some forms: form after form, output after output."""
+        carriers = self.carriers(responses)
+        each = [carriers[on] @ self._own(one.form) for one in chosen for on in _outputs(one.on)]
+        return np.hstack(each) if each else np.zeros((len(responses), 0))
+
+    def signals(
+        self, chosen: Sequence[_Chosen], sizes: Float[np.ndarray, " columns"]
+    ) -> Float[np.ndarray, "positions 3"]:
+        """What forms of these sizes add to the readings, g."""
+        added, rest = np.zeros((len(self.values), 3)), list(sizes)
+        for one in chosen:
+            for on in _outputs(one.on):
+                own = self._own(one.form)
+                amount = own @ np.array([rest.pop(0) for _ in range(own.shape[1])])
+                if on in AXES:
+                    added[:, AXES.index(on)] += amount
+                else:
+                    added += amount[:, None] * self.head[:, :, ANGLES.index(on)]
+        return added
+
+    def _own(self, form: int) -> Float[np.ndarray, "positions functions"]:
+        first = self.first[form]
+        return self.values[:, first : first + len(self.listed[form].code)]
+
+    def some(self, numbers: Sequence[int]) -> "_Dictionary":
+        """Some of the forms alone."""
+        own = np.concatenate([self._own(number) for number in numbers], axis=1)
+        return _Dictionary([self.listed[number] for number in numbers], own, self.head)
+
+    def scores(self, left: LeftOver, whole: LeftOver) -> dict[str, Float[np.ndarray, " forms"]]:
+        """By where it acts, twice the log of what each form is more probable than nothing, its prior weight included.
+
+        **Arguments:**
+
+        - `left`: what is left beside forms already taken; `whole`: with none taken.
+        """
+        carriers, before = self.carriers(left.responses), self.carriers(whole.responses)
+        projected = {on: self.values.T @ own.T for on, own in carriers.items()}
+        sizes = {on: np.sqrt(self.values.T**2 @ np.vecdot(own.T, own.T)) for on, own in before.items()}
+        for on, own in projected.items():
+            own *= (np.linalg.norm(own, axis=1) > _VISIBLE * np.maximum(sizes[on], 1e-300))[:, None]
+        cost, price = np.log(whole.responses[0].size), self._price()
+        scored = {on: np.full(len(self.listed), -np.inf) for on in (*projected, ALL_OUTPUTS)}
+        widths = np.array([len(form.code) for form in self.listed])
+        for width in np.unique(widths).tolist():
+            own = np.flatnonzero(widths == width)
+            rows = self.first[own][:, None] + np.arange(width)
+            together = np.concatenate([projected[axis][rows] for axis in AXES], axis=1)
+            for on, block in (*((on, made[rows]) for on, made in projected.items()), (ALL_OUTPUTS, together)):
+                explained, rank = explained_by(block, left.z)
+                scored[on][own] = left.log_gain(explained) - rank * cost - price[own]
+        for number, form in enumerate(self.listed):
+            for on in scored:
+                if (form.of_input and on in ANGLES) or (form.name, on) in _LISTED:
+                    scored[on][number] = -np.inf
+        return scored
+
+    def _price(self) -> Float[np.ndarray, " forms"]:
+        """Minus twice the log of each form's prior weight: families alike, then forms of a family, then where they act."""
+        families = [form.family for form in self.listed]
+        counts = {family: families.count(family) for family in dict.fromkeys(families)}
+        return np.array([2 * np.log(len(counts) * counts[family] * 6) for family in families])
+
+    def chosen(self, whole: LeftOver) -> list[_Chosen]:
+        """Forms one by one, each the best beside those taken before; each is then looked for again beside the others."""
+        taken: list[_Chosen] = []
+        while len(taken) < _MOST_TERMS:
+            best = self._best(taken, whole)
+            if best is None:
+                break
+            taken.append(best)
+            for k in range(len(taken) - 1):
+                rest = [*taken[:k], *taken[k + 1 :]]
+                taken[k] = self._best(rest, whole) or taken[k]
+        return taken
+
+    def _best(self, beside: Sequence[_Chosen], whole: LeftOver) -> _Chosen | None:
+        left = whole.without(self.columns(beside, whole.responses)) if beside else whole
+        scored = self.scores(left, whole)
+        on = max(scored, key=lambda name: np.max(scored[name]))
+        number = int(np.argmax(scored[on]))
+        return _Chosen(number, on) if scored[on][number] > 0 else None
+
+    def likely(self, whole: LeftOver, taken: Sequence[_Chosen]) -> list[int]:
+        """Numbers of the forms that are the most likely ones, alone or beside the first of those taken."""
+        numbers = {one.form for one in taken}
+        for beside in ([], taken[:1]):
+            left = whole.without(self.columns(beside, whole.responses)) if beside else whole
+            best = np.max(np.stack(list(self.scores(left, whole).values())), axis=0)
+            numbers |= set(np.argsort(-best)[:_LIKELY].tolist())
+        return sorted(numbers)
+
+
+def _outputs(on: str) -> Sequence[str]:
+    return tuple(AXES) if on == ALL_OUTPUTS else (on,)
+
+
+def explained_by(
+    blocks: Float[np.ndarray, "forms functions nu"], z: Float[np.ndarray, " nu"]
+) -> tuple[Float[np.ndarray, " forms"], Int[np.ndarray, " forms"]]:
+    """Of the sum of squares what each block explains, and its rank."""
+    norms = np.linalg.norm(blocks, axis=2, keepdims=True)
+    unit = np.divide(blocks, norms, out=np.zeros_like(blocks), where=norms > 0)
+    values, vectors = np.linalg.eigh(unit @ unit.mT)
+    along = np.einsum("fij,fi->fj", vectors, unit @ z)
+    seen = values > _VISIBLE**2
+    return np.sum(np.divide(along**2, values, out=np.zeros_like(along), where=seen), axis=1), seen.sum(axis=1)
+
+
+def candidate_law(
+    whole: LeftOver,
+    where: Where,
+    inputs: Float[np.ndarray, "positions 3"],
+    head: Float[np.ndarray, "positions 3 angles"],
+) -> Law | None:
+    """The law, or None if no form explains enough to predict held-out positions better.
+
+    **Arguments:**
+
+    - `whole`: what the fit without it leaves. `inputs`: g.
+    - `head`: what a rad of the spindle angle and of the pitch angle adds to the readings, g.
+    """
+    listed = forms(where)
+    every = _Dictionary(listed, values_of(listed, where, inputs), head)
+    taken = every.chosen(whole)
+    if not taken:
+        return None
+    likely = every.some(every.likely(whole, taken))
+    before, after, same = _held_out(likely, whole, where, every.listed[taken[0].form].name)
+    rms = float(np.sqrt(np.mean(before**2))), float(np.sqrt(np.mean(after**2)))
+    # A prediction that has nothing to do with the errors lowers their sum of squares by less than zero, with this sd.
+    if np.sum(before**2 - after**2) < _SURE * 2 * rms[1] * np.linalg.norm(before - after):
+        return None
+    columns = every.columns(taken, whole.responses)
+    sizes, sd = _fitted(columns, whole)
+    signal = every.signals(taken, sizes)
+    return Law(tuple(_terms(every, taken, sizes, sd)), signal, *rms, same)
+
+
+def _fitted(columns: Float[np.ndarray, "nu columns"], whole: LeftOver) -> tuple[np.ndarray, np.ndarray]:
+    """Sizes and their standard uncertainties."""
+    inverse = np.linalg.pinv(columns, rcond=1e-9)
+    level = np.sqrt(whole.without(columns).variance)
+    return inverse @ whole.z, level * np.linalg.norm(inverse, axis=1)
+
+
+def _terms(every: _Dictionary, taken: Sequence[_Chosen], sizes: np.ndarray, sd: np.ndarray):
+    at = 0
+    for one in taken:
+        form = every.listed[one.form]
+        for on in _outputs(one.on):
+            own = slice(at, at + len(form.code))
+            at += len(form.code)
+            if one.on != ALL_OUTPUTS or np.any(np.abs(sizes[own]) > _LEAST_SD * sd[own]):
+                yield Term(form, on, tuple(sizes[own].tolist()), tuple(sd[own].tolist()))
+
+
+def _held_out(
+    likely: _Dictionary, whole: LeftOver, where: Where, name: str
+) -> tuple[Float[np.ndarray, "positions 3"], Float[np.ndarray, "positions 3"], float]:
+    """Errors of held-out positions without a law, and with one chosen without them; share of folds with the same first form.
+    Positions that repeat an attitude are held out together."""
+    attitude = where.attitude
+    order = np.random.default_rng(0).permutation(int(attitude.max()) + 1)
+    fold = order[attitude] % _FOLDS
+    before, after, same = np.zeros((len(fold), 3)), np.zeros((len(fold), 3)), []
+    for number in np.unique(fold).tolist():
+        own = fold == number
+        chosen = likely.chosen(whole.without(whole.of_positions(own)))
+        before[own], _ = whole.predicted_errors(own)
+        after[own], _ = whole.predicted_errors(own, likely.columns(chosen, whole.responses) if chosen else None)
+        same.append(bool(chosen) and likely.listed[chosen[0].form].name == name)
+    return before, after, float(np.mean(same))

@@ -1,0 +1,161 @@
+"""Where an error is that nothing explains: the smallest region of angles or times without which the fit explains the rest.
+
+Regions are scanned with an offset on each output (a scan statistic, Kulldorff 1997). Among those that explain about as much as
+the best, the smallest is taken whose positions, left out, leave no other error.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from tumblecal.chain import Where
+from tumblecal.diagnosis.findings.candidate_law import Law, explained_by
+from tumblecal.diagnosis.findings.law_shapes import Form, boxes, pulses, values_of
+from tumblecal.diagnosis.findings.left_over import LeftOver
+from tumblecal.effects import AXES
+from tumblecal.estimation.fit import Fit
+from tumblecal.ground.showing import brief
+
+
+# Regions that explain at least this share of the best are compared, so many of them; none has more of the positions than this.
+_NEAR, _COMPARED, _LARGEST = 0.7, 12, 0.5
+# A law that has this share of its largest error outside of a region does not act in that alone.
+_OUTSIDE = 0.3
+# The rest is explained if residuals so large have at least this probability.
+_EXPLAINED = 0.01
+# An output is in error from so many standard uncertainties on; both ends of a range are stated if one is this share of the
+# other.
+_SURE, _BOTH = 3.5, 0.5
+
+
+class Range(NamedTuple):
+    """The errors of one output, g: the lowest and the highest."""
+
+    axis: str
+    low: float
+    high: float
+
+    @property
+    def largest(self) -> float:
+        """The largest size."""
+        return max(abs(self.low), abs(self.high))
+
+    @property
+    def words(self) -> str:
+        """Both ends, or the larger one."""
+        low, high = (f"{end * 1e3:+.1g}" if abs(end) < 1e-3 else f"{end * 1e3:+.2g}" for end in (self.low, self.high))
+        if min(self.high, -self.low) > _BOTH * self.largest:
+            return f"{self.axis} {low} to {high} mg"
+        return f"{self.axis} up to {high} mg" if self.high > -self.low else f"{self.axis} down to {low} mg"
+
+
+@dataclass(frozen=True)
+class Excess:
+    """An error that nothing explains.
+
+    - `region`: angles or times in words; "": everywhere. `positions`: those in it.
+    - `ranges`: of the outputs in error there, the largest first.
+    - `values`: measured minus predicted, g: in a region from a fit without it, otherwise the residuals of the fit.
+    """
+
+    __repr__ = brief
+
+    region: str
+    positions: Bool[np.ndarray, " positions"]
+    ranges: tuple[Range, ...]
+    values: Float[np.ndarray, "positions 3"]
+
+    @property
+    def largest(self) -> float:
+        """The largest error, g."""
+        return max((own.largest for own in self.ranges), default=0.0)
+
+    @property
+    def words(self) -> str:
+        """Where, and how large."""
+        sizes = ", ".join(own.words for own in self.ranges)
+        if not self.region:
+            return f"Excess at all angles and times{f': {sizes}' if sizes else ''}"
+        return f"Excess at {self.region}{f': {sizes}' if sizes else ''}; not elsewhere"
+
+
+def excess(whole: LeftOver, fit: Fit, law: Law | None) -> Excess:
+    """Where the residuals of a fit are larger than the noise.
+
+    **Arguments:**
+
+    - `whole`: what the fit leaves. `law`: what explains it, if anything does.
+    """
+    where, residuals = fit.problem.where, np.asarray(fit.residuals)
+    for form in _regions(whole, where):
+        inside = _inside(form, where)
+        if _acts_outside(law, inside):
+            continue
+        if _explains(whole.without(whole.of_positions(inside)), where):
+            values, sd = whole.predicted_errors(inside)
+            every = residuals.copy()
+            every[inside] = values
+            return Excess(form.words[0].strip("[]"), inside, _ranges(values, sd), every)
+    values = residuals if law is None else law.signal
+    sd = np.sqrt(whole.variance) * np.asarray(fit.problem.sd)
+    return Excess("", np.asarray(fit.kept).copy(), _ranges(values[fit.kept], sd[fit.kept]), residuals)
+
+
+def _acts_outside(law: Law | None, inside: Bool[np.ndarray, " positions"]) -> bool:
+    """Whether there is a law and it makes much of its error outside of a region."""
+    if law is None:
+        return False
+    sizes = np.max(np.abs(law.signal), axis=1)
+    return bool(np.max(sizes[~inside], initial=0.0) > _OUTSIDE * np.max(sizes))
+
+
+def _ranges(values: Float[np.ndarray, "own 3"], sd: Float[np.ndarray, "own 3"]) -> tuple[Range, ...]:
+    together = np.abs(np.sum(values / sd**2, axis=0)) / np.sqrt(np.sum(1 / sd**2, axis=0))
+    sure = (np.max(np.abs(values) / sd, axis=0) > _SURE) | (together > _SURE)
+    if not np.any(sure):
+        sure = together == np.max(together)
+    listed = [
+        Range(axis, float(min(np.min(values[:, k]), 0.0)), float(max(np.max(values[:, k]), 0.0)))
+        for k, axis in enumerate(AXES)
+        if sure[k]
+    ]
+    return tuple(sorted(listed, key=lambda own: -own.largest))
+
+
+def _inside(form: Form, where: Where) -> Bool[np.ndarray, " positions"]:
+    return values_of([form], where, np.zeros((len(np.asarray(where.alpha)), 3)))[:, 0] > 0
+
+
+def _regions(whole: LeftOver, where: Where) -> list[Form]:
+    """The regions in which an offset explains about as much as in the best, the smallest first."""
+    listed, scores, counts = _scanned(whole, where)
+    best = np.max(scores, initial=-np.inf)
+    if best <= 0:
+        return []
+    near = [k for k in np.argsort(counts, kind="stable").tolist() if scores[k] > _NEAR * best]
+    near = sorted(near, key=lambda k: -scores[k])[:_COMPARED]
+    return [listed[k] for k in sorted(near, key=lambda k: counts[k])]
+
+
+def _scanned(whole: LeftOver, where: Where) -> tuple[Sequence[Form], np.ndarray, np.ndarray]:
+    """All regions, twice the log of what an offset on each output in it is more probable than nothing, and their positions."""
+    listed = [*boxes(where), *(pulses(where) if where.time_s is not None else ())]
+    count = len(np.asarray(where.alpha))
+    if not listed:
+        return [], np.zeros(0), np.zeros(0)
+    values = values_of(listed, where, np.zeros((count, 3)))
+    counts = values.sum(axis=0)
+    blocks = np.stack([values.T @ whole.responses[:, :, axis].T for axis in range(3)], axis=1)
+    explained, rank = explained_by(blocks, whole.z)
+    scores = whole.log_gain(explained) - rank * np.log(3 * count) - 2 * np.log(len(listed))
+    return listed, np.where((counts > 0) & (counts <= _LARGEST * count), scores, -np.inf), counts
+
+
+def _explains(rest: LeftOver, where: Where) -> bool:
+    """Whether nothing is left beyond the noise."""
+    if rest.p_value is not None:
+        return rest.p_value > _EXPLAINED
+    return rest.dof > 0 and bool(np.max(_scanned(rest, where)[1], initial=-np.inf) <= 0)

@@ -1,0 +1,99 @@
+"""What a fit leaves, in the space that its parameters cannot reach, and what single readings do there."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.special import gammaincc
+
+from tumblecal.diagnosis.model.tangent import unreachable
+from tumblecal.estimation.fit import Fit
+from tumblecal.ground.showing import brief
+
+
+# A direction counts if more than this share of the largest is left of it.
+_SEEN = 1e-6
+
+
+@dataclass(frozen=True)
+class LeftOver:
+    """The residual of a fit in the space that it cannot reach.
+
+    - `z`: the residual there, in units of the stated noise, or in mg. `responses`: of a unit change (g) of each reading.
+    - `known`: whether the noise is stated.
+    """
+
+    __repr__ = brief
+
+    z: Float[np.ndarray, " nu"]
+    responses: Float[np.ndarray, "nu positions 3"]
+    known: bool
+
+    @classmethod
+    def of(cls, fit: Fit) -> "LeftOver":
+        """What a fit leaves; positions left out of it take no part."""
+        count = fit.residuals.size
+        takes_part = np.ones(len(fit.rows), bool)
+        takes_part[:count] = np.repeat(fit.kept, 3)
+        own, _ = unreachable(fit.jacobian[takes_part])
+        basis = np.zeros((len(fit.rows), own.shape[1]))
+        basis[takes_part] = own
+        rows, whitening = basis[:count], np.asarray(fit.problem.whitening)
+        each = rows * whitening[:, None] if whitening.ndim == 1 else fit.problem.whitening_matrix.T @ rows
+        return cls(basis.T @ fit.rows, each.T.reshape(own.shape[1], -1, 3), fit.problem.known)
+
+    @property
+    def dof(self) -> int:
+        """Dimension of the space."""
+        return len(self.z)
+
+    @property
+    def squares(self) -> float:
+        """Sum of squares of the residual."""
+        return float(self.z @ self.z)
+
+    @property
+    def variance(self) -> float:
+        """Of the noise, in the units of `z`: 1 if it is stated, otherwise as the residual has it."""
+        return 1.0 if self.known else self.squares / max(self.dof, 1)
+
+    @property
+    def p_value(self) -> float | None:
+        """Probability of residuals this large if nothing else is there; None where the noise is not stated."""
+        return float(gammaincc(self.dof / 2, self.squares / 2)) if self.known and self.dof else None
+
+    def log_gain(self, explained: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+        """Twice the logarithm of the likelihood ratio of something that explains so much of the sum of squares."""
+        if self.known:
+            return explained
+        return -self.dof * np.log(np.maximum(1.0 - explained / self.squares, 1e-12))
+
+    def without(self, columns: Float[np.ndarray, "nu columns"]) -> "LeftOver":
+        """In the space that some columns do not reach either."""
+        basis, _ = unreachable(columns)
+        return replace(self, z=basis.T @ self.z, responses=np.tensordot(basis.T, self.responses, 1))
+
+    def of_positions(self, positions: Bool[np.ndarray, " positions"]) -> Float[np.ndarray, "nu readings"]:
+        """What the readings of some positions do, position after position."""
+        return self.responses[:, positions].reshape(self.dof, -1)
+
+    def predicted_errors(
+        self, positions: Bool[np.ndarray, " positions"], law: Float[np.ndarray, "nu terms"] | None = None
+    ) -> tuple[Float[np.ndarray, "own 3"], Float[np.ndarray, "own 3"]]:
+        """Measured minus predicted at some positions from all others, g, and its standard uncertainty by the noise.
+
+        **Arguments:**
+
+        - `law`: signals that are fitted to the others as well.
+        """
+        readings = self.of_positions(positions)
+        whole = readings if law is None else np.hstack([readings, law])
+        scale = np.maximum(np.linalg.norm(whole, axis=0), 1e-300)
+        left, singular, right = np.linalg.svd(whole / scale, full_matrices=False)
+        seen = singular > _SEEN * singular[0]
+        inverse = (right[seen].T / singular[seen]) / scale[:, None]
+        values, spread = inverse @ (left[:, seen].T @ self.z), np.linalg.norm(inverse, axis=1)
+        count = readings.shape[1]
+        left_over = self.z - whole @ values
+        level = 1.0 if self.known else np.linalg.norm(left_over) / np.sqrt(max(self.dof - seen.sum(), 1))
+        return values[:count].reshape(-1, 3), level * spread[:count].reshape(-1, 3)

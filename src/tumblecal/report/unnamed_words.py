@@ -1,0 +1,83 @@
+"""An unexplained error in words: where it is, how large, and its candidate law."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from tumblecal.data.positions import joined_arguments
+from tumblecal.diagnosis import Diagnosis
+from tumblecal.diagnosis.findings.candidate_law import Law, Term
+from tumblecal.diagnosis.findings.unnamed import Unnamed
+from tumblecal.ground.numbers_shown import rounded_together
+from tumblecal.ground.suggested_command import suggested
+from tumblecal.report.verdict import Finding
+
+
+SUGGESTED = "suggested_effect.py"
+_ANGLE_WORDS = {"alpha": "spindle angle alpha", "beta": "pitch angle beta"}
+
+
+def unnamed_findings(diagnosis: Diagnosis) -> Iterator[Finding]:
+    """Where an unexplained error is, and its candidate law."""
+    own = diagnosis.unnamed
+    if own is not None:
+        yield Finding(own.excess.words)
+        if own.law is not None:
+            yield Finding(f"Candidate law: {law_words(own.law)}", f"{held_out_words(own.law)}; {SUGGESTED}")
+
+
+def test_of_law(diagnosis: Diagnosis, folder: Path) -> Iterator[str]:
+    """How to test the candidate law, as a command."""
+    if diagnosis.unnamed is not None and diagnosis.unnamed.law is not None:
+        yield "To test the candidate law, with the new positions joined if there are any:"
+        files = diagnosis.data.files or [diagnosis.data.source]
+        yield suggested("diagnose", *joined_arguments(files), "--effects", folder / SUGGESTED, "--out", "with_law")
+
+
+def law_words(law: Law) -> str:
+    """What is added to which output or angle."""
+    return "; ".join(term_words(term) for term in law.terms)
+
+
+def term_words(term: Term) -> str:
+    """`z: 0.52 +- 0.06 mg/g^3 u_x u_y^2`."""
+    sizes = [
+        f"({rounded_together(1e3 * size, 1e3 * sd)}) {term.unit} {words}"
+        for size, sd, words in zip(term.sizes, term.sd, term.form.words, strict=True)
+    ]
+    return f"{_ANGLE_WORDS.get(term.acts_on, f'output {term.acts_on}')}: {' + '.join(sizes)}"
+
+
+def held_out_words(law: Law) -> str:
+    """The held-out improvement."""
+    return f"held-out error {law.before_g * 1e3:.3g} -> {law.after_g * 1e3:.3g} mg"
+
+
+def unnamed_record(own: Unnamed | None) -> dict | None:
+    """As plain numbers and texts; g, rad and the units stated."""
+    if own is None:
+        return None
+    excess, law = own.excess, own.law
+    return {
+        "region": excess.region or None,
+        "positions": [own.fit.problem.names[k] for k in np.flatnonzero(excess.positions).tolist()],
+        "ranges_g": {part.axis: [part.low, part.high] for part in excess.ranges},
+        "law": None
+        if law is None
+        else {
+            "terms": [
+                {
+                    "acts_on": term.acts_on,
+                    "words": list(term.form.words),
+                    "coefficients": [1e3 * size for size in term.sizes],
+                    "u": [1e3 * sd for sd in term.sd],
+                    "unit": term.unit,
+                }
+                for term in law.terms
+            ],
+            "held_out_before_g": law.before_g,
+            "held_out_after_g": law.after_g,
+            "same_in_folds": law.same,
+        },
+    }
