@@ -1,5 +1,6 @@
 """What no entry explains: where it is, and the closed form that it has; errors added to numpy's instrument by their formula."""
 
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,14 +10,17 @@ import blind_instrument as blind
 from blind_sized import inputs
 from tumblecal.chain import settings
 from tumblecal.diagnosis.findings.candidate_law import Law, Term, candidate_law
-from tumblecal.diagnosis.findings.excess import Range, excess
+from tumblecal.diagnosis.findings.excess import Excess, Range, excess
 from tumblecal.diagnosis.findings.law_shapes import forms, values_of
 from tumblecal.diagnosis.findings.left_over import LeftOver
+from tumblecal.diagnosis.findings.unnamed import Unnamed
 from tumblecal.effects import catalogue
 from tumblecal.effects.catalogue import extended
 from tumblecal.effects.users_file import Source
+from tumblecal.planning.proposals import Allowed
+from tumblecal.planning.sampling import samples
 from tumblecal.report.suggested_effect import suggested_effect_text
-from tumblecal.report.unnamed_words import term_words
+from tumblecal.report.unnamed_words import command_for_law, term_words, unnamed_findings
 
 
 class Instrument:
@@ -155,6 +159,45 @@ def test_the_file_has_the_law_as_it_was_fitted():
     values = values_of([families["harmonic times decay"]], where, u)
     tau = float(families["harmonic times decay"].words[0].partition("t/")[2].partition(" ")[0]) * 60
     assert np.allclose(values[:, 1], np.cos(alpha) * np.exp(-time / tau), atol=0.02)
+
+
+def of_instrument(instrument, found: Excess, law: Law | None) -> SimpleNamespace:
+    """A diagnosis with these findings, as far as its texts and positions need it."""
+    setup = instrument.setup
+    alpha, beta = np.degrees(setup.alpha), np.degrees(setup.beta)
+    data = SimpleNamespace(alpha_deg=alpha, beta_deg=beta, pitch_setting_deg=beta, source="m.csv", files=())
+    fit = SimpleNamespace(kept=np.ones(len(alpha), bool))
+    problem = SimpleNamespace(where=instrument.where, sd=np.full((len(alpha), 3), blind.SIGMA))
+    return SimpleNamespace(unnamed=Unnamed(fit, law, found), data=data, problem=problem, level=1.0)
+
+
+def test_the_next_positions_are_between_the_measured_ones_where_the_error_is(instrument):
+    alpha, beta = np.degrees(instrument.setup.alpha), np.degrees(instrument.setup.beta)
+    inside = (alpha > 175) & (alpha < 245) & (beta > 25) & (beta < 65)
+    found = Excess("alpha 180 to 240", inside, (Range("z", 0.0, 8e-4),), on(2, 8e-4 * inside))
+    diagnosis = of_instrument(instrument, found, None)
+    listed = samples(diagnosis, Allowed(), 12)
+    # Half-way, the last measured first: from beta 60 down to 30, from alpha 255 down to 165.
+    assert [(round(own.alpha_deg), round(own.beta_deg)) for own in listed] == [
+        (a, b) for b in (60, 30) for a in (255, 225, 195, 165)
+    ]
+    assert np.allclose([own.in_sd for own in listed], [4, 8, 8, 4] * 2)
+    allowed = samples(diagnosis, Allowed(alpha_deg=(10.0, 200.0), beta_deg=(30.0,)), 12)
+    assert [(own.alpha_deg, round(own.beta_deg)) for own in allowed] == [(200.0, 30)]
+
+
+def test_findings_state_region_size_and_law(instrument):
+    form = next(form for form in forms(instrument.where) if form.words == ("u_x u_y^2",))
+    law = Law((Term(form, "z", (5.2e-4,), (6e-5,)),), np.zeros((48, 3)), 2.1e-4, 1.1e-4, 1.0)
+    found = Excess("", np.ones(48, bool), (Range("z", -8e-4, 7e-4),), np.zeros((48, 3)))
+    diagnosis = of_instrument(instrument, found, law)
+    assert [own.sentence for own in unnamed_findings(diagnosis)] == [
+        "Excess at all angles and times: z -0.8 to +0.7 mg",
+        "Candidate law: output z: (0.520 +- 0.060) mg/g^3 u_x u_y^2: held-out error 0.21 -> 0.11 mg; suggested_effect.py",
+    ]
+    assert "tumblecal diagnose m.csv --effects out/suggested_effect.py --out with_law" in command_for_law(
+        diagnosis, Path("out")
+    )
 
 
 def test_sizes_in_words():

@@ -9,11 +9,13 @@ from tumblecal.data.calibration import Calibration
 from tumblecal.data.calibration_use import Use, combined
 from tumblecal.data.sensor_parameters import SENSOR
 from tumblecal.diagnosis import Diagnosis
+from tumblecal.diagnosis.causes.generic import UNEXPLAINED
 from tumblecal.diagnosis.findings.determined import says_something
 from tumblecal.estimation.intrinsic import one_sensor
 from tumblecal.ground.errors import InputError
 from tumblecal.report.calibration_judgements import MOST_MOVED_SD, MOST_TIMES_NOISE
 from tumblecal.report.calibration_limits import DIRECTIONS, gravity_use, limits, undetermined_use
+from tumblecal.report.cause_words import label_words
 from tumblecal.report.sensor_terms import SensorTerms
 
 
@@ -54,7 +56,12 @@ def _findings(diagnosis: Diagnosis) -> Iterator[Use]:
     if diagnosis.implausible:
         yield Use("no", f"implausible values of {', '.join(own.parameter for own in diagnosis.implausible[:3])}")
     elif diagnosis.verdict == "unexplained":
-        yield _unexplained(diagnosis)
+        yield _unexplained(diagnosis, "the nominal model is rejected, and no catalogued effect explains the data")
+    elif (
+        UNEXPLAINED,
+    ) in diagnosis.best.equivalents and 2 * diagnosis.best.own_probability < diagnosis.best.probability:
+        named = label_words(diagnosis.best.labels)
+        yield _unexplained(diagnosis, f"an effect that is not in the catalogue is more probable than {named}")
     yield from gravity_use(diagnosis.extended)
     yield from undetermined_use(diagnosis.in_use.as_fit)
     if diagnosis.members:
@@ -65,15 +72,14 @@ def _findings(diagnosis: Diagnosis) -> Iterator[Use]:
         yield Use("yes", f"its uncertainties are those of the corrected noise ({', '.join(diagnosis.noise_wrong)})")
 
 
-def _unexplained(diagnosis: Diagnosis) -> Use:
-    """Something that no effect explains: the calibration holds to about the largest error, and is not to be used where the
-    residuals are many times the noise, or the noise is not known."""
+def _unexplained(diagnosis: Diagnosis, reason: str) -> Use:
+    """Something that no effect explains, or probably none: the calibration holds to about the largest error, and is not to be
+    used where the error or the residuals are many times the noise, or the noise is not known."""
     size = float(np.max(np.abs(diagnosis.extended.residuals[diagnosis.extended.kept])))
     small = diagnosis.problem.known and diagnosis.extended.level <= MOST_TIMES_NOISE
     if diagnosis.unnamed is not None:
         size = max(size, diagnosis.unnamed.excess.largest)
         small = small and size <= MOST_TIMES_NOISE * diagnosis.sigma_g
-    reason = "the nominal model is rejected, and no catalogued effect explains the data"
     return Use("yes" if small else "no", reason, size_g=size or None)
 
 

@@ -22,7 +22,7 @@ from tumblecal.report.number_words import ambiguity, odds_words
 from tumblecal.report.polynomial_words import by_finding, polynomial_words
 from tumblecal.report.sentences import as_sentence
 from tumblecal.report.setting_words import many_settings_words
-from tumblecal.report.unnamed_words import test_of_law, unnamed_findings
+from tumblecal.report.unnamed_words import command_for_law, unnamed_findings
 from tumblecal.report.verdict import Finding, Unresolved, Verdict
 
 
@@ -260,7 +260,7 @@ def _next(
     if plan is not None:
         yield from next_words(diagnosis, plan, folder, numbers)
         if folder is not None:
-            yield from test_of_law(diagnosis, folder)
+            yield from command_for_law(diagnosis, folder)
     causes = [id_of(cause.label) for cause in diagnosis.members if cause.named]
     by_advice: dict[str, dict[str, None]] = {}
     for id in (*(mix_up.label for mix_up in diagnosis.mix_ups), *diagnosis.noise_labels, *causes):

@@ -27,7 +27,7 @@ def unnamed_findings(diagnosis: Diagnosis) -> Iterator[Finding]:
             yield Finding(f"Candidate law: {law_words(own.law)}", f"{held_out_words(own.law)}; {SUGGESTED}")
 
 
-def test_of_law(diagnosis: Diagnosis, folder: Path) -> Iterator[str]:
+def command_for_law(diagnosis: Diagnosis, folder: Path) -> Iterator[str]:
     """How to test the candidate law, as a command."""
     if diagnosis.unnamed is not None and diagnosis.unnamed.law is not None:
         yield "To test the candidate law, with the new positions joined if there are any:"
