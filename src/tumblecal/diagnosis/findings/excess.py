@@ -22,6 +22,8 @@ from tumblecal.ground.showing import brief
 
 # Regions that explain at least this share of the best are compared, so many of them; none has more of the positions than this.
 _NEAR, _COMPARED, _LARGEST = 0.7, 12, 0.5
+# Regions of time must explain this much more than those of angles (twice the log of the odds).
+_SURELY_TIME = 6.0
 # A law that has this share of its largest error outside of a region does not act in that alone.
 _OUTSIDE = 0.3
 # The rest is explained if residuals so large have at least this probability.
@@ -135,6 +137,10 @@ def _regions(whole: LeftOver, where: Where) -> list[Form]:
     best = np.max(scores, initial=-np.inf)
     if best <= 0:
         return []
+    of_time = np.array([form.family == "pulse" for form in listed])
+    if np.max(scores[~of_time], initial=-np.inf) > best - _SURELY_TIME:
+        # Pitch settings are measured one after the other: a range of times is then one of angles as well.
+        scores = np.where(of_time, -np.inf, scores)
     near = [k for k in np.argsort(counts, kind="stable").tolist() if scores[k] > _NEAR * best]
     near = sorted(near, key=lambda k: -scores[k])[:_COMPARED]
     return [listed[k] for k in sorted(near, key=lambda k: counts[k])]
