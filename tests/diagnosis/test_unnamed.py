@@ -27,8 +27,7 @@ class Instrument:
     """4 x 12 positions with an error that is added, and what the nominal parameters leave of it, linearised by numpy."""
 
     def __init__(self, seed: int):
-        self.rng = np.random.default_rng(seed)
-        self.setup = blind.random_setup(self.rng, 4, 12)
+        self.setup = blind.random_setup(np.random.default_rng(seed), 4, 12)
         setup = self.setup
         self.where = settings(
             setup.alpha, setup.beta, time_s=setup.time_s, temperature_degc=setup.temperature_degc, pitch=setup.pitch
@@ -46,7 +45,7 @@ class Instrument:
     def left(self, added, known: bool = True) -> tuple[LeftOver, SimpleNamespace]:
         """What a fit leaves of the error and noise of 0.1 mg, and the fit."""
         unit = blind.SIGMA if known else 1e-3
-        errors = (added + blind.SIGMA * self.rng.normal(size=added.shape)).ravel() / unit
+        errors = (added + blind.SIGMA * np.random.default_rng(7).normal(size=added.shape)).ravel() / unit
         z = self.basis.T @ errors
         whole = LeftOver(z, (self.basis / unit).T.reshape(len(z), -1, 3), known)
         sd = np.full(added.shape, unit)

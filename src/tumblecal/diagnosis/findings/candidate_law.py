@@ -25,9 +25,11 @@ ALL_OUTPUTS, ANGLES = "xyz", ("alpha", "beta")
 _MOST_TERMS, _FOLDS, _LIKELY = 3, 6, 150
 # A form counts as visible if the fitted parameters leave more than this share of it.
 _VISIBLE = 0.1
+# An angle of the head must explain this much more than an output that looks alike (twice the log of the odds).
+_OF_HEAD = 6.0
 # Standard deviations by which the sum of squares of held-out errors must fall. Outputs with coefficients below so many u are
 # left out.
-_SURE, _LEAST_SD = 2.0, 2.0
+_SURE, _LEAST_SD = 2.0, 3.0
 # Forms that the catalogue has already, by name and where they act.
 _LISTED = {*((f"product_{axis * 3}", axis) for axis in AXES), *((f"harmonic_{k}", "alpha") for k in (1, 2))}
 
@@ -148,6 +150,8 @@ class _Dictionary:
             for on, block in (*((on, made[rows]) for on, made in projected.items()), (ALL_OUTPUTS, together)):
                 explained, rank = explained_by(block, left.z)
                 scored[on][own] = left.log_gain(explained) - rank * cost - price[own]
+        for angle in ANGLES:
+            scored[angle] -= _OF_HEAD
         for number, form in enumerate(self.listed):
             for on in scored:
                 if (form.of_input and on in ANGLES) or (form.name, on) in _LISTED:
