@@ -117,6 +117,15 @@ def test_an_error_of_the_index_is_one_of_the_head(instrument):
     assert (term.acts_on, term.unit) == ("alpha", "mrad") and np.allclose(term.sizes, [0.0, 1e-3], atol=2e-4)
 
 
+def test_a_position_that_the_fit_left_out_is_not_predicted(instrument):
+    whole, _ = instrument.left(on(1, 2.5e-3 * instrument.u[:, 1] * instrument.u[:, 2] ** 2))
+    whole.responses[:, 17] = 0.0
+    values, sd = whole.predicted_errors(np.arange(48) == 17)
+    assert np.all(values == 0) and np.all(np.isinf(sd))
+    law = instrument.law(whole)
+    assert law.terms[0].form.words == ("u_y u_z^2",) and law.after_g < law.before_g < 1e-3
+
+
 def test_noise_has_no_law(instrument):
     assert all(instrument.law(instrument.left(np.zeros((48, 3)), known)[0]) is None for known in (True, False))
 

@@ -13,7 +13,7 @@ from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.estimation.attitudes import next_attitudes
 from tumblecal.ground.blas import one_thread
-from tumblecal.planning.choosing import Choosing
+from tumblecal.planning.choosing import MOST_IN_SET, Choosing
 from tumblecal.planning.conditions import Conditions, going_on
 from tumblecal.planning.confirming import Confirmation, confirmations
 from tumblecal.planning.new_rows import remountings
@@ -107,9 +107,7 @@ def next_plan(diagnosis: Diagnosis, allowed: Allowed | None = None) -> NextPlan:
         singles = tuple(sorted(together, key=lambda own: -own.value)[:MOST])
         notes = (REVERSED, why_not) if why_not else (REVERSED,)
         conditions = going_on(diagnosis.data)
-        return NextPlan(
-            singles, together, SAMPLE, notes=notes, from_rig=diagnosis.from_rig, conditions=conditions
-        )
+        return NextPlan(singles, together, SAMPLE, notes=notes, from_rig=diagnosis.from_rig, conditions=conditions)
     listed = proposals(diagnosis.data, allowed, sides)
     notes = [why_not] if why_not else []
     if diagnosis.problem.correlated:

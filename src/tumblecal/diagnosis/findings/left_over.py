@@ -88,11 +88,13 @@ class LeftOver:
         """
         readings = self.of_positions(positions)
         whole = readings if law is None else np.hstack([readings, law])
-        scale = np.maximum(np.linalg.norm(whole, axis=0), 1e-300)
+        sizes = np.linalg.norm(whole, axis=0)
+        scale = np.where(sizes > 0, sizes, 1.0)
         left, singular, right = np.linalg.svd(whole / scale, full_matrices=False)
         seen = singular > _SEEN * singular[0]
         inverse = (right[seen].T / singular[seen]) / scale[:, None]
         values, spread = inverse @ (left[:, seen].T @ self.z), np.linalg.norm(inverse, axis=1)
+        spread[sizes == 0] = np.inf  # a position that the fit left out
         count = readings.shape[1]
         left_over = self.z - whole @ values
         level = 1.0 if self.known else np.linalg.norm(left_over) / np.sqrt(max(self.dof - seen.sum(), 1))
