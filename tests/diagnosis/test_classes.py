@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import blind_instrument as blind
+from tumblecal.diagnosis.sets.classes import Explanation
 from tumblecal.diagnosis.sets.named_first import named_in_place
 from tumblecal.diagnosis.sets.patchwork import is_patchwork
 from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
@@ -150,3 +151,9 @@ def test_listed_causes_lead_in_the_place_of_one_without_a_name_from_a_probabilit
     # Adequate is no cause, and a set with a cause without a name is no listed one.
     assert named_in_place(labels, [0.5, 0.3, 0.05, 0.05, 0.1], {}) is None
     assert named_in_place([cubic, unnamed], [0.6, 0.4], {}) is None
+
+
+def test_a_listed_set_that_leads_in_the_place_of_a_larger_one_without_a_name_is_not_claimed():
+    square, more = ("second_order.x",), ("second_order.x", "unexplained")
+    assert Explanation(square, (more,), 0.95, 0.15, (3,)).separable == (more,)
+    assert Explanation(more, (square,), 0.95, 0.8, (3, 9)).separable == ()
