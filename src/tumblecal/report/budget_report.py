@@ -18,6 +18,7 @@ from tumblecal.report.drawing import INK, new_figure, save
 from tumblecal.report.history_list import Row, number, table_text
 from tumblecal.report.page import PageTable, Section, inline_figure, write_page
 from tumblecal.report.result_file import source_of
+from tumblecal.report.verdict import Verdict
 
 
 SCHEMA = "tumblecal.budget_result/1"
@@ -53,7 +54,8 @@ def write_budget(folder: Path, budget: Budget, checked: MonteCarlo | None, notes
         sections.append(Section("Monte Carlo", [monte_carlo_words(budget, checked)], tables=[table]))
     name = Path(budget.fit.data.source).name
     lead = f"{len(budget.fit.data)} positions, {len(budget.inputs)} inputs in addition to the noise."
-    write_page(folder / "budget.html", f"Uncertainty budget of {name}", lead, [*notes, advice(budget)], sections)
+    verdict = Verdict("", "", name, "", evidence=tuple(notes), next=(advice(budget),))
+    write_page(folder / "budget.html", f"Uncertainty budget of {name}", lead, verdict, sections)
     return ["budget.json", "budget.svg", "budget.html"]
 
 

@@ -45,6 +45,11 @@ class Judgement:
     refused: bool = False
 
     @property
+    def finding(self) -> str:
+        """The headline without what it means for the use (`Usable: ...`, `Do not use it: ...`)."""
+        return self.headline.partition(": ")[2].removesuffix(".") or self.headline.removesuffix(".")
+
+    @property
     def words(self) -> str:
         """Headline and advice."""
         return f"{self.headline} {self.advice}".rstrip()

@@ -13,9 +13,10 @@ from tumblecal.estimation.intrinsic import one_sensor
 from tumblecal.estimation.methods import Calibrated
 from tumblecal.estimation.mountings import mounting_words, turns_of
 from tumblecal.estimation.plausibility import implausible_words
+from tumblecal.ground.numbers_shown import decimals, rounded, with_decimals
 from tumblecal.ground.suggested_command import suggested
 from tumblecal.ground.units import shown
-from tumblecal.report.calibration_judgements import Judgement, judgements, use_of
+from tumblecal.report.calibration_judgements import judgements, use_of
 from tumblecal.report.calibration_words import (
     TITLES,
     UNLIKELY,
@@ -24,14 +25,16 @@ from tumblecal.report.calibration_words import (
     noise_words,
     wrong_methods,
 )
+from tumblecal.report.finding_figures import overview_figure
 from tumblecal.report.gravity_words import gravity_words
 from tumblecal.report.identity_words import identity_words
-from tumblecal.report.page import PageFigure, PageTable, Section, inline_figure, write_page
+from tumblecal.report.page import PageFigure, PageTable, Section, inline_drawing, inline_figure, write_page
 from tumblecal.report.result_file import calibration_of, source_of, strong_correlations
 from tumblecal.report.sensor_terms import held_words, lacking_of_fit
-from tumblecal.report.sentences import as_sentence, ended
+from tumblecal.report.sentences import as_sentence, command_at_end, ended
 from tumblecal.report.setting_words import many_settings_words, read_settings_words
 from tumblecal.report.temperature_words import temperature_words, within_dwells_words
+from tumblecal.report.verdict import Finding, Verdict
 
 
 _CAPTIONS = {
@@ -69,10 +72,10 @@ def write_calibration_page(path: Path, calibrated: Calibrated, figures: Sequence
         path,
         f"Calibration of {Path(exact.data.source).name}",
         _lead(exact),
-        list(_verdict(calibrated, judged)),
+        calibration_verdict(calibrated),
         list(_sections(calibrated, drawn, path.parent)),
-        headline=judged[0].headline,
         tone=judged[0].tone,
+        pictures=dict.fromkeys((0, 1), inline_drawing(overview_figure(exact), "overview")),
     )
     return path
 
@@ -85,27 +88,62 @@ def _lead(exact: Fit) -> str:
     return ", ".join(parts) + "."
 
 
-def _verdict(calibrated: Calibrated, judged: list[Judgement]) -> Iterator[str]:
-    exact, first = calibrated.exact, judged[0]
-    yield f"Use: {as_sentence(use_of(calibrated, judged).words)}."
-    if first.advice:
-        yield ended(f"What to do: {first.advice}")
-    yield from (ended(as_sentence(own.words)) for own in judged[1:])
-    yield from (f"Implausible: {words}." for words in implausible_words(calibrated.implausible))
-    yield from (f"Put right: {mix_up.told}." for mix_up in calibrated.mix_ups)
-    yield f"Residuals: {exact.rms * 1e3:.4g} mg rms, {exact.dof} degrees of freedom beside {exact.parameters} parameters."
-    yield from filter(
-        None, [as_sentence(noise_words(exact, calibrated.level)), gravity_words(exact), identity_words(exact.data)]
+def calibration_verdict(calibrated: Calibrated) -> Verdict:
+    """Use, judgements as findings, tests as evidence, and what to do."""
+    exact, judged = calibrated.exact, judgements(calibrated)
+    use = use_of(calibrated, judged)
+    found = [
+        *(f"{as_sentence(mix_up.told)}; corrected in this calibration" for mix_up in calibrated.mix_ups),
+        *(as_sentence(own.finding) for own in judged if own.tone != "good"),
+        *(f"Implausible: {words}" for words in implausible_words(calibrated.implausible)),
+    ]
+    return Verdict(
+        _BADGES[use.answer or "yes"],
+        as_sentence(judged[0].finding) if judged[0].tone == "good" else _headline(len(found)),
+        Path(exact.data.source).name,
+        use.words,
+        found=tuple(map(Finding, found)),
+        evidence=tuple(_evidence(exact, calibrated)),
+        next=tuple(dict.fromkeys(text for own in judged for text in _steps(own.advice))),
+        details=tuple(_details(exact, calibrated)),
     )
-    yield from filter(None, [mounting_words(turns_of(exact.problem.chain, exact.problem.where))])
-    yield from (as_sentence(words) for words in (read_settings_words(exact), many_settings_words(exact)) if words)
-    changed = [within_dwells_words(exact.data), temperature_words(exact, calibrated.entries)]
-    yield from (ended(as_sentence(words)) for words in filter(None, changed))
-    yield from (f"{as_sentence(words)}." for words in held_words(exact, exact.problem.chain, calibrated.entries))
-    yield from (ended(as_sentence(words)) for words in lacking_of_fit(exact, calibrated.entries))
+
+
+_BADGES = {"yes": "usable", "within": "usable", "only": "usable in part", "no": "do not use"}
+
+
+def _headline(found: int) -> str:
+    return "One reservation." if found == 1 else f"{found} reservations."
+
+
+def _steps(advice: str) -> Iterator[str]:
+    """An instruction, and the command at its end by itself."""
+    words, command = command_at_end(advice)
+    yield from filter(None, (as_sentence(words) if command else ended(as_sentence(words)) if words else "", command))
+
+
+def _evidence(exact: Fit, calibrated: Calibrated) -> Iterator[str]:
+    yield f"Residuals: {exact.rms * 1e3:.3g} mg rms, {exact.parameters} parameters, {exact.dof} degrees of freedom."
+    yield f"{as_sentence(command_at_end(noise_words(exact, calibrated.level))[0].removesuffix('run:').rstrip('; '))}."
     wrong = wrong_methods(calibrated)
     if wrong:
-        yield f"Other methods: do not take the values of {' and '.join(wrong)} for these data (below)."
+        yield f"Do not use the values of {' and '.join(wrong)} for these data (see Methods)."
+
+
+def _details(exact: Fit, calibrated: Calibrated) -> Iterator[tuple[str, str]]:
+    """Heading and text of everything that asks for no action."""
+    texts = [
+        gravity_words(exact),
+        identity_words(exact.data),
+        mounting_words(turns_of(exact.problem.chain, exact.problem.where)),
+        read_settings_words(exact),
+        many_settings_words(exact),
+        within_dwells_words(exact.data),
+        temperature_words(exact, calibrated.entries),
+        *held_words(exact, exact.problem.chain, calibrated.entries),
+        *lacking_of_fit(exact, calibrated.entries),
+    ]
+    yield from (("", ended(as_sentence(text).rstrip("."))) for text in texts if text)
 
 
 def _sections(calibrated: Calibrated, drawn: dict[str, PageFigure], folder: Path) -> Iterator[Section]:
@@ -115,15 +153,16 @@ def _sections(calibrated: Calibrated, drawn: dict[str, PageFigure], folder: Path
     yield Section(
         "Parameters",
         words=[
+            *(text for _, text in _details(exact, calibrated)),
             "The exact fit. u is the standard uncertainty by the data alone (type A), U the expanded one: 95 % by "
-            f"{'the normal distribution' if exact.noise == 'stated' else 'Student’s t'}.{contradicted}"
+            f"{'the normal distribution' if exact.noise == 'stated' else 'Student’s t'}.{contradicted}",
         ],
         tables=[_parameters(exact)],
     )
     yield Section("Residuals", figures=[drawn[name] for name in ("residuals.svg",) if name in drawn])
     yield from _weak(exact)
     yield Section(
-        "Methods side by side",
+        "Methods",
         words=[
             *methods_words(calibrated),
             *(f"{TITLES[name]}: not run: {why}" for name, why in calibrated.skipped.items()),
@@ -141,8 +180,9 @@ def _parameters(exact: Fit) -> PageTable:
     for k in exact.shared:
         unit, factor = shown(exact.units[k])
         half = 0.5 * float(intervals[k, 1] - intervals[k, 0])
-        numbers = (exact.values[k], exact.sd[k], half)
-        rows.append([exact.names[k], *(f"{value * factor:.4f}" for value in numbers), unit])
+        value, u = rounded(exact.values[k] * factor, exact.sd[k] * factor)
+        expanded = with_decimals(half * factor, decimals(half * factor))
+        rows.append([exact.names[k], value, u, expanded, unit])
     return PageTable(["parameter", "value", "u", "U (95 %)", "unit"], rows, text=(0, 4))
 
 
@@ -153,14 +193,14 @@ def _weak(exact: Fit) -> Iterator[Section]:
     if not weak and not pairs:
         return
     words = [
-        f"{direction.words}: move together; the sd of this combination is {direction.sd_ratio:.0f} times that of a typical one."
+        f"{direction.words}: the uncertainty of this combination is {direction.sd_ratio:.0f} times the median."
         for direction in weak
     ]
     if cure_words(exact):
-        words.append(f"Cure: {cure_words(exact)}.")
+        words.append(f"To determine it, {cure_words(exact)}.")
     rows = [[pair["first"], pair["second"], f"{pair['correlation']:+.3f}"] for pair in pairs]
-    tables = [PageTable(["parameter", "goes with", "correlation"], rows, text=(0, 1))] if rows else []
-    yield Section("What is badly determined", words=words, tables=tables)
+    tables = [PageTable(["parameter", "correlated with", "correlation"], rows, text=(0, 1))] if rows else []
+    yield Section("Poorly determined parameters", words=words, tables=tables)
 
 
 def _methods(calibrated: Calibrated) -> PageTable:
@@ -169,10 +209,10 @@ def _methods(calibrated: Calibrated) -> PageTable:
     rows = []
     for k in exact.shared:
         unit, factor = shown(exact.units[k])
-        cells = [exact.names[k], f"{exact.values[k] * factor:.4f}"]
-        for name in others:
-            fit = calibrated.fits[name]
-            cells.append(f"{fit.value(exact.names[k]) * factor:.4f}" if exact.names[k] in fit.names else "")
+        places, name = decimals(exact.sd[k] * factor), exact.names[k]
+        fits = (calibrated.fits[other] for other in others)
+        values = [exact.values[k], *(fit.value(name) if name in fit.names else None for fit in fits)]
+        cells = [name, *("" if value is None else with_decimals(value * factor, places) for value in values)]
         rows.append([*cells, unit])
     return PageTable(
         ["parameter", *(TITLES[name] for name in ("exact", *others)), "unit"], rows, text=(0, 2 + len(others))

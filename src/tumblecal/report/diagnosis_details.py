@@ -7,10 +7,11 @@ from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.causes.cause import id_of
 from tumblecal.estimation.mountings import mounting_words
 from tumblecal.estimation.plausibility import implausible_words
+from tumblecal.ground.numbers_shown import rounded_together
 from tumblecal.ground.units import in_words, shown
 from tumblecal.report.diagnosis_calibration import diagnosed_use, lacking_of_diagnosis
 from tumblecal.report.gravity_words import gravity_warning, gravity_words
-from tumblecal.report.number_words import bic_words, short
+from tumblecal.report.number_words import bic_words
 from tumblecal.report.sensor_terms import held_words
 from tumblecal.report.sentences import as_sentence
 from tumblecal.report.setting_words import many_settings_words, read_settings_words
@@ -18,6 +19,9 @@ from tumblecal.report.temperature_words import within_dwells_words
 from tumblecal.report.verdict import NOT_TESTABLE, UNDETECTABLE
 
 
+# Headings.
+CHANGES, GAIN, CAUSES, UNCERTAINTIES = "Changes of the calibration", "Residuals and gain", "Causes", "Uncertainties"
+UNDETERMINED, HELD, LACKING = "Undetermined parameters", "Calibration file", "Not in the calibration file"
 # A parameter that moved by less than this share of its sd is not listed among those that did.
 _MOVED_SD = 0.5
 # Uncertainties are listed from this factor over the noise's on, of so many parameters and effects.
@@ -44,8 +48,8 @@ def details(diagnosis: Diagnosis) -> Iterator[tuple[str, str]]:
     if diagnosis.members:
         yield from _changes(diagnosis)
     listed = {
-        "Undetermined parameters": undetermined_words(diagnosis),
-        "Uncertainties": uncertainty_words(diagnosis),
+        UNDETERMINED: undetermined_words(diagnosis),
+        UNCERTAINTIES: uncertainty_words(diagnosis),
         **_of_model(diagnosis),
         UNDETECTABLE: _undetectable(diagnosis),
     }
@@ -58,13 +62,13 @@ def _of_model(diagnosis: Diagnosis) -> dict[str, str]:
     held = held_words(diagnosis.extended, diagnosis.model.nominal_chain, diagnosis.entries)
     ids = [id for id in dict.fromkeys(map(id_of, diagnosis.labels)) if id in diagnosis.entries]
     return {
-        "Causes": " ".join(f"{id}: {diagnosis.entries[id].cause}" for id in ids),
+        CAUSES: " ".join(f"{id}: {diagnosis.entries[id].cause}" for id in ids),
         "Noise": "" if diagnosis.samples is None else _noise_of_samples(diagnosis),
         "Noise correction": "All tests and intervals use the corrected weights." if diagnosis.noise_labels else "",
         "Mountings": mounting_words(diagnosis.mountings),
         "Pitch settings": _text_of(read_settings_words(diagnosis.nominal)),
-        "Calibration file": " ".join(f"{as_sentence(words)}." for words in held),
-        "Not in the calibration file": " ".join(f"{_text_of(words)}." for words in lacking_of_diagnosis(diagnosis)),
+        HELD: " ".join(f"{as_sentence(words)}." for words in held),
+        LACKING: " ".join(f"{_text_of(words)}." for words in lacking_of_diagnosis(diagnosis)),
         "Gravity": "" if gravity_warning(diagnosis.extended) else gravity_words(diagnosis.extended),
         "Changes within dwells": within_dwells_words(diagnosis.data),
     }
@@ -87,11 +91,12 @@ def _changes(diagnosis: Diagnosis) -> Iterator[tuple[str, str]]:
     gain = diagnosis.gain
     slow = "" if not diagnosis.problem.correlated else " (with the part that neighbouring positions share)"
     yield (
-        "Residuals and gain",
+        GAIN,
         f"Residuals {gain.rms_before_g * 1e3:.3g} -> {gain.rms_after_g * 1e3:.3g} mg rms{slow}. Held-out gain "
-        f"{(gain.cv_rms_before_g - gain.cv_rms_after_g) * 1e3:.2g} +- {short(gain.cv_gain_sd_g * 1e3)} mg. Expected of a new "
-        f"measurement: {gain.fresh_rms_before_g * 1e3:.3g} -> {gain.fresh_rms_after_g * 1e3:.3g} mg (gain +- "
-        f"{short(gain.fresh_gain_sd_g * 1e3)}). Delta BIC {bic_words(gain.delta_bic)}.",
+        f"{rounded_together((gain.cv_rms_before_g - gain.cv_rms_after_g) * 1e3, gain.cv_gain_sd_g * 1e3)} mg. Expected of a "
+        f"new measurement: {gain.fresh_rms_before_g * 1e3:.3g} -> {gain.fresh_rms_after_g * 1e3:.3g} mg (gain "
+        f"{rounded_together((gain.fresh_rms_before_g - gain.fresh_rms_after_g) * 1e3, gain.fresh_gain_sd_g * 1e3)} mg). "
+        f"Delta BIC {bic_words(gain.delta_bic)}.",
     )
     moved = sorted(shifts(diagnosis).items(), key=lambda item: -abs(item[1]["in_sd"]))
     listed = [
@@ -101,7 +106,7 @@ def _changes(diagnosis: Diagnosis) -> Iterator[tuple[str, str]]:
     ]
     much = bool(moved) and abs(moved[0][1]["in_sd"]) > 1.0
     yield (
-        "Changes of the calibration",
+        CHANGES,
         f"{', '.join(listed)}." if much else "No sensor parameter changed by more than 1 u.",
     )
     outside = [check.name for check in diagnosis.checks_after if check.outside]

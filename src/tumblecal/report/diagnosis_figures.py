@@ -1,7 +1,5 @@
-"""Figures of a diagnosis: residuals against everything recorded, and the explanations; the list of all figures."""
+"""Figures of a diagnosis: residuals against everything recorded; the list of all figures."""
 
-import textwrap
-from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,19 +9,15 @@ from matplotlib.figure import Figure
 
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.ground.axes import AXES
-from tumblecal.report.cause_words import label_words
 from tumblecal.report.diagnosis_harmonics import harmonics_figure
 from tumblecal.report.diagnosis_limits import limits_figure
 from tumblecal.report.diagnosis_predictive import predictive_figure
-from tumblecal.report.diagnosis_signal import Curve, by_angle, by_column
-from tumblecal.report.diagnosis_tables import leading
-from tumblecal.report.drawing import AXIS_COLOUR, INK, MUTED, OUTSIDE, Margins, new_figure, new_panels, save
+from tumblecal.report.drawing import AXIS_COLOUR, INK, MUTED, OUTSIDE, Margins, new_panels, save
+from tumblecal.report.finding_figures import large_figure
+from tumblecal.report.finding_signals import finding_signals
 from tumblecal.report.unnamed_figure import unnamed_figure
 
 
-_MOST_EXPLANATIONS = 8
-_LEAST_SHOWN = 2e-3
-_LABEL_WIDTH = 46
 # With more pitch settings than this they share one panel.
 _MOST_PANELS = 5
 # Residuals before that are this many times larger than the scale of those after stand at the edge, as arrows.
@@ -42,11 +36,13 @@ def draw_all(diagnosis: Diagnosis, folder: Path) -> list[str]:
         "residuals_by_angle.svg": angle_figure,
         "residuals_by_column.svg": column_figure,
         "residual_harmonics.svg": harmonics_figure,
-        "explanations.svg": explanations_figure,
         "predictive.svg": predictive_figure,
         "limits.svg": limits_figure,
     }
-    drawn = []
+    drawn = [
+        save(large_figure(signal, _noise(diagnosis, signal.axis)), folder / f"finding_{number}.svg").name
+        for number, signal in finding_signals(diagnosis).items()
+    ]
     for name, figure_of in figures.items():
         figure = figure_of(diagnosis)
         if figure is not None:
@@ -63,11 +59,8 @@ def angle_figure(diagnosis: Diagnosis) -> Figure:
     if len(settings) > _MOST_PANELS:
         groups, titles = [np.ones(len(pitch), bool)], [f"all {len(settings)} pitch settings"]
     width = 7.5 if len(groups) == 1 else max(5.5, 2.0 * len(groups) + 1.2)
-    own = len(groups) == len(settings)
-    columns = [
-        _Column(title, diagnosis.data.alpha_deg, here, by_angle(diagnosis, here) if own else [])
-        for title, here in zip(titles, groups, strict=True)
-    ]
+    alpha = diagnosis.data.alpha_deg
+    columns = [_Column(title, alpha, here) for title, here in zip(titles, groups, strict=True)]
     return _residuals(diagnosis, columns, "alpha / deg", width)
 
 
@@ -79,24 +72,20 @@ def column_figure(diagnosis: Diagnosis) -> Figure:
         _Column("beta / deg", data.beta_deg, every),
     ]
     if data.time_s is not None:
-        minutes = (data.time_s - data.time_s.min()) / 60
-        columns.append(_Column("time / min", minutes, every, by_column(diagnosis, "time_s", minutes)))
+        columns.append(_Column("time / min", (data.time_s - data.time_s.min()) / 60, every))
     else:
         columns.append(_Column("measuring order", np.arange(len(data)) + 1.0, every))
-    warmth = data.temperature_degc
-    if warmth is not None:
-        curves = by_column(diagnosis, "temperature_degc", warmth)
-        columns.append(_Column("temperature / degC", warmth, every, curves))
+    if data.temperature_degc is not None:
+        columns.append(_Column("temperature / degC", data.temperature_degc, every))
     return _residuals(diagnosis, columns, "", 2.0 * len(columns) + 1)
 
 
 class _Column(NamedTuple):
-    """Panels against one thing: its words, its values, the positions drawn, the causes' curves over them."""
+    """Panels against one variable: its words, its values, the positions drawn."""
 
     title: str
     across: np.ndarray
     here: np.ndarray
-    curves: Sequence[Curve] = ()
 
 
 def _residuals(diagnosis: Diagnosis, columns: list[_Column], words: str, width: float) -> Figure:
@@ -105,11 +94,7 @@ def _residuals(diagnosis: Diagnosis, columns: list[_Column], words: str, width: 
     figure, panels = new_panels(width, 5.2, 3, len(columns), margins)
     for row in range(3):
         reach = _reach(diagnosis, row)
-        for panel, (title, values, here, curves) in zip(panels[row], columns, strict=True):
-            for curve in curves:
-                panel.plot(
-                    curve.across, 1e3 * curve.signal[:, row], "-", color=INK, lw=0.9, label="what the causes explain"
-                )
+        for panel, (title, values, here) in zip(panels[row], columns, strict=True):
             _scatter(panel, diagnosis, values[:, row] if values.ndim == 2 else values, row, here, reach)
             if row == 0 and words:
                 panel.set_title(title)
@@ -176,25 +161,3 @@ def _scatter(panel: Axes, diagnosis: Diagnosis, across: np.ndarray, row: int, he
     if np.any(left):
         edge = np.clip(after[left], -0.94 * reach, 0.94 * reach)
         panel.plot(across[left], edge, "x", ms=5, color=OUTSIDE, ls="none", label="left out")
-
-
-def explanations_figure(diagnosis: Diagnosis) -> Figure:
-    """Probability of the leading explanations; light: of the sets that the data cannot tell from it."""
-    listed = leading(diagnosis, _LEAST_SHOWN, _MOST_EXPLANATIONS)[::-1]
-    words = []
-    for explanation in listed:
-        more = f" (or\u00a0{len(explanation.equivalents)}\u00a0more)" if explanation.equivalents else ""
-        words.append(textwrap.fill((label_words(explanation.labels) or "adequate") + more, _LABEL_WIDTH))
-    figure = new_figure(7.5, 0.3 * len(listed) + 0.1 * sum(text.count("\n") for text in words) + 0.95)
-    panel = figure.subplots()
-    rows = range(len(listed))
-    panel.barh(rows, [e.probability for e in listed], color="#cfdcea", label="with those not to be told apart")
-    panel.barh(rows, [e.own_probability for e in listed], color=AXIS_COLOUR["x"], label="this one alone")
-    panel.set_yticks(list(rows), words)
-    panel.set_xlim(0, 1)
-    panel.set_xlabel("posterior probability (linear screen)")
-    if any(e.equivalents for e in listed):
-        panel.legend(loc="lower right", fontsize=7)
-    panel.grid(axis="y", visible=False)
-    panel.set_axisbelow(True)
-    return figure

@@ -3,23 +3,25 @@
 from collections.abc import Sequence
 
 from tumblecal.diagnosis import Diagnosis
+from tumblecal.diagnosis.findings.factors import Factor
 from tumblecal.diagnosis.sets.classes import Explanation
-from tumblecal.ground.numbers_shown import p_words
+from tumblecal.diagnosis.sets.exchanges import Labels
+from tumblecal.ground.numbers_shown import decimals, p_words, rounded_together, with_decimals
 from tumblecal.ground.units import in_words, shown
 from tumblecal.planning.confirming import Confirmation
 from tumblecal.planning.next_plan import NextPosition
 from tumblecal.report.cause_words import label_words
-from tumblecal.report.number_words import bic_words, short
+from tumblecal.report.diagnosis_verdict import reason_words
+from tumblecal.report.number_words import bic_words
 from tumblecal.report.page import PageTable
 
 
 _MOST_EXPLANATIONS = 10
-_MOST_EQUIVALENTS = 8
 _MOST_OF_OTHERS = 3
 _MOST_HARMED = 3
 _JOIN = "\u00a0"
 # Headers of the standard uncertainty and of its contributions.
-_UNCERTAINTY = ("u", "by noise", "by other explanations", "by undetected effects")
+_UNCERTAINTY = ("u", "noise", "other explanations", "undetected effects")
 
 
 def gain_table(diagnosis: Diagnosis) -> PageTable:
@@ -31,21 +33,27 @@ def gain_table(diagnosis: Diagnosis) -> PageTable:
         (predicted, gain.cv_rms_before_g, gain.cv_rms_after_g, gain.cv_gain_sd_g),
         ("expected of a new measurement", gain.fresh_rms_before_g, gain.fresh_rms_after_g, gain.fresh_gain_sd_g),
     ]
-    cells = [
-        [
-            name,
-            f"{before * 1e3:.4g}",
-            f"{after * 1e3:.4g}",
-            f"{(before - after) * 1e3:.3g}" + ("" if sd is None else f" ± {short(sd * 1e3)}"),
-            "mg",
-        ]
-        for name, before, after, sd in rows
-    ]
+    cells = []
+    for name, before, after, u in rows:
+        places = decimals(gain.cv_gain_sd_g * 1e3 if u is None else u * 1e3)
+        numbers = [with_decimals(1e3 * size, places) for size in (before, after, before - after)]
+        cells.append(
+            [name, *numbers[:2], numbers[2] if u is None else rounded_together((before - after) * 1e3, u * 1e3), "mg"]
+        )
     if gain.cv_same_causes is not None:
-        cells[1][0] += ", causes chosen anew"
+        cells[1][0] += ", cause selection repeated"
         kept = gain.cv_rms_kept_g
-        cells.insert(2, ["the same, causes kept", "", f"{kept * 1e3:.4g}", "", "mg"])
-        cells.insert(3, ["folds that choose the same causes", "", f"{gain.cv_same_causes:.0%}", "", ""])
+        cells.insert(
+            2,
+            [
+                "the same causes in every fold",
+                "",
+                with_decimals(kept * 1e3, decimals(gain.cv_gain_sd_g * 1e3)),
+                "",
+                "mg",
+            ],
+        )
+        cells.insert(3, ["folds that select the same causes", "", f"{100 * gain.cv_same_causes:.0f} %", "", ""])
     cells += [
         ["parameters", f"{diagnosis.nominal.parameters}", f"{diagnosis.extended.parameters}", "", ""],
         ["delta BIC (below -10: very strong evidence)", "", "", bic_words(gain.delta_bic), ""],
@@ -60,49 +68,97 @@ def leading(diagnosis: Diagnosis, least: float, most: int) -> list[Explanation]:
     return [e for e in diagnosis.screened.explanations if e.probability > least or e is diagnosis.best][:most]
 
 
-def explanations_table(diagnosis: Diagnosis) -> PageTable:
-    """Explanations, most probable first, with the sets that make the same signal."""
-    nothing = "nothing else is wrong" if diagnosis.mix_ups or diagnosis.noise_labels else "adequate: nothing is wrong"
+def alternatives_tables(diagnosis: Diagnosis) -> list[PageTable]:
+    """The members of the leading class as a matrix, and all explanations."""
+    return [*class_tables(diagnosis.factors, diagnosis.best), _explanations_table(diagnosis)]
+
+
+def class_tables(found: Sequence[Factor], best: Explanation) -> list[PageTable]:
+    """Members of the leading class: a matrix of the two findings with the most alternatives (rows: members of one, columns:
+    members of the other), and a table for each further finding with alternatives."""
+    several = sorted((factor for factor in found if len(factor.members) > 1), key=lambda factor: -len(factor.members))
+    if len(several) < 2:
+        return [_members_table(factor) for factor in several]
+    first, second, *others = several
+    matrix = [[_together(row, column, first, second, best) for column in second.members] for row in first.members]
+    rows = [[label_words(row), *cells] for row, cells in zip(first.members, matrix, strict=True)]
+    header = ["", *map(label_words, second.members)]
+    table = PageTable(header, rows, text=tuple(range(len(header))), marked={(0, 1)})
+    return [table, *map(_members_table, others)]
+
+
+def _together(row: Labels, column: Labels, first: Factor, second: Factor, best: Explanation) -> str:
+    """What a member of one finding with a member of another is in the class."""
+    labels = {*best.labels} - {*first.members[0]} - {*second.members[0]} | {*row} | {*column}
+    if labels == {*best.labels}:
+        return "leading"
+    if any({*own} == labels for own in best.identical):
+        return "identical at 1 g"
+    return "indistinguishable" if any({*own} == labels for own in best.equivalents) else "not supported"
+
+
+def _members_table(factor: Factor) -> PageTable:
+    leading, *others = map(label_words, factor.members)
+    rows = [
+        [leading, "leading"],
+        *([other, reason_words(why)] for other, why in zip(others, factor.reasons, strict=True)),
+    ]
+    return PageTable(["alternative", "not distinguished because"], rows, text=(0, 1), marked={(0, 1)})
+
+
+def _explanations_table(diagnosis: Diagnosis) -> PageTable:
+    """Explanations, most probable first; the class of the first is in the matrix."""
+    nothing = "no other error" if diagnosis.mix_ups or diagnosis.noise_labels else "adequate: no error"
+    listed = leading(diagnosis, 1e-3, _MOST_EXPLANATIONS)
+    others = any(explanation.equivalents for explanation in listed if explanation is not diagnosis.best)
     rows = [
         [
             (label_words(explanation.labels) or nothing) + (" (acted on)" if explanation is diagnosis.best else ""),
             f"{explanation.probability:.3f}",
             f"{explanation.own_probability:.3f}",
-            _equivalents(explanation, _MOST_EQUIVALENTS if explanation is diagnosis.best else _MOST_OF_OTHERS),
+            *([_equivalents(explanation, diagnosis)] if others else []),
         ]
-        for explanation in leading(diagnosis, 1e-3, _MOST_EXPLANATIONS)
+        for explanation in listed
     ]
-    return PageTable(
-        ["explanation", "probability", "this one alone", "the data cannot tell it from"], rows, text=(0, 3)
-    )
+    header = ["explanation", "probability", "first member alone", *(["indistinguishable from"] if others else [])]
+    return PageTable(header, rows, text=(0, 3), shares=(1,))
 
 
-def _equivalents(explanation: Explanation, most: int) -> str:
-    words = "; ".join(label_words(labels) for labels in explanation.equivalents[:most])
-    more = len(explanation.equivalents) - most
+def _equivalents(explanation: Explanation, diagnosis: Diagnosis) -> str:
+    if explanation is diagnosis.best:
+        return ""
+    words = "; ".join(label_words(labels) for labels in explanation.equivalents[:_MOST_OF_OTHERS])
+    more = len(explanation.equivalents) - _MOST_OF_OTHERS
     return f"{words}; and {more} more" if more > 0 else words
 
 
 def parameters_table(diagnosis: Diagnosis) -> PageTable:
     """Every nominal parameter of the sensor and its set-up as calibration.json has it, with its standard uncertainty and the
-    contributions to it; the nominal model's value before it where another is written."""
+    contributions to it; the nominal model's value before it if that is another."""
     chain, inserted = diagnosis.model.nominal_chain, diagnosis.extended is not diagnosis.nominal
     used, rows = diagnosis.in_use, []
     for k, name in enumerate(chain.names):
         if diagnosis.model.layout.of_positions[k]:  # the tilts of a hand-held set
             continue
         unit, scale = shown(chain.units[k])
-        values = [*([diagnosis.nominal.values[k]] if inserted else []), used.values[k], used.sd[k]]
-        values += [sizes[k] for sizes in used.parts.values()]
-        cells = [name, unit, *(f"{value * scale:.4f}" for value in values)]
+        u = used.sd[k] * scale
+        places = decimals(u)
+        values = [*([diagnosis.nominal.values[k]] if inserted else []), used.values[k]]
+        parts = [with_decimals(sizes[k] * scale, places) for sizes in used.parts.values()]
+        cells = [
+            name,
+            unit,
+            *(with_decimals(value * scale, places) for value in values),
+            with_decimals(u, places),
+            *parts,
+        ]
         if inserted:
             moved = used.values[k] - diagnosis.nominal.values[k]
-            # Adding zero turns a rounded -0.0 into 0.0.
-            cells += [f"{round(moved * scale, 4) + 0.0:+.4f}", f"{round(moved / used.sd[k], 1) + 0.0:+.1f}"]
+            cells += [f"{moved / used.sd[k]:+z.1f}"]
         rows.append(cells)
     if not inserted:
         return PageTable(["parameter", "unit", "value", *_UNCERTAINTY], rows, text=(1,))
-    header = ["parameter", "unit", "nominal model", "as written", *_UNCERTAINTY, "moved by", "in u"]
+    header = ["parameter", "unit", "nominal model", "as written", *_UNCERTAINTY, "change / u"]
     return PageTable(header, rows, text=(1,))
 
 
@@ -115,7 +171,7 @@ def limits_table(diagnosis: Diagnosis) -> PageTable:
             "not visible" if size is None else f"{size:.3g}",
             limit.unit,
             f"{diagnosis.entries[id].typical:g}",
-            f"{limit.visible_fraction:.0%}",
+            f"{100 * limit.visible_fraction:.0f} %",
         ]
         for id, limit in _in_order(diagnosis, diagnosis.limits).items()
         for number, (coefficient, size) in enumerate(limit.coefficients.items())
@@ -133,12 +189,12 @@ def invisible_table(diagnosis: Diagnosis) -> PageTable:
         for name, harm in list(hidden.harm.items())[:_MOST_HARMED]:
             unit, scale = shown(str(harm["unit"]))
             size = in_words(f"{harm['shift'] * scale:+.3g}", unit)
-            harms.append(f"{name} by {size} ({harm['in_sd']:+.1f} sd)".replace(" ", _JOIN))
+            harms.append(f"{name} by {size} ({harm['in_sd']:+.1f} u)".replace(" ", _JOIN))
         if len(hidden.harm) > _MOST_HARMED:
             harms.append(f"and{_JOIN}{len(hidden.harm) - _MOST_HARMED}{_JOIN}more")
         alone = len(hidden.direction) == 1 and id in hidden.direction
         rows.append([id, "" if alone else direction, in_words(hidden.size, hidden.unit), ", ".join(harms)])
-    header = ["invisible effect", "direction", "size", "would move"]
+    header = ["undetectable effect", "direction", "size", "would change"]
     return PageTable(header, rows, text=(1, 2, 3))
 
 
@@ -162,35 +218,33 @@ def not_testable_table(diagnosis: Diagnosis) -> PageTable:
 def next_table(proposed: Sequence[NextPosition]) -> PageTable:
     """Proposed positions in their order."""
     if any(position.direction for position in proposed):
-        worth = [[f"{k}", own.direction, f"{own.value:.0%}"] for k, own in enumerate(proposed, start=1)]
-        return PageTable(["", "attitude", "worth"], worth, text=(1,))
+        worth = [[f"{k}", own.direction, f"{100 * own.value:.0f} %"] for k, own in enumerate(proposed, start=1)]
+        return PageTable(["", "attitude", "gain"], worth, text=(1,))
     rows = [
         [
             f"{rank}",
             ", ".join(f"{alpha:g}" for alpha in position.turn_deg or (position.alpha_deg,)),
             f"{position.beta_deg:g}",
-            position.mount or "as it is",
-            f"{position.value:.2f}" if position.purpose.startswith("separate") else f"{position.value:.0%}",
+            position.mount or "unchanged",
+            f"{position.value:.2f}" if position.purpose.startswith("separate") else f"{100 * position.value:.0f} %",
         ]
         for rank, position in enumerate(proposed, start=1)
     ]
-    return PageTable(["", "alpha / deg", "beta / deg", "triad in its fixture", "worth"], rows, text=(3,))
+    return PageTable(["", "alpha / deg", "beta / deg", "mounting", "gain"], rows, text=(3,))
 
 
-def confirming_table(readings: Sequence[Confirmation]) -> PageTable:
-    """Readings that test the named cause."""
+def confirming_table(readings: Sequence[Confirmation], alternative: str) -> PageTable:
+    """Readings that test the named cause against its strongest alternative."""
     rows = [
         [
             f"{reading.alpha_deg:g}",
             f"{reading.beta_deg:g}",
             reading.axis,
-            f"{reading.expected_g:.6f}",
-            f"{reading.expected_sd_g * 1e3:.2g}",
-            f"{reading.rival_g:.6f}",
-            f"{reading.sd_g * 1e3:.2g}",
+            rounded_together(reading.expected_g * 1e3, reading.expected_sd_g * 1e3),
+            rounded_together(reading.rival_g * 1e3, reading.sd_g * 1e3),
             f"{reading.sd_apart:.1f}",
         ]
         for reading in readings
     ]
-    names = ["alpha / deg", "beta / deg", "axis", "if it is so / g", "sd / mg", "if not / g", "sd / mg", "apart / sd"]
-    return PageTable(names, rows, text=(2,))
+    predicted = ["predicted by the named cause / mg", f"by {alternative} / mg"]
+    return PageTable(["alpha / deg", "beta / deg", "axis", *predicted, "separation / u"], rows, text=(2,))

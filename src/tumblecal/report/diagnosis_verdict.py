@@ -52,11 +52,9 @@ def verdict_of_diagnosis(diagnosis: Diagnosis, plan: NextPlan | None = None, fol
       commands are suggested.
     """
     before = [*_before_causes(diagnosis), *unnamed_findings(diagnosis)]
-    # What a candidate law says more exactly is not said twice.
-    with_law = diagnosis.unnamed is not None and diagnosis.unnamed.law is not None
-    together = by_finding([cause for cause in diagnosis.members if cause.named or not with_law])
-    causes = [_finding(diagnosis, own) for own in together]
-    numbers = {cause.label: len(before) + k for k, own in enumerate(together, 1) for cause in own}
+    together = findings_of_causes(diagnosis)
+    causes = [_finding(diagnosis, own) for own in together.values()]
+    numbers = {cause.label: number for number, own in together.items() for cause in own}
     found = (*before, *causes, *_unnamed(diagnosis))
     open_causes = sum(not factor.resolved for factor in diagnosis.factors)
     return Verdict(
@@ -70,6 +68,15 @@ def verdict_of_diagnosis(diagnosis: Diagnosis, plan: NextPlan | None = None, fol
         next=tuple(_next(diagnosis, plan, folder, numbers)),
         details=tuple(details(diagnosis)),
     )
+
+
+def findings_of_causes(diagnosis: Diagnosis) -> dict[int, tuple[Cause, ...]]:
+    """Causes of each finding by its number; errors of the data, of their noise and unnamed ones come before."""
+    before = len([*_before_causes(diagnosis), *unnamed_findings(diagnosis)])
+    # What a candidate law says more exactly is not said twice.
+    with_law = diagnosis.unnamed is not None and diagnosis.unnamed.law is not None
+    together = by_finding([cause for cause in diagnosis.members if cause.named or not with_law])
+    return dict(enumerate(together, before + 1))
 
 
 def headline(diagnosis: Diagnosis, found: int, open_causes: int) -> str:

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from tumblecal.diagnosis.head import Together
 from tumblecal.effects import Catalogue
 from tumblecal.report.head_amounts import UnitRows, shown_in, spread_sizes
+from tumblecal.report.verdict import Finding, Verdict
 
 
 # Said of every session.
@@ -19,18 +20,19 @@ def session(found: Together, units: int) -> str:
     return f"{units} units, hand-held" if found.hand_held else f"{units} units on one head"
 
 
-def hand_held_text(found: Together, units: UnitRows, entries: Catalogue) -> str:
-    """The effects that the units have in common and what is each unit's own, a paragraph a line."""
+def hand_held_verdict(found: Together, units: UnitRows, entries: Catalogue) -> Verdict:
+    """The effects that the units have in common and what is each unit's own."""
     sizes = spread_sizes(found, entries)
-    lines = [f"{found.verdict.upper()}: {_headline(units, list(sizes))}", ATTITUDES]
+    lines = []
     for id, own in sizes.items():
         sizes_of_axes = "; ".join(
             f"{name} {_mean(size)}, sd between units {size['sd_between_units']:.2g} {size['unit']}"
             for name, size in own.items()
         )
         count = len(shown_in(found)[id])
-        lines.append(f"- {id} ({sizes_of_axes}), clear by itself in {count} of {len(units)} units. {entries[id].cause}")
-    return "\n".join([*lines, *_own(units)])
+        lines.append(f"{id} ({sizes_of_axes}), clear by itself in {count} of {len(units)} units. {entries[id].cause}")
+    said = {"found": tuple(map(Finding, lines)), "evidence": (ATTITUDES, *_own(units))}
+    return Verdict(found.verdict, _headline(units, list(sizes)), "", "", **said)
 
 
 def _headline(units: UnitRows, common: list[str]) -> str:

@@ -34,7 +34,7 @@ def write_units(
     if found.measured is not None:
         write_text(folder / "head.toml", found.measured.text())
         names.append("head.toml")
-    return [*names, *(write_head_page(folder, found, units, entries, text) if figures else [])]
+    return [*names, *(write_head_page(folder, found, units, entries) if figures else [])]
 
 
 def record(found: Together, units: UnitRows, entries: Catalogue, text: str) -> dict:

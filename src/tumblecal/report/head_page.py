@@ -15,8 +15,9 @@ from tumblecal.report.head_words import (
     origins_by_class,
     own_estimates,
     shared_coefficients,
+    units_verdict,
 )
-from tumblecal.report.page import TONES, PageCard, PageFigure, PageTable, Section, headed, inline_figure, write_page
+from tumblecal.report.page import TONES, PageFigure, PageTable, Section, inline_figure, write_page
 
 
 _FIGURE = "shared_by_unit.svg"
@@ -27,37 +28,29 @@ _CAPTION = (
 )
 
 
-def write_head_page(folder: Path, found: Together, units: UnitRows, entries: Catalogue, text: str) -> list[str]:
+def write_head_page(folder: Path, found: Together, units: UnitRows, entries: Catalogue) -> list[str]:
     """Write the page and its figure; returns the files' names."""
     names = []
     if found.shared:
         _draw(folder / _FIGURE, found, entries)
         names.append(_FIGURE)
-    headline, lines = headed(text)
     figures = [inline_figure(folder / name, _CAPTION) for name in names]
     positions = sum(len(unit.at.problem.readings) for unit in found.units)
     write_page(
         folder / "diagnosis.html",
         session(found, len(units)),
         f"{positions} positions of {len(units)} units.",
-        lines,
+        units_verdict(found, units, entries),
         list(_sections(found, units, entries, figures)),
-        headline=headline,
         tone=TONES[found.verdict],
     )
     return [*names, "diagnosis.html"]
 
 
 def _sections(found: Together, units: UnitRows, entries: Catalogue, figures: list[PageFigure]) -> Iterator[Section]:
-    cards = [
-        PageCard(
-            signal.label, [("what it is", entries[signal.label].cause), ("on the bench", entries[signal.label].advice)]
-        )
-        for signal in found.shared
-    ]
     tables = [_head_table(found, entries)] if found.fit.head else []
-    if cards or tables or figures:
-        yield Section("The head", cards=cards, tables=tables, figures=figures)
+    if tables or figures:
+        yield Section("The head", tables=tables, figures=figures)
     if not found.hand_held:
         yield _head_or_sensor(found, entries)
     spreads = spread_sizes(found, entries)

@@ -13,57 +13,69 @@ from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.ground.numbers_shown import p_words
 from tumblecal.ground.units import factor, shown
 from tumblecal.report.cause_words import label_words
-from tumblecal.report.hand_held_units import hand_held_text
+from tumblecal.report.hand_held_units import hand_held_verdict
 from tumblecal.report.head_amounts import UnitRows, level_sizes, shown_in, spread_sizes
 from tumblecal.report.number_words import ambiguity, probability_words
+from tumblecal.report.verdict import Finding, Verdict
 
 
 _HEADLINES = {
-    "adequate": "ADEQUATE: no error common to the units was found. Errors of individual units, if any, are listed below.",
-    "identified": "IDENTIFIED: the head has an error, and {all} show it.",
-    "ambiguous": "AMBIGUOUS: {all} show an error of the head; {way}.",
-    "unexplained": "UNEXPLAINED: {all} show an error of the head that no effect of the catalogue explains.",
+    "adequate": "no error common to the units was found. Errors of individual units, if any, are listed below.",
+    "identified": "the head has an error, and {all} show it.",
+    "ambiguous": "{all} show an error of the head; {way}.",
+    "unexplained": "{all} show an error of the head that no effect of the catalogue explains.",
 }
 _MOST_UNITS = 12
 _LEAST_TOLD = 0.02
 
 
-def units_text(found: Together, units: UnitRows, entries: Catalogue) -> str:
-    """The verdict on the head and what is left to the units, a paragraph a line."""
+def units_verdict(found: Together, units: UnitRows, entries: Catalogue) -> Verdict:
+    """The verdict on the head and the errors of individual units."""
     if found.hand_held:
-        return hand_held_text(found, units, entries)
+        return hand_held_verdict(found, units, entries)
     joint, best = found.joint, found.joint.best
     others = (e.probability for e in joint.explanations if e is not best)
     way = ambiguity(best.probability, others, alike=not best.told.single_name)
     chance = probability_words(joint.p_value, joint.detected)
     rest, count = _all_but(found.fit.aside, units), len(units) - len(found.fit.aside)
-    lines = [
-        _headline(found, way, rest),
+    evidence = [
         *(f"IMPLAUSIBLE: {words}. No head.toml is written." for words in implausible_words(found.implausible)),
         f"Test of {count} units together, whether the head has an error: {p_words(joint.p_value)}; {chance}",
     ]
     if best.told.labels:
         same = "; ".join(label_words(labels) for labels in best.told.equivalents[:8])
         beside = f" together with those that these data cannot tell from it: {same}" if same else ""
-        lines.append(f"Shared by {rest}: {label_words(best.told.labels)} (probability {best.probability:.2f}{beside}).")
-    lines += [f"- {text}" for text in _shared(found, entries)]
-    lines += [f"- {text}" for text in _levels(found, units, entries)]
-    lines += [f"- {text}" for text in _spreads(found, units, entries)]
-    lines += [*_others(joint.explanations, best), *_pitch(found, units), *_own(found, units)]
-    return "\n".join(lines)
+        evidence.append(
+            f"Shared by {rest}: {label_words(best.told.labels)} (probability {best.probability:.2f}{beside})."
+        )
+    words = [*_shared(found, entries), *_levels(found, units, entries), *_spreads(found, units, entries)]
+    return Verdict(
+        found.verdict,
+        _headline(found, way, rest),
+        "",
+        "",
+        found=tuple(map(Finding, words)),
+        evidence=(*evidence, *_others(joint.explanations, best), *_pitch(found, units)),
+        next=tuple(_own(found, units)),
+    )
+
+
+def units_text(found: Together, units: UnitRows, entries: Catalogue) -> str:
+    """The verdict on units without layout, a paragraph a line."""
+    verdict = units_verdict(found, units, entries)
+    head = f"{verdict.verdict.upper()}: {verdict.headline}"
+    return "\n".join([head, *(f"- {one.words}" for one in verdict.found), *verdict.evidence, *verdict.next])
 
 
 def _headline(found: Together, way: str, rest: str) -> str:
     if found.implausible:
-        return (
-            f"{found.verdict.upper()}: what the units share is an error such as no head has; look to the set-up first."
-        )
+        return "the units share an error that is too large for a head; check the set-up first."
     differing = [own.signal.label for own in found.levels] or found.joint.best.head_spreads
     if found.verdict == "adequate" or found.joint.best.told.labels or not differing:
         return _HEADLINES[found.verdict].format(way=way, all=rest)
     how = "from some unit on" if found.levels else "in each"
     surely = "" if found.verdict == "identified" else ", but not surely so"
-    return f"{found.verdict.upper()}: the head is not the same for all units: {', '.join(differing)}, another {how}{surely}."
+    return f"the head is not the same for all units: {', '.join(differing)}, another {how}{surely}."
 
 
 def _all_but(left_out: Collection[int], units: UnitRows) -> str:

@@ -1,6 +1,5 @@
 """`history.html`: a unit's control charts, repeatability and drift on one page."""
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,6 @@ from tumblecal.report.history_list import LISTED, listed_row
 from tumblecal.report.history_words import (
     REPEATS,
     TRENDS,
-    Flag,
     control_words,
     en_words,
     flags,
@@ -25,6 +23,7 @@ from tumblecal.report.history_words import (
 )
 from tumblecal.report.page import PageTable, Section, inline_figure, write_page
 from tumblecal.report.sentences import as_sentence
+from tumblecal.report.verdict import Finding, Unresolved, Verdict
 
 
 _CAPTION = (
@@ -39,25 +38,11 @@ _MOST_DATES = 8
 def write_history_page(folder: Path, serial: str, history: UnitHistory, risk: float) -> list[str]:
     """Draw the control charts and write the page; returns their names."""
     charts = [_chart(folder, leaf, history) for leaf in GROUPS if any(leaf_of(t.name) == leaf for t in history.trends)]
-    flagged = flags(history)
-    headline = f"{len(flagged)} flagged" if flagged else "Nothing is flagged: the results agree."
     write_page(
         folder / "history.html",
         f"History of {serial}",
         f"{len(history.entries)} independent results{f', {history.months:.1f} months' if history.months else ''}.",
-        [
-            *(f"- {words}" for flag in flagged for words in _lines_of(flag)),
-            *(
-                f"{as_sentence(words)}."
-                for words in (
-                    en_words(history),
-                    control_words(history),
-                    interval_words(history, risk),
-                    uncertainty_words(history),
-                )
-                if words
-            ),
-        ],
+        _verdict(serial, history, risk),
         [
             Section(
                 "Repeatability", tables=[PageTable(REPEATS, list(map(repeats_row, history.repeats)), text=(0, 3, 5))]
@@ -66,16 +51,30 @@ def write_history_page(folder: Path, serial: str, history: UnitHistory, risk: fl
             Section("Drift", tables=[PageTable(TRENDS, list(map(trend_row, history.trends)), text=(0, 3))]),
             Section("Results", tables=[PageTable(LISTED, list(map(listed_row, history.entries)), text=(1, 2, 3, 6))]),
         ],
-        headline=headline,
-        tone="bad" if flagged else "good",
+        tone="bad" if flags(history) else "good",
     )
     return [*(chart.name for chart in charts), "history.html"]
 
 
-def _lines_of(flag: Flag) -> Iterator[str]:
-    """A flag, and what it explains."""
-    yield flag.words
-    yield from (f"explained by this drift: {words}" for words in flag.explained)
+def _verdict(serial: str, history: UnitHistory, risk: float) -> Verdict:
+    """Flags as findings, each with the flags that it explains; evidence; and when to calibrate again."""
+    flagged = flags(history)
+    explained = [
+        Unresolved(f"Explained by this drift: {words}", findings=(k,))
+        for k, flag in enumerate(flagged, 1)
+        for words in flag.explained
+    ]
+    evidence = [en_words(history), control_words(history), uncertainty_words(history)]
+    return Verdict(
+        "flagged" if flagged else "agree",
+        f"{len(flagged)} of the results or parameters deserve attention." if flagged else "Nothing is flagged.",
+        serial,
+        "",
+        found=tuple(Finding(as_sentence(flag.words)) for flag in flagged),
+        unresolved=tuple(explained),
+        evidence=tuple(f"{as_sentence(words)}." for words in evidence if words),
+        next=(f"{as_sentence(interval_words(history, risk))}.",),
+    )
 
 
 def _chart(folder: Path, leaf: str, history: UnitHistory) -> Path:

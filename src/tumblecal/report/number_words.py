@@ -15,11 +15,6 @@ def bic_words(delta: float) -> str:
     return f"{delta:.1f}" if abs(delta) < 1e5 else f"{delta:.3g}"
 
 
-def short(value: float) -> str:
-    """One significant digit, without a power of ten where there need be none."""
-    return f"{float(f'{value:.1g}'):g}"
-
-
 def probability_words(p_value: float, detected: bool) -> str:
     """A p-value in words."""
     if not detected and p_value < 0.05:

@@ -1,32 +1,43 @@
-"""A page that opens anywhere: one HTML file with its words, tables and figures inside."""
+"""A page that opens anywhere: one HTML file with its words, tables and figures inside.
+
+It begins with a verdict: badge and headline, use, evidence, a card for each finding and one for the next steps.
+"""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
+from matplotlib.figure import Figure
 
 from tumblecal import __version__
 from tumblecal.ground.atomic import write_text
-
-
-# Words before a colon that are no longer than this are what a line of the verdict is about.
-_LONGEST_SUBJECT = 40
+from tumblecal.report.drawing import inline
+from tumblecal.report.verdict import COMMAND, Verdict
 
 
 # The colour of a diagnosis.
 TONES = {"adequate": "good", "identified": "named", "ambiguous": "open", "unexplained": "bad"}
+# Characters of next steps that the first screen has room for; the rest is folded.
+_ROOM = 1000
+_SHARE = re.compile(r"0?\.\d+|1\.0*|[01]")
 
 
 @dataclass(frozen=True)
 class PageTable:
-    """A table: header cells and rows of cells; `text` are the columns of words, which may break into lines."""
+    """A table: header cells and rows of cells.
+
+    - `text`: columns of words, which may break into lines. `shares`: columns of numbers from 0 to 1, drawn as bars.
+    - `marked`: cells (row, column) that are emphasised.
+    """
 
     header: Sequence[str]
     rows: Sequence[Sequence[str]]
     text: Sequence[int] = ()
+    shares: Sequence[int] = ()
+    marked: Collection[tuple[int, int]] = ()
 
 
 @dataclass(frozen=True)
@@ -39,54 +50,62 @@ class PageFigure:
 
 
 @dataclass(frozen=True)
-class PageCard:
-    """One thing in a frame: its title, and facts as (name, text)."""
-
-    title: str
-    facts: Sequence[tuple[str, str]]
-
-
-@dataclass(frozen=True)
 class Section:
-    """A part of a page: words, then code, then cards, then tables, then figures."""
+    """A part of a page: words, then code, then tables, then figures."""
 
     title: str
     words: Sequence[str] = ()
     code: Sequence[str] = ()
-    cards: Sequence[PageCard] = ()
     tables: Sequence[PageTable] = ()
     figures: Sequence[PageFigure] = field(default_factory=tuple)
 
 
+@dataclass(frozen=True)
+class _Steps:
+    """Next steps: paragraphs and commands in their order."""
+
+    parts: Sequence[tuple[str, bool]]
+
+    @property
+    def blocks(self) -> list[tuple[bool, list[str]]]:
+        """Commands that follow each other together."""
+        blocks: list[tuple[bool, list[str]]] = []
+        for text, command in self.parts:
+            if blocks and command and blocks[-1][0]:
+                blocks[-1][1].append(text)
+            else:
+                blocks.append((command, [text]))
+        return blocks
+
+
 def inline_figure(path: Path, caption: str) -> PageFigure:
     """An SVG file ready to stand inside a page: no XML header, identifiers made its own by the file's name."""
-    svg = path.read_text(encoding="utf-8")
-    svg = svg[svg.index("<svg") :]
-    own = re.sub(r"\W", "_", path.stem)
+    return PageFigure(_named(path.read_text(encoding="utf-8"), path.stem), caption)
+
+
+def inline_drawing(figure: Figure, name: str) -> str:
+    """A figure as SVG text for a page on which no other figure has this `name`."""
+    return _named(inline(figure), name)
+
+
+def _named(svg: str, name: str) -> str:
+    svg, own = svg[svg.index("<svg") :], re.sub(r"\W", "_", name)
     svg = re.sub(r'\bid="', f'id="{own}-', svg)
     svg = re.sub(r"url\(#", f"url(#{own}-", svg)
     svg = re.sub(r'href="#', f'href="#{own}-', svg)
-    svg = re.sub(r'<svg\b([^>]*?) width="([\d.]+pt)"', r'<svg style="--wide: \2"\1 width="\2"', svg, count=1)
-    return PageFigure(svg, caption)
-
-
-def headed(text: str) -> tuple[str, list[str]]:
-    """A verdict's first line as a headline (`IDENTIFIED: the head ...` as `Identified: the head ...`), and the other lines."""
-    head, *lines = text.replace("+- ", "± ").splitlines()
-    word, _, rest = head.partition(": ")
-    return f"{word.capitalize()}: {rest}", lines
+    return re.sub(r'<svg\b([^>]*?) width="([\d.]+pt)"', r'<svg style="--wide: \2"\1 width="\2"', svg, count=1)
 
 
 def write_page(
     path: Path,
     title: str,
     lead: str,
-    verdict: Sequence[str],
+    verdict: Verdict,
     sections: Sequence[Section],
     *,
-    headline: str = "",
     tone: str = "",
-    cards: Sequence[Section] = (),
+    pictures: Mapping[int, str] | None = None,
+    plans: Sequence[PageTable] = (),
 ) -> None:
     """Write a page, whole or not at all.
 
@@ -94,42 +113,63 @@ def write_page(
 
     - `path`: the HTML file.
     - `title`, `lead`: what it is about, in a line each.
-    - `verdict`: what was found, first thing on the page; lines that begin with `- ` are a list.
+    - `verdict`: the first screen. `tone`: its colour: good, named, open or bad.
     - `sections`: the rest.
-    - `headline`: the verdict in one line, above it; `tone`: its colour: good, named, open or bad.
-    - `cards`: what a reader wants to know first, side by side below the verdict: titles, words, code.
+    - `pictures`: SVG text for the cards, by number of the finding from 1 on; 0: of a verdict without a finding.
+    - `plans`: tables of the next steps, folded.
     """
     environment = Environment(loader=PackageLoader("tumblecal.report"), autoescape=True, undefined=StrictUndefined)
-    environment.filters["whole"] = _whole
+    environment.filters |= {"typeset": _typeset, "share": _share}
+    shown, folded = _next_steps(verdict)
     text = environment.get_template("page.html").render(
         title=title,
         lead=lead,
-        headline=headline,
         tone=tone,
-        verdict=_paragraphs(verdict, subjects=bool(headline)),
+        verdict=verdict,
+        cards=list(_cards(verdict, pictures or {})),
+        open=[one for one in verdict.unresolved if not one.findings],
+        shown=shown,
+        folded=folded,
+        plans=plans,
         sections=sections,
-        cards=cards,
         footer=f"Written by tumblecal {__version__}.",
     )
     write_text(path, text)
 
 
-def _whole(text: str) -> Markup:
-    """Numbers with an exponent, which browsers would break after its minus sign."""
+def _cards(verdict: Verdict, pictures: Mapping[int, str]) -> Iterator[dict]:
+    """A card for each finding: what it is about, picture, open questions, and what to do on the bench."""
+    if not verdict.found and 0 in pictures:
+        yield {"number": "", "finding": None, "picture": pictures[0], "open": [], "bench": []}
+    for number, finding in enumerate(verdict.found, 1):
+        asked = [one for one in verdict.unresolved if one.findings[:1] == (number,)]
+        yield {
+            "number": number,
+            "finding": finding,
+            "picture": pictures.get(number, ""),
+            "open": asked,
+            "bench": [text for id, text in verdict.advice if id == finding.id],
+        }
+
+
+def _next_steps(verdict: Verdict) -> tuple[_Steps, _Steps]:
+    """The next steps on the first screen, and those that are folded."""
+    parts = [(text, text.startswith(COMMAND)) for text in verdict.steps]
+    lengths = [sum(len(text) for text, _ in parts[: k + 1]) for k in range(len(parts))]
+    count = max(1, sum(length <= _ROOM for length in lengths))
+    while count < len(parts) and parts[count][1]:
+        count += 1  # commands stay with their instruction
+    return _Steps(parts[:count]), _Steps(parts[count:])
+
+
+def _typeset(text: str) -> Markup:
+    """Signs as they are printed; numbers with an exponent whole, which browsers would break after the minus sign."""
+    signs = {"+-": "±", " -> ": " → ", "^2": "²", "^3": "³", " degC": " °C"}
+    for written, printed in signs.items():
+        text = text.replace(written, printed)
     return Markup(re.sub(r"[-+]?[\d.]+e-\d+", r'<span class="whole">\g<0></span>', str(escape(text))))
 
 
-def _paragraphs(lines: Sequence[str], *, subjects: bool) -> list[dict]:
-    """Paragraphs and lists; with `subjects` the few words before an item's first colon apart."""
-    blocks: list[dict] = []
-    for line in lines:
-        subject, colon, rest = line.removeprefix("- ").partition(": ")
-        short = subjects and bool(colon) and len(subject) < _LONGEST_SUBJECT and not {*".="} & {*subject}
-        entry = {"subject": f"{subject}:" if short else "", "text": rest if short else line.removeprefix("- ")}
-        if not line.startswith("- "):
-            blocks.append({"items": [entry], "list": False})
-        elif blocks and blocks[-1]["list"]:
-            blocks[-1]["items"].append(entry)
-        else:
-            blocks.append({"items": [entry], "list": True})
-    return blocks
+def _share(cell: str) -> str:
+    """A number from 0 to 1 as a percentage for a bar."""
+    return f"{100 * float(cell):.1f}%" if _SHARE.fullmatch(cell) else "0%"

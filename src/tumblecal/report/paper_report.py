@@ -20,7 +20,7 @@ from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
 from tumblecal.report.page import PageTable, Section, inline_figure, write_page
 from tumblecal.report.paper_diagnosis import diagnosis_section
 from tumblecal.report.paper_figures import draw_audit, draw_study
-from tumblecal.report.paper_words import cards, findings, headline
+from tumblecal.report.paper_words import findings, paper_verdict
 from tumblecal.report.result_file import result_content
 from tumblecal.studies.paper_audit import Audit
 from tumblecal.studies.paper_study import PaperStudy
@@ -70,11 +70,9 @@ def write_paper_study(
         "Calibration of a MEMS accelerometer triad on a dividing head: the study reproduced",
         "Gao, Chen and Ren 2016, doi 10.19306/j.cnki.2095-8110.2016.03.012, computed again from its own numbers; "
         f"seed {study.seed}.",
-        [],
+        paper_verdict(study, audit, table1.exact, verdict_of_diagnosis(diagnosis).words().splitlines()[0]),
         sections,
-        headline=headline(audit),
         tone="named",
-        cards=cards(study, audit, table1.exact, verdict_of_diagnosis(diagnosis).words().splitlines()[0]),
     )
     return words
 

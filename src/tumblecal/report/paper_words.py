@@ -4,7 +4,7 @@ import numpy as np
 
 from tumblecal.estimation import Fit
 from tumblecal.ground.numbers_shown import p_words
-from tumblecal.report.page import Section
+from tumblecal.report.verdict import Finding, Verdict
 from tumblecal.studies.paper_audit import Audit
 from tumblecal.studies.paper_study import PaperStudy
 
@@ -39,8 +39,8 @@ def _named(parameters: str) -> str:
     return parameters if parameters.startswith("Table") else f"the {parameters}"
 
 
-def cards(study: PaperStudy, audit: Audit, table1: Fit, verdict: str) -> list[Section]:
-    """What a reader wants to know first: what was found, whether to trust it, how to calibrate a unit of his own.
+def paper_verdict(study: PaperStudy, audit: Audit, table1: Fit, verdict: str) -> Verdict:
+    """The first screen: what was found, how far it can be trusted, and how to calibrate another unit.
 
     **Arguments:**
 
@@ -53,26 +53,27 @@ def cards(study: PaperStudy, audit: Audit, table1: Fit, verdict: str) -> list[Se
     found = [
         f"Noise: Table 1 shows {1e3 * audit.noise.observed_g:.3f} mg, the stated instrument would show "
         f"{1e3 * audit.noise.white_g:.2f} mg or more.",
-        f"Small-angle equations are good enough here: {apart:.3f} sd from the exact fit after {len(study.single)} data sets.",
-        "The Kalman filter is the running mean of least squares; a faster start is its prior's doing.",
+        f"Small-angle equations are adequate here: they differ by {apart:.3f} sd of one set from the exact fit.",
+        "With a diffuse prior the Kalman filter is the running mean of least squares; faster convergence is due to the prior.",
     ]
     trusted = [
-        f"Simulated with known truth, the exact fit of {len(study.single)} data sets is off by at most {off:.1f} of its sd.",
+        f"Simulated with known truth: the exact fit of {len(study.single)} data sets differs from it by at most {off:.1f} u.",
         f"Table 1: {verdict}",
-        *(f"Badly determined: {direction.words}; a second mounting cures it." for direction in weak[:1]),
+        *(f"Poorly determined: {direction.words}; a second mounting determines it." for direction in weak[:1]),
     ]
-    return [
-        Section("What was found", found),
-        Section("Can I trust it?", trusted),
-        Section(
-            "Calibrate your own",
-            [
-                "Put angles and mean readings of each position into a CSV file (tumblecal calibrate --help). Then run what is "
-                "below; calibration/calibration.html says whether to trust the result, and how to apply it."
-            ],
-            code=_OWN,
+    return Verdict(
+        "",
+        headline(audit),
+        "Table 1",
+        "",
+        found=tuple(map(Finding, found)),
+        evidence=tuple(trusted),
+        next=(
+            "To calibrate a unit, put angles and mean readings of each position into a CSV file (tumblecal calibrate --help). "
+            "calibration/calibration.html states whether the result may be used.",
+            *_OWN,
         ),
-    ]
+    )
 
 
 def _methods(study: PaperStudy) -> str:

@@ -10,6 +10,7 @@ import polars as pl
 from tumblecal import __version__
 from tumblecal.report.page import PageTable, Section, inline_figure, write_page
 from tumblecal.report.study_answers import Answer
+from tumblecal.report.verdict import Verdict
 
 
 _QUESTIONS = {
@@ -59,7 +60,8 @@ def write_study_page(
         Section("What was studied", tables=[PageTable(["", ""], list(_studied(content)), text=(1,))]),
     ]
     title = str(content["title"] or f"Study of {kind}")
-    write_page(path, title, _QUESTIONS[kind], answer.words, sections, headline=answer.headline, tone=answer.tone)
+    verdict = Verdict("", answer.headline, title, "", evidence=answer.words)
+    write_page(path, title, _QUESTIONS[kind], verdict, sections, tone=answer.tone)
     return path
 
 

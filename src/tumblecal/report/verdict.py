@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 
 WIDTH = 100
-_COMMAND = "tumblecal "
+COMMAND = "tumblecal "
 _INDENT = 12
 # Lines above the rule at `WIDTH` columns: of all blocks, and of each; NEXT has those that the others leave (at least 6).
 _MOST = 25
@@ -66,6 +66,19 @@ class Verdict:
     evidence: tuple[str, ...] = ()
     next: tuple[str, ...] = ()
     details: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def advice(self) -> list[tuple[str, str]]:
+        """The entries of `next` that are about one finding: its id and the words after it."""
+        parts = [text.partition(": ") for text in self.next]
+        ids = {one.id for one in self.found if one.id}
+        return [(id, words) for id, _, words in parts if id in ids]
+
+    @property
+    def steps(self) -> list[str]:
+        """All other entries of `next`."""
+        ids = {one.id for one in self.found if one.id}
+        return [text for text in self.next if text.partition(": ")[0] not in ids]
 
     def words(self, *, lists: bool = True) -> str:
         """The verdict without layout, a paragraph a line; `lists`: whether with the effects that the data cannot show."""
@@ -160,7 +173,7 @@ def _detail(name: str, text: str, width: int) -> list[str]:
 
 def _folded(text: str, width: int) -> list[str]:
     """Lines of one entry; a command stays whole."""
-    if text.startswith(_COMMAND):
+    if text.startswith(COMMAND):
         return [f"  {text}"]
     hanging = "   " if text[:1].isdigit() and text[1:3] == ". " else ""
     options = {"break_long_words": False, "break_on_hyphens": False, "subsequent_indent": hanging}
