@@ -4,6 +4,7 @@ import json
 import re
 import subprocess
 from dataclasses import replace
+from html import unescape
 from pathlib import Path
 
 import numpy as np
@@ -65,6 +66,11 @@ class Browser:
         title = re.search(r"<title>(.*?)</title>", document, re.S)
         assert title is not None
         return json.loads(title[1]), document
+
+    def title(self, page: Path, *flags: str) -> str:
+        """The title that a page's script has given it."""
+        document = self(*flags, "--virtual-time-budget=5000", "--dump-dom", page.as_uri())
+        return unescape(re.findall(r"<title>(.*?)</title>", document, re.S)[0])
 
     def printed(self, page: Path) -> int:
         """How many sheets of A4 a page fills."""

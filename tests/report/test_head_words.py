@@ -31,5 +31,5 @@ def test_nothing_wrong_is_said_so_and_a_class_is_listed_once(monkeypatch):
     assert [row[1:] for row in table.rows] == [["sensor", "0.000", "0.200"], ["head", "0.050", "0.000"]]
     assert sorted(table.rows[1][0].split(" or ")) == alike and table.rows[0][0] == "second_order.x"
     assert head_words._headline(found, "", "all units") == (
-        "ADEQUATE: no error common to the units was found. Errors of individual units, if any, are listed below."
+        "no error common to the units was found. Errors of individual units, if any, are listed below."
     )

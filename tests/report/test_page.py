@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,10 @@ from reading_html import Cells
 from tumblecal.data import paper
 from tumblecal.report.page import PageTable, Section, inline_figure, write_page
 from tumblecal.report.paper_figures import draw_audit, draw_study
+from tumblecal.report.verdict import Finding, Unresolved, Verdict
+
+
+NOTHING = Verdict("", "", "", "")
 
 
 @pytest.fixture(scope="module")
@@ -61,16 +66,69 @@ def test_browser_shows_the_numbers_the_figures_and_no_errors(page, chromium):
     assert document.count("<h2>") >= 3
 
 
-def test_the_first_screen_is_a_headline_and_three_cards(page):
+def test_the_first_screen_is_a_headline_cards_and_what_to_run(page):
     text = page.read_text(encoding="utf-8")
-    body = text[text.index("<body>") :]
-    assert "by the truth of the paper" in body[: body.index('class="cards"')]
+    body = text[text.index("<body") :]
+    assert "by the truth of the paper" in body[: body.index('class="cards"')] and "ADEQUATE" in body
     cards = body[body.index('class="cards"') : body.index("<nav>")]
-    assert re.findall("<h3>(.*?)</h3>", cards) == ["What was found", "Can I trust it?", "Calibrate your own"]
-    assert "ADEQUATE" in cards and "tumblecal calibrate" in cards
+    assert cards.count("<article") == 4 and "tumblecal calibrate" in cards
     titles = re.findall("<h2>(.*?)</h2>", body)
     assert titles[0] == "Audit of Table 1" and titles.index("Simulation: the paper&#39;s figures 4 to 9") > 3
     assert len(re.sub("<[^>]+>", " ", cards).split()) < 150
+
+
+SPARK = '<svg viewBox="0 0 281 112"><path d="M0 0h9"/></svg>'
+LONG = "second_order.z or cross_axis_square.z"
+RECORD = Verdict(
+    "ambiguous",
+    "Two errors found; the cause of one is not resolved.",
+    "measured.csv",
+    "yes, from 24 to 26.5 degC only: a dependence on temperature outside this range was not measured",
+    found=(
+        Finding("Second-order nonlinearity of the z axis", "0.532 +- 0.062 mg/g^2", "second_order.z"),
+        Finding("The bias of the x axis drifts steadily during the measurement", "0.297 +- 0.054 mg/h", "bias_drift.x"),
+    ),
+    unresolved=(
+        Unresolved(LONG, "the same function in a 1 g field, with equal corrections: no head separates them", (1,)),
+        Unresolved("bias_drift.x or warm_up", "time and temperature are fully correlated in these data (r = 1.00)", (2,)),
+    ),
+    evidence=("Nominal model rejected, p = 3.1e-13.", "Probability 0.96.", "Held-out error 0.141 -> 0.103 mg."),
+    next=(
+        "Measure next, to separate the leading explanations: alpha 0, 180 at beta 0, directly after this measurement.",
+        "tumblecal capture diagnosis/next_positions.toml --out next --port PORT",
+        "tumblecal diagnose --join --same-run measured.csv next/positions.csv --noise-sd 0.1mg --out again",
+        *(f"Instruction {k} of many that are about as long as a line of the verdict is on a terminal." for k in range(20)),
+        "second_order.z: Apply the quadratic term.",
+    ),
+)  # fmt: skip
+PLACES = """<script>window.addEventListener("load", () => {
+  const cards = [...document.querySelectorAll(".card")].map(card => card.getBoundingClientRect());
+  document.title = JSON.stringify({bottoms: cards.map(box => box.bottom), tops: cards.map(box => box.top),
+    wide: document.documentElement.scrollWidth - document.documentElement.clientWidth});})</script>"""
+
+
+def test_cards_and_action_are_on_the_first_screen_and_stack_on_a_phone(chromium, tmp_path):
+    """1280 x 800: all cards end above the fold. 375 px wide: finding, action card, finding, and no horizontal scroll."""
+    write_page(
+        tmp_path / "p.html", "Diagnosis", "48 positions.", RECORD, [], tone="open", pictures={1: SPARK, 2: SPARK}
+    )
+    text = (tmp_path / "p.html").read_text(encoding="utf-8")
+    assert "0.532 ± 0.062 mg/g²" in text and "24 to 26.5 °C" in text and "0.141 → 0.103 mg" in text
+    # Nothing twice; commands as they are pasted; what belongs to a finding is on its card.
+    for words in (LONG, "bias_drift.x or warm_up", "--same-run measured.csv", "Instruction 19"):
+        assert text.count(words) == 1, words
+    cards = re.findall(r"<article.*?</article>", text, re.S)
+    assert "Apply the quadratic term" in cards[0] and "Instruction 19" in cards[1].partition("<details>")[2]
+    (tmp_path / "wide.html").write_text(text.replace("</body>", PLACES + "</body>"), encoding="utf-8")
+    seen = json.loads(chromium.title(tmp_path / "wide.html", "--window-size=1280,800"))
+    assert len(seen["bottoms"]) == 3 and max(seen["bottoms"]) < 800 and len({*seen["tops"]}) == 1 and seen["wide"] <= 0
+    # A window is at least 500 px wide; a frame may be narrower.
+    frame = (
+        "<iframe src='wide.html' width=375 height=800 onload='document.title = this.contentDocument.title'></iframe>"
+    )
+    (tmp_path / "narrow.html").write_text(f"<html><body>{frame}</body></html>", encoding="utf-8")
+    seen = json.loads(chromium.title(tmp_path / "narrow.html", "--allow-file-access-from-files"))
+    assert seen["wide"] <= 0 and seen["tops"] == sorted(seen["tops"]) and len({*seen["tops"]}) == 3
 
 
 def test_the_exact_line_lies_above_kalman_s_and_bands_are_named(study, tmp_path, monkeypatch):
@@ -144,7 +202,7 @@ def test_figures_are_files_too(page):
 
 def test_markup_in_the_data_is_text_on_the_page(tmp_path):
     cells = PageTable(["<i>"], [["&"], ["dK_x by <u>+0.342e-3</u> (+1.5 sd), bias_x by 0.1 mg"]], text=(0,))
-    script = ["<script>alert(1)</script>"]
+    script = replace(NOTHING, evidence=("<script>alert(1)</script>",))
     write_page(tmp_path / "p.html", "<b>title</b>", "a < b", script, [Section("x", tables=[cells])])
     text = (tmp_path / "p.html").read_text()
     assert "<script>" not in text and "<i>" not in text and "<b>" not in text and "<u>" not in text
@@ -159,21 +217,21 @@ def test_on_paper_two_figures_of_residuals_fill_a_page(chromium, tmp_path):
         '<?xml version="1.0"?><svg width="504pt" height="374pt" viewBox="0 0 504 374"><path d="M0 0h9"/></svg>'
     )
     figures = [inline_figure(drawn, "A caption of three lines. " * 12)] * 2
-    write_page(tmp_path / "p.html", "Title", "", [], [Section("Residuals", figures=figures)])
+    write_page(tmp_path / "p.html", "Title", "", NOTHING, [Section("Residuals", figures=figures)])
     assert chromium.printed(tmp_path / "p.html") == 1
 
 
 def test_on_paper_tables_go_over_the_foot_of_a_page(chromium, tmp_path):
     """Five that are a little more than half a page each fill three pages; kept whole, each would leave half a page blank."""
     table = PageTable(["", "value", ""], [[f"row {k}", "1", "two words " * 10] for k in range(11)], text=(0, 2))
-    write_page(tmp_path / "p.html", "Title", "", [], [Section(f"Part {k}", tables=[table]) for k in range(5)])
+    write_page(tmp_path / "p.html", "Title", "", NOTHING, [Section(f"Part {k}", tables=[table]) for k in range(5)])
     assert chromium.printed(tmp_path / "p.html") == 3
 
 
 def test_dark_and_folded(chromium, tmp_path):
     """By the reader's system the page is dark or light; a long table is folded, and open on paper."""
     long = PageTable(["", "value"], [[f"row {k}", "1"] for k in range(30)])
-    write_page(tmp_path / "long.html", "Long", "", [], [Section("Numbers", tables=[long])])
+    write_page(tmp_path / "long.html", "Long", "", NOTHING, [Section("Numbers", tables=[long])])
     text = (tmp_path / "long.html").read_text(encoding="utf-8")
     assert "<summary>all 30 rows</summary>" in text and "details::details-content" in text
     probe = "<script>addEventListener('load', () => document.title = getComputedStyle(document.body).backgroundColor)</script>"

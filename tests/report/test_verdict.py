@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tumblecal.diagnosis.findings.factors import Factor, Reason
+from tumblecal.report.diagnosis_tables import class_tables
 from tumblecal.report.diagnosis_verdict import alternatives, headline, reason_words, title
 from tumblecal.report.verdict import Finding, Unresolved, Verdict, verdict_lines
 
@@ -111,6 +112,29 @@ def test_alternatives_of_one_reason_are_one_line():
     for kind in ("size", "angles", "unnamed", "identity"):
         assert reason_words(Reason(kind))
     assert reason_words(Reason("range", ("temperature_degc",))) == "temperature does not vary enough in these data"
+
+
+def test_members_of_a_class_are_a_matrix_of_two_findings():
+    first = Factor((("bias_drift.x",), ("bias_temperature.x",), ("warm_up",)), (Reason("angles"),) * 2)
+    second = Factor((("second_order.z",), ("cross_axis_square.z",)), (Reason("identity"),))
+    third = Factor((("slip:p3",), ("outlier:p3",)), (Reason("size"),))
+    best = SimpleNamespace(
+        labels=("bias_drift.x", "second_order.z", "slip:p3"),
+        equivalents=(
+            ("bias_temperature.x", "second_order.z", "slip:p3"),
+            ("cross_axis_square.z", "slip:p3", "warm_up"),
+        ),
+        identical=(("bias_drift.x", "cross_axis_square.z", "slip:p3"),),
+    )
+    matrix, others = class_tables((second, first, third), best)
+    assert matrix.header == ["", "second_order.z", "cross_axis_square.z"]
+    assert matrix.rows == [
+        ["bias_drift.x", "leading", "identical at 1 g"],
+        ["bias_temperature.x", "indistinguishable", "not supported"],
+        ["warm_up", "not supported", "indistinguishable"],
+    ]
+    assert others.rows == [["slip at p3", "leading"], ["outlier at p3", reason_words(Reason("size"))]]
+    assert class_tables((third._replace(members=third.members[:1]),), best) == []
 
 
 @pytest.mark.parametrize(

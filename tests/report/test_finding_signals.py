@@ -1,0 +1,58 @@
+"""Findings against the variable that drives them: the points and the curve are the hidden signal, by plain numpy."""
+
+import numpy as np
+import pytest
+
+from tumblecal.report.finding_figures import card_figures
+from tumblecal.report.finding_signals import _smooth, finding_signals
+
+
+SIGMA = 1e-4
+
+
+def test_a_product_is_drawn_against_the_product_of_its_inputs(diagnosis):
+    signals = {signal.label: (number, signal) for number, signal in finding_signals(diagnosis).items()}
+    number, product = signals["cross_coupling.y.yz"]
+    alpha, beta = np.radians(diagnosis.data.alpha_deg), np.radians(diagnosis.data.beta_deg)
+    inputs = np.cos(beta) ** 2 * np.sin(alpha) * np.cos(alpha)
+    assert number == 1 and product.axis == 1 and product.variable == "u_y u_z / g²"
+    # The commanded angles differ by some mrad from those of the fit.
+    np.testing.assert_allclose(product.across, inputs, atol=0.01)
+    kept = np.arange(24) != 20
+    # Hidden was 8e-4 g/g^2: the residuals without the cause follow it, with it they are noise.
+    slope = np.polyfit(inputs[kept], product.before[kept], 1)[0]
+    assert slope == pytest.approx(8e-4, abs=3e-4) and np.isnan(product.before[20])
+    assert np.std(product.after[kept]) < 1.5 * SIGMA
+    across, curve = product.curve
+    assert np.polyfit(across, curve, 1)[0] == pytest.approx(slope, rel=0.1)
+
+
+def test_a_disturbed_position_is_marked_in_the_order_of_measurement(diagnosis):
+    first, outlier = finding_signals(diagnosis).values()
+    assert first.size >= outlier.size or outlier.label == "outlier_position:p21"
+    outlier = next(s for s in (first, outlier) if s.label.startswith("outlier"))
+    assert outlier.variable == "position number" and np.flatnonzero(outlier.marked).tolist() == [20]
+    assert abs(outlier.before[20]) > 5 * SIGMA and not len(outlier.curve[0])
+
+
+def test_what_drifts_is_drawn_against_time(drifting):
+    ((number, drift),) = finding_signals(drifting).items()
+    assert number == 1 and drift.label == "bias_drift.x" and drift.axis == 0 and drift.variable == "time / min"
+    across, curve = drift.curve
+    # 5 mg/h, in g a minute.
+    assert np.polyfit(across, curve, 1)[0] == pytest.approx(5e-3 / 60, rel=0.2)
+
+
+def test_a_smooth_function_is_found_and_noise_is_not_one():
+    rng, across = np.random.default_rng(1), np.linspace(-1, 1, 24)
+    share, (fine, values) = _smooth(across, 3e-4 * across**2, circular=False)
+    assert share == pytest.approx(1.0) and np.allclose(values, 3e-4 * fine**2, atol=1e-9)
+    assert _smooth(across, rng.normal(size=24), circular=False)[0] < 0.5
+    # Eight angles: three coefficients at most, so that not any eight numbers are harmonics.
+    angles = np.arange(8) * 45.0
+    assert _smooth(angles, np.cos(np.radians(angles)), circular=True)[0] == pytest.approx(1.0)
+    assert _smooth(angles, np.cos(3 * np.radians(angles)), circular=True)[0] < 0.2
+
+
+def test_every_finding_has_a_picture_and_no_finding_has_one_of_all_residuals(diagnosis, adequate):
+    assert sorted(card_figures(diagnosis)) == [1, 2] and list(card_figures(adequate)) == [0]
