@@ -283,4 +283,4 @@ def test_a_fit_that_does_not_converge_ends_with_code_3_and_no_calibration(
     assert "did not converge" in outcome.out
     assert not (tmp_path / "out" / "calibration.json").exists()
     page = (tmp_path / "out" / "calibration.html").read_text(encoding="utf-8")
-    assert "Do not use it: the exact fit did not converge." in page and "Apply it" not in page
+    assert "DO NOT USE" in page and "The exact fit did not converge" in page and "Apply it" not in page
