@@ -12,6 +12,7 @@ from tumblecal import __version__
 from tumblecal.certificate.admin import Address, Admin
 from tumblecal.certificate.holds_at import holds_at
 from tumblecal.certificate.results import RULE, SCOPE, Results, method_words, serial_number
+from tumblecal.certificate.term_words import term_words
 from tumblecal.data.sensor_parameters import GROUPS, leaf_of
 from tumblecal.ground.gravity import STANDARD
 
@@ -157,7 +158,8 @@ def _measurement(parent: Element, admin: Admin, results: Results) -> None:
         _text(_dcc(condition, "data"), "text", value)
     result = _dcc(_dcc(parent, "results"), "result")
     _text(result, "name", "scale factor errors, biases, non-orthogonalities")
-    _text(result, "description", "A = diag(1 + dK) T f + bias, T = [1 0 0; gamma_21 1 0; gamma_31 gamma_32 1]")
+    terms = "".join(f"; in addition in {words}" for words in term_words(results.calibration))
+    _text(result, "description", f"A = diag(1 + dK) T f + bias, T = [1 0 0; gamma_21 1 0; gamma_31 gamma_32 1]{terms}")
     quantity = _dcc(_dcc(result, "data"), "quantity")
     _text(quantity, "name", ", ".join(own.name for own in results.results))
     _list(_si(_si(quantity, "list"), "realList"), results, gravity.value_ms2)

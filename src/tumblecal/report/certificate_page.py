@@ -8,8 +8,10 @@ from tumblecal import __version__
 from tumblecal.certificate.admin import Address, Admin
 from tumblecal.certificate.holds_at import holds_at
 from tumblecal.certificate.results import RULE, SCOPE, VERDICTS, Results, method_words, serial_number
+from tumblecal.certificate.term_words import term_words
 from tumblecal.ground.atomic import write_text
 from tumblecal.ground.gravity import STANDARD
+from tumblecal.ground.numbers_shown import rounded
 from tumblecal.ground.units import shown
 
 
@@ -38,7 +40,7 @@ def write_certificate(path: Path, admin: Admin, results: Results, limits_source:
         temperature=None if own.temperature_degc is None else f"{own.temperature_degc:.1f} degC",
         source=own.provenance.get("data", ""),
         sha256=own.provenance.get("sha256") or "",
-        terms=bool(own.extra.get("terms")),
+        terms=list(term_words(own)),
         version=__version__,
     )
     write_text(path, text)
@@ -53,7 +55,7 @@ def _rows(results: Results) -> list[list[str]]:
     rows = []
     for own in results.results:
         unit, factor = shown(own.unit)
-        digits = [f"{own.value * factor:.4f}", f"{own.expanded * factor:.2g}", f"{own.k:.2f}", unit]
+        digits = [*rounded(own.value * factor, own.expanded * factor), f"{own.k:.2f}", unit]
         limit = "" if own.limit is None else f"{own.limit * factor:g}"
         rows.append([own.name, *digits, limit, VERDICTS.get(own.conformity or "", "")])
     return rows
