@@ -206,6 +206,7 @@ class Diagnosis(Shown):
     plot_residuals = drawn_by("diagnosis_figures.angle_figure", "Residuals by spindle angle, before and after.")
     plot_columns = drawn_by("diagnosis_figures.column_figure", "The same by input, beta, time and temperature.")
     plot_harmonics = drawn_by("diagnosis_harmonics.harmonics_figure", "Harmonics of alpha in the residuals.")
+    plot_explanations = drawn_by("diagnosis_figures.explanations_figure", "Probabilities of the explanations.")
     plot_predictive = drawn_by("diagnosis_predictive.predictive_figure", "The residuals beside simulated ones.")
     plot_limits = drawn_by("diagnosis_limits.limits_figure", "What each effect's size must be to be found.")
 

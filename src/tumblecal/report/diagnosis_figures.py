@@ -1,5 +1,6 @@
 """Figures of a diagnosis: residuals against everything recorded; the list of all figures."""
 
+import textwrap
 from pathlib import Path
 from typing import NamedTuple
 
@@ -9,10 +10,12 @@ from matplotlib.figure import Figure
 
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.ground.axes import AXES
+from tumblecal.report.cause_words import label_words
 from tumblecal.report.diagnosis_harmonics import harmonics_figure
 from tumblecal.report.diagnosis_limits import limits_figure
 from tumblecal.report.diagnosis_predictive import predictive_figure
-from tumblecal.report.drawing import AXIS_COLOUR, INK, MUTED, OUTSIDE, Margins, new_panels, save
+from tumblecal.report.diagnosis_tables import leading
+from tumblecal.report.drawing import AXIS_COLOUR, INK, MUTED, OUTSIDE, Margins, new_figure, new_panels, save
 from tumblecal.report.finding_figures import large_figure
 from tumblecal.report.finding_signals import finding_signals
 from tumblecal.report.unnamed_figure import unnamed_figure
@@ -20,6 +23,7 @@ from tumblecal.report.unnamed_figure import unnamed_figure
 
 # With more pitch settings than this they share one panel.
 _MOST_PANELS = 5
+_MOST_EXPLANATIONS, _LEAST_SHOWN, _LABEL_WIDTH = 8, 2e-3, 46
 # Residuals before that are this many times larger than the scale of those after stand at the edge, as arrows.
 _BEYOND = 5.0
 # So do those after beyond this many sd of the noise.
@@ -161,3 +165,25 @@ def _scatter(panel: Axes, diagnosis: Diagnosis, across: np.ndarray, row: int, he
     if np.any(left):
         edge = np.clip(after[left], -0.94 * reach, 0.94 * reach)
         panel.plot(across[left], edge, "x", ms=5, color=OUTSIDE, ls="none", label="left out")
+
+
+def explanations_figure(diagnosis: Diagnosis) -> Figure:
+    """Probability of the leading explanations; light: of the sets that the data cannot tell from it."""
+    listed = leading(diagnosis, _LEAST_SHOWN, _MOST_EXPLANATIONS)[::-1]
+    words = []
+    for explanation in listed:
+        more = f" (or\u00a0{len(explanation.equivalents)}\u00a0more)" if explanation.equivalents else ""
+        words.append(textwrap.fill((label_words(explanation.labels) or "adequate") + more, _LABEL_WIDTH))
+    figure = new_figure(7.5, 0.3 * len(listed) + 0.1 * sum(text.count("\n") for text in words) + 0.95)
+    panel = figure.subplots()
+    rows = range(len(listed))
+    panel.barh(rows, [e.probability for e in listed], color="#cfdcea", label="with those not to be told apart")
+    panel.barh(rows, [e.own_probability for e in listed], color=AXIS_COLOUR["x"], label="this one alone")
+    panel.set_yticks(list(rows), words)
+    panel.set_xlim(0, 1)
+    panel.set_xlabel("posterior probability (linear screen)")
+    if any(e.equivalents for e in listed):
+        panel.legend(loc="lower right", fontsize=7)
+    panel.grid(axis="y", visible=False)
+    panel.set_axisbelow(True)
+    return figure

@@ -1,6 +1,6 @@
 """Each finding's signal in the readings, against the variable that drives it."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +11,7 @@ from tumblecal.diagnosis.causes.cause import Cause, id_of
 from tumblecal.diagnosis.exact.insert import fit_with
 from tumblecal.ground.axes import AXES
 from tumblecal.report.diagnosis_verdict import finding_numbers
+from tumblecal.report.polynomial_words import by_finding
 
 
 # A variable drives a signal if a smooth function of it makes this share of its variance (corrected for the number of
@@ -22,9 +23,9 @@ Values = Float[np.ndarray, " positions"]
 
 
 class FindingSignal(NamedTuple):
-    """One cause in the readings of the axis where it is largest.
+    """One finding in the readings of the axis where it is largest.
 
-    - `label`: of the cause; `axis`: number of the axis.
+    - `label`: of its first cause; `axis`: number of the axis.
     - `variable`: what it is drawn against, with its unit; `across`: its values.
     - `before`: measured minus predicted by the extended model without this cause, g; `after`: with it.
     - `curve`: points (`across`, g) of its fitted signal; empty for positions that the fit leaves out, marked by `marked`.
@@ -43,16 +44,17 @@ class FindingSignal(NamedTuple):
 
 
 def finding_signals(diagnosis: Diagnosis) -> dict[int, FindingSignal]:
-    """The signal of each cause of the best explanation by the number of its finding, the largest first."""
+    """The signal of each finding of the best explanation by its number, the largest first."""
     numbers = finding_numbers(diagnosis)
-    signals = {numbers[cause.label]: _signal(diagnosis, cause) for cause in diagnosis.members}
+    signals = {numbers[own[0].label]: _signal(diagnosis, own) for own in by_finding(diagnosis.members)}
     return dict(sorted(signals.items(), key=lambda item: -item[1].size))
 
 
-def _signal(diagnosis: Diagnosis, cause: Cause) -> FindingSignal:
+def _signal(diagnosis: Diagnosis, causes: Sequence[Cause]) -> FindingSignal:
     fit, sd = diagnosis.extended, diagnosis.level * diagnosis.problem.sd
     order = np.arange(len(diagnosis.data)) + 1.0
-    marked = np.isin(np.arange(len(diagnosis.data)), cause.left_out)
+    cause = causes[0]
+    marked = np.isin(np.arange(len(diagnosis.data)), [position for own in causes for position in own.left_out])
     if np.any(marked):
         before = fit.residuals
         size = np.where(marked[:, None], before / sd, 0.0)
@@ -60,7 +62,7 @@ def _signal(diagnosis: Diagnosis, cause: Cause) -> FindingSignal:
         nothing, rms = np.zeros(0), float(np.sqrt(np.mean(size**2)))
         values = before[:, axis], before[:, axis], (nothing, nothing)
         return FindingSignal(cause.label, axis, "position number", order, *values, marked, rms)
-    signal = _component(diagnosis, cause)
+    signal = _component(diagnosis, causes)
     axis = int(np.argmax(np.nanmean((signal / sd) ** 2, axis=0)))
     variable, across, curve = _driven(diagnosis, cause, signal[:, axis], axis)
     size = float(np.sqrt(np.nanmean(np.nanvar(signal / sd, axis=0))))
@@ -68,17 +70,17 @@ def _signal(diagnosis: Diagnosis, cause: Cause) -> FindingSignal:
     return FindingSignal(cause.label, axis, variable, across, after + signal[:, axis], after, curve, marked, size)
 
 
-def _component(diagnosis: Diagnosis, cause: Cause) -> Float[np.ndarray, "positions 3"]:
-    """What a cause adds to the readings, g: the prediction of the extended model less that without its coefficients. A cause
+def _component(diagnosis: Diagnosis, causes: Sequence[Cause]) -> Float[np.ndarray, "positions 3"]:
+    """What causes add to the readings, g: the prediction of the extended model less that without their coefficients. Causes
     without coefficients in the model: what the fit with all others leaves more. NaN where a position takes no part."""
     fit, model, where = diagnosis.extended, diagnosis.model, diagnosis.problem.where
-    columns = [*cause.slot.columns]
+    columns = [column for cause in causes for column in cause.slot.columns]
     if columns:
         without = fit.vector.copy()
         without[columns] = model.start[columns]
         signal = model.predict(where, fit.vector) - model.predict(where, without)
     else:
-        others = [own for own in diagnosis.members if own is not cause]
+        others = [own for own in diagnosis.members if all(own is not cause for cause in causes)]
         signal = (fit_with(diagnosis.screened.at, others) if others else diagnosis.nominal).residuals - fit.residuals
     return np.where(fit.kept[:, None], signal, np.nan)
 
