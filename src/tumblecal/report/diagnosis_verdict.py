@@ -79,6 +79,11 @@ def findings_of_causes(diagnosis: Diagnosis) -> dict[int, tuple[Cause, ...]]:
     return dict(enumerate(together, before + 1))
 
 
+def first_unnamed(diagnosis: Diagnosis) -> int:
+    """Number of the first finding of an unexplained error."""
+    return sum(1 for _ in _before_causes(diagnosis)) + 1
+
+
 def headline(diagnosis: Diagnosis, found: int, open_causes: int) -> str:
     """The consequence of the verdict in a line.
 

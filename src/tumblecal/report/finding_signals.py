@@ -10,8 +10,7 @@ from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.causes.cause import Cause, id_of
 from tumblecal.diagnosis.exact.insert import fit_with
 from tumblecal.ground.axes import AXES
-from tumblecal.report.diagnosis_verdict import finding_numbers
-from tumblecal.report.polynomial_words import by_finding
+from tumblecal.report.diagnosis_verdict import findings_of_causes
 
 
 # A variable drives a signal if a smooth function of it makes this share of its variance (corrected for the number of
@@ -45,8 +44,7 @@ class FindingSignal(NamedTuple):
 
 def finding_signals(diagnosis: Diagnosis) -> dict[int, FindingSignal]:
     """The signal of each finding of the best explanation by its number, the largest first."""
-    numbers = finding_numbers(diagnosis)
-    signals = {numbers[own[0].label]: _signal(diagnosis, own) for own in by_finding(diagnosis.members)}
+    signals = {number: _signal(diagnosis, own) for number, own in findings_of_causes(diagnosis).items()}
     return dict(sorted(signals.items(), key=lambda item: -item[1].size))
 
 
