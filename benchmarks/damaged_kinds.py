@@ -17,7 +17,7 @@ from tumblecal.capture.capture_plan import read_plan
 from tumblecal.capture.emulator.config import read_emulation
 from tumblecal.capture.position_samples import read_position_samples
 from tumblecal.capture.protocols import protocols
-from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.capture.recordings.sample_file import write_samples
 from tumblecal.chain.rig_file import read_rig
 from tumblecal.data.calibration import Calibration, calibration_text
@@ -255,7 +255,7 @@ def tables() -> dict[str, Kind]:
     with TemporaryDirectory() as name:
         path, foreign = Path(name) / "samples.parquet", Path(name) / "foreign.parquet"
         (Path(name) / "log.csv").write_bytes(made.text())
-        write_samples(Path(name) / "log.csv", path, Asked())
+        write_samples(Path(name) / "log.csv", path, RecordingOptions())
         frame.write_parquet(foreign)
         (Path(name) / "p.csv").write_bytes(made.positions())
         write_positions(Path(name) / "p.parquet", read_positions(Path(name) / "p.csv"))

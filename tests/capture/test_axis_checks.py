@@ -6,7 +6,7 @@ import pytest
 from recordings_made import imu_columns, made
 
 from tumblecal.capture.axis_checks import require_axes_answer
-from tumblecal.capture.recordings.options import Known
+from tumblecal.capture.recordings.options import KnownContext
 from tumblecal.capture.reduce_recording import means_of, reduce_recording
 from tumblecal.capture.reduce_table import reduce_table
 from tumblecal.ground.errors import InputError
@@ -106,8 +106,8 @@ def test_a_dead_axis_is_refused_on_every_way_to_means(tmp_path, way):
     ):
         match way:
             case "means":
-                means_of(path, Known(means=True))
+                means_of(path, KnownContext(means=True))
             case "by":
                 reduce_table(path)
             case _:
-                reduce_recording(path, Known(static=way == "static", plan=plan if way == "plan" else None))
+                reduce_recording(path, KnownContext(static=way == "static", plan=plan if way == "plan" else None))

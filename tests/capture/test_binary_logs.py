@@ -6,7 +6,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.capture.recordings.sample_file import write_samples
 from tumblecal.ground.errors import InputError
 
@@ -43,8 +43,8 @@ def rows():
     return values.astype("<f4").astype(float)
 
 
-def imported(path, out, asked=Asked()):
-    contents = write_samples(path, out, asked)
+def imported(path, out, options=RecordingOptions()):
+    contents = write_samples(path, out, options)
     frame = pl.read_parquet(out)
     return contents, frame.select("ax_ms2", "ay_ms2", "az_ms2").to_numpy(), frame
 
@@ -59,7 +59,7 @@ def test_dataflash_messages_of_each_instance(tmp_path, rows):
     assert [table.name for table in contents.tables] == ["IMU", "IMU/1"]
     assert contents.rate_hz == pytest.approx(400)
     assert not contents.damage.lines
-    _, force, _ = imported(tmp_path / "log.bin", tmp_path / "out.parquet", Asked(topic="IMU/1"))
+    _, force, _ = imported(tmp_path / "log.bin", tmp_path / "out.parquet", RecordingOptions(topic="IMU/1"))
     np.testing.assert_array_equal(force, -rows[:, 3:])
 
 
@@ -111,7 +111,7 @@ def mtb(rows: np.ndarray, start: int = 0, force=0x4020) -> list[bytes]:
 def test_an_mtb_file(tmp_path, rows):
     # The time goes around 2^32.
     (tmp_path / "MT_1.mtb").write_bytes(b"".join(mtb(rows, start=2**32 - 1000)))
-    contents = write_samples(tmp_path / "MT_1.mtb", tmp_path / "out.parquet", Asked())
+    contents = write_samples(tmp_path / "MT_1.mtb", tmp_path / "out.parquet", RecordingOptions())
     frame = pl.read_parquet(tmp_path / "out.parquet")
     np.testing.assert_allclose(frame.select("ax_g", "ay_g", "az_g").to_numpy() * 9.80665, rows[:, 3:], rtol=1e-14)
     np.testing.assert_allclose(
@@ -127,7 +127,7 @@ def test_an_mtb_file_with_a_wrong_sum(tmp_path, rows):
     broken = bytearray(messages[50])
     broken[30] ^= 1
     (tmp_path / "log.mtb").write_bytes(b"".join([*messages[:50], bytes(broken), *messages[51:]]))
-    contents = write_samples(tmp_path / "log.mtb", tmp_path / "out.parquet", Asked())
+    contents = write_samples(tmp_path / "log.mtb", tmp_path / "out.parquet", RecordingOptions())
     assert contents.rows == 199
     (line,) = contents.damage.lines
     assert line.startswith(f"{len(broken)} bytes in no message with a right sum")
@@ -136,11 +136,11 @@ def test_an_mtb_file_with_a_wrong_sum(tmp_path, rows):
 def test_an_mtb_file_without_specific_force_says_what_it_holds(tmp_path, rows):
     (tmp_path / "a.mtb").write_bytes(b"".join(mtb(rows, force=0x4030)))
     with pytest.raises(InputError, match="free acceleration"):
-        write_samples(tmp_path / "a.mtb", tmp_path / "out.parquet", Asked())
+        write_samples(tmp_path / "a.mtb", tmp_path / "out.parquet", RecordingOptions())
     awinda = [xbus(0xFF, 0x0D, bytes(258)), *(xbus(bus, 0x36, b"\xc8\x10\x2e" + bytes(46)) for bus in (1, 2, 1, 2))]
     (tmp_path / "b.mtb").write_bytes(b"".join(awinda))
     with pytest.raises(InputError, match="increments of an MTw"):
-        write_samples(tmp_path / "b.mtb", tmp_path / "out.parquet", Asked())
+        write_samples(tmp_path / "b.mtb", tmp_path / "out.parquet", RecordingOptions())
 
 
 @pytest.mark.parametrize("make", [dataflash, mtb])
@@ -152,7 +152,7 @@ def test_changed_bytes_are_rows_or_a_line(tmp_path, rows, make):
             content[at] = rng.integers(256)
         (tmp_path / "log.bin").write_bytes(content[: rng.integers(len(log) // 2, len(log))])
         try:
-            contents = write_samples(tmp_path / "log.bin", tmp_path / "out.parquet", Asked())
+            contents = write_samples(tmp_path / "log.bin", tmp_path / "out.parquet", RecordingOptions())
         except InputError as fault:
             assert "\n" not in str(fault)
         else:

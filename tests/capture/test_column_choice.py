@@ -8,7 +8,7 @@ import pytest
 from recording_headers import HEADERS
 from recordings_as_people_have_them import columns_of, motion, renamed, shuffled
 from tumblecal.capture.recordings.column_names import parsed, role_of
-from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.capture.recordings.roles import Layout, layout_of
 from tumblecal.capture.recordings.sample_file import write_samples
 from tumblecal.capture.recordings.still_size import ellipsoid
@@ -19,9 +19,9 @@ from tumblecal.ground.errors import InputError
 G = 9.80665
 
 
-def chosen(columns: dict[str, np.ndarray], **asked) -> Layout:
+def chosen(columns: dict[str, np.ndarray], **options) -> Layout:
     """The layout of a table of these columns."""
-    return layout_of(of_arrays("", columns), Asked(**asked), "log")
+    return layout_of(of_arrays("", columns), RecordingOptions(**options), "log")
 
 
 def numbers(cells: list[str]) -> np.ndarray:
@@ -238,7 +238,7 @@ def test_a_guess_is_printed_before_the_fault_that_may_follow(tmp_path, moved, tu
     force, rate, _ = moved
     path = tmp_path / "raw.txt"
     np.savetxt(path, np.column_stack([np.arange(len(force)) / 25, force, rate]), fmt="%.4f")
-    write_samples(path, tmp_path / "out.parquet", Asked())
+    write_samples(path, tmp_path / "out.parquet", RecordingOptions())
     outcome = tumblecal("reduce", path, "--out", tmp_path / "out")
     assert outcome.code == 2
     assert "accelerations: columns 2, 3, 4 as x, y, z, by their values" in outcome.lines[0]
@@ -293,7 +293,7 @@ def test_the_clock_by_names_in_two_columns_or_by_values(tmp_path, moved, clock, 
     path = tmp_path / "log.csv"
     lines = [",".join(columns), *(",".join(map(str, row)) for row in zip(*columns.values(), strict=True))]
     path.write_text("\n".join(lines) + "\n")
-    contents = write_samples(path, tmp_path / "out.parquet", Asked(unit="2048/g"))
+    contents = write_samples(path, tmp_path / "out.parquet", RecordingOptions(unit="2048/g"))
     own = contents.layout.columns.get("time")
     assert (own and own.name) == (None if column is None else list(clock)[column])
     assert contents.rate_hz == (None if column is None else pytest.approx(50, rel=1e-3))

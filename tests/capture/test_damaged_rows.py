@@ -7,7 +7,7 @@ import polars as pl
 import pytest
 from damaged_rows import AXES, ERASED, RATE_HZ, forces, orders, rows, table, with_erased
 
-from tumblecal.capture.recordings.options import Asked, Known
+from tumblecal.capture.recordings.options import KnownContext, RecordingOptions
 from tumblecal.capture.recordings.row_order import order_by_clock
 from tumblecal.capture.recordings.sample_file import write_samples
 from tumblecal.capture.reduce_recording import reduce_recording
@@ -17,11 +17,11 @@ from tumblecal.data.calibration import Calibration, write_calibration
 NAMES = ("ax", "ay", "az")
 
 
-def read(tmp_path, columns, asked=Asked()):
+def read(tmp_path, columns, options=RecordingOptions()):
     """The samples as they are written, (n, columns), and the contents."""
     path, out = tmp_path / "log.parquet", tmp_path / "samples.parquet"
     pl.DataFrame(columns).write_parquet(path)
-    contents = write_samples(path, out, asked)
+    contents = write_samples(path, out, options)
     return pl.read_parquet(out).to_numpy(), contents
 
 
@@ -54,12 +54,12 @@ def test_negative_numbers_written_as_unsigned_are_read_as_negative(tmp_path, nam
     steps = np.round(forces(offset_g=offset_g) * per_g)
     unit = {"g": "g", "m": "m/s2"}.get(name[0], f"{per_g * step:g}/g")
     written = np.round(np.where(steps < 0, steps + 2**bits, steps) * step, digits)
-    got, contents = read(tmp_path, table(written, names=NAMES), Asked(unit=unit))
+    got, contents = read(tmp_path, table(written, names=NAMES), RecordingOptions(unit=unit))
     np.testing.assert_allclose(got[:, 1:], np.round(steps * step, digits), atol=2.01 * 10**-digits * (digits > 0))
     assert records(contents) == [("unsigned", "corrected", np.count_nonzero((steps < 0).any(axis=1)))]
     assert contents.damage.records[0].largest == pytest.approx(2**bits * step, abs=2 * 10**-digits)
     # The same numbers as they should be pass unchanged.
-    got, contents = read(tmp_path, table(np.round(steps * step, digits), names=NAMES), Asked(unit=unit))
+    got, contents = read(tmp_path, table(np.round(steps * step, digits), names=NAMES), RecordingOptions(unit=unit))
     np.testing.assert_array_equal(got[:, 1:], np.round(steps * step, digits))
     assert not contents.damage.lines
 
@@ -87,7 +87,7 @@ def test_overflowed_numbers_come_back(tmp_path):
     steps = np.round(forces(offset_g=0.3) * 110)
     written = (steps + 128) % 256 - 128
     assert (written != steps).any()
-    got, contents = read(tmp_path, table(written, names=NAMES), Asked(unit="110/g"))
+    got, contents = read(tmp_path, table(written, names=NAMES), RecordingOptions(unit="110/g"))
     np.testing.assert_array_equal(got[:, 1:], steps)
     assert records(contents) == [("overflow", "corrected", np.count_nonzero((written != steps).any(axis=1)))]
 
@@ -96,7 +96,7 @@ def test_a_range_that_only_later_rows_show_is_found(tmp_path):
     still = np.tile(np.round([[330.0, 500.0, 16380.0]]), (300_000, 1)) + np.arange(300_000)[:, None] % 5
     steps = np.concatenate([still, np.round(forces() * 16384)])
     written = np.where(steps < 0, steps + 65536, steps)
-    got, contents = read(tmp_path, table(written, names=NAMES), Asked(unit="16384/g"))
+    got, contents = read(tmp_path, table(written, names=NAMES), RecordingOptions(unit="16384/g"))
     np.testing.assert_array_equal(got[:, 1:], steps)
     assert [record.kind for record in contents.damage.records] == ["unsigned"]
 
@@ -128,7 +128,7 @@ def test_erased_memory_without_a_clock_and_under_one_that_goes_on(tmp_path):
     erased = with_erased(steps, "zeros", count, 3 * count)
     erased["time_s"] = np.arange(4 * count) / RATE_HZ
     for columns in (erased, {name: erased[name] for name in NAMES}):
-        got, contents = read(tmp_path, columns, Asked(rate=RATE_HZ, unit="16384/g"))
+        got, contents = read(tmp_path, columns, RecordingOptions(rate=RATE_HZ, unit="16384/g"))
         np.testing.assert_array_equal(got[:, -3:], whole(steps)[:, 1:])
         assert records(contents) == [("erased", "left out", 3 * count)]
 
@@ -189,7 +189,7 @@ def test_one_of_each_repeated_sample_is_kept(tmp_path, times, per_g):
     assert (record.kind, record.rows) == ("repeats", len(columns["time_s"]) - len(got))
     assert record.largest == pytest.approx(times, rel=0.01)
     # Without times, the stated rate is that of the rows.
-    got, contents = read(tmp_path, {name: columns[name] for name in AXES}, Asked(rate=RATE_HZ))
+    got, contents = read(tmp_path, {name: columns[name] for name in AXES}, RecordingOptions(rate=RATE_HZ))
     assert contents.rate_hz == pytest.approx(RATE_HZ / times, rel=0.01)
     # The logger may repeat the time as well.
     got, contents = read(tmp_path, rows(table(force), sample))
@@ -204,7 +204,7 @@ def test_repeats_change_neither_means_nor_their_uncertainty(tmp_path, tumblecal)
     sample = np.arange(7 * len(columns["time_s"])) // 7
     repeated = rows(columns, sample) | {"time_s": np.arange(len(sample)) / 175.0}
     pl.DataFrame(repeated).write_parquet(paths[1])
-    one = reduce_recording(paths[0], Known(static=True))
+    one = reduce_recording(paths[0], KnownContext(static=True))
     told = tumblecal("reduce", paths[1], "--static", "--no-figures", "--out", tmp_path / "r")
     content = json.loads((tmp_path / "r" / "reduction.json").read_text())
     np.testing.assert_allclose([own["mean_g"] for own in content["positions"]], one.table.data.readings, atol=1e-12)
@@ -245,28 +245,35 @@ def healthy():
                 "packets": times[np.minimum(np.arange(len(times)) // 32 * 32 + 31, len(times) - 1)],
             }
             for clock, own in clocks.items():
-                yield f"{rate_hz} {offset_g} {clock}", table(coarse) | {"time_s": own}, Asked()
-            yield f"{rate_hz} {offset_g} saturated", table(np.clip(coarse, -0.5, 0.5), rate_hz), Asked()
-            yield f"{rate_hz} {offset_g} fine", table(force, rate_hz), Asked()
+                yield f"{rate_hz} {offset_g} {clock}", table(coarse) | {"time_s": own}, RecordingOptions()
+            yield f"{rate_hz} {offset_g} saturated", table(np.clip(coarse, -0.5, 0.5), rate_hz), RecordingOptions()
+            yield f"{rate_hz} {offset_g} fine", table(force, rate_hz), RecordingOptions()
             counts = np.round(force * 2048)
-            for offset, asked in ((32768, Asked(offset="32768", unit="2048/g")), (32768, Asked())):
-                yield f"{rate_hz} {offset_g} unsigned", table(counts + offset, rate_hz, NAMES), asked
-            yield f"{rate_hz} {offset_g} 10 bits", table(np.round(force * 102) + 512, rate_hz, NAMES), Asked()
+            for offset, options in (
+                (32768, RecordingOptions(offset="32768", unit="2048/g")),
+                (32768, RecordingOptions()),
+            ):
+                yield f"{rate_hz} {offset_g} unsigned", table(counts + offset, rate_hz, NAMES), options
+            yield (
+                f"{rate_hz} {offset_g} 10 bits",
+                table(np.round(force * 102) + 512, rate_hz, NAMES),
+                RecordingOptions(),
+            )
     for attitude in ((0.0, 0.0, 1.0), (0.577, 0.577, 0.577), (-0.1, 0.2, 0.97)):
         long = attitude + 5e-4 * rng.normal(size=(50_000, 3))
-        yield f"one attitude {attitude}", table(np.round(long * 64) / 64, 5.0), Asked(time_unit="s")
+        yield f"one attitude {attitude}", table(np.round(long * 64) / 64, 5.0), RecordingOptions(time_unit="s")
     faces = np.repeat(np.vstack([np.eye(3), -np.eye(3)]), 100, axis=0) + 1e-3 * rng.normal(size=(600, 3))
     for per_g in (64, 100, 256, 1000):
         for face in (faces, faces[200:300], faces[[*range(200, 300), *range(500, 600)]]):
-            yield f"faces {per_g}", table(np.round(face * per_g), names=NAMES), Asked(unit=f"{per_g}/g")
+            yield f"faces {per_g}", table(np.round(face * per_g), names=NAMES), RecordingOptions(unit=f"{per_g}/g")
 
 
 def test_healthy_recordings_pass_unchanged(tmp_path):
-    for name, columns, asked in healthy():
-        got, contents = read(tmp_path, columns, asked)
+    for name, columns, options in healthy():
+        got, contents = read(tmp_path, columns, options)
         assert not contents.damage.lines, (name, contents.damage.lines)
         assert len(got) == len(columns["time_s"]), name
-        offset = float(asked.offset or 0)
+        offset = float(options.offset or 0)
         np.testing.assert_array_equal(got[:, 1:], whole(columns)[:, 1:] - offset, err_msg=name)
 
 

@@ -8,7 +8,7 @@ from recordings_made import imu_columns, made, text
 from hand_held_sessions import Hand
 from tumblecal.capture.capture_plan import CapturePlan, read_plan
 from tumblecal.capture.plan_match import matched
-from tumblecal.capture.recordings.options import Asked, Known
+from tumblecal.capture.recordings.options import KnownContext, RecordingOptions
 from tumblecal.capture.reduce_recording import NothingStill, means_of, reduce_recording
 from tumblecal.data import read_positions
 from tumblecal.ground.errors import InputError
@@ -126,7 +126,7 @@ def test_surplus_intervals_are_refused_with_their_angle(tmp_path, six):
     directions = np.array([plan.expected(k) for k in (0, 2, 4, 1, 3, 5)])
     s = made(Hand(), 3, np.insert(directions, 3, np.array([1, 1, 1]) / 3**0.5, axis=0))
     pl.DataFrame(imu_columns(s)).write_parquet(tmp_path / "s.parquet")
-    reduction = reduce_recording(tmp_path / "s.parquet", Known(plan=six))
+    reduction = reduce_recording(tmp_path / "s.parquet", KnownContext(plan=six))
     assert reduction.table.data.names == ("x up", "y up", "z up", "x down", "y down", "z down")
     assert reduction.stillness is not None
     (refused,) = (one.reason for one in reduction.stillness.intervals if one.reason)
@@ -137,7 +137,7 @@ def test_a_plan_of_another_mounting_is_a_line(tmp_path, six):
     s = made(Hand(), 3, np.array([[1, 1, 1], [-1, 1, 1], [1, -1, 1], [1, 1, -1]]) / 3**0.5)
     pl.DataFrame(imu_columns(s)).write_parquet(tmp_path / "s.parquet")
     with pytest.raises(NothingStill, match="none of 4 still intervals looks like a position of the plan"):
-        reduce_recording(tmp_path / "s.parquet", Known(plan=six))
+        reduce_recording(tmp_path / "s.parquet", KnownContext(plan=six))
 
 
 def test_positions_named_by_a_column_get_the_plans_angles(tmp_path, six):
@@ -148,12 +148,14 @@ def test_positions_named_by_a_column_get_the_plans_angles(tmp_path, six):
         label[start + 20 : stop - 20] = name
     columns = imu_columns(s) | {"part": label, "session": np.full(len(label), "monday")}
     pl.DataFrame(columns).write_csv(tmp_path / "parts.txt")
-    data = reduce_recording(tmp_path / "parts.txt", Known(plan=six, by="part"), Asked(columns="run=session")).table.data
+    data = reduce_recording(
+        tmp_path / "parts.txt", KnownContext(plan=six, by="part"), RecordingOptions(columns="run=session")
+    ).table.data
     assert data.names == tuple(names(plan))
     np.testing.assert_array_equal(data.beta_deg, [-90, 90, 0, 0, 0, 0])
     assert data.run == ("monday",) * 6
     with pytest.raises(InputError, match="none of its positions is named as one of"):
-        reduce_recording(tmp_path / "parts.txt", Known(plan=six, by="session"))
+        reduce_recording(tmp_path / "parts.txt", KnownContext(plan=six, by="session"))
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".xlsx"])
@@ -205,5 +207,5 @@ def test_what_is_guessed_of_means_is_said(tmp_path, tumblecal):
 def test_faults_of_means_name_the_users_file(tmp_path, more, words):
     (tmp_path / "means.csv").write_text("\n".join([*MEANS, *more]))
     with pytest.raises(InputError) as refused:
-        means_of(tmp_path / "means.csv", Known(means=True))
+        means_of(tmp_path / "means.csv", KnownContext(means=True))
     assert refused.value.faults[0].startswith(str(tmp_path)) and words in refused.value.faults[0]

@@ -10,7 +10,7 @@ from recordings_made import ATTITUDES, G, imu_columns, made, ros1_bag, ros2_bag,
 import tumblecal.capture.recordings.table as formats
 from tumblecal.capture.correction import Correction, write_corrected
 from tumblecal.capture.protocols import protocol
-from tumblecal.capture.recordings.options import Asked, Known
+from tumblecal.capture.recordings.options import KnownContext, RecordingOptions
 from tumblecal.capture.recordings.sample_file import write_samples
 from tumblecal.capture.reduce_recording import reduce_recording
 from tumblecal.capture.samples import Settings, blank
@@ -31,7 +31,7 @@ def expected(s, tmp_path_factory):
     path = tmp_path_factory.mktemp("plain") / "plain.parquet"
     names = ["time_s", *(f"a{axis}_ms2" for axis in "xyz"), *(f"g{axis}_rads" for axis in "xyz"), "temperature_degc"]
     pl.DataFrame(dict(zip(names, imu_columns(s).values(), strict=True))).write_parquet(path)
-    data = reduce_recording(path, Known(static=True)).table.data
+    data = reduce_recording(path, KnownContext(static=True)).table.data
     assert len(data) == len(ATTITUDES)
     return data
 
@@ -103,11 +103,11 @@ def _sheet(path, s):
     return path
 
 
-def _applied(recording, asked, s, out):
+def _applied(recording, options, s, out):
     """What `apply` makes of a recording is the formula on its samples."""
     matrix, bias = np.array([[1.001, 2e-3, 0], [0, 0.998, -1e-3], [3e-3, 0, 1.002]]), np.array([0.01, -0.02, 0.03])
     correction = Correction(Calibration(matrix, bias, np.zeros((12, 12))), recording)
-    checks, _ = write_corrected(out, uncorrected(recording, asked), correction)
+    checks, _ = write_corrected(out, uncorrected(recording, options), correction)
     corrected = pl.read_parquet(out)
     unit = next(column.rpartition("_")[2] for column in corrected.columns if column.startswith("ax_"))
     force = corrected.select(f"a{axis}_{unit}" for axis in "xyz").to_numpy() / (G if unit == "ms2" else 1.0)
@@ -117,10 +117,10 @@ def _applied(recording, asked, s, out):
 
 @pytest.mark.parametrize("name", MADE)
 def test_every_format_gives_the_same_positions(tmp_path, s, expected, name):
-    write, asked = MADE[name]
+    write, options = MADE[name]
     recording = write(tmp_path / name, s)
-    _applied(recording, Asked(**asked), s, tmp_path / "corrected.parquet")
-    data = reduce_recording(recording, Known(static=True), Asked(**asked)).table.data
+    _applied(recording, RecordingOptions(**options), s, tmp_path / "corrected.parquet")
+    data = reduce_recording(recording, KnownContext(static=True), RecordingOptions(**options)).table.data
     assert data.names == expected.names
     np.testing.assert_allclose(data.readings, expected.readings, atol=2e-7)
     np.testing.assert_allclose(data.time_s, expected.time_s, atol=2e-6)
@@ -131,7 +131,7 @@ def test_every_format_gives_the_same_positions(tmp_path, s, expected, name):
     np.testing.assert_array_equal(data.n, expected.n)
     assert data.sd is not None and expected.sd is not None
     np.testing.assert_allclose(data.sd, expected.sd, rtol=1e-2)
-    if "temp" in str(asked) or name not in ("counts.csv", "one.bag", "log.ulg"):
+    if "temp" in str(options) or name not in ("counts.csv", "one.bag", "log.ulg"):
         assert data.temperature_degc is not None
         np.testing.assert_allclose(data.temperature_degc, expected.temperature_degc, atol=2e-3)
 
@@ -142,11 +142,11 @@ def test_rates_keep_their_unit_and_counts_stay_counts(tmp_path, s):
     path = text(
         tmp_path / "d.csv", s, ",", {name: columns[name] for name in ("time", "acc_x", "acc_y", "acc_z")} | degrees
     )
-    write_samples(path, tmp_path / "d.parquet", Asked())
+    write_samples(path, tmp_path / "d.parquet", RecordingOptions())
     frame = pl.read_parquet(tmp_path / "d.parquet")
     np.testing.assert_allclose(frame["gx_dps"].to_numpy(), s.rate[:, 0], rtol=1e-8)
     raw = {"time": s.time_s} | {f"a{axis}": np.round(16384 * s.force[:, k]) for k, axis in enumerate("xyz")}
-    contents = write_samples(text(tmp_path / "c.csv", s, ",", raw), tmp_path / "c.parquet", Asked())
+    contents = write_samples(text(tmp_path / "c.csv", s, ",", raw), tmp_path / "c.parquet", RecordingOptions())
     frame, comments = pl.read_parquet(tmp_path / "c.parquet"), pl.read_parquet_metadata(tmp_path / "c.parquet")
     np.testing.assert_array_equal(frame["ax_counts"].to_numpy(), raw["ax"])
     assert comments["counts_per_g"] == "16384"
@@ -162,7 +162,7 @@ def test_torn_lines_are_left_out_and_told(tmp_path, s, expected):
     lines[800:800] = ["", "# a comment"]
     lines[1303] = lines[1303].replace(",", ",x", 1)
     path.write_text("\n".join(lines))
-    reduction = reduce_recording(path, Known(static=True))
+    reduction = reduce_recording(path, KnownContext(static=True))
     assert reduction.contents.unreadable == 4
     assert reduction.contents.places == [502, 701, 905, 1304]
     np.testing.assert_allclose(reduction.table.data.readings, expected.readings, atol=1e-4)
@@ -191,17 +191,17 @@ def test_a_text_of_which_much_cannot_be_read_is_a_line(tmp_path, s, tumblecal):
         ({}, {"topic": "imu7"}, "no topic imu7"),
     ],
 )
-def test_what_cannot_be_read_is_a_line(tmp_path, s, changed, asked, said):
+def test_what_cannot_be_read_is_a_line(tmp_path, s, changed, options, said):
     columns = {name: values * changed.get(name, 1.0) for name, values in imu_columns(s).items() if changed.get(name, 1)}
     path = text(tmp_path / "odd.csv", s, ",", columns)
     with pytest.raises(InputError, match=said.replace("^", r"\^")) as refused:
-        reduce_recording(path, Known(static=True), Asked(**asked))
+        reduce_recording(path, KnownContext(static=True), RecordingOptions(**options))
     assert len(refused.value.faults) == 1
 
 
 def test_a_bag_without_an_imu_lists_what_is_there(tmp_path, s):
     with pytest.raises(InputError, match=r"no accelerations; it holds /chatter \(std_msgs/msg/String\)"):
-        reduce_recording(ros2_bag(tmp_path / "bag", s, mcap=True, with_imu=False), Known(static=True))
+        reduce_recording(ros2_bag(tmp_path / "bag", s, mcap=True, with_imu=False), KnownContext(static=True))
 
 
 @pytest.mark.parametrize("name", ["one.bag", "two.mcap", "log.ulg", "log.h5", "log.mat", "log.xlsx", "log.parquet"])
@@ -215,7 +215,7 @@ def test_damaged_files_are_a_line(tmp_path, name):
     begins |= {"log.h5": b"\x89HDF\r\n\x1a\n", "log.mat": b"MATLAB 5.0 MAT-file", "log.parquet": b"PAR1"}
     (tmp_path / name).write_bytes(begins[name] + bytes(range(256)) * 8)
     with pytest.raises(InputError, match=name) as refused:
-        reduce_recording(tmp_path / name, Known(static=True))
+        reduce_recording(tmp_path / name, KnownContext(static=True))
     assert len(refused.value.faults) == 1
 
 
@@ -230,15 +230,15 @@ def test_a_library_that_is_not_installed_is_a_line(tmp_path, s, monkeypatch, nam
 
     monkeypatch.setattr(formats, "import_module", absent)
     with pytest.raises(InputError, match=f"the package {package}; install it with: pip install 'tumblecal"):
-        reduce_recording(path, Known(static=True))
+        reduce_recording(path, KnownContext(static=True))
 
 
 def test_the_rate_is_asked_for_where_nothing_tells_it(tmp_path, s, expected):
     columns = {name: values for name, values in imu_columns(s).items() if name != "time"}
     path = text(tmp_path / "untimed.csv", s, ",", columns)
     with pytest.raises(InputError, match="sample rate is not known; give --rate 100"):
-        reduce_recording(path, Known(static=True))
-    data = reduce_recording(path, Known(static=True), Asked(rate=100.0)).table.data
+        reduce_recording(path, KnownContext(static=True))
+    data = reduce_recording(path, KnownContext(static=True), RecordingOptions(rate=100.0)).table.data
     np.testing.assert_allclose(data.readings, expected.readings, atol=1e-7)
 
 
@@ -249,7 +249,7 @@ def test_a_byte_log_of_a_protocol_gives_the_same_positions(tmp_path, s, expected
     samples.counter[:] = np.arange(len(s.time_s))
     path = tmp_path / "port.bin"
     path.write_bytes(protocol(name).encode(samples, Settings(rate_hz=100.0)))
-    reduction = reduce_recording(path, Known(static=True), Asked(rate=100.0))
+    reduction = reduce_recording(path, KnownContext(static=True), RecordingOptions(rate=100.0))
     assert reduction.contents.reader.title.startswith("byte log")
     np.testing.assert_allclose(reduction.table.data.readings, expected.readings, atol=3e-4)
 

@@ -9,7 +9,7 @@ import pytest
 from tumblecal.capture.capture_plan import read_plan
 from tumblecal.capture.file_positions import positions_by_names, positions_by_table
 from tumblecal.capture.recording_files import recording_files
-from tumblecal.capture.recordings.options import Asked, Criterion, Known
+from tumblecal.capture.recordings.options import Criterion, KnownContext, RecordingOptions
 from tumblecal.capture.reduce_files import reduce_files
 from tumblecal.data import read_positions
 from tumblecal.ground.errors import InputError
@@ -70,11 +70,11 @@ def faces(folder: Path, **more) -> list[Path]:
     return recording_files([folder])
 
 
-def reduced(files, plan=None, known=Known(), asked=Asked()):
-    table = known.table and positions_by_table(files, known.table, plan)
-    positions = table or positions_by_names(files, plan, hand_held=known.static)
+def reduced(files, plan=None, context=KnownContext(), options=RecordingOptions()):
+    table = context.table and positions_by_table(files, context.table, plan)
+    positions = table or positions_by_names(files, plan, hand_held=context.static)
     assert not positions.fault
-    return reduce_files(positions, known, plan, asked, Criterion())
+    return reduce_files(positions, context, plan, options, Criterion())
 
 
 def angles_of(names, plan):
@@ -231,7 +231,7 @@ def test_hand_held_files_with_several_intervals_have_clocks_of_their_own(tmp_pat
         table = np.vstack([parts[0], moving, parts[1]])
         rows = "\n".join(",".join(f"{v:.5f}" for v in (k / 100, *row)) for k, row in enumerate(table))
         (tmp_path / f"{name}.csv").write_text(f"time_s,ax_g,ay_g,az_g\n{rows}\n")
-    data = reduced([tmp_path / "a.csv", tmp_path / "b.csv"], known=Known(static=True)).table.data
+    data = reduced([tmp_path / "a.csv", tmp_path / "b.csv"], context=KnownContext(static=True)).table.data
     assert data.hand_held
     assert data.names == ("a", "a (2)", "b", "b (2)")
     assert data.clock == ("1", "1", "2", "2")
@@ -245,7 +245,7 @@ def test_a_table_gives_positions_run_and_mount(tmp_path, six):
         f"f/{name}.csv,{name[0]}{name[2]},{a},{b},{1 if name[0] == 'x' else 2},M" for name, (a, b) in ANGLES.items()
     ]
     table.write_text("file,position,alpha_deg,beta_deg,run,mount\n" + "\n".join(rows) + "\n")
-    data = reduced(files, known=Known(table=table)).table.data
+    data = reduced(files, context=KnownContext(table=table)).table.data
     assert dict(zip(data.names, data.run, strict=True)) == {
         "xu": "1",
         "xd": "1",
@@ -259,7 +259,7 @@ def test_a_table_gives_positions_run_and_mount(tmp_path, six):
     table.write_text(
         "file,name\n" + "\n".join(f"{name},{name[0]}_{'p' if 'up' in name else 'n'}" for name in ANGLES) + "\n"
     )
-    by_plan = reduced(files, six, known=Known(table=table)).table.data
+    by_plan = reduced(files, six, context=KnownContext(table=table)).table.data
     assert dict(zip(by_plan.names, by_plan.beta_deg, strict=True))["x_n"] == 90
 
 
@@ -343,7 +343,7 @@ def test_the_unit_of_counts_is_judged_over_all_files(tmp_path, six):
         samples = np.round(force + 20 * np.random.default_rng(3).normal(size=(500, 3)))
         rows = "\n".join(",".join(f"{v:.0f}" for v in row) for row in samples)
         (tmp_path / f"{name}.csv").write_text(f"ax,ay,az\n{rows}\n")
-    data = reduced([tmp_path / f"{name}.csv" for name in FACES], six, asked=Asked(rate=100.0)).table.data
+    data = reduced([tmp_path / f"{name}.csv" for name in FACES], six, options=RecordingOptions(rate=100.0)).table.data
     np.testing.assert_allclose(data.readings, np.array(list(FACES.values())) + bias, atol=1e-3)
 
 

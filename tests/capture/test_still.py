@@ -9,7 +9,7 @@ import pytest
 from recordings_made import ATTITUDES, imu_columns, made, text
 
 from hand_held_sessions import Hand, counts, drawn
-from tumblecal.capture.recordings.options import Asked, Criterion, Known
+from tumblecal.capture.recordings.options import Criterion, KnownContext, RecordingOptions
 from tumblecal.capture.reduce_recording import NothingStill, reduce_recording
 from tumblecal.capture.still import still_intervals
 from tumblecal.capture.still_blocks import blocks_of
@@ -17,7 +17,7 @@ from tumblecal.ground.errors import InputError
 from tumblecal.report.recording_words import reduction_words
 
 
-HAND_HELD = Known(static=True)
+HAND_HELD = KnownContext(static=True)
 
 
 def written(tmp_path, s, **changed):
@@ -150,7 +150,7 @@ def test_verdicts_do_not_depend_on_the_unit(tmp_path):
     s = made(Hand(tremor_g=2e-3))
     one = reduce_recording(written(tmp_path, s), HAND_HELD)
     counts_of = {f"acc_{axis}": 16384 * s.force[:, k] for k, axis in enumerate("xyz")}
-    other = reduce_recording(written(tmp_path, s, **counts_of), HAND_HELD, Asked(unit="16384/g"))
+    other = reduce_recording(written(tmp_path, s, **counts_of), HAND_HELD, RecordingOptions(unit="16384/g"))
     assert one.stillness and other.stillness
     assert [(i.start, i.stop) for i in one.stillness.used] == [(i.start, i.stop) for i in other.stillness.used]
     np.testing.assert_allclose(one.table.data.readings, other.table.data.readings, rtol=1e-9)
@@ -253,4 +253,4 @@ def test_how_positions_are_told_apart_is_asked(tmp_path, tumblecal):
     assert "--static finds still intervals" in line
     assert not (tmp_path / "out").exists()
     with pytest.raises(InputError, match="no such column"):
-        reduce_recording(path, Known(by="part"))
+        reduce_recording(path, KnownContext(by="part"))

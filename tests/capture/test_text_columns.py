@@ -7,7 +7,7 @@ import polars as pl
 import pytest
 
 from tumblecal.capture.recordings.clock_text import form_of
-from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.capture.recordings.sample_file import write_samples
 from tumblecal.ground.errors import InputError
 
@@ -17,12 +17,12 @@ RISING = [f"{10 + k / 100:.2f}" for k in range(ROWS)]
 WARM = [f"{25 + k * 7 % 5 / 10:.1f}" for k in range(ROWS)]
 
 
-def imported(path, columns, asked: Asked = Asked()) -> tuple[pl.DataFrame, str]:
+def imported(path, columns, options: RecordingOptions = RecordingOptions()) -> tuple[pl.DataFrame, str]:
     """The samples of a log with these columns and three accelerations, and what was said."""
     columns |= {"ax": ["0.1"] * ROWS, "ay": ["0.2"] * ROWS, "az": ["0.97"] * ROWS}
     rows = [",".join(columns), *map(",".join, zip(*columns.values(), strict=True))]
     path.write_text("\n".join(rows) + "\n")
-    contents = write_samples(path, path.with_suffix(".parquet"), asked)
+    contents = write_samples(path, path.with_suffix(".parquet"), options)
     return pl.read_parquet(path.with_suffix(".parquet")), "\n".join(contents.layout.said)
 
 
@@ -40,8 +40,8 @@ def imported(path, columns, asked: Asked = Asked()) -> tuple[pl.DataFrame, str]:
         ({"Zeit [s]": RISING, "Temperatur [°C]": WARM}, ""),
     ],
 )
-def test_t_is_the_time_beside_a_temperature_and_the_other_way_round(tmp_path, columns, asked):
-    frame, _ = imported(tmp_path / "log.csv", dict(columns), Asked(columns=asked))
+def test_t_is_the_time_beside_a_temperature_and_the_other_way_round(tmp_path, columns, options):
+    frame, _ = imported(tmp_path / "log.csv", dict(columns), RecordingOptions(columns=options))
     np.testing.assert_allclose(frame["time_s"], np.arange(ROWS) / 100, atol=1e-9)
     np.testing.assert_array_equal(frame["temperature_degc"], [float(cell) for cell in WARM])
 
@@ -67,7 +67,7 @@ def test_t_alone_is_told_by_its_values(tmp_path, values, kind):
 def test_t_is_asked_for_where_its_values_tell_nothing(tmp_path, values):
     with pytest.raises(InputError, match=r"column t may be the time or the temperature.*--columns time=t or temp"):
         imported(tmp_path / "log.csv", {"t": values})
-    frame, _ = imported(tmp_path / "log.csv", {"t": values}, Asked(columns="temperature=t"))
+    frame, _ = imported(tmp_path / "log.csv", {"t": values}, RecordingOptions(columns="temperature=t"))
     np.testing.assert_array_equal(frame["temperature_degc"], [float(cell) for cell in values])
 
 
@@ -118,7 +118,7 @@ def test_times_that_cannot_be_read_are_refused_or_left_out_for_a_rate(tmp_path, 
     assert form_of([cell]) is None
     with pytest.raises(InputError, match=f"log.csv:line 2, column time: '{cell}' cannot be read as a time; write"):
         imported(tmp_path / "log.csv", {"time": [cell] * ROWS})
-    frame, said = imported(tmp_path / "log.csv", {"time": [cell] * ROWS}, Asked(rate=100.0))
+    frame, said = imported(tmp_path / "log.csv", {"time": [cell] * ROWS}, RecordingOptions(rate=100.0))
     assert "time_s" not in frame.columns and "left out, --rate counts" in said
 
 
@@ -134,12 +134,12 @@ def test_accelerations_that_cannot_be_read_are_refused(tmp_path):
     with pytest.raises(
         InputError, match=r"log.csv:line 2, column az: '0.97g': no number; write 0.97, without the unit g, or"
     ):
-        write_samples(path, tmp_path / "out.parquet", Asked())
+        write_samples(path, tmp_path / "out.parquet", RecordingOptions())
 
 
 def test_a_column_asked_for_that_cannot_be_read_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"log.csv:line 2, column warmth: 'cold': no number"):
-        imported(tmp_path / "log.csv", {"warmth": ["cold"] * ROWS}, Asked(columns="temperature=warmth"))
+        imported(tmp_path / "log.csv", {"warmth": ["cold"] * ROWS}, RecordingOptions(columns="temperature=warmth"))
 
 
 def test_moments_of_other_formats_are_times_and_dates_alone_are_none(tmp_path):
@@ -148,26 +148,26 @@ def test_moments_of_other_formats_are_times_and_dates_alone_are_none(tmp_path):
     for own in (times, times.dt.time().head(20), times - BEGIN):
         rows = {name: values[: len(own)] for name, values in force.items()}
         pl.DataFrame({"time": own, **rows}).write_parquet(path)
-        write_samples(path, tmp_path / "out.parquet", Asked())
+        write_samples(path, tmp_path / "out.parquet", RecordingOptions())
         found = pl.read_parquet(tmp_path / "out.parquet")["time_s"]
         np.testing.assert_allclose(found, np.arange(len(own)) / 100, atol=1e-9)
     pl.DataFrame({"time": times.dt.date(), **force}).write_parquet(path)
     with pytest.raises(InputError, match=r"column time: datetime.date.* cannot be read as a time"):
-        write_samples(path, tmp_path / "out.parquet", Asked())
+        write_samples(path, tmp_path / "out.parquet", RecordingOptions())
 
 
 def test_no_row_with_all_three_accelerations_is_a_line(tmp_path):
     rows = "".join(f"{k / 100},{'0.1,0.2,x' if k % 2 else '0.1,y,0.97'},25\n" for k in range(ROWS))
     (tmp_path / "log.csv").write_text("time,ax,ay,az,temp\n" + rows)
     with pytest.raises(InputError, match=r"log.csv: no row holds a number in each of ax, ay, az"):
-        write_samples(tmp_path / "log.csv", tmp_path / "out.parquet", Asked())
+        write_samples(tmp_path / "log.csv", tmp_path / "out.parquet", RecordingOptions())
 
 
 def test_a_quoted_date_between_spaces_is_one_cell(tmp_path):
     times = [(BEGIN + timedelta(milliseconds=10 * k)).isoformat(" ", "microseconds") for k in range(ROWS)]
     rows = "".join(f'"{time}"  0.1  0.2  0.97\n' for time in times)
     (tmp_path / "log.txt").write_text("time ax ay az\n" + rows)
-    write_samples(tmp_path / "log.txt", tmp_path / "out.parquet", Asked())
+    write_samples(tmp_path / "log.txt", tmp_path / "out.parquet", RecordingOptions())
     found = pl.read_parquet(tmp_path / "out.parquet")
     np.testing.assert_allclose(found["time_s"], np.arange(ROWS) / 100, atol=1e-9)
     assert set(found["az_g"]) == {0.97}
@@ -184,8 +184,8 @@ def test_axes_in_different_units_are_refused(tmp_path, units):
     fault = rf"log.csv:line 2: {', '.join(names)} are in different units; give the three axes in one unit"
     for columns in ("", f"ax={names[0]},ay={names[1]},az={names[2]}"):
         with pytest.raises(InputError, match=fault):
-            write_samples(path, tmp_path / "out.parquet", Asked(columns=columns))
-    write_samples(path, tmp_path / "out.parquet", Asked(unit="g"))
+            write_samples(path, tmp_path / "out.parquet", RecordingOptions(columns=columns))
+    write_samples(path, tmp_path / "out.parquet", RecordingOptions(unit="g"))
     assert pl.read_parquet(tmp_path / "out.parquet")["az_g"][0] == 0.97
 
 
@@ -198,7 +198,7 @@ def test_rates_in_different_units_are_refused(tmp_path):
 def test_the_unit_that_some_axes_state_is_that_of_all(tmp_path):
     path = tmp_path / "log.csv"
     path.write_text("\n".join(["time_s,ax,ay_mg,az", *(f"{k / 100},100,200,970" for k in range(60))]))
-    write_samples(path, tmp_path / "out.parquet", Asked())
+    write_samples(path, tmp_path / "out.parquet", RecordingOptions())
     assert pl.read_parquet(tmp_path / "out.parquet").columns[1:] == ["ax_mg", "ay_mg", "az_mg"]
 
 
@@ -209,15 +209,15 @@ def test_a_column_twice_is_refused(tmp_path):
     with pytest.raises(
         InputError, match=r"log.csv:line 1, column ax_g: the column stands twice; keep one, or say which"
     ):
-        write_samples(path, tmp_path / "out.parquet", Asked())
-    write_samples(path, tmp_path / "out.parquet", Asked(columns="time=1,ax=2,ay=3,az=4"))
+        write_samples(path, tmp_path / "out.parquet", RecordingOptions())
+    write_samples(path, tmp_path / "out.parquet", RecordingOptions(columns="time=1,ax=2,ay=3,az=4"))
     assert pl.read_parquet(tmp_path / "out.parquet")["ay_g"][0] == 0.2
 
 
 def test_columns_without_a_name_do_not_hide_the_others(tmp_path):
     path = tmp_path / "log.csv"
     path.write_text("\n".join(["time_s,ax_g,,ay_g,,az_g", *(f"{k / 100},0.1,7,0.2,8,0.97" for k in range(60))]))
-    write_samples(path, tmp_path / "out.parquet", Asked())
+    write_samples(path, tmp_path / "out.parquet", RecordingOptions())
     assert pl.read_parquet(tmp_path / "out.parquet").columns == ["time_s", "ax_g", "ay_g", "az_g"]
 
 
@@ -236,9 +236,9 @@ def test_columns_without_a_name_do_not_hide_the_others(tmp_path):
         ({"offset": "nan"}, "--offset nan: must be finite"),
     ],
 )
-def test_options_that_cannot_be_meant_are_refused(tmp_path, asked, words):
+def test_options_that_cannot_be_meant_are_refused(tmp_path, options, words):
     with pytest.raises(InputError, match=f"^{words}"):
-        imported(tmp_path / "log.csv", {"t": RISING}, Asked(**asked))
+        imported(tmp_path / "log.csv", {"t": RISING}, RecordingOptions(**options))
 
 
 def test_angles_in_minutes_are_refused(tmp_path):
@@ -265,7 +265,7 @@ def test_a_last_column_that_is_empty_has_its_name_all_the_same(tmp_path, warmth)
     path = tmp_path / "log.csv"
     rows = [f"{k / 100},0.1,0.2,0.97,{warmth[k % 2]}" for k in range(60)]
     path.write_text("\n".join(["time_s,ax_g,ay_g,az_g,temperature_degc", *rows[:30], ",,,,", *rows[30:]]))
-    contents = write_samples(path, tmp_path / "out.parquet", Asked())
+    contents = write_samples(path, tmp_path / "out.parquet", RecordingOptions())
     frame = pl.read_parquet(tmp_path / "out.parquet")
     assert len(frame) == 60 and not contents.unreadable and frame["az_g"].to_list() == [0.97] * 60
     told = frame["temperature_degc"].drop_nulls().to_list() if "temperature_degc" in frame.columns else []

@@ -9,7 +9,7 @@ import pytest
 
 from tumblecal.capture.recordings import source_tables
 from tumblecal.capture.recordings.damage import Damage
-from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.capture.recordings.sample_file import write_samples
 from tumblecal.data.text_layout import ROW
 from tumblecal.ground.errors import InputError
@@ -23,9 +23,9 @@ CLOCK = [f"10:00:{k // 100:02d}.{k % 100 * 10:03d}" for k in range(ROWS)]
 HZ = 100.0
 
 
-def imported(path, text: str, asked: Asked = Asked(rate=HZ)):
+def imported(path, text: str, options: RecordingOptions = RecordingOptions(rate=HZ)):
     path.write_text(text)
-    contents = write_samples(path, path.with_suffix(".parquet"), asked)
+    contents = write_samples(path, path.with_suffix(".parquet"), options)
     return pl.read_parquet(path.with_suffix(".parquet")), contents
 
 
@@ -113,7 +113,7 @@ def test_numbers_between_words_are_those_written(tmp_path, name):
 def test_a_labelled_recording_is_imported(tmp_path):
     """The names that labels give are those of quantities; the clock of the monitor is the time."""
     rows = [f"{CLOCK[k]} -> ax:{f[0]} ay:{f[1]} az:{f[2]}" for k, f in enumerate(FORCE)]
-    frame, contents = imported(tmp_path / "log.txt", "\n".join(rows) + "\n", Asked(unit="g"))
+    frame, contents = imported(tmp_path / "log.txt", "\n".join(rows) + "\n", RecordingOptions(unit="g"))
     np.testing.assert_array_equal(of_axes(frame, "a"), FORCE)
     np.testing.assert_allclose(frame["time_s"], np.arange(ROWS) / HZ, atol=1e-9)
     assert not contents.unreadable
@@ -163,7 +163,7 @@ JSON = {
 
 @pytest.mark.parametrize("name", JSON)
 def test_json(tmp_path, name):
-    frame, contents = imported(tmp_path / "log.json", JSON[name], Asked())
+    frame, contents = imported(tmp_path / "log.json", JSON[name], RecordingOptions())
     truth = FORCE[1:] if "torn" in name else FORCE
     np.testing.assert_array_equal(of_axes(frame, "a"), truth)
     np.testing.assert_allclose(frame["time_s"], np.arange(len(truth)) / HZ, atol=1e-9)
@@ -194,7 +194,7 @@ def test_xsens_exports(tmp_path, separator, counted):
         for k in range(ROWS)
     ]
     text = (XSENS if separator == "\t" else DOT) + "\n".join(separator.join(row) for row in [names, *rows])
-    frame, contents = imported(tmp_path / "log.txt", text + "\n", Asked())
+    frame, contents = imported(tmp_path / "log.txt", text + "\n", RecordingOptions())
     assert contents.rate_hz == pytest.approx(HZ, abs=1e-6) and ("time_s" in frame.columns) is counted
     np.testing.assert_allclose(of_axes(frame, "a"), 9.80665 * FORCE, rtol=1e-15)
 
@@ -220,7 +220,7 @@ def test_dataflash_logs_as_text(tmp_path, instances):
             numbers = [*RATE[k], *(9.80665 * FORCE[k] + i), 0, 0, 30 + k % 3]
             lines += [", ".join(["IMU", str(time), *[str(i)] * bool(instances), *(f"{own:.17g}" for own in numbers)])]
         lines += [f"ATT, {time}, 0.5, 0.25"]
-    frame, contents = imported(tmp_path / "00000012.log", "\n".join(lines) + "\n", Asked())
+    frame, contents = imported(tmp_path / "00000012.log", "\n".join(lines) + "\n", RecordingOptions())
     assert len(contents.tables) == max(1, instances) and not contents.unreadable
     np.testing.assert_allclose(frame["time_s"], np.arange(ROWS) / HZ, atol=1e-9)
     np.testing.assert_allclose(frame.select("ax_ms2", "ay_ms2", "az_ms2").to_numpy(), 9.80665 * FORCE, rtol=1e-14)
@@ -268,7 +268,7 @@ def test_json_lines_are_read_as_json_reads_each(tmp_path, odd):
     lines = [json.dumps(row, ensure_ascii=False) for row in rows]
     lines = lines if odd is None else [*lines[:1050], odd, *lines[1050:]]
     (tmp_path / "log.jsonl").write_text("\n".join(lines), encoding="utf-8")
-    _, (table,) = source_tables(tmp_path / "log.jsonl", Asked(), Damage())
+    _, (table,) = source_tables(tmp_path / "log.jsonl", RecordingOptions(), Damage())
     got = pl.concat(table.pieces(keys))
     wanted = [(k, line) for k, line in enumerate(lines, 1) if line]
     assert got[ROW].to_list() == [k for k, _ in wanted]

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.capture.recordings.sample_file import write_samples
 from tumblecal.ground.decimal_marks import marks_of
 from tumblecal.ground.errors import InputError
@@ -33,8 +33,8 @@ def lines_of(columns, separator: str, *, quoted: bool = False) -> str:
     return text.getvalue()
 
 
-def imported(path, asked: Asked = Asked()) -> pl.DataFrame:
-    write_samples(path, path.with_suffix(".parquet"), asked)
+def imported(path, options: RecordingOptions = RecordingOptions()) -> pl.DataFrame:
+    write_samples(path, path.with_suffix(".parquet"), options)
     return pl.read_parquet(path.with_suffix(".parquet"))
 
 
@@ -195,4 +195,4 @@ def test_letters_of_other_alphabets_are_text(tmp_path):
     path.write_text(
         "\n".join(["время,ax_g,ay_g,az_g,примечание", *(f"{k},0.1,0.2,0.97,примечание" for k in range(60))])
     )
-    assert len(imported(path, Asked(rate=100.0))) == 60
+    assert len(imported(path, RecordingOptions(rate=100.0))) == 60

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import tumblecal as package
-from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.cli.commands import app
 from tumblecal.cli.model_options import StatedModel
 from tumblecal.cli.options import ModelOptions
@@ -80,7 +80,7 @@ def test_every_shared_option_is_one_of_the_command_and_none_is_forgotten():
     assert set(STATED) == EVERY
     names = {f"--{field.name.replace('_', '-')}" for field in fields(ModelOptions)}
     assert all(names <= set(SHARED[command]) for command in ("calibrate", "diagnose", "budget"))
-    names = {f"--{field.name.replace('_', '-')}" for field in fields(Asked)}
+    names = {f"--{field.name.replace('_', '-')}" for field in fields(RecordingOptions)}
     assert all(names <= set(SHARED[command]) | {"--gravity"} for command in ("reduce", "import", "apply"))
 
 
@@ -177,7 +177,7 @@ def test_a_suggested_diagnosis_reads_the_user_s_own_columns(tumblecal, tmp_path,
     assert words(said)[:2] == ["diagnose", "my data.csv"] and parsed(words(said))["model"].gravity == "9.8123"
     # The positions proposed next are in a file of the program's own, joined with the user's.
     line = suggested("diagnose", *joined_arguments(["my data.csv", "next/positions.csv"]))
-    assert parsed(words(line))["taken"].join
+    assert parsed(words(line))["inputs"].join
     write_positions(Path("positions.csv"), table1)
     model = StatedModel.of(parsed(words(line))["model"])
     own, new = model.read_each([Path("my data.csv"), Path("positions.csv")], together=True)

@@ -195,7 +195,7 @@ def decode_file(
     if not start:
         raise InputError(f"{path}: is empty")
     spoken = protocol(name) if name is not None else _guessed(path, start)
-    options = spoken.asked(stated.columns, stated.unit, whole=True)
+    options = spoken.decoder_options(stated.columns, stated.unit, whole=True)
     ignored = [f"--{name}" for name in ("columns", "unit") if getattr(stated, name) and name not in options]
     if ignored:
         raise InputError(

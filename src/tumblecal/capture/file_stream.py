@@ -10,7 +10,7 @@ import numpy as np
 from tumblecal.capture.recordings.column_names import role_of
 from tumblecal.capture.recordings.contents import Contents
 from tumblecal.capture.recordings.guesses import guessed
-from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.capture.recordings.sample_file import sample_stream, write_samples
 from tumblecal.capture.recordings.units import FORCE, unit_by_size
 from tumblecal.capture.sample_table import write_frames
@@ -55,7 +55,9 @@ class _Written:
     comments: dict[str, str]
 
 
-def write_files(files: Sequence[Path], folder: Path, asked: Asked, *, by: str = "") -> tuple[Path, list[FilePart]]:
+def write_files(
+    files: Sequence[Path], folder: Path, options: RecordingOptions, *, by: str = ""
+) -> tuple[Path, list[FilePart]]:
     """Write the samples of all files as one Parquet table in a folder, with the file's number in the column `time_clock`.
 
     **Returns:** the table, and its parts in its order: that of the files' clocks where these can be compared, or as given.
@@ -66,14 +68,14 @@ def write_files(files: Sequence[Path], folder: Path, asked: Asked, *, by: str = 
     import polars as pl
 
     try:
-        written = _written(files, folder, asked, by)
+        written = _written(files, folder, options, by)
         with guessed(guesses_of([own.contents for own in written])):
             _check_alike(written)
     except InputError:
-        unit = _unit_of_all(files, asked, by)
+        unit = _unit_of_all(files, options, by)
         if not unit:
             raise
-        written = _written(files, folder, replace(asked, unit=unit), by)
+        written = _written(files, folder, replace(options, unit=unit), by)
         _check_alike(written)
     written = _in_time(written)
     first = written[0]
@@ -92,12 +94,12 @@ def guesses_of(files: Sequence[Contents]) -> list[str]:
     return list(dict.fromkeys(line for own in files for line in own.layout.said))
 
 
-def _written(files: Sequence[Path], folder: Path, asked: Asked, by: str) -> list[_Written]:
+def _written(files: Sequence[Path], folder: Path, options: RecordingOptions, by: str) -> list[_Written]:
     written, faults = list[_Written](), list[str]()
     for number, file in enumerate(files):
         own = folder / f"{number}.parquet"
         try:
-            contents = write_samples(file, own, asked, by=by, in_force_units=True)
+            contents = write_samples(file, own, options, by=by, in_force_units=True)
         except InputError as fault:
             faults += fault.faults
             continue
@@ -108,13 +110,13 @@ def _written(files: Sequence[Path], folder: Path, asked: Asked, by: str) -> list
     return written
 
 
-def _unit_of_all(files: Sequence[Path], asked: Asked, by: str) -> str:
+def _unit_of_all(files: Sequence[Path], options: RecordingOptions, by: str) -> str:
     """The unit of accelerations that no file states, by their median size; "" if that settles none, or a file cannot be read.
 
     In one attitude a bias may make half or one and a half of gravity; over several it is less.
     """
     try:
-        layouts = [sample_stream(file, asked, by=by).contents.layout for file in files]
+        layouts = [sample_stream(file, options, by=by).contents.layout for file in files]
     except InputError:
         return ""
     names = [(layout.columns["ax"].name, layout.table.roles) for layout in layouts]
@@ -122,7 +124,7 @@ def _unit_of_all(files: Sequence[Path], asked: Asked, by: str) -> str:
     sizes = np.array([layout.size for layout in layouts])
     median = float(np.median(sizes))
     of_one_unit = sizes.max() < _LARGEST_SIZE_RATIO * median < _LARGEST_SIZE_RATIO**2 * sizes.min()
-    return unit_by_size(median) if of_one_unit and not asked.unit and not stated - {"", "counts"} else ""
+    return unit_by_size(median) if of_one_unit and not options.unit and not stated - {"", "counts"} else ""
 
 
 def _in_time(written: list[_Written]) -> list[_Written]:

@@ -148,7 +148,7 @@ def _accepted(
     raw: Path, attempt: Attempt, plan: CapturePlan, spoken: Protocol, rate: float, standing: Standing
 ) -> _Accepted:
     settings = device_settings(standing, plan, spoken)
-    options = spoken.asked(plan.port.columns, plan.port.unit, whole=True)
+    options = spoken.decoder_options(plan.port.columns, plan.port.unit, whole=True)
     samples, host_s, own, specials = decoded_stretch(raw, attempt, spoken, settings, options)
     losses = losses_of(spoken, samples, host_s, rate, own, specials)
     guard = round(plan.dwell.guard_s * rate)

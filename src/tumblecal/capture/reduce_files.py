@@ -17,7 +17,7 @@ from tumblecal.capture.journal import sha256_of
 from tumblecal.capture.plan_match import matched
 from tumblecal.capture.recordings.contents import Contents
 from tumblecal.capture.recordings.guesses import guessed
-from tumblecal.capture.recordings.options import Asked, Criterion, Known
+from tumblecal.capture.recordings.options import Criterion, KnownContext, RecordingOptions
 from tumblecal.capture.reduce_recording import (
     check_still,
     mean_temperatures,
@@ -99,7 +99,11 @@ class FilesReduction:
 
 
 def reduce_files(
-    positions: FilePositions, known: Known, plan: CapturePlan | None, asked: Asked, criterion: Criterion
+    positions: FilePositions,
+    context: KnownContext,
+    plan: CapturePlan | None,
+    options: RecordingOptions,
+    criterion: Criterion,
 ) -> FilesReduction:
     """Reduce several files as one recording.
 
@@ -113,15 +117,15 @@ def reduce_files(
     files = [own.file for own in positions.files]
     source = Path(f"{files[0]} and {len(files) - 1} more")
     with TemporaryDirectory() as folder:
-        samples, parts = write_files(files, Path(folder), asked, by=known.by)
+        samples, parts = write_files(files, Path(folder), options, by=context.by)
         columns = set(scan_parquet(samples, check=False)[0].collect_schema())
-        asked_for = known.static or known.table is not None or plan is not None
-        if known.by or ({"position", "alpha_deg"} & columns and not asked_for):
-            table = reduce_by_name(source, samples, known, plan, {})
+        asked_for = context.static or context.table is not None or plan is not None
+        if context.by or ({"position", "alpha_deg"} & columns and not asked_for):
+            table = reduce_by_name(source, samples, context, plan, {})
             data, words = with_clocks(table.data, parts)
             return FilesReduction(replace(table, data=data), parts, (), words)
         with guessed(guesses_of([part.contents for part in parts])):
-            return _by_file(source, samples, parts, positions, known, plan, criterion)
+            return _by_file(source, samples, parts, positions, context, plan, criterion)
 
 
 def _by_file(
@@ -129,7 +133,7 @@ def _by_file(
     samples: Path,
     parts: list[FilePart],
     positions: FilePositions,
-    known: Known,
+    context: KnownContext,
     plan: CapturePlan | None,
     criterion: Criterion,
 ) -> FilesReduction:
@@ -139,7 +143,7 @@ def _by_file(
     if plan is not None:
         criterion = replace(criterion, guard_s=max(criterion.guard_s, plan.dwell.guard_s))
     stillness = within_files(still_intervals(blocks_of(samples, channels, rate, timed=True), criterion), parts)
-    hand_held = known.static or (plan is None and not positions.known)
+    hand_held = context.static or (plan is None and not positions.known)
     comments = stated_comments(samples, source, plan, hand_held=hand_held)
     to_g = unit_in_g(stillness.blocks.unit, stated_gravity(comments, str(source)))
     check_lengths(parts, criterion)
@@ -181,7 +185,7 @@ def _by_file(
         comments=comments,
         source=str(source),
     )
-    data = replace(data, **_labels(placed, known, plan))
+    data = replace(data, **_labels(placed, context, plan))
     recording = hashlib.sha256("".join(_digest(part.file) for part in parts).encode()).hexdigest()[:16]
     table = reduction_of(data, dwells, rate, recording, temperatures=temperatures)
     data, words = with_clocks(table.data, parts)
@@ -197,10 +201,10 @@ def _angles(placed: Sequence[FilePosition]) -> tuple[NDArray[np.float64], NDArra
 
 
 def _labels(
-    placed: Sequence[FilePosition], known: Known, plan: CapturePlan | None
+    placed: Sequence[FilePosition], context: KnownContext, plan: CapturePlan | None
 ) -> dict[str, tuple[str, ...] | None]:
     """Run and mount of each row: the file's, or those of all."""
-    usual = run_and_mount(known, plan, len(placed))
+    usual = run_and_mount(context, plan, len(placed))
     labels = {}
     for name in ("run", "mount"):
         own = tuple(getattr(at, name) for at in placed)

@@ -14,7 +14,7 @@ from tumblecal.capture.journal import sha256_of
 from tumblecal.capture.plan_match import PlanMatch, in_plan, matched
 from tumblecal.capture.recordings.contents import Contents
 from tumblecal.capture.recordings.guesses import guessed
-from tumblecal.capture.recordings.options import Asked, Criterion, Known
+from tumblecal.capture.recordings.options import Criterion, KnownContext, RecordingOptions
 from tumblecal.capture.recordings.sample_file import write_samples
 from tumblecal.capture.reduce_table import enough_samples, reduce_table
 from tumblecal.capture.reduction import Reduction, reduction_of
@@ -70,13 +70,16 @@ class NothingStill(InputError):
 
 
 def reduce_recording(
-    path: Path, known: Known, asked: Asked = Asked(), criterion: Criterion = Criterion()
+    path: Path,
+    context: KnownContext,
+    options: RecordingOptions = RecordingOptions(),
+    criterion: Criterion = Criterion(),
 ) -> RecordingReduction:
     """Reduce a recording of any format.
 
     **Arguments:**
 
-    - `path`: the recording. `known`: what is known of it; `asked`: of its columns and units.
+    - `path`: the recording. `context`: what is known of it; `options`: of its columns and units.
     - `criterion`: when an interval is still.
 
     **Raises:** `InputError` for a recording that cannot be read, or from which no positions follow; `NothingStill` where
@@ -84,19 +87,21 @@ def reduce_recording(
     """
     with TemporaryDirectory() as folder:
         samples = Path(folder) / "samples.parquet"
-        contents = write_samples(path, samples, asked, by=known.by, in_force_units=True)
-        plan = None if known.plan is None else read_plan(known.plan)
+        contents = write_samples(path, samples, options, by=context.by, in_force_units=True)
+        plan = None if context.plan is None else read_plan(context.plan)
         named = {"position", "alpha_deg"} & set(contents.layout.columns)
         with guessed(contents.layout.said):
-            if known.by or (named and not known.static and plan is None):
-                return RecordingReduction(reduce_by_name(path, samples, known, plan, contents.clock_comments), contents)
-            if plan is None and not known.static:
+            if context.by or (named and not context.static and plan is None):
+                return RecordingReduction(
+                    reduce_by_name(path, samples, context, plan, contents.clock_comments), contents
+                )
+            if plan is None and not context.static:
                 raise InputError(
                     f"{path}: how are its positions told apart? --static finds still intervals of unknown attitudes "
                     "(hand-held), --plan PLAN.toml those of a plan, --by COLUMN goes by a column; --means takes each row for "
                     "a mean"
                 )
-            return _by_stillness(path, samples, (known, plan), contents, criterion)
+            return _by_stillness(path, samples, (context, plan), contents, criterion)
 
 
 def stated_comments(samples: Path, path: Path, plan: CapturePlan | None, *, hand_held: bool) -> dict[str, str]:
@@ -111,12 +116,12 @@ def stated_comments(samples: Path, path: Path, plan: CapturePlan | None, *, hand
 
 
 def reduce_by_name(
-    path: Path, samples: Path, known: Known, plan: CapturePlan | None, clock: Mapping[str, str]
+    path: Path, samples: Path, context: KnownContext, plan: CapturePlan | None, clock: Mapping[str, str]
 ) -> Reduction:
     """Dwells by the column that names them; their angles by the plan's names, where there is one. `clock`: its comments."""
     import polars as pl
 
-    comments = stated_comments(samples, path, plan, hand_held=known.static and plan is None) | dict(clock)
+    comments = stated_comments(samples, path, plan, hand_held=context.static and plan is None) | dict(clock)
     frame, kept = read_parquet(samples, check=False)
     if plan is not None:
         rows = [(str(s.name), float(s.alpha_deg), float(s.beta_deg)) for s in plan.steps]
@@ -125,8 +130,8 @@ def reduce_by_name(
         frame = frame.drop(angles).join(steps, on="position", how="inner", maintain_order="left")
         if not len(frame):
             names = ", ".join(name for name, *_ in rows[:8])
-            raise InputError(f"{path}: none of its positions is named as one of {known.plan}: {names} ...")
-    labels = {name: label for name, label in (("run", known.run), ("mount", known.mount)) if label}
+            raise InputError(f"{path}: none of its positions is named as one of {context.plan}: {names} ...")
+    labels = {name: label for name, label in (("run", context.run), ("mount", context.mount)) if label}
     rate = {key: value for key, value in kept.items() if key == "rate_hz"}
     frame.with_columns(pl.lit(label).alias(name) for name, label in labels.items()).write_parquet(
         samples, metadata=comments | rate
@@ -135,9 +140,9 @@ def reduce_by_name(
 
 
 def _by_stillness(
-    path: Path, samples: Path, told: tuple[Known, CapturePlan | None], contents: Contents, criterion: Criterion
+    path: Path, samples: Path, told: tuple[KnownContext, CapturePlan | None], contents: Contents, criterion: Criterion
 ) -> RecordingReduction:
-    known, plan = told
+    context, plan = told
     if contents.rate_hz is None:
         raise InputError(f"{path}: the sample rate is not known; give --rate 100 (Hz), or --columns time=...")
     columns = scan_parquet(samples, check=False)[0].collect_schema().names()
@@ -168,19 +173,19 @@ def _by_stillness(
         data,
         time_s=middle,
         n=np.array([len(dwell) for dwell in dwells], float),
-        **run_and_mount(known, plan, len(dwells)),
+        **run_and_mount(context, plan, len(dwells)),
     )
     recording = sha256_of(path, 0, path.stat().st_size)[:16] if path.is_file() else path.name
     reduction = reduction_of(data, dwells, contents.rate_hz, recording, temperatures=temperatures)
     return RecordingReduction(reduction, contents, stillness, match)
 
 
-def run_and_mount(known: Known, plan: CapturePlan | None, count: int) -> dict[str, tuple[str, ...] | None]:
+def run_and_mount(context: KnownContext, plan: CapturePlan | None, count: int) -> dict[str, tuple[str, ...] | None]:
     """Run and mount of all rows: as asked, else as the plan says."""
     session = plan.session if plan else None
     own = {
-        "run": known.run or (session.run if session else "1"),
-        "mount": known.mount or (session.mount if session else "1"),
+        "run": context.run or (session.run if session else "1"),
+        "mount": context.mount or (session.mount if session else "1"),
     }
     return {name: (label,) * count if label != "1" else None for name, label in own.items()}
 
@@ -257,11 +262,13 @@ def still_samples(
 
 def mean_temperatures(temperatures: list[NDArray[np.float64]] | None) -> NDArray[np.float64] | None:
     """The mean temperature of each interval; None where one has none."""
-    known = [own[np.isfinite(own)] for own in temperatures or []]
-    return np.array([own.mean() for own in known]) if known and all(map(len, known)) else None
+    context = [own[np.isfinite(own)] for own in temperatures or []]
+    return np.array([own.mean() for own in context]) if context and all(map(len, context)) else None
 
 
-def means_of(path: Path, known: Known, asked: Asked = Asked()) -> tuple[PositionSet, Contents]:
+def means_of(
+    path: Path, context: KnownContext, options: RecordingOptions = RecordingOptions()
+) -> tuple[PositionSet, Contents]:
     """A table that holds a mean a row: spreadsheets, .mat files and text of any layout.
 
     **Returns:** the positions, and what was read and left out.
@@ -270,8 +277,8 @@ def means_of(path: Path, known: Known, asked: Asked = Asked()) -> tuple[Position
     """
     with TemporaryDirectory() as folder:
         samples = Path(folder) / "means.parquet"
-        contents = write_samples(path, samples, asked, by=known.by, in_force_units=True, means=True)
-        plan = None if known.plan is None else read_plan(known.plan)
+        contents = write_samples(path, samples, options, by=context.by, in_force_units=True, means=True)
+        plan = None if context.plan is None else read_plan(context.plan)
         raw = read_raw(samples, path)
         with_angles = {"alpha_deg", "beta_deg"} <= set(raw.frame.columns)
         comments = stated_comments(samples, path, plan, hand_held=plan is None and not with_angles)
@@ -285,7 +292,7 @@ def means_of(path: Path, known: Known, asked: Asked = Asked()) -> tuple[Position
         data = (
             replace(data, alpha_deg=raw.numbers("alpha_deg"), beta_deg=raw.numbers("beta_deg")) if with_angles else data
         )
-    labels = run_and_mount(known, plan, len(data))
+    labels = run_and_mount(context, plan, len(data))
     return replace(data, comments=comments, temperature_degc=raw.temperature_degc(), **labels), contents
 
 

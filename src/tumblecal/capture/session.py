@@ -62,7 +62,7 @@ def capture(
             recording = Recording(run.folder / RAW_NAME, plan.port.url, plan.port.baud or spoken.bauds[0])
         try:
             stream = LiveStream(
-                recording, spoken, _settings(run, spoken), spoken.asked(plan.port.columns, plan.port.unit)
+                recording, spoken, _settings(run, spoken), spoken.decoder_options(plan.port.columns, plan.port.unit)
             )
             with _end_told(journal, stream):
                 device = _met(run, stream, signals.pause, trust)

@@ -11,7 +11,7 @@ from tumblecal.capture.correction_damage import RowDamage, left_out_words, row_d
 from tumblecal.capture.recordings.contents import Contents
 from tumblecal.capture.recordings.damage import Damage
 from tumblecal.capture.recordings.number_range import Wrap
-from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.capture.recordings.sample_file import SampleStream, sample_stream
 from tumblecal.capture.recordings.units import FORCE, RATE, Column
 from tumblecal.data.calibration import Calibration
@@ -65,13 +65,15 @@ class Uncorrected:
         return self.text is not None if out.suffix != ".parquet" else self.header.path.suffix == ".parquet"
 
 
-def uncorrected(source: Path, asked: Asked = Asked(), calibration: Calibration | None = None) -> Uncorrected:
+def uncorrected(
+    source: Path, options: RecordingOptions = RecordingOptions(), calibration: Calibration | None = None
+) -> Uncorrected:
     """A table with columns `ax_g, ay_g, az_g` (or `_mg`, `_ms2`) as it stands, or a recording of any format; of a table
     whose columns are kept, those that the calibration does not need may hold anything.
 
     **Raises:** `InputError` for a source that cannot be read, holds no readings, or corrected ones.
     """
-    if asked == Asked() and source.is_file():
+    if options == RecordingOptions() and source.is_file():
         names = column_names(source)
         if readings_among(names) or not names:
             header, frames = opened_raw(source)
@@ -86,15 +88,15 @@ def uncorrected(source: Path, asked: Asked = Asked(), calibration: Calibration |
                 left_out=left_out_words(header.row_word, found.marked(frames())) if found.erased.any() else "",
             )
     needed = () if calibration is None else [name.partition("_")[0] for name in calibration.columns_needed]
-    return _recording(source, asked, needed)
+    return _recording(source, options, needed)
 
 
-def _recording(source: Path, asked: Asked, needed: Sequence[str]) -> Uncorrected:
+def _recording(source: Path, options: RecordingOptions, needed: Sequence[str]) -> Uncorrected:
     """A recording of any format, of which these quantities are needed beside the accelerations."""
-    found = _damage_of(source, asked, needed)
+    found = _damage_of(source, options, needed)
 
     def stream() -> SampleStream:
-        return sample_stream(source, asked, in_force_units=True, needed=(*FORCE, *needed), wraps=found.wraps)
+        return sample_stream(source, options, in_force_units=True, needed=(*FORCE, *needed), wraps=found.wraps)
 
     own_stream = stream()
     contents, schema = own_stream.contents, own_stream.schema
@@ -123,11 +125,11 @@ def _recording(source: Path, asked: Asked, needed: Sequence[str]) -> Uncorrected
     )
 
 
-def _damage_of(source: Path, asked: Asked, needed: Sequence[str]) -> RowDamage:
+def _damage_of(source: Path, options: RecordingOptions, needed: Sequence[str]) -> RowDamage:
     """The damage of a recording's rows, by its times and rates too if these can be read."""
 
     def found(roles: Sequence[str], wraps: Mapping[str, Wrap] = MappingProxyType({})) -> RowDamage:
-        stream = sample_stream(source, asked, in_force_units=True, needed=roles, wraps=wraps)
+        stream = sample_stream(source, options, in_force_units=True, needed=roles, wraps=wraps)
         axes = [stream.contents.layout.columns[axis] for axis in FORCE]
         header = header_of(source, stream.schema.to_frame(), {})
         damage = row_damage(header, stream.frames_with(()), axes, stream.contents)

@@ -8,7 +8,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from tumblecal.capture.recordings.guesses import guessed
-from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.cli.output import Quiet, warn
 from tumblecal.ground.counted import counted
 
@@ -19,7 +19,7 @@ def apply(
     /,
     *,
     out: Path | None = None,
-    asked: Annotated[Asked, Parameter(name="*")] = Asked(),
+    options: Annotated[RecordingOptions, Parameter(name="*")] = RecordingOptions(),
     other_unit: Annotated[bool, Parameter(negative=())] = False,
     use_anyway: Annotated[bool, Parameter(negative=())] = False,
     quiet: Quiet = False,
@@ -59,17 +59,17 @@ def apply(
     from tumblecal.ground.gravity import gravity_of_option
     from tumblecal.report.recording_words import recording_words
 
-    local = gravity_of_option(asked.gravity) if asked.gravity else None
+    local = gravity_of_option(options.gravity) if options.gravity else None
     read = read_calibration(calibration)
     read.use.require(calibration, anyway=use_anyway)
     correction = Correction(read, calibration, local, other_unit)
     its_gravity = correction.calibration.gravity
     if local is not None and its_gravity is None:
         raise InputError(
-            f"{calibration}: does not say which gravity its g is, so --gravity {asked.gravity} cannot be told from it; "
+            f"{calibration}: does not say which gravity its g is, so --gravity {options.gravity} cannot be told from it; "
             "calibrate again with --gravity"
         )
-    source = uncorrected(raw, replace(asked, gravity=""), correction.calibration)
+    source = uncorrected(raw, replace(options, gravity=""), correction.calibration)
     out = out or source.out_beside(raw)
     inputs_kept([raw, calibration], out=out)
     if out.suffix not in (".csv", ".parquet", source.out_beside(raw).suffix) and not out.is_dir():

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @Parameter(name="*")
 @dataclass(frozen=True)
-class Asked:
+class BudgetOptions:
     """What is computed.
 
     Parameters
@@ -60,7 +60,7 @@ def budget(
     /,
     *,
     options: ModelOptions = ModelOptions(),
-    asked: Asked = Asked(),
+    budget_options: BudgetOptions = BudgetOptions(),
     diagnosis: Path | None = None,
     out: Path = Path("budget"),
     output: Output = Output(),
@@ -82,7 +82,7 @@ def budget(
     from tumblecal.cli.start import start
 
     output.begin()
-    asked.check()
+    budget_options.check()
     start()
     from tumblecal.budget.budget import budget_of
     from tumblecal.cli.model_options import StatedModel
@@ -94,7 +94,7 @@ def budget(
     planned = data.suffix == ".toml"
     if planned and options.rig is not None and options.rig != data:
         raise InputError(f"{data}: is a rig itself; give it alone, or a position file with --rig")
-    if diagnosis is not None and (planned or asked.monte_carlo):
+    if diagnosis is not None and (planned or budget_options.monte_carlo):
         other = "a plan that is not measured" if planned else "--monte-carlo, which draws noise and inputs only"
         raise InputError(f"--diagnosis does not go with {other}; leave one of them out")
     model = StatedModel.of(_with_rig(options, data) if planned else options)
@@ -106,7 +106,7 @@ def budget(
     output.warn(str(data), notes)
     if not fit.code.good:
         raise InputError(f"{data}: {fit.message}; run: {suggested('diagnose', data)}")
-    made = budget_of(fit, inputs, model.entries, file, level=asked.level)
+    made = budget_of(fit, inputs, model.entries, file, level=budget_options.level)
     if diagnosis is not None:
         made, more, use = _of_diagnosis(made, diagnosis, model, file)
         output.say("\n".join([*more, f"use: {use.words}"]))
@@ -119,11 +119,11 @@ def budget(
         )
         output.say(notes[-1])
     checked = None
-    if asked.monte_carlo:
+    if budget_options.monte_carlo:
         from tumblecal.budget.monte_carlo import monte_carlo
 
-        with output.working(f"{asked.monte_carlo} trials"):
-            checked = monte_carlo(made, asked.monte_carlo, asked.seed)
+        with output.working(f"{budget_options.monte_carlo} trials"):
+            checked = monte_carlo(made, budget_options.monte_carlo, budget_options.seed)
     with output_folders([out]), result_set(out, _SET) as aside:
         written = write_budget(aside, made, checked, notes)
     output.say(f"{budget_text(made, checked)}\nwritten: {out}/: {', '.join(written)}")

@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tumblecal.cli.options import Kept, ModelOptions
+from tumblecal.cli.options import ModelOptions, ResultOptions
 from tumblecal.cli.output import Output
 from tumblecal.cli.subfolders import subfolders
 from tumblecal.ground.errors import InputError
@@ -29,7 +29,7 @@ def calibrate(
     *,
     options: ModelOptions = ModelOptions(),
     out: Path = Path("calibration"),
-    kept: Kept = Kept(),
+    results: ResultOptions = ResultOptions(),
     output: Output = Output(),
 ) -> int:
     """Calibrate position files by all methods, exact and linear.
@@ -58,9 +58,9 @@ def calibrate(
     model, single = StatedModel.of(options), len(data) == 1
     folders = subfolders(data, out)
     given = [*data, options.rig, options.head, *options.effects]
-    inputs_kept([*given, kept.history], folders=[*folders, out], names=(*_SET, _SUMMARY))
+    inputs_kept([*given, results.history], folders=[*folders, out], names=(*_SET, _SUMMARY))
     others_kept(CALIBRATION, [*folders, out])
-    kept.ready()
+    results.ready()
     sets = model.read_each(data, together=single)
     usable, faults, rows = True, list[str](), list[dict]()
     with output_folders([out]):
@@ -74,7 +74,7 @@ def calibrate(
                 if not single:
                     remove_results(out, (_SUMMARY,))  # it is of the results as they are before the first is replaced
                 said = model.of_head(calibrated.exact.problem)
-                _told(output, folder, calibrated, kept, said=said, whole=single)
+                _told(output, folder, calibrated, results, said=said, whole=single)
             if not single:
                 rows.append(_row(file, calibrated))
                 output.say(f"{number} of {len(data)}  {file}: {rows[-1]['judgement']}{_lacking(calibrated)}")
@@ -126,7 +126,9 @@ def _lacking(calibrated: "Calibrated | InputError") -> str:
     return "".join(f" ({words})" for words in lacking_of_fit(calibrated.exact, calibrated.entries, of_sensor=True))
 
 
-def _told(output: Output, folder: Path, calibrated: "Calibrated", kept: Kept, *, said: dict, whole: bool) -> None:
+def _told(
+    output: Output, folder: Path, calibrated: "Calibrated", results: ResultOptions, *, said: dict, whole: bool
+) -> None:
     """Write the results of one file (`said`: more of its provenance), and print them: the whole table of a single one."""
     from tumblecal.ground.result_set import result_set
     from tumblecal.report.calibration_judgements import warning_words
@@ -134,10 +136,10 @@ def _told(output: Output, folder: Path, calibrated: "Calibrated", kept: Kept, *,
 
     with result_set(folder, _SET) as aside:
         written = write_calibrated(aside, calibrated, said)
-        if whole if kept.figures is None else kept.figures:
+        if whole if results.figures is None else results.figures:
             with output.working("drawing"):
                 written += _drawn(aside, calibrated)
-    kept.in_history(folder, "calibration", calibrated.exact.data.serial_number)
+    results.in_history(folder, "calibration", calibrated.exact.data.serial_number)
     if output.words and whole:
         from tumblecal.report.terminal import print_calibration
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from tumblecal.cli.diagnosis_batch import DIAGNOSIS_SET, Batch, processes_for
-from tumblecal.cli.options import Kept, ModelOptions, NextPositions
+from tumblecal.cli.options import ModelOptions, NextPositions, ResultOptions
 from tumblecal.cli.output import Output
 from tumblecal.cli.subfolders import subfolders
 from tumblecal.cli.units_together import SUMMARY, UNITS_SET
@@ -32,7 +32,7 @@ _WRITTEN = (*DIAGNOSIS_SET, *UNITS_SET, SUMMARY)
 
 @Parameter(name="*")
 @dataclass(frozen=True)
-class Taken:
+class InputOptions:
     """How the files are taken.
 
     Parameters
@@ -123,9 +123,9 @@ def diagnose(
     *,
     model: ModelOptions = ModelOptions(),
     out: Path = Path("diagnosis"),
-    taken: Taken = Taken(),
+    inputs: InputOptions = InputOptions(),
     following: NextPositions = NextPositions(),
-    kept: Kept = Kept(),
+    results: ResultOptions = ResultOptions(),
     output: Output = Output(),
 ) -> int:
     """Find what the model gets wrong in measured positions, and why.
@@ -151,38 +151,38 @@ def diagnose(
     from tumblecal.estimation.mountings import told_apart
     from tumblecal.ground.atomic import output_folders
 
-    taken.check()
-    if taken.units and model.head is not None:
+    inputs.check()
+    if inputs.units and model.head is not None:
         raise InputError("--units measures the head anew, --head says what is known of it; give one of them")
-    if taken.units and len(data) < 2:
+    if inputs.units and len(data) < 2:
         raise InputError("--units: give the files of at least two units; one tells nothing of what they share")
-    kept_out, allowed, raw = taken.kept_out(), following.allowed(), taken.raw(data, model.noise_sd)
-    single = taken.join or len(data) == 1
-    batch = Batch(model, kept_out, raw, allowed, single, kept, taken.max_rows, output)
+    kept_out, allowed, raw = inputs.kept_out(), following.allowed(), inputs.raw(data, model.noise_sd)
+    single = inputs.join or len(data) == 1
+    batch = Batch(model, kept_out, raw, allowed, single, results, inputs.max_rows, output)
     batch.ready()
-    folders = subfolders(data[:1] if taken.join else data, out)
-    read_or_kept = [*data, model.rig, model.head, taken.samples, *model.effects, kept.history]
+    folders = subfolders(data[:1] if inputs.join else data, out)
+    read_or_kept = [*data, model.rig, model.head, inputs.samples, *model.effects, results.history]
     inputs_kept(read_or_kept, folders=[*folders, out], names=_WRITTEN)
     others_kept(DIAGNOSIS, [*folders, out])
-    read = batch.read(data, together=single or taken.units)
-    if taken.join:
+    read = batch.read(data, together=single or inputs.units)
+    if inputs.join:
         parts = [part for part in read if not isinstance(part, InputError)]
         parts = parts if model.rig else told_apart(parts)
-        parts = parts if taken.same_run else runs_apart(parts)
-        clocks = joined_clocks(parts, taken.pause)
+        parts = parts if inputs.same_run else runs_apart(parts)
+        clocks = joined_clocks(parts, inputs.pause)
         whole = joined(parts, clocks)
         output.say("\n".join(filter(None, [_runs_in_words(parts, whole), *(clocks.words if clocks else ())])))
         batch.note = _ONE_MOUNTING if len(parts) > 1 and whole.mount is None else ""
         read, data = [whole], data[:1]
-    kept.ready()
+    results.ready()
     with output_folders(folders, out):
-        if taken.units:
+        if inputs.units:
             from tumblecal.cli.units_together import diagnose_units
 
             units = [part for part in read if not isinstance(part, InputError)]
-            faults = diagnose_units(batch, data, folders, units, taken.workers, out)
+            faults = diagnose_units(batch, data, folders, units, inputs.workers, out)
         else:
-            faults = _diagnosed(batch, data, folders, read, taken.workers, out / SUMMARY)
+            faults = _diagnosed(batch, data, folders, read, inputs.workers, out / SUMMARY)
         if faults:
             raise InputError(faults)
     return 0

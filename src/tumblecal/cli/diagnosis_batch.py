@@ -15,7 +15,7 @@ from tumblecal.ground.errors import InputError
 if TYPE_CHECKING:
     from tumblecal.capture.position_samples import PositionSamples
     from tumblecal.chain.head_file import MeasuredHead
-    from tumblecal.cli.options import Kept, ModelOptions
+    from tumblecal.cli.options import ModelOptions, ResultOptions
     from tumblecal.cli.output import Output
     from tumblecal.data import PositionSet
     from tumblecal.diagnosis.screening.screened import Screened
@@ -42,7 +42,7 @@ class Batch:
     samples: "PositionSamples | None"
     allowed: "Allowed"
     single: bool
-    kept: "Kept"
+    results: "ResultOptions"
     max_rows: int | None
     output: "Output"
     note: str = ""
@@ -162,11 +162,11 @@ class Batch:
         unusual = model.with_sources(diagnosis.implausible, diagnosis.extended.problem)
         diagnosis = replace(diagnosis, implausible=unusual)
         plan = next_plan(diagnosis, self.allowed) if self.single else NextPlan()
-        figures = self.single if self.kept.figures is None else self.kept.figures
+        figures = self.single if self.results.figures is None else self.results.figures
         said = model.of_head(diagnosis.problem)
         with result_set(folder, DIAGNOSIS_SET) as aside:
             written = write_diagnosis(aside, diagnosis, plan, figures=figures, said=said)
-        self.kept.in_history(folder, "diagnosis", diagnosis.data.serial_number)
+        self.results.in_history(folder, "diagnosis", diagnosis.data.serial_number)
         self.output.warn(diagnosis.data.source, warning_words(diagnosis))
         if self.single:
             note = f"\n{self.note}" if self.note and diagnosis.verdict != "adequate" else ""

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.cli.output import Output, warn
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
@@ -17,7 +17,7 @@ def import_samples(
     /,
     *,
     out: Path | None = None,
-    asked: Annotated[Asked, Parameter(name="*")] = Asked(),
+    options: Annotated[RecordingOptions, Parameter(name="*")] = RecordingOptions(),
     output: Output = Output(),
 ) -> None:
     """Say what is in a recording (rows, rate, columns and by what evidence, gaps, repeats, damage), and write its samples as a
@@ -45,7 +45,7 @@ def import_samples(
     if path.suffix not in (".csv", ".parquet"):
         raise InputError(f"{path}: must end in .csv or .parquet")
     inputs_kept([source], out=path)
-    contents = write_samples(source, path, asked)
+    contents = write_samples(source, path, options)
     warn(source, contents.damage.lines)
     output.say("\n".join([*import_lines(contents), f"{path}: {counted(contents.rows, 'sample')}"]))
     if output.json:

@@ -117,7 +117,7 @@ class ModelOptions:
 
 @Parameter(name="*")
 @dataclass(frozen=True)
-class Kept:
+class ResultOptions:
     """What is kept of the results beside the files.
 
     Parameters

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from tumblecal.capture.recordings.guesses import guessed
-from tumblecal.capture.recordings.options import Asked, Criterion, Known
+from tumblecal.capture.recordings.options import Criterion, KnownContext, RecordingOptions
 from tumblecal.cli.output import Output, Quiet, warn
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
@@ -28,8 +28,8 @@ def reduce(
     /,
     *,
     out: Path | None = None,
-    known: Annotated[Known, Parameter(name="*")] = Known(),
-    asked: Annotated[Asked, Parameter(name="*")] = Asked(),
+    context: Annotated[KnownContext, Parameter(name="*")] = KnownContext(),
+    options: Annotated[RecordingOptions, Parameter(name="*")] = RecordingOptions(),
     criterion: Annotated[Criterion, Parameter(name="*")] = Criterion(),
     figures: bool = True,
     quiet: Quiet = False,
@@ -57,24 +57,24 @@ def reduce(
     from tumblecal.capture.recording_files import recording_files
     from tumblecal.ground.blas import one_thread
 
-    if known.static and known.plan:
+    if context.static and context.plan:
         raise InputError("--static says that the attitudes are unknown, --plan says which they are; give one of them")
-    said = known != Known() or asked != Asked()
+    said = context != KnownContext() or options != RecordingOptions()
     output = Output(quiet)
-    files = recording_files(sources, [known.table, known.plan])
+    files = recording_files(sources, [context.table, context.plan])
     with one_thread():
-        if len(files) > 1 or known.table is not None:
-            _files(files, known, asked, (criterion, figures), out or Path("reduced"), output)
+        if len(files) > 1 or context.table is not None:
+            _files(files, context, options, (criterion, figures), out or Path("reduced"), output)
             return
         (source,) = files
         if source.is_dir() and not said and not (source / "metadata.yaml").exists():
             _captured(source, out or source, output)
-        elif known.means:
-            _means(source, known, asked, out or Path("reduced"), output)
+        elif context.means:
+            _means(source, context, options, out or Path("reduced"), output)
         elif not said and _is_table(source):
             _table(source, out or Path("reduced"), output)
         else:
-            _recording(source, known, asked, (criterion, figures), out or Path("reduced"), output)
+            _recording(source, context, options, (criterion, figures), out or Path("reduced"), output)
 
 
 def _is_table(source: Path) -> bool:
@@ -133,15 +133,15 @@ def _table(source: Path, folder: Path, output: Output) -> None:
     _reduced(table, source, paths, output)
 
 
-def _means(source: Path, known: Known, asked: Asked, folder: Path, output: Output) -> None:
+def _means(source: Path, context: KnownContext, options: RecordingOptions, folder: Path, output: Output) -> None:
     """A table of means."""
     from tumblecal.capture.reduce_recording import means_of
     from tumblecal.data.files import write_positions
     from tumblecal.report.recording_words import layout_words, left_out_words
 
     paths = [folder / name for name in _WRITTEN[:2]]
-    with _kept([source, known.plan], folder) as aside:
-        data, contents = means_of(source, known, asked)
+    with _kept([source, context.plan], folder) as aside:
+        data, contents = means_of(source, context, options)
         for path in paths:
             write_positions(aside / path.name, data)
     warn(source, [*contents.damage.lines, *left_out_words(contents)])
@@ -151,7 +151,12 @@ def _means(source: Path, known: Known, asked: Asked, folder: Path, output: Outpu
 
 
 def _files(
-    files: list[Path], known: Known, asked: Asked, found: tuple[Criterion, bool], folder: Path, output: Output
+    files: list[Path],
+    context: KnownContext,
+    options: RecordingOptions,
+    found: tuple[Criterion, bool],
+    folder: Path,
+    output: Output,
 ) -> None:
     """Several files of one recording. The position of each, which may be a guess, is printed before any fault."""
     from tumblecal.capture.capture_plan import read_plan
@@ -159,36 +164,51 @@ def _files(
     from tumblecal.capture.reduce_files import reduce_files
     from tumblecal.report.recording_words import files_words
 
-    if known.means:
+    if context.means:
         raise InputError(
             f"{files[0]}: --means takes one table with a row for each position; {len(files)} files are given"
         )
-    plan = None if known.plan is None else read_plan(known.plan)
-    if known.table is not None:
-        positions = positions_by_table(files, known.table, plan)
-    elif known.by:
+    plan = None if context.plan is None else read_plan(context.plan)
+    if context.table is not None:
+        positions = positions_by_table(files, context.table, plan)
+    elif context.by:
         positions = FilePositions(tuple(FilePosition(file, file.stem) for file in files), "")
     else:
-        positions = positions_by_names(files, plan, hand_held=known.static)
+        positions = positions_by_names(files, plan, hand_held=context.static)
     output.say("\n".join(positions.words()))
     if positions.fault:
         raise InputError(positions.fault)
-    inputs = [*files, known.plan, known.table]
+    inputs = [*files, context.plan, context.table]
     _still_reduction(
-        (lambda: reduce_files(positions, known, plan, asked, found[0])), files_words, inputs, found[1], folder, output
+        (lambda: reduce_files(positions, context, plan, options, found[0])),
+        files_words,
+        inputs,
+        found[1],
+        folder,
+        output,
     )
 
 
 def _recording(
-    source: Path, known: Known, asked: Asked, found: tuple[Criterion, bool], folder: Path, output: Output
+    source: Path,
+    context: KnownContext,
+    options: RecordingOptions,
+    found: tuple[Criterion, bool],
+    folder: Path,
+    output: Output,
 ) -> None:
     """A recording made elsewhere."""
     from tumblecal.capture.reduce_recording import reduce_recording
     from tumblecal.report.recording_words import reduction_words
 
-    inputs = [source, known.plan]
+    inputs = [source, context.plan]
     _still_reduction(
-        (lambda: reduce_recording(source, known, asked, found[0])), reduction_words, inputs, found[1], folder, output
+        (lambda: reduce_recording(source, context, options, found[0])),
+        reduction_words,
+        inputs,
+        found[1],
+        folder,
+        output,
     )
 
 

@@ -69,7 +69,7 @@ def diagnose_units(
         write_summary(out / SUMMARY, [rows[number] for number in sorted(rows)])
     units = [(folders[k].name, rows[k]) for k in taken]
     with result_set(out, UNITS_SET) as aside:
-        written = write_units(aside, measured, units, batch.entries, figures=batch.kept.figures is not False)
+        written = write_units(aside, measured, units, batch.entries, figures=batch.results.figures is not False)
     batch.output.say(f"{units_text(measured, units, batch.entries)}\nwritten: {out}/: {', '.join(written)}")
     batch.output.record(out / "diagnosis.json")
     return faults

@@ -80,7 +80,7 @@ class Protocol:
     notes: str = ""
     extra: Any = None
 
-    def asked(self, columns: str, unit: str, *, whole: bool = False) -> dict[str, Any]:
+    def decoder_options(self, columns: str, unit: str, *, whole: bool = False) -> dict[str, Any]:
         """Options of the decoder, as far as it has them: the columns of text lines, or that the whole stream is there."""
         given = {"columns": columns, "unit": unit, "whole": whole}
         return {name: value for name, value in given.items() if value and name in self.options}

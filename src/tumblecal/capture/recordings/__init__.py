@@ -10,7 +10,7 @@ from pathlib import Path
 from pkgutil import iter_modules
 
 from tumblecal.capture.recordings.damage import Damage
-from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.capture.recordings.table import Reader, SourceTable
 from tumblecal.capture.sniff import unknown_words
 from tumblecal.ground.errors import InputError
@@ -41,7 +41,9 @@ def reader_of(path: Path) -> Reader | None:
     return next((reader for reader in readers() if reader.recognises(path, head)), None)
 
 
-def source_tables(path: Path, asked: Asked = Asked(), damage: Damage | None = None) -> tuple[Reader, list[SourceTable]]:
+def source_tables(
+    path: Path, options: RecordingOptions = RecordingOptions(), damage: Damage | None = None
+) -> tuple[Reader, list[SourceTable]]:
     """The format of a source, and the tables in it; what is damaged in them is reported.
 
     **Raises:** `InputError` for a source that no format explains, that is damaged, or whose library is not installed.
@@ -60,7 +62,7 @@ def source_tables(path: Path, asked: Asked = Asked(), damage: Damage | None = No
         known = "; ".join(reader.title for reader in readers())
         words = f": {unknown_words(head)}" if head else ""
         raise InputError(f"{path}: no format explains it{words}. Read are {known}")
-    return reader, reader.read(path, asked, damage or Damage())
+    return reader, reader.read(path, options, damage or Damage())
 
 
 def _head(path: Path) -> bytes:

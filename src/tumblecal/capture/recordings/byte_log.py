@@ -9,7 +9,7 @@ from tumblecal.capture.byte_file import decode_file
 from tumblecal.capture.log import MAGIC
 from tumblecal.capture.protocols import protocols
 from tumblecal.capture.recordings.damage import Damage
-from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.capture.recordings.parquet import READER as PARQUET
 from tumblecal.capture.recordings.table import Reader, SourceTable
 from tumblecal.capture.samples import Stated
@@ -34,10 +34,10 @@ def _recognised(path: Path, head: bytes) -> bool:
     return best.explained >= ENOUGH and best.frames >= 3 and protocols()[best.name].checked
 
 
-def _read(path: Path, asked: Asked, damage: Damage) -> list[SourceTable]:
+def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceTable]:
     """One table; the log is decoded once to see what is in it, and into a file beside the others when it is read."""
-    stated = Stated(asked.range_g, asked.rate)
-    contents = decode_file(path, asked.protocol, stated=stated)
+    stated = Stated(options.range_g, options.rate)
+    contents = decode_file(path, options.protocol, stated=stated)
     if not contents.samples:
         refused = next((event.content["text"] for event in contents.events if event.kind == "refused"), "no samples")
         raise InputError(f"{path}: {refused}")
@@ -53,7 +53,7 @@ def _read(path: Path, asked: Asked, damage: Damage) -> list[SourceTable]:
         with TemporaryDirectory() as folder:
             decoded = Path(folder) / "samples.parquet"
             decode_file(path, contents.protocol.name, out=decoded, stated=stated)
-            (table,) = PARQUET.read(decoded, asked, damage)
+            (table,) = PARQUET.read(decoded, options, damage)
             there = [name for name in wanted if name in table.columns]
             for piece in table.pieces([*there, "status"]):
                 lacking = [pl.lit(None, pl.Float64).alias(name) for name in wanted if name not in there]

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tumblecal.capture.recordings.damage import Damage
-from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.capture.recordings.roles import Layout
 from tumblecal.capture.recordings.row_order import usual_step
 from tumblecal.capture.recordings.table import Reader, SourceTable
@@ -47,7 +47,7 @@ class Contents:
     reader: Reader
     tables: list[SourceTable]
     layout: Layout
-    asked: Asked
+    options: RecordingOptions
     damage: Damage
     rows: int = 0
     unreadable: int = 0
@@ -72,7 +72,7 @@ class Contents:
         """Samples a second, gaps left out."""
         if self._sum_s > 0:
             return self._steps / self._sum_s
-        stated = self.asked.rate or _stated_rate(self.layout.table)
+        stated = self.options.rate or _stated_rate(self.layout.table)
         return stated and stated * self.samples_per_row
 
     @property
@@ -85,7 +85,7 @@ class Contents:
         known = {
             name: getattr(self, name) for name in ("unreadable", "places", "first_unread", "begin_s", "samples_per_row")
         }
-        return Contents(self.reader, self.tables, self.layout, self.asked, self.damage, **known)
+        return Contents(self.reader, self.tables, self.layout, self.options, self.damage, **known)
 
     @property
     def clock_comments(self) -> dict[str, str]:

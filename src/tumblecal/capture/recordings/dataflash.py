@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tumblecal.capture.recordings.damage import Damage
-from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.capture.recordings.table import Reader, SourceTable, of_arrays
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
@@ -94,7 +94,7 @@ def _scanned(log: bytes) -> tuple[dict[int, _Kind], dict[int, list[int]], int, i
     return kinds, places, skipped + end - at, first if first >= 0 else at
 
 
-def _read(path: Path, asked: Asked, damage: Damage) -> list[SourceTable]:
+def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceTable]:
     log = path.read_bytes()
     kinds, places, skipped, first = _scanned(log)
     tables = [

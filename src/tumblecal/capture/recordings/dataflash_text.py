@@ -8,7 +8,7 @@ import re
 from pathlib import Path
 
 from tumblecal.capture.recordings.damage import Damage
-from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.capture.recordings.table import Reader, SourceTable
 from tumblecal.capture.recordings.text import text_table
 from tumblecal.data.line_form import LineForm
@@ -27,7 +27,7 @@ _ROLES = {"TimeUS": "time_us", "TimeMS": "time_ms", "T": "temperature_degc"} | {
 _FORCE = {"AccX", "AccY", "AccZ"}
 
 
-def _read(path: Path, asked: Asked, damage: Damage) -> list[SourceTable]:
+def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceTable]:
     fields, instances = dict[str, list[str]](), dict[str, set[str]]()
     for piece in pieces_of(path):
         fields |= {name.decode(): own.decode().split(",") for name, own in _FORMAT.findall(piece)}

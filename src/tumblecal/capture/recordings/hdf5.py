@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from tumblecal.capture.recordings.damage import Damage
-from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.capture.recordings.table import Reader, SourceTable, library, tables_of_arrays
 from tumblecal.ground.decoding import decoding, silenced
 
@@ -32,7 +32,7 @@ def arrays_of(path: Path) -> dict[str, np.ndarray]:
     return arrays
 
 
-def _read(path: Path, asked: Asked, damage: Damage) -> list[SourceTable]:
+def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceTable]:
     return tables_of_arrays(arrays_of(path))
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tumblecal.capture.recordings.damage import Damage
-from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.capture.recordings.table import Reader, SourceTable, tables_of_arrays
 from tumblecal.data.parquet import PIECE_ROWS
 from tumblecal.data.text_cells import pieces_of
@@ -108,7 +108,7 @@ def _flat_frame(line: int, piece: bytes, kinds: Mapping[str, bool]) -> "pl.DataF
     return frame.with_columns(pl.Series(ROW, range(line, line + count), pl.Int64))
 
 
-def _read(path: Path, asked: Asked, damage: Damage) -> list[SourceTable]:
+def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceTable]:
     seen = [row for _, row in islice(_rows_of_lines(path), _SEEN)]
     if sum(row is not None for row in seen) > max(0, _WHOLE_SHARE * (len(seen) - 1)):
         return _tables(seen, lambda: _rows_of_lines(path), "line", path)

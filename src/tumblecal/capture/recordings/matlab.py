@@ -9,7 +9,7 @@ import numpy as np
 
 from tumblecal.capture.recordings.damage import Damage
 from tumblecal.capture.recordings.hdf5 import arrays_of
-from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.capture.recordings.table import Reader, SourceTable, tables_of_arrays
 from tumblecal.ground.decoding import decoding, silenced
 
@@ -18,7 +18,7 @@ _BEGINS = b"MATLAB "
 _HEADER_SIZE, _TAG_SIZE, _COMPRESSED = 128, 8, 15
 
 
-def _read(path: Path, asked: Asked, damage: Damage) -> list[SourceTable]:
+def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceTable]:
     from scipy.io import loadmat
 
     with path.open("rb") as file:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from tumblecal.capture.recordings.damage import Damage
-from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.capture.recordings.table import Reader, SourceTable, of_arrays
 from tumblecal.ground.decoding import damaged
 
@@ -40,7 +40,7 @@ def _first_frame(data: bytes) -> tuple[int, int]:
     return 0, 0
 
 
-def _read(path: Path, asked: Asked, damage: Damage) -> list[SourceTable]:
+def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceTable]:
     data = path.read_bytes()
     start, length = _first_frame(data)
     if not length:

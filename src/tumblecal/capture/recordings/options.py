@@ -5,7 +5,7 @@ from pathlib import Path
 
 
 @dataclass(frozen=True)
-class Asked:
+class RecordingOptions:
     """What a user says of a recording that it does not tell, or tells wrongly.
 
     Parameters
@@ -71,7 +71,7 @@ class Criterion:
 
 
 @dataclass(frozen=True)
-class Known:
+class KnownContext:
     """What is known of a recording besides its samples.
 
     Parameters

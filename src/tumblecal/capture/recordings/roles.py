@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tumblecal.capture.recordings.asked_columns import asked_for, given_columns, per_axis, scaled
 from tumblecal.capture.recordings.clock_column import clock_by_name, clock_by_values, settled
 from tumblecal.capture.recordings.column_choice import Unsettled, chosen
 from tumblecal.capture.recordings.column_names import CLOCKS, EITHER, NUMBERS, ColumnName, parsed, role_of
 from tumblecal.capture.recordings.guesses import guessed
 from tumblecal.capture.recordings.number_range import Wrap
-from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.capture.recordings.row_runs import without_erased_rows
+from tumblecal.capture.recordings.stated_columns import columns_of_option, given_columns, per_axis, scaled
 from tumblecal.capture.recordings.table import SourceTable
 from tumblecal.capture.recordings.triples import ALIKE, Columns, triples_of, usual_unit
 from tumblecal.capture.recordings.units import (
@@ -72,9 +72,9 @@ class Layout:
         return self.columns["ax"].unit
 
 
-def has_force(table: SourceTable, asked: Asked) -> bool:
+def has_force(table: SourceTable, options: RecordingOptions) -> bool:
     """Whether a table has three accelerations by name, as asked or as its format says."""
-    given = given_columns(table, asked)
+    given = given_columns(table, options)
     if set(FORCE) <= set(given):
         return True
     return any(triple.name.quantity == "acceleration" for triple in triples_of(_free_names(table, given)))
@@ -82,7 +82,7 @@ def has_force(table: SourceTable, asked: Asked) -> bool:
 
 def layout_of(
     table: SourceTable,
-    asked: Asked,
+    options: RecordingOptions,
     path: str,
     only: Collection[str] | None = None,
     wraps: Mapping[str, Wrap] = MappingProxyType({}),
@@ -94,7 +94,7 @@ def layout_of(
     **Raises:** `InputError` when the three accelerations are not among them, or for options that fit nothing. Before it, the
     command prints what was guessed.
     """
-    given = given_columns(table, asked)
+    given = given_columns(table, options)
     names = _free_names(table, given)
     pieces = iter(table.pieces(_needed(table, given, names)))
     first = next(pieces, None)
@@ -105,7 +105,7 @@ def layout_of(
         said = list[str]()
         try:
             with guessed(said):
-                return _layout(table, asked, (path, only), (given, names, without_erased_rows(first)), said, wraps)
+                return _layout(table, options, (path, only), (given, names, without_erased_rows(first)), said, wraps)
         except Unsettled:
             more = [] if read >= _MOST_PIECES else list(islice(pieces, read))
             if not more:
@@ -117,17 +117,17 @@ def layout_of(
 
 def _layout(
     table: SourceTable,
-    asked: Asked,
+    options: RecordingOptions,
     wanted: tuple[str, Collection[str] | None],
     found: tuple[dict[str, Column], dict[str, ColumnName], "pl.DataFrame"],
     said: list[str],
     wraps: Mapping[str, Wrap],
 ) -> Layout:
     (path, only), (given, names, first) = wanted, found
-    why = {role: "asked for" if role in asked_for(table, asked) else "format" for role in given}
+    why = {role: "asked for" if role in columns_of_option(table, options) else "format" for role in given}
     named, fitted = dict(given), None
     if not set(FORCE) & set(given):
-        choice = chosen(Columns(table.columns, names, _readings(names, first, asked), per_g_of(asked.unit)), path)
+        choice = chosen(Columns(table.columns, names, _readings(names, first, options), per_g_of(options.unit)), path)
         if choice is not None:
             fitted = choice.size
             said += choice.said
@@ -148,7 +148,7 @@ def _layout(
             named["time"], why["time"] = Column(clock), "values"
             said.append(f"time: column {clock}, by its values (it only rises); to override: --columns time=...")
     if only is not None:
-        only = {*only, *asked_for(table, asked)}
+        only = {*only, *columns_of_option(table, options)}
         # A column `t` is told by the time or the temperature beside it.
         named = _of(named, only | CLOCKS if only & CLOCKS else only)
     named, words = settled(named, first, path)
@@ -160,10 +160,10 @@ def _layout(
             f"{path}: {', '.join(lacking)} not found among the columns {shown(', '.join(table.columns))}; say which they "
             "are: --columns ax=...,ay=...,az=..."
         )
-    check_units(table, named, asked, path)
-    named, words = _readable(table, named, asked, first, path)
+    check_units(table, named, options, path)
+    named, words = _readable(table, named, options, first, path)
     said += words
-    named = in_range(table, scaled(named, asked), asked, first, wraps)
+    named = in_range(table, scaled(named, options), options, first, wraps)
     force = np.stack([numbers_of(first, named[role]) for role in FORCE], axis=1)
     lengths = np.linalg.norm(force, axis=1)
     # Erased memory and sensors that do not answer have one number on all axes; it says nothing of the unit.
@@ -172,38 +172,38 @@ def _layout(
     if np.isnan(lengths).all():
         there = ", ".join(named[role].name for role in FORCE)
         raise InputError(f"{path}: no row holds a number in each of {there}; another layout; give --columns")
-    size = float(np.nanmedian(lengths)) if fitted is None or asked.scale or asked.offset else fitted
+    size = float(np.nanmedian(lengths)) if fitted is None or options.scale or options.offset else fitted
     stated = {role: column.unit for role, column in named.items()}
-    named, per_g, by_size = force_unit(table, named, asked, size)
-    named, words = rate_unit(table, named, asked)
-    said += [*by_size, *words, *_other_unit(named, asked, size)]
+    named, per_g, by_size = force_unit(table, named, options, size)
+    named, words = rate_unit(table, named, options)
+    said += [*by_size, *words, *_other_unit(named, options, size)]
     if "time" in named:
         if named["time"].whole:
             said.append(
                 f"time: columns {named['time'].whole} (whole seconds) and {named['time'].name}; --columns time=..."
             )
-        named, words = time_unit(table, named, asked, first, path)
+        named, words = time_unit(table, named, options, first, path)
         said += words
-    why = {role: f"{why.get(role, 'name')}{_unit_why(role, stated, asked, bool(by_size))}" for role in named}
+    why = {role: f"{why.get(role, 'name')}{_unit_why(role, stated, options, bool(by_size))}" for role in named}
     return Layout(table, named, per_g, size, tuple(said), why)
 
 
-def _other_unit(named: Mapping[str, Column], asked: Asked, size: float) -> list[str]:
+def _other_unit(named: Mapping[str, Column], options: RecordingOptions, size: float) -> list[str]:
     """That the unit in the names contradicts the size of the readings, which is one g in another."""
     per_g, other = per_g_of(named["ax"].unit), usual_unit(size, ALIKE)
-    if asked.unit or per_g is None or other is None or 1 / _FAR < size / per_g < _FAR:
+    if options.unit or per_g is None or other is None or 1 / _FAR < size / per_g < _FAR:
         return []
     return [
         f"unit by name: {named['ax'].unit}, but the readings' size is about {size:.5g}, one g in {other}; --unit sets another"
     ]
 
 
-def _unit_why(role: str, stated: Mapping[str, str], asked: Asked, by_size: bool) -> str:
+def _unit_why(role: str, stated: Mapping[str, str], options: RecordingOptions, by_size: bool) -> str:
     """By what evidence a quantity has its unit, in words; nothing for one without a unit."""
     kinds = (
-        (FORCE, asked.unit, "by size" if by_size else "as the format says, or not known"),
-        (RATE, asked.gyro_unit, "not known"),
-        (("time",), asked.time_unit, "by the rate, or as a clock"),
+        (FORCE, options.unit, "by size" if by_size else "as the format says, or not known"),
+        (RATE, options.gyro_unit, "not known"),
+        (("time",), options.time_unit, "by the rate, or as a clock"),
     )
     for roles, given, otherwise in kinds:
         if role in roles:
@@ -217,7 +217,7 @@ def _of(named: Mapping[str, Column], roles: Collection[str]) -> dict[str, Column
 
 
 def _readable(
-    table: SourceTable, named: dict[str, Column], asked: Asked, first: "pl.DataFrame", path: str
+    table: SourceTable, named: dict[str, Column], options: RecordingOptions, first: "pl.DataFrame", path: str
 ) -> tuple[dict[str, Column], list[str]]:
     """The columns that hold numbers, or should not, and what is to be said of those left out.
 
@@ -229,7 +229,7 @@ def _readable(
     for role in unreadable:
         # What a device does not send stands as empty columns in some formats; of a column of words it is said.
         cell, of_words = first_cell(first, named[role]), not _numeric_or_empty(first, named[role])
-        if role in (*FORCE, *asked_for(table, asked)) or (role in NUMBERS and of_words):
+        if role in (*FORCE, *columns_of_option(table, options)) or (role in NUMBERS and of_words):
             more = ", or give --columns" if role in FORCE else ""
             raise InputError(f"{path}:{unread(table, first, named[role])}: no number; {advice(cell, role)}{more}")
         said += [f"{unread(table, first, named[role])}: no number; left out as {role}"] * of_words
@@ -252,16 +252,18 @@ def _needed(table: SourceTable, given: Mapping[str, Column], names: Mapping[str,
     ]
 
 
-def _readings(names: Mapping[str, ColumnName], first: "pl.DataFrame", asked: Asked) -> Callable[[str, int], np.ndarray]:
+def _readings(
+    names: Mapping[str, ColumnName], first: "pl.DataFrame", options: RecordingOptions
+) -> Callable[[str, int], np.ndarray]:
     """The numbers of a column, with the scale and the offset that a user gives for the axis that it may be; in the range of
     their type, as the triples of names show it."""
-    scale, offset = per_axis(asked.scale, "--scale", 1.0), per_axis(asked.offset, "--offset", 0.0)
+    scale, offset = per_axis(options.scale, "--scale", 1.0), per_axis(options.offset, "--offset", 0.0)
     wraps = dict[str, Wrap]()
     for triple in triples_of({name: own for name, own in names.items() if name in first.columns}):
         columns = {
             role: Column(name, "", scale.get(role, 1.0)) for role, name in zip(FORCE, triple.columns, strict=True)
         }
-        found = wraps_of(columns, first, per_g_of(asked.unit))
+        found = wraps_of(columns, first, per_g_of(options.unit))
         wraps |= {columns[role].name: wrap for role, wrap in found.items() if wrap}
 
     def readings(name: str, axis: int) -> np.ndarray:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from tumblecal.capture.recordings.bag_checks import MCAP_MAGIC, SQLITE_MAGIC, check_bag
 from tumblecal.capture.recordings.damage import Damage
-from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.capture.recordings.table import Reader, SourceTable, library
 from tumblecal.data.parquet import PIECE_ROWS
 from tumblecal.ground.decoding import decoding
@@ -40,7 +40,7 @@ def _opened(path: Path) -> Iterator[Any]:
         yield bag
 
 
-def _read(path: Path, asked: Asked, damage: Damage) -> list[SourceTable]:
+def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceTable]:
     with decoding(path, "bag", _ADVICE):
         check_bag(path)
     with _opened(path) as bag:

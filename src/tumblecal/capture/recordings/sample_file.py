@@ -20,7 +20,7 @@ from tumblecal.capture.recordings.contents import RATE_KEYS, Contents
 from tumblecal.capture.recordings.damage import Damage
 from tumblecal.capture.recordings.guesses import guessed
 from tumblecal.capture.recordings.number_range import Wrap, wraps_of_force
-from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.capture.recordings.roles import Layout, has_force, layout_of
 from tumblecal.capture.recordings.row_repair import repaired_frames, repairs
 from tumblecal.capture.recordings.row_runs import RowRuns, row_runs
@@ -55,7 +55,7 @@ class SampleStream:
 
 def sample_stream(
     path: Path,
-    asked: Asked,
+    options: RecordingOptions,
     *,
     by: str = "",
     in_force_units: bool = False,
@@ -74,17 +74,17 @@ def sample_stream(
     """
     import polars as pl
 
-    if asked.rate is not None and not 0 < asked.rate < 1e7:
-        raise InputError(f"--rate {asked.rate:g}: samples a second, above 0")
-    asked = replace(asked, columns=",".join(filter(None, [asked.columns, by and f"position={by}"])))
+    if options.rate is not None and not 0 < options.rate < 1e7:
+        raise InputError(f"--rate {options.rate:g}: samples a second, above 0")
+    options = replace(options, columns=",".join(filter(None, [options.columns, by and f"position={by}"])))
     damage = Damage()
-    reader, tables = source_tables(path, asked, damage)
-    table = _chosen(path, tables, asked)
-    layout = layout_of(table, asked, str(path), needed if table.sheet else None, wraps)
+    reader, tables = source_tables(path, options, damage)
+    table = _chosen(path, tables, options)
+    layout = layout_of(table, options, str(path), needed if table.sheet else None, wraps)
     if in_force_units:
         with guessed(layout.said):
             layout = _in_force_units(layout, path)
-    contents = Contents(reader, tables, layout, asked, damage)
+    contents = Contents(reader, tables, layout, options, damage)
     schema = pl.Schema({name: pl.String if name in LABELS else pl.Float64 for name in quantity_names(layout).values()})
     return SampleStream(
         contents,
@@ -96,7 +96,7 @@ def sample_stream(
 
 
 def write_samples(
-    path: Path, out: Path, asked: Asked, *, by: str = "", in_force_units: bool = False, means: bool = False
+    path: Path, out: Path, options: RecordingOptions, *, by: str = "", in_force_units: bool = False, means: bool = False
 ) -> Contents:
     """Write the samples of a recording as the one table, Parquet or CSV by the name of `out`, with damaged rows repaired.
 
@@ -106,7 +106,7 @@ def write_samples(
         rows = Path(folder) / "rows.parquet"
 
         def written(wraps: Mapping[str, Wrap]) -> SampleStream:
-            samples = sample_stream(path, asked, by=by, in_force_units=in_force_units, wraps=wraps)
+            samples = sample_stream(path, options, by=by, in_force_units=in_force_units, wraps=wraps)
             with guessed(samples.contents.layout.said):
                 write_frames(rows, samples.frames, samples.schema, samples.comments)
             return samples
@@ -181,20 +181,22 @@ def _counted(frames: Iterator["pl.DataFrame"], contents: Contents) -> Iterator["
         yield frame
 
 
-def _chosen(path: Path, tables: list[SourceTable], asked: Asked) -> SourceTable:
+def _chosen(path: Path, tables: list[SourceTable], options: RecordingOptions) -> SourceTable:
     """The table with the samples: as asked, or that with accelerations and the most rows; with rates before without."""
-    if asked.topic:
-        named = [table for table in tables if table.name == asked.topic]
+    if options.topic:
+        named = [table for table in tables if table.name == options.topic]
         if named:
             return named[0]
-    with_force = [table for table in tables if has_force(table, asked)] if not asked.topic else []
-    if not with_force and len(tables) == 1 and not asked.topic and tables[0].columns:
+    with_force = [table for table in tables if has_force(table, options)] if not options.topic else []
+    if not with_force and len(tables) == 1 and not options.topic and tables[0].columns:
         return tables[0]
     if not with_force:
-        if asked.topic and len(tables) == 1 and not tables[0].name:
-            raise InputError(f"{path}: no topic {asked.topic}; it holds one table, without a name: leave out --topic")
+        if options.topic and len(tables) == 1 and not tables[0].name:
+            raise InputError(f"{path}: no topic {options.topic}; it holds one table, without a name: leave out --topic")
         there = ", ".join(f"{table.name} ({table.said or f'{table.rows} rows'})" for table in tables) or "nothing"
-        raise InputError(f"{path}: no {f'topic {asked.topic}' if asked.topic else 'accelerations'}; it holds {there}")
+        raise InputError(
+            f"{path}: no {f'topic {options.topic}' if options.topic else 'accelerations'}; it holds {there}"
+        )
     return max(with_force, key=lambda table: (any("gx" in role for role in table.roles.values()), table.rows or 0))
 
 
@@ -218,7 +220,7 @@ def _comments(contents: Contents, path: Path) -> dict[str, str]:
         kept["counts_per_g"] = f"{contents.layout.per_g:g}"
     if contents.rate_hz and "time" not in contents.layout.columns:
         kept["rate_hz"] = f"{contents.rate_hz:g}"
-    gravity = comments_of(gravity_of_option(contents.asked.gravity)) if contents.asked.gravity else {}
+    gravity = comments_of(gravity_of_option(contents.options.gravity)) if contents.options.gravity else {}
     return kept | gravity | {"imported_from": path.name}
 
 

@@ -4,12 +4,12 @@ import zipfile
 from pathlib import Path
 
 from tumblecal.capture.recordings.damage import Damage
-from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.capture.recordings.table import Reader, SourceTable, library, of_arrays
 from tumblecal.ground.decoding import decoding, silenced
 
 
-def _read(path: Path, asked: Asked, damage: Damage) -> list[SourceTable]:
+def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceTable]:
     import polars as pl
 
     library("fastexcel", path)

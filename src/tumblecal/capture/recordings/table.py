@@ -11,7 +11,7 @@ import numpy as np
 
 from tumblecal.capture.corrected_text import TextCells
 from tumblecal.capture.recordings.damage import Damage
-from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.data.parquet import PIECE_ROWS
 from tumblecal.data.text_layout import ROW
 from tumblecal.ground.errors import InputError
@@ -81,7 +81,7 @@ class Reader:
 
     title: str
     recognises: Callable[[Path, bytes], bool]
-    read: Callable[[Path, Asked, Damage], list[SourceTable]]
+    read: Callable[[Path, RecordingOptions, Damage], list[SourceTable]]
     rank: int = 0
 
 

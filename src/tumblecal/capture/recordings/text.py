@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from tumblecal.capture.corrected_text import TextCells
 from tumblecal.capture.recordings.damage import Damage
-from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.capture.recordings.table import Reader, SourceTable
 from tumblecal.capture.recordings.text_sought import check_late_marks, decoded, sought_layouts
 from tumblecal.capture.recordings.units import FINE
@@ -33,8 +33,8 @@ def _is_text(head: bytes) -> bool:
     return usual > _TEXT_SHARE * len(text)
 
 
-def _read(path: Path, asked: Asked, damage: Damage) -> list[SourceTable]:
-    layouts, comments = sought_layouts(path, asked)
+def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceTable]:
+    layouts, comments = sought_layouts(path, options)
     return [text_table(name if len(layouts) > 1 else "", layout, comments, damage) for name, layout in layouts.items()]
 
 

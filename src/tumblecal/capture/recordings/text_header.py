@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from tumblecal.capture.recordings.column_names import quantity_of_name
-from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.data.text_cells import numbers_in, row_of, separator_of
 from tumblecal.ground.errors import InputError
 
@@ -15,7 +15,7 @@ _BY_NUMBER = "or say which column is which by number: --columns time=1,ax=2,ay=3
 
 
 def header_of(
-    path: Path, before: Sequence[str], cells: tuple[str, int], asked: Asked
+    path: Path, before: Sequence[str], cells: tuple[str, int], options: RecordingOptions
 ) -> tuple[tuple[str, ...], int | None]:
     """Names of the columns, and their line, from the last line before the rows that names as many; none where there is none.
 
@@ -38,12 +38,12 @@ def header_of(
             return names, number
         if twice is None and any(map(quantity_of_name, names)):
             twice = names, number
-    if twice is not None and not asked.columns:
+    if twice is not None and not options.columns:
         names, number = twice
         own = next(name for name in names if names.count(name) > 1)
         raise InputError(f"{path}:line {number}, column {own}: the column stands twice; keep one, {_BY_NUMBER}")
     if numbered:
-        _refuse_other_width(path, numbered[-1], separator, width, asked)
+        _refuse_other_width(path, numbered[-1], separator, width, options)
     return (), None
 
 
@@ -54,7 +54,9 @@ def _names_in(line: str, separator: str, width: int) -> list[str]:
     return names
 
 
-def _refuse_other_width(path: Path, last: tuple[int, str], separator: str, width: int, asked: Asked) -> None:
+def _refuse_other_width(
+    path: Path, last: tuple[int, str], separator: str, width: int, options: RecordingOptions
+) -> None:
     """Refuse a line that names columns, but not as many as the rows have; by numbers a user may say what these are."""
     line, text = last
     names = row_of(text.lstrip("# "), separator)
@@ -62,7 +64,7 @@ def _refuse_other_width(path: Path, last: tuple[int, str], separator: str, width
         return
     if separator == "," and width == 2 * len(names):
         cure = _COMMAS
-    elif asked.columns:
+    elif options.columns:
         return
     else:
         cure = f"mend the header line, {_BY_NUMBER}"

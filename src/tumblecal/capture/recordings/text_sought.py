@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import NamedTuple, NoReturn
 
 from tumblecal.capture.recordings.column_names import quantity_of_name
-from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.capture.recordings.text_header import header_of, refuse_fractions
 from tumblecal.data.files import stated
 from tumblecal.data.line_form import FORM_SEPARATOR, LineForm, clock_form, has_words, without_clock, word_forms
@@ -37,7 +37,7 @@ class _Rows(NamedTuple):
     good: list[list[str]]
 
 
-def sought_layouts(path: Path, asked: Asked) -> tuple[dict[str, TextLayout], dict[str, str]]:
+def sought_layouts(path: Path, options: RecordingOptions) -> tuple[dict[str, TextLayout], dict[str, str]]:
     """The layouts by a file's first lines, one for each kind of line with words around its numbers, and what lines state.
 
     **Raises:** `InputError` when no rows of numbers are among them, the line before them names more or fewer columns than
@@ -50,7 +50,7 @@ def sought_layouts(path: Path, asked: Asked) -> tuple[dict[str, TextLayout], dic
     plain = without_clock(middle)
     separator = separator_of(plain or middle)
     form = clock_form(separator) if plain else None
-    found = _rows_of(path, written, separator, form, asked, len(body))
+    found = _rows_of(path, written, separator, form, options, len(body))
     if (found is None or (not found.names and _is_labelled(found.good))) and (forms := word_forms(middle)):
         layouts = {name: _layout_of_form(path, written, form) for name, form in forms.items()}
         return layouts, _stated(written, [], min(layout.first_line for layout in layouts.values()) - 1)
@@ -85,7 +85,7 @@ def _first_lines(path: Path) -> list[str]:
 
 
 def _rows_of(
-    path: Path, written: list[str], separator: str, form: LineForm | None, asked: Asked, count: int
+    path: Path, written: list[str], separator: str, form: LineForm | None, options: RecordingOptions, count: int
 ) -> _Rows | None:
     """The rows of three numbers and more among lines, `count` of which are no comments; None if there are too few."""
     lines = [form.line(line) for line in written] if form else written
@@ -99,7 +99,7 @@ def _rows_of(
     above = written[:first]
     if form:
         above = [f"{_MONITOR}{separator}{(without_clock([line]) or [line])[0].lstrip('# ')}" for line in above]
-    names, header = header_of(path, above, (separator, width), asked)
+    names, header = header_of(path, above, (separator, width), options)
     if form and names:
         others = {quantity_of_name(name) for name in names[1:]} & {*_TIMES}
         names = (_MONITOR if others else "time", *names[1:])

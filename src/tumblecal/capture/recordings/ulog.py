@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from tumblecal.capture.recordings.damage import Damage
-from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.capture.recordings.table import Reader, SourceTable, library, of_arrays
 from tumblecal.capture.recordings.ulog_messages import message_fault
 from tumblecal.ground.counted import counted
@@ -25,7 +25,7 @@ _ROLES = {
 }
 
 
-def _read(path: Path, asked: Asked, damage: Damage) -> list[SourceTable]:
+def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceTable]:
     pyulog: Any = library("pyulog", path)
     with decoding(path, "ULog"), silenced():
         log = pyulog.ULog(str(path))

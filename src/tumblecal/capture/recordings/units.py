@@ -10,7 +10,7 @@ import numpy as np
 from tumblecal.capture.protocols.line_columns import UNITS_PER_G
 from tumblecal.capture.recordings.clock_text import form_of, seconds_of
 from tumblecal.capture.recordings.number_range import Wrap, wraps_of_force, wraps_of_rates
-from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.capture.recordings.table import SourceTable
 from tumblecal.data.cells import LARGEST_NUMBER
 from tumblecal.data.table import DIFFERENT_UNITS
@@ -94,12 +94,12 @@ def per_g_of(text: str) -> float | None:
     return counts or {"g": 1.0, "mg": 1000.0, "ms2": UNITS_PER_G["m/s2"]}.get(unit)
 
 
-def check_units(table: SourceTable, named: dict[str, Column], asked: Asked, path: str) -> None:
+def check_units(table: SourceTable, named: dict[str, Column], options: RecordingOptions, path: str) -> None:
     """Refuse axes whose names state different units, unless the user says in which all are.
 
     **Raises:** `InputError` naming them.
     """
-    for roles, unit in ((FORCE, asked.unit), (RATE, asked.gyro_unit)):
+    for roles, unit in ((FORCE, options.unit), (RATE, options.gyro_unit)):
         stated = [named[role] for role in roles if role in named and named[role].unit]
         if not unit and len({column.unit for column in stated}) > 1:
             raise InputError(f"{table.place(path)}: {', '.join(column.name for column in stated)} {DIFFERENT_UNITS}")
@@ -111,16 +111,16 @@ def _own_unit(named: dict[str, Column], roles: tuple[str, ...]) -> str:
 
 
 def force_unit(
-    table: SourceTable, named: dict[str, Column], asked: Asked, size: float
+    table: SourceTable, named: dict[str, Column], options: RecordingOptions, size: float
 ) -> tuple[dict[str, Column], float | None, list[str]]:
     """The unit of the accelerations: asked, named, or that in which their size is about one g."""
-    if asked.unit:
-        unit, per_g = _stated_unit(asked.unit, "--unit", "g")
+    if options.unit:
+        unit, per_g = _stated_unit(options.unit, "--unit", "g")
         return _with_unit(named, FORCE, unit), per_g, []
     own = _own_unit(named, FORCE)
     if own and own != "counts":
         return _with_unit(named, FORCE, own), None, []
-    if "a" in table.per_unit and not asked.scale:
+    if "a" in table.per_unit and not options.scale:
         return _with_unit(named, FORCE, "counts"), table.per_unit["a"], []
     stated = table.comments.get("counts_per_g")
     if stated and own == "counts":
@@ -139,13 +139,15 @@ def unit_by_size(size: float) -> str:
     return near if 1 / _ALIKE < size / UNITS_PER_G[near] < _ALIKE else ""
 
 
-def rate_unit(table: SourceTable, named: dict[str, Column], asked: Asked) -> tuple[dict[str, Column], list[str]]:
+def rate_unit(
+    table: SourceTable, named: dict[str, Column], options: RecordingOptions
+) -> tuple[dict[str, Column], list[str]]:
     """The unit of the angular rates; counts stay counts unless it is known how many make one deg/s."""
     rates = tuple(role for role in RATE if role in named)
     if not rates:
         return named, []
     unit, per_dps = (
-        _stated_unit(asked.gyro_unit, "--gyro-unit", "dps") if asked.gyro_unit else (_own_unit(named, rates), None)
+        _stated_unit(options.gyro_unit, "--gyro-unit", "dps") if options.gyro_unit else (_own_unit(named, rates), None)
     )
     per_dps = per_dps or (table.per_unit.get("g") if unit == "counts" else None)
     if per_dps:
@@ -157,13 +159,17 @@ def rate_unit(table: SourceTable, named: dict[str, Column], asked: Asked) -> tup
 
 
 def in_range(
-    table: SourceTable, named: dict[str, Column], asked: Asked, first: "pl.DataFrame", known: Mapping[str, Wrap]
+    table: SourceTable,
+    named: dict[str, Column],
+    options: RecordingOptions,
+    first: "pl.DataFrame",
+    known: Mapping[str, Wrap],
 ) -> dict[str, Column]:
     """The columns with how numbers beyond the range of their type come back into it: as `known`, or as the first rows show."""
     if known:
         return {role: replace(column, wrap=known.get(role)) for role, column in named.items()}
     per_g = (
-        per_g_of(asked.unit)
+        per_g_of(options.unit)
         or table.per_unit.get("a")
         or UNITS_PER_G.get(_own_unit(named, FORCE).replace("ms2", "m/s2"))
     )
@@ -190,7 +196,7 @@ def unit_of_step(step: float) -> str:
 
 
 def time_unit(
-    table: SourceTable, named: dict[str, Column], asked: Asked, first: "pl.DataFrame", path: str
+    table: SourceTable, named: dict[str, Column], options: RecordingOptions, first: "pl.DataFrame", path: str
 ) -> tuple[dict[str, Column], list[str]]:
     """The unit of the times: asked, named, or the first in which the rate is one of an IMU.
 
@@ -201,7 +207,7 @@ def time_unit(
     column = named["time"]
     if column.whole:
         return named, []
-    unit, said = asked.time_unit or column.unit, []
+    unit, said = options.time_unit or column.unit, []
     if unit and unit not in TIME_S:
         raise InputError(f"--time-unit {unit}: not known; write one of {', '.join(TIME_S)}")
     clock = _clock(first, column)
@@ -214,7 +220,7 @@ def time_unit(
     times = numbers_of(first, column)
     if not np.isfinite(times).any() or first[column.name].dtype == pl.Date:
         words = f"{unread(table, first, column)} cannot be read as a time"
-        if asked.rate:
+        if options.rate:
             return {role: own for role, own in named.items() if role != "time"}, [f"{words}: left out, --rate counts"]
         raise InputError(
             f"{path}:{words}; write seconds, h:m:s.f or dates such as 2026-03-29T01:59:30.010, or give --rate 100 to go "
@@ -224,7 +230,7 @@ def time_unit(
     steps = steps[steps > 0]
     # Without gaps, but with what comes in bursts.
     step = float(np.mean(steps[steps < 20 * np.median(steps)])) if len(steps) else 0.0
-    if not unit or (not asked.time_unit and unit == FINE and step * TIME_S[FINE] * _SLOWEST_HZ > 1):
+    if not unit or (not options.time_unit and unit == FINE and step * TIME_S[FINE] * _SLOWEST_HZ > 1):
         unit = unit_of_step(step)
         if not unit:
             raise InputError(

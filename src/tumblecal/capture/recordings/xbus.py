@@ -13,7 +13,7 @@ from tumblecal.capture.frame_layouts import decoded_by_layout
 from tumblecal.capture.framing import Found
 from tumblecal.capture.protocols.xsens import MTDATA2, layout_of, no_force_words, numbers, samples_of
 from tumblecal.capture.recordings.damage import Damage
-from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.capture.recordings.table import Reader, SourceTable, of_arrays
 from tumblecal.capture.samples import Samples
 from tumblecal.ground.counted import counted
@@ -50,7 +50,7 @@ def _messages(log: bytes) -> tuple[list[tuple[int, int]], int, int]:
     return found, skipped, first
 
 
-def _read(path: Path, asked: Asked, damage: Damage) -> list[SourceTable]:
+def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceTable]:
     log = path.read_bytes()
     found, skipped, first = _messages(log)
     if skipped:

@@ -5,16 +5,16 @@ from dataclasses import replace
 import numpy as np
 
 from tumblecal.capture.recordings.column_names import QUANTITIES, exact_role, role_of, same_kind
-from tumblecal.capture.recordings.options import Asked
+from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.capture.recordings.table import SourceTable
 from tumblecal.capture.recordings.units import FORCE, Column
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.text_file import shown
 
 
-def given_columns(table: SourceTable, asked: Asked) -> dict[str, Column]:
+def given_columns(table: SourceTable, options: RecordingOptions) -> dict[str, Column]:
     """Columns by their quantity as the format says, as this program names them itself, and before all as the user says."""
-    own = asked_for(table, asked)
+    own = columns_of_option(table, options)
     taken = {column.name for column in own.values()}
     given: dict[str, Column] = {}
     for name in table.columns:
@@ -24,18 +24,18 @@ def given_columns(table: SourceTable, asked: Asked) -> dict[str, Column]:
     return given | own
 
 
-def asked_for(table: SourceTable, asked: Asked) -> dict[str, Column]:
+def columns_of_option(table: SourceTable, options: RecordingOptions) -> dict[str, Column]:
     """The columns that a user names.
 
     **Raises:** `InputError` for a quantity or a column that there is not.
     """
     columns: dict[str, Column] = {}
-    for role, given in _pairs(asked.columns, "--columns").items():
+    for role, given in _pairs(options.columns, "--columns").items():
         quantity, unit = exact_role(role)
         said = f"--columns {role}={given}"
         if quantity not in QUANTITIES:
             raise InputError(f"{said}: no such quantity; there are {', '.join(QUANTITIES)}")
-        name = _column_asked_for(table, given, said)
+        name = _column_of_option(table, given, said)
         taken = next((other for other, column in columns.items() if column.name == name or other == quantity), None)
         if taken is not None:
             other = f"column {columns[taken].name} is {taken} already"
@@ -47,7 +47,7 @@ def asked_for(table: SourceTable, asked: Asked) -> dict[str, Column]:
     return columns
 
 
-def _column_asked_for(table: SourceTable, given: str, said: str) -> str:
+def _column_of_option(table: SourceTable, given: str, said: str) -> str:
     """The name of a column that is asked for by its name or its number."""
     if given in table.columns:
         return given
@@ -83,12 +83,12 @@ def per_axis(text: str, option: str, default: float) -> dict[str, float]:
     return numbers
 
 
-def scaled(named: dict[str, Column], asked: Asked) -> dict[str, Column]:
+def scaled(named: dict[str, Column], options: RecordingOptions) -> dict[str, Column]:
     """The columns with the scales and offsets that a user gives.
 
     **Raises:** `InputError` for those of a quantity that is not among them.
     """
-    scale, offset = per_axis(asked.scale, "--scale", 1.0), per_axis(asked.offset, "--offset", 0.0)
+    scale, offset = per_axis(options.scale, "--scale", 1.0), per_axis(options.offset, "--offset", 0.0)
     unknown = [role for role in (*scale, *offset) if role not in named]
     if unknown:
         raise InputError(f"--scale, --offset: {unknown[0]} is not among the columns; there are {', '.join(named)}")
