@@ -19,7 +19,7 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 RUN_ELSEWHERE = {
     "README.md": "tests/test_readme.py",
     "files.md": "tests/data/test_calibration_extended.py",
-    "diagnosis.md": "tests/effects/test_users_effects.py",
+    "own_effects.md": "tests/effects/test_users_effects.py",
 }
 # Pages whose shell blocks are run here, in this order: each has what those before it made.
 WAY_OUT = ("certificate", "budget", "devices", "history")

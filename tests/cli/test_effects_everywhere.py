@@ -13,7 +13,7 @@ from tumblecal.studies.study_tables import read_study, rig_of_study
 from tumblecal.studies.sweep import points_of
 
 
-DOCUMENT = Path(__file__).parents[2] / "docs" / "diagnosis.md"
+DOCUMENT = Path(__file__).parents[2] / "docs" / "own_effects.md"
 RIG = """schema = "tumblecal.rig/1"
 [plan]
 alpha_deg = { start = 0, step = 45, count = 8 }

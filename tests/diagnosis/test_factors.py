@@ -136,14 +136,14 @@ def test_an_identity_at_1_g_is_identified_and_a_superset_adds_nothing():
 
 
 def test_effects_of_the_sensor_that_are_one_function_at_1_g():
-    """All pairs of the catalogue, by rank, and by the algebra of polynomials on the unit sphere: those of docs/diagnosis.md."""
+    """All pairs of the catalogue, by rank, and by polynomials on the unit sphere: those of docs/diagnosis_rules.md."""
     slots = {}
     for effect in ENTRIES.values():
         if effect.id.startswith(("second", "third", "fifth", "cross", "scale_asym", "bias_temp")):
             slots[effect.id] = replace(NO_SLOT, id=effect.id, make=effect.make, columns=(0,))
     pairs = {(a, b) for a, b in combinations(slots, 2) if one_function_at_1_g([slots[a]], [slots[b]])}
     assert pairs == {(f"second_order.{axis}", f"cross_axis_square.{axis}") for axis in "xyz"}
-    text = (ROOT / "docs/diagnosis.md").read_text()
+    text = (ROOT / "docs/diagnosis_rules.md").read_text()
     assert all(f"| `{a}` | `{b}` |" in text for a, b in pairs)
 
 

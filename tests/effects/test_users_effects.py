@@ -14,7 +14,7 @@ from tumblecal.effects.users_file import fault_in_users_file
 from tumblecal.ground.errors import InputError
 
 
-DOCUMENT = Path(__file__).parents[2] / "docs" / "diagnosis.md"
+DOCUMENT = Path(__file__).parents[2] / "docs" / "own_effects.md"
 EXAMPLES = [text for text in re.findall(r"```python\n(.*?)```", DOCUMENT.read_text(), re.S) if "EFFECTS" in text]
 
 
