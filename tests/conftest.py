@@ -13,11 +13,11 @@ from jaxtyping import install_import_hook
 
 import compiled_once
 import shape_checker
-from tumblecal.studies.threads import one_thread
+from tumblecal.studies.threads import use_one_thread
 
 
 # As the study commands do, so that their processes and this one give the same bits.
-one_thread()
+use_one_thread()
 
 # What runs for a moment is compiled quickly, in the commands that are started too; `fully_compiled` is what users have.
 os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = "1"

@@ -36,7 +36,7 @@ def test_a_swap_undone_twice_is_the_swap(problem):
     np.testing.assert_array_equal(swapped.readings[others], problem.readings[others])
     right = exchange.undone(swapped)
     np.testing.assert_array_equal(right.readings, problem.readings)
-    assert right.where is problem.where and right.kept is None
+    assert right.where is problem.where and right.retained is None
     assert exact.fit(swapped).rms > 1e-3 and exact.fit(right).rms < 1e-12
 
 

@@ -41,7 +41,7 @@ def test_what_each_run_shows_anew_is_told_by_its_clock_and_what_goes_on_by_all_o
     diagnosis = diagnoser(data)
     assert (hidden,) in (diagnosis.best.labels, *diagnosis.best.equivalents) and diagnosis.verdict == "identified"
     # Runs that have a clock each are no slip.
-    assert not diagnosis.mix_ups
+    assert not diagnosis.setup_errors
 
 
 def test_runs_with_a_clock_each_are_measured_one_after_the_other():

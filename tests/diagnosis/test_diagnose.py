@@ -100,7 +100,7 @@ def test_outlier_is_left_out(diagnoser, hidden):
 
     diagnosis = diagnoser(hidden(6, {}, change=knock, sd=False))
     assert {"outlier_position:0-8"} in names(diagnosis)
-    assert not diagnosis.extended.kept[7] and diagnosis.extended.kept.sum() == 23
+    assert not diagnosis.extended.retained[7] and diagnosis.extended.retained.sum() == 23
 
 
 def test_mislabelled_angle(diagnoser, hidden):

@@ -77,7 +77,7 @@ def test_who_takes_the_calibration_is_told(tumblecal, folder, tmp_path):
 
 def test_nothing_is_said_where_all_is_determined(hidden, diagnoser):
     diagnosis = diagnoser(hidden(2, {"index_eccentricity": [8e-4, 5e-4]}))
-    assert diagnosis.extended.undetermined == () and diagnosis.extended.hidden.size == 0
+    assert diagnosis.extended.undetermined == () and diagnosis.extended.unidentifiable.size == 0
     assert all(shift["determined"] for shift in shifts(diagnosis).values())
 
 
@@ -85,7 +85,7 @@ def test_what_is_hidden_changes_no_reading_at_the_positions_measured(hidden, dia
     """The shifts of parameters and coefficients together, in the blind instrument: none of the readings moves."""
     fit = diagnoser(hidden(3, BY_PITCH)).extended
     setup = blind.random_setup(np.random.default_rng(3), 3, 8)
-    (shift,) = 0.01 * fit.hidden.T
+    (shift,) = 0.01 * fit.unidentifiable.T
     by = dict(zip(fit.names, shift, strict=True))
     nominal = {leaf: values.copy() for leaf, values in setup.nominal.items()}
     for leaf in ("dK", "bias", "dtheta"):

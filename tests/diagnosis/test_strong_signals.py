@@ -16,7 +16,7 @@ from tumblecal.data import read_positions
 from tumblecal.diagnosis.exact.insert import fit_with
 from tumblecal.diagnosis.screening import jumps_tried
 from tumblecal.effects.catalogue import read_rig_with_effects
-from tumblecal.estimation.put_right import put_right
+from tumblecal.estimation.setup_correction import correct_setup_errors
 from tumblecal.simulation.position_means import simulated
 
 
@@ -169,8 +169,8 @@ def test_an_effect_of_tenths_of_a_g_is_no_mislabelled_setting(name):
     """It looked like one, which explained a third of it, and the data were put wrong."""
     for seed in range(CASES):
         case = study.hidden(np.random.default_rng([9, seed]), "4x12", lambda _: (name,), (1000,))
-        mended, mix_ups = put_right(position_set(case.setup, case.measured, known=True))
-        assert not mix_ups and np.array_equal(mended.beta_deg, np.degrees(case.setup.beta))
+        mended, setup_errors = correct_setup_errors(position_set(case.setup, case.measured, known=True))
+        assert not setup_errors and np.array_equal(mended.beta_deg, np.degrees(case.setup.beta))
 
 
 @pytest.mark.parametrize("axis", ["y", "z"])
@@ -196,9 +196,9 @@ def test_a_bias_by_pitch_is_no_mislabelled_setting(diagnoser):
         clean = blind.readings(setup, setup.nominal, {"bias_by_pitch.x": sizes})
         readings = clean + blind.SIGMA * rng.normal(size=clean.shape)
     data = position_set(setup, readings, known=False)
-    assert [slip.label for slip in put_right(data)[1]] == ["mislabelled_setting"]
+    assert [slip.label for slip in correct_setup_errors(data)[1]] == ["mislabelled_setting"]
     diagnosis = diagnoser(data)
-    assert not diagnosis.mix_ups and diagnosis.labels == ("bias_by_pitch.x",)
+    assert not diagnosis.setup_errors and diagnosis.labels == ("bias_by_pitch.x",)
 
 
 def test_a_mislabelled_setting_stays_one_beside_what_is_not_named(diagnoser):
@@ -207,7 +207,7 @@ def test_a_mislabelled_setting_stays_one_beside_what_is_not_named(diagnoser):
         case = study.hidden(np.random.default_rng([11, seed]), "4x12", study.several(2), (30, 30))
         data = position_set(case.setup, case.measured, known=True)
         data = replace(data, beta_deg=np.where(np.abs(data.beta_deg - 30) < 1, 42.0, data.beta_deg))
-        assert [slip.label for slip in diagnoser(data).mix_ups] == ["mislabelled_setting"]
+        assert [slip.label for slip in diagnoser(data).setup_errors] == ["mislabelled_setting"]
 
 
 def swapped_beside(size):

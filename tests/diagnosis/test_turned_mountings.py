@@ -15,7 +15,9 @@ def test_a_turn_is_no_fault_and_an_effect_is_found_beside_it(diagnoser):
     turn = (0.0, 90.0, 0.0)
     data, *_ = two(2, NONE, turn)
     diagnosis = diagnoser(data, noise_sd=blind.SIGMA)
-    assert diagnosis.verdict == "adequate" and diagnosis.mountings == {"A": NONE, "B": turn} and not diagnosis.mix_ups
+    assert (
+        diagnosis.verdict == "adequate" and diagnosis.mountings == {"A": NONE, "B": turn} and not diagnosis.setup_errors
+    )
     data, first, second = two(3, NONE, turn, square_y=1e-3)
     diagnosis = diagnoser(data, noise_sd=blind.SIGMA)
     assert diagnosis.labels == ("second_order.y",)
@@ -41,4 +43,4 @@ def test_mixed_up_columns_beside_a_turn(diagnoser):
     data, *_ = two(1, NONE, (0.0, 90.0, 0.0))
     diagnosis = diagnoser(replace(data, readings=data.readings * [1.0, 1.0, -1.0]), noise_sd=blind.SIGMA)
     assert diagnosis.labels == ("axis_map",) and diagnosis.mountings["B"] == (0.0, 90.0, 0.0)
-    assert "column z is -z" in diagnosis.mix_ups[0].words
+    assert "column z is -z" in diagnosis.setup_errors[0].words

@@ -51,7 +51,7 @@ class Instrument:
         sd = np.full(added.shape, unit)
         problem = SimpleNamespace(where=self.where, sd=sd)
         residuals = (self.basis @ z).reshape(-1, 3) * unit
-        return whole, SimpleNamespace(problem=problem, residuals=residuals, kept=np.ones(len(added), bool))
+        return whole, SimpleNamespace(problem=problem, residuals=residuals, retained=np.ones(len(added), bool))
 
     def law(self, whole: LeftOver) -> Law | None:
         return candidate_law(whole, self.where, self.u, self.head)
@@ -174,7 +174,7 @@ def of_instrument(instrument, found: Excess, law: Law | None) -> SimpleNamespace
     setup = instrument.setup
     alpha, beta = np.degrees(setup.alpha), np.degrees(setup.beta)
     data = SimpleNamespace(alpha_deg=alpha, beta_deg=beta, pitch_setting_deg=beta, source="m.csv", files=())
-    fit = SimpleNamespace(kept=np.ones(len(alpha), bool))
+    fit = SimpleNamespace(retained=np.ones(len(alpha), bool))
     problem = SimpleNamespace(where=instrument.where, sd=np.full((len(alpha), 3), blind.SIGMA))
     return SimpleNamespace(unnamed=Unnamed(fit, law, found), data=data, problem=problem, level=1.0)
 

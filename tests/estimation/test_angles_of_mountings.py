@@ -10,7 +10,7 @@ from blind_conditions import CONDITIONS, drawn, write
 from blind_mistakes import OF_ANGLES
 from remounted import two
 from tumblecal.data import read_positions
-from tumblecal.estimation.put_right import put_right
+from tumblecal.estimation.setup_correction import correct_setup_errors
 from tumblecal.ground.errors import InputError
 
 
@@ -35,7 +35,7 @@ def test_a_spindle_reversed_in_one_mounting_is_an_axis_of_the_other_sign_there(t
         with pytest.raises(
             InputError, match=r"in mount B the axes are mirrored .* or .*spindle .* other sense in mounting B"
         ):
-            put_right(data)
+            correct_setup_errors(data)
 
 
 @pytest.mark.parametrize(
@@ -44,9 +44,9 @@ def test_a_spindle_reversed_in_one_mounting_is_an_axis_of_the_other_sign_there(t
 def test_a_slip_is_put_right_whichever_mountings_have_it(condition, tmp_path):
     """The second mounting put right had undone the first; a slip hid how the triad stood."""
     for data, ids in spoilt(condition, tmp_path):
-        mended, (slip, *more) = put_right(data)
+        mended, (slip, *more) = correct_setup_errors(data)
         assert not more and ids & {slip.label, *(label for label, _ in slip.equal)}
-        assert put_right(mended)[1] == []
+        assert correct_setup_errors(mended)[1] == []
         rows = np.array(data.mount) == "B"
         moved = (mended.alpha_deg != data.alpha_deg) | (mended.beta_deg != data.beta_deg)
         moved |= np.any(mended.readings != data.readings, axis=1)
@@ -62,10 +62,10 @@ def test_two_mountings_may_have_slips_of_their_own(tmp_path):
     spoilt_too = data.beta_deg.copy()
     spoilt_too[first] = 90.0 - spoilt_too[first]
     both = type(data)(**{**vars(data), "beta_deg": spoilt_too})
-    mended, slips = put_right(both)
+    mended, slips = correct_setup_errors(both)
     assert [slip.label for slip in slips] == ["pitch_reversed", "mislabelled_setting"]
     assert [slip.words.rpartition(" ")[2] for slip in slips] == ["A", "B"]
-    alone, _ = put_right(data)
+    alone, _ = correct_setup_errors(data)
     np.testing.assert_allclose(mended.beta_deg, alone.beta_deg, atol=1.0)
 
 
@@ -86,15 +86,15 @@ WIRED_WRONGLY = {
 def test_columns_of_the_whole_file_are_told_before_slips_of_each_mounting(words, orientation):
     """Slips of the angles, one in each mounting, had been told for one axis of the other sign."""
     data, *_ = two(1, (0.0, 0.0, 0.0), orientation)
-    mended, mix_ups = put_right(replace(data, readings=WIRED_WRONGLY[words](data.readings)))
-    assert [mix_up.label for mix_up in mix_ups] == ["axis_map"]
-    assert words in mix_ups[0].words
+    mended, setup_errors = correct_setup_errors(replace(data, readings=WIRED_WRONGLY[words](data.readings)))
+    assert [setup_error.label for setup_error in setup_errors] == ["axis_map"]
+    assert words in setup_errors[0].words
     np.testing.assert_array_equal(mended.readings, data.readings)
 
 
 def test_columns_that_go_round_are_told_with_two_mountings_that_stand_alike():
     data, *_ = two(1, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-    mended, mix_ups = put_right(replace(data, readings=data.readings[:, [1, 2, 0]]))
-    assert [mix_up.label for mix_up in mix_ups] == ["axis_map"]
-    assert "column x is y; column y is z; column z is x" in mix_ups[0].words
+    mended, setup_errors = correct_setup_errors(replace(data, readings=data.readings[:, [1, 2, 0]]))
+    assert [setup_error.label for setup_error in setup_errors] == ["axis_map"]
+    assert "column x is y; column y is z; column z is x" in setup_errors[0].words
     np.testing.assert_array_equal(mended.readings, data.readings)

@@ -6,7 +6,7 @@ import pytest
 import blind_instrument as blind
 import blind_noise
 from tumblecal.estimation.equal_ends import equal_ends
-from tumblecal.estimation.put_right import put_right
+from tumblecal.estimation.setup_correction import correct_setup_errors
 from tumblecal.ground.errors import InputError
 
 
@@ -32,7 +32,7 @@ def test_equal_readings_at_both_ends_or_at_a_whole_setting_are_clipped(axis):
     assert end.axis == axis and end.size == 0.993
     assert end.rows.tolist() == np.flatnonzero(np.abs(readings[:, axis]) == 0.993).tolist()
     with pytest.raises(InputError, match=rf"reads 0.993 g.*\(clipping.{'xyz'[axis]}\)"):
-        put_right(blind_noise.position_set(setup, readings, True), None)
+        correct_setup_errors(blind_noise.position_set(setup, readings, True), None)
 
 
 @pytest.mark.parametrize("decimals", [5, 6, 7])

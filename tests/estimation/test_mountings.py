@@ -10,7 +10,7 @@ from remounted import blind, measured, passive, two
 from tumblecal.chain.nominal import Mount
 from tumblecal.data.joined import joined
 from tumblecal.estimation import default_chain, exact, problem_of
-from tumblecal.estimation.mountings import told_apart, turned_mountings
+from tumblecal.estimation.mountings import turned_mountings, with_distinct_mounts
 from tumblecal.estimation.quarter_turns import quarter_turns, turn_of
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.frames import rotation_matrix
@@ -67,7 +67,7 @@ def test_small_mounts_are_left_as_they_are(seed):
     swapped[[1, 3, 30]] = swapped[[3, 1, 35]]
     for own in (data, replace(data, readings=swapped), replace(data, mount=None, run=data.mount)):
         assert turned_mountings(own) == {}
-        assert told_apart([own, own])[1] is own
+        assert with_distinct_mounts([own, own])[1] is own
     (mount,) = (link for link in default_chain(data).links if isinstance(link, Mount))
     assert mount.nominal is None
 
@@ -133,12 +133,12 @@ def test_files_of_several_turns_are_told_apart():
     nominal = setup.nominal
     order = [("in/a", NONE), ("in/b", Z90), ("in/c", Z90), ("in/d", NONE), ("more/b", Y90)]
     files = [measured(setup, nominal, turn, rng, source=f"{name}.csv") for name, turn in order]
-    labels = [None if one.mount is None else set(one.mount) for one in told_apart(files)]
+    labels = [None if one.mount is None else set(one.mount) for one in with_distinct_mounts(files)]
     # Back at the first attitude the triad was mounted anew all the same.
     assert labels == [None, {"b"}, {"b"}, {"d"}, {"b 2"}]
-    assert turned_mountings(joined(told_apart(files))) == {"1": NONE, "b": Z90, "d": NONE, "b 2": Y90}
+    assert turned_mountings(joined(with_distinct_mounts(files))) == {"1": NONE, "b": Z90, "d": NONE, "b 2": Y90}
     named = [replace(one, mount=("A",) * 24) for one in files[:2]]
-    assert set(told_apart(named)[1].mount or ()) == {"A of b"}
+    assert set(with_distinct_mounts(named)[1].mount or ()) == {"A of b"}
 
 
 def test_a_file_of_the_opposite_sign_is_refused_when_joined():
@@ -146,7 +146,7 @@ def test_a_file_of_the_opposite_sign_is_refused_when_joined():
     setup = blind.random_setup(rng, 3, 8)
     one = measured(setup, setup.nominal, NONE, rng, source="a.csv")
     other = measured(setup, setup.nominal, NONE, rng, source="b.csv")
-    whole = joined(told_apart([one, replace(other, readings=-other.readings)]))
+    whole = joined(with_distinct_mounts([one, replace(other, readings=-other.readings)]))
     with pytest.raises(InputError, match="in mount b the axes are mirrored"):
         turned_mountings(whole)
 

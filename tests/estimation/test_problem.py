@@ -64,7 +64,7 @@ def _prior_rows(problem, vector):
 def test_positions_left_out_add_up_and_leave_the_problem_as_it_was(problem):
     fewer = problem.without((2, 5)).without((7,))
     assert np.flatnonzero(~fewer.takes_part).tolist() == [2, 5, 7]
-    assert problem.kept is None and problem.takes_part.all() and len(problem.takes_part) == 24
+    assert problem.retained is None and problem.takes_part.all() and len(problem.takes_part) == 24
     assert fewer.readings is problem.readings and fewer.noise is problem.noise
 
 
@@ -100,7 +100,7 @@ def test_rows_and_unwhitened_undo_each_other(problem, correlated):
 def test_compiled_programs_see_the_numbers_and_not_the_names(problem):
     leaves, structure = jax.tree.flatten(problem)
     back = jax.tree.unflatten(structure, leaves)
-    assert back.data is None and back.kept is None and back.known and back.with_prior
+    assert back.data is None and back.retained is None and back.known and back.with_prior
     np.testing.assert_array_equal(back.readings, problem.readings)
     with pytest.raises(ValueError, match="without a position set"):
         back.measured_data  # noqa: B018
@@ -148,7 +148,7 @@ def test_positions_left_out_take_no_part_in_the_exact_fit():
             exact.fit(problem_of(data, **options).without((7,))),
             exact.fit(problem_of(data.chosen(others), **options)),
         )
-        assert fit.dof == fewer.dof == 69 - 15 and not fit.kept[7]
+        assert fit.dof == fewer.dof == 69 - 15 and not fit.retained[7]
         np.testing.assert_allclose(fit.values, fewer.values, rtol=0, atol=1e-12)
         np.testing.assert_allclose(fit.covariance, fewer.covariance, rtol=1e-7)
         np.testing.assert_allclose([fit.chi2, fit.sigma, fit.rms], [fewer.chi2, fewer.sigma, fewer.rms], rtol=1e-9)

@@ -126,17 +126,19 @@ def test_the_folder_is_private_or_not_used(filled):
 def test_programs_of_one_kind_are_compiled_once_a_process():
     import jax
 
-    from tumblecal.estimation.programs import kept
+    from tumblecal.estimation.programs import cached_program
 
     traced = []
 
     def scaled(factor):
-        return kept(lambda x: (traced.append(factor), factor * x)[1], factor)
+        return cached_program(lambda x: (traced.append(factor), factor * x)[1], factor)
 
     for _ in range(2):
         assert float(scaled(2.0)(np.ones(()))) == 2.0 and float(scaled(3.0)(np.ones(()))) == 3.0
     assert traced == [2.0, 3.0]
-    own = [kept(lambda x: (traced.append(None), x)[1], object()) for _ in range(2)]  # what cannot be told apart
+    own = [
+        cached_program(lambda x: (traced.append(None), x)[1], object()) for _ in range(2)
+    ]  # what cannot be told apart
     assert [float(program(jax.numpy.ones(()))) for program in own] == [1.0, 1.0] and traced[2:] == [None, None]
 
 
@@ -144,11 +146,11 @@ def test_programs_of_many_kinds_of_files_do_not_stay():
     """A row of files of as many lengths, in one process: each length is another program, of 5 to 20 MB."""
     import jax
 
-    from tumblecal.estimation.programs import kept
+    from tumblecal.estimation.programs import cached_program
 
     client = jax.devices()[0].client
     before = len(client.live_executables())
-    program, own = kept(lambda x: 2.0 * x, "doubled"), kept(lambda x: 3.0 * x, object())
+    program, own = cached_program(lambda x: 2.0 * x, "doubled"), cached_program(lambda x: 3.0 * x, object())
     for rows in range(1, 61):
         for factor, of in ((2.0, program), (3.0, own)):
             np.testing.assert_array_equal(of(np.ones(rows)), np.full(rows, factor))

@@ -154,7 +154,7 @@ def diagnosed(verdict="ambiguous", labels=("bias_drift.x", "second_order.z"), **
     best = SimpleNamespace(labels=labels, probability=0.97, single_name=verdict == "identified")
     other = SimpleNamespace(probability=0.02)
     screened = SimpleNamespace(detection=SimpleNamespace(p_value=3.2e-13), explanations=[best, other])
-    given = {"mix_ups": (), "noise_labels": (), "implausible": (), "located": [], "level": 1.0, "data": range(24)}
+    given = {"setup_errors": (), "noise_labels": (), "implausible": (), "located": [], "level": 1.0, "data": range(24)}
     problem = SimpleNamespace(sd=np.full((24, 3), 1e-4))
     return SimpleNamespace(verdict=verdict, best=best, screened=screened, problem=problem, **given | changed)
 

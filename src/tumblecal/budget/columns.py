@@ -168,7 +168,7 @@ def gain(fit: Fit) -> Float[np.ndarray, "free positions 3"]:
     """Change of each fitted parameter with each reading: `(J'J)^-1 J' W`, in base units."""
     count, whitening = fit.problem.readings.size, np.asarray(fit.problem.whitening)
     white = np.linalg.pinv(fit.jacobian)[:, :count] * fit.problem.scales[:, None]
-    white = np.where(np.repeat(fit.kept, 3), white, 0.0)
+    white = np.where(np.repeat(fit.retained, 3), white, 0.0)
     by_reading = (len(fit.names), *fit.problem.readings.shape)
     if whitening.ndim == 1:
         return (white * whitening).reshape(by_reading)

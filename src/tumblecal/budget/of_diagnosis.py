@@ -62,7 +62,7 @@ def of_diagnosis(
         units=tuple(fit.units[place] for place in places),
         values=parts.parameters.values,
         covariance=parts.parameters.covariance,
-        hidden=np.zeros((0, 0)),
+        unidentifiable=np.zeros((0, 0)),
     )
     shifts = tuple(shift[places] for shift in budget.shifts)
     made = replace(budget, fit=fit, shifts=shifts, diagnosis_parts=parts.diagnosis_parts, own_dof=parts.parameters.dof)

@@ -173,10 +173,12 @@ def _measured(model: "StatedModel", data: Path) -> "tuple[Fit, list[str]]":
     from tumblecal.estimation.plausibility import implausible
     from tumblecal.report.calibration_judgements import warning_words
 
-    positions, mix_ups = model.checked(model.read(data))
+    positions, setup_errors = model.checked(model.read(data))
     fitted, floor, level = exact_fit(model.problem(positions), by_columns=model.noise_sd is None)
     unusual = model.with_sources(implausible(fitted, model.usual), fitted.problem)
-    made = Calibrated({"exact": fitted}, {}, unusual, tuple(mix_ups), floor=floor, level=level, entries=model.entries)
+    made = Calibrated(
+        {"exact": fitted}, {}, unusual, tuple(setup_errors), floor=floor, level=level, entries=model.entries
+    )
     return fitted, list(warning_words(made))
 
 

@@ -100,10 +100,10 @@ def _calibrated(
     if isinstance(positions, InputError):
         return positions
     try:
-        checked, mix_ups = model.checked(positions)
+        checked, setup_errors = model.checked(positions)
         calibrated = all_methods(model.problem(checked), usual=model.usual, by_columns=model.noise_sd is None)
         unusual = model.with_sources(calibrated.implausible, calibrated.exact.problem)
-        return replace(calibrated, mix_ups=tuple(mix_ups), implausible=unusual, entries=model.entries)
+        return replace(calibrated, setup_errors=tuple(setup_errors), implausible=unusual, entries=model.entries)
     except InputError as fault:
         if alone:
             raise

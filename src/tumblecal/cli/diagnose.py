@@ -140,15 +140,15 @@ def diagnose(
         calibrate is refused.
     """
     from tumblecal.cli.start import start
-    from tumblecal.studies.threads import one_thread
+    from tumblecal.studies.threads import use_one_thread
 
     output.begin()
-    one_thread()
+    use_one_thread()
     start()
     from tumblecal.data.joined import joined, runs_apart
     from tumblecal.data.joined_clocks import joined_clocks
     from tumblecal.data.overwriting import DIAGNOSIS, inputs_kept, others_kept
-    from tumblecal.estimation.mountings import told_apart
+    from tumblecal.estimation.mountings import with_distinct_mounts
     from tumblecal.ground.atomic import output_folders
 
     inputs.check()
@@ -167,7 +167,7 @@ def diagnose(
     read = batch.read(data, together=single or inputs.units)
     if inputs.join:
         parts = [part for part in read if not isinstance(part, InputError)]
-        parts = parts if model.rig else told_apart(parts)
+        parts = parts if model.rig else with_distinct_mounts(parts)
         parts = parts if inputs.same_run else runs_apart(parts)
         clocks = joined_clocks(parts, inputs.pause)
         whole = joined(parts, clocks)

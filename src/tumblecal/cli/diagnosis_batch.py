@@ -206,9 +206,9 @@ def _work(batch: Batch) -> None:
     global _batch
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     from tumblecal.cli.start import start
-    from tumblecal.studies.threads import one_thread
+    from tumblecal.studies.threads import use_one_thread
 
-    one_thread()
+    use_one_thread()
     start()
     batch.ready()
     _batch = batch

@@ -28,9 +28,9 @@ from tumblecal.effects.catalogue import (
 )
 from tumblecal.estimation import Problem, default_chain, problem_of, where_of
 from tumblecal.estimation.methods import checked
-from tumblecal.estimation.mix_up import MixUp
 from tumblecal.estimation.plausibility import Implausible
 from tumblecal.estimation.priors import Priors
+from tumblecal.estimation.setup_error import SetupError
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import Gravity, gravity_of_option
@@ -204,7 +204,7 @@ class StatedModel:
                 read.append(fault)
         return read
 
-    def checked(self, data: PositionSet) -> tuple[PositionSet, list[MixUp]]:
+    def checked(self, data: PositionSet) -> tuple[PositionSet, list[SetupError]]:
         """The set with what no calibration at rest depends on put right, and what that was.
 
         **Raises:** `InputError` for readings or angles that are mixed up: a calibration is for the columns as they stand.

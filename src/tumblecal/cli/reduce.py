@@ -55,14 +55,14 @@ def reduce(
         Draw intervals.svg.
     """
     from tumblecal.capture.recording_files import recording_files
-    from tumblecal.ground.blas import one_thread
+    from tumblecal.ground.blas import single_blas_thread
 
     if context.static and context.plan:
         raise InputError("--static says that the attitudes are unknown, --plan says which they are; give one of them")
     said = context != KnownContext() or options != RecordingOptions()
     output = Output(quiet)
     files = recording_files(sources, [context.table, context.plan])
-    with one_thread():
+    with single_blas_thread():
         if len(files) > 1 or context.table is not None:
             _files(files, context, options, (criterion, figures), out or Path("reduced"), output)
             return

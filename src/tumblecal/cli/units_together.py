@@ -28,7 +28,7 @@ def diagnose_units(
 ) -> list[str]:
     """Screen every unit, weigh what they share, diagnose each again beside it, and write all of it; returns the faults."""
     from tumblecal.diagnosis.head import together
-    from tumblecal.ground.blas import one_thread
+    from tumblecal.ground.blas import single_blas_thread
     from tumblecal.ground.result_set import remove_results, result_set
     from tumblecal.report.diagnosis_summary import summary_row, write_summary
     from tumblecal.report.head_files import write_units
@@ -36,7 +36,7 @@ def diagnose_units(
 
     screened: list[Screened] = []
     taken, refused = [], {}
-    with one_thread(), batch.output.working(f"screening {len(read)} units"):
+    with single_blas_thread(), batch.output.working(f"screening {len(read)} units"):
         for number, positions in enumerate(read):
             try:
                 screened.append(batch.screened(positions))
@@ -48,7 +48,7 @@ def diagnose_units(
         raise InputError(
             [*faults, "--units: at least two units that can be diagnosed are needed to tell what they share"]
         )
-    with one_thread(), batch.output.working("weighing what the units share"):
+    with single_blas_thread(), batch.output.working("weighing what the units share"):
         measured = together(screened, [str(files[k]) for k in taken], batch.usual)
     del screened
     heads = [measured.known_to(number) for number in range(len(taken))]

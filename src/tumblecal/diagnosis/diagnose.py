@@ -29,13 +29,13 @@ from tumblecal.diagnosis.tuning import HAND_HELD_SIZE, RECORDED_SIZE, SIZE
 from tumblecal.effects import Catalogue, catalogue
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.mean_noise import MeanNoise, recorded_noises, sample_noises
-from tumblecal.estimation.mix_up import MixUp, taken_back
 from tumblecal.estimation.mountings import turned_mountings
 from tumblecal.estimation.plausibility import Implausible, implausible
 from tumblecal.estimation.priors import Priors
 from tumblecal.estimation.problem import Problem, default_chain, problem_of, where_of
-from tumblecal.estimation.put_right import put_right
-from tumblecal.ground.blas import one_thread
+from tumblecal.estimation.setup_correction import correct_setup_errors
+from tumblecal.estimation.setup_error import SetupError, undone_by_fit
+from tumblecal.ground.blas import single_blas_thread
 from tumblecal.ground.errors import InputError
 
 
@@ -50,7 +50,7 @@ class Begun(NamedTuple):
     screened: Screened
     noise_wrong: dict[str, NoiseFault]
     assumed_p_value: float
-    mix_ups: tuple[MixUp, ...]
+    setup_errors: tuple[SetupError, ...]
     samples: MeanNoise | None
     extended: Fit
     contradicted: tuple[Implausible, ...] = ()
@@ -106,7 +106,7 @@ class Diagnoser:
         if len(data) < 3:
             raise InputError(f"{data.source}: {len(data)} positions are too few for any test; measure a whole plan")
         fold = folds(data, holdout)
-        with one_thread():
+        with single_blas_thread():
             begun = self.begun(data, chain, noise_sd, priors, samples)
             return self._finished(begun, fold, from_rig and chain is not None)
 
@@ -122,7 +122,7 @@ class Diagnoser:
         noises = sample_noises(samples, data) if samples is not None else []
         if samples is None and noise_sd is None:
             noises = recorded_noises(data)
-        mended, mixed = put_right(data, chain)
+        mended, mixed = correct_setup_errors(data, chain)
         begun = self._begun(mended, mixed, chain, noise_sd, priors, noises)
         slips = of_angles(mixed)
         if not slips or begun.extended.computed:
@@ -146,12 +146,12 @@ class Diagnoser:
         """How far one reading of the angles is to be believed, in which so many slips were put right."""
         fit = begun.extended
         credence = Credence.of(begun.screened, fit, sd, implausible(fit, self.usual), slips)
-        return credence._replace(usual=-np.inf) if slips and taken_back(written, fit) else credence
+        return credence._replace(usual=-np.inf) if slips and undone_by_fit(written, fit) else credence
 
     def _begun(
         self,
         data: PositionSet,
-        mixed: Sequence[MixUp],
+        mixed: Sequence[SetupError],
         chain: Chain | None,
         noise_sd: float | None,
         priors: Priors | None,
@@ -195,12 +195,12 @@ class Diagnoser:
         unusual = (*begun.contradicted, *implausible(begun.extended, self.usual))
         elsewhere = located(screened)
         doubtful = bool(elsewhere) or any(fault.doubtful for fault in begun.noise_wrong.values())
-        verdict = verdict_of(screened.best, bool(begun.mix_ups or begun.noise_wrong), bool(unusual), doubtful)
+        verdict = verdict_of(screened.best, bool(begun.setup_errors or begun.noise_wrong), bool(unusual), doubtful)
         return Diagnosis(
             screened=screened,
             entries=self.entries,
             verdict="unexplained" if screened.contradicted else verdict,
-            mix_ups=begun.mix_ups,
+            setup_errors=begun.setup_errors,
             implausible=unusual,
             noise_wrong=begun.noise_wrong,
             assumed_p_value=begun.assumed_p_value,

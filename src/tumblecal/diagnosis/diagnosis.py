@@ -30,11 +30,11 @@ from tumblecal.diagnosis.sets.classes import Explanation
 from tumblecal.effects import Catalogue
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.mean_noise import MeanNoise
-from tumblecal.estimation.mix_up import MixUp
 from tumblecal.estimation.mountings import turns_of
 from tumblecal.estimation.plausibility import Implausible
 from tumblecal.estimation.problem import Problem
-from tumblecal.ground.blas import one_thread
+from tumblecal.estimation.setup_error import SetupError
+from tumblecal.ground.blas import single_blas_thread
 from tumblecal.ground.showing import Screen, Shown, drawn_by, of_report
 
 
@@ -47,7 +47,7 @@ class Diagnosis(Shown):
     """What was made of one data set.
 
     - `verdict`: adequate, identified, ambiguous or unexplained.
-    - `mix_ups`: what was mixed up in setting up, put right first. `implausible`: parameters that no instrument has.
+    - `setup_errors`: what was mixed up in setting up, put right first. `implausible`: parameters that no instrument has.
     - `noise_wrong`: what was wrong with the noise, by id; the tests are under it. `assumed_p_value`: before that.
     - `screened`: test, explanations, visibility, and the problem as it was screened.
     - `extended`: exact fit with what was named; `nominal` where nothing was inserted.
@@ -63,7 +63,7 @@ class Diagnosis(Shown):
     screened: Screened
     entries: Catalogue
     verdict: str
-    mix_ups: tuple[MixUp, ...]
+    setup_errors: tuple[SetupError, ...]
     implausible: tuple[Implausible, ...]
     noise_wrong: dict[str, NoiseFault]
     assumed_p_value: float
@@ -82,7 +82,7 @@ class Diagnosis(Shown):
     @cached_property
     def gain(self) -> Gain:
         """What the extended model gains where nothing was tuned."""
-        with one_thread():
+        with single_blas_thread():
             # Among the causes alone is chosen anew: what follows no more than a process is kept.
             anew = self.nested and self.members and self.best.members
             errors = chosen_anew(self.screened, self.fold[0]) if anew else None
@@ -114,7 +114,7 @@ class Diagnosis(Shown):
         if self.verdict != "unexplained" or self.model.hand_held or not self.screened.detection.detected:
             return None
         named = [] if self.screened.contradicted else [cause for cause in self.members if cause.named]
-        with one_thread():
+        with single_blas_thread():
             return unnamed(self.screened.at, fit_with(self.screened.at, named) if named else self.nominal)
 
     @cached_property
@@ -180,7 +180,7 @@ class Diagnosis(Shown):
     @property
     def labels(self) -> tuple[str, ...]:
         """All causes named: mix-ups, noise, effects; positions after a colon."""
-        mixed = tuple(dict.fromkeys(mix_up.label for mix_up in self.mix_ups))
+        mixed = tuple(dict.fromkeys(setup_error.label for setup_error in self.setup_errors))
         return (*mixed, *self.noise_labels, *(label for label in self.best.labels if label not in self.noise_labels))
 
     @cached_property

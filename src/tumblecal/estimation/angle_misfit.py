@@ -1,4 +1,4 @@
-"""How badly readings follow the attitudes of a story: whether a sensor of usual size would read them there."""
+"""How badly readings follow the attitudes of a hypothesis: whether a sensor of usual size would read them there."""
 
 import numpy as np
 from jaxtyping import Float
@@ -9,13 +9,13 @@ from jaxtyping import Float
 _USUAL_SCALE, _USUAL_TURN, _USUAL_BIAS_G, _NEAR_G = 0.05, 0.15, 0.1, 0.02
 # The square, in _NEAR_G, at which a row counts as far off; none adds more to a misfit than this.
 FAR = 25.0
-# Misfits that differ by more than this tell stories apart, by less than that do not.
+# Misfits that differ by more than this tell hypotheses apart, by less than that do not.
 APART, ALIKE = 30.0, 6.0
 
 
 def misfit(
-    ideal: Float[np.ndarray, "stories positions 3"], readings: Float[np.ndarray, "positions 3"]
-) -> tuple[Float[np.ndarray, " stories"], Float[np.ndarray, " stories"]]:
+    ideal: Float[np.ndarray, "hypotheses positions 3"], readings: Float[np.ndarray, "positions 3"]
+) -> tuple[Float[np.ndarray, " hypotheses"], Float[np.ndarray, " hypotheses"]]:
     """How badly readings, g, follow ideal ones: a robust sum of squares over a usual sensor, and the share of rows near it.
 
     The weights are those of Geman and McClure, from wide to narrow, so that rows far off do not decide.
@@ -25,8 +25,8 @@ def misfit(
 
 
 def of_rows(
-    ideal: Float[np.ndarray, "stories positions 3"], readings: Float[np.ndarray, "positions 3"]
-) -> tuple[Float[np.ndarray, "stories positions"], Float[np.ndarray, " stories"]]:
+    ideal: Float[np.ndarray, "hypotheses positions 3"], readings: Float[np.ndarray, "positions 3"]
+) -> tuple[Float[np.ndarray, "hypotheses positions"], Float[np.ndarray, " hypotheses"]]:
     """What each row adds to a misfit, and what the sensor does by being unusual."""
     basis = np.concatenate([ideal, np.ones((*ideal.shape[:2], 1))], axis=2)
     usual = np.eye(4, 3)

@@ -6,8 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
+from tumblecal.estimation.angle_hypotheses import SAME, AngleSearch
 from tumblecal.estimation.angle_misfit import ALIKE, misfit
-from tumblecal.estimation.angle_stories import SAME, AngleSearch
 from tumblecal.ground.axes import AXES
 
 
@@ -18,7 +18,7 @@ class PartMap(NamedTuple):
     rows: Bool[np.ndarray, " positions"]
     matrix: Float[np.ndarray, "3 3"]
 
-    def put_right(self, readings: Float[np.ndarray, "positions 3"]) -> Float[np.ndarray, "positions 3"]:
+    def corrected(self, readings: Float[np.ndarray, "positions 3"]) -> Float[np.ndarray, "positions 3"]:
         """The readings, those of its rows on the plan's axes."""
         return np.where(self.rows[:, None], readings @ self.matrix, readings)
 
@@ -39,7 +39,7 @@ def part_maps(search: AngleSearch, ideal: Float[np.ndarray, "positions 3"]) -> t
     order = np.argsort(cost, kind="stable")
     best = [k for k in order.tolist() if cost[k] < cost[order[0]] + ALIKE]
     # What a bias does shows as well where an input is zero: of all that fit, what leaves least is first.
-    best.sort(key=lambda k: search.left_by_pitch_errors(search.as_written(), told[k].put_right(search.data.readings)))
+    best.sort(key=lambda k: search.left_by_pitch_errors(search.as_written(), told[k].corrected(search.data.readings)))
     apart: list[int] = []
     for k in best:
         if all(np.max(np.abs(mapped[k] - mapped[other])) > SAME for other in apart):

@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from tumblecal.chain import Chain, Where
 from tumblecal.chain.frames import Vector
-from tumblecal.estimation.programs import kept
+from tumblecal.estimation.programs import cached_program
 
 
 class Evaluation(NamedTuple):
@@ -87,7 +87,7 @@ def _predicting(chain: Chain, back: np.ndarray) -> Callable:
     def program(where, vector):
         return jnp.stack(_run(chain.at(vector[back]), where)[0], axis=-1)
 
-    return kept(program, chain, back)
+    return cached_program(program, chain, back)
 
 
 def _by_position(chain: Chain, back: np.ndarray) -> Callable:
@@ -122,7 +122,7 @@ def _by_position(chain: Chain, back: np.ndarray) -> Callable:
         return jnp.moveaxis(by_entry[:, np.argsort(back)], 2, 0) * scales[None, None, :]
 
     # Two programs: in one, XLA's fusions compute what both need again for every entry.
-    first, second = kept(arrays, chain, back), kept(rows, chain, back)
+    first, second = cached_program(arrays, chain, back), cached_program(rows, chain, back)
 
     def evaluate(where, vector, scales):
         reading, saved, inputs = first(where, vector)
@@ -142,4 +142,4 @@ def _all_at_once(chain: Chain, back: np.ndarray) -> Callable:
         jacobian, (reading, inputs) = jax.jacfwd(run, has_aux=True)(vector / scales)
         return reading, jacobian, inputs
 
-    return kept(program, chain, back)
+    return cached_program(program, chain, back)

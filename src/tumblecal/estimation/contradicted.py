@@ -32,7 +32,7 @@ def residual_of_readings(fit: Fit) -> tuple[float, int]:
     readings = fit.problem.readings.size
     rows, seen = fit.rows[:readings], column_space(fit.jacobian[:readings])
     chi2 = float(rows @ rows - np.sum((seen.T @ rows) ** 2))
-    return max(chi2, 0.0), 3 * int(np.sum(fit.kept)) - seen.shape[1]
+    return max(chi2, 0.0), 3 * int(np.sum(fit.retained)) - seen.shape[1]
 
 
 def column_space(jacobian: Float[np.ndarray, "rows parameters"]) -> Float[np.ndarray, "rows rank"]:

@@ -14,7 +14,7 @@ from tumblecal.estimation import closed_form
 from tumblecal.estimation.fit import Code, Fit
 from tumblecal.estimation.identifiability import RANK_TOLERANCE, identifiability
 from tumblecal.estimation.problem import Problem
-from tumblecal.estimation.programs import compiler_options, kept
+from tumblecal.estimation.programs import cached_program, compiler_options
 
 
 TOLERANCE = 1e-10  # of the scaled parameters and of the sum of squares, relative and absolute
@@ -57,7 +57,7 @@ def _scaled_residual(problem: Problem, scaled: Float[Array, " free"]) -> Float[A
     return problem.residual(scaled * jnp.asarray(problem.scales))
 
 
-@kept
+@cached_program
 def linearised(problem: Problem, vector: Float[Array, " free"]) -> tuple[Array, Array]:
     """Weighted residual and its Jacobian by the scaled parameters, at a parameter vector."""
     scaled = vector / jnp.asarray(problem.scales)
@@ -65,14 +65,14 @@ def linearised(problem: Problem, vector: Float[Array, " free"]) -> tuple[Array, 
     return residual, jax.vmap(push, out_axes=-1)(jnp.eye(len(scaled)))
 
 
-@kept
+@cached_program
 def _gauss_newton(problem: Problem, start: Array):
     """The fit with what is needed before and after it: one program."""
     vector, _, steps = solve(problem, start)
     return vector, steps, linearised(problem, vector), linearised(problem, start)
 
 
-@kept
+@cached_program
 def _levenberg_marquardt(problem: Problem, start: Array):
     vector, _, steps = solve(problem, start, damped=True)
     return vector, steps, linearised(problem, vector)
@@ -175,7 +175,7 @@ def _fitted(
     if not problem.known:
         inverse = inverse * (chi2 / dof if dof > 0 else np.nan)
     residuals = -problem.unwhitened(rows[:count])
-    if problem.kept is not None:
+    if problem.retained is not None:
         residuals = np.asarray(problem.readings - problem.predicted(jnp.asarray(vector)))
     return Fit(
         method="exact",

@@ -67,8 +67,8 @@ class Fit(Shown):
     - `rows`, `jacobian`: white residual and its derivative by the scaled parameters (positions left out: zero), of fits
       over the chain, else empty. `vector`: the point at which they were taken, in the coordinates of whoever made the fit.
     - `code`: how it went. `history`: of a recursive estimator.
-    - `hidden` (free, hidden; empty where there are none): shifts of the values, by one sd each, along what the data leave open
-      and something is assumed of; the covariance holds them.
+    - `unidentifiable` (free, directions): shifts of the values by one standard deviation each, along directions that the
+      data do not determine and for which a distribution is assumed; empty if there are none. The covariance includes them.
     """
 
     method: str
@@ -87,7 +87,7 @@ class Fit(Shown):
     statistics: dict[str, float] = field(default_factory=dict)
     identifiability: Identifiability | None = None
     history: History | None = None
-    hidden: Float[np.ndarray, "_ hidden"] = field(default_factory=lambda: np.zeros((0, 0)))
+    unidentifiable: Float[np.ndarray, "_ directions"] = field(default_factory=lambda: np.zeros((0, 0)))
 
     @property
     def no_freedom_words(self) -> str:
@@ -108,7 +108,7 @@ class Fit(Shown):
         return self.problem.chain.named(dict(zip(self.names, self.values.tolist(), strict=True)))
 
     @property
-    def kept(self) -> Bool[np.ndarray, " positions"]:
+    def retained(self) -> Bool[np.ndarray, " positions"]:
         """Which positions took part."""
         return self.problem.takes_part
 
@@ -125,7 +125,7 @@ class Fit(Shown):
     @property
     def sigma(self) -> float:
         """Standard deviation of the residuals, g."""
-        return float(np.sqrt(np.sum(self.residuals[self.kept] ** 2) / self.dof)) if self.dof > 0 else float("nan")
+        return float(np.sqrt(np.sum(self.residuals[self.retained] ** 2) / self.dof)) if self.dof > 0 else float("nan")
 
     @property
     def parameters(self) -> int:
@@ -133,14 +133,14 @@ class Fit(Shown):
         return self.jacobian.shape[1] or len(self.names)
 
     @cached_property
-    def reached(self) -> Float[np.ndarray, "rows parameters"]:
+    def column_space(self) -> Float[np.ndarray, "rows parameters"]:
         """Orthonormal basis of what the parameters can make of the white rows."""
         return np.linalg.qr(self.jacobian)[0]
 
     @property
     def rms(self) -> float:
         """Root mean square of the residuals of the positions that took part, g."""
-        return float(np.sqrt(np.mean(self.residuals[self.kept] ** 2)))
+        return float(np.sqrt(np.mean(self.residuals[self.retained] ** 2)))
 
     @property
     def computed(self) -> bool:
@@ -155,14 +155,18 @@ class Fit(Shown):
     @property
     def noise_covariance(self) -> Float[np.ndarray, "free free"]:
         """The covariance of what the data determine: by the noise alone."""
-        return self.covariance - self.hidden @ self.hidden.T if self.hidden.size else self.covariance
+        return (
+            self.covariance - self.unidentifiable @ self.unidentifiable.T
+            if self.unidentifiable.size
+            else self.covariance
+        )
 
     @property
     def undetermined(self) -> tuple[str, ...]:
         """The parameters whose sd is rather that of what is assumed than that of the data."""
-        if not self.hidden.size:
+        if not self.unidentifiable.size:
             return ()
-        assumed = np.sum(self.hidden**2, axis=1)
+        assumed = np.sum(self.unidentifiable**2, axis=1)
         listed = zip(self.names, assumed > 0.5 * np.diag(self.covariance), strict=True)
         return tuple([name for name, more in listed if more])
 

@@ -20,7 +20,7 @@ from tumblecal.estimation.exact import linearised
 from tumblecal.estimation.fit import Code, Fit, History
 from tumblecal.estimation.kalman import Prior
 from tumblecal.estimation.problem import Problem
-from tumblecal.estimation.programs import kept
+from tumblecal.estimation.programs import cached_program
 
 
 ITERATIONS = 4
@@ -74,7 +74,7 @@ def _repeated(begin: int, end: int, step: Callable[[int, Any], Any], state: Any)
     return state
 
 
-@kept
+@cached_program
 def _all_positions(problem: Problem, mean: Array, covariance: Array, first: Array, sd: Array):
     """All positions in order, one a step, each linearised by itself beside the first in time, from which drifts count.
 

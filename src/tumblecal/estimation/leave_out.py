@@ -148,7 +148,7 @@ def contradicted(fit: Fit, false_alarms: float = FALSE_ALARMS) -> tuple[Contradi
     if (pair := _exchanged(fit, 0.5 * false_alarms)) is not None:
         found.append(pair)
     last = found[-1].fit if found else fit
-    kept = np.flatnonzero(fit.kept).tolist()
+    kept = np.flatnonzero(fit.retained).tolist()
     while kept and len(found) < _MOST_OUTLIERS:
         shifts = _Shifts(last, already)
         candidates = [k for k in kept if k not in already]
@@ -168,7 +168,7 @@ def _exchanged(fit: Fit, false_alarms: float) -> Contradicted | None:
     """The two positions of known angles that all others contradict, and whose readings agree with them once exchanged."""
     if fit.data.hand_held or fit.problem.correlated or fit.dof < 6 + _LEAST_DOF:
         return None
-    shifts, kept, readings = _Shifts(fit), np.flatnonzero(fit.kept), np.asarray(fit.problem.readings)
+    shifts, kept, readings = _Shifts(fit), np.flatnonzero(fit.retained), np.asarray(fit.problem.readings)
     pairs = len(kept) * (len(kept) - 1) // 2
     if len(kept) > _MOST_PAIRED:
         kept = np.sort(kept[np.argsort(shifts.of_each(kept[:, None])[0])[-_MOST_PAIRED:]])

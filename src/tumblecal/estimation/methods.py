@@ -12,16 +12,16 @@ from tumblecal.chain import Chain
 from tumblecal.data import PositionSet
 from tumblecal.effects import Catalogue, catalogue
 from tumblecal.estimation import exact, harmonic, iterated, kalman
+from tumblecal.estimation.between_position_sd import BetweenPositionSd, between_position_sd
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.kalman import Prior
 from tumblecal.estimation.leave_out import Contradicted, contradicted
-from tumblecal.estimation.mix_up import HARMLESS, MixUp
 from tumblecal.estimation.noise_level import ContradictedLevel, contradicted_level
 from tumblecal.estimation.plausibility import Implausible, implausible
 from tumblecal.estimation.priors import Priors
 from tumblecal.estimation.problem import Problem, problem_of
-from tumblecal.estimation.put_right import put_right
-from tumblecal.estimation.scatter_floor import ScatterFloor, scatter_floor
+from tumblecal.estimation.setup_correction import correct_setup_errors
+from tumblecal.estimation.setup_error import HARMLESS, SetupError
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.frames import gravity_in_head
 from tumblecal.ground.showing import Screen, Shown, drawn_by, of_report
@@ -41,7 +41,7 @@ _TYPED_G = 1e-8
 class Calibrated(Shown):
     """Fits by method (`exact` first), and the methods that do not apply with the reason.
 
-    `implausible`: parameters of the exact fit that no instrument has. `mix_ups`: what was put right before. `floor`: what
+    `implausible`: parameters of the exact fit that no instrument has. `setup_errors`: what was put right before. `floor`: what
     the positions scatter beside their sd columns, where they do. `level`: the stated noise level, if the residuals contradict
     it. `entries`: the catalogue of the chain's effects.
     """
@@ -49,8 +49,8 @@ class Calibrated(Shown):
     fits: dict[str, Fit]
     skipped: dict[str, str]
     implausible: tuple[Implausible, ...] = ()
-    mix_ups: tuple[MixUp, ...] = ()
-    floor: ScatterFloor | None = None
+    setup_errors: tuple[SetupError, ...] = ()
+    floor: BetweenPositionSd | None = None
     level: ContradictedLevel | None = None
     entries: Catalogue = field(default_factory=catalogue)
 
@@ -108,15 +108,15 @@ def calibrate(
     **Raises:** `InputError` for readings or angles that are mixed up, and positions that cannot determine the parameters.
     """
     entries = entries or catalogue()
-    mended, mix_ups = checked(data, chain, entries)
+    mended, setup_errors = checked(data, chain, entries)
     problem = problem_of(mended, chain, noise_sd=noise_sd, priors=priors)
     fitted = all_methods(problem, by_columns=noise_sd is None)
-    return replace(fitted, mix_ups=tuple(mix_ups), entries=entries)
+    return replace(fitted, setup_errors=tuple(setup_errors), entries=entries)
 
 
 def checked(
     data: PositionSet, chain: Chain | None = None, entries: Catalogue | None = None
-) -> tuple[PositionSet, list[MixUp]]:
+) -> tuple[PositionSet, list[SetupError]]:
     """The set with what no calibration at rest depends on put right, and what that was.
 
     **Arguments:**
@@ -128,16 +128,16 @@ def checked(
     """
     if not len(data):
         raise InputError(f"{data.source}: no positions")
-    mended, mix_ups = put_right(data, chain)
+    mended, setup_errors = correct_setup_errors(data, chain)
     entries, diagnose = entries or catalogue(), suggested("diagnose", *data.as_arguments)
     faults = [
-        f"{data.source}: {mix_up.told}. {entries[mix_up.label].advice} To have it corrected, run: {diagnose}"
-        for mix_up in mix_ups
-        if mix_up.label not in HARMLESS
+        f"{data.source}: {setup_error.description}. {entries[setup_error.label].advice} To have it corrected, run: {diagnose}"
+        for setup_error in setup_errors
+        if setup_error.label not in HARMLESS
     ]
     if faults:
         raise InputError(faults)
-    return mended, mix_ups
+    return mended, setup_errors
 
 
 def require_noise(fit: Fit) -> None:
@@ -175,7 +175,7 @@ class ExactFit(NamedTuple):
     """The exact fit; the floor that it includes, and the stated noise level that it does not use, where there is either."""
 
     fit: Fit
-    floor: ScatterFloor | None = None
+    floor: BetweenPositionSd | None = None
     level: ContradictedLevel | None = None
 
 
@@ -188,7 +188,7 @@ def exact_fit(problem: Problem, *, by_columns: bool) -> ExactFit:
     """
     fitted = exact.fit(problem)
     require_noise(fitted)
-    floor = scatter_floor(fitted) if by_columns else None
+    floor = between_position_sd(fitted) if by_columns else None
     if floor is not None:
         return ExactFit(exact.fit(floor.applied(problem)), floor=floor)
     level = contradicted_level(fitted)

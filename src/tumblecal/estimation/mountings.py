@@ -98,7 +98,7 @@ def seen_turns(data: PositionSet) -> frozenset[int]:
     return frozenset(count + number for number in _near(mirrored))
 
 
-def told_apart(sets: Sequence[PositionSet]) -> list[PositionSet]:
+def with_distinct_mounts(sets: Sequence[PositionSet]) -> list[PositionSet]:
     """Sets to be joined, where a set whose triad stands otherwise than in the set before it that names the same mount
     begins a mount of its own: the name of its file."""
     now: dict[str, tuple[str, frozenset[int]]] = {}

@@ -3,7 +3,7 @@
 A stated standard deviation, by sd columns or for all readings, is used as long as the residuals do not contradict it. If they
 do, in either direction (chi-square, one chance in a thousand each), only the relative weights of the readings are kept: their
 level is estimated from the residuals, and intervals use Student's t. If sd columns are too small, a floor that is added in
-quadrature is tried first (`scatter_floor`).
+quadrature is tried first (`between_position_sd`).
 """
 
 from dataclasses import dataclass

@@ -40,7 +40,7 @@ class Problem:
     - `noise`: the readings' covariance, g^2. `sd`: of every reading against those measured next to it, g (a common unit
       where the noise is not known). `data`: the position set as it was measured, for its names and labels. Compiled
       programs see none of these three.
-    - `kept`: the positions that take part; None: all.
+    - `retained`: mask of the positions in the fit; None: all.
     """
 
     __repr__ = brief
@@ -56,7 +56,7 @@ class Problem:
     noise: Covariance = UNIT
     sd: Float[np.ndarray, "positions 3"] = field(default_factory=lambda: np.ones((0, 3)))
     data: PositionSet | None = None
-    kept: Bool[Array | np.ndarray, " positions"] | None = None
+    retained: Bool[Array | np.ndarray, " positions"] | None = None
 
     def predicted(self, vector: Float[Array, " free"]) -> Float[Array, "positions 3"]:
         """Readings predicted at a parameter vector, g."""
@@ -65,8 +65,8 @@ class Problem:
     def residual(self, vector: Float[Array, " free"]) -> Float[Array, " rows"]:
         """White rows of predicted minus measured, zero for positions left out; the priors' rows follow."""
         rows = self.rows(self.predicted(vector) - self.readings)
-        if self.kept is not None:
-            rows = jnp.where(jnp.repeat(self.kept, 3), rows, 0.0)
+        if self.retained is not None:
+            rows = jnp.where(jnp.repeat(self.retained, 3), rows, 0.0)
         return jnp.concatenate([rows, self.prior_rows(vector)]) if self.with_prior else rows
 
     def prior_rows(self, vector: Float[Array, " free"]) -> Float[Array, " stated"]:
@@ -139,7 +139,7 @@ class Problem:
     @property
     def takes_part(self) -> Bool[np.ndarray, " positions"]:
         """Which positions are fitted."""
-        return np.ones(len(self.readings), bool) if self.kept is None else np.asarray(self.kept)
+        return np.ones(len(self.readings), bool) if self.retained is None else np.asarray(self.retained)
 
     def with_noise(
         self, noise: Covariance, *, known: bool, sd: Float[np.ndarray, "positions 3"] | None = None
@@ -178,12 +178,12 @@ class Problem:
 
     def without(self, positions: tuple[int, ...]) -> "Problem":
         """The problem with some positions left out of the fit."""
-        kept = self.takes_part.copy()
-        kept[list(positions)] = False
-        return replace(self, kept=kept)
+        retained = self.takes_part.copy()
+        retained[list(positions)] = False
+        return replace(self, retained=retained)
 
 
-_TRACED = ("chain", "where", "readings", "whitening", "prior_mean", "prior_weights", "kept")
+_TRACED = ("chain", "where", "readings", "whitening", "prior_mean", "prior_weights", "retained")
 
 
 def _flattened(problem: Problem) -> tuple[tuple, tuple[bool, bool]]:

@@ -55,7 +55,7 @@ def compiler_options() -> dict[str, Any]:
     return dict(_QUICKLY_COMPILED)
 
 
-def kept(function: Callable[..., Any], *about: Any) -> Callable[..., Any]:
+def cached_program(function: Callable[..., Any], *about: Any) -> Callable[..., Any]:
     """`jax.jit(function)` for a function of pytrees of arrays, kept on disk where programs are kept.
 
     Those of one kind are compiled once a process, whoever makes them; of kinds of arguments the last few stay compiled.

@@ -11,6 +11,6 @@ def _threads() -> ThreadpoolController:
     return ThreadpoolController()
 
 
-def one_thread() -> AbstractContextManager:
+def single_blas_thread() -> AbstractContextManager:
     """For matrices of a hundred rows: threads would only wait for each other."""
     return _threads().limit(limits=1, user_api="blas")

@@ -12,7 +12,7 @@ from tumblecal.data.positions import attitudes_of
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.estimation.attitudes import next_attitudes
-from tumblecal.ground.blas import one_thread
+from tumblecal.ground.blas import single_blas_thread
 from tumblecal.planning.choosing import MOST_IN_SET, Choosing
 from tumblecal.planning.conditions import Conditions, going_on
 from tumblecal.planning.confirming import Confirmation, confirmations
@@ -113,7 +113,7 @@ def next_plan(diagnosis: Diagnosis, allowed: Allowed | None = None) -> NextPlan:
     if diagnosis.problem.correlated:
         notes.append("The noise is correlated from position to position; new positions are counted as independent.")
     notes += _repeats(diagnosis.members)
-    with one_thread():
+    with single_blas_thread():
         first, separated = separate(diagnosis, listed, MOST)
     rows, leader, told = first.rows, columns_of(diagnosis.members), first
     plan = NextPlan(from_rig=diagnosis.from_rig, conditions=going_on(diagnosis.data))
@@ -156,7 +156,7 @@ def _with(
 
 def _by_hand(diagnosis: Diagnosis) -> NextPlan:
     """Attitudes that the kept positions of a hand-held set lack."""
-    chosen = next_attitudes(diagnosis.data.readings[np.asarray(diagnosis.extended.kept, bool)])
+    chosen = next_attitudes(diagnosis.data.readings[np.asarray(diagnosis.extended.retained, bool)])
     if not chosen:
         return NextPlan()
     alpha, beta = attitudes_of(np.array([attitude.up for attitude, _ in chosen]))

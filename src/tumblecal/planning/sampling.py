@@ -36,7 +36,7 @@ def samples(diagnosis: Diagnosis, allowed: Allowed, most: int) -> list[Sample]:
     for level in np.unique(data.pitch_setting_deg).tolist():
         if allowed.beta_deg is not None and not np.any(np.isclose(allowed.beta_deg, level)):
             continue
-        here = np.flatnonzero((data.pitch_setting_deg == level) & own.fit.kept)
+        here = np.flatnonzero((data.pitch_setting_deg == level) & own.fit.retained)
         here = here[np.argsort(np.mod(data.alpha_deg[here], 360.0), kind="stable")]
         for alpha, before, after in _between(np.mod(data.alpha_deg[here], 360.0), allowed.alpha_deg):
             both = here[[before, after]]

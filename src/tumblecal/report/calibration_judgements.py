@@ -83,7 +83,7 @@ def warning_words(calibrated: Calibrated) -> Iterator[str]:
     gravity = gravity_warning(calibrated.exact)
     yield from (judged.words for judged in judgements(calibrated) if judged.tone != "good" and not _of_gravity(judged))
     yield from (f"IMPLAUSIBLE: {words}" for words in implausible_words(calibrated.implausible))
-    yield from (f"put right: {mix_up.told}" for mix_up in calibrated.mix_ups)
+    yield from (f"put right: {setup_error.description}" for setup_error in calibrated.setup_errors)
     if gravity:
         yield gravity
     yield from lacking_of_fit(calibrated.exact, calibrated.entries, of_sensor=True)

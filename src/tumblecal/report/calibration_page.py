@@ -93,7 +93,10 @@ def calibration_verdict(calibrated: Calibrated) -> Verdict:
     exact, judged = calibrated.exact, judgements(calibrated)
     use = use_of(calibrated, judged)
     found = [
-        *(f"{as_sentence(mix_up.told)}; corrected in this calibration" for mix_up in calibrated.mix_ups),
+        *(
+            f"{as_sentence(setup_error.description)}; corrected in this calibration"
+            for setup_error in calibrated.setup_errors
+        ),
         *(as_sentence(own.finding) for own in judged if own.tone != "good"),
         *(f"Implausible: {words}" for words in implausible_words(calibrated.implausible)),
     ]

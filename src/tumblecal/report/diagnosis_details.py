@@ -35,7 +35,7 @@ def warning_words(diagnosis: Diagnosis) -> Iterator[str]:
     if (use := diagnosed_use(diagnosis)).refused:
         yield f"use: {use.words}"
     yield from (f"IMPLAUSIBLE: {words}" for words in implausible_words(diagnosis.implausible))
-    yield from (f"put right: {mix_up.label}: {mix_up.told}" for mix_up in diagnosis.mix_ups)
+    yield from (f"put right: {setup_error.label}: {setup_error.description}" for setup_error in diagnosis.setup_errors)
     if gravity := gravity_warning(diagnosis.extended):
         yield gravity
     yield from lacking_of_diagnosis(diagnosis, of_sensor=True)

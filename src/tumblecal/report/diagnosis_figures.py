@@ -125,7 +125,7 @@ def _noise(diagnosis: Diagnosis, row: int) -> float:
 
 def _reach(diagnosis: Diagnosis, row: int) -> float:
     """Half the height of an axis's panels, mg: all residuals, unless a few of them would press the rest flat."""
-    kept, noise = diagnosis.extended.kept, _noise(diagnosis, row)
+    kept, noise = diagnosis.extended.retained, _noise(diagnosis, row)
     after = max(np.max(np.abs(diagnosis.extended.residuals[kept, row]), initial=0.0), 2.2 * noise)
     after = after if after < _MOST_NOISE * noise else 0.5 * _MOST_NOISE * noise
     every = max(np.max(np.abs(fit.residuals[:, row])) for fit in (diagnosis.nominal, diagnosis.extended))
@@ -148,7 +148,7 @@ def _scatter(panel: Axes, diagnosis: Diagnosis, across: np.ndarray, row: int, he
                 panel.plot(across[beyond], np.sign(values[beyond]) * 0.94 * reach, arrow, **look)
                 panel.plot([], [], arrow, color=MUTED, mfc="none", ms=4, ls="none", label="beyond the scale")
 
-    inserted, kept = diagnosis.extended is not diagnosis.nominal, diagnosis.extended.kept
+    inserted, kept = diagnosis.extended is not diagnosis.nominal, diagnosis.extended.retained
     band = 2e3 * _noise(diagnosis, row)
     panel.axhspan(-band, band, color="#efefef", zorder=0, label="2 sd of the noise")
     panel.axhline(0, color=INK, lw=0.7)
@@ -157,9 +157,9 @@ def _scatter(panel: Axes, diagnosis: Diagnosis, across: np.ndarray, row: int, he
         points(before, here, "o", MUTED, "nominal model")
     runs, words = diagnosis.data.runs, "extended" if inserted else "model"
     run_of = np.array(diagnosis.data.run or ("1",) * len(diagnosis.data))
-    told_apart = 1 < len(runs) <= len(_RUN_MARKERS)
+    several_runs = 1 < len(runs) <= len(_RUN_MARKERS)
     for number, run in enumerate(runs):
-        marker, label = (_RUN_MARKERS[number], f"{words}, run {run}") if told_apart else ("o", words)
+        marker, label = (_RUN_MARKERS[number], f"{words}, run {run}") if several_runs else ("o", words)
         points(after, here & kept & (run_of == run), marker, AXIS_COLOUR[AXES[row]], label)
     left = here & ~kept
     if np.any(left):

@@ -39,7 +39,7 @@ def record(diagnosis: Diagnosis, plan: NextPlan, folder: Path | None = None) -> 
         "findings": [vars(finding) for finding in verdict.found],
         "unresolved": [vars(question) for question in verdict.unresolved],
         "causes": list(diagnosis.labels),
-        "set_up": [mix_up.record() for mix_up in diagnosis.mix_ups],
+        "set_up": [setup_error.record() for setup_error in diagnosis.setup_errors],
         "implausible": [vars(unusual) for unusual in diagnosis.implausible],
         "detection": {
             "statistic": test.statistic,
@@ -154,7 +154,7 @@ def _text(content: dict) -> str:
 
 
 def _explanations(diagnosis: Diagnosis) -> list[dict]:
-    mixed = list(dict.fromkeys(mix_up.label for mix_up in diagnosis.mix_ups))
+    mixed = list(dict.fromkeys(setup_error.label for setup_error in diagnosis.setup_errors))
     rows = [_explanation(diagnosis, explanation) for explanation in leading(diagnosis, 1e-4, _MOST_EXPLANATIONS)]
     rows.sort(key=lambda row: not row["chosen"])
     for row in rows:

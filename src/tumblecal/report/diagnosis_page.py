@@ -214,7 +214,7 @@ def _provenance(diagnosis: Diagnosis, others: Sequence[Sequence[str]]) -> Sectio
     rows = [
         ["data", diagnosis.data.source],
         *([key, value] for key, value in diagnosis.data.comments.items()),
-        ["positions in the fit", f"{int(diagnosis.extended.kept.sum())} of {len(diagnosis.data)}"],
+        ["positions in the fit", f"{int(diagnosis.extended.retained.sum())} of {len(diagnosis.data)}"],
         ["noise", _noise(diagnosis)],
         *([["noise model", diagnosis.noise_words]] if diagnosis.noise_words else []),
         ["residual sd after the best explanation", f"{diagnosis.sigma_g * 1e3:.4g} mg"],

@@ -108,7 +108,7 @@ def _members_table(factor: Factor) -> PageTable:
 
 def _explanations_table(diagnosis: Diagnosis) -> PageTable:
     """Explanations, most probable first; the class of the first is in the matrix."""
-    nothing = "no other error" if diagnosis.mix_ups or diagnosis.noise_labels else "adequate: no error"
+    nothing = "no other error" if diagnosis.setup_errors or diagnosis.noise_labels else "adequate: no error"
     listed = leading(diagnosis, 1e-3, _MOST_EXPLANATIONS)
     others = any(explanation.equivalents for explanation in listed if explanation is not diagnosis.best)
     rows = [

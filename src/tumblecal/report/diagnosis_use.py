@@ -26,8 +26,8 @@ _WORSE_SD = 2.0
 def not_written(diagnosis: Diagnosis) -> str:
     """Why no calibration is written of a diagnosis; "" where one is."""
     fit = diagnosis.extended
-    if diagnosis.mix_ups:
-        labels = ", ".join(dict.fromkeys(own.label for own in diagnosis.mix_ups))
+    if diagnosis.setup_errors:
+        labels = ", ".join(dict.fromkeys(own.label for own in diagnosis.setup_errors))
         return f"the data must be corrected first ({labels})"
     if not fit.code.good:
         return "the exact fit did not converge"
@@ -75,7 +75,7 @@ def _findings(diagnosis: Diagnosis) -> Iterator[Use]:
 def _unexplained(diagnosis: Diagnosis, reason: str) -> Use:
     """Something that no effect explains, or probably none: the calibration holds to about the largest error, and is not to be
     used where the error or the residuals are many times the noise, or the noise is not known."""
-    size = float(np.max(np.abs(diagnosis.extended.residuals[diagnosis.extended.kept])))
+    size = float(np.max(np.abs(diagnosis.extended.residuals[diagnosis.extended.retained])))
     small = diagnosis.problem.known and diagnosis.extended.level <= MOST_TIMES_NOISE
     if diagnosis.unnamed is not None:
         size = max(size, diagnosis.unnamed.excess.largest)

@@ -124,7 +124,7 @@ def headline(diagnosis: Diagnosis, found: int, open_causes: int) -> str:
 def _of_data(diagnosis: Diagnosis) -> str:
     """Headline where only the data or their noise are in error."""
     faults = {
-        "the data are not what their columns say": diagnosis.mix_ups,
+        "the data are not what their columns say": diagnosis.setup_errors,
         "the noise is not as assumed": diagnosis.noise_labels,
     }
     wrong = " and ".join(words for words, there in faults.items() if there)
@@ -135,8 +135,8 @@ def _of_data(diagnosis: Diagnosis) -> str:
 def _before_causes(diagnosis: Diagnosis) -> Iterator[Finding]:
     """Implausible values, and errors of the data and of their noise."""
     yield from (Finding(words) for words in implausible_words(diagnosis.implausible))
-    for mix_up in dict.fromkeys(diagnosis.mix_ups):
-        yield Finding(f"{as_sentence(mix_up.told)}; corrected in this diagnosis", id=mix_up.label)
+    for setup_error in dict.fromkeys(diagnosis.setup_errors):
+        yield Finding(f"{as_sentence(setup_error.description)}; corrected in this diagnosis", id=setup_error.label)
     for label, fault in diagnosis.noise_wrong.items():
         yield Finding(f"Noise: {fault.words}", id=label)
 
@@ -275,6 +275,6 @@ def _next(
             yield from command_for_law(diagnosis, folder)
     causes = [id_of(cause.label) for cause in diagnosis.members if cause.named]
     by_advice: dict[str, dict[str, None]] = {}
-    for id in (*(mix_up.label for mix_up in diagnosis.mix_ups), *diagnosis.noise_labels, *causes):
+    for id in (*(setup_error.label for setup_error in diagnosis.setup_errors), *diagnosis.noise_labels, *causes):
         by_advice.setdefault(diagnosis.entries[id].advice, {})[id] = None
     yield from (f"{', '.join(ids)}: {advice}" for advice, ids in by_advice.items())

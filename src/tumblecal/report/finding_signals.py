@@ -64,7 +64,7 @@ def _signal(diagnosis: Diagnosis, causes: Sequence[Cause]) -> FindingSignal:
     axis = int(np.argmax(np.nanmean((signal / sd) ** 2, axis=0)))
     variable, across, curve = _driven(diagnosis, cause, signal[:, axis], axis)
     size = float(np.sqrt(np.nanmean(np.nanvar(signal / sd, axis=0))))
-    after = np.where(fit.kept, fit.residuals[:, axis], np.nan)
+    after = np.where(fit.retained, fit.residuals[:, axis], np.nan)
     return FindingSignal(cause.label, axis, variable, across, after + signal[:, axis], after, curve, marked, size)
 
 
@@ -80,7 +80,7 @@ def _component(diagnosis: Diagnosis, causes: Sequence[Cause]) -> Float[np.ndarra
     else:
         others = [own for own in diagnosis.members if all(own is not cause for cause in causes)]
         signal = (fit_with(diagnosis.screened.at, others) if others else diagnosis.nominal).residuals - fit.residuals
-    return np.where(fit.kept[:, None], signal, np.nan)
+    return np.where(fit.retained[:, None], signal, np.nan)
 
 
 def _driven(diagnosis: Diagnosis, cause: Cause, signal: Values, axis: int) -> tuple:

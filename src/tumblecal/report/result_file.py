@@ -70,7 +70,7 @@ def result_content(calibrated: Calibrated) -> dict[str, Any]:
         },
         "methods": {name: _method(result) for name, result in calibrated.fits.items()},
         "skipped": calibrated.skipped,
-        "set_up": [mix_up.record() for mix_up in calibrated.mix_ups],
+        "set_up": [setup_error.record() for setup_error in calibrated.setup_errors],
         "implausible": [vars(unusual) for unusual in calibrated.implausible],
         "judgement": judged[0].record(),
         "judgements": [own.record() for own in judged],

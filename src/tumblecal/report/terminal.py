@@ -33,7 +33,7 @@ def print_calibration(calibrated: Calibrated, console: Console | None = None) ->
         f"use: {use_of(calibrated, judged).words}",
         *(own.words for own in judged),
         *(f"IMPLAUSIBLE: {words}" for words in implausible_words(calibrated.implausible)),
-        *(f"put right: {mix_up.told}" for mix_up in calibrated.mix_ups),
+        *(f"put right: {setup_error.description}" for setup_error in calibrated.setup_errors),
         *filter(
             None,
             [

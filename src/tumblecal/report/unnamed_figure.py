@@ -79,5 +79,5 @@ def _as_left(own: Unnamed, law: Law) -> Float[np.ndarray, "positions 3"]:
     fit = own.fit
     rows = np.zeros(len(fit.rows))
     rows[: law.signal.size] = fit.problem.rows(law.signal)
-    left = rows - fit.reached @ (fit.reached.T @ rows)
+    left = rows - fit.column_space @ (fit.column_space.T @ rows)
     return fit.problem.unwhitened(left[: law.signal.size])

@@ -179,7 +179,7 @@ def experiment(
     chosen = None if isinstance(plan, str) or path == "chain" else plan
     simulated = chain
     for link in injected:
-        simulated = simulated + kept(link)
+        simulated = simulated + with_known_coefficients(link)
     shared = expansion(problem) if chosen is None else None
     readings = np.asarray(simulated(where))
     return Experiment(
@@ -225,7 +225,7 @@ def _beyond(plan: UniformPlan, readings: np.ndarray) -> np.ndarray:
     return readings - np.asarray(plan.synthesis(plan.harmonics(jnp.asarray(readings)[:, :, None])))[..., 0]
 
 
-def kept(link: Link) -> Link:
+def with_known_coefficients(link: Link) -> Link:
     """`link` with no free leaf, so that the simulated chain's free vector is the fitted chain's."""
     return with_parameters(link, lambda leaf: dataclasses.replace(leaf, free=False))
 

@@ -15,7 +15,7 @@ from tumblecal.ground.errors import InputError
 from tumblecal.ground.program_cache import keep_programs, program_cache
 from tumblecal.studies.chunk import NotThisChunk, differences, maker, packed, statement, study_hash, unpacked
 from tumblecal.studies.run import Check, Computed, Elsewhere, compute_chunk
-from tumblecal.studies.threads import ONE_THREAD, one_thread
+from tumblecal.studies.threads import ONE_THREAD, use_one_thread
 from tumblecal.studies.verification import Distrusted
 from tumblecal.studies.worker_watch import WorkerWatch
 
@@ -207,12 +207,12 @@ class _Cluster:
 
 def worker_maker() -> dict[str, Any]:
     """What the worker that runs this is: `chunk.maker`."""
-    one_thread()
+    use_one_thread()
     return maker()
 
 
 def _stated(compute: ComputeChunk, text: str, chunk: int) -> bytes:
     """What a worker runs for a chunk."""
-    one_thread()
+    use_one_thread()
     arrays = compute(text, chunk)
     return packed(statement(study_hash(json.loads(text)), chunk), arrays)

@@ -14,7 +14,7 @@ from tumblecal.diagnosis import Diagnoser, Diagnosis
 from tumblecal.diagnosis.causes.cause import id_of
 from tumblecal.effects.catalogue import entry
 from tumblecal.ground.errors import InputError
-from tumblecal.simulation.experiment import kept, spread_of
+from tumblecal.simulation.experiment import spread_of, with_known_coefficients
 from tumblecal.simulation.inject import injected_links
 from tumblecal.studies.study_tables import PowerTable, entries_of, noise_of, rig_of_study, table_of
 
@@ -44,7 +44,7 @@ class Power:
             try:
                 simulated = chain
                 for link in injected_links({name: [size]}, self.where, entries):
-                    simulated = simulated + kept(link)
+                    simulated = simulated + with_known_coefficients(link)
                 self._readings.append(jax.jit(partial(_readings_of, simulated, self.where)))
             except InputError as error:
                 faults += error.faults

@@ -7,7 +7,7 @@ import os
 ONE_THREAD = {"NPROC": "1", "OMP_NUM_THREADS": "1"}
 
 
-def one_thread() -> None:
+def use_one_thread() -> None:
     """Make this process compute in one thread, unless its environment says otherwise; before JAX and numpy start."""
     for name, value in ONE_THREAD.items():
         os.environ.setdefault(name, value)

@@ -67,13 +67,13 @@ def run_study(
     """
     from tumblecal.cli.start import start
     from tumblecal.ground.errors import InputError
-    from tumblecal.studies.threads import one_thread
+    from tumblecal.studies.threads import use_one_thread
 
     if running.workers is not None and running.workers < 1:
         raise InputError(f"--workers {running.workers}: at least 1; leave it out to compute in this process")
     if running.workers is not None and running.scheduler is not None:
         raise InputError("--workers and --scheduler both say where to compute; give one of them")
-    one_thread()
+    use_one_thread()
     if running.workers is not None:
         # Its workers compute on the processor, and so what this process adds to their chunks is computed there.
         os.environ.setdefault("JAX_PLATFORMS", "cpu")

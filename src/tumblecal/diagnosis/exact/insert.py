@@ -269,5 +269,5 @@ def _fit(problem: Problem, model: FullModel, causes: list[Cause], unknowns: _Unk
         rows=white,
         jacobian=solution.jacobian,
         vector=solution.vector,
-        hidden=shifts,
+        unidentifiable=shifts,
     )

@@ -88,7 +88,7 @@ class Average:
         fit = self.weighed[0].fit
         places = [self.names.index(name) for name in fit.names]
         covariance, hidden = self.covariance[np.ix_(places, places)], self.hidden[places]
-        return replace(fit, values=self.values[places], covariance=covariance, hidden=hidden)
+        return replace(fit, values=self.values[places], covariance=covariance, unidentifiable=hidden)
 
     def value(self, name: str) -> float:
         """A parameter's mean, base units."""
@@ -160,9 +160,9 @@ def mixed(weighed: Sequence[Weighed]) -> Average:
         places = [names.index(name) for name in own.fit.names]
         values[row, places] = own.fit.values
         within[np.ix_(places, places)] += own.share * own.fit.covariance
-        shifts = np.zeros((len(names), own.fit.hidden.shape[1]))
+        shifts = np.zeros((len(names), own.fit.unidentifiable.shape[1]))
         if shifts.size:
-            shifts[places] = np.sqrt(own.share) * own.fit.hidden
+            shifts[places] = np.sqrt(own.share) * own.fit.unidentifiable
         hidden.append(shifts)
     mean = shares @ values
     off = values - mean

@@ -103,7 +103,7 @@ def excess(whole: LeftOver, fit: Fit, law: Law | None) -> Excess:
             return Excess(form.words[0].strip("[]"), inside, _ranges(values, sd), every)
     values = residuals if law is None else law.signal
     sd = np.sqrt(whole.variance) * np.asarray(fit.problem.sd)
-    return Excess("", np.asarray(fit.kept).copy(), _ranges(values[fit.kept], sd[fit.kept]), residuals)
+    return Excess("", np.asarray(fit.retained).copy(), _ranges(values[fit.retained], sd[fit.retained]), residuals)
 
 
 def _acts_outside(law: Law | None, inside: Bool[np.ndarray, " positions"]) -> bool:

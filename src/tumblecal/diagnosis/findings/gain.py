@@ -57,7 +57,7 @@ def gain(
     - `groups`: the fold of each position; `kind` names the folds in words.
     - `nested`: errors with the causes chosen anew in every fold, and where they were the same (`chosen_anew`).
     """
-    both, known = before.kept & after.kept, after.problem.known
+    both, known = before.retained & after.retained, after.problem.known
     judged = both & (groups >= 0)
     errors_before = left_out(before, groups)[judged]
     errors_kept = errors_before if after is before else left_out(after, groups)[judged]
@@ -68,7 +68,7 @@ def gain(
     difference = np.mean(errors_before**2 - errors_after**2, axis=1)
     spread = float(np.std(difference) / np.sqrt(len(difference)))
     fresh_before, fresh_after, fresh_spread = _fresh(before, after, both)
-    more = after.parameters - before.parameters + 3 * int(np.sum(before.kept & ~after.kept))
+    more = after.parameters - before.parameters + 3 * int(np.sum(before.retained & ~after.retained))
     count = before.residuals.size
     if known:
         delta = after.chi2 - before.chi2 + more * np.log(count)
@@ -105,7 +105,7 @@ def _fresh(before: Fit, after: Fit, both: np.ndarray) -> tuple[float, float, flo
     squares = []
     noise = (1.0 if after.problem.known else after.level) * after.problem.sd
     for fit in (before, after):
-        leverage = np.sum(fit.reached[: noise.size] ** 2, axis=1).reshape(-1, 3)
+        leverage = np.sum(fit.column_space[: noise.size] ** 2, axis=1).reshape(-1, 3)
         squares.append(np.mean(fit.residuals**2 + 2 * leverage * noise**2, axis=1)[both])
     first, second = (float(np.sqrt(np.mean(square))) for square in squares)
     spread = float(np.std(squares[0] - squares[1]) / np.sqrt(len(squares[0])))
@@ -114,7 +114,7 @@ def _fresh(before: Fit, after: Fit, both: np.ndarray) -> tuple[float, float, flo
 
 def left_out(fit: Fit, groups: Int[np.ndarray, " positions"]) -> Float[np.ndarray, "positions 3"]:
     """Prediction errors of every fold from a fit to the others, g. Positions of the group -1 are in every fit: 0."""
-    q = fit.reached
+    q = fit.column_space
     errors = np.zeros(fit.residuals.size)
     numbers, sizes = np.unique(groups, return_counts=True)
     # Three rows a position, those of one fold together.

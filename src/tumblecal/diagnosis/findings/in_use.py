@@ -84,7 +84,7 @@ def in_use(screened: Screened, entries: Catalogue, extended: Fit, sigma: float, 
         average,
         values=values,
         covariance=covariance,
-        hidden=shifts[:, absorbed] * np.sqrt(np.diag(products)[absorbed]),
+        unidentifiable=shifts[:, absorbed] * np.sqrt(np.diag(products)[absorbed]),
         undetected=UndetectedEffects(
             undetected, shifts, directions.steps, products, directions.numbers, directions.ids, named
         ),

@@ -34,7 +34,7 @@ class LeftOver:
         """What a fit leaves; positions left out of it take no part."""
         count = fit.residuals.size
         takes_part = np.ones(len(fit.rows), bool)
-        takes_part[:count] = np.repeat(fit.kept, 3)
+        takes_part[:count] = np.repeat(fit.retained, 3)
         own, _ = unreachable(fit.jacobian[takes_part])
         basis = np.zeros((len(fit.rows), own.shape[1]))
         basis[takes_part] = own

@@ -54,7 +54,9 @@ def at_reference(fit: Fit, at: Tangent, added: Float[np.ndarray, "nominal full"]
                 to[:nominal, places[name]] += added[:, column] * scales[:nominal] / scales[column]
     if not np.any(to[:nominal, nominal:]):
         return fit
-    return replace(fit, values=to @ fit.values, covariance=to @ fit.covariance @ to.T, hidden=to @ fit.hidden)
+    return replace(
+        fit, values=to @ fit.values, covariance=to @ fit.covariance @ to.T, unidentifiable=to @ fit.unidentifiable
+    )
 
 
 def long_lived(

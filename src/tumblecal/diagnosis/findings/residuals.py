@@ -119,13 +119,13 @@ def simulated_residuals(fit: Fit) -> Iterator[Float[np.ndarray, "rows draws"]]:
 
 def _projected(fit: Fit) -> Iterator[Float[np.ndarray, "rows draws"]]:
     """What a refit leaves of normal noise of variance one."""
-    q = fit.reached
+    q = fit.column_space
     normal = _normal(len(fit.rows))
     for drawn in np.array_split(normal, 1 + normal.size // _AT_ONCE, axis=1):
         draws = drawn
-        if not np.all(fit.kept):
+        if not np.all(fit.retained):
             draws = draws.copy()
-            draws[: fit.residuals.size][~np.repeat(fit.kept, 3)] = 0.0
+            draws[: fit.residuals.size][~np.repeat(fit.retained, 3)] = 0.0
         taken_up = q @ (q.T @ draws)
         yield np.subtract(draws, taken_up, out=taken_up)
 
@@ -141,7 +141,7 @@ def _statistics(fit: Fit, draws: Float[np.ndarray, "rows draws"]) -> dict[str, n
     """Size, largest value, neighbours' correlation and shares of the axes, for each draw of a fit's white residuals; where
     the noise is known, their sum of squares."""
     order = np.argsort(fit.problem.where.measuring_order, kind="stable")
-    order, rows = order[fit.kept[order]], draws[: fit.residuals.size].reshape(len(fit.kept), 3, -1)
+    order, rows = order[fit.retained[order]], draws[: fit.residuals.size].reshape(len(fit.retained), 3, -1)
     rows = rows if np.array_equal(order, np.arange(len(rows))) else rows[order]
     power = rows**2
     by_axis, by_position = np.sum(power, axis=0), np.sum(power, axis=1)
@@ -202,12 +202,12 @@ def discrepancies(fit: Fit, level: float) -> list[Discrepancy]:
 
     - `level`: sd of the white residuals: 1 where the noise is known, else that of the best explanation.
     """
-    q = fit.reached
+    q = fit.column_space
     where = fit.problem.where
     pitch, alpha = np.asarray(where.index("pitch")), np.asarray(where.alpha)
     told, waves = list[tuple[int, int, str]](), list[np.ndarray]()
     for setting in np.unique(pitch):
-        at_setting = np.flatnonzero((pitch == setting) & fit.kept)
+        at_setting = np.flatnonzero((pitch == setting) & fit.retained)
         angles = int(setting_index(alpha[at_setting], held=False).max()) + 1
         if angles < LEAST_ANGLES:
             continue
@@ -244,7 +244,7 @@ def _combinations(waves: Float[np.ndarray, "waves positions"], fit: Fit) -> Floa
 
 def normal_quantiles(fit: Fit) -> NormalQuantiles:
     """The residuals against normal quantiles, with the range of data simulated from the fitted model."""
-    taken = np.flatnonzero(np.repeat(fit.kept, 3))
+    taken = np.flatnonzero(np.repeat(fit.retained, 3))
     level = 1.0 if fit.problem.known else fit.level
     simulated = np.hstack([np.sort(draws[taken] / level, axis=0) for draws in simulated_residuals(fit)])
     low, middle, high = np.quantile(simulated, [_OUTSIDE, 0.5, 1 - _OUTSIDE], axis=1)

@@ -79,7 +79,7 @@ def unseen_shifts(
     # The fit's first columns are these directions of the full vector.
     free = directions_of(at, screened.members)
     moved = free[: at.model.nominal] @ (np.linalg.pinv(fitted, rcond=RANK_TOLERANCE)[: free.shape[1]] @ signals)
-    left = signals - extended.reached @ (extended.reached.T @ signals)
+    left = signals - extended.column_space @ (extended.column_space.T @ signals)
     # In typical sizes the coefficients' prior is the unit matrix.
     root = np.linalg.inv(np.linalg.cholesky(np.eye(len(owners)) + left.T @ left)).T
     return Shifts(moved, root, root @ (root.T @ (left.T @ (extended.rows / sigma))), owners)

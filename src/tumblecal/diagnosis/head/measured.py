@@ -114,8 +114,8 @@ def measured_head(
     )
     fits = []
     for number, (unit, own) in enumerate(zip(units, weighed.own, strict=True)):
-        told_apart, settings = (not_of_the_head(unit, own), levels_of(unit)) if number in aside else (own, levels)
-        fits.append(UnitFit(unit, told_apart, every, moves, weighed.spreads, settings))
+        seen, settings = (not_of_the_head(unit, own), levels_of(unit)) if number in aside else (own, levels)
+        fits.append(UnitFit(unit, seen, every, moves, weighed.spreads, settings))
     shared = np.zeros(moves.shape[1])
     for _ in range(_STEPS):
         for fit in fits:

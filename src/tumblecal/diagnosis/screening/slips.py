@@ -17,8 +17,8 @@ from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.prior import log_prior
 from tumblecal.diagnosis.tuning import SLIP_WEIGHT
 from tumblecal.estimation.fit import Fit
-from tumblecal.estimation.mix_up import MixUp
 from tumblecal.estimation.plausibility import Implausible
+from tumblecal.estimation.setup_error import SetupError
 
 
 # What is put right by giving rows other angles.
@@ -26,7 +26,7 @@ _OF_ANGLES = ("mislabelled_setting", "settings_exchanged", "pitch_reversed", "sp
 _OF_ANGLES += ("index_offset", "rows_shifted")
 
 
-def of_angles(mixed: Sequence[MixUp]) -> list[MixUp]:
+def of_angles(mixed: Sequence[SetupError]) -> list[SetupError]:
     """The slips that gave rows other angles."""
     return [slip for slip in mixed if slip.label in _OF_ANGLES]
 

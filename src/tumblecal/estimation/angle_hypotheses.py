@@ -1,9 +1,8 @@
-"""Angles that are not what their columns say: which single slip makes the readings follow them.
+"""Angles that differ from their columns: the single set-up error under which the readings follow them.
 
-A slip of the head's scales moves whole pitch settings by tenths of a g, where everything that a calibration is after
-moves readings by hundredths. So a sensor that is somewhat out in scale, mount and bias is fitted to the readings under each
-story, and the story under which they fit at once is the right one. Stories that move the same rows to the same attitudes
-are one.
+An error in the angles moves whole pitch settings by tenths of a g, whereas the calibration parameters change readings by
+hundredths of a g. Therefore a sensor with usual errors of scale, mount and bias is fitted to the readings under each
+hypothesis, and the hypothesis with the smallest misfit is chosen. Hypotheses with the same attitudes count as one.
 """
 
 from collections.abc import Iterator
@@ -38,7 +37,7 @@ _FEWEST = 3
 
 
 @dataclass(frozen=True)
-class Story:
+class AngleHypothesis:
     """One slip: catalogue id, what it is in words, and the angles (deg) at which the head then stood; `equal`: ids and words
     of what no slip is and would leave the same data."""
 
@@ -58,16 +57,16 @@ class AngleSearch:
     rows: Bool[np.ndarray, " positions"]
     mounting: str = ""
 
-    def misfits(self, told: list[Story]) -> tuple[np.ndarray, np.ndarray]:
-        """Of every story: misfit, share of rows near."""
-        return misfit(np.stack([self._ideal(story) for story in told]), self.data.readings[self.rows])
+    def misfits(self, told: list[AngleHypothesis]) -> tuple[np.ndarray, np.ndarray]:
+        """Of every hypothesis: misfit, share of rows near."""
+        return misfit(np.stack([self._ideal(hypothesis) for hypothesis in told]), self.data.readings[self.rows])
 
-    def as_written(self) -> Story:
+    def as_written(self) -> AngleHypothesis:
         """The angles as they stand in the file."""
-        return Story("", "", self.data.alpha_deg, self.data.beta_deg)
+        return AngleHypothesis("", "", self.data.alpha_deg, self.data.beta_deg)
 
-    def best(self) -> tuple[list[Story], float, float]:
-        """The stories that fit best and equally well, their misfit, and the share of rows near."""
+    def best(self) -> tuple[list[AngleHypothesis], float, float]:
+        """The hypotheses that fit best and equally well, their misfit, and the share of rows near."""
         told = [*self.slips(), *self._mislabelled(), *self._index_off(), *self._in_reverse(), *self._shifted()]
         if not told:
             return [], np.inf, 0.0
@@ -78,7 +77,7 @@ class AngleSearch:
             near = sorted(near, key=self.left_by_pitch_errors)
         return near, float(cost[order[0]]), float(share[order[0]])
 
-    def slips(self) -> Iterator[Story]:
+    def slips(self) -> Iterator[AngleHypothesis]:
         """Slips of whole scales, and settings exchanged."""
         yield from self._of_all()
         yield from self._exchanged()
@@ -94,30 +93,32 @@ class AngleSearch:
         for first in rows[_FEWEST:-_FEWEST] if len(rows) <= _MOST_ROWS else ():
             yield f" from position {self.data.names[first]} on", self.rows & (np.arange(len(self.rows)) >= first)
 
-    def same(self, first: Story, second: Story) -> bool:
-        """Whether two stories put the triad into the same attitudes."""
+    def same(self, first: AngleHypothesis, second: AngleHypothesis) -> bool:
+        """Whether two hypotheses put the triad into the same attitudes."""
         return bool(np.max(np.abs(self._ideal(first) - self._ideal(second))) < SAME)
 
-    def exchanged_pair(self, story: Story) -> tuple[int, int] | None:
-        """The two rows whose exchange would leave the same data as a story; None where there are none."""
-        before, after = self._ideal(self.as_written()), self._ideal(story)
+    def exchanged_pair(self, hypothesis: AngleHypothesis) -> tuple[int, int] | None:
+        """The two rows whose exchange would leave the same data as a hypothesis; None where there are none."""
+        before, after = self._ideal(self.as_written()), self._ideal(hypothesis)
         moved = np.flatnonzero(np.max(np.abs(after - before), axis=1) > SAME)
         if len(moved) != 2 or np.max(np.abs(after[moved] - before[moved[::-1]])) > SAME:
             return None
         first, second = np.flatnonzero(self.rows)[moved].tolist()
         return first, second
 
-    def left_by_pitch_errors(self, story: Story, readings: Float[np.ndarray, "positions 3"] | None = None) -> float:
-        """`left_by_pitch_errors` of a story; `readings`: of all positions, g, where others than the set's."""
-        turned = replace(story, beta_deg=story.beta_deg + np.degrees(_STEP))
-        ideal, setting = self._ideal(story), np.round(story.beta_deg[self.rows], 6)
+    def left_by_pitch_errors(
+        self, hypothesis: AngleHypothesis, readings: Float[np.ndarray, "positions 3"] | None = None
+    ) -> float:
+        """`left_by_pitch_errors` of a hypothesis; `readings`: of all positions, g, where others than the set's."""
+        turned = replace(hypothesis, beta_deg=hypothesis.beta_deg + np.degrees(_STEP))
+        ideal, setting = self._ideal(hypothesis), np.round(hypothesis.beta_deg[self.rows], 6)
         slope = (self._ideal(turned) - ideal) / _STEP
         return left_by_pitch_errors(
             ideal, slope, setting, (self.data.readings if readings is None else readings)[self.rows]
         )
 
-    def _ideal(self, story: Story) -> Float[np.ndarray, "positions 3"]:
-        f = gravity_in_head(np.radians(story.alpha_deg[self.rows]), np.radians(story.beta_deg[self.rows]))
+    def _ideal(self, hypothesis: AngleHypothesis) -> Float[np.ndarray, "positions 3"]:
+        f = gravity_in_head(np.radians(hypothesis.alpha_deg[self.rows]), np.radians(hypothesis.beta_deg[self.rows]))
         return f if self.attitudes is None else np.einsum("nij,nj->ni", self.attitudes[self.rows], f)
 
     def _parts(self) -> Iterator[tuple[str, Bool[np.ndarray, " positions"]]]:
@@ -153,17 +154,17 @@ class AngleSearch:
         """How far each position was read from that, deg."""
         return self.data.beta_deg - self._called
 
-    def _told(self, label: str, words: str, rows: np.ndarray, alpha=None, beta=None) -> Story:
-        """A story that gives some rows other angles."""
+    def _told(self, label: str, words: str, rows: np.ndarray, alpha=None, beta=None) -> AngleHypothesis:
+        """A hypothesis that gives some rows other angles."""
         here = self.as_written()
-        return Story(
+        return AngleHypothesis(
             label,
             words,
             here.alpha_deg if alpha is None else np.where(rows, alpha, here.alpha_deg),
             here.beta_deg if beta is None else np.where(rows, beta, here.beta_deg),
         )
 
-    def _of_all(self) -> Iterator[Story]:
+    def _of_all(self) -> Iterator[AngleHypothesis]:
         alpha, beta = self.data.alpha_deg, self.data.beta_deg
         back = (-alpha) % 360.0
         for words, part in self._parts():
@@ -179,7 +180,7 @@ class AngleSearch:
                 rows, at = self._at(part, level), f" at beta {level:g} deg{words}"
                 yield self._told("spindle_reversed", f"the spindle is counted in the other sense{at}", rows, back)
 
-    def _exchanged(self) -> Iterator[Story]:
+    def _exchanged(self) -> Iterator[AngleHypothesis]:
         for words, part in self._parts():
             levels = self._settings(part)
             for number, low in enumerate(levels):
@@ -189,7 +190,7 @@ class AngleSearch:
                     told = f"the pitch settings {high:g} and {low:g} deg are exchanged{words}"
                     yield self._told("settings_exchanged", told, rows, beta=other)
 
-    def _mislabelled(self) -> Iterator[Story]:
+    def _mislabelled(self) -> Iterator[AngleHypothesis]:
         for words, part in self._parts():
             for level in self._settings(part):
                 rows, stood = self._at(part, level), level
@@ -201,19 +202,21 @@ class AngleSearch:
                     said = f"the pitch setting labelled {level:g} deg stood at {stood:g} deg{words}"
                     yield self._told("mislabelled_setting", said, rows, beta=stood + self._beside)
 
-    def _index_off(self) -> Iterator[Story]:
+    def _index_off(self) -> Iterator[AngleHypothesis]:
         for words, part in self._parts():
-            for off, story in self._index_off_at(part, words, _MOST_TURNED_DEG):
+            for off, hypothesis in self._index_off_at(part, words, _MOST_TURNED_DEG):
                 turned = f"the triad stands turned {off:g} deg about x in its fixture{words}"
-                yield replace(story, equal=(("triad_turned", turned),))
+                yield replace(hypothesis, equal=(("triad_turned", turned),))
             for level in self._settings(part):
                 at = f" at beta {level:g} deg{words}"
-                yield from (story for _, story in self._index_off_at(self._at(part, level), at, _LEAST_INDEX_DEG))
+                yield from (
+                    hypothesis for _, hypothesis in self._index_off_at(self._at(part, level), at, _LEAST_INDEX_DEG)
+                )
 
     def _index_off_at(
         self, rows: Bool[np.ndarray, " positions"], words: str, least_deg: float
-    ) -> list[tuple[float, Story]]:
-        """The story that the spindle of some rows stood elsewhere than was written, by the angle (deg) that fits best."""
+    ) -> list[tuple[float, AngleHypothesis]]:
+        """The hypothesis that the spindle of some rows stood elsewhere than was written, by the angle (deg) that fits best."""
         alpha, off, least = self.data.alpha_deg, 0.0, np.inf
         # Holes are steps of the plan, or round numbers, apart: what is left of a degree is the mount's.
         plan = np.unique(np.round(np.subtract.outer(np.unique(alpha), np.unique(alpha)) % 360.0, 3))
@@ -228,7 +231,7 @@ class AngleSearch:
         said = f"the spindle stood {off:+g} deg from the angles written{words}"
         return [(off, self._told("index_offset", said, rows, alpha + off))]
 
-    def _in_reverse(self) -> Iterator[Story]:
+    def _in_reverse(self) -> Iterator[AngleHypothesis]:
         """Readings in the plan's order of a spindle that was turned back again, at one pitch setting or at every second."""
         for words, part in self._parts():
             levels = list(dict.fromkeys(self._called[part].round(6).tolist()))
@@ -244,7 +247,7 @@ class AngleSearch:
                     alpha[here], beta[here] = alpha[here[::-1]], beta[here[::-1]]
                 yield self._told("spindle_reversed", f"the readings stand in reverse order {said}", part, alpha, beta)
 
-    def _shifted(self) -> Iterator[Story]:
+    def _shifted(self) -> Iterator[AngleHypothesis]:
         """Readings that stand a row late or early, all or from some row on."""
         for words, part in self._parts():
             rows = np.flatnonzero(part)
@@ -265,7 +268,10 @@ class AngleSearch:
                     )
 
 
-def with_angles(data: PositionSet, story: Story, rows: Bool[np.ndarray, " positions"]) -> PositionSet:
-    """The set, these rows of it at the angles of a story."""
-    alpha, beta = np.where(rows, story.alpha_deg, data.alpha_deg), np.where(rows, story.beta_deg, data.beta_deg)
+def with_angles(data: PositionSet, hypothesis: AngleHypothesis, rows: Bool[np.ndarray, " positions"]) -> PositionSet:
+    """The set, these rows of it at the angles of a hypothesis."""
+    alpha, beta = (
+        np.where(rows, hypothesis.alpha_deg, data.alpha_deg),
+        np.where(rows, hypothesis.beta_deg, data.beta_deg),
+    )
     return replace(data, alpha_deg=alpha, beta_deg=beta)

@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float
 
 from tumblecal.data import PositionSet
 from tumblecal.estimation.equal_ends import equal_ends
-from tumblecal.estimation.mix_up import MixUp
+from tumblecal.estimation.setup_error import SetupError
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.frames import gravity_in_head
@@ -48,7 +48,7 @@ _BEYOND_G = 0.02
 _NO_CHANCE = 1e-5
 
 
-def units_of_rows(data: PositionSet) -> tuple[PositionSet, list[MixUp]]:
+def units_of_rows(data: PositionSet) -> tuple[PositionSet, list[SetupError]]:
     """The set with rows that are in another unit than the others in g; a single reading that is far too large is none."""
     readings, told = data.readings.copy(), []
     log_size, far = np.log(np.maximum(np.linalg.norm(readings, axis=1), 1e-300)), np.log(NEAR)
@@ -70,11 +70,11 @@ def units_of_rows(data: PositionSet) -> tuple[PositionSet, list[MixUp]]:
         ):
             if own:
                 listed = ", ".join(data.names[row] for row in own[:6]) + (" ..." if len(own) > 6 else "")
-                told.append(MixUp(label, f"position{'s' if len(own) > 1 else ''} {listed} {_are(own)} {said}"))
+                told.append(SetupError(label, f"position{'s' if len(own) > 1 else ''} {listed} {_are(own)} {said}"))
     return replace(data, readings=readings), told
 
 
-def cells_put_right(data: PositionSet) -> tuple[PositionSet, list[MixUp]]:
+def correct_decimal_points(data: PositionSet) -> tuple[PositionSet, list[SetupError]]:
     """The set with single readings whose decimal point was lost as the other positions predict them.
 
     **Raises:** `InputError` for a reading that none at rest is and no decimal point explains.
@@ -91,7 +91,7 @@ def cells_put_right(data: PositionSet) -> tuple[PositionSet, list[MixUp]]:
         if places:
             readings[row, axis] = reading / 10.0**places
             told.append(
-                MixUp(
+                SetupError(
                     "decimal_slip",
                     f"{where}: {reading:.7g} g must be {readings[row, axis]:.7g} g, its decimal point is off",
                 )

@@ -15,7 +15,7 @@ from tumblecal.effects import catalogue
 from tumblecal.estimation import programs as programs_module
 from tumblecal.estimation.chain_programs import programs_of
 from tumblecal.estimation.program_key import described
-from tumblecal.estimation.programs import kept
+from tumblecal.estimation.programs import cached_program
 from tumblecal.ground.program_cache import keep_programs
 
 
@@ -69,7 +69,7 @@ def test_the_next_process_traces_nothing_and_gives_the_same_bits(exports):
 
 def test_what_a_program_closes_over_tells_it_from_another(exports):
     def scaled(factor):
-        return kept(lambda x: factor * x, factor)
+        return cached_program(lambda x: factor * x, factor)
 
     assert float(scaled(2.0)(jnp.ones(()))) == 2.0
     for _ in range(2):
@@ -78,7 +78,7 @@ def test_what_a_program_closes_over_tells_it_from_another(exports):
 
 
 def test_what_cannot_be_described_is_not_kept(exports, caplog):
-    program = kept(lambda x: x + 1.0, object())
+    program = cached_program(lambda x: x + 1.0, object())
     with caplog.at_level("DEBUG", logger="tumblecal"):
         assert float(program(jnp.ones(()))) == 2.0 and not exports
     assert "is not kept" in caplog.text

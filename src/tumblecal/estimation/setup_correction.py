@@ -1,6 +1,6 @@
 """What was mixed up in setting up, found before anything is fitted: units, axes, angles, temperature and time.
 
-What can be put right in one way only is put right and said; what cannot is refused, with the stories that would explain it.
+What can be put right in one way only is put right and said; what cannot is refused, with the hypotheses that would explain it.
 """
 
 from collections.abc import Sequence
@@ -14,11 +14,17 @@ from tumblecal.chain import Chain
 from tumblecal.chain.nominal import FreeAttitude
 from tumblecal.data import PositionSet
 from tumblecal.data.conditions import are_kelvin
-from tumblecal.estimation.angles_put_right import Mapped, angles_put_right, as_intended, with_turns
-from tumblecal.estimation.mix_up import MixUp
+from tumblecal.estimation.angle_correction import Mapped, as_intended, correct_angles, with_turns
+from tumblecal.estimation.gross_reading_errors import (
+    FACTORS,
+    NEAR,
+    correct_decimal_points,
+    refuse_unmeasured,
+    units_of_rows,
+)
 from tumblecal.estimation.problem import where_of
 from tumblecal.estimation.quarter_turns import turn_of, turn_words
-from tumblecal.estimation.reading_slips import FACTORS, NEAR, cells_put_right, refuse_unmeasured, units_of_rows
+from tumblecal.estimation.setup_error import SetupError
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.clocks import times_going_on
 from tumblecal.ground.errors import InputError
@@ -42,7 +48,7 @@ _ICE_POINT_K = 273.15
 _SAME_START = 0.1
 
 
-def put_right(data: PositionSet, chain: Chain | None = None) -> tuple[PositionSet, list[MixUp]]:
+def correct_setup_errors(data: PositionSet, chain: Chain | None = None) -> tuple[PositionSet, list[SetupError]]:
     """Find what was mixed up by comparing the readings with those of a perfect instrument, and put it right.
 
     **Arguments:**
@@ -55,39 +61,43 @@ def put_right(data: PositionSet, chain: Chain | None = None) -> tuple[PositionSe
     **Raises:** `InputError` for what cannot be put right in one way: an axis without a signal of its own, readings of
     no known unit, angles that the readings do not follow.
     """
-    mended, mix_ups = _mended(data, chain)
+    mended, setup_errors = _mended(data, chain)
     if chain is not None and where_of(mended).labels != where_of(data).labels:
         raise InputError(
-            f"{data.source}: {mix_ups[-1].told}; correct the file: the given model counts the settings as they stand there"
+            f"{data.source}: {setup_errors[-1].description}; correct the file, because the given model "
+            "numbers the pitch settings as the file lists them"
         )
-    return mended, mix_ups
+    return mended, setup_errors
 
 
-def _mended(data: PositionSet, chain: Chain | None) -> tuple[PositionSet, list[MixUp]]:
-    data, mix_ups = _conditions(data)
-    for put_in_g in (_in_g, units_of_rows, _refuse_unknown_unit, cells_put_right):
+def _mended(data: PositionSet, chain: Chain | None) -> tuple[PositionSet, list[SetupError]]:
+    data, setup_errors = _conditions(data)
+    for put_in_g in (_in_g, units_of_rows, _refuse_unknown_unit, correct_decimal_points):
         data, slips = put_in_g(data)
-        mix_ups += slips
+        setup_errors += slips
     if data.hand_held or (chain is not None and any(isinstance(link, FreeAttitude) for link in chain.links)):
-        return data, mix_ups
+        return data, setup_errors
     data, attitudes, slips = with_turns(data, chain)
     ideal = as_intended(data, attitudes)
     _refuse_silent_axes(data, ideal)
     axis_units, axis_map = _axes(data, ideal)
     if axis_units:
         data, slips = replace(data, readings=axis_units[0]), [*slips, *axis_units[1]]
-    data, of_angles = angles_put_right(data, chain, attitudes, axis_map)
+    data, of_angles = correct_angles(data, chain, attitudes, axis_map)
     refuse_unmeasured(data)
-    return data, [*mix_ups, *slips, *of_angles]
+    return data, [*setup_errors, *slips, *of_angles]
 
 
-def _conditions(data: PositionSet) -> tuple[PositionSet, list[MixUp]]:
+def _conditions(data: PositionSet) -> tuple[PositionSet, list[SetupError]]:
     """Temperature in degC, and a time that goes on."""
-    mix_ups: list[MixUp] = []
+    setup_errors: list[SetupError] = []
     temperature, time = data.temperature_degc, data.time_s
     if temperature is not None and are_kelvin(temperature):
         words = f"the temperatures, {np.min(temperature):.4g} to {np.max(temperature):.4g}, are kelvin"
-        data, mix_ups = replace(data, temperature_degc=temperature - _ICE_POINT_K), [MixUp("temperature_unit", words)]
+        data, setup_errors = (
+            replace(data, temperature_degc=temperature - _ICE_POINT_K),
+            [SetupError("temperature_unit", words)],
+        )
     if time is not None and (parts := _restarted(time)):
         firsts = np.cumsum([len(part) for part in parts])[:-1]
         words = (
@@ -99,8 +109,8 @@ def _conditions(data: PositionSet) -> tuple[PositionSet, list[MixUp]]:
         data = replace(data, time_s=times_going_on(parts), clock=clock)
         # Runs that have a clock each are no slip.
         if data.run is None or not np.array_equal(firsts, _changes(data.run)):
-            mix_ups.append(MixUp("time_restarts", words))
-    return data, mix_ups
+            setup_errors.append(SetupError("time_restarts", words))
+    return data, setup_errors
 
 
 def _changes(labels: Sequence[str]) -> list[int]:
@@ -122,7 +132,7 @@ def _restarted(time: Float[np.ndarray, " positions"]) -> list[np.ndarray]:
     return parts if np.max(np.abs(starts - starts[0])) <= _SAME_START * step else []
 
 
-def _in_g(data: PositionSet) -> tuple[PositionSet, list[MixUp]]:
+def _in_g(data: PositionSet) -> tuple[PositionSet, list[SetupError]]:
     """The set in g where all readings are in one other unit."""
     sizes = np.linalg.norm(data.readings, axis=1)
     common = float(np.median(sizes))
@@ -130,12 +140,12 @@ def _in_g(data: PositionSet) -> tuple[PositionSet, list[MixUp]]:
         for words, factor in FACTORS.items():
             if 1 / NEAR < common / factor < NEAR:
                 return replace(data, readings=data.readings / factor), [
-                    MixUp("unit_error", f"all readings are in {words}")
+                    SetupError("unit_error", f"all readings are in {words}")
                 ]
     return data, []
 
 
-def _refuse_unknown_unit(data: PositionSet) -> tuple[PositionSet, list[MixUp]]:
+def _refuse_unknown_unit(data: PositionSet) -> tuple[PositionSet, list[SetupError]]:
     """The set as it is.
 
     **Raises:** `InputError` for readings in no known unit.
@@ -184,12 +194,12 @@ def _follows(readings: Float[np.ndarray, " positions"], ideal: Float[np.ndarray,
 
 def _axes(
     data: PositionSet, ideal: Float[np.ndarray, "positions 3"]
-) -> tuple[tuple[Float[np.ndarray, "positions 3"], list[MixUp]] | None, Mapped | None]:
+) -> tuple[tuple[Float[np.ndarray, "positions 3"], list[SetupError]] | None, Mapped | None]:
     """Readings with single axes put in g, and readings on the plan's axes, where either is needed and can be told."""
     basis = np.hstack([ideal, np.ones((len(ideal), 1))])
     if np.linalg.matrix_rank(basis, tol=1e-3) < 4:
         return None, None
-    readings, mix_ups = data.readings.copy(), []
+    readings, setup_errors = data.readings.copy(), []
     matrix = np.linalg.lstsq(basis, readings, rcond=None)[0][:3].T
     # Row a: which ideal inputs output a follows.
     source = np.argmax(np.abs(matrix), axis=1)
@@ -200,8 +210,8 @@ def _axes(
         for words, factor in FACTORS.items():
             if 1 / NEAR < abs(leading[axis]) / factor < NEAR:
                 readings[:, axis] /= factor
-                mix_ups.append(MixUp("unit_error", f"axis {AXES[axis]} is in {words}"))
-    united = (readings, mix_ups) if mix_ups else None
+                setup_errors.append(SetupError("unit_error", f"axis {AXES[axis]} is in {words}"))
+    united = (readings, setup_errors) if setup_errors else None
     if not (np.any(source != np.arange(3)) or np.any(leading < 0)):
         return united, None
     turn, right = np.zeros((3, 3)), np.empty_like(readings)
@@ -212,4 +222,4 @@ def _axes(
     turned = (
         () if angles is None else (("triad_turned", f"the triad stands turned {turn_words(angles)} in its fixture"),)
     )
-    return united, (right, MixUp("axis_map", "; ".join(terms), turned))
+    return united, (right, SetupError("axis_map", "; ".join(terms), turned))

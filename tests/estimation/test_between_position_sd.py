@@ -9,7 +9,7 @@ from scipy import stats
 import blind_instrument as blind
 from tumblecal.data import PositionSet
 from tumblecal.estimation import exact, problem_of
-from tumblecal.estimation.scatter_floor import scatter_floor
+from tumblecal.estimation.between_position_sd import between_position_sd
 from tumblecal.noise import Covariance
 
 
@@ -28,7 +28,7 @@ def test_floor_is_measured_and_intervals_hold_the_truth():
     floors, off = [], []
     for seed in range(40):
         setup, problem = measured(seed, 1e-4)
-        floor = scatter_floor(exact.fit(problem))
+        floor = between_position_sd(exact.fit(problem))
         assert floor is not None
         floors.append(floor.floor_g)
         fit = exact.fit(floor.applied(problem))
@@ -44,22 +44,23 @@ def test_floor_is_measured_and_intervals_hold_the_truth():
 def test_the_floor_is_the_same_however_small_the_stated_sd(stated):
     problem = measured(3, 1e-4)[1]
     floors = [
-        scatter_floor(exact.fit(problem_of(replace(problem.data, sd=np.full((24, 3), sd))))) for sd in (1e-7, stated)
+        between_position_sd(exact.fit(problem_of(replace(problem.data, sd=np.full((24, 3), sd)))))
+        for sd in (1e-7, stated)
     ]
     assert floors[1].floor_g == pytest.approx(floors[0].floor_g, rel=1e-3)
 
 
 def test_none_is_taken_where_the_stated_sd_is_right():
-    taken = [scatter_floor(exact.fit(measured(seed, 0.0)[1])) is not None for seed in range(40)]
+    taken = [between_position_sd(exact.fit(measured(seed, 0.0)[1])) is not None for seed in range(40)]
     assert sum(taken) <= 3  # 1 %: 4 of 40 once in 1600 runs
 
 
 def test_correlated_noise_has_one_too():
     """The same noise, written as a full matrix, gives the same floor."""
     _, problem = measured(3, 1e-4)
-    alone = scatter_floor(exact.fit(problem))
+    alone = between_position_sd(exact.fit(problem))
     full = Covariance(problem.noise.matrix, "full")
-    together = scatter_floor(exact.fit(problem.with_noise(full, known=True)))
+    together = between_position_sd(exact.fit(problem.with_noise(full, known=True)))
     assert together.floor_g == pytest.approx(alone.floor_g, rel=1e-3)
     applied = together.applied(problem.with_noise(full, known=True))
     np.testing.assert_allclose(np.sqrt(np.diag(applied.noise.matrix)), alone.applied(problem).sd.ravel(), rtol=1e-3)
@@ -67,7 +68,7 @@ def test_correlated_noise_has_one_too():
 
 def test_unknown_noise_has_none():
     _, problem = measured(1, 1e-4)
-    assert scatter_floor(exact.fit(replace(problem, known=False))) is None
+    assert between_position_sd(exact.fit(replace(problem, known=False))) is None
 
 
 def twice(seed, error_g, scatter_g):
@@ -84,10 +85,10 @@ def twice(seed, error_g, scatter_g):
 
 
 def test_repeats_tell_what_comes_back():
-    error = scatter_floor(exact.fit(twice(1, 2e-4, 0.0)))
+    error = between_position_sd(exact.fit(twice(1, 2e-4, 0.0)))
     assert error.floor_g == pytest.approx(2e-4, rel=0.25) and error.repeats_g < 2e-5
     assert "the model is wrong" in error.words
-    scatter = scatter_floor(exact.fit(twice(2, 0.0, 2e-4)))
+    scatter = between_position_sd(exact.fit(twice(2, 0.0, 2e-4)))
     assert scatter.repeats_g == pytest.approx(2e-4, rel=0.25)
     assert "it is how they repeat" in scatter.words
-    assert scatter_floor(exact.fit(measured(3, 1e-4)[1])).repeats_g is None
+    assert between_position_sd(exact.fit(measured(3, 1e-4)[1])).repeats_g is None

@@ -26,7 +26,7 @@ _COMES_BACK = 0.5
 
 
 @dataclass(frozen=True)
-class ScatterFloor:
+class BetweenPositionSd:
     """What the positions scatter beside the sd of their means.
 
     - `floor_g`: the sd that is added in quadrature to that of every reading, g; `stated_g`: the median stated one, g.
@@ -64,7 +64,7 @@ class ScatterFloor:
         return problem.with_noise(noise, known=False, sd=sd)
 
 
-def scatter_floor(fit: Fit) -> ScatterFloor | None:
+def between_position_sd(fit: Fit) -> BetweenPositionSd | None:
     """The floor of an exact fit whose noise is stated; None where the stated sd explains the scatter, or too few degrees of
     freedom are left to tell."""
     problem = fit.problem
@@ -87,7 +87,7 @@ def scatter_floor(fit: Fit) -> ScatterFloor | None:
     repeats = None
     if np.sum(problem.takes_part) * 3 - means.shape[1] >= _LEAST_DOF:
         repeats = _estimated(rows[:count], turned.T @ means, added[:count], stated)[0]
-    return ScatterFloor(floor, stated, p_value, repeats)
+    return BetweenPositionSd(floor, stated, p_value, repeats)
 
 
 def _attitude_means(problem: Problem) -> Float[np.ndarray, "rows means"]:

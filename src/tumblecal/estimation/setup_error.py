@@ -9,7 +9,7 @@ from tumblecal.estimation.fit import Fit
 
 
 @dataclass(frozen=True)
-class MixUp:
+class SetupError:
     """A mix-up found and put right: catalogue id, what it is in words; `equal`: ids and words of other slips that would
     leave the same data."""
 
@@ -18,7 +18,7 @@ class MixUp:
     equal: tuple[tuple[str, str], ...] = ()
 
     @property
-    def told(self) -> str:
+    def description(self) -> str:
         """The words with those of equal slips."""
         same = "; or ".join(words for _, words in self.equal)
         return f"{self.words} (or, which is the same here: {same})" if same else self.words
@@ -30,13 +30,13 @@ class MixUp:
 
 
 # A setting is where it was written when the pitch error fitted there leaves less than this share of the slip.
-_TAKEN_BACK = 0.3
+_UNDONE = 0.3
 
 # Mix-ups that no calibration at rest depends on.
 HARMLESS = ("temperature_unit", "time_restarts")
 
 
-def taken_back(written: PositionSet, fit: Fit) -> bool:
+def undone_by_fit(written: PositionSet, fit: Fit) -> bool:
     """Whether the pitch errors of a fit turn every setting that was put right back to where it was written: something else
     looked like the slip.
 
@@ -51,4 +51,4 @@ def taken_back(written: PositionSet, fit: Fit) -> bool:
     if not len(moved) or leaf is None or leaf.by is None or not np.array_equal(np.asarray(where.alpha), written.alpha):
         return False
     errors = np.array([fit.value(name) for name in leaf.names])[np.asarray(where.index(leaf.by))[moved]]
-    return bool(np.all(np.abs(slips[moved] + errors) < _TAKEN_BACK * np.abs(slips[moved])))
+    return bool(np.all(np.abs(slips[moved] + errors) < _UNDONE * np.abs(slips[moved])))

@@ -9,12 +9,12 @@ from jaxtyping import Bool, Float
 
 from tumblecal.chain import Chain
 from tumblecal.data import PositionSet
+from tumblecal.estimation.angle_hypotheses import SAME, AngleHypothesis, AngleSearch, with_angles
 from tumblecal.estimation.angle_misfit import ALIKE, APART, misfit
-from tumblecal.estimation.angle_stories import SAME, AngleSearch, Story, with_angles
 from tumblecal.estimation.axes_of_parts import PartMap, part_maps
-from tumblecal.estimation.mix_up import MixUp
 from tumblecal.estimation.mountings import nominal_rotations, turned_mountings
 from tumblecal.estimation.quarter_turns import quarter_turns
+from tumblecal.estimation.setup_error import SetupError
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.frames import gravity_in_head
 
@@ -22,9 +22,9 @@ from tumblecal.ground.frames import gravity_in_head
 # The intended rotation of the triad at every position; None for none.
 Attitudes = Float[np.ndarray, "positions 3 3"] | None
 # Readings on the plan's axes, and what was mixed up there.
-Mapped = tuple[Float[np.ndarray, "positions 3"], MixUp]
+Mapped = tuple[Float[np.ndarray, "positions 3"], SetupError]
 
-# Where more of the rows than this are far from the angles as written and from those of every story, nothing is said.
+# Where more of the rows than this are far from the angles as written and from those of every hypothesis, nothing is said.
 _MOST_ASTRAY = 0.5
 # A slip is the right one only where it leaves less than this share of the misfit: true ones left at most 1 %, an effect of a
 # thousand sigma that looked like one more than half. (conditions of benchmarks/blind_stress.py)
@@ -33,7 +33,7 @@ _MOST_LEFT = 0.4
 _MOST_PARTS = 12
 
 
-def with_turns(data: PositionSet, chain: Chain | None) -> tuple[PositionSet, Attitudes, list[MixUp]]:
+def with_turns(data: PositionSet, chain: Chain | None) -> tuple[PositionSet, Attitudes, list[SetupError]]:
     """A set with the intended rotation of the triad at each position: the chain's, else what the readings show.
 
     Where the readings show none at the angles as written, or mountings that do not follow them, but do at those of one slip of
@@ -69,9 +69,9 @@ def as_intended(data: PositionSet, attitudes: Attitudes) -> Float[np.ndarray, "p
     return ideal if attitudes is None else np.einsum("nij,nj->ni", attitudes, ideal)
 
 
-def angles_put_right(
+def correct_angles(
     data: PositionSet, chain: Chain | None, attitudes: Attitudes, axis_map: Mapped | None
-) -> tuple[PositionSet, list[MixUp]]:
+) -> tuple[PositionSet, list[SetupError]]:
     """The set with its angles, or its axes, as they must have been, where the readings do not follow them.
 
     **Arguments:**
@@ -93,21 +93,21 @@ def angles_put_right(
     least_told = min(sum(cost for _, cost, _ in told), sum(cost for _, cost in in_parts))
     if axis_map and mapped < before - APART and mapped < least_told + ALIKE:
         same = [told[0][0][0]] if len(told) == 1 and told[0][1] < mapped + ALIKE else []
-        equal = (*axis_map[1].equal, *((story.label, story.words) for story in same))
+        equal = (*axis_map[1].equal, *((hypothesis.label, hypothesis.words) for hypothesis in same))
         return replace(data, readings=axis_map[0]), [replace(axis_map[1], equal=equal)]
-    slips: list[tuple[str, MixUp]] = []
-    for search, (cost, share), (stories, least, near), (maps, mapped) in zip(
+    slips: list[tuple[str, SetupError]] = []
+    for search, (cost, share), (hypotheses, least, near), (maps, mapped) in zip(
         searches, as_written, told, in_parts, strict=True
     ):
         whole = float(cost[0])
-        if mapped < min(whole - APART, _MOST_LEFT * whole) and _rather(search, maps[0], mapped, stories, least):
+        if mapped < min(whole - APART, _MOST_LEFT * whole) and _rather(search, maps[0], mapped, hypotheses, least):
             if len(maps) > 1:
                 raise InputError(_several(data, [part.words for part in maps]))
-            slips.append((search.mounting, MixUp("axis_map", maps[0].words)))
-            data = replace(data, readings=maps[0].put_right(data.readings))
+            slips.append((search.mounting, SetupError("axis_map", maps[0].words)))
+            data = replace(data, readings=maps[0].corrected(data.readings))
         elif least < min(whole - APART, _MOST_LEFT * whole) and near > 1 - _MOST_ASTRAY:
-            slips.append((search.mounting, _one_story(search, stories)))
-            data = with_angles(data, stories[0], search.rows)
+            slips.append((search.mounting, _unambiguous(search, hypotheses)))
+            data = with_angles(data, hypotheses[0], search.rows)
         elif share[0] < 1 - _MOST_ASTRAY:
             raise InputError(
                 f"{data.source}: the readings do not follow the angles ({1 - share[0]:.0%} of the positions are more than "
@@ -116,16 +116,18 @@ def angles_put_right(
     return data, _told_once(slips, len(searches))
 
 
-def _rather(search: AngleSearch, told: PartMap, mapped: float, stories: Sequence[Story], least: float) -> bool:
-    """Whether readings were on other axes rather than at the angles of a story: of two that put the triad into the same
+def _rather(
+    search: AngleSearch, told: PartMap, mapped: float, hypotheses: Sequence[AngleHypothesis], least: float
+) -> bool:
+    """Whether readings were on other axes rather than at the angles of a hypothesis: of two that put the triad into the same
     attitudes, a sensor's bias tells."""
-    if not stories or abs(mapped - least) > ALIKE:
+    if not hypotheses or abs(mapped - least) > ALIKE:
         return mapped < least
-    left = search.left_by_pitch_errors(search.as_written(), told.put_right(search.data.readings))
-    return left < _MOST_LEFT * search.left_by_pitch_errors(stories[0])
+    left = search.left_by_pitch_errors(search.as_written(), told.corrected(search.data.readings))
+    return left < _MOST_LEFT * search.left_by_pitch_errors(hypotheses[0])
 
 
-def _told_once(slips: Sequence[tuple[str, MixUp]], mountings: int) -> list[MixUp]:
+def _told_once(slips: Sequence[tuple[str, SetupError]], mountings: int) -> list[SetupError]:
     """Slips by mounting: one that all of them have is told once, others with their mounting."""
     told = [slip for _, slip in slips]
     if len(slips) == mountings > 0 and len({(slip.label, slip.words) for slip in told}) == 1:
@@ -138,20 +140,20 @@ def _told_once(slips: Sequence[tuple[str, MixUp]], mountings: int) -> list[MixUp
     return [slip if mountings == 1 else replace(slip, words=f"{slip.words} in mounting {own}") for own, slip in slips]
 
 
-def _one_story(search: AngleSearch, stories: Sequence[Story]) -> MixUp:
-    """The best story.
+def _unambiguous(search: AngleSearch, hypotheses: Sequence[AngleHypothesis]) -> SetupError:
+    """The best hypothesis.
 
-    **Raises:** `InputError` when stories that fit equally well would put the data right in different ways.
+    **Raises:** `InputError` when hypotheses that fit equally well would put the data right in different ways.
     """
-    first, *others = stories
+    first, *others = hypotheses
     if not all(search.same(first, other) for other in others):
-        raise InputError(_several(search.data, [story.words for story in stories]))
-    equal = [*first.equal, *((story.label, story.words) for story in others)]
+        raise InputError(_several(search.data, [hypothesis.words for hypothesis in hypotheses]))
+    equal = [*first.equal, *((hypothesis.label, hypothesis.words) for hypothesis in others)]
     pair = search.exchanged_pair(first)
     if pair is not None:
         exchanged = " and ".join(search.data.names[row] for row in pair)
         equal.append(("swapped_positions", f"positions {exchanged} are exchanged"))
-    return MixUp(first.label, first.words, tuple(equal))
+    return SetupError(first.label, first.words, tuple(equal))
 
 
 class _Retold(NamedTuple):
@@ -160,25 +162,25 @@ class _Retold(NamedTuple):
     left: float
     data: PositionSet
     attitudes: Attitudes
-    slip: MixUp
+    slip: SetupError
 
 
 def _retold(data: PositionSet) -> list[_Retold]:
     """The slips of all rows, and of those of each mounting, that leave mountings which can be told; the best first."""
     every, retold = np.ones(len(data), bool), []
     for place, rows in [("", every), *((f" in mounting {label}", rows) for label, rows in _mountings(data))]:
-        for story in AngleSearch(data, None, rows).slips():
-            moved = with_angles(data, story, rows)
+        for hypothesis in AngleSearch(data, None, rows).slips():
+            moved = with_angles(data, hypothesis, rows)
             try:
                 attitudes = _shown(moved)
             except InputError:
                 continue
-            slip = MixUp(story.label, story.words + place)
+            slip = SetupError(hypothesis.label, hypothesis.words + place)
             retold.append(_Retold(_misfit(_searches(moved, attitudes)), moved, attitudes, slip))
     return sorted(retold, key=lambda own: own.left)
 
 
-def _one_slip(retold: Sequence[_Retold]) -> MixUp:
+def _one_slip(retold: Sequence[_Retold]) -> SetupError:
     """The best slip, with those that leave the same data.
 
     **Raises:** `InputError` when slips that fit equally well would put the data right in different ways.

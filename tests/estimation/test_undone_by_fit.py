@@ -7,7 +7,7 @@ import pytest
 
 from tumblecal.data import PositionSet
 from tumblecal.estimation import exact, problem_of
-from tumblecal.estimation.mix_up import taken_back
+from tumblecal.estimation.setup_error import undone_by_fit
 
 
 def measured(stood_deg):
@@ -22,10 +22,10 @@ def measured(stood_deg):
 @pytest.mark.parametrize(("stood_deg", "expected"), [(0.0, True), (-0.5, True), (-5.0, False), (-4.0, False)])
 def test_a_slip_is_taken_back_where_the_pitch_error_undoes_it(stood_deg, expected):
     written = measured(stood_deg)
-    put_right = replace(written, beta_deg=np.where(written.beta_deg == 0.0, -5.0, written.beta_deg))
-    assert taken_back(written, exact.fit(problem_of(put_right))) == expected
+    correct_setup_errors = replace(written, beta_deg=np.where(written.beta_deg == 0.0, -5.0, written.beta_deg))
+    assert undone_by_fit(written, exact.fit(problem_of(correct_setup_errors))) == expected
 
 
 def test_without_a_slip_nothing_is_taken_back():
     written = measured(0.0)
-    assert not taken_back(written, exact.fit(problem_of(written)))
+    assert not undone_by_fit(written, exact.fit(problem_of(written)))
