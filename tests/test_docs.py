@@ -18,6 +18,7 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 # A block of code, by what it begins with, and the test that runs it.
 RUN_ELSEWHERE = {
     "README.md": "tests/test_readme.py",
+    "python.md": "tests/test_readme.py",
     "files.md": "tests/data/test_calibration_extended.py",
     "own_effects.md": "tests/effects/test_users_effects.py",
 }

@@ -25,7 +25,7 @@ PENDING: frozenset[str] = frozenset(
     {
         "budget", "capture", "certificate", "chain", "cli", "data", "devices", "diagnosis", "effects", "estimation", "ground",
         "history", "noise", "planning", "report", "simulation", "studies",
-        "README.md", "capture.md",
+        "capture.md",
         "promises.md", "recordings.md", "units.md",
     }
 )  # fmt: skip
