@@ -49,7 +49,7 @@ class Average:
     """The parameters averaged over explanations.
 
     - `weighed`: the explanations, most probable first. `names`: of the nominal parameters, then of every coefficient that
-      one of them has. `values`, `covariance`: base units. `hidden`: as of a fit.
+      one of them has. `values`, `covariance`: base units. `unidentifiable`: as of a fit.
     - `undetected`: contribution of undetected effects to the covariance; None if it is not included.
     """
 
@@ -59,7 +59,7 @@ class Average:
     names: tuple[str, ...]
     values: Float[np.ndarray, " names"]
     covariance: Float[np.ndarray, "names names"]
-    hidden: Float[np.ndarray, "names hidden"]
+    unidentifiable: Float[np.ndarray, "names directions"]
     undetected: UndetectedEffects | None = None
 
     @property
@@ -87,8 +87,8 @@ class Average:
         """The leading explanation's fit with the averaged values and covariance of its own parameters."""
         fit = self.weighed[0].fit
         places = [self.names.index(name) for name in fit.names]
-        covariance, hidden = self.covariance[np.ix_(places, places)], self.hidden[places]
-        return replace(fit, values=self.values[places], covariance=covariance, unidentifiable=hidden)
+        covariance, unidentifiable = self.covariance[np.ix_(places, places)], self.unidentifiable[places]
+        return replace(fit, values=self.values[places], covariance=covariance, unidentifiable=unidentifiable)
 
     def value(self, name: str) -> float:
         """A parameter's mean, base units."""
