@@ -25,7 +25,6 @@ PENDING: frozenset[str] = frozenset(
     {
         "budget", "capture", "certificate", "chain", "cli", "data", "devices", "diagnosis", "effects", "estimation", "ground",
         "history", "noise", "planning", "report", "simulation", "studies",
-        "capture.md",
         "recordings.md",
     }
 )  # fmt: skip
