@@ -25,7 +25,6 @@ PENDING: frozenset[str] = frozenset(
     {
         "budget", "capture", "certificate", "chain", "cli", "data", "devices", "diagnosis", "effects", "estimation", "ground",
         "history", "noise", "planning", "report", "simulation", "studies",
-        "recordings.md",
     }
 )  # fmt: skip
 PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
