@@ -22,8 +22,13 @@ def cache_folder() -> Path:
     return (Path(own) if own else Path(base) / "tumblecal") / "programs"
 
 
-def start() -> None:
+def start(*, accelerator: bool = False) -> None:
     """Float64, one thread of linear algebra and of short programs, one heap, and compiled programs kept on disk.
+
+    **Arguments:**
+
+    - `accelerator`: whether JAX may use a GPU. Single fits and diagnoses are thousands of small programs, which a processor
+      runs and compiles many times faster. `JAX_PLATFORMS` overrides this.
 
     A folder that cannot be used is done without, and said.
     """
@@ -31,6 +36,8 @@ def start() -> None:
     one_heap()
     # Before numpy is loaded. For matrices of a hundred rows threads only wait for each other, at full load.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    if not accelerator:
+        os.environ.setdefault("JAX_PLATFORMS", "cpu")
     gc.set_threshold(_COLLECT_EVERY)
     import equinox  # noqa: F401  (and JAX with it)
     import jax

@@ -1,6 +1,5 @@
 """What all kinds of study do on the command line: tell the cost, run with a progress bar, write, print."""
 
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
@@ -74,10 +73,8 @@ def run_study(
     if running.workers is not None and running.scheduler is not None:
         raise InputError("--workers and --scheduler both say where to compute; give one of them")
     use_one_thread()
-    if running.workers is not None:
-        # Its workers compute on the processor, and so what this process adds to their chunks is computed there.
-        os.environ.setdefault("JAX_PLATFORMS", "cpu")
-    start()
+    # Workers compute on the processor, and so this process computes its share of their chunks there.
+    start(accelerator=running.workers is None)
     from rich.console import Console
 
     from tumblecal.data.overwriting import inputs_kept
