@@ -1,4 +1,4 @@
-"""What does the model get wrong, and why: show, detect, identify, adapt, and say what cannot be said."""
+"""Errors of the model and their causes: detection, identification, adaptation, and their limits."""
 
 from tumblecal.diagnosis.diagnose import Diagnoser, diagnose
 from tumblecal.diagnosis.diagnosis import Diagnosis

@@ -1,4 +1,4 @@
-"""One data set diagnosed: mix-ups put right, noise and causes screened, the leading explanation inserted."""
+"""The diagnosis of one data set: set-up errors corrected, noise and causes screened, the leading explanation inserted."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -39,13 +39,13 @@ from tumblecal.ground.blas import single_blas_thread
 from tumblecal.ground.errors import InputError
 
 
-# Kinds of plans whose compiled models are remembered; one holds 60 to 100 MB.
+# Kinds of plans whose compiled models are kept; one needs 60 to 100 MB.
 _MOST_MODELS = 8
 
 
 class Begun(NamedTuple):
-    """One data set screened; fields as in `Diagnosis`; `contradicted`: what was stated of parameters and is contradicted by the
-    data, which the screen was then made without."""
+    """The screen of one data set; fields as in `Diagnosis`. `contradicted`: stated parameters (priors) that the data
+    contradict, without which the screen was made."""
 
     screened: Screened
     noise_wrong: dict[str, NoiseFault]
@@ -64,13 +64,16 @@ def _extended(screened: Screened) -> Fit:
 
 @dataclass
 class Diagnoser:
-    """Diagnoses data sets; what they share (compiled models, references of plans) is made once.
+    """Diagnoses data sets. Compiled models and null distributions of plans are made once and reused.
+
+    **Example:** `diagnoser = Diagnoser(); verdicts = [diagnoser(data, noise_sd=0.1e-3).verdict for data in sets]`
 
     **Arguments:**
 
     - `entries`: the catalogue, with the user's effects if any.
-    - `nested`: whether the choice of causes is repeated in every fold of the cross-validation (a second or more).
-    - `usual`: the largest usual sizes of parameters, where others than `estimation.plausibility.USUAL`; base units.
+    - `nested`: whether the selection of causes is repeated in every fold of the cross-validation (a second or more).
+    - `references`: null distributions of plans.
+    - `usual`: largest usual sizes of parameters, base units, for those that differ from `estimation.plausibility.USUAL`.
     """
 
     entries: Catalogue = field(default_factory=catalogue)
@@ -94,14 +97,16 @@ class Diagnoser:
 
         **Arguments:**
 
-        - `data`: positions. `chain`: the nominal model, the default one where left out.
-        - `noise_sd`: sd of every reading, g; else the sd columns; else the noise counts as unknown.
-        - `priors`: what is known of parameters.
-        - `holdout`: column (`run`, `mount` or `position`) and value of the data kept out of the fit for the gain.
-        - `samples`: raw samples of the positions; the noise is then theirs, in place of `noise_sd` and the sd columns.
-        - `from_rig`: whether a given `chain` is a rig's own, not the default one with parameters fixed.
+        - `data`: positions; readings (positions, 3) in g. `chain`: nominal model; if omitted, the default one.
+        - `noise_sd`: standard deviation of every reading, g. If omitted, the sd columns are used; without them, the noise is
+          estimated.
+        - `priors`: Gaussian priors of parameters.
+        - `holdout`: column (`run`, `mount` or `position`) and value of the held-out data.
+        - `samples`: raw samples of the positions. Their noise replaces `noise_sd` and the sd columns.
+        - `from_rig`: whether `chain` comes from a rig file, and is not the default chain with fixed parameters.
 
-        **Raises:** `InputError` for data that cannot be diagnosed.
+        **Raises:** `InputError` for data that cannot be diagnosed: too few positions, set-up errors with several possible
+        corrections, parameters that are not determined.
         """
         if len(data) < 3:
             raise InputError(f"{data.source}: {len(data)} positions are too few for any test; measure a whole plan")
@@ -118,7 +123,7 @@ class Diagnoser:
         priors: Priors | None = None,
         samples: PositionSamples | None = None,
     ) -> Begun:
-        """One data set screened and its leading explanation inserted; arguments and errors as of a call."""
+        """Screen one data set and insert its leading explanation; arguments and errors as for a call."""
         noises = sample_noises(samples, data) if samples is not None else []
         if samples is None and noise_sd is None:
             noises = recorded_noises(data)
@@ -133,7 +138,7 @@ class Diagnoser:
         verdict = verdict_of(begun.screened.best, False, credence.usual < 0.0, False)
         if verdict in ("adequate", "identified") and credence.usual == 0.0 and not begun.noise_wrong:
             return begun
-        # What an effect does to whole pitch settings may look like a slip.
+        # An effect on whole pitch settings may resemble an error of the angles.
         as_written = replace(mended, alpha_deg=data.alpha_deg, beta_deg=data.beta_deg)
         others = [slip for slip in mixed if slip not in slips]
         try:
@@ -143,7 +148,7 @@ class Diagnoser:
         return written if self._credence(written, data, sd, len(of_angles(others))) > credence else begun
 
     def _credence(self, begun: Begun, written: PositionSet, sd: np.ndarray, slips: int) -> Credence:
-        """How far one reading of the angles is to be believed, in which so many slips were put right."""
+        """Score of one interpretation of the angles, with so many corrected errors."""
         fit = begun.extended
         credence = Credence.of(begun.screened, fit, sd, implausible(fit, self.usual), slips)
         return credence._replace(usual=-np.inf) if slips and undone_by_fit(written, fit) else credence
@@ -157,7 +162,7 @@ class Diagnoser:
         priors: Priors | None,
         noises: list[MeanNoise],
     ) -> Begun:
-        """`begun` of data put right."""
+        """`begun` for corrected data."""
         stated, noise_sd = (replace(data, sd=noises[0].sd), None) if noises else (data, noise_sd)
         model = self._model(chain, stated, noise_sd, priors)
         problem = problem_of(stated, model.nominal_chain, noise_sd=noise_sd, priors=priors)
@@ -190,7 +195,7 @@ class Diagnoser:
         return Begun(screened, noise_wrong, assumed_p_value, tuple(mixed), noise, extended, contradicted)
 
     def _finished(self, begun: Begun, fold: tuple[np.ndarray, str], from_rig: bool) -> Diagnosis:
-        """The verdict, and what it rests on."""
+        """The verdict and its basis."""
         screened = begun.screened
         unusual = (*begun.contradicted, *implausible(begun.extended, self.usual))
         elsewhere = located(screened)
@@ -225,5 +230,15 @@ class Diagnoser:
 
 
 def diagnose(data: PositionSet, entries: Catalogue | None = None, **options) -> Diagnosis:
-    """Diagnose one data set; options as of `Diagnoser.__call__`."""
+    """Diagnose one data set.
+
+    **Arguments:**
+
+    - `data`: positions, for example from `read_positions`. `entries`: effects to test; if omitted, the catalogue.
+    - `options`: those of `Diagnoser.__call__`, such as `noise_sd` (g) and `priors`.
+
+    **Raises:** `InputError` for data that cannot be diagnosed.
+
+    **Example:** `diagnose(read_positions("positions.csv"), noise_sd=0.1e-3).verdict`
+    """
     return Diagnoser(catalogue() if entries is None else entries)(data, **options)

@@ -1,4 +1,4 @@
-"""What was made of one data set: the verdict, what it rests on, and what follows from it."""
+"""The result of a diagnosis: verdict, evidence and consequences."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -44,20 +44,24 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, repr=False)
 class Diagnosis(Shown):
-    """What was made of one data set.
+    """The result of a diagnosis.
+
+    **Example:** `diagnosis = diagnose(data, noise_sd=0.1e-3); print(diagnosis.verdict, diagnosis.labels)`
 
     - `verdict`: adequate, identified, ambiguous or unexplained.
-    - `setup_errors`: what was mixed up in setting up, put right first. `implausible`: parameters that no instrument has.
-    - `noise_wrong`: what was wrong with the noise, by id; the tests are under it. `assumed_p_value`: before that.
+    - `setup_errors`: set-up errors, corrected first. `implausible`: parameters beyond the usual range.
+    - `noise_wrong`: faults of the assumed noise, by id; the tests use the corrected noise. `assumed_p_value`: p-value under
+      the assumed noise.
     - `screened`: test, explanations, visibility, and the problem as it was screened.
-    - `extended`: exact fit with what was named; `nominal` where nothing was inserted.
-    - `located`: effects that act in a part of the data alone.
-    - `samples`: the noise as the recording tells it, by its samples or its noise model, where there is either.
-    - `from_rig`: whether the chain is a rig file's own, which says what its parameters are indexed by.
-    - `fold`: of each position in the cross-validation (-1: always in the fit), and what is left out in words.
-    - `nested`: whether the causes are chosen anew in every fold.
+    - `extended`: exact fit with the named causes; equal to `nominal` if no cause was inserted.
+    - `located`: effects that act in a part of the data only.
+    - `samples`: noise estimated from the recording, by its samples or its noise model; None without these.
+    - `from_rig`: whether the chain comes from a rig file, which states the columns that index its parameters.
+    - `fold`: fold of each position (positions,) in the cross-validation (-1: always in the fit), and the kind of folds in
+      words.
+    - `nested`: whether the selection of causes is repeated in every fold.
 
-    What only a report asks for is computed when it is looked at.
+    Quantities that only a report needs are computed at first access.
     """
 
     screened: Screened
@@ -81,36 +85,36 @@ class Diagnosis(Shown):
 
     @cached_property
     def gain(self) -> Gain:
-        """What the extended model gains where nothing was tuned."""
+        """Improvement of the extended model for held-out data."""
         with single_blas_thread():
-            # Among the causes alone is chosen anew: what follows no more than a process is kept.
+            # The selection is repeated among causes only; processes (lack of fit) remain.
             anew = self.nested and self.members and self.best.members
             errors = chosen_anew(self.screened, self.fold[0]) if anew else None
             return gain(self.nominal, self.extended, *self.fold, errors)
 
     @cached_property
     def limits(self) -> dict[str, DetectionLimit]:
-        """The smallest effects that these data would show."""
+        """Detection limit of each effect: the smallest size that these data would show."""
         return limits(self.screened, self.entries, self.level)
 
     @cached_property
     def invisible(self) -> dict[str, Invisible]:
-        """What the nominal model absorbs, and the harm it could do."""
+        """Undetectable effects (absorbed by the nominal model), and their influence on the parameters."""
         return invisible(self.screened, self.entries, self.level)
 
     @cached_property
     def unseen(self) -> dict[str, Unseen]:
-        """How well each parameter is known if effects that were not found may be there."""
+        """Uncertainty of each parameter if undetected effects are present at their typical sizes."""
         return unseen(self.screened, self.entries, self.extended, self.level)
 
     @cached_property
     def in_use(self) -> Average:
-        """The parameters that are written, with their covariance in use."""
+        """Parameters of `calibration.json`, with their covariance."""
         return in_use(self.screened, self.entries, self.extended, self.level, self.verdict)
 
     @cached_property
     def unnamed(self) -> Unnamed | None:
-        """Where an unexplained error is, and a candidate law of it; None of other verdicts, and of unknown attitudes."""
+        """Location of an unexplained error, and its candidate law; None for other verdicts and for unknown attitudes."""
         if self.verdict != "unexplained" or self.model.hand_held or not self.screened.detection.detected:
             return None
         named = [] if self.screened.contradicted else [cause for cause in self.members if cause.named]
@@ -119,7 +123,7 @@ class Diagnosis(Shown):
 
     @cached_property
     def determined(self) -> dict[str, list[Combination]]:
-        """What the data determine of the coefficients of each cause, by its label."""
+        """Determined combinations of the coefficients of each cause, by its label."""
         return {cause.label: combinations(self.extended, cause, self.model.scales) for cause in self.members}
 
     @cached_property
@@ -129,27 +133,27 @@ class Diagnosis(Shown):
 
     @cached_property
     def harmonics(self) -> list[residuals.Harmonic]:
-        """Harmonics of the spindle angle in what the nominal model leaves."""
+        """Harmonics of the spindle angle in the residuals of the nominal model."""
         return residuals.harmonics(self.nominal, self.level)
 
     @cached_property
     def checks(self) -> list[residuals.Check]:
-        """What the nominal model leaves beside what it would leave if it were right."""
+        """Residual statistics of the nominal model, compared with those expected for a correct model."""
         return residuals.predictive(self.nominal)
 
     @cached_property
     def checks_after(self) -> list[residuals.Check]:
-        """The same of the extended model."""
+        """Residual statistics of the extended model."""
         return self.checks if self.extended is self.nominal else residuals.predictive(self.extended)
 
     @property
     def problem(self) -> Problem:
-        """The problem that was diagnosed: readings put right, noise corrected."""
+        """The diagnosed problem: set-up errors and noise corrected."""
         return self.screened.problem
 
     @property
     def data(self) -> PositionSet:
-        """The position set, what was mixed up in it put right."""
+        """The position set, with set-up errors corrected."""
         return self.problem.measured_data
 
     @property
@@ -159,65 +163,67 @@ class Diagnosis(Shown):
 
     @cached_property
     def best(self) -> Explanation:
-        """The explanation acted on."""
+        """The leading explanation."""
         return self.screened.best
 
     @property
     def members(self) -> tuple[Cause, ...]:
-        """Its causes."""
+        """Causes of the leading explanation."""
         return self.screened.members
 
     @property
     def noise_labels(self) -> tuple[str, ...]:
-        """What was wrong with the noise: catalogue ids."""
+        """Faults of the assumed noise: catalogue ids."""
         return tuple(self.noise_wrong)
 
     @property
     def noise_words(self) -> str:
-        """The noise model the tests were made under, "" for the stated or equal white one."""
+        """Noise model of the tests, in words; "" for the stated or equal white one."""
         return "; ".join(fault.words for fault in self.noise_wrong.values())
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """All causes named: mix-ups, noise, effects; positions after a colon."""
+        """Ids of all named causes: set-up errors, noise, effects; positions after a colon."""
         mixed = tuple(dict.fromkeys(setup_error.label for setup_error in self.setup_errors))
         return (*mixed, *self.noise_labels, *(label for label in self.best.labels if label not in self.noise_labels))
 
     @cached_property
     def mountings(self) -> dict[str, tuple[float, float, float]]:
-        """The quarter turn (deg about x, y, z) from which each mounting's dtheta counts, where any is turned."""
+        """Quarter turn (deg about x, y, z) from which dtheta of each mounting counts; empty if none is rotated."""
         return turns_of(self.problem.chain, self.problem.where)
 
     @property
     def level(self) -> float:
-        """Sd of the white rows: 1 where the noise is known, else as the best explanation leaves it."""
+        """Standard deviation of the white rows: 1 for known noise, otherwise estimated from the residuals of the best
+        explanation."""
         return 1.0 if self.problem.known else self.extended.level
 
     @property
     def sigma_g(self) -> float:
-        """Residual sd after the best explanation, g."""
+        """Residual standard deviation after the best explanation, g."""
         return float(self.extended.level / np.mean(1.0 / self.problem.sd))
 
     @property
     def chain(self) -> Chain:
-        """The extended chain with its fitted values: nominal links and the winning ones."""
+        """The extended chain with its fitted values: nominal links and those of the leading explanation."""
         return self.extended.chain
 
     plot_residuals = drawn_by("diagnosis_figures.angle_figure", "Residuals by spindle angle, before and after.")
     plot_columns = drawn_by("diagnosis_figures.column_figure", "The same by input, beta, time and temperature.")
     plot_harmonics = drawn_by("diagnosis_harmonics.harmonics_figure", "Harmonics of alpha in the residuals.")
     plot_explanations = drawn_by("diagnosis_figures.explanations_figure", "Probabilities of the explanations.")
-    plot_predictive = drawn_by("diagnosis_predictive.predictive_figure", "The residuals beside simulated ones.")
-    plot_limits = drawn_by("diagnosis_limits.limits_figure", "What each effect's size must be to be found.")
+    plot_predictive = drawn_by("diagnosis_predictive.predictive_figure", "The residuals, with simulated ones.")
+    plot_limits = drawn_by("diagnosis_limits.limits_figure", "Detection limit of each effect.")
 
     def screen(self) -> Screen:
         """The verdict and its reasons."""
         return of_report("notebook.diagnosis_screen")(self)
 
     def table(self) -> "pl.DataFrame":
-        """The explanations: `explanation`, its `probability`, that of it `alone`, and the `equivalents` (number)."""
+        """The explanations: `explanation`, its `probability`, that of the explanation `alone`, and the number of
+        `equivalents`."""
         return of_report("notebook.explanations")(self)
 
     def save(self, path: Path | str) -> None:
-        """Write the extended model's `calibration.json`; `InputError` where it has none."""
+        """Write `calibration.json` of the extended model. Raises `InputError` if it has none."""
         of_report("notebook.save_extended")(Path(path), self)
