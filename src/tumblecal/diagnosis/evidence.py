@@ -82,10 +82,10 @@ def log_evidence_at_most(
     dof: int,
     known: bool,
 ) -> Float[np.ndarray, " *shape"]:
-    """What `log_evidence` does not exceed, of sets of effects that leave at least `left`.
+    """Upper bound of `log_evidence` for sets of effects with a residual sum of squares of at least `left`.
 
-    What is explained and what is left add up to the total: with `shortfall` in the place of the gains only what is left
-    counts, and the evidence falls with it.
+    The explained and the residual sum of squares add up to the total. With `shortfall` instead of the gains, only the residual
+    one counts, and the evidence decreases with it.
 
     **Arguments:**
 
@@ -122,7 +122,7 @@ def log_evidence(
     - `parts`: for each effect in turn the sum of squares that it explains, and its rank (0: not there).
     - `dof`: dimension of the residual space.
     - `known`: whether the noise variance is one; else it is integrated out, and sets that leave too few degrees of freedom to
-      tell it have none: -inf.
+      estimate it have none: -inf.
     """
     if not parts:
         return log_evidence_of_noise(total, dof, known)

@@ -1,8 +1,8 @@
 """The tuned numbers of the diagnosis, each with the study that set it.
 
 Studies: "blind" is `benchmarks/blind_study.py` (seeds up to 11; stated rates are from later ones), "noise"
-`benchmarks/blind_noise.py`, "next" `benchmarks/next_positions.py`, "units" `benchmarks/blind_units.py`. Numbers that
-follow from arithmetic or from a plan alone stand where they are used.
+`benchmarks/blind_noise.py`, "next" `benchmarks/next_positions.py`, "units" `benchmarks/blind_units.py`. Numbers that follow
+from arithmetic or from a plan alone are defined at their use.
 """
 
 # A direction of an effect counts as visible when the nominal model leaves more than this share of it. At 4 x 12 positions
@@ -11,14 +11,14 @@ VISIBLE = 0.02
 # The same for an effect around its own exact fit.
 SECOND_ORDER = 0.002
 # A direction of an effect counts where the largest coefficient that there may be makes a signal of so many sigma. (an index
-# that is set anew where the spindle points up, beside what every head has)
+# that is set again while the spindle points up, in addition to the errors of every head)
 LEAST_POSSIBLE = 5.0
 # A direction of an outlying reading counts when the fit leaves more than this share of it. (blind)
 OUTLIER_VISIBLE = 0.1
-# Exchanged readings closer than this (white norm) cannot be told from correct ones. (blind)
+# Exchanged readings closer than this (white norm) are indistinguishable from correct ones. (blind)
 LEAST_SHIFT = 3.0
 # All pairs are candidates for an exchange up to so many (100 positions); of more the so many that explain most: an exchange
-# that shows at all explains more than those that only share a position with it. (150 to 400 positions, alone and beside others)
+# that shows at all explains more than those that only share a position with it. (150 to 400 positions, alone and with others)
 MOST_PAIRS, PAIRS_OF_MANY = 5000, 500
 
 # Prior weight of the kinds of causes: physics of the catalogue, single outlying positions, two exchanged, an angle off by a
@@ -28,7 +28,7 @@ EFFECT_WEIGHT = 0.66
 FAULT_WEIGHTS = {"outlier_position": 0.14, "swapped_positions": 0.06, "mislabelled_angle": 0.06}
 FAULT_WEIGHTS |= {"bias_jump": 0.05, "mount_slip": 0.03}
 GENERIC_WEIGHT = 0.08
-# Of a slip of the angles that was put right, one of some hundred that could have been told. (by thought)
+# For a corrected error of the angles, one of some hundred that could have been reported. (by thought)
 SLIP_WEIGHT = 5e-4
 # The test of "is anything wrong" spends its size where it is needed most: large faults are seen anyhow. (blind)
 EFFECT_TEST_WEIGHT = 0.9
@@ -60,8 +60,9 @@ ON_AXES = {3: 0.08, 2: 0.08}
 OF_ORDERS = ((2, 0.04), (3, 0.005))
 # The same for outlying positions: shares of the prior of one that two, three and four of them have as one cause.
 SEVERAL_OUTLIERS = {2: 0.2, 3: 0.1, 4: 0.03}
-# What is left of a candidate's direction beside those already in the set: below this (squared) it adds nothing; beside other
-# causes as beside the nominal model. (drift beside temperature that rises with the time: what is left decides, not its share)
+# Remainder of a candidate's direction, given those already in the set: below this (squared) it adds nothing; the limit is the
+# same given other causes as given the nominal model. (drift, with a temperature that rises with time: the remainder decides,
+# not its share)
 COLLINEAR = VISIBLE**2
 # Width of the beam; sets this far (log) below the best are left out of the posterior; larger sets are not tried once the
 # best of a size is `HOPELESS` below the best of all. (blind: wider finds the same)
@@ -76,11 +77,11 @@ RECORDED_SIZE = 0.004
 # The same where the attitudes are unknown: p-values are uniform there as elsewhere, but with the size above something was named
 # in 21 of 2000 sets in which nothing was wrong, by chance or not. (benchmarks/hand_held_null.py, seeds 31, 41 and 42)
 HAND_HELD_SIZE = 0.0065
-# Several causes together, beside the test of single ones: of the size, what is spent on them; of Ville's bound on their
-# Bayes factor, what noise alone comes to. (benchmarks/several_causes.py)
+# Several causes together, in addition to the test of single ones: their share of the size, and the ratio of the p-value for
+# noise alone to Ville's bound on their Bayes factor. (benchmarks/several_causes.py)
 SEVERAL_SIZE, SEVERAL_SHARE = 0.2, 0.02
-# The same for two and three positions off together, or one beside an effect; with more pairs than so many, those of 24
-# positions, each position off shows by itself, and beside an effect from fewer on. (benchmarks/blind_stress.py --only
+# The same for two and three outlier positions together, or one with an effect. With more pairs than so many, those of 24
+# positions, each outlier position is visible by itself, and with an effect from fewer on. (benchmarks/blind_stress.py --only
 # "outlier(s)*")
 POSITIONS_SIZE, MOST_POSITION_PAIRS, MOST_POSITIONS_BESIDE = 0.1, 300, 20
 # A p-value within this factor of the size is close: it is found again from the data set's own null distribution. A plan's own
@@ -111,7 +112,7 @@ CONTRADICTED = 0.05
 # An effect with a jump is tried around its own exact fit when that leaves this much less (sigma^2) than the linear one.
 KINK = 4.0
 SETTLED = 0.9
-# Rivals of the leading set with a time constant of their own are fitted exactly from this probability on.
+# Alternatives to the leading set with a separate time constant are fitted exactly from this probability on.
 RIVAL_SHARE = 0.05
 
 # Two explanations are equivalent for these data when their signals differ by less than three noise sd (norm over all
@@ -124,11 +125,11 @@ LEAST_NAMED = 0.1
 # From this probability on an explanation without equivalents is called identified.
 SURE = 0.8
 
-# Share of the prior that the noise alternatives have together, beside the candidates' one. (noise)
+# Share of the prior of all noise alternatives together, relative to that of the candidates. (noise)
 NOISE_WEIGHT = 0.08
 # The same of a stated sd that is wrong by a factor: met more often than any other noise. (by thought; no study set it)
 LEVEL_WEIGHT = 0.3
-# A wrong level and another alternative that differ by less (log) count as alike. (by thought)
+# A wrong level and another alternative that differ by less (log) count as equal. (by thought)
 LEAST_NOISE_ODDS = 2.0
 # From this ratio of the axes' sd on, something on the noisiest axis is as likely: sensors of one triad differ by two or three.
 # (by thought)
@@ -136,13 +137,13 @@ MOST_UNEQUAL = 6.0
 # Heavy tails and outlying positions are two words for one thing: few are named by position, that many are tails. (noise)
 MANY_OUTLIERS = 4
 
-# An effect is said to act in a part of the data alone from these odds (log) on; beside what has no name, as soon as it is the
-# more probable. (benchmarks/located.py)
+# An effect is reported to act in a part of the data only from these odds (log) on; against an explanation without a name, as
+# soon as it is more probable. (benchmarks/located.py)
 LEAST_LOCATED_ODDS = 3.0
 
 # Power at which detection limits are stated.
 POWER = 0.8
 
 # Prior weight of an effect of the sensor that all units of a batch have, each by an amount of its own, and of one of the head
-# that is another for each unit (a level that is set anew, say). (units)
+# that differs by unit (a level that is set again, for example). (units)
 BATCH_WEIGHT, HEAD_SPREAD_WEIGHT = 0.3, 0.03

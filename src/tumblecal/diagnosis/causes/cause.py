@@ -1,4 +1,4 @@
-"""What may be wrong, in one form for all: a cause. Here the form, and the kind that the catalogue's effects are of."""
+"""A cause, the common form of all possible errors, and the kind of the catalogue's effects."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,13 +13,13 @@ from tumblecal.estimation.problem import Problem
 from tumblecal.ground.showing import brief
 
 
-# What moves no column.
+# A cause that changes no column.
 NO_SLOT = Slot("", 0, (), (), (), (), (), False, lambda where: ())
 
 
 @dataclass(frozen=True)
 class Kind:
-    """What all causes of a kind have in common.
+    """Properties common to all causes of a kind.
 
     - `fitted`: whether they have coefficients. `named`: whether the catalogue describes them.
     """
@@ -35,18 +35,18 @@ def _as_it_is(problem: Problem) -> Problem:
 
 
 class Cause(NamedTuple):
-    """One possible cause of what the nominal model leaves.
+    """One possible cause of the residuals of the nominal model.
 
-    - `label`: what it is called in an explanation: an id, or an id with the positions' names after a colon.
+    - `label`: its name in an explanation: an id, or an id with the names of positions after a colon.
     - `log_weight`, `log_test_weight`: logarithms of its prior weight, in the posterior and in the test.
-    - `block` (nu, rank): orthonormal basis of the signal that it can make; None for a cause without a coefficient.
+    - `block` (nu, rank): orthonormal basis of its signal; None for a cause without a coefficient.
     - `offset` (nu): the signal of a cause without a coefficient.
-    - `slot`, `directions`: columns of the full vector that it moves (`NO_SLOT`: none), and how.
-    - `terms`: white rows of signals with coefficients of their own, beside the full vector's.
-    - `positions`: positions at fault; `left_out`: those of them that the fit does without.
-    - `lasting`: nominal parameters that are others from a position on, for good: what is measured later shows it too.
-    - `words`: what it is, beside its label.
-    - `undone`: the problem with this cause undone, where it is undone rather than fitted.
+    - `slot`, `directions`: columns of the full vector that it changes (`NO_SLOT`: none), and their directions.
+    - `terms`: white rows of signals with separate coefficients, in addition to those of the full vector.
+    - `positions`: positions at fault; `left_out`: those of them that the fit excludes.
+    - `lasting`: nominal parameters that change at a position and remain so: later measurements show the change too.
+    - `words`: its description, in addition to the label.
+    - `undone`: the problem with this cause undone, if it is undone and not fitted.
     """
 
     __repr__ = brief

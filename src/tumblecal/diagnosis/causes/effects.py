@@ -64,7 +64,7 @@ class SeenEffects:
 
     @cached_property
     def _rows(self) -> dict[int, tuple[Visibilities, int]]:
-        """Where each effect stands in its group."""
+        """Group and row of each effect."""
         return {number: (seen, row) for numbers, seen in self.groups for row, number in enumerate(numbers.tolist())}
 
     def of(self, number: int) -> Visibility:
@@ -109,8 +109,8 @@ def effect_causes(at: Tangent, seen: SeenEffects, visible: frozenset[str] | None
     **Arguments:**
 
     - `seen`: the visibility of all of them.
-    - `visible`: the effects that are visible where nothing is wrong: beside a large effect others seem to be, which only
-      change its size. All that are visible here where left out.
+    - `visible`: the effects that are visible without any error. Given a large effect, others seem to be visible that only
+      change its size. If omitted, all that are visible here.
     """
     layout, numbers = at.model.layout, np.flatnonzero(seen.ranks)
     shares = layout.log_shares(numbers)

@@ -1,7 +1,8 @@
-"""Which two positions may have been exchanged: every pair of few positions, of many the pairs that explain most.
+"""Candidates for two exchanged positions: every pair of few positions; for many positions, the pairs that explain most.
 
 Undoing an exchange takes from the residual z of the nominal model what it put there: with the responses R of single readings
-and the difference c of the two readings, the offset o = sum over the axes of c_a (R_ia - R_ja). What is left, |z - o|^2 =
+and the difference c of the two readings, the offset o = sum over the axes of c_a (R_ia - R_ja). The remaining sum of squares,
+|z - o|^2 =
 |z|^2 - 2 z.o + |o|^2, needs z.R and the products of responses alone, and so costs next to nothing for a pair.
 """
 

@@ -1,7 +1,7 @@
-"""Faults of the procedure as exact alternatives: one position off, two exchanged, an angle off by a step.
+"""Faults of the procedure as exact alternatives: an outlier position, exchanged positions, an angle in error by a step.
 
-A fault is a function that makes it with its signal and how it is undone, and one that lists its candidates; `FAULTS` names
-the latter. Its words stand in the catalogue (effects/procedure.py).
+A fault is a function that makes it with its signal and how it is undone, and one that lists its candidates; `FAULTS` names the
+latter. Its description is in the catalogue (effects/procedure.py).
 """
 
 from collections.abc import Callable
@@ -54,7 +54,7 @@ def _possible(at: Tangent, offsets: Float[np.ndarray, "*faults nu"], level: floa
 
 
 def outlier(label: str, weights: tuple[float, float], block: np.ndarray | None, position: int) -> Cause:
-    """The readings of one position (or one of them) off by unknown amounts: undone by leaving the position out."""
+    """The readings of one position (or one of them) in error by unknown amounts: undone by excluding the position."""
     own = (position,)
     return Cause(OUTLIER, label, *weights, block, positions=own, left_out=own, undone=partial(_without, own))
 
@@ -127,7 +127,7 @@ def swaps(at: Tangent, level: float) -> CauseTable | None:
 def mislabel(
     label: str, weights: tuple[float, float], offset: np.ndarray | None, position: int, words: str, stood: Where
 ) -> Cause:
-    """An angle of one position off by a step of the plan: undone by giving it the angle at which it stood."""
+    """An angle of one position in error by a step of the plan: undone by the angle at which it was measured."""
     undone = partial(_with_angle, position, stood)
     return Cause(MISLABEL, label, *weights, offset=offset, positions=(position,), words=words, undone=undone)
 
@@ -145,7 +145,7 @@ def _with_angle(position: int, stood: Where, problem: Problem) -> Problem:
 
 
 def mislabels(at: Tangent, level: float) -> CauseTable | None:
-    """Candidates for each position and each step of the plan that its angle may be off by."""
+    """Candidates for each position and each step of the plan by which its angle may be in error."""
     if at.model.hand_held:
         return None
     names, predicted = at.problem.names, at.evaluation.predicted

@@ -1,4 +1,5 @@
-"""What changes for good at some position: a bias that jumps, a mount that slips. Their words stand in effects/procedure.py."""
+"""Permanent changes at some position: a bias that jumps, a mount that slips. Their descriptions are in
+effects/procedure.py."""
 
 from functools import lru_cache
 

@@ -1,4 +1,4 @@
-"""Where the positions of a plan would have stood with an angle off by one step."""
+"""The positions of a plan with an angle in error by one step."""
 
 from dataclasses import replace
 from functools import lru_cache
@@ -15,7 +15,7 @@ class Step(NamedTuple):
     """The plan with every position moved by one step.
 
     `source`: the position whose pitch setting each has then; `valid`: for which positions that step exists. `twins`: the
-    positions that stand where each is moved to; None where not all do.
+    positions at the angles to which each is moved; None if some angles have no position.
     """
 
     words: str

@@ -50,7 +50,7 @@ class Pool:
 
     @classmethod
     def of(cls, causes: Sequence[Cause], dof: int) -> "Pool":
-        """Causes as they stand."""
+        """The pool of given causes."""
         return cls(tables_of(causes, dof), dof)
 
     @cached_property
@@ -112,7 +112,7 @@ class Pool:
         return have[np.argsort(self.ranks[have], kind="stable")]
 
     def _of_tables(self, values: list[bool]) -> Bool[np.ndarray, " causes"]:
-        """What holds for all of a table, for every cause."""
+        """A property of a whole table, repeated for every cause."""
         return np.repeat(np.array(values, bool), np.diff(self._first))
 
     @cached_property

@@ -1,8 +1,8 @@
-"""Terms that are there for a while or around a spindle angle alone: what a pull, a stick or a gust looks like.
+"""Terms limited to a time or a range of spindle angles: the signals of a pull, a stick or a gust.
 
-A generic term has one coefficient, and what comes and goes leaves to each of them so much that jumps there and back, or
-several positions off, explain more. These have as many coefficients as the shape needs, and pay for each. What moves smoothly
-over all of the data is `lack_of_fit`.
+A generic term has one coefficient. For an error that comes and goes, two jumps or several outlier positions explain more than
+any of them. A shape has as many coefficients as it needs, and each reduces its evidence. Errors that vary smoothly over all
+data are `lack_of_fit`.
 """
 
 from functools import lru_cache

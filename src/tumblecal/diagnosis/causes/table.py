@@ -97,7 +97,7 @@ def alike(
 
 
 def tables_of(causes: Sequence[Cause], dof: int) -> tuple[CauseTable, ...]:
-    """Causes as they stand, those of one kind that follow each other in a table; `dof`: dimension of the residual space."""
+    """Tables of given causes, one for each sequence of the same kind; `dof`: dimension of the residual space."""
     return tuple(_table_of(kind, list(own), dof) for kind, own in groupby(causes, lambda cause: cause.kind))
 
 

@@ -11,7 +11,7 @@ from tumblecal.estimation.identifiability import RANK_TOLERANCE, sparse_basis
 from tumblecal.ground.showing import brief
 
 
-# Sizes that differ by a smaller share are equal but for how exactly the triad stands.
+# Sizes that differ by a smaller share are equal, except for the exact orientation of the triad.
 _ALIKE = 0.05
 
 

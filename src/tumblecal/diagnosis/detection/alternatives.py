@@ -1,4 +1,4 @@
-"""What may be wrong beside causes with coefficients: another noise, and lack of fit that no entry describes."""
+"""Alternatives to causes with coefficients: a different noise, and lack of fit that no catalogued effect describes."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,7 +18,7 @@ from tumblecal.ground.showing import brief
 
 @dataclass(frozen=True)
 class Alternatives:
-    """The covariances that are weighed beside sets of causes, for one residual vector and others of its plan.
+    """The covariances that compete with sets of causes, for one residual vector and others of its plan.
 
     - `z`: the residual vector; `known`: whether its noise is.
     """
@@ -70,5 +70,5 @@ class Alternatives:
 
 
 def alternatives(at: Tangent, effects: Blocks) -> Alternatives:
-    """Those of one problem beside effects with these blocks."""
+    """Alternatives for one problem, given effects with these blocks."""
     return Alternatives(noise_alternatives(at), lack_of_fit(at, effects), at.z, at.problem.known)

@@ -1,11 +1,11 @@
-"""The test: is anything wrong at all?
+"""The global test of the nominal model.
 
-The statistic is the Bayes factor of "one of the single causes on the list" against "nothing is wrong". Its null
-distribution is drawn on the residual space: the projection is fixed, so thousands of draws cost a few matrix products.
-The p-value therefore holds for the whole list together (family-wise), with known noise and with unknown. Beyond the
-draws, Ville's inequality P(Bayes factor > c) <= 1/c bounds it. The draws are those of the plan, of white noise, which
-come close to those of any other (up to p = 0.1 within a tenth); where they leave the decision close, the data set's own are
-drawn, unless it differs from the plan by small angles alone.
+The statistic is the Bayes factor of "one of the single causes on the list" against "nothing is wrong". Its null distribution
+is drawn on the residual space: the projection is fixed, so thousands of draws cost a few matrix products. The p-value is
+therefore valid for the whole list together (family-wise), with known noise and with unknown. Beyond the draws, Ville's
+inequality P(Bayes factor > c) <= 1/c bounds it. The draws are those of the plan, of white noise, which come close to those of
+any other (up to p = 0.1 within a tenth); where they leave the decision close, the data set's own are drawn, unless it differs
+from the plan by small angles alone.
 """
 
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""Null distributions of plans, kept on disk between calls beside the compiled programs.
+"""Null distributions of plans, stored on disk between calls with the compiled programs.
 
 One is drawn for half a second. It is kept under what the draws are made by: the scores of every cause for a few residual
 vectors, which no other plan, catalogue or noise gives, and the sources.

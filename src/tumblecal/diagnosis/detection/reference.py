@@ -101,7 +101,7 @@ class References:
         return self._made[key]
 
     def forget(self, layout: Layout) -> None:
-        """Drop the references of one kind of plan: they hold its compiled programs."""
+        """Drop the references of one kind of plan, which refer to its compiled programs."""
         for key in [key for key, made in self._made.items() if made.at.model.layout is layout]:
             del self._made[key]
 

@@ -1,11 +1,11 @@
-"""What the coefficients of a fitted effect that the data do not show may do to the parameters beside it.
+"""Influence of the undetermined coefficients of a fitted effect on the parameters.
 
-An effect of several coefficients `c` may have directions `h` that the nominal parameters take up: a fit leaves them at zero,
-and whatever of them is there moves the estimate by `J+ J_h t - h t`, `J+` the pseudo-inverse of the fitted columns and `t` the
-unknown size (the bias by an omitted variable). All coefficients of an effect, in their typical sizes, are taken as draws of one
-normal distribution of whose width nothing is known (its logarithm is flat): the `r` directions that show then say of the others
-that `t / s` follows Student's t with `r` degrees of freedom, `s` the root mean square of those shown (Gelman et al.,
-Bayesian Data Analysis, section 3.2).
+An effect of several coefficients `c` may have directions `h` that the nominal parameters absorb. A fit keeps them at zero, and
+their true size changes the estimate by `J+ J_h t - h t`, `J+` the pseudo-inverse of the fitted columns and `t` the unknown
+size (the estimation bias by an omitted variable). All coefficients of an effect, in their typical sizes, are treated as draws
+of one normal distribution of unknown width (flat in its logarithm). Given the `r` determined directions, `t / s` follows
+Student's t with `r` degrees of freedom, `s` the root mean square of the determined ones (Gelman et al., Bayesian Data
+Analysis, section 3.2).
 """
 
 from collections.abc import Sequence

@@ -209,7 +209,7 @@ def _solved(
             else:
                 stuck = jumps
             sizes.append(size)
-            # What has moved so far needs another Jacobian in any case; at a jump none holds beyond it.
+            # A large change needs a new Jacobian in any case; at a jump no Jacobian is valid beyond it.
             bent = not jumps and len(sizes) == 2 and size >= UNBENT * whole
             if stuck or bent or size < small or not size < SLOW * sizes[-2] or len(sizes) > MOST_STEPS:
                 break

@@ -1,8 +1,9 @@
-"""Which effect stands beside one that jumps: each with every choice of the jump's signs, all of them in a few products.
+"""The effect that occurs together with one that jumps: each with every choice of the jump's signs, in a few products.
 
-Where signs are wrong, neither of two large effects explains much by the linear screen, and neither leads. With the signal a of
-the jump and the orthonormal signals U of another effect, both without what the nominal model takes up, what they leave of z is
-z'z - |U'z|^2 - (a'(z - UU'z))^2 / (a'a - |U'a|^2) (Frisch and Waugh 1933).
+With wrong signs, neither of two large effects explains much by the linear screen, and neither leads. With the signal a of the
+jump and the orthonormal signals U of another effect, both without their absorbed parts, the remaining sum of squares of z is
+z'z
+- |U'z|^2 - (a'(z - UU'z))^2 / (a'a - |U'a|^2) (Frisch and Waugh 1933).
 """
 
 import numpy as np

@@ -23,13 +23,14 @@ from tumblecal.noise.covariance import Covariance
 
 # Amplitudes are tried up to this norm of their signal (sigma).
 _LARGEST = 3000.0
-# An input whose sign is held stands so far (g) from zero, pulled there by so much (1/g).
+# An input with a fixed sign is at this distance (g) from zero, pulled there by so much (1/g).
 _BESIDE, _HELD = 1e-6, 1e8
-# What is left where everything is linearised may be off by this share of what is not noise: of effects as large as the inputs.
+# The linearised residual sum of squares may be in error by this share of its excess over the noise, for effects as large as
+# the inputs.
 _HOPELESS = 0.25
 # Rounds in which signs are sought and everything is fitted; choices of signs that are fitted in each.
 _ROUNDS, _CHOICES = 4, 5
-# Effects that are tried beside it, whether they lead or not, from each start.
+# Effects that are tried together with it, leading or not, from each start.
 _PAIRS = 2
 # Amplitudes at which a small effect is fitted.
 _AMPLITUDES = 8
@@ -44,15 +45,15 @@ _COST = 12.0
 def kink_start(
     at: Tangent, members: tuple[Cause, ...], sigma: float, leads: tuple[Cause, ...] = ()
 ) -> Float[np.ndarray, " full"] | None:
-    """Full vector of the solution that leaves least with an effect that jumps, alone or beside the effects of `members`.
+    """Full vector of the solution with the smallest residual for an effect that jumps, alone or with the effects of `members`.
 
     **Arguments:**
 
     - `members`: the causes of the leading explanation, faults of single positions among them.
     - `sigma`: sd of the white rows.
-    - `leads`: the causes of what leads, where that is something else than `members`.
+    - `leads`: the causes of the leading explanation, if it differs from `members`.
 
-    **Returns:** None where none of them explains about as much as the leading explanation.
+    **Returns:** None if none of them explains about as much as the leading explanation.
     """
     model, leading = at.model, fit_with(at, members)
     effects = [list(cause.slot.columns) for cause in members if cause.slot.columns]
@@ -77,7 +78,7 @@ def kink_start(
     for column in model.layout.jumping:
         others, tried = [own for own in effects if column not in own], []
         if large:
-            # Each effect beside it may be there only to make up for wrong signs.
+            # Each further effect may only compensate wrong signs.
             beside = [[], *others, [other for own in others for other in own]]
             beside += _likeliest(starts, seen, column, noise + LARGE * sigma**2 + CONTRADICTED * beyond)
             tried = [
@@ -102,7 +103,7 @@ def most_left(at: Tangent, sigma: float) -> float:
 
 
 def _beyond_noise(at: Tangent, sigma: float) -> float:
-    """The sum of squares that is there beside noise."""
+    """The sum of squares in excess of the noise."""
     return max(float(at.z @ at.z) - at.dof * sigma**2, 0.0)
 
 
@@ -129,12 +130,12 @@ def turns_a_sign(at: Tangent, effects: Sequence[Cause]) -> bool:
 
 # How the inputs turn with each column, worked out where it is asked for.
 _Slopes = Callable[[int], Float[np.ndarray, "positions 3"]]
-# What is left, a full vector, and how many coefficients of effects are in it.
+# Residual sum of squares, full vector, and the number of effect coefficients in it.
 _Tried = tuple[float, Float[np.ndarray, " full"], int]
 
 
 def _solved(at: Tangent, vector: Float[np.ndarray, " full"], column: int, beside: list[int]) -> _Tried:
-    """The linear solution around a full vector, and what is left by it."""
+    """The linear solution around a full vector, and its residual sum of squares."""
     model, columns = at.model, [*range(at.model.nominal), column, *beside]
     there = tangent(model, at.problem, vector)
     solution, *_ = np.linalg.lstsq(there.jacobian[:, columns], there.residual, rcond=1e-10)
@@ -157,7 +158,7 @@ def _by_signs(starts: Sequence[Tangent], beside: list[int], column: int, slopes:
 
 
 def _likeliest(starts: Sequence[Tangent], seen: Sequence[SeenEffects], column: int, hopeless: float) -> list[list[int]]:
-    """Columns of the effects that explain most beside one that jumps."""
+    """Columns of the effects that explain most, given one that jumps."""
     slots, chosen = starts[0].model.layout.slots, dict[int, None]()
     for start, effects in zip(starts, seen, strict=True):
         left, numbers = pairs_with_a_jump(start, effects, column)
@@ -200,8 +201,8 @@ def _without_near_zero(there: Tangent, columns: list[int]) -> Tangent:
 def _rounds(
     there: Tangent, columns: list[int], column: int, slopes: _Slopes, hopeless: float
 ) -> tuple[float, Float[np.ndarray, " full"]]:
-    """What is left, and the full vector, of fits from one start, each with the signs that let the effect explain most; nothing
-    is fitted where the linearised model leaves more than is `hopeless`."""
+    """Residual sum of squares and full vector of fits from one start, each with the signs with which the effect explains most.
+    Nothing is fitted if the linearised model leaves more than `hopeless`."""
     model, vector, least = there.model, there.vector, np.inf
     for number in range(_ROUNDS):
         there = tangent(model, there.problem, vector) if number else there

@@ -23,9 +23,9 @@ FEW_FAULTS = 3
 
 
 def jump_explains(at: Tangent, members: Sequence[Cause], sigma: float) -> bool:
-    """Whether an effect that jumps, with signs that small errors may make of those here, explains more beside some causes
-    around whose exact fit a problem is linearised, more as one of them, or about as much without another of them, or without
-    several positions at fault: there an input on the wrong side of zero looks like a fault."""
+    """Whether an effect that jumps, with signs that small errors may cause, explains more than some causes around whose exact
+    fit a problem is linearised. It is tried in addition to them, as one of them, or without another of them or without several
+    positions at fault (then it must explain about as much): an input on the wrong side of zero looks like a fault."""
     nominal = at.jacobian[:, : at.model.nominal]
     for column in at.model.layout.jumping:
         others = [cause for cause in members if column not in cause.slot.columns]

@@ -25,7 +25,7 @@ ALL_OUTPUTS, ANGLES = "xyz", ("alpha", "beta")
 _MOST_TERMS, _FOLDS, _LIKELY = 3, 6, 150
 # A form counts as visible if the fitted parameters leave more than this share of it.
 _VISIBLE = 0.1
-# An angle of the head must explain this much more than an output that looks alike (twice the log of the odds).
+# An angle of the head must explain this much more than an output with a similar signal (twice the log of the odds).
 _OF_HEAD = 6.0
 # Standard deviations by which the sum of squares of held-out errors must fall. Outputs with coefficients below so many u are
 # left out.
@@ -129,11 +129,11 @@ class _Dictionary:
         return _Dictionary([self.listed[number] for number in numbers], own, self.head)
 
     def scores(self, left: LeftOver, whole: LeftOver) -> dict[str, Float[np.ndarray, " forms"]]:
-        """By where it acts, twice the log of what each form is more probable than nothing, its prior weight included.
+        """By place of action, twice the log odds of each form against none, including its prior weight.
 
         **Arguments:**
 
-        - `left`: what is left beside forms already taken; `whole`: with none taken.
+        - `left`: residual given the forms selected so far; `whole`: without any.
         """
         carriers, before = self.carriers(left.responses), self.carriers(whole.responses)
         projected = {on: self.values.T @ own.T for on, own in carriers.items()}
@@ -159,13 +159,14 @@ class _Dictionary:
         return scored
 
     def _price(self) -> Float[np.ndarray, " forms"]:
-        """Minus twice the log of each form's prior weight: families alike, then forms of a family, then where they act."""
+        """Minus twice the log of each form's prior weight: equal for families, then for forms of a family, then for places of
+        action."""
         families = [form.family for form in self.listed]
         counts = {family: families.count(family) for family in dict.fromkeys(families)}
         return np.array([2 * np.log(len(counts) * counts[family] * 6) for family in families])
 
     def chosen(self, whole: LeftOver) -> list[_Chosen]:
-        """Forms one by one, each the best beside those taken before; each is then looked for again beside the others."""
+        """Forms one by one, each the best given those selected before; each is then searched again, given the others."""
         taken: list[_Chosen] = []
         while len(taken) < _MOST_TERMS:
             best = self._best(taken, whole)
@@ -185,7 +186,7 @@ class _Dictionary:
         return _Chosen(number, on) if scored[on][number] > 0 else None
 
     def likely(self, whole: LeftOver, taken: Sequence[_Chosen]) -> list[int]:
-        """Numbers of the forms that are the most likely ones, alone or beside the first of those taken."""
+        """Numbers of the most probable forms, alone or given the first selected one."""
         numbers = {one.form for one in taken}
         for beside in ([], taken[:1]):
             left = whole.without(self.columns(beside, whole.responses)) if beside else whole

@@ -1,10 +1,10 @@
-"""Parameters where the data leave open which explanation holds: averaged over the explanations by their probabilities.
+"""Parameters for several remaining explanations: the average, weighted by their probabilities.
 
-The estimate that acts on the best explanation alone claims an uncertainty as if that were certain. The average (the DIA
+An estimate by the best explanation alone states an uncertainty as if this explanation were certain. The average (the DIA
 estimator of Teunissen 2018, J. Geodesy 92, 59) is the mean of the mixture: `x = sum p x_i`, and its covariance that of the
 explanations plus their spread: `P = sum p (P_i + (x_i - x)(x_i - x)')`. A coefficient counts as zero, and known, under an
 explanation that lacks it. An effect of temperature takes part in the mean only where the best explanation has one: a
-calibration that needs the temperature is another one.
+calibration that needs the temperature is a different one.
 """
 
 from collections.abc import Sequence
@@ -137,7 +137,7 @@ def averaged(
             continue
         made = bool(screened.best.members) and labels == screened.best.labels
         fit = acted_on if made and acted_on is not None else fit_with(at, members)
-        # Beside the leading explanation one that no instrument can have is none.
+        # An implausible explanation is excluded, unless it leads.
         if fit.code.good and says_something(fit) and not (weighed and implausible(fit)):
             weighed.append(Weighed(labels, share, members, at_reference(fit, at, added)))
     if len(weighed) < 2:

@@ -57,7 +57,7 @@ def combinations(fit: Fit, cause: Cause, scales: Float[np.ndarray, " full"]) -> 
         weights *= np.sign(weights[kept[0]])
         entries, own = [index[slot.columns[k]] for k in kept], weights[kept]
         combination = _combination(fit, entries, own)
-        # By the screen it shows; beside what the exact fit has in the place of that it may not.
+        # The screen shows it; given the causes of the exact fit, it may be undetermined.
         if combination.sd < UNKNOWN * np.max(scales[[slot.columns[k] for k in kept]]):
             listed.append(combination)
     # A time constant that was fitted.
@@ -97,7 +97,7 @@ def require_determined(problem: Problem, jacobian: np.ndarray) -> None:
     rows, free = jacobian.shape
     if not free:
         raise InputError(
-            f"{problem.measured_data.source}: every parameter is fixed, so that there is no model to find an effect beside; "
+            f"{problem.measured_data.source}: every parameter is fixed, so no model remains in which an effect can be found; "
             "leave one free, such as bias"
         )
     if rows - free >= LEAST_DOF and surely_full_rank(np.linalg.qr(jacobian, mode="r")):
@@ -110,7 +110,7 @@ def require_determined(problem: Problem, jacobian: np.ndarray) -> None:
     if dof < LEAST_DOF:
         following = attitude_words(readings) if seen.hand_held else ""
         raise InputError(
-            f"{source}: {len(readings)} positions leave {dof} degrees of freedom beside {len(chain.names)} "
+            f"{source}: {len(readings)} positions leave {dof} degrees of freedom in addition to {len(chain.names)} "
             f"parameters; a test needs at least {LEAST_DOF}: measure more positions"
             + (f". Next: {following}" if following else "")
         )

@@ -68,7 +68,7 @@ class _Background(NamedTuple):
 
 
 class _Named(NamedTuple):
-    """One candidate beside one background: eigenvectors of the named block of `inner`, the residual along them, the variance
+    """One candidate, given one background: eigenvectors of the named block of `inner`, the residual along them, the variance
     that each size `w` leaves of each, and the log evidence of each size."""
 
     axes: Float[np.ndarray, "named named"]

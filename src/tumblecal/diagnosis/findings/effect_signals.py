@@ -36,7 +36,7 @@ class EffectDirections(NamedTuple):
 def directions_at_typical_size(
     screened: Screened, entries: Catalogue, without: Collection[str], *, absorbed: bool = False
 ) -> EffectDirections:
-    """The directions of all effects that the model can hold, `without` some.
+    """The directions of all effects of the model, `without` some.
 
     **Arguments:**
 

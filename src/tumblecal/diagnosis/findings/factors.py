@@ -21,19 +21,20 @@ from tumblecal.effects import Catalogue
 
 # Columns of the data that effects follow count as fully correlated from this correlation on.
 _CORRELATED = 0.98
-# An error so many times as large would be told apart: it is too small; otherwise these angles do not tell.
+# If an error so many times as large would be distinguished, the error is too small; otherwise the angles do not separate the
+# causes.
 _LARGER = 3.0
 # Columns of numbers that effects follow, with their attribute of a position set.
 _COLUMNS = {"time_s": "time_s", "temperature_degc": "temperature_degc", "pitch": "beta_deg", "approach": "approach"}
 
 
 class Reason(NamedTuple):
-    """Why these data cannot tell one member of a factor from the first.
+    """The reason why these data cannot distinguish a member of a factor from the first.
 
     - `kind`: "identity" (one function at 1 g: no measurement on a head separates them, and the correction at 1 g is the same),
       "columns" (columns of the data that are fully correlated), "size" (the error is too small: one three times as large would
       be distinguished), "range" (both follow the same column, which does not vary enough), "angles" (the same signal at these
-      angles: others are missing), or "unnamed" (it may be something that no entry of the catalogue describes).
+      angles: others are missing), or "unnamed" (it may be an error that is not in the catalogue).
     - `columns`, `r`: of "columns" both names and their correlation, of "range" the column.
     """
 
@@ -43,10 +44,10 @@ class Reason(NamedTuple):
 
 
 class Factor(NamedTuple):
-    """Causes that can be exchanged for each other while the rest of the explanation stays.
+    """Causes that can replace each other while the rest of the explanation remains.
 
     - `members`: sets of labels, that of the leading explanation first.
-    - `reasons`: why these data cannot tell each further member from the first.
+    - `reasons`: why these data cannot distinguish each further member from the first.
     """
 
     members: tuple[Labels, ...]

@@ -1,8 +1,9 @@
-"""The causes chosen anew without each fold of a cross-validation, and what they then predict of it.
+"""Causes selected without each fold of a cross-validation, and their predictions for it.
 
-For every fold the search is made on the linearised chain without it: the fold's readings are given free values, which is the
-same as leaving them out; what was chosen is fitted to the rest and predicts the fold. A gain so measured is that of the whole
-procedure, not of a lucky choice. The folds are searched side by side: what differs is only which directions are set aside.
+For every fold the search is made on the linearised chain without it: the fold's readings get free values, which is equivalent
+to excluding them. The selected causes are fitted to the rest and predict the fold. This improvement is that of the whole
+procedure, not of a selection that fits by chance. The folds are searched together: they differ only in the excluded
+directions.
 """
 
 import numpy as np
@@ -34,14 +35,14 @@ _FoldSet = tuple[int, Members]
 def chosen_anew(
     screened: Screened, groups: Int[np.ndarray, " positions"]
 ) -> tuple[Float[np.ndarray, "positions 3"], Bool[np.ndarray, " folds"]]:
-    """Prediction errors of every fold, the causes chosen without it.
+    """Prediction errors of every fold, with causes selected without it.
 
     **Arguments:**
 
     - `screened`: the screen of all data. `groups`: the fold of each position, -1: in every fit.
 
-    **Returns:** measured minus predicted, g (0 for the group -1), and for each fold whether it chose the same causes, or what
-    the data cannot tell from them.
+    **Returns:** measured minus predicted, g (0 for the group -1), and for each fold whether it selected the same causes, or
+    causes that the data cannot distinguish from them.
     """
     told = [[cause.label for cause in screened.members], *screened.best.equivalents]
     equal = {frozenset(labels) for labels in told}
@@ -86,7 +87,7 @@ class _FoldSearch:
         self._starts = [ranked.set_at(rank) for rank in range(min(_SETS, len(ranked.members)))]
         near = ranked.members[ranked.log_posterior > search.top - _NEAR]
         numbers = np.unique(near[near >= 0]).tolist()
-        # Further causes, and where each stands among them.
+        # Further causes, and the position of each among them.
         self._near = self._pool.only(np.array(numbers, int))
         self._numbers, self._column = numbers, {k: column for column, k in enumerate(numbers)}
         self._priors: dict[Members, np.ndarray] = {}

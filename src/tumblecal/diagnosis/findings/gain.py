@@ -1,7 +1,6 @@
-"""The gain of the extended model, measured where nothing was tuned.
+"""The improvement by the extended model, for held-out data.
 
-Predictions are of data that took no part in the fit, and, where the choice of causes is repeated (`chosen_anew`), none in
-the choice either.
+Predictions are for data that are not used in the fit, nor in the selection of causes, if it is repeated (`chosen_anew`).
 """
 
 from dataclasses import dataclass
@@ -17,13 +16,13 @@ from tumblecal.ground.errors import InputError
 
 @dataclass(frozen=True)
 class Gain:
-    """What the extended model gains over the nominal one.
+    """The improvement of the extended model over the nominal one.
 
-    Cross-validated numbers are root mean squares of predictions of positions (or runs) that took no part in the fit,
-    over the same positions for both, g; `cv_gain_sd_g` is the standard error of their difference. `cv_rms_after_g` is with
-    the causes chosen anew without each fold where `cv_same_causes`, the share of folds that chose the same ones or what
-    the data cannot tell from them, is a number, else with the causes kept, as `cv_rms_kept_g` always is. The `fresh` ones
-    are what a new measurement at the same positions would show.
+    Cross-validated numbers are root mean squares of prediction errors for held-out positions (or runs), the same positions for
+    both, g; `cv_gain_sd_g` is the standard error of their difference. `cv_same_causes` is the share of folds that selected the
+    same causes, or causes that the data cannot distinguish from them. If it is a number, `cv_rms_after_g` is with the causes
+    selected without each fold; otherwise with fixed causes, as `cv_rms_kept_g` always is. The `fresh` ones are the expectation
+    for a new measurement at the same positions.
     """
 
     rms_before_g: float
@@ -55,7 +54,7 @@ def gain(
 
     - `before`, `after`: nominal and extended.
     - `groups`: the fold of each position; `kind` names the folds in words.
-    - `nested`: errors with the causes chosen anew in every fold, and where they were the same (`chosen_anew`).
+    - `nested`: errors with the causes selected in every fold, and whether they were the same (`chosen_anew`).
     """
     both, known = before.retained & after.retained, after.problem.known
     judged = both & (groups >= 0)
@@ -123,7 +122,7 @@ def left_out(fit: Fit, groups: Int[np.ndarray, " positions"]) -> Float[np.ndarra
     for size in set(sizes[numbers >= 0].tolist()):
         rows = order[first[(sizes == size) & (numbers >= 0), None] + np.arange(3 * size)]
         errors[rows] = fold_errors(q[rows], fit.rows[rows])
-    # With correlated noise the error stands in white units; its scale is that of a reading.
+    # With correlated noise the error is in white units; its scale is that of a reading.
     return errors.reshape(-1, 3) * fit.problem.sd
 
 
@@ -149,7 +148,7 @@ def fold_errors(
 
 
 def folds(data: PositionSet, holdout: tuple[str, str] | None) -> tuple[np.ndarray, str]:
-    """The fold of each position (-1: always in the fit) and what is left out, in words.
+    """The fold of each position (-1: always in the fit), and the kind of folds in words.
 
     **Raises:** `InputError` for a column or value that the data lack.
     """

@@ -92,8 +92,8 @@ def in_use(screened: Screened, entries: Catalogue, extended: Fit, sigma: float, 
 
 
 def _not_of_sensor(screened: Screened, entries: Catalogue) -> set[str]:
-    """The effects that no calibration file holds, as they are no property of the sensor; a user's effect without `forms` is not
-    among them."""
+    """The effects that no calibration file contains, as they are no property of the sensor; a user's effect without `forms` is
+    not one of them."""
     reasons = {slot.id: reason_not_held(entries[slot.id], slot.links) for slot in screened.at.model.slots if slot.id}
     return {id for id, reason in reasons.items() if reason not in ("", NO_FORMS)}
 
@@ -104,12 +104,12 @@ def _faults(members: Sequence[Cause]) -> tuple[str, ...]:
 
 
 class _Linear(NamedTuple):
-    """The problem of one explanation, linearised at its fit, in noise sd; positions that took no part are left out.
+    """The problem of one explanation, linearised at its fit, in noise standard deviations, without excluded positions.
 
     - `columns`: of the full vector, the fitted parameters without the named effects' coefficients, `nominal` ones first.
-    - `estimator`: what these, scaled, make of the rows. `rows`: the residual with the named effects put back.
-    - `signals`: of each direction of an effect. `basis`: orthonormal, what the fitted parameters cannot reach.
-    - `added`: what each coefficient adds to the nominal parameters at the reference.
+    - `estimator`: estimate of these, scaled, from the rows. `rows`: the residual plus the named effects.
+    - `signals`: of each direction of an effect. `basis`: orthonormal basis of the residual space of the fitted parameters.
+    - `added`: contribution of each coefficient to the nominal parameters at the reference.
     """
 
     columns: list[int]

@@ -36,8 +36,8 @@ class Form(NamedTuple):
     - `family`: kind of form; prior weight is shared by families, then by their forms.
     - `name`: part of an effect's id. `words`, `code`: of each function; Python of `u`, `where` and `elapsed`.
     - `unit`: of the output's coefficient after its mg. `needs`: columns.
-    - `held`: the term as a calibration file holds it, without axis; None: it cannot.
-    - `against`: the variable that it follows. `of_input`: whether it uses an input, so that no angle follows it.
+    - `held`: the term in the form of a calibration file, without axis; None: it has no such form.
+    - `against`: the variable on which it depends. `of_input`: whether it uses an input, so that no angle depends on it.
     """
 
     family: str

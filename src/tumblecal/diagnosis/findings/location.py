@@ -46,7 +46,7 @@ class Located(NamedTuple):
     @property
     def words(self) -> str:
         """What acts where."""
-        beside = "".join(f" beside {label.replace(':', ' at ')}" for label in self.beside)
+        beside = "".join(f" with {label.replace(':', ' at ')}" for label in self.beside)
         return f"{self.effect} {self.part} alone ({self.positions} positions){beside}"
 
 

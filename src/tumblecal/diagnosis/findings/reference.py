@@ -1,8 +1,8 @@
-"""The conditions for which parameters are meant: the mean time, all runs and settings alike, the mean temperature.
+"""The reference conditions of the parameters: mean time, all runs and settings with equal weight, mean temperature.
 
-In the model a drift counts from the first position, a bias of its own from the first run or setting, and a temperature from
-25 degC. A calibration that holds no term for such an effect is the better for the middle of what was measured: that is what the
-nominal model fits, and what all explanations can be compared at.
+In the model a drift counts from the first position, a separate bias from the first run or setting, and a temperature from 25
+degC. A calibration without a term for such an effect is more accurate for the middle of the measurement. The nominal model
+fits this point, and all explanations can be compared there.
 """
 
 from collections.abc import Collection, Sequence

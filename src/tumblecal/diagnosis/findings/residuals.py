@@ -21,7 +21,7 @@ _AT_ONCE = 250_000
 _TAIL = 0.0007
 # Probabilities at which a check's simulated distribution is kept.
 QUANTILES = (0.025, 0.25, 0.5, 0.75, 0.975)
-# Harmonics are told for pitch settings of at least this many spindle angles.
+# Harmonics are reported for pitch settings with at least this many spindle angles.
 LEAST_ANGLES = 4
 _OUTSIDE = 0.005
 
@@ -40,7 +40,7 @@ class Harmonic:
 
 @dataclass(frozen=True)
 class Check:
-    """One statistic of the residuals beside what the fitted model with its noise gives.
+    """One statistic of the residuals, compared with data simulated from the fitted model and its noise.
 
     `low`, `high`: the range of simulated data (one percent outside, all statistics together); `outside`: beyond it.
     `quantiles`: of the simulated values, at the probabilities `QUANTILES`.
@@ -85,7 +85,7 @@ def harmonics(fit: Fit, level: float) -> list[Harmonic]:
 
 
 def predictive(fit: Fit) -> list[Check]:
-    """Statistics of the residuals beside those of data simulated from the fitted model.
+    """Statistics of the residuals, compared with those of data simulated from the fitted model.
 
     The simulated data are refitted (linearly): their residuals are projected noise, as the measured ones are. With
     unknown noise only their pattern is judged, which does not depend on how large they are.
@@ -178,8 +178,8 @@ class Discrepancy:
 
 @dataclass(frozen=True)
 class NormalQuantiles:
-    """Sorted weighted residuals, in units of the noise, beside those of simulated data: 99 % of them lie within
-    `low` and `high` at each place."""
+    """Sorted weighted residuals, in units of the noise, with those of simulated data: 99 % of them lie within `low` and `high`
+    at each place."""
 
     normal: Float[np.ndarray, " readings"]
     measured: Float[np.ndarray, " readings"]

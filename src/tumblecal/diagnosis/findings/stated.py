@@ -1,4 +1,4 @@
-"""Whether the data contradict nothing but what was stated of parameters: a head that was set up anew since it was measured."""
+"""Whether the data contradict only stated parameters: a head that was set up again after its measurement."""
 
 from dataclasses import replace
 

@@ -22,8 +22,8 @@ _MOST_LISTED = 2
 
 @dataclass(frozen=True)
 class Unseen:
-    """Sd of a parameter in `unit`: `sd` where the extended model is right; `sd_with_unseen`, its root mean square error where
-    effects beside it may be there; `effects`: those of them that add most."""
+    """Sd of a parameter in `unit`: `sd` if the extended model is correct; `sd_with_unseen`, its root mean square error if
+    further effects may be present; `effects`: those with the largest contributions."""
 
     sd: float
     sd_with_unseen: float
@@ -73,7 +73,7 @@ def unseen_shifts(
         named |= {id for id in entries if id not in ids}
     listed = directions_at_typical_size(screened, entries, named)
     signals, owners = at.varying @ listed.steps.T, [listed.ids[number] for number in listed.numbers]
-    # What was left out of the fit says nothing.
+    # Excluded positions contribute nothing.
     signals[~fitted.any(axis=1)] = 0.0
     signals /= sigma
     # The fit's first columns are these directions of the full vector.
@@ -86,7 +86,7 @@ def unseen_shifts(
 
 
 def unseen(screened: Screened, entries: Catalogue, extended: Fit, sigma: float) -> dict[str, Unseen]:
-    """For each nominal parameter (without those of one position each) how well it is known beside what was not found, by
+    """For each nominal parameter (without those of one position each), its uncertainty including undetected effects, by
     `unseen_shifts`; `sigma`: noise in units of the white rows."""
     own, model = unseen_shifts(screened, entries, extended, sigma), screened.at.model
     ids = list(dict.fromkeys(own.owners))

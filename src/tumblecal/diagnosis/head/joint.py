@@ -1,8 +1,8 @@
-"""The joint model of many units: which errors all of them share, beside each unit's own.
+"""The joint model of many units: errors that all of them share, and errors of single units.
 
-A hypothesis is a set of errors shared by all units with common coefficients, effects that each unit has by an amount of
-its own (`Spread`), and each unit's own causes. The latter two are sought for the leading sets of shared errors, those sets
-beside them, in turn.
+A hypothesis is a set of errors shared by all units with common coefficients, effects that each unit has by a different amount
+(`Spread`), and the causes of single units. The latter two are searched given the leading sets of shared errors, then those
+sets given them, in turn.
 """
 
 from collections.abc import Collection, Iterator, Sequence
@@ -25,7 +25,7 @@ _HOPELESS = -2.0
 
 @dataclass(frozen=True)
 class SharedExplanation:
-    """A set of errors shared by all units (`told`), beside effects that each unit has by an amount of its own.
+    """A set of errors shared by all units (`told`), with effects that each unit has by a different amount.
 
     `probability`: of the set or its equivalents, over all hypotheses.
     """
@@ -89,7 +89,7 @@ class Joint:
         return "identified" if sure else "ambiguous"
 
     def shared_probability(self, id: str) -> float:
-        """That an effect, or one that these data cannot tell from it, is shared by all units, with one coefficient."""
+        """Probability that an effect, or one indistinguishable from it, is shared by all units, with one coefficient."""
         return sum(
             told.probability
             for told in self.explanations
@@ -105,7 +105,7 @@ def joint(units: Sequence[Unit], signals: Sequence[SharedSignal]) -> Joint:
     """Weigh what the units may share against what may be each one's own."""
     own = [unit.own_causes(unit.z) for unit in units]
     faults = [unit.faults_of(causes) for unit, causes in zip(units, own, strict=True)]
-    # What an error of the head does at one angle may look like the same positions off in every unit.
+    # An error of the head at one angle may look like the same outlier positions in every unit.
     starts = dict.fromkeys([tuple(own), tuple(faults), (NOTHING,) * len(units)])
     tried = [weighed for start in starts for weighed in _climbed(units, signals, weigh(units, signals, start))]
     for _ in range(_MOST_SPREADS):
@@ -119,7 +119,7 @@ def joint(units: Sequence[Unit], signals: Sequence[SharedSignal]) -> Joint:
 
 
 def _climbed(units: Sequence[Unit], signals: Sequence[SharedSignal], start: Weighed) -> Iterator[Weighed]:
-    """Own causes and shared errors in turn, each beside the other, until neither changes."""
+    """Causes of the units and shared errors in turn, each given the other, until neither changes."""
     weighed = start
     for _ in range(_MOST_ROUNDS):
         yield weighed

@@ -53,10 +53,10 @@ class HeadFit:
         return _sum([part for number, part in enumerate(self.parts) if number not in self.aside])
 
     def without(self, number: int) -> MeasuredHead | None:
-        """The head as the other units measured it, so that a unit is not told what it said itself.
+        """The head as measured by the other units, so that the prior of a unit does not contain its own data.
 
-        The values are the others'. Their covariance is that of all units times a factor on a coarse scale: units of one
-        plan then share what a plan decides.
+        The values are the others'. Their covariance is that of all units times a factor on a coarse scale: units of one plan
+        then share quantities that the plan determines.
         """
         if self.head is None or len(self.parts) - len(self.aside) < 2:
             return None
@@ -87,12 +87,12 @@ class HeadFit:
 def measured_head(
     units: Sequence[Unit], told: SharedExplanation, sources: Sequence[str], aside: frozenset[int] = frozenset()
 ) -> HeadFit:
-    """Fit what the units share, by one explanation, beside each unit's own parameters and causes.
+    """Fit the shared errors of one explanation, with the parameters and causes of each unit.
 
     **Arguments:**
 
     - `sources`: the units' files, for the record.
-    - `aside`: numbers of the units that do not count; what they show of it by themselves is told all the same.
+    - `aside`: numbers of the excluded units; their separate estimates are reported nevertheless.
     """
     weighed, blocks = told.weighed, []
     members = [k for k in told.told.members if weighed.signals[k].slot.columns]

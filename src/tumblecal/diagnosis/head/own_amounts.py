@@ -1,4 +1,4 @@
-"""Of one effect every unit's own amount, beside all else that is shared, differs or is the unit's own; and what they come to.
+"""The amount of one effect in every unit, given all other shared, varying and separate errors; and the mean of these amounts.
 
 Each unit gives the normal equations G, g of the effect's coefficients. About a mean they scatter by a spread tau, whose
 likelihood (with the mean integrated out, REML) is that of `spread`; the mean weighs each unit by (G^-1 + tau^2)^-1.
@@ -23,7 +23,7 @@ SPREADS = np.concatenate([[0.0], np.geomspace(0.1, 1e4, 60)])
 _SHOWN = 0.01
 # A coefficient of whose direction the data determine this share of the square is determined by itself.
 _DETERMINED = 0.99
-# Directions of a unit's information below this share of the largest hold rounding alone.
+# Directions of a unit's information below this share of the largest contain only rounding errors.
 _ROUNDING = 1e-9
 
 

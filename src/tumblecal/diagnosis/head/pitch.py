@@ -12,7 +12,7 @@ from tumblecal.diagnosis.head.unit_fit import UnitFit
 
 # Pitch errors are the head's where the units' own estimates scatter no more than their noise does: not less probable.
 COMMON = 0.01
-# A unit, or a change between two, is told apart where its part of the scatter is by chance less often than this.
+# A unit, or a change between two, is separated if chance causes its part of the dispersion less often than this.
 _STRONG = 1e-3
 # Of one unit alone nobody knows that the next ones would be like it.
 _LEAST_UNITS = 2
@@ -39,14 +39,14 @@ class PitchSettings(NamedTuple):
 
 
 def pitch_settings(fits: Sequence[UnitFit], shared: Float[np.ndarray, " directions"], most_alone: int) -> PitchSettings:
-    """Compare the units' pitch errors, what is shared taken as found.
+    """Compare the pitch errors of the units, given the shared errors.
 
-    Where they scatter more than noise, those farthest from the others are left out one by one, as long as the rest may then
-    agree: one label that is wrong makes no axis that is set anew each time.
+    If they differ by more than the noise, those farthest from the others are excluded one by one, as long as the rest may then
+    agree. One wrong label does not mean an axis that is set again for each unit.
 
     **Arguments:**
 
-    - `most_alone`: how many units may be left out.
+    - `most_alone`: how many units may be excluded.
     """
     units, number = _estimates(fits, shared), len(fits)
     kept, changed = np.ones(number, bool), None

@@ -15,7 +15,7 @@ _UNITS_FOR_EACH = 3
 
 
 def most_aside(units: int) -> int:
-    """How many units may be left out of what is said of the head: fewer than a third."""
+    """How many units may be excluded from the results of the head: fewer than a third."""
     return (units - 1) // _UNITS_FOR_EACH
 
 

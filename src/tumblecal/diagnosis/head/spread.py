@@ -17,7 +17,7 @@ from tumblecal.diagnosis.head.unit import Reduced, SharedSignal
 from tumblecal.diagnosis.tuning import BATCH_WEIGHT, HEAD_SPREAD_WEIGHT
 
 
-# Spreads tried, in the noise of one unit's coefficients; below the first, nothing tells a spread from none.
+# Spreads tried, in the noise of one unit's coefficients; a spread below the first is indistinguishable from none.
 _SPREADS = (1.5, 3.0, 6.0, 12.0, 25.0, 50.0, 100.0, 300.0, 1000.0)
 _SEEN = 1e-9
 
@@ -63,7 +63,7 @@ def likely_spreads(
 
     **Arguments:**
 
-    - `reduced`: every unit beside its own causes.
+    - `reduced`: every unit, given its causes.
     - `shared`: coefficients that all units share already.
     """
     effects = [signal for signal in signals if signal.slot.columns]

@@ -1,4 +1,4 @@
-"""Units that were screened one by one, taken together: what they share, the head's errors, what is left to each."""
+"""The joint diagnosis of separately screened units: shared errors, errors of the head, remaining errors of each unit."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -24,12 +24,12 @@ from tumblecal.estimation.plausibility import Implausible, implausible_head
 from tumblecal.ground.errors import InputError
 
 
-# A unit whose own estimate of what is shared is less probable than this, over all units together, stands out.
+# A unit deviates if its estimate of the shared errors is less probable than this, over all units together.
 _OUTLYING = 0.01
 # A solution so near to where its unit was linearised (in its noise) is not linearised again: the next step was at most a
 # tenth of it (10 units with effects of 30 and 100 sigma).
 _SETTLED = 0.05
-# Directions of information below this share of the largest hold rounding alone.
+# Directions of information below this share of the largest contain only rounding errors.
 _ROUNDING = 1e-10
 
 
@@ -95,8 +95,8 @@ class Together:
 
     @property
     def nothing_of_their_own(self) -> tuple[int, ...]:
-        """Numbers of the units that need no cause beside an error of the head that has no name, or two levels: that they are
-        told nothing of, and diagnosed by themselves they show it."""
+        """Numbers of the units that need no cause in addition to an error of the head without a name or with two levels. This
+        error is not given to them, so their separate diagnoses show it."""
         own = self.joint.best.weighed.own
         if not (self.unexplained or self.levels):
             return ()
@@ -114,8 +114,8 @@ class Together:
         return tuple(sorted(aside | {*off}))
 
     def known_to(self, number: int) -> MeasuredHead | None:
-        """What is known of the head for the diagnosis of one unit: what the others measured; nothing to one that stands out, or
-        of a head of which nothing is known for later. Where noise is unknown its errors count as exact, those of all units."""
+        """Prior of the head for the diagnosis of one unit, as measured by the others. There is none for a deviating unit, or
+        if no result of the head can be used later. With unknown noise, the errors from all units are treated as exact."""
         if number in self.outlying or self.measured is None:
             return None
         known = all(unit.at.problem.known for unit in self.units)
@@ -135,7 +135,9 @@ def together(
     **Raises:** `InputError` for fewer than two units.
     """
     if len(screened) < 2:
-        raise InputError("--units: at least two units that can be diagnosed; one file tells nothing of what is shared")
+        raise InputError(
+            "--units: at least two units must be diagnosed; one file does not show which errors are shared"
+        )
     hand_held = [unit.at.model.hand_held for unit in screened]
     if any(hand_held) and not all(hand_held):
         held = ", ".join(source for source, own in zip(sources, hand_held, strict=True) if own)
@@ -150,7 +152,7 @@ def together(
         if too_large:
             impossible |= too_large
             continue
-        # A unit that stands out would put its part of what is wrong with it into what all are said to share.
+        # A deviating unit would add a part of its error to the shared errors.
         more = frozenset(found.outlying) | {*found.fit.pitch.alone}
         if more <= aside or len(more) > most_aside(len(starts)):
             break

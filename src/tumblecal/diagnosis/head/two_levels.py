@@ -1,7 +1,7 @@
-"""Whether an error of the head has two levels in the order of the units: the head was set up anew between two of them.
+"""Whether an error of the head has two levels in the order of the units: the head was set up again between two of them.
 
 Two levels, the best of all splits, are tested against a spread common to all units by their likelihood ratio; its null
-distribution is drawn from that spread, the best split sought in every draw.
+distribution is drawn from that spread, with the best split searched in every draw.
 """
 
 from collections.abc import Iterator, Sequence
@@ -17,7 +17,7 @@ from tumblecal.diagnosis.head.weighed import Weighed
 from tumblecal.effects.effect import of_head
 
 
-# Two levels are told from this p-value on, and where the units do not scatter about them by more than noise (p-value).
+# Two levels are reported from this p-value on, if the units agree with them within the noise (p-value).
 _LEVEL, _FITS = 0.01, 0.01
 # Of one unit alone nobody knows that the next ones would be like it.
 _LEAST_UNITS = 2

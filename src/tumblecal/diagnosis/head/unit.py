@@ -25,7 +25,7 @@ from tumblecal.effects.effect import of_head
 
 # Log Bayes factor of one cause against none below which no set of causes can lead.
 _NOT_EVEN = -1.0
-# What is left of a unit is searched once within this distance (in its noise): 877 of 877 searches so near to an earlier one,
+# The residual of a unit is searched once within this distance (in its noise): 877 of 877 searches so near to an earlier one,
 # and 212 of 212 within five times that, found the same causes (96 units with effects of 20 and 30 sigma).
 _SAME = 0.1
 # Generic terms are counted in this size, g or rad.
@@ -58,17 +58,17 @@ class SharedSignal(NamedTuple):
 
     @property
     def cause(self) -> tuple:
-        """What tells its cause from others, whatever the plan."""
+        """Key of its cause, independent of the plan."""
         return (self.label, self.words, self.slot.names)
 
     @property
     def key(self) -> tuple:
-        """What tells it from other signals, those of the same cause from another time constant among them."""
+        """Key of the signal; it also distinguishes signals of one cause with different time constants."""
         return (*self.cause, self.slot.variant)
 
 
 def slots_of(model: FullModel) -> dict[tuple, Slot]:
-    """A model's slots by what tells them apart whatever the plan."""
+    """The slots of a model by keys that do not depend on the plan."""
     return {_slot_key(slot): slot for slot in model.slots}
 
 
@@ -145,7 +145,7 @@ def _generic(pool: Pool) -> list[Cause]:
 
 
 def _holes(at: Tangent) -> dict[str, Bool[np.ndarray, " positions"]]:
-    """The positions at each angle at which the index may stand wrong, wherever the pitch: of those taken more than once."""
+    """The positions at each angle, measured more than once, at which the index may be in error, at any pitch."""
     if at.model.hand_held:
         return {}
     alpha = np.round(np.degrees(np.asarray(at.problem.where.alpha)) % 360.0, 3) % 360.0
@@ -164,7 +164,7 @@ NOTHING = OwnCauses()
 
 
 class Reduced(NamedTuple):
-    """A unit beside its own causes: log evidence with nothing shared, and the normal equations of the shared signals."""
+    """A unit given its causes: log evidence without shared errors, and the normal equations of the shared signals."""
 
     log_evidence: float
     gram: Float[np.ndarray, "columns columns"]
@@ -205,7 +205,7 @@ class Unit:
         return self.response.T @ self.response, self.response.T @ self.z
 
     def reduced(self, own: OwnCauses) -> Reduced:
-        """The unit beside its own causes, which count first."""
+        """The unit given its causes, which are counted first."""
         gram, towards = self._alone
         if not own.members:
             return Reduced(own.log_prior - 0.5 * float(self.z @ self.z), gram, towards)

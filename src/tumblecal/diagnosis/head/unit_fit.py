@@ -30,9 +30,9 @@ class UnitFit:
 
     **Arguments:**
 
-    - `own`: its own causes, fitted beside or undone.
+    - `own`: its causes, also fitted, or undone.
     - `signals`, `moves`: the shared effects, and the directions of their coefficients (base units) that are fitted.
-    - `spreads`: effects of which every unit has an amount of its own about a shared mean, or about zero.
+    - `spreads`: effects whose amount differs from unit to unit, about a shared mean or about zero.
     - `levels`: names of all units' pitch errors.
     """
 
@@ -87,7 +87,7 @@ class UnitFit:
         self.information = Information(np.zeros((self.count, self.count)), np.zeros(self.count))
 
     def linearise(self, coefficients: Float[np.ndarray, " coefficients"]) -> None:
-        """The unit's information at given shared coefficients (base units) and its own parameters as they stand."""
+        """The information of the unit at given shared coefficients (base units) and at its present parameters."""
         vector, model = self._with_effects(self.vector[: self.model.nominal], coefficients), self.model
         at = tangent(model, self.problem, vector)
         rows = at.jacobian / model.scales / self.unit.sigma

@@ -1,4 +1,4 @@
-"""The errors that units share, searched beside given own causes and spreads.
+"""The errors that units share, searched given the causes of the units and the spreads.
 
 As in one data set: the stacked signals of all units, reduced to the normal equations summed over the units, are a residual
 space for `Search`.
@@ -29,16 +29,16 @@ from tumblecal.diagnosis.tuning import (
 )
 
 
-# Directions of the summed normal equations below this share of the largest hold rounding alone.
+# Directions of the summed normal equations below this share of the largest contain only rounding errors.
 _ROUNDING = 1e-11
 
 
 @dataclass(frozen=True)
 class Weighed:
-    """The shared errors searched beside given own causes and spreads.
+    """The shared errors, searched given the causes of the units and the spreads.
 
-    - `reduced`: every unit beside its own causes. `gram`, `towards`: summed over the units, spreads integrated out.
-    - `log_evidence`: with nothing shared; `search`, `ranked`: of the shared errors.
+    - `reduced`: every unit, given its causes. `gram`, `towards`: summed over the units, spreads integrated out.
+    - `log_evidence`: without shared errors; `search`, `ranked`: of the shared errors.
     """
 
     own: tuple[OwnCauses, ...]
@@ -83,7 +83,7 @@ class Weighed:
         return determined(self.gram[np.ix_(columns, columns)])[0]
 
     def left(self, units: Sequence[Unit], members: Sequence[int]) -> Iterator[Float[np.ndarray, " nu"]]:
-        """What every unit leaves beside a set of shared errors and its share of the spreads."""
+        """Residual of every unit, given a set of shared errors and its share of the spreads."""
         shared = self.coefficients(members)
         for unit, reduced in zip(units, self.reduced, strict=True):
             own = shared.copy()
@@ -95,7 +95,7 @@ class Weighed:
 def weigh(
     units: Sequence[Unit], signals: Sequence[SharedSignal], own: Sequence[OwnCauses], spreads: tuple[Spread, ...] = ()
 ) -> Weighed:
-    """Search the shared errors beside the units' own causes and spreads."""
+    """Search the shared errors, given the causes of the units and the spreads."""
     width = signals[-1].columns[-1] + 1 if signals else 0
     gram, whole, towards = np.zeros((width, width)), np.zeros((width, width)), np.zeros(width)
     log_evidence, listed = sum(spread.log_prior for spread in spreads), []

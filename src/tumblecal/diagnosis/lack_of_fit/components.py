@@ -68,7 +68,8 @@ def of_one_vector(
     first = last + 1 - counts
     scales = _scales(np.add.reduceat(diagonal, first))
     of_columns = np.repeat(scales.T, counts, axis=1)
-    # What a process of one size leaves beside its last direction, and all of another, stand apart: nothing is beside them.
+    # The rest of a process of one size without its last direction, and all of the next process, are separate: no element
+    # couples them.
     beside = of_columns * beside
     of_columns *= diagonal
     of_columns += 1.0
@@ -79,7 +80,7 @@ def of_one_vector(
 
 
 class _Tridiagonal(NamedTuple):
-    """Products turned, process after process: their diagonals, what stands beside these (0 last), and the square of the last
+    """Products, rotated process by process: their diagonals, their off-diagonals (0 last), and the square of the last
     coordinate of the products with the residual vector, which has no other."""
 
     diagonal: Float[np.ndarray, " columns"]

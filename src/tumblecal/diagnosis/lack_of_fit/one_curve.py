@@ -1,9 +1,9 @@
-"""Three fields that follow one curve: one thing that goes wrong moves all outputs alike, each by its own share.
+"""Three fields that follow one curve: one fault changes all outputs by the same curve, each by a different share.
 
-A process of three fields gives each a curve of its own, and pays for three. Here the fields' shares are a direction in
+A process of three fields has a separate curve for each, with the penalty of three. Here the fields' shares are a direction in
 space, `sum_j b_j signals_j` with |b| = 1 (the intrinsic model of coregionalization, Goovaerts 1997). The best direction is
 climbed to, curve and direction in turn, and integrated over by Laplace's method: its two angles cost half the logarithm of
-their information each. All of it takes the signals' products with each other and with the residual alone.
+their information each. It needs only the products of the signals with each other and with the residual.
 """
 
 from typing import NamedTuple
@@ -27,8 +27,8 @@ class OneCurve(NamedTuple):
 
 
 class Curve(NamedTuple):
-    """The best curves of processes: log evidence of every size, the number of the best, the curve's coefficients there, and the
-    noise variance beside it."""
+    """The best curves of processes: log evidence of every size, the number of the best, the curve's coefficients there, and
+    the noise variance given the curve."""
 
     scores: Float[np.ndarray, "processes sizes 1"]
     size: Int[np.ndarray, " processes"]

@@ -21,7 +21,7 @@ from tumblecal.ground.showing import brief
 
 # Numbers of components are made up to multiples of this: so more variables have as many, and are stacked.
 _PADDED = 4
-# What a scale factor may follow beside the time: the inputs of the other axes.
+# Variables of a scale factor, in addition to the time: the inputs of the other axes.
 _OTHER_INPUTS = {axis: [f"input {other}" for other in AXES if other != axis] for axis in AXES}
 # Products of inputs with the three axes: the turns in the mount.
 _CROSS = np.cross(np.eye(3)[:, None], np.eye(3)).swapaxes(1, 2).reshape(3, 9)

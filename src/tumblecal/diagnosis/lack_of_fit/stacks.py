@@ -125,10 +125,10 @@ def _whole(at: Tangent, listed: Processes) -> Float[np.ndarray, " processes"]:
 
 
 def _may_hold(effects: Blocks, stacks: Sequence[Stack]) -> list[Int[np.ndarray, " near"]]:
-    """Which processes of each stack one of the effects may hold."""
+    """Which processes of each stack one of the effects may contain."""
     seen, largest = (np.concatenate(part) for part in zip(*((own.seen, own.largest) for own in stacks), strict=True))
     squares = np.concatenate([np.vecdot(own.products, own.products).sum(axis=1) for own in stacks])
-    # A block leaves of all signals no less than of the largest. It holds no more than as many of the components' variances
+    # A block leaves of all signals no less than of the largest. It contains no more than as many of the components' variances
     # as it has directions, and any r of them are together no more than the root of r times the sum of the squares of all.
     left = np.vecdot(largest, largest) - _by_effect(effects, (effects.rows @ largest.T) ** 2)
     near = left <= _ROUNDING * (1 - SAME_TERM**2) * seen
@@ -139,7 +139,7 @@ def _may_hold(effects: Blocks, stacks: Sequence[Stack]) -> list[Int[np.ndarray, 
 
 
 def _held(effects: Blocks, signals: Float[np.ndarray, "processes signals nu"]) -> Float[np.ndarray, " processes"]:
-    """Of the signals' sums of squares the most that one of the effects holds."""
+    """The largest share of the signals' sums of squares that one of the effects contains."""
     return _by_effect(effects, ((signals @ effects.rows.T) ** 2).sum(axis=1).T).max(axis=0)
 
 

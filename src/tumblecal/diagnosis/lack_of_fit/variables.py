@@ -25,8 +25,8 @@ _INPUT = {"": 0.2, ", quickly bending": 0.07}
 _HEAD, _SPINDLE = {"": 0.5, ", slowly bending": 1.2}, {"": 0.25, ", slowly bending": 0.7}
 # Swings in time: how often in the whole, and over which share of it they keep their phase.
 _SWINGS, _IN_PHASE = range(3, 40), 0.7
-# The prior share, beside any other process, of each count of swings, of which neighbours are alike, and of steps in time, most
-# of which are one jump that the catalogue has.
+# The prior share, relative to any other process, of each number of oscillations (neighbours are similar), and of steps in
+# time, most of which are one jump that the catalogue has.
 _SHARE = 1 / 3
 # How far from the middle (sd, in g) planes lie at which something falls to another side.
 _PLANES = 0.5
@@ -38,7 +38,7 @@ _ROUNDING = 1e-13
 
 
 class Variable(NamedTuple):
-    """What a field follows: principal components of a process over it, and its prior share beside other variables."""
+    """The variable of a field: principal components of a process over it, and its prior share among the variables."""
 
     components: Float[np.ndarray, "positions components"]
     share: float = 1.0

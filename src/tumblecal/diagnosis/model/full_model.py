@@ -1,4 +1,4 @@
-"""One chain that holds every testable effect: its prediction and one Jacobian serve the whole diagnosis."""
+"""One chain with every testable effect: its prediction and one Jacobian serve the whole diagnosis."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -40,9 +40,9 @@ class HeadProbe(Link):
 class FullModel:
     """The nominal chain with all testable effects in it, their coefficients zero.
 
-    The full vector holds the nominal parameters first (`nominal` of them), then the effects', then the probe's three.
-    `names`, `units`: of the nominal parameters. `start` is the full vector at which nothing is wrong, physical units;
-    `scales` the sizes in which the Jacobian counts it. `not_testable` says for each effect that cannot be tested why.
+    The full vector has the nominal parameters first (`nominal` of them), then those of the effects, then the three of the
+    probe. `names`, `units`: of the nominal parameters. `start` is the full vector without errors, physical units; `scales` are
+    the units of the Jacobian's columns. `not_testable` gives the reason for each effect that cannot be tested.
     """
 
     __repr__ = brief

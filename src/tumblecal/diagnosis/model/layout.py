@@ -16,11 +16,10 @@ from tumblecal.ground.showing import brief
 
 @dataclass(frozen=True)
 class Slot:
-    """The columns of one link of one effect in the full vector; `shape` columns (a time constant) act only once
-    their amplitudes are not zero. `make` makes the effect's links for other settings; `thermal`: they read the
-    temperature; `weight`: how often the effect is the cause; `share`: of that, the variant's beside the others';
-    `largest`: size of a coefficient (base unit) beyond which it is no cause; `needs`: columns that it needs;
-    `polynomial`, `order`: as of `Effect.polynomial`."""
+    """The columns of one link of one effect in the full vector; `shape` columns (a time constant) act only once their
+    amplitudes are not zero. `make` makes the effect's links for other settings; `thermal`: they read the temperature;
+    `weight`: how often the effect is the cause; `share`: the share of this variant in it; `largest`: size of a coefficient
+    (base unit) beyond which it is no cause; `needs`: required columns; `polynomial`, `order`: as of `Effect.polynomial`."""
 
     __repr__ = brief
 
@@ -43,7 +42,7 @@ class Slot:
 
     @property
     def all_columns(self) -> list[int]:
-        """Amplitudes and shapes as they stand, in the order of `names`."""
+        """Present amplitudes and shapes, in the order of `names`."""
         return sorted((*self.columns, *self.shape))
 
 
@@ -94,7 +93,7 @@ class Layout:
 
     @cached_property
     def key(self) -> tuple:
-        """What tells one model from another."""
+        """Key of a model."""
         return key_of(self.chain)
 
     @cached_property
@@ -153,7 +152,7 @@ class Layout:
 
 
 def key_of(chain: Chain) -> tuple:
-    """What tells one chain from another: links, names, values."""
+    """Key of a chain: links, names, values."""
     leaves, structure = jax.tree.flatten(chain)
     return structure, tuple(np.asarray(leaf).tobytes() for leaf in leaves)
 

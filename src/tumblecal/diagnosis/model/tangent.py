@@ -1,4 +1,4 @@
-"""A problem seen from a point of the full model: what is left in the space that the nominal model cannot reach."""
+"""A problem linearised at a point of the full model: its residual in the space that the nominal model does not reach."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -108,8 +108,8 @@ class Tangent:
         return min(float(1.4826 * np.median(np.abs(self.basis @ rest))) for rest in left) or 1e-12
 
     def much_more_than(self, sigma: float) -> bool:
-        """Whether there is much more than noise of this sd: of what is left of an effect that is not understood the noise is
-        told by the median."""
+        """Whether the residual is much larger than noise of this standard deviation. The median estimates the noise if an
+        unknown effect is present."""
         return bool(self.z @ self.z > LARGE**2 * min(sigma, self.rough_level) ** 2)
 
 
@@ -160,13 +160,13 @@ def white_residual(
 
 @np.errstate(over="ignore", invalid="ignore")
 def robust_start(model: FullModel, problem: Problem) -> Float[np.ndarray, " full"]:
-    """Nominal parameters that a few grossly wrong positions do not spoil.
+    """Robust nominal parameters, for data with a few gross errors.
 
-    Iteratively reweighted least squares with the redescending weight of Geman and McClure (1987) on each position's
-    residual norm, its scale following three times the median. The Jacobian stays that of `FullModel.at_start`: over
-    small angles it hardly changes, and what is left is put right by the exact fits. Parameters of one position each are
-    eliminated: whatever weight the position has, they take up the same directions of its residual. Where the steps run away (of
-    unknown attitudes, when an effect is as large as the inputs) the best of them stands.
+    Iteratively reweighted least squares with the redescending weight of Geman and McClure (1987) on each position's residual
+    norm, its scale following three times the median. The Jacobian stays that of `FullModel.at_start`: over small angles it
+    hardly changes, and the exact fits correct the remainder. Parameters of one position each are eliminated: for any weight of
+    the position, they absorb the same directions of its residual. If the steps diverge (unknown attitudes, with an effect as
+    large as the inputs), the best of them is used.
     """
     at_start = model.at_start(problem.where)
     vector, predicted, weights = model.start, at_start.predicted, 1.0 / problem.sd

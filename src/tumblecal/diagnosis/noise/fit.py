@@ -1,4 +1,4 @@
-"""The noise fitted to what is left, by restricted maximum likelihood, so that every test after it is right again."""
+"""The noise fitted to the residuals by restricted maximum likelihood, so that all later tests are correct again."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -17,8 +17,8 @@ _STEPS = 8
 
 @dataclass(frozen=True)
 class _Remainder:
-    """White rows of the readings (no priors) with what is not noise in them: `fitted` spans the nominal model and the
-    causes beside the noise; `rows` is the residual without their faults."""
+    """White rows of the readings (no priors) and their systematic part: `fitted` spans the nominal model and the causes;
+    `rows` is the residual without their faults."""
 
     rows: np.ndarray
     fitted: np.ndarray

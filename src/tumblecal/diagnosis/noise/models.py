@@ -23,7 +23,7 @@ _RATIOS = (0.25, 0.5, 2.0, 3.0, 5.0, 9.0)
 _GROUP_RATIOS, _PER_INPUT = (2.0, 4.0, 9.0), (1.5, 4.0, 12.0)
 # What fewer positions have in common is no noise, and of more groups none is looked at.
 _LEAST_IN_GROUP, _MOST_GROUPS = 4, 12
-# How often these are met, beside unequal axes.
+# Prior frequency of these, relative to unequal axes.
 _GROUP_SHARE, _PER_INPUT_SHARE = 0.5, 0.25
 # By how much a stated sd may be wrong: any factor between these, its logarithm uniform.
 _LEAST_FACTOR, _MOST_FACTOR = 0.1, 100.0
@@ -35,7 +35,7 @@ _ATTITUDES = (2.0, 5.0, 15.0, 50.0, 200.0)
 _KINDS = 4
 _WEIGHT = log(NOISE_WEIGHT / _KINDS)
 LEVEL = "level"
-# Noise that is larger in a part of the readings: by the columns that tell the part, in words, or by the input.
+# Noise that is larger in a part of the readings: by the columns that define the part, in words, or by the input.
 _PARTS, _BY_INPUT = {"pitch": "at beta", "run": "in run", "mount": "in mounting"}, "input"
 NOISIER = (*_PARTS, _BY_INPUT)
 
@@ -74,16 +74,16 @@ class NoiseGroups(NamedTuple):
 
 @dataclass(frozen=True)
 class NoiseModel:
-    """Another distribution of the noise.
+    """A different distribution of the noise.
 
     - `label`: catalogue id; `words`: which one; `log_weight`: prior.
-    - `covariance`: of the readings' white rows; where `of_means`, of their means over repeats and differences
+    - `covariance`: of the readings' white rows; if `of_means`, of their means over repeats and differences
       (`repeats.Repeats`).
-    - `family`: where it is one of a continuous family, the covariance by `level`, which may be refined.
-    - `groups`: where groups of readings have an sd each.
-    - `tail`: degrees of freedom of Student's t where single readings have heavy tails.
-    - `kind`: what tells it from others of the same label, `LEVEL` where the sd of all readings is off by one factor,
-      whatever it is: the noise counts as unknown.
+    - `family`: for a member of a continuous family, the covariance by `level`, which may be refined.
+    - `groups`: if groups of readings have different standard deviations.
+    - `tail`: degrees of freedom of Student's t, if single readings have heavy tails.
+    - `kind`: distinguishes models with the same label. `LEVEL`: the standard deviation of all readings is in error by one
+      factor of any size, and the noise counts as unknown.
     """
 
     label: str

@@ -1,7 +1,7 @@
-"""Readings that stand in steps: what rounding adds to a stated noise.
+"""Rounded readings: the contribution of rounding to a stated noise.
 
-A reading rounded to steps of q has an error that is uniform over q, of variance q^2/12 (Widrow and Kollar 2008). Where the
-stated sd is that of a noise smaller than the steps it says nothing of that, and each rounded reading looks like a cause.
+A reading rounded to steps of q has an error that is uniform over q, of variance q^2/12 (Widrow and Kollar 2008). If the stated
+noise is smaller than the steps, it does not include the rounding, and each rounded reading looks like a cause.
 """
 
 import numpy as np
@@ -19,7 +19,7 @@ _WHOLE = 1e-3
 
 
 def steps(readings: Float[np.ndarray, "positions 3"]) -> Float[np.ndarray, " 3"]:
-    """The widest decimal step (g) in which all readings of each axis stand; 0 for one that stands in none."""
+    """The widest decimal step (g) of which all readings of each axis are multiples; 0 if there is none."""
     multiples = readings[None] / _STEPS_G[:, None, None]
     whole = np.all(np.abs(multiples - np.round(multiples)) < _WHOLE, axis=1)
     return np.where(np.any(whole, axis=0), _STEPS_G[np.argmax(whole, axis=0)], 0.0)
@@ -31,11 +31,11 @@ def with_rounding(problem: Problem) -> tuple[Problem, dict[str, str]]:
     step = steps(np.asarray(problem.readings))
     rounding = step / np.sqrt(12.0)
     usual = np.median(problem.sd, axis=0)
-    # Where it is less than the stated sd it may be in that already.
+    # If it is smaller than the stated noise, that may include it.
     told = {
         f"quantisation.{AXES[axis]}": (
-            f"the readings of {AXES[axis]} stand in steps of {step[axis] * 1e3:g} mg, and rounding has an sd of "
-            f"{rounding[axis] * 1e3:.2g} mg beside the {usual[axis] * 1e3:.2g} mg given"
+            f"the readings of {AXES[axis]} are rounded to steps of {step[axis] * 1e3:g} mg: rounding has a "
+            f"standard deviation of {rounding[axis] * 1e3:.2g} mg, the stated noise {usual[axis] * 1e3:.2g} mg"
         )
         for axis in np.flatnonzero(rounding > usual).tolist()
     }

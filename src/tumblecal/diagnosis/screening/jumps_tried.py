@@ -1,5 +1,5 @@
-"""Effects that jump with an input's sign, tried beside what leads: where an input near zero has another sign than it should,
-such an effect is invisible, or looks like something else."""
+"""Effects that jump with the sign of an input, tried with the leading causes. If an input near zero has the wrong sign, such
+an effect is invisible, or looks like a different error."""
 
 from collections.abc import Callable
 
@@ -21,7 +21,7 @@ Around = Callable[[Float[np.ndarray, " full"], Problem, frozenset[str]], Screene
 
 
 def signs_sought(screened: Screened, around: Around) -> Screened:
-    """The screen around the solution with a jump alone or beside parts of what leads, where a set is more probable there."""
+    """The screen around the solution with a jump, alone or with parts of the leading set, if a set is more probable there."""
     start = kink_start(screened.at, screened.members, screened.sigma)
     return screened if start is None else _better_around(start, screened, around)
 
@@ -51,7 +51,7 @@ def with_a_jump(screened: Screened, around: Around) -> Screened:
         at, members = screened.at, screened.members
         tried = [(at, members, ())]
         if screened.large:
-            # Faults may be what the effect looks like, or beside it.
+            # Faults may have the signal of the effect, or occur with it.
             tried += [(*screened.undone(own), ()) for own in _each_without_one(faults)]
             tried += [(at, tuple(causes[k] for k in own), members) for own in screened.parts_of_leading_effects[:1]]
         for own, others, leads in tried:

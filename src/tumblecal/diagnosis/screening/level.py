@@ -1,7 +1,7 @@
-"""A stated sd that is off by one factor, and what else is wrong then.
+"""A stated standard deviation that is in error by one factor, and the remaining errors.
 
-Of a stated sd that is too small everything looks like many causes, and one position off, far beyond the noise, like many. With
-the level open the same causes are searched once more: where they lead so, the level was wrong.
+If the stated standard deviation is too small, all data look like many causes, and one outlier position, far beyond the noise,
+looks like many. The same causes are searched again with a free level: if they lead then, the level was wrong.
 """
 
 from tumblecal.diagnosis.noise.alternatives import NoiseAlternatives
@@ -14,7 +14,7 @@ from tumblecal.diagnosis.sets.search import Search
 
 # Another level this far (log) ahead of all causes under the stated one is sure.
 SURE_LEVEL = 10.0
-# So many of the best sets are tried in heavy tails, their positions off aside.
+# So many of the best sets are tried with heavy tails, without their outlier positions.
 _MOST_BESIDE_TAILS = 8
 
 

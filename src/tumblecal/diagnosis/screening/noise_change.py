@@ -36,14 +36,14 @@ _RIVAL_WORDS = {UNEXPLAINED: "something that no entry describes", _OUTLIERS: "a 
 
 
 class NoiseFault(NamedTuple):
-    """What was wrong with the noise, and the rival as in `NoiseChange`."""
+    """The fault of the noise, and the alternative as in `NoiseChange`."""
 
     measured: str
     rival: str
 
     @property
     def doubtful(self) -> bool:
-        """Whether the rival is no other noise."""
+        """Whether the alternative is not a noise."""
         return self.rival in _RIVAL_WORDS
 
     @property
@@ -136,7 +136,7 @@ def chosen_mean_noise(
     """
     problem, chosen, screened = at.problem, _first_tried(at, noises), None
     for _ in noises:
-        # The levels, too, tell them apart: all of them count as known here.
+        # The levels separate them too: all of them count as known here.
         under_chosen = chosen.applied(problem, known=True)
         screened = screening_of(under_chosen)(under_chosen)
         listed = [_as_model(noise, screened.at) for noise in noises if noise is not chosen]
@@ -152,7 +152,7 @@ def chosen_mean_noise(
 
 
 def _first_tried(at: Tangent, noises: list[MeanNoise]) -> MeanNoise:
-    """The first, or the smaller white noise of the samples alone where that goes best with what is left without any cause."""
+    """The first, or the smaller white noise of the samples alone, if that agrees best with the residuals without any cause."""
     rivals = NoiseAlternatives(at, tuple(_as_model(noise, at) for noise in noises[1:]))
     evidence = rivals.log_evidence(at.z[None], known=True)[0]
     best = noises[1 + int(np.argmax(evidence))]
@@ -171,12 +171,12 @@ def _as_model(noise: MeanNoise, at: Tangent) -> NoiseModel:
 
 
 def noise_change(screened: Screened, used: tuple[str, ...]) -> NoiseChange | None:
-    """The best noise alternative beside the best causes, where that is what the data favour; else None.
+    """The best noise alternative, given the best causes, if the data favour it; otherwise None.
 
     **Arguments:**
 
     - `screened`: the screen under the noise as assumed, something being detected.
-    - `used`: labels of the noise alternatives that were acted on already.
+    - `used`: labels of the noise alternatives already applied.
     """
     best = _most_probable(screened, used)
     if best is not None and best.model.label == UNEXPLAINED:
@@ -231,8 +231,8 @@ def _unexplained_log_odds(screened: Screened) -> float:
 
 
 def _level_first(scores: NoiseScores, best: NoiseChange | None) -> NoiseChange | None:
-    """The level, if these data cannot tell it from another kind of noise: it is the simpler. Unequal sds hold a part of a wrong
-    level themselves, so their odds decide."""
+    """The level, if these data cannot distinguish it from another kind of noise: it is simpler. Unequal standard deviations
+    contain a part of a wrong level, so their odds decide."""
     level = scores.most_probable(lambda model: model.kind == LEVEL)
     other = scores.most_probable(lambda model: model.kind != LEVEL)
     if level is None or other is None or best is None or other.model.label == "noise_unequal":

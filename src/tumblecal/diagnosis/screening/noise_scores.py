@@ -21,15 +21,15 @@ from tumblecal.diagnosis.tuning import MANY_OUTLIERS
 
 
 _MOST_SETS = 8
-# A noise model this far (log) behind before the set is fitted anew under it is not tried.
+# A noise model so far (log) behind, before the set is refitted with it, is not tried.
 _HOPELESS = 10.0
 
 
 @dataclass(frozen=True)
 class NoiseChange:
-    """A noise model that, with the causes `members` (indices into the pool), is more probable than the best set of
-    causes under the noise as assumed; `log_odds` of all of its kind against that set. `rival`: another that these
-    data cannot tell from it."""
+    """A noise model that, with the causes `members` (indices into the pool), is more probable than the best set of causes
+    under the noise as assumed; `log_odds` of all of its kind against that set. `rival`: another one, indistinguishable with
+    these data."""
 
     model: NoiseModel
     members: tuple[int, ...]
@@ -70,7 +70,7 @@ class NoiseScores:
     def among(
         cls, search: Search, sets: list[tuple[int, ...]], tried: NoiseAlternatives, many: bool = False
     ) -> "NoiseScores":
-        """Those of some sets; `many`: whether heavy tails are tried beside outlying positions too."""
+        """Scores of some sets; `many`: whether heavy tails are also tried with outlier positions."""
         others = [without_outliers(search, members) for members in sets]
         scores = np.full((len(sets), len(tried.listed)), -np.inf)
         if not sets or not tried.listed:
@@ -79,7 +79,7 @@ class NoiseScores:
         posterior = np.array([search.posterior(members) for members in sets])
         worth = posterior[:, None] + gains > search.top - _HOPELESS
         if not many:
-            # What is left of a set whose outlying positions heavy tails stand for is tried by itself.
+            # If heavy tails replace the outlier positions of a set, its other causes are tried separately.
             whole = np.array([own == members for own, members in zip(others, sets, strict=True)], bool)
             worth &= whole[:, None] | tried.is_gaussian
         for row, members in enumerate(sets):
@@ -141,8 +141,8 @@ def _log_posterior(
 
 
 def _sets(screened: Screened) -> list[tuple[int, ...]]:
-    """The sets worth trying: nothing, those of the best explanations, and every part of the best one; none that leaves no
-    degrees of freedom to tell a noise by."""
+    """The sets worth trying: nothing, those of the best explanations, and every part of the best one; none that leaves too few
+    degrees of freedom to estimate a noise."""
     listed = [told for told in screened.explanations if told.members][:_MOST_SETS]
     first = listed[0].members if listed else ()
     sets = list(dict.fromkeys([*parts_of(first), *(told.members for told in listed)]))

@@ -194,10 +194,10 @@ def _effects_in(pool: Pool, causes: Sequence[Cause]) -> Members:
 
 
 def _better(screened: Screened, fit: Fit, large: bool) -> Fit | None:
-    """The exact fit of another set that, fitted exactly, is more probable than the leading one; None where that stays.
+    """The exact fit of a different set that, fitted exactly, is more probable than the leading one; None if there is none.
 
-    Of a large effect's explanation each part is tried: what is beside it may only make up for the linearisation. Rivals with a
-    time constant are tried as well: the screen has it at its start.
+    For a large effect, each part of the explanation is tried: the other parts may only compensate the linearisation.
+    Alternatives with a time constant are tried too: the screen has it at its start value.
     """
     search, best = screened.search, screened.best.members
     needed = _needed(screened, fit) if large else set()
@@ -214,8 +214,8 @@ def _better(screened: Screened, fit: Fit, large: bool) -> Fit | None:
 
 
 def _needed(screened: Screened, fit: Fit) -> set[int]:
-    """Which members of the best explanation are effects without which its exact fit would be far worse, by their sizes there in
-    standard deviations (Wald's statistic); of one that jumps with an input's sign that tells nothing."""
+    """Which members of the best explanation are effects without which its exact fit would be far worse, by their sizes there
+    in standard deviations (Wald's statistic). For one that jumps with the sign of an input this is no indication."""
     needed = set[int]()
     for number in screened.best.members:
         slot = screened.pool.causes[number].slot

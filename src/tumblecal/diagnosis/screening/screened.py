@@ -89,19 +89,20 @@ class Screened:
 
     @property
     def of_effects(self) -> bool:
-        """Whether effects lead alone; one that jumps with an input's sign, and is large, alone or with none beside it."""
+        """Whether effects lead alone; for a large one that jumps with the sign of an input, whether it is the only one."""
         members = self.members
         jumps = len(members) > 1 and any(cause.slot.kinked for cause in members) and self.large
         return self._named_effects and not (jumps or self.contradicted)
 
     @property
     def fitted_causes(self) -> bool:
-        """Whether effects, and faults of positions beside them, lead, and their exact fit says what the screen does."""
+        """Whether effects, with or without faults of positions, lead, and their exact fit agrees with the screen."""
         return self.fit is not None and self.fit.code.good and self._effects_and_faults and not self.contradicted
 
     @property
     def few_faults(self) -> bool:
-        """Whether positions at fault lead, alone or beside effects, so few that a jump can be tried without any of them."""
+        """Whether faults of positions lead, alone or with effects, and are so few that a jump can be tried without each of
+        them."""
         return self._effects_and_faults and 0 < sum(bool(cause.positions) for cause in self.members) <= FEW_FAULTS
 
     @property
@@ -137,8 +138,8 @@ class Screened:
 
     @property
     def parts_of_leading_effects(self) -> list[Members]:
-        """The effects of the most probable set of causes, and each of them alone, where a large signal seems to be something
-        else: beside it an effect that jumps may lie on the wrong side."""
+        """The effects of the most probable set of causes, and each of them alone, if a large signal seems to have another
+        cause: given it, an effect that jumps may be on the wrong side."""
         if self.best.members or not self.large:
             return []
         leading = next((told.members for told in self.explanations if told.members), ())

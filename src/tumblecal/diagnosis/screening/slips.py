@@ -1,9 +1,9 @@
-"""A slip of the angles weighed against the angles as written.
+"""Corrected angles compared with the angles as written.
 
-Angles are put right before anything is fitted, by a sensor of usual size alone. What an effect of tenths of a g does to whole
-pitch settings may look like such a slip. Where something is still wrong with the angles put right, both are diagnosed, and the
-more probable stands: by the sum of squares S that the exact fit of each explanation leaves of its n readings with k
-coefficients, -(n log S + k log n) / 2 (Schwarz 1978), and the priors of the causes and of the slip.
+Angles are corrected before the fit, assuming a sensor with errors of usual size. An effect of tenths of a g on whole pitch
+settings may look like an error of the angles. If the data with corrected angles still contradict the model, both versions are
+diagnosed, and the more probable one is used: by the sum of squares S that the exact fit of each explanation leaves of its n
+readings with k coefficients, -(n log S + k log n) / 2 (Schwarz 1978), and the priors of the causes and of the set-up error.
 """
 
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ from tumblecal.estimation.plausibility import Implausible
 from tumblecal.estimation.setup_error import SetupError
 
 
-# What is put right by giving rows other angles.
+# Errors that are corrected by different angles of rows.
 _OF_ANGLES = ("mislabelled_setting", "settings_exchanged", "pitch_reversed", "spindle_reversed", "angles_exchanged")
 _OF_ANGLES += ("index_offset", "rows_shifted")
 
@@ -50,12 +50,12 @@ class Credence(NamedTuple):
         beyond: Sequence[Implausible],
         slips: int,
     ) -> "Credence":
-        """Of a screen and the exact fit of what leads in it.
+        """Score of a screen and of the exact fit of its leading explanation.
 
         **Arguments:**
 
         - `sd`: of the readings before their noise was corrected, to a factor. `beyond`: what is implausible of the fit.
-        - `slips`: how many slips were put right.
+        - `slips`: number of corrected errors.
         """
         rows = np.repeat(fit.problem.takes_part, 3)
         left, whole = ((np.asarray(own) / sd).ravel() for own in (fit.residuals, fit.problem.readings))

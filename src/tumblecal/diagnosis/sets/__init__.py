@@ -1,1 +1,1 @@
-"""Sets of causes: prior, evidence, search, and the classes that the data cannot tell apart."""
+"""Sets of causes: prior, evidence, search, and classes of indistinguishable sets."""

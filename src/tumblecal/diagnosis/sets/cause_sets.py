@@ -39,8 +39,8 @@ def parts_of(members: Members) -> list[Members]:
 
 
 def keys_of(sets: Int[np.ndarray, "sets size"]) -> np.ndarray:
-    """One number for each row of indices (-1: none), the same in whatever order they stand, for rows that are compared with
-    each other: two of a million sets have the same once in 10^7 times."""
+    """One number for each row of indices (-1: none), independent of their order, for rows that are compared with each other:
+    two of a million sets have the same once in 10^7 times."""
     return _numbers(max(_FEWEST_NUMBERS, 1 << int(sets.max(initial=0)).bit_length()))[sets].sum(axis=1)
 
 

@@ -1,4 +1,4 @@
-"""From scored sets to explanations: the same names together, and what the data cannot tell apart in one class."""
+"""From scored sets to explanations: the same names together, and indistinguishable sets in one class."""
 
 from dataclasses import dataclass
 from operator import attrgetter
@@ -36,10 +36,11 @@ class Explanation:
     """A set of named causes.
 
     - `labels`: ids, positions after a colon; empty: the model is adequate.
-    - `equivalents`: other sets of labels that these data cannot tell from it, and those with fewer or more powers of the same
-      polynomial; `identical`: those of them that no data of a head can, as they are the same function at 1 g;
+    - `equivalents`: other sets of labels, indistinguishable with these data, and those with fewer or more powers of the same
+      polynomial; `identical`: those of them that are the same function at 1 g, so that no data of a head separate them;
       `less_simple`: those that need more for the same signal (`sets.occam`).
-    - `apart`: how much of its signal each equivalent cannot make, in noise sd (norm); NaN where that is not known.
+    - `apart`: norm of the part of its signal that each equivalent cannot produce, in noise standard deviations; NaN if
+      unknown.
     - `probability`: that the truth is this set or one of its equivalents; `own_probability`: this set alone.
     - `members`: the best set of candidates with these labels; `noise`: the noise alternative where it is one.
     """
@@ -66,7 +67,7 @@ class Explanation:
 
     @property
     def supersets(self) -> tuple[Labels, ...]:
-        """Equivalents that hold another one, or this, and causes that the data do not need."""
+        """Equivalents that contain another one, or this one, and causes that the data do not need."""
         return supersets(self.labels, [own for own in self.equivalents if not self._within(own)])
 
     def _within(self, labels: Labels) -> bool:
@@ -75,7 +76,7 @@ class Explanation:
 
     @property
     def separable(self) -> tuple[Labels, ...]:
-        """The equivalents that other positions could tell from it, and that are as simple."""
+        """The equivalents that other positions could separate from it, and that are as simple."""
         aside = {*self.identical, *self.supersets, *self.less_simple}
         return tuple(
             [
@@ -295,7 +296,7 @@ def _alike(search: Search, groups: Groups, near: dict[int, list[int]], sigma: fl
     can_make, apart = (left < least**2).tolist(), np.sqrt(np.maximum(left, 0.0)) / sigma
     alike, unnamed = {}, groups.unnamed.tolist()
     for k, others in near.items():
-        # What cannot be told from noise every set can make.
+        # A signal indistinguishable from noise is in the span of every set.
         hidden = bool(others) and unnamed[k] and squares[rows[k]] < least**2
         makes = [other for other in others if can_make[rows[other]][rows[k]]]
         makes = [other for other in makes if unnamed[other]] if hidden else makes

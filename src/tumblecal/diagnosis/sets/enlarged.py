@@ -1,8 +1,8 @@
-"""Sets of causes with one cause more: the evidence of each, or what it does not exceed.
+"""Sets of causes with one cause more: the evidence of each, or an upper bound.
 
-The residual space is projected off a set's blocks. A further block of one direction then explains its coordinate squared, over
-what is left of the direction. One of several directions takes a Gram matrix of its own for each set, and a fault changes what
-every block of the set explains: these are computed where a bound shows that they can matter, which few can.
+The residual space is projected off a set's blocks. A further block of one direction then explains its squared coordinate
+divided by the remainder of the direction. A block of several directions needs a Gram matrix for each set, and a fault changes
+the contribution of every block of the set. These are computed only for the few that can matter according to a bound.
 """
 
 import numpy as np
@@ -97,7 +97,7 @@ class Enlarged:
 
     @property
     def _shortfalls(self) -> Float[np.ndarray, "sets 1"]:
-        """No less than the sum of the shortfalls of the blocks of each set beside any further block."""
+        """Upper bound of the sum of the shortfalls of the blocks of each set, given any further block."""
         most = int(self._pool.ranks.max())
         variance = 1.0 if self._known else self._left / np.maximum(self._free - most, 1)
         return shortfall(self._bases.explained / variance, self._bases.ranks).sum(axis=1, keepdims=True)

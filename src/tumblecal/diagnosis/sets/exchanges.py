@@ -19,8 +19,8 @@ class Exchange(NamedTuple):
 
 
 def supersets(best: Labels, equivalents: Sequence[Labels]) -> tuple[Labels, ...]:
-    """The members of a class that hold another member and more: that one makes the signal alone, so the data do not show
-    the further coefficients (they are below some 2 u)."""
+    """The members of a class that contain another member and more. The other member makes the signal alone, so the further
+    coefficients are not significant (below some 2 u)."""
     members = [frozenset(labels) for labels in (best, *equivalents)]
     return tuple([labels for labels in equivalents if any(other < frozenset(labels) for other in members)])
 

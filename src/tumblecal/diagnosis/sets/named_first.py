@@ -1,4 +1,4 @@
-"""Listed causes lead where they are probable: that no entry describes an error is no statement beside them."""
+"""Listed causes lead if they are probable: an error without a catalogue entry is not claimed then."""
 
 from collections.abc import Mapping, Sequence
 

@@ -138,7 +138,7 @@ def least_left(
     used, place = np.unique(columns, return_inverse=True)
     rows, place = pool.stacked.T[used], place.reshape(columns.shape)
     along, gram = (rows @ z)[place] * there, (rows @ rows.T)[place[:, :, None], place[:, None]]
-    # Of directions that are nearly collinear more seems to be explained than counts: what is left is a bound.
+    # For nearly collinear directions the apparent explained part is too large: the remainder is a bound.
     gram = gram * (there[:, :, None] & there[:, None]) + 1e-9 * np.eye(there.shape[1])
     explained = np.vecdot(along, np.linalg.solve(gram, along[:, :, None])[:, :, 0])
     return np.maximum(z @ z * (1 - 1e-6) - explained, 0.0), ranks
@@ -168,7 +168,7 @@ def _blocks(
 def _orthonormal(
     rest: Float[np.ndarray, "sets width nu"],
 ) -> tuple[Float[np.ndarray, "sets width nu"], Int[np.ndarray, " sets"]]:
-    """Orthonormal rows that span what is left of each block, zeros for directions of which next to nothing is, and their
+    """Orthonormal rows that span the remainder of each block, zeros for directions with a negligible remainder, and their
     number."""
     if rest.shape[1] == 1:
         values, turned = np.vecdot(rest, rest), rest

@@ -1,11 +1,12 @@
-"""Patchwork: names that fit a part of whatever is left, of which several together stand for one thing without a name.
+"""Composites of local faults: names that fit a part of any residual, and of which several together represent one error without
+a name.
 
-A bias that jumps, a mount that slips, positions that are off and a noise of another kind describe a piece of any signal. That
-two of them, or one and two more causes, happened at once is less probable beforehand (`tuning.SIZE_PRIOR`) than one thing that
-no entry describes; only the evidence of lack of fit, whose curves are smooth, is behind. So they make one class with it. A
-mount that turns steadily and slips as well is one that turns by another curve. Nor are positions off that stand side by side
-two accidents, nor is a position off where the input of a jump is near zero: what jumps with the output (a dead zone), not with
-the input, is another there by the bias.
+A bias that jumps, a mount that slips, outlier positions and a different kind of noise describe a piece of any signal. Two of
+them at once, or one and two more causes, have a lower prior probability (`tuning.SIZE_PRIOR`) than one error that is not in
+the catalogue. Only the evidence of lack of fit, whose curves are smooth, is lower. They therefore form one class with it. A
+mount that rotates steadily and also slips is one that rotates by a different curve. Neighbouring outlier positions are not two
+accidents. Nor is an outlier position at which the input of a jump is near zero: an error that jumps with the output (a dead
+zone), and not with the input, differs there by the bias.
 """
 
 from collections.abc import Sequence
@@ -26,13 +27,13 @@ _POSITIONS = "outlier_position"
 _SLIP, _TURNING = "mount_slip", {"mount_drift", "mount_temperature"}
 # What jumps with an input's sign by a constant, and how far (g) a bias lets the output be from zero where the input is not.
 _JUMP, _BIAS_G = "bias_asymmetry", 0.05
-# An attitude up to so many times as far as the nearest one is beside a position.
+# An attitude up to so many times as far as the nearest one is a neighbour of a position.
 _BESIDE = 1.5
 
 
 @dataclass(frozen=True)
 class Neighbours:
-    """Which positions of a problem stand side by side: measured one after the other, or at the nearest attitudes."""
+    """Neighbouring positions of a problem: measured one after the other, or at the nearest attitudes."""
 
     __repr__ = brief
 
@@ -48,7 +49,7 @@ class Neighbours:
         return len(np.unique(attitudes)) < len(rows) or bool(np.all(np.any(self._near[np.ix_(rows, rows)], axis=1)))
 
     def at_a_jump(self, labels: Sequence[str]) -> bool:
-        """Whether one of the positions off stands where an input is near zero with which another of the causes jumps."""
+        """Whether one of the outlier positions has an input near zero with which another of the causes jumps."""
         off = [self.at.problem.names.index(label.partition(":")[2]) for label in labels if id_of(label) == _POSITIONS]
         jumping = [AXES.index(axis) for name, _, axis in (label.partition(".") for label in labels) if name == _JUMP]
         inputs = np.asarray(self.at.evaluation.inputs)

@@ -1,9 +1,8 @@
-"""Whether two or three positions are off together, or one beside an effect, where the noise is not known and they hide each
-other in it.
+"""Two or three outlier positions, or one with an effect, that hide each other in unknown noise.
 
-Of all sets of a kind (of three positions: the best pairs with each other position) that is taken without which least is left.
-What is left without a given set is Beta-distributed where nothing is wrong; the number of all sets of its kind bounds the
-p-value of the best of them (Bonferroni).
+Of all sets of a kind (for three positions: the best pairs with each other position), the one whose removal leaves the smallest
+residual is selected. The residual without a given set is Beta-distributed if there is no error. The number of all sets of its
+kind bounds the p-value of the best of them (Bonferroni).
 """
 
 from itertools import combinations
@@ -21,10 +20,10 @@ from tumblecal.diagnosis.tuning import MOST_POSITION_PAIRS, MOST_POSITIONS_BESID
 
 
 def positions_off(pool: Pool, z: Float[np.ndarray, " nu"]) -> float:
-    """The p-value (at most) of the two or three positions, or the one and an effect, without which least is left; 1 where there
-    are so many positions that each stands out by itself.
+    """The p-value (upper bound) of the two or three positions, or the one and an effect, whose removal leaves the smallest
+    residual. It is 1 if there are so many positions that each outlier is visible by itself.
 
-    Positions alone and one beside an effect have half of the size each, where both are looked for.
+    Positions alone and one with an effect have half of the size each, if both are tested.
     """
     whole = _whole(pool)
     if len(whole) < 2 or comb(len(whole), 2) > MOST_POSITION_PAIRS or not np.any(z):
@@ -39,8 +38,8 @@ def positions_off(pool: Pool, z: Float[np.ndarray, " nu"]) -> float:
 
 
 def off_together(pool: Pool, z: Float[np.ndarray, " nu"]) -> list[Members]:
-    """The best pairs and threes of positions that are off, by what is left without them; none where there are so many positions
-    that each stands out by itself."""
+    """The best pairs and triples of outlier positions, by the residual without them; none if there are so many positions that
+    each outlier is visible by itself."""
     whole = _whole(pool)
     if len(whole) < 2 or comb(len(whole), 2) > MOST_POSITION_PAIRS:
         return []

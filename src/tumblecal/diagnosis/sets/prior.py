@@ -23,7 +23,7 @@ _SEVERAL = (
 )
 _LOG_TOGETHER = np.full(MOST + 2, -np.inf)
 _LOG_TOGETHER[: 2 + len(SEVERAL_OUTLIERS)] = [0.0, 0.0, *_SEVERAL]
-# Which members of a set stand before each.
+# Which members of a set precede each.
 _BEFORE = np.tri(MOST + 1, k=-1, dtype=bool)
 
 
@@ -54,7 +54,7 @@ class SetPriors(NamedTuple):
         """Those of some sets."""
         there = sets >= 0
         if not there.any():
-            # Of nothing alone; a pool may hold no cause at all.
+            # Of the empty set alone; a pool may contain no cause.
             none, count = np.zeros(len(sets), int), np.zeros(len(sets))
             return cls(pool, sets, there, none, none, count)
         outliers = (pool.is_outlier[sets] & there).sum(axis=1)

@@ -183,8 +183,8 @@ class Search:
         return list(dict.fromkeys(map(tuple, chosen)))
 
     def _exchange(self, most: int) -> None:
-        """Backward steps and exchanges: every member of the best set of each size is dropped, what is left scored, and all
-        replacements tried, until nothing new comes up."""
+        """Backward steps and exchanges: every member of the best set of each size is dropped, the rest scored, and all
+        replacements tried, until no new set is found."""
         for _ in range(_MOST_EXCHANGES):
             smaller: set[Members] = set()
             for size in range(1, most + 1):
@@ -243,7 +243,7 @@ class Search:
     ) -> Float[np.ndarray, "*sets"]:
         """The score that each set must have to be kept, by those that are known; `beside`: the best of its size before."""
         best, seat = float(scores.max(initial=-np.inf)), _seat(scores)
-        # Named sets have as many seats among themselves, of what is not negligible beside others of their size.
+        # Named sets have the same quota among themselves, for those not negligible relative to others of their size.
         own = max(_seat(scores[named]), min(seat, max(best, beside) - NEGLIGIBLE))
         return np.minimum(max(self.top, best) - NEGLIGIBLE, np.where(named, own, seat))
 

@@ -1,9 +1,9 @@
-"""Jumps that begin where a setting changes: what is another at each setting makes their signal as well.
+"""Jumps that begin at a change of setting: a difference by setting makes the same signal.
 
 A bias that jumps between two pitch settings is a bias by pitch setting of which all settings before have one value and all
-after have another: a special case of it, with fewer coefficients. Whether the jump came at that moment by chance or with the
-change of setting, no reading can tell; the evidence, which takes the coefficients of an effect by setting for unrelated, only
-says how rare such values would be.
+after have another: a special case of it, with fewer coefficients. No reading shows whether the jump came at that moment by
+chance or with the change of setting. The evidence, which assumes unrelated coefficients of an effect by setting, only states
+how rare such values would be.
 """
 
 from collections.abc import Sequence
