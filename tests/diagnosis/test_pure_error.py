@@ -48,7 +48,7 @@ def test_an_error_that_comes_back_is_no_noise(diagnoser, how, known):
     for seed, error in ((1, of_the_attitude), (4, of_the_attitude_on_one_axis)):
         diagnosis = diagnoser(measured_twice(seed, how, known, error))
         assert diagnosis.labels == ("unexplained",) and diagnosis.verdict == "unexplained"
-    assert "comes back where one is repeated" in verdict_of_diagnosis(diagnosis).words()
+    assert "repeats of an attitude agree" in verdict_of_diagnosis(diagnosis).words()
 
 
 def test_two_attitudes_off_in_every_repeat_are_no_heavy_tails(diagnoser):

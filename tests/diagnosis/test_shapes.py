@@ -137,7 +137,7 @@ def test_a_noise_that_lack_of_fit_would_explain_as_well_is_ambiguous(diagnoser):
     assert diagnosis.verdict == "ambiguous"
     words = verdict_of_diagnosis(diagnosis).words()
     assert "or an effect without an entry is present" in words.partition("\n")[0]
-    assert "something that no entry describes would explain it about as well" in words
+    assert "an effect that is not in the catalogue would explain it about as well" in words
 
 
 @pytest.mark.parametrize("name", ["bump of the index", "knee of an output", "pump beats"])

@@ -123,7 +123,7 @@ def _around(alpha: tuple[float, ...], beta: tuple[float, ...]) -> _Shapes:
     """Turns of the triad around spindle angles."""
     centres = 2 * np.pi * np.arange(_TURNS) / _TURNS
     near = np.exp(-0.5 * (np.angle(np.exp(1j * (np.array(alpha) - centres[:, None]))) / _WIDTH) ** 2)
-    words = [f"a turn of the triad around spindle angle {np.degrees(centre):g} deg" for centre in centres]
+    words = [f"a rotation of the triad near spindle angle {np.degrees(centre):g} deg" for centre in centres]
     return _Shapes(words, True, 3, np.stack([near, near * (np.array(beta) - np.mean(beta))], axis=1))
 
 
@@ -131,14 +131,14 @@ def _in_time(order: Float[np.ndarray, " positions"], pitch: Int[np.ndarray, " po
     """What comes and goes in time; `order`: the time of each position in the measuring order, `pitch`: its setting."""
     here = pitch == np.unique(pitch)[:, None]
     within = np.stack([np.where(own, _scaled(order, own), np.inf) for own in here])
-    stretches = [f"index angle: any stretch of positions at pitch setting {own + 1}" for own in np.unique(pitch)]
+    stretches = [f"index angle: any sequence of positions at pitch setting {own + 1}" for own in np.unique(pitch)]
     middles, widths, numbers = _middles(len(order))
     away = (_scaled(order, np.ones(len(order), bool)) - middles[:, None]) / (2 * widths[:, None])
     for_a_while = np.exp(-0.5 * away**2)[:, None] * np.stack([np.ones_like(away), away], axis=1)
     return [
         _Shapes(stretches, True, 1, _hats(within).swapaxes(1, 2)),
-        _Shapes([f"the outputs around the {number}th position" for number in numbers], False, 3, for_a_while),
-        _Shapes([f"a turn of the triad around the {number}th position" for number in numbers], True, 3, for_a_while),
+        _Shapes([f"the outputs near the {number}th position" for number in numbers], False, 3, for_a_while),
+        _Shapes([f"a rotation of the triad near the {number}th position" for number in numbers], True, 3, for_a_while),
     ]
 
 

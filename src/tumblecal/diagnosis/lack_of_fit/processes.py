@@ -168,6 +168,6 @@ def _kinds(groups: tuple[tuple[str, ...], ...], hand_held: bool) -> Kinds:
         for k, name in enumerate(HEAD_ANGLES):
             kinds.append(Kind(f"{name}: a function of", range(6 + k, 7 + k), head + spindle + smooth + wandering))
         followed = head + changing + sides + smooth + wandering
-        kinds.append(Kind("a turn of the triad: a function of", range(6, 9), followed))
-        kinds.append(Kind("a turn in the mount: a function of", range(9, 12), smooth + wandering))
+        kinds.append(Kind("a rotation of the triad: a function of", range(6, 9), followed))
+        kinds.append(Kind("a rotation in the mount: a function of", range(9, 12), smooth + wandering))
     return Kinds(tuple(dict.fromkeys(words for kind in kinds for words in kind.variables)), tuple(kinds))

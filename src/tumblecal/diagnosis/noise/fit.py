@@ -60,7 +60,7 @@ def _fitted(problem: Problem, left: _Remainder, best: NoiseModel) -> tuple[Covar
         ratio = _group_sd(left, best.groups.of_rows)
         words = f"sd {best.groups.told(ratio / min(ratio))}"
         if problem.known:
-            words = f"the scatter between positions is that of the sd given, times {best.groups.listed(ratio)}"
+            words = f"the dispersion between positions is the stated sd times {best.groups.listed(ratio)}"
         return Covariance(ratio[best.groups.of_rows] ** 2, "rows"), words
     if best.covariance.form == "rows" and np.ptp(best.covariance.values) == 0:
         rest, q = left.projected(np.ones(count))

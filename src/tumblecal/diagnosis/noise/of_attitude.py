@@ -19,7 +19,7 @@ from tumblecal.noise.covariance import Covariance
 
 # Size of an error of the attitude of all three axes, in noise standard deviations.
 _SIZES = (0.7, 1.5, 3.0, 8.0, 30.0)
-_WORDS = "the attitude and, as it comes back where one is repeated, is no noise"
+_WORDS = "the attitude (repeats of an attitude agree, so this is not noise)"
 
 
 def twins(at: Tangent, repeats: Repeats, listed: Sequence[NoiseModel]) -> list[NoiseModel]:

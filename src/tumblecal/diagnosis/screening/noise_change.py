@@ -32,7 +32,7 @@ _MOST_REWEIGHTINGS = 3
 # So many causes or more under a stated level may all stand for another level.
 _SEVERAL = 3
 _OUTLIERS = "outlier_position"
-_RIVAL_WORDS = {UNEXPLAINED: "something that no entry describes", _OUTLIERS: "a few positions that are off"}
+_RIVAL_WORDS = {UNEXPLAINED: "an effect that is not in the catalogue", _OUTLIERS: "a few outlier positions"}
 
 
 class NoiseFault(NamedTuple):
@@ -197,7 +197,7 @@ def _most_probable(screened: Screened, used: tuple[str, ...]) -> NoiseChange | N
     if best is not None and best.model.label == UNEXPLAINED:
         return best
     unexplained = _unexplained_log_odds(screened)
-    # A wrong level is simpler than something that no entry describes.
+    # A wrong level is simpler than an effect that is not in the catalogue.
     simpler = LEAST_NOISE_ODDS if best is not None and best.model.kind == LEVEL else 0.0
     if best is not None and best.log_odds < unexplained - simpler and not screened.best.noise:
         return None
