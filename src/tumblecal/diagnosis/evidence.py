@@ -65,7 +65,7 @@ def gain(
 def shortfall(
     explained: Float[np.ndarray, " *shape"], rank: int | Int[np.ndarray, " *shape"]
 ) -> Float[np.ndarray, " *shape"]:
-    """By how much (negative) `gain` is less than half of what is explained; it falls as that grows."""
+    """Difference (negative) of `gain` from half of the explained sum of squares; it decreases with it."""
     return gain(explained, rank) - 0.5 * explained
 
 
@@ -89,7 +89,8 @@ def log_evidence_at_most(
 
     **Arguments:**
 
-    - `shortfalls`: no less than the sum of `shortfall` over the effects. `free`: no less than the degrees of freedom left.
+    - `shortfalls`: no less than the sum of `shortfall` over the effects. `free`: upper bound of the remaining degrees of
+      freedom.
     - `total`, `dof`, `known`: as of `log_evidence`.
     """
     if known:
@@ -121,8 +122,8 @@ def log_evidence(
     - `total`: sum of squares before any effect.
     - `parts`: for each effect in turn the sum of squares that it explains, and its rank (0: not there).
     - `dof`: dimension of the residual space.
-    - `known`: whether the noise variance is one; else it is integrated out, and sets that leave too few degrees of freedom to
-      estimate it have none: -inf.
+    - `known`: whether the noise variance is one; otherwise it is integrated out, and sets that leave too few degrees of
+      freedom to estimate it have none: -inf.
     """
     if not parts:
         return log_evidence_of_noise(total, dof, known)

@@ -1,1 +1,1 @@
-"""What may be wrong: causes of every kind, stacked in one pool."""
+"""Possible errors: causes of every kind, in one pool."""

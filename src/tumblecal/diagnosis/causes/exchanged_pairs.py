@@ -1,9 +1,8 @@
 """Candidates for two exchanged positions: every pair of few positions; for many positions, the pairs that explain most.
 
-Undoing an exchange takes from the residual z of the nominal model what it put there: with the responses R of single readings
+Undoing an exchange subtracts its contribution from the residual z of the nominal model: with the responses R of single readings
 and the difference c of the two readings, the offset o = sum over the axes of c_a (R_ia - R_ja). The remaining sum of squares,
-|z - o|^2 =
-|z|^2 - 2 z.o + |o|^2, needs z.R and the products of responses alone, and so costs next to nothing for a pair.
+|z - o|^2 = |z|^2 - 2 z.o + |o|^2, needs only z.R and the products of responses, and so costs next to nothing for a pair.
 """
 
 from functools import lru_cache
@@ -21,7 +20,7 @@ _AT_ONCE = 16
 
 
 class Pairs(NamedTuple):
-    """Pairs of positions, what their exchange is called, and of how many pairs they are."""
+    """Pairs of positions, labels of their exchanges, and the number of pairs from which they were selected."""
 
     first: Int[np.ndarray, " pairs"]
     second: Int[np.ndarray, " pairs"]
@@ -34,7 +33,7 @@ def exchanged_pairs(at: Tangent, least_square: float) -> Pairs:
 
     **Arguments:**
 
-    - `least_square`: squared norm that the offset of a pair must have to count, where not all are taken.
+    - `least_square`: smallest squared norm of the offset of a pair, if not all pairs are candidates.
     """
     names = at.problem.names
     count = len(names) * (len(names) - 1) // 2

@@ -64,7 +64,7 @@ def _without(positions: tuple[int, ...], problem: Problem) -> Problem:
 
 
 def outliers(at: Tangent, level: float) -> CauseTable:
-    """Candidates for each position: its three readings are off by unknown amounts, or that of one axis alone."""
+    """Candidates for each position: its three readings are in error by unknown amounts, or only that of one axis."""
     own, names, whole = at.responses.transpose(1, 2, 0), at.problem.names, at.whole_responses
     values, vectors = np.linalg.eigh(own @ own.mT)
     singular = np.sqrt(np.maximum(values, 0.0))

@@ -1,4 +1,4 @@
-"""Generic terms: what causes that no entry describes can look like. Sparse, and worded, but not named.
+"""Generic terms: signals of causes that are not in the catalogue. They are sparse and described in words, but not named.
 
 Products of inputs, harmonics of the spindle angle (by themselves, times inputs, or at one pitch setting), slow and
 sudden changes in measuring order, temperature, and small rotations of the head that follow any of these.
@@ -49,7 +49,7 @@ def generic_causes(
     **Arguments:**
 
     - `effects`: the causes that are effects.
-    - `numbers`: of the terms to take, as returned for the plan; chosen here where left out.
+    - `numbers`: of the terms to use, as returned for the plan; if omitted, they are selected here.
 
     **Returns:** the causes, and their numbers in the list of all terms.
     """

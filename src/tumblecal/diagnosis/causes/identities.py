@@ -1,9 +1,9 @@
 """Effects of the sensor that are one function at 1 g: no measurement on a head separates them, and none needs to.
 
-`u_x^2 + u_y^2 + u_z^2 = 1` in the field of gravity, so `u_z^2` is `-(u_x^2 + u_y^2)` but for a constant, which is a bias: a
-calibration with either term corrects all readings at 1 g equally. Such identities are found as a rank: of what the effects add
-to the outputs at many attitudes, times and temperatures that have nothing to do with each other (as in all mountings
-together), without what bias, scale factors and misalignments of a sensor can make.
+`u_x^2 + u_y^2 + u_z^2 = 1` in the field of gravity, so `u_z^2` is `-(u_x^2 + u_y^2)` except for a constant, which is a bias: a
+calibration with either term corrects all readings at 1 g equally. Such identities are found as a rank of the contributions of
+the effects to the outputs, at many independent attitudes, times and temperatures (as in all mountings together). Signals of
+bias, scale factors and misalignments of a sensor are projected out.
 """
 
 from collections.abc import Callable, Collection

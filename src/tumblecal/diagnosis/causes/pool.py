@@ -38,7 +38,7 @@ class Tested(NamedTuple):
 class Pool:
     """The causes in a residual space of dimension `dof`, kind by kind.
 
-    `seen_effects`: what is visible of every effect. `generic`: the numbers of the generic terms among the causes.
+    `seen_effects`: visibility of every effect. `generic`: the numbers of the generic terms among the causes.
     """
 
     __repr__ = brief
@@ -60,7 +60,7 @@ class Pool:
 
     @cached_property
     def seen(self) -> tuple[Visibility, ...]:
-        """What is visible of every effect."""
+        """Visibility of every effect."""
         return tuple(self.seen_effects or ())
 
     @cached_property
@@ -281,8 +281,8 @@ def pooled(
     **Arguments:**
 
     - `level`: sd of the white rows; faults smaller than a few of it are no candidates.
-    - `generic`: numbers of the generic terms to be taken; chosen here where left out.
-    - `visible`: the effects that are visible where nothing is wrong, as of `causes.effects`.
+    - `generic`: numbers of the generic terms to use; if omitted, they are selected here.
+    - `visible`: the effects that are visible without any error, as in `causes.effects`.
     """
     seen = seen_effects(at)
     effects = effect_causes(at, seen, visible)

@@ -41,12 +41,12 @@ class _Shapes(NamedTuple):
         return self.signals * self.factors.shape[1]
 
     def signals_at(self, at: Tangent) -> Float[np.ndarray, "positions 3 signals"]:
-        """What the factors are multiplied with."""
+        """Signals that the factors multiply."""
         probe = at.evaluation.jacobian[:, :, at.model.probe]
         return probe[:, :, : self.signals] if self.turns else np.broadcast_to(np.eye(3), (len(probe), 3, 3))
 
     def rows(self, at: Tangent, number: int) -> Float[np.ndarray, "rows products"]:
-        """White rows of what one of the shapes is made of."""
+        """White rows of the signals of one shape."""
         return at.problem.rows(products(self.signals_at(at), self.factors[number].T))
 
     def projected(self, made_of: "_Signals") -> Float[np.ndarray, "shapes products nu"]:

@@ -1,4 +1,4 @@
-"""Causes of one kind side by side, as arrays: of a thousand few are looked at one by one, and only those are made."""
+"""Causes of one kind, as arrays: of a thousand candidates, few are evaluated separately, and only those become objects."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -78,7 +78,7 @@ class CauseTable:
         )
 
     def in_units_of(self, sigma: float) -> "CauseTable":
-        """The same for residuals counted in units of sigma: what a coefficient makes has no size of its own."""
+        """The same for residuals counted in units of sigma: the signal of a coefficient has no fixed size."""
         return self if self.fitted else replace(self, rows=self.rows / sigma)
 
 
@@ -90,7 +90,7 @@ def alike(
     owners: Int[np.ndarray, " rows"] | None,
     make: Make,
 ) -> CauseTable:
-    """Causes of the same weights; `owners` left out: a row each."""
+    """Causes with equal weights; without `owners`: one row each."""
     weight, test_weight = (np.full(len(labels), weight) for weight in log_weights)
     owners = np.arange(len(rows)) if owners is None else owners
     return CauseTable(kind, labels, weight, test_weight, rows, owners, make)

@@ -1,4 +1,4 @@
-"""What the nominal model leaves of an effect: which directions of its coefficients the residuals can show."""
+"""Visibility of an effect: the directions of its coefficients that the nominal model does not absorb."""
 
 from typing import NamedTuple
 
@@ -16,9 +16,9 @@ _ALIKE = 0.05
 
 
 class Visibility(NamedTuple):
-    """What the nominal model leaves of an effect: `block` its visible orthonormal part, `directions` the coefficients'
-    directions that make it, `hidden` those that are absorbed; `projected` the norm in the residual space of one scale
-    unit of each coefficient, `whole` that before the projection (of temperature only what varies)."""
+    """Visibility of an effect. `block`: its visible orthonormal part; `directions`: the directions of the coefficients that
+    produce it; `hidden`: the absorbed ones; `projected`: norm in the residual space of one scale unit of each coefficient;
+    `whole`: that before the projection (of temperature only the variation)."""
 
     __repr__ = brief
 
@@ -82,8 +82,8 @@ def visibilities(
 
     **Arguments:**
 
-    - `varying`: Jacobian of each effect's coefficients, as rows, without what only the scale of temperature adds; `seen`:
-      the Jacobian in the residual space.
+    - `varying`: Jacobian of each effect's coefficients, as rows, without the contribution of the temperature scale's origin;
+      `seen`: the Jacobian in the residual space.
     - `share` of a direction's signal that the nominal model must leave; a signal of the norm `rounding` is none.
     """
     projected, whole = (np.sqrt(np.vecdot(rows, rows)) for rows in (seen, varying))

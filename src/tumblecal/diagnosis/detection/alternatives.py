@@ -50,12 +50,13 @@ class Alternatives:
 
     @cached_property
     def lack_of_fit(self) -> float:
-        """Log evidence of what no entry describes, that of repeats aside, with its prior weight."""
+        """Log evidence of lack of fit, without that from repeats, including its prior weight."""
         return self.lack.log_evidence(self.z, self.known)
 
     @cached_property
     def unexplained(self) -> Cause | str:
-        """The most probable one that no entry describes: as a cause to be fitted, or in words what repeats show."""
+        """The most probable error without a catalogue entry: as a cause to be fitted, or in words for an error shown by
+        repeats."""
         shown = [
             (value, tried.words)
             for value, tried in zip(self._noise_evidence, self.noise.listed, strict=True)

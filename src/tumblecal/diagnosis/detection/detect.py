@@ -1,11 +1,11 @@
 """The global test of the nominal model.
 
-The statistic is the Bayes factor of "one of the single causes on the list" against "nothing is wrong". Its null distribution
-is drawn on the residual space: the projection is fixed, so thousands of draws cost a few matrix products. The p-value is
-therefore valid for the whole list together (family-wise), with known noise and with unknown. Beyond the draws, Ville's
-inequality P(Bayes factor > c) <= 1/c bounds it. The draws are those of the plan, of white noise, which come close to those of
-any other (up to p = 0.1 within a tenth); where they leave the decision close, the data set's own are drawn, unless it differs
-from the plan by small angles alone.
+The statistic is the Bayes factor of "one of the single causes on the list" against "no error". Its null distribution is drawn
+on the residual space: the projection is fixed, so thousands of draws cost a few matrix products. The p-value is therefore
+valid for the whole list together (family-wise), with known noise and with unknown. Beyond the draws, Ville's inequality
+P(Bayes factor > c) <= 1/c bounds it. The draws are those of the plan, of white noise, which come close to those of any other
+(up to p = 0.1 within a tenth); if the decision is close, those of the data set are drawn, unless it differs from the plan by
+small angles alone.
 """
 
 from dataclasses import dataclass, replace
@@ -40,9 +40,9 @@ _AT_ONCE = 180_000
 class Detection:
     """Outcome of the test.
 
-    - `statistic`: log Bayes factor of "one cause of the list" against "adequate", or what took its place; `p_value` of it, for
-        the whole list.
-    - `chi2`, `dof`, `chi2_p_value`: omnibus test, None where the noise is not known.
+    - `statistic`: log Bayes factor of "one cause of the list" against "adequate", or the statistic that replaced it; its
+      `p_value` for the whole list.
+    - `chi2`, `dof`, `chi2_p_value`: omnibus test, None for unknown noise.
     - `threshold`: statistic above which the data are not adequate.
     """
 
@@ -62,7 +62,7 @@ class Detection:
 def null_distribution(
     pool: Pool, alternatives: Alternatives | None, known: bool, draws: int = DRAWS
 ) -> Float[np.ndarray, " draws"]:
-    """Sorted statistics of data in which nothing is wrong."""
+    """Sorted statistics of data without errors."""
     rng, near = np.random.default_rng(SEED), _near(pool)
     parts = np.array_split(np.arange(draws), 1 + draws * near.stacked.shape[1] // _AT_ONCE)
     chunks = [statistics(near, alternatives, rng.standard_normal((len(part), pool.dof)), known) for part in parts]
@@ -118,8 +118,7 @@ def detected_together(detection: Detection, log_odds: float, size: float = SIZE)
 
 
 def detected_positions(detection: Detection, p_value: float, size: float = SIZE) -> Detection:
-    """The outcome where a few positions together contradict the nominal model, by a p-value of their own; the same outcome
-    where they do not."""
+    """The outcome if a few positions together contradict the nominal model, with its p-value; otherwise the given outcome."""
     threshold = -float(np.log(POSITIONS_SIZE * size))
     return _detected_by(detection, -float(np.log(p_value)), threshold, p_value)
 
@@ -140,14 +139,14 @@ def detect(
     *,
     own_null: bool = True,
 ) -> Detection:
-    """Test what a problem leaves.
+    """Test the residuals of a problem.
 
     **Arguments:**
 
-    - `at`, `pool`, `alternatives`: the linearised problem, its causes and what else may be wrong.
+    - `at`, `pool`, `alternatives`: the linearised problem, its causes, and other noise models and lack of fit.
     - `null`: null distribution of the plan.
     - `size`: false alarms allowed, all causes together.
-    - `own_null`: whether the null distribution of these data may be another than the plan's.
+    - `own_null`: whether the null distribution of these data may differ from that of the plan.
     """
     z, known = at.z, at.problem.known
     statistic = float(statistics(pool, alternatives, z[None], known)[0])

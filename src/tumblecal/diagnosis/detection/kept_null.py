@@ -1,7 +1,7 @@
 """Null distributions of plans, stored on disk between calls with the compiled programs.
 
-One is drawn for half a second. It is kept under what the draws are made by: the scores of every cause for a few residual
-vectors, which no other plan, catalogue or noise gives, and the sources.
+Drawing one takes half a second. Its key contains the inputs of the draws: the scores of every cause for a few residual
+vectors, which are unique for plan, catalogue and noise, and the sources.
 """
 
 import hashlib

@@ -1,4 +1,4 @@
-"""What a plan alone decides of a screen: which generic terms are distinct, and how the test falls when nothing is wrong."""
+"""Properties of a screen that depend only on the plan: the distinct generic terms, and the null distribution of the test."""
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -34,10 +34,9 @@ _SAME_INPUTS = 0.02
 
 @dataclass(frozen=True)
 class Reference:
-    """What a plan alone decides: which generic terms are distinct, and how the test's statistic falls when nothing is
-    wrong.
+    """Properties of a plan: the distinct generic terms, and the null distribution of the test statistic.
 
-    - `at`: the plan measured by an instrument without errors, and what may be wrong there.
+    - `at`: the plan measured by an instrument without errors, with its causes.
     """
 
     at: Tangent
@@ -50,8 +49,8 @@ class Reference:
         return self.at.problem.known
 
     def stands_for(self, at: Tangent) -> bool:
-        """Whether data of the plan differ from it by small angles alone, so that their own null distribution would be the
-        same: settings as evenly spaced, noise of the same proportions that is known."""
+        """Whether data of the plan differ from it by small angles only, so that their null distribution is the same: settings
+        equally spaced, known noise with the same proportions."""
         own, given = self.at.problem, at.problem
         if not (own.known and given.known) or given.correlated:
             return False
@@ -66,7 +65,7 @@ class Reference:
 
     @cached_property
     def null(self) -> Float[np.ndarray, " draws"]:
-        """Sorted statistics of data in which nothing is wrong."""
+        """Sorted statistics of data without errors."""
         return kept_null(self.pool, self.alternatives, self.known)
 
     @cached_property

@@ -51,13 +51,13 @@ def hidden_shifts(
     whole: Float[np.ndarray, "rows full"],
     estimator: Float[np.ndarray, "moved rows"],
 ) -> Float[np.ndarray, "full hidden"]:
-    """How far each direction of the causes' coefficients that is not fitted may move the full vector: by one sd, scaled.
+    """Shift of the full vector by one standard deviation of each coefficient direction that is not fitted, scaled.
 
     **Arguments:**
 
     - `directions`: those that are fitted, of the scaled full vector. `sizes`: the full vector, scaled.
     - `covariance`: of the fitted, by the noise alone. `whole`: white Jacobian by the scaled full vector.
-    - `estimator`: what the fitted make of the white rows.
+    - `estimator`: estimate of the fitted directions from the white rows.
     """
     shifts = [np.zeros((len(sizes), 0))]
     for cause in causes:

@@ -73,10 +73,10 @@ def fit_with(at: Tangent, causes: Sequence[Cause]) -> Fit:
 
     **Arguments:**
 
-    - `at`: where the nominal parameters start from.
-    - `causes`: faults are undone, outlying positions left out, effects and generic terms fitted.
+    - `at`: start values of the nominal parameters.
+    - `causes`: faults are undone, outlier positions excluded, effects and generic terms fitted.
 
-    **Returns:** the fit, with the effects' links in its chain; its `code` says when Gauss-Newton did not settle.
+    **Returns:** the fit, with the effects' links in its chain; its `code` reports if Gauss-Newton did not converge.
     """
     problem, model = at.problem, at.model
     for cause in causes:
@@ -156,7 +156,8 @@ def _rank(cause: Cause) -> int:
 
 
 def directions_of(at: Tangent, causes: Sequence[Cause]) -> Float[np.ndarray, "full free"]:
-    """The directions of the full vector (scaled) that are free: the nominal parameters, then what shows of each effect."""
+    """The directions of the full vector (scaled) that are free: the nominal parameters, then the visible part of each
+    effect."""
     columns = [np.eye(len(at.vector))[:, : at.model.nominal]]
     for cause in causes:
         if cause.directions is not None:

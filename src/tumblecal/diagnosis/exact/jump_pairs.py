@@ -18,12 +18,12 @@ from tumblecal.diagnosis.tuning import COLLINEAR
 def pairs_with_a_jump(
     there: Tangent, seen: SeenEffects, column: int
 ) -> tuple[Float[np.ndarray, " pairs"], Int[np.ndarray, " pairs"]]:
-    """What a jump and each other effect leave together with those signs that let them explain most, and the number of the
-    effect among the model's; pairs that leave least come first.
+    """Residual sum of squares of a jump with each other effect, for the signs with which they explain most, and the number of
+    the effect in the model; smallest residual first.
 
     **Arguments:**
 
-    - `there`: where the problem is linearised. `seen`: the visibility of its effects there. `column`: the jump's.
+    - `there`: the linearised problem. `seen`: the visibility of its effects there. `column`: the jump's.
     """
     z = there.z
     own = np.array([column in slot.columns for slot in seen.slots], bool)

@@ -1,8 +1,8 @@
-"""Where to linearise for an effect that jumps with an input's sign, when its signs are not those at the nominal fit.
+"""Linearisation for an effect that jumps with the sign of an input, if its signs differ from those at the nominal fit.
 
 Positions whose input is near zero change its sign as the nominal parameters move by what they absorb of the effect. At the
-nominal fit such an effect may then be invisible, and what it leaves looks like faults at these positions, or like another
-error of the pitch setting at which the input is near zero everywhere.
+nominal fit such an effect may then be invisible. Its residuals look like faults at these positions, or like a different error
+of the pitch setting at which the input is near zero everywhere.
 """
 
 from collections.abc import Callable, Sequence
@@ -121,8 +121,8 @@ def without_faults(at: Tangent, faults: Sequence[Cause]) -> Tangent:
 
 
 def turns_a_sign(at: Tangent, effects: Sequence[Cause]) -> bool:
-    """Whether an input has another sign at the linear solution with some effects than where the problem was linearised. Where
-    none has, an effect that jumps with it is to the exact fit what it is to the screen."""
+    """Whether an input changes its sign between the linearised problem and the linear solution with some effects. If none
+    does, an effect that jumps with it is the same for the exact fit and for the screen."""
     solution = linear_solution(at, effects)
     inputs = at.model.evaluate(at.problem.where, solution).inputs
     return bool(np.any(np.sign(inputs) != np.sign(at.evaluation.inputs)))

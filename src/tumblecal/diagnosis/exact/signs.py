@@ -1,4 +1,4 @@
-"""The signs that the input of an effect that jumps may have, and what the effect explains with each choice of them."""
+"""Possible signs of the input of an effect that jumps, and the sum of squares that it explains with each choice."""
 
 from collections.abc import Sequence
 from functools import lru_cache

@@ -1,1 +1,1 @@
-"""What follows from an explanation: gain, location, limits, coefficients, residuals."""
+"""Consequences of an explanation: improvement, location, limits, coefficients, residuals."""

@@ -1,9 +1,9 @@
-"""The sparsest closed form that explains what no entry of the catalogue does.
+"""The sparsest closed form that explains residuals without a catalogue entry.
 
 Orthogonal matching pursuit (Pati, Rezaiifar and Krishnaprasad 1993) over the forms of `law_shapes`, on one output, all outputs
-or an angle of the head. A form is taken if it explains more than its coefficients cost (BIC, Schwarz 1978) and than its prior
-weight among all forms does (Chen and Chen 2008). The held-out error is that of the whole procedure: in every fold the law is
-chosen again from the most likely forms.
+or an angle of the head. A form is accepted if it explains more than its coefficients cost (BIC, Schwarz 1978) and than its
+prior weight among all forms does (Chen and Chen 2008). The held-out error is that of the whole procedure: in every fold the
+law is chosen again from the most likely forms.
 """
 
 from collections.abc import Sequence
@@ -50,7 +50,7 @@ class Term(NamedTuple):
 
     @property
     def unit(self) -> str:
-        """Unit in which its coefficients are shown, 1e-3 of what they are stored in."""
+        """Unit of the displayed coefficients, 1e-3 of the stored unit."""
         return f"{'mrad' if self.of_head else 'mg'}{self.form.unit}"
 
 
@@ -58,7 +58,7 @@ class Term(NamedTuple):
 class Law:
     """A closed form, fitted.
 
-    - `terms`. `signal`: what it adds to the readings, g (positions, 3); `left`: what the fit with it leaves.
+    - `terms`. `signal`: contribution to the readings, g (positions, 3); `left`: residual of the fit with it.
     - `before_g`, `after_g`: root mean square of held-out errors without and with it.
     - `same`: share of the folds that choose the same first form.
     """
@@ -94,7 +94,7 @@ class _Dictionary:
         return np.cumsum([0, *widths])[:-1]
 
     def carriers(self, responses: Float[np.ndarray, "nu positions 3"]) -> dict[str, Float[np.ndarray, "nu positions"]]:
-        """What a unit at every position does, on each output and each angle of the head."""
+        """Effect of one unit at every position, on each output and each angle of the head."""
         made = {axis: responses[:, :, k] for k, axis in enumerate(AXES)}
         return made | {name: np.einsum("npa,pa->np", responses, self.head[:, :, k]) for k, name in enumerate(ANGLES)}
 
@@ -107,7 +107,7 @@ class _Dictionary:
     def signals(
         self, chosen: Sequence[_Chosen], sizes: Float[np.ndarray, " columns"]
     ) -> Float[np.ndarray, "positions 3"]:
-        """What forms of these sizes add to the readings, g."""
+        """Contribution of forms of these sizes to the readings, g."""
         added, rest = np.zeros((len(self.values), 3)), list(sizes)
         for one in chosen:
             for on in _outputs(one.on):
@@ -202,7 +202,7 @@ def _outputs(on: str) -> Sequence[str]:
 def explained_by(
     blocks: Float[np.ndarray, "forms functions nu"], z: Float[np.ndarray, " nu"]
 ) -> tuple[Float[np.ndarray, " forms"], Int[np.ndarray, " forms"]]:
-    """Of the sum of squares what each block explains, and its rank."""
+    """The sum of squares that each block explains, and its rank."""
     norms = np.linalg.norm(blocks, axis=2, keepdims=True)
     unit = np.divide(blocks, norms, out=np.zeros_like(blocks), where=norms > 0)
     values, vectors = np.linalg.eigh(unit @ unit.mT)
@@ -221,8 +221,8 @@ def candidate_law(
 
     **Arguments:**
 
-    - `whole`: what the fit without it leaves. `inputs`: g.
-    - `head`: what a rad of the spindle angle and of the pitch angle adds to the readings, g.
+    - `whole`: residual of the fit without it. `inputs`: g.
+    - `head`: change of the readings per rad of the spindle angle and of the pitch angle, g.
     """
     listed = forms(where)
     every = _Dictionary(listed, values_of(listed, where, inputs), head)

@@ -84,7 +84,7 @@ class Average:
 
     @property
     def as_fit(self) -> Fit:
-        """The leading explanation's fit with the averaged values and covariance of its own parameters."""
+        """The fit of the leading explanation with the averaged values and covariance of its parameters."""
         fit = self.weighed[0].fit
         places = [self.names.index(name) for name in fit.names]
         covariance, unidentifiable = self.covariance[np.ix_(places, places)], self.unidentifiable[places]
@@ -96,7 +96,7 @@ class Average:
 
 
 class Left(NamedTuple):
-    """An explanation that is left, with its probability among all that were looked at, and its causes."""
+    """A remaining explanation, with its probability among all evaluated ones, and its causes."""
 
     __repr__ = brief
 
@@ -124,12 +124,12 @@ def averaged(
     acted_on: Fit | None = None,
 ) -> Average | None:
     """The parameters averaged over the explanations that are probable enough, at the reference of `findings.reference`; None
-    where no more than one is, or where they are about the noise.
+    if only one is, or if they concern the noise.
 
     **Arguments:**
 
     - `left`: as of `explanations_left`. `added`: as of `moved_to_reference`.
-    - `acted_on`: the fit of the causes of the explanation acted on, where it was made.
+    - `acted_on`: the fit of the causes of the leading explanation, if available.
     """
     at, weighed, thermal = screened.at, [], is_thermal(screened.members)
     for labels, share, members in left[:_MOST]:

@@ -1,4 +1,4 @@
-"""What a fit says of an effect's coefficients: which of them the data determine singly, and which only together."""
+"""Coefficients of an effect that the data determine separately, and those of which only combinations are determined."""
 
 from dataclasses import dataclass
 
@@ -39,8 +39,8 @@ class Combination:
 def combinations(fit: Fit, cause: Cause, scales: Float[np.ndarray, " full"]) -> list[Combination]:
     """As many combinations as an effect has directions that the residuals can show, each of few coefficients.
 
-    Any other combination, and every coefficient that is in none by itself, could have any value: the nominal parameters
-    take up what it does.
+    Any other combination, and every coefficient that is not determined separately, could have any value: the nominal
+    parameters absorb its signal.
 
     **Arguments:**
 
@@ -81,7 +81,7 @@ def says_something(fit: Fit) -> bool:
 
 
 def require_enough(problem: Problem) -> None:
-    """Refuse few positions that leave something undetermined before the whole model of their plan is compiled.
+    """Reject a few positions that leave parameters undetermined, before the model of their plan is compiled.
 
     **Raises:** `InputError` as `require_determined`.
     """
@@ -90,9 +90,9 @@ def require_enough(problem: Problem) -> None:
 
 
 def require_determined(problem: Problem, jacobian: np.ndarray) -> None:
-    """Refuse designs that leave nominal parameters undetermined or nothing to test with.
+    """Reject designs in which nominal parameters are not determined, or no degrees of freedom remain for a test.
 
-    **Raises:** `InputError` saying what the positions leave open.
+    **Raises:** `InputError` with the combinations that are not determined.
     """
     rows, free = jacobian.shape
     if not free:

@@ -1,13 +1,13 @@
 """All effects of the catalogue at once, given the data: the posterior of their coefficients.
 
-With `S` the white signals of the coefficients at typical size, `U` an orthonormal basis of what the parameters cannot reach,
-`L = U' S` and `z = U' r` the residual there, the model is `z = L c + noise`, `c ~ N(0, diag(t^2))` (a Gaussian linear model
-with random effects; Rasmussen and Williams, Gaussian Processes for Machine Learning, 2.7). Three things are not known, and
+With `S` the white signals of the coefficients at typical size, `U` an orthonormal basis of the residual space of the
+parameters, `L = U' S` and `z = U' r` the residual there, the model is `z = L c + noise`, `c ~ N(0, diag(t^2))` (a Gaussian
+linear model with random effects; Rasmussen and Williams, Gaussian Processes for Machine Learning, 2.7). Three unknowns are
 summed over by their marginal likelihood (Carlin and Louis, Bayes and Empirical Bayes Methods for Data Analysis, 2000, 3.5):
 
 - Which effects are named: the explanations `E` of the search, with their priors.
-- The size `w` of the coefficients of the named effects, in typical sizes; its logarithm is flat. The coefficients of one effect
-  have it together: of those that the data hardly determine, or the nominal model absorbs, the size of the others is known.
+- The size `w` of the coefficients of the named effects, in typical sizes; its logarithm is flat. It is common to the
+  coefficients of one effect: poorly determined or absorbed ones have the size of the others.
 - The size `s`, in noise sd, that the visible signal of every other effect has. Its sd is bounded by the catalogue's
   typical size (1) and by `s`, `1 / t^2 = 1 + n^2 / s^2` (`n`: visible signal at typical size), since an effect that is
   much larger is found and named. A direction that the nominal model absorbs has the median of the others. Every sensor follows
@@ -37,8 +37,8 @@ _OUTSIDE = 0.05
 
 
 class Candidate(NamedTuple):
-    """An explanation: which directions are those of its effects as they show, which others are taken to be of the same size,
-    and its log prior."""
+    """An explanation: the visible directions of its effects, the other directions with the same assumed size, and its log
+    prior."""
 
     __repr__ = brief
 
@@ -92,7 +92,7 @@ def effect_posterior(
 
     - `signals`, `z`: `L` and `z`, in noise sd. `shown`: which directions the residuals can show; `always`: those that
       every sensor has.
-    - `known`: whether the noise sd is known; else it is integrated out by the likelihood's power of the sum of squares.
+    - `known`: whether the noise sd is known; otherwise it is integrated out by the likelihood's power of the sum of squares.
     """
     backgrounds = [_background(signals, z, shown, always, scale) for scale in SCALES]
     least = 1e-12 * float(z @ z) + 1e-300

@@ -1,7 +1,7 @@
-"""Where an error is that nothing explains: the smallest region of angles or times without which the fit explains the rest.
+"""Location of an unexplained error: the smallest region of angles or times without which the fit explains the rest.
 
 Regions are scanned with an offset on each output (a scan statistic, Kulldorff 1997). Among those that explain about as much as
-the best, the smallest is taken whose positions, left out, leave no other error.
+the best, the smallest is selected without whose positions no other error remains.
 """
 
 from collections.abc import Sequence
@@ -85,11 +85,11 @@ class Excess:
 
 
 def excess(whole: LeftOver, fit: Fit, law: Law | None) -> Excess:
-    """Where the residuals of a fit are larger than the noise.
+    """Region in which the residuals of a fit are larger than the noise.
 
     **Arguments:**
 
-    - `whole`: what the fit leaves. `law`: what explains it, if anything does.
+    - `whole`: residual of the fit. `law`: law that explains it, if there is one.
     """
     where, residuals = fit.problem.where, np.asarray(fit.residuals)
     for form in _regions(whole, where):

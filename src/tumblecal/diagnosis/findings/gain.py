@@ -129,10 +129,10 @@ def left_out(fit: Fit, groups: Int[np.ndarray, " positions"]) -> Float[np.ndarra
 def fold_errors(
     q: Float[np.ndarray, "*folds rows parameters"], residual: Float[np.ndarray, "*folds rows"]
 ) -> Float[np.ndarray, "*folds rows"]:
-    """What a linear fit to all other rows leaves of a fold's rows, from the fit to all: residual by (1 - leverage).
+    """Prediction errors of a fold by a linear fit to all other rows, from the fit to all: residual divided by (1 - leverage).
 
-    Parameters that only the fold itself determines (the pitch error of a left-out run) are fitted to it first; the
-    error is then that of the rest, scaled for the directions so lost.
+    Parameters that only the fold determines (the pitch error of a held-out run) are fitted to it first. The error is then that
+    of the rest, scaled for the lost directions.
 
     **Arguments:**
 

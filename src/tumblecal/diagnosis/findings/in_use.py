@@ -1,9 +1,9 @@
-"""The parameters as a calibration is used: at one reference, with the one uncertainty that is stated of them.
+"""Parameters for use of a calibration: at one reference, with one stated uncertainty.
 
-The covariance of one fit is that of its noise. Here every effect of the catalogue takes part, named or not
-(`findings.effect_posterior`). The mean of the named effects, and once something was detected of all effects that are no
-property of the sensor, is taken out of the parameters; the covariance is the mean square about what is written, over all
-explanations (Hoeting et al. 1999, Statistical Science 14, 382) and over the effects that were not detected.
+The covariance of one fit is that of its noise. Here every effect of the catalogue is included, named or not
+(`findings.effect_posterior`). The mean of the named effects is removed from the parameters and, once an error was detected,
+that of all effects that are no property of the sensor. The covariance is the mean square deviation from the written values,
+over all explanations (Hoeting et al. 1999, Statistical Science 14, 382) and over the effects that were not detected.
 """
 
 from collections.abc import Iterator, Sequence
@@ -49,11 +49,11 @@ class _Estimate(NamedTuple):
 
 
 def in_use(screened: Screened, entries: Catalogue, extended: Fit, sigma: float, verdict: str) -> Average:
-    """Of an ambiguous verdict the mean over the explanations, else the explanation acted on; with the covariance in use.
+    """For an ambiguous verdict the mean over the explanations, otherwise the leading explanation; with the covariance for use.
 
     **Arguments:**
 
-    - `extended`: exact fit of the explanation acted on. `sigma`: noise in units of the white rows.
+    - `extended`: exact fit of the leading explanation. `sigma`: noise in units of the white rows.
     """
     at, thermal = screened.at, is_thermal(screened.members)
     added = moved_to_reference(at, {slot.id for slot in at.model.slots}, thermal=thermal)

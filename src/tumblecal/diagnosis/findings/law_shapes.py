@@ -1,8 +1,7 @@
-"""Closed forms of which a law that no entry describes may consist, each as the expression that a file for `--effects` has.
+"""Closed forms of a candidate law, each as the expression in a file for `--effects`.
 
 Products of inputs, harmonics of the spindle angle, powers, exponentials and periods of the time, polynomials in the
-temperature, steps and knees of an input, and what acts at some angles or for a while alone. Forms that the catalogue has are
-not among them.
+temperature, steps and knees of an input, and terms limited to some angles or times. Forms of the catalogue are excluded.
 """
 
 from collections.abc import Iterator, Sequence
@@ -193,7 +192,7 @@ def _of_temperature(where: Where, waves: Sequence[Form]) -> Iterator[Form]:
 
 
 def pulses(where: Where) -> Iterator[Form]:
-    """What acts for a while alone."""
+    """Terms limited to a time."""
     t = np.unique(np.asarray(elapsed(where), float))
     if len(t) < 4:
         return
@@ -238,7 +237,7 @@ def _bands(where: Where) -> Iterator[_Band]:
 
 
 def boxes(where: Where) -> Iterator[Form]:
-    """What acts at neighbouring spindle angles alone, at all pitch settings or some; and at some pitch settings alone."""
+    """Terms limited to neighbouring spindle angles, at all or some pitch settings; and to some pitch settings."""
     angles = np.unique(np.round(np.mod(np.asarray(where.alpha), 2 * np.pi), 6))
     following = np.append(angles[1:], angles[0] + 2 * np.pi)
     bands = list(_bands(where))

@@ -1,4 +1,4 @@
-"""What a fit leaves, in the space that its parameters cannot reach, and what single readings do there."""
+"""Residual of a fit in the space that its parameters do not reach, and the response of that space to single readings."""
 
 from dataclasses import dataclass, replace
 
@@ -31,7 +31,7 @@ class LeftOver:
 
     @classmethod
     def of(cls, fit: Fit) -> "LeftOver":
-        """What a fit leaves; positions left out of it take no part."""
+        """Residual of a fit, without excluded positions."""
         count = fit.residuals.size
         takes_part = np.ones(len(fit.rows), bool)
         takes_part[:count] = np.repeat(fit.retained, 3)
@@ -59,7 +59,7 @@ class LeftOver:
 
     @property
     def p_value(self) -> float | None:
-        """Probability of residuals this large if nothing else is there; None where the noise is not stated."""
+        """Probability of residuals this large without further errors; None if the noise is not stated."""
         return float(gammaincc(self.dof / 2, self.squares / 2)) if self.known and self.dof else None
 
     def log_gain(self, explained: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
@@ -74,7 +74,7 @@ class LeftOver:
         return replace(self, z=basis.T @ self.z, responses=np.tensordot(basis.T, self.responses, 1))
 
     def of_positions(self, positions: Bool[np.ndarray, " positions"]) -> Float[np.ndarray, "nu readings"]:
-        """What the readings of some positions do, position after position."""
+        """Response to the readings of some positions, position by position."""
         return self.responses[:, positions].reshape(self.dof, -1)
 
     def predicted_errors(

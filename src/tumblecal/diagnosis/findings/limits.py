@@ -1,4 +1,4 @@
-"""What cannot be said: the smallest effects that these data would show, and what invisible ones could do."""
+"""Detection limits of effects, and the influence of undetectable effects on the parameters."""
 
 import math
 from collections.abc import Callable

@@ -1,9 +1,9 @@
-"""Where an effect acts: everywhere, or in a part of the data alone (a pitch setting, a run, a range of temperature)?
+"""Location of an effect: everywhere, or in a part of the data only (a pitch setting, a run, a range of temperature).
 
 The effect's signal is cut to each part in turn, and the evidence of the set with the cut effect, in place of some of its
-members, is compared with that of the explanation acted on, on the linearised chain; the parts share the prior of the whole.
-An explanation that is one effect is compared with that effect in each part, every other with each effect of the catalogue,
-what no entry describes (generic terms, lack of fit) as well.
+members, is compared with that of the leading explanation, on the linearised chain; the parts share the prior of the whole. An
+explanation that is one effect is compared with that effect in each part, every other with each effect of the catalogue,
+including explanations without a name (generic terms, lack of fit).
 """
 
 from collections.abc import Iterator
@@ -34,8 +34,8 @@ Part = tuple[str, Bool[np.ndarray, " positions"]]
 
 
 class Located(NamedTuple):
-    """An effect that acts in a part of the data alone, with other causes `beside` it: `log_odds` of that against the
-    explanation acted on."""
+    """An effect that acts in a part of the data only, with other causes (`beside`): `log_odds` against the leading
+    explanation."""
 
     effect: str
     part: str
@@ -45,7 +45,7 @@ class Located(NamedTuple):
 
     @property
     def words(self) -> str:
-        """What acts where."""
+        """Effect and part, in words."""
         beside = "".join(f" with {label.replace(':', ' at ')}" for label in self.beside)
         return f"{self.effect} {self.part} alone ({self.positions} positions){beside}"
 

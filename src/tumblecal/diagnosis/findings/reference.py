@@ -20,12 +20,13 @@ from tumblecal.ground.axes import AXES
 
 
 def moved_to_reference(at: Tangent, ids: Collection[str], *, thermal: bool) -> Float[np.ndarray, "nominal full"]:
-    """What each coefficient of the full vector adds to the nominal parameters at the reference, all in their scales; zero for
-    effects that do not change with time, temperature, run or setting, and for those that die away within the measurement.
+    """Contribution of each coefficient of the full vector to the nominal parameters at the reference, all in their scales. It
+    is zero for effects that do not change with time, temperature, run or setting, and for those that decay within the
+    measurement.
 
     **Arguments:**
 
-    - `ids`: of the effects that are asked for; those of temperature always are.
+    - `ids`: of the requested effects; those of temperature are always included.
     - `thermal`: whether effects of temperature are written as terms; their reference is then 25 degC.
     """
     added, columns = np.zeros((at.model.nominal, len(at.vector))), at.model.layout.thermal

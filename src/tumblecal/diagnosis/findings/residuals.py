@@ -1,4 +1,4 @@
-"""What the residuals look like: harmonics by axis and pitch setting, and a posterior-predictive comparison."""
+"""Structure of the residuals: harmonics by axis and pitch setting, and a posterior predictive check."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -111,8 +111,8 @@ def _quantiles(
 
 
 def simulated_residuals(fit: Fit) -> Iterator[Float[np.ndarray, "rows draws"]]:
-    """White residuals of data simulated from the fitted model and refitted, some draws at a time; zero for positions left
-    out. With unknown noise every draw is scaled to the measured sum of squares."""
+    """White residuals of data simulated from the fitted model and refitted, some draws at a time; zero for excluded positions.
+    With unknown noise every draw is scaled to the measured sum of squares."""
     for draws in _projected(fit):
         yield draws if fit.problem.known else draws * (np.linalg.norm(fit.rows) / np.linalg.norm(draws, axis=0))
 
@@ -194,13 +194,13 @@ class NormalQuantiles:
 
 
 def discrepancies(fit: Fit, level: float) -> list[Discrepancy]:
-    """Harmonics 0 to 4 of the residuals, each divided by what the fit leaves of its sd.
+    """Harmonics 0 to 4 of the residuals, each divided by the standard deviation that remains after the fit.
 
     Only where a pitch setting has at least four spindle angles, and orders up to half their number.
 
     **Arguments:**
 
-    - `level`: sd of the white residuals: 1 where the noise is known, else that of the best explanation.
+    - `level`: standard deviation of the white residuals: 1 for known noise, otherwise that of the best explanation.
     """
     q = fit.column_space
     where = fit.problem.where

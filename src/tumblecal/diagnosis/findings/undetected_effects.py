@@ -9,7 +9,7 @@ from tumblecal.ground.showing import brief
 
 
 class UndetectedEffects(NamedTuple):
-    """What effects of which nothing is written may add to some quantities.
+    """Contribution of effects that are not written to some quantities.
 
     - `covariance`: mean square of the shifts about the values that are written.
     - `shifts`: of the quantities by one unit of each direction of the effects' coefficients; `steps`: the direction in the

@@ -24,7 +24,7 @@ class Unnamed:
 
 
 def unnamed(at: Tangent, fit: Fit) -> Unnamed:
-    """What a fit leaves, where, and a candidate law of it.
+    """Region of the residuals of a fit, and a candidate law for them.
 
     **Arguments:**
 

@@ -32,8 +32,8 @@ class Unseen:
 
 
 class Shifts(NamedTuple):
-    """What effects that were not found may do to the nominal parameters (in their scales): `moved` by each of their directions
-    of typical size; `root` of the directions' covariance, given the data; their mean `estimated`; `owners`: whose each is."""
+    """Shifts of the nominal parameters (in their scales) by undetected effects: `moved` by each of their directions of typical
+    size; `root` of the directions' covariance, given the data; their mean `estimated`; `owners`: whose each is."""
 
     __repr__ = brief
 
@@ -59,9 +59,9 @@ def unseen_shifts(
     """The shifts by every visible effect that is not in the explanation.
 
     Its coefficient is drawn from a normal distribution of the catalogue's typical size about zero. Given the data, the mean
-    square error of the parameters is then that of the extended model, with what the coefficients' conditional mean and
-    covariance make of it (Gaussian linear model with random effects; Rasmussen and Williams, Gaussian Processes for Machine
-    Learning, 2.7). What of them the data cannot show is in `invisible`.
+    square error of the parameters is then that of the extended model plus the contribution of the conditional mean and
+    covariance of the coefficients (Gaussian linear model with random effects; Rasmussen and Williams, Gaussian Processes for
+    Machine Learning, 2.7). Their undetectable part is in `invisible`.
 
     **Arguments:**
 

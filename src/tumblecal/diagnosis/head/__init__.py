@@ -1,4 +1,4 @@
-"""Many units measured on one head: is an error the head's, shared by all of them, or each unit's own?"""
+"""Many units measured on one head: errors of the head, shared by all of them, and errors of single units."""
 
 from tumblecal.diagnosis.head.together import Together as Together
 from tumblecal.diagnosis.head.together import together as together

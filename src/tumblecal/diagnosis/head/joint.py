@@ -48,10 +48,10 @@ class SharedExplanation:
 
 @dataclass(frozen=True)
 class Joint:
-    """What the units say together.
+    """The result of all units together.
 
-    `statistic`: log Bayes factor of "the head has an error" against "it has none", with its `p_value` and the
-    `threshold` above which it is acted on; `dof`: dimension of the space of the shared errors.
+    `statistic`: log Bayes factor of "the head has an error" against "it has none", with its `p_value` and the `threshold`
+    above which it is used; `dof`: dimension of the space of the shared errors.
     """
 
     explanations: tuple[SharedExplanation, ...]
@@ -75,7 +75,7 @@ class Joint:
 
     @property
     def verdict(self) -> str:
-        """Of what the units share: adequate, identified, ambiguous or unexplained."""
+        """The verdict for the shared errors: adequate, identified, ambiguous or unexplained."""
         told = self.best.told
         if not told.labels:
             return self.differing(self.best.head_spreads) if self.detected else "adequate"
@@ -97,12 +97,12 @@ class Joint:
         )
 
     def spread_probability(self, id: str) -> float:
-        """That every unit has an effect by an amount of its own."""
+        """Probability that every unit has an effect with a different amount."""
         return sum(told.probability for told in self.explanations if id in told.spreads)
 
 
 def joint(units: Sequence[Unit], signals: Sequence[SharedSignal]) -> Joint:
-    """Weigh what the units may share against what may be each one's own."""
+    """Compare shared errors with errors of single units."""
     own = [unit.own_causes(unit.z) for unit in units]
     faults = [unit.faults_of(causes) for unit, causes in zip(units, own, strict=True)]
     # An error of the head at one angle may look like the same outlier positions in every unit.

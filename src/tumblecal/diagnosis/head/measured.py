@@ -1,7 +1,7 @@
-"""The errors of a head as many units measured them: one exact fit, each unit's own parameters eliminated from it.
+"""The errors of a head as measured by many units: one exact fit, with the parameters of each unit eliminated.
 
-Every unit gives its information on what is shared (Schur complement of its own parameters), so the cost is linear in the
-units; Gauss-Newton goes on from the shared solution.
+Every unit gives its information on the shared errors (Schur complement of its parameters), so the cost is linear in the units.
+Gauss-Newton continues from the shared solution.
 """
 
 from collections.abc import Iterator, Sequence
@@ -30,12 +30,12 @@ _NONE_LEFT = 1e-6
 class HeadFit:
     """The joint fit.
 
-    - `head`: the errors measured; None where nothing is shared.
-    - `pitch`: whether the errors of the pitch settings are the head's; its `alone` by the units' numbers.
-    - `vectors`: every unit's full vector. `own_values`, `own_sd` (units, coefficients): every unit's own estimate of the
-      shared coefficients, base units; nan where it shows nothing of one.
-    - `moves`: from what was estimated to the head's errors. `parts`: each unit's information on it. `aside`: numbers of the
-      units whose part does not count.
+    - `head`: the measured errors; None if no error is shared.
+    - `pitch`: whether the errors of the pitch settings belong to the head; its `alone` by the units' numbers.
+    - `vectors`: full vector of every unit. `own_values`, `own_sd` (units, coefficients): separate estimate of the shared
+      coefficients by every unit, base units; nan if it does not determine one.
+    - `moves`: from the estimated values to the errors of the head. `parts`: information of each unit on them. `aside`: numbers
+      of the excluded units.
     """
 
     head: MeasuredHead | None

@@ -29,7 +29,7 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True)
 class OwnAmounts:
-    """What every unit says of one effect.
+    """Information of every unit on one effect.
 
     - `grams`, `towards`: each unit's normal equations, scaled coefficients, units of its noise. `axes`: the combinations of
       coefficients that the units determine, as columns.
@@ -42,7 +42,7 @@ class OwnAmounts:
 
     @cached_property
     def along(self) -> tuple[Float[np.ndarray, "units k k"], Float[np.ndarray, "units k"]]:
-        """The normal equations of what is determined."""
+        """The normal equations of the determined combinations."""
         return np.einsum("ci,ucd,dj->uij", self.axes, self.grams, self.axes), self.towards @ self.axes
 
     @cached_property
@@ -74,7 +74,7 @@ class OwnAmounts:
 
     @cached_property
     def mean(self) -> tuple[Float[np.ndarray, " coefficients"], Float[np.ndarray, " coefficients"]]:
-        """The mean of these units and its sd by their noise, scaled; whatever no unit shows left out."""
+        """The mean of these units and its sd by their noise, scaled, without combinations that no unit determines."""
         grams, towards = self.along
         shrunk = np.linalg.inv(np.eye(grams.shape[1]) + self.tau**2 * grams)
         information = np.linalg.inv(np.sum(shrunk @ grams, axis=0))
@@ -84,12 +84,12 @@ class OwnAmounts:
 
 
 def own_amounts(units: Sequence[Unit], weighed: Weighed, members: Sequence[int], signal: SharedSignal) -> OwnAmounts:
-    """Every unit's own amount of an effect.
+    """Amount of an effect in every unit.
 
     **Arguments:**
 
-    - `units`: with all that they show, those that are set aside as well.
-    - `weighed`, `members`: the hypothesis acted on and its shared errors.
+    - `units`: with all their information, including excluded units.
+    - `weighed`, `members`: the selected hypothesis and its shared errors.
     """
     columns = list(signal.columns)
     beside = weighed.coefficients(members)

@@ -19,12 +19,12 @@ _LEAST_UNITS = 2
 
 
 class PitchSettings(NamedTuple):
-    """What the units say of the pitch settings' errors together.
+    """Errors of the pitch settings by all units together.
 
-    - `p_value`: that they scatter so much by their noise alone; None where nothing is to compare.
-    - `alone`: numbers of the units left out of that, because theirs alone are others.
-    - `seen`: which of the settings the rest were measured at.
-    - `changed`: number of the first unit from which on they are others, the same again, where they are not the same in all.
+    - `p_value`: probability of so much dispersion by noise alone; None if there is nothing to compare.
+    - `alone`: numbers of the units excluded from that, because only theirs differ.
+    - `seen`: the settings at which the rest were measured.
+    - `changed`: number of the first unit from which on they are different (and equal again), if they are not equal in all.
     """
 
     p_value: float | None
@@ -112,7 +112,7 @@ class _Scatter(NamedTuple):
         return float(gammaincc(self.dof / 2, self.chi2 / 2)) if self.dof else 1.0
 
     def much_above(self, other: "_Scatter", tried: int) -> bool:
-        """Whether what explains it but for `other` is no chance, the best of so many."""
+        """Whether an improvement over `other`, the best of so many, is significant."""
         dof = self.dof - other.dof
         return dof > 0 and tried * float(gammaincc(dof / 2, (self.chi2 - other.chi2) / 2)) < _STRONG
 

@@ -1,4 +1,4 @@
-"""What is not judged with the rest: units that are too few to decide for all, and effects of a size that no head has."""
+"""Exclusions: units that are too few to decide for all, and effects of a size that no head has."""
 
 import numpy as np
 
@@ -25,7 +25,7 @@ def has_head_of_its_own(unit: Unit, own: OwnCauses) -> bool:
 
 
 def not_of_the_head(unit: Unit, own: OwnCauses) -> OwnCauses:
-    """A unit's own causes without errors of the head."""
+    """The causes of a unit without errors of the head."""
     listed = ((k, unit.pool.causes[k].slot) for k in own.members)
     return own._replace(members=tuple(k for k, slot in listed if not (slot.columns and of_head(slot.links))))
 

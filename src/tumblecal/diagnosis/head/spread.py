@@ -1,4 +1,4 @@
-"""Effects that every unit has by an amount of its own, drawn from the batch's distribution: random effects.
+"""Effects whose amount differs from unit to unit, drawn from the distribution of the batch: random effects.
 
 The coefficients of each unit are normal around a mean (none, or an unknown one) with a spread tau, the same in all
 directions in the scales of the model; tau has a log-uniform prior on a grid. Everything follows from each unit's normal
@@ -24,7 +24,7 @@ _SEEN = 1e-9
 
 class Spread(NamedTuple):
     """An effect whose size differs from unit to unit: its scale `tau` (scaled units), whether its mean is free, and the
-    logarithm of its prior, with what other spreads add to its evidence."""
+    logarithm of its prior, including the contribution of other spreads to its evidence."""
 
     signal: SharedSignal
     tau: float
@@ -33,7 +33,7 @@ class Spread(NamedTuple):
 
 
 def widened(reduced: Reduced, spread: Spread) -> Reduced:
-    """A unit's normal equations with the effect's own coefficients integrated out, around a mean of zero."""
+    """The normal equations of a unit with the coefficients of the effect integrated out, about a mean of zero."""
     columns = list(spread.signal.columns)
     across = reduced.gram[:, columns]
     inside = np.eye(len(columns)) / spread.tau**2 + reduced.gram[np.ix_(columns, columns)]
@@ -48,7 +48,7 @@ def widened(reduced: Reduced, spread: Spread) -> Reduced:
 
 
 def deviation(reduced: Reduced, spread: Spread, mean: Float[np.ndarray, " columns"]) -> Float[np.ndarray, " columns"]:
-    """A unit's own coefficients (all columns, zero elsewhere) about shared ones `mean`: their posterior mean."""
+    """Posterior mean of the coefficients of a unit (all columns, zero elsewhere) about shared ones `mean`."""
     columns = list(spread.signal.columns)
     inside = np.eye(len(columns)) / spread.tau**2 + reduced.gram[np.ix_(columns, columns)]
     own = np.zeros_like(mean)

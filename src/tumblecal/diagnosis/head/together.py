@@ -37,9 +37,10 @@ _ROUNDING = 1e-10
 class Together:
     """Units on one head.
 
-    - `joint`: what they share, by probability; `fit`: the head's errors; `implausible`: those such as no head has.
-    - `levels`: errors of the head that are others from some unit on.
-    - `consistent`: for each unit the probability that its own estimate of what is shared is so far off by noise alone.
+    - `joint`: shared errors, by probability; `fit`: errors of the head; `implausible`: those beyond the usual range.
+    - `levels`: errors of the head that change at some unit.
+    - `consistent`: for each unit the probability that its separate estimate of the shared errors deviates so much by noise
+      alone.
     """
 
     units: tuple[Unit, ...]
@@ -56,7 +57,7 @@ class Together:
 
     @property
     def verdict(self) -> str:
-        """Of what the units share: adequate, identified, ambiguous or unexplained."""
+        """The verdict for the shared errors: adequate, identified, ambiguous or unexplained."""
         common = self.joint.best.spreads
         if self.hand_held:
             return self.joint.differing(common) if common else "adequate"
@@ -69,13 +70,12 @@ class Together:
 
     @property
     def measured(self) -> MeasuredHead | None:
-        """The head for later measurements; None where nothing is known of it, where that cannot be, or where what all share is
-        between two levels."""
+        """The head for later measurements; None if there is no result, an implausible one, or one between two levels."""
         between = {own.signal.label for own in self.levels} & {signal.label for signal in self.shared}
         return None if self.implausible or between else self.fit.head
 
     def amounts(self, signal: SharedSignal) -> OwnAmounts:
-        """Every unit's own amount of an effect."""
+        """Amount of an effect in every unit."""
         best = self.joint.best
         return own_amounts(self.units, best.weighed, best.told.members, signal)
 
@@ -88,7 +88,7 @@ class Together:
 
     @property
     def unexplained(self) -> tuple[str, ...]:
-        """In words what else they share, which no entry of the catalogue describes."""
+        """Further shared errors that are not in the catalogue, in words."""
         best = self.joint.best
         signals = (best.weighed.signals[k] for k in best.told.members)
         return tuple(signal.words for signal in signals if not signal.slot.columns)
@@ -104,8 +104,8 @@ class Together:
 
     @property
     def outlying(self) -> tuple[int, ...]:
-        """Numbers of the units that do not show what the others share: by their own estimate of it, or because they need an
-        error of the head that is theirs alone."""
+        """Numbers of the deviating units: by their separate estimate of the shared errors, or because they need an error of
+        the head that no other unit has."""
         aside = self.fit.aside
         if not self.shared:
             return tuple(sorted(aside))

@@ -39,7 +39,7 @@ class TwoLevels(NamedTuple):
 
 
 def two_levels(units: Sequence[Unit], weighed: Weighed, members: Sequence[int]) -> Iterator[TwoLevels]:
-    """Of the errors of the head that are shared, differ, or are some units' own, those that have two levels.
+    """The errors of the head (shared, varying, or of some units) that have two levels.
 
     **Arguments:** as of `own_amounts`.
     """

@@ -1,4 +1,4 @@
-"""What one unit of a batch leaves, by the signals that all of them may share."""
+"""Residual of one unit of a batch, by the signals that all units may share."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -35,7 +35,7 @@ _TERM_SCALE = 1e-4
 class SharedSignal(NamedTuple):
     """A signal that several units can show: an effect of the catalogue, or a generic error of the head.
 
-    `columns`: its own among those of all shared signals; `of_head`: whether it acts before the triad's mount; `scales`:
+    `columns`: its columns among those of all shared signals; `of_head`: whether it acts before the triad's mount; `scales`:
     sizes in which its coefficients are counted, base units.
     """
 
@@ -105,11 +105,10 @@ def linearised(screened: Screened) -> Linearised:
 
 
 def shared_signals(units: Sequence[Linearised], impossible: frozenset[str] = frozenset()) -> tuple[SharedSignal, ...]:
-    """The signals that at least two units can show, with columns numbered through; those of the effects of some ids are left
-    out.
+    """The signals that at least two units can show, with consecutive column numbers, without the effects of some ids.
 
-    A sensor's effect with a time constant is a signal for each that is tried first: units may all have it, each by an amount of
-    its own. One of the head with a time constant is nobody's in common.
+    A sensor effect with a time constant is one signal for each time constant that is tried first: all units may have it, each
+    with a different amount. An effect of the head with a time constant is never shared.
     """
     counts: dict[tuple, int] = {}
     signals: dict[tuple, SharedSignal] = {}
@@ -175,8 +174,8 @@ class Reduced(NamedTuple):
 class Unit:
     """One unit, in units of its noise.
 
-    - `at`: where it is linearised; `pool`: its own causes; `sigma`: its noise in units of the white rows.
-    - `signals` (rows, columns): white rows of the shared signals, zero where the unit lacks what one needs.
+    - `at`: its linearised problem; `pool`: its causes; `sigma`: its noise in units of the white rows.
+    - `signals` (rows, columns): white rows of the shared signals, zero if the unit lacks a required column.
     """
 
     at: Tangent
@@ -187,7 +186,7 @@ class Unit:
 
     @cached_property
     def z(self) -> Float[np.ndarray, " nu"]:
-        """What the nominal model leaves."""
+        """Residual of the nominal model."""
         return self.at.z / self.sigma
 
     @cached_property
@@ -218,12 +217,12 @@ class Unit:
 
     @cached_property
     def apart(self) -> "Unit":
-        """The same unit, which says nothing of what others share."""
+        """The same unit without information on shared errors."""
         return replace(self, signals=np.zeros_like(self.signals))
 
     def own_causes(self, z: Float[np.ndarray, " nu"]) -> OwnCauses:
-        """The best set of the unit's own causes for what the shared ones leave; what was searched hardly differently before is
-        not searched again."""
+        """The best set of causes of the unit for the residual of the shared ones. A residual close to an earlier one is not
+        searched again."""
         for searched, own in self._searched:
             if np.linalg.norm(z - searched) < _SAME:
                 return own
@@ -241,7 +240,7 @@ class Unit:
         return OwnCauses(members, search.posterior(members) - float(as_fitted))
 
     def faults_of(self, own: OwnCauses) -> OwnCauses:
-        """Those of its own causes that are faults of single positions, which nothing shared can be."""
+        """Those causes of the unit that are faults of single positions, which cannot be shared."""
         members = tuple(k for k in own.members if self.pool.causes[k].positions)
         return own if members == own.members else OwnCauses(members, own.log_prior if members else NOTHING.log_prior)
 

@@ -1,4 +1,4 @@
-"""One unit's part in the joint fit: its own parameters and causes eliminated from what it says of the head."""
+"""Contribution of one unit to the joint fit: its information on the head, with its parameters and causes eliminated."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -13,7 +13,7 @@ from tumblecal.diagnosis.model.tangent import tangent
 
 
 class Information(NamedTuple):
-    """What a unit says of the shared directions and the pitch errors: its information matrix, and that times them."""
+    """Information of a unit on the shared directions and the pitch errors: the matrix, and its product with them."""
 
     matrix: Float[np.ndarray, "unknowns unknowns"]
     towards: Float[np.ndarray, " unknowns"]
@@ -117,7 +117,7 @@ class UnitFit:
 
     @property
     def without_pitch(self) -> Information:
-        """The information on what is shared, the pitch errors being the unit's own."""
+        """The information on the shared errors, with separate pitch errors for the unit."""
         matrix, towards = self.information
         count = self.moves.shape[1]
         taken = matrix[:count, self.places] @ self._pitch_alone
@@ -126,7 +126,7 @@ class UnitFit:
         )
 
     def step(self, shared: Float[np.ndarray, " directions"]) -> None:
-        """Take the unit's own parameters from the shared solution."""
+        """Update the parameters of the unit from the shared solution."""
         matrix, towards = self.information
         solution = np.zeros(self.count)
         solution[: len(shared)] = shared

@@ -1,1 +1,1 @@
-"""What no entry describes: errors that follow something, whatever their curve."""
+"""Lack of fit: errors without a catalogue entry that depend on a variable, with any curve."""

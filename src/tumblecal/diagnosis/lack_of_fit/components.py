@@ -1,8 +1,8 @@
-"""Processes in the residual space by their size: what each explains, its determinant, its principal components.
+"""Processes in the residual space by their size: explained sum of squares, determinant, principal components.
 
 Signals P of a process of size one with products G = P'P make the covariance `I + s^2 P P'`. For one residual vector z no
 eigenvalues are needed: turned to a tridiagonal form with P'z along its last direction (Golub and Van Loan 2013, section
-8.3.1), one factorisation serves all sizes. For many vectors the principal components are worth their price.
+8.3.1), one factorisation serves all sizes. For many vectors the principal components are faster.
 """
 
 from collections.abc import Sequence
@@ -25,8 +25,8 @@ SIZES = np.exp(np.linspace(np.log(SMALLEST), np.log(LARGEST), 16))
 
 
 class BySize(NamedTuple):
-    """What processes of every size explain of residual vectors, and half the logarithms of the determinants; a process of
-    size s has the norm s over all readings."""
+    """Sums of squares that processes of every size explain of residual vectors, and half the logarithms of the determinants; a
+    process of size s has the norm s over all readings."""
 
     explained: Float[np.ndarray, "processes sizes draws"]
     half_log_dets: Float[np.ndarray, "processes sizes"]
@@ -106,7 +106,8 @@ def _tridiagonal(
 class Components:
     """Principal components of processes that are sums of signals with independent coefficients of variance one.
 
-    `variances` of the components of a process of size one, rising, 0 of those left out; `mixed`: the signals' shares in each.
+    `variances` of the components of a process of size one, increasing, 0 for omitted ones; `mixed`: the signals' shares in
+    each.
     """
 
     __repr__ = brief
@@ -116,7 +117,7 @@ class Components:
 
     @cached_property
     def precisions(self) -> Float[np.ndarray, "processes components"]:
-        """One over the standard deviations, 0 of those left out."""
+        """One over the standard deviations, 0 for omitted ones."""
         kept = self.variances > 0
         return np.where(kept, 1.0 / np.sqrt(np.where(kept, self.variances, 1.0)), 0.0)
 
@@ -138,7 +139,7 @@ class Components:
     def directions(
         self, signals: Float[np.ndarray, "processes nu signals"]
     ) -> Float[np.ndarray, "processes nu components"]:
-        """Orthonormal directions of the components, 0 of those left out, of these signals."""
+        """Orthonormal directions of the components of these signals, 0 for omitted ones."""
         return signals @ self.mixed * self.precisions[:, None]
 
     def of_vectors(self, along: Float[np.ndarray, "processes components draws"]) -> BySize:

@@ -1,9 +1,9 @@
-"""Lack of fit that no entry describes: something that follows the attitude or the time, whatever its curve.
+"""Lack of fit without a catalogue entry: an error that depends on the attitude or the time, with any curve.
 
-A process (`processes`) has no coefficients to pay for one by one: its evidence is that of a covariance, `I + s^2 K` on the
-residual space, averaged over sizes s from 3 to 10000 noise standard deviations (Rasmussen and Williams 2006, chapter 5;
-Kennedy and O'Hagan 2001 for the discrepancy of a model). The best ones of three fields are weighed with one curve for all
-three as well (`one_curve`).
+A process (`processes`) has no single coefficients: its evidence is that of a covariance, `I + s^2 K` on the residual space,
+averaged over sizes s from 3 to 10000 noise standard deviations (Rasmussen and Williams 2006, chapter 5; Kennedy and O'Hagan
+2001 for the discrepancy of a model). The best ones of three fields are also evaluated with one curve for all three
+(`one_curve`).
 """
 
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ _FITTED = 9.0
 
 @dataclass(frozen=True)
 class LackOfFit:
-    """Processes of which each may be what the model lacks.
+    """Processes, each of which may be missing in the model.
 
     - `at`: the problem; `listed`, `stacks`: all processes of it.
     - `numbers`: which of these the residuals can show and are more than an effect.
@@ -51,12 +51,12 @@ class LackOfFit:
 
     @property
     def words(self) -> tuple[str, ...]:
-        """What depends on what."""
+        """Dependent quantity and variable, in words."""
         return tuple(process.words for process in self.visible)
 
     @cached_property
     def log_shares(self) -> Float[np.ndarray, " processes"]:
-        """Logarithms of the processes' prior shares; each of several fields has its own once more for one curve."""
+        """Logarithms of the processes' prior shares; each of several fields has its share a second time for one curve."""
         shares = self.listed.share[self.numbers]
         return np.log(shares / np.sum(shares * (1 + (self.listed.kinds.width[self.numbers] > 1))))
 

@@ -50,7 +50,7 @@ def one_curve(
 ) -> OneCurve:
     """Processes with their fields in one direction, by their signals' products with each other and with the residual.
 
-    `size`: the number of the best size where each field has a curve of its own.
+    `size`: the number of the best size with a separate curve for each field.
     """
     flat = inner.reshape(len(inner), -1)
     apart = fitted(products.reshape(len(flat), *flat.shape[1:] * 2), flat, size).reshape(inner.shape)

@@ -1,7 +1,7 @@
-"""What something that no entry describes may follow: errors of every kind as Gaussian processes, whatever their curve.
+"""Errors without a catalogue entry as Gaussian processes over a variable, with any curve.
 
-Every field (an output, all outputs, the scale factors, an error of the head, a turn of the triad) is given a process over the
-attitude, the inputs, the head's angles, the temperature or the time (`variables`).
+Every field (an output, all outputs, the scale factors, an error of the head, a rotation of the triad) is given a process over
+the attitude, the inputs, the head's angles, the temperature or the time (`variables`).
 """
 
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ _CROSS = np.cross(np.eye(3)[:, None], np.eye(3)).swapaxes(1, 2).reshape(3, 9)
 
 
 class Process(NamedTuple):
-    """Signals of `fields`, one or three that each follow the variable by a curve of their own."""
+    """Signals of `fields`, one or three, each with a separate curve over the variable."""
 
     words: str
     fields: Float[np.ndarray, "positions 3 fields"]
@@ -59,7 +59,7 @@ class Kind(NamedTuple):
 
 @dataclass(frozen=True)
 class Kinds:
-    """All processes as a table, kind after kind, variable after variable: what the names of the variables decide.
+    """All processes as a table, by kind and variable, as determined by the names of the variables.
 
     `variables`: their words, by which they are numbered.
     """

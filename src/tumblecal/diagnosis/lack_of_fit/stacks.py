@@ -81,7 +81,7 @@ def shown(at: Tangent, listed: Processes, stacks: Sequence[Stack], effects: Bloc
 
 
 def by_size(stacks: Sequence[Stack], numbers: Int[np.ndarray, " chosen"], z: Float[np.ndarray, "draws nu"]) -> BySize:
-    """What some of the processes explain by their size."""
+    """Sum of squares that some of the processes explain, by their size."""
     if len(z) == 1:
         made = of_one_vector([own.products for own in stacks], [own.narrow @ z[0] for own in stacks])
     else:

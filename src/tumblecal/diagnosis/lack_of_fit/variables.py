@@ -1,8 +1,8 @@
-"""What a field may follow: the attitude, the inputs, the head's angles, the temperature, the time.
+"""Variables of a field: the attitude, the inputs, the angles of the head, the temperature, the time.
 
 Each is the covariance of a Gaussian process over the positions: smooth over a stated correlation length, in steps, bent at
-planes across gravity, or swinging in time (Rasmussen and Williams 2006, chapter 4). Of a process its principal components are
-taken, those of one data set at once.
+planes across gravity, or swinging in time (Rasmussen and Williams 2006, chapter 4). A process is represented by its principal
+components, computed for all processes of a data set at once.
 """
 
 from collections.abc import Sequence
@@ -93,8 +93,8 @@ def _since_change(time: Float[np.ndarray, "positions 1"], setting: Int[np.ndarra
 def of_readings(
     inputs: Float[np.ndarray, "positions 3"], order: tuple[float, ...], where: Where
 ) -> tuple[Variables, ...]:
-    """What no plan decides: the attitude; the attitude and what changes slowly; the side to which gravity pulls; what is
-    touched on one side; the inputs; the temperature."""
+    """Variables that depend on the readings: the attitude; the attitude and what changes slowly; the side to which gravity
+    pulls; what is touched on one side; the inputs; the temperature."""
     gravity = inputs / np.sqrt(np.vecdot(inputs, inputs))[:, None]
     of_gravity, (steps, ramps), thermal = _smooth(gravity / _ATTITUDE), _sides(gravity), _by_temperature(where)
     slowly = {"the time": _slowly(order)} | thermal

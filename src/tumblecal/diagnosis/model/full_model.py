@@ -23,8 +23,8 @@ _MOST_PLANS = 64
 class HeadProbe(Link):
     """A small rotation of the head's frame before the spindle, shared by all positions.
 
-    Its Jacobian columns are every position's response to a rotation about x, y and z: what an unknown error of the
-    head looks like at that position.
+    Its Jacobian columns are the response of every position to a rotation about x, y and z: the signal of an unknown error of
+    the head at that position.
     """
 
     place: ClassVar[Place] = Place.WOBBLE
@@ -96,7 +96,7 @@ class FullModel:
         return slice(len(self.start) - 3, len(self.start))
 
     def started(self, where: Where) -> "FullModel":
-        """The model for other settings of the same kind: time constants start from shares of their own duration."""
+        """The model for different settings of the same kind: time constants start from shares of their duration."""
         start, scales = self.start.copy(), self.scales.copy()
         shaped = [slot for slot in self.slots if slot.shape]
         made = {slot.id: slot.make(where) for slot in shaped if slot.variant == 0}
@@ -120,9 +120,9 @@ class FullModel:
         return Evaluation(*map(np.asarray, self.programs.evaluate(where, vector, self.scales)))
 
     def at_start(self, where: Where) -> Evaluation:
-        """Prediction, Jacobian by the nominal parameters alone, and inputs where nothing is wrong.
+        """Prediction, Jacobian by the nominal parameters only, and inputs, without errors.
 
-        Computed once for a plan, where its angles and groups alone decide it.
+        Computed once for a plan, if its angles and groups determine it.
         """
         columns = (where.alpha, where.beta, *where.groups.values())
         plan = tuple(np.asarray(column).tobytes() for column in columns)
@@ -144,7 +144,7 @@ class FullModel:
 
 
 def settings_key(where: Where) -> tuple:
-    """What a model depends on: how many positions, which columns, which groups; not the columns' values."""
+    """Key of a model: number of positions, columns, groups; not the values of the columns."""
     present = tuple(getattr(where, name) is None for name in ("time_s", "temperature_degc", "approach"))
     return (len(np.asarray(where.alpha)), present, where.labels)
 

@@ -1,4 +1,4 @@
-"""Which entry of a full vector is what: nominal parameters, then the effects' links, then the probe's three angles."""
+"""Entries of a full vector: nominal parameters, then those of the effects' links, then the three angles of the probe."""
 
 import math
 from collections.abc import Callable
@@ -87,7 +87,7 @@ class Layout:
 
     @cached_property
     def of_plan(self) -> bool:
-        """Whether the angles and groups alone decide the nominal readings: a rig's chain may have effects of its own."""
+        """Whether angles and groups alone determine the nominal readings: the chain of a rig may contain effects."""
         kinds = {named.kind for named in LINKS.values()}
         return all(type(link) in kinds for link in self.nominal_chain.links)
 

@@ -26,8 +26,8 @@ _RUN_AWAY = 10.0
 class Tangent:
     """A linearisation of a problem at a full vector.
 
-    `residual` (rows): white measured minus predicted, priors' rows last, with what the effects in the vector make of it.
-    `of_effects`: that alone. `jacobian`: white, by the scaled full vector.
+    `residual` (rows): white measured minus predicted, priors' rows last, plus the contribution of the effects in the vector.
+    `of_effects`: that contribution. `jacobian`: white, by the scaled full vector.
     """
 
     __repr__ = brief
@@ -46,12 +46,12 @@ class Tangent:
 
     @property
     def basis(self) -> Float[np.ndarray, "rows nu"]:
-        """Orthonormal, spans what the nominal model cannot reach."""
+        """Orthonormal basis of the residual space of the nominal model."""
         return self._spaces[0]
 
     @property
     def reached(self) -> Float[np.ndarray, "rows rank"]:
-        """Orthonormal, spans what it can."""
+        """Orthonormal basis of its column space."""
         return self._spaces[1]
 
     @property
@@ -66,7 +66,7 @@ class Tangent:
 
     @cached_property
     def responses(self) -> Float[np.ndarray, "nu positions 3"]:
-        """What a unit change (g) of every single reading does in that space."""
+        """Response of the residual space to a unit change (g) of every single reading."""
         rows, whitening = self.basis[: self.problem.readings.size], np.asarray(self.problem.whitening)
         each = rows * whitening[:, None] if whitening.ndim == 1 else self.problem.whitening_matrix.T @ rows
         return each.T.reshape(self.dof, -1, 3)
@@ -80,8 +80,9 @@ class Tangent:
 
     @cached_property
     def varying(self) -> Float[np.ndarray, "rows full"]:
-        """The Jacobian without what an effect of temperature would do at a constant one, where the nominal model reaches
-        that whole: where the scale of temperature begins is a convention, and what it adds is bias and scale factor."""
+        """The Jacobian without the contribution of a constant temperature to effects of temperature, if the nominal model
+        absorbs it completely. The origin of the temperature scale is a convention, and its contribution is bias and scale
+        factor."""
         temperature = self.problem.where.temperature_degc
         columns = self.model.layout.thermal
         if temperature is None or not columns:
@@ -98,8 +99,8 @@ class Tangent:
 
     @cached_property
     def rough_level(self) -> float:
-        """Sd of the white rows: 1 where the noise is known, else from the median size of what the model leaves, without the
-        effects in the vector or with them."""
+        """Standard deviation of the white rows: 1 for known noise, otherwise from the median size of the residuals, without
+        the effects in the vector or with them."""
         if self.problem.known:
             return 1.0
         left = [self.z]
@@ -126,7 +127,7 @@ def tangent(model: FullModel, problem: Problem, vector: Float[np.ndarray, " full
 def unreachable(
     jacobian: Float[np.ndarray, "rows columns"],
 ) -> tuple[Float[np.ndarray, "rows nu"], Float[np.ndarray, "rows rank"]]:
-    """Orthonormal bases of what the columns do not span, and of what they span."""
+    """Orthonormal bases of the residual space and of the column space."""
     q, r = np.linalg.qr(jacobian, mode="complete")
     count = min(jacobian.shape)
     if len(r) > jacobian.shape[1] and surely_full_rank(r[:count]):

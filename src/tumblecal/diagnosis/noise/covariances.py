@@ -14,18 +14,18 @@ def coloured(time: Float[np.ndarray, " positions"], correlation: float) -> Covar
 
 
 def across(at: Tangent) -> Float[np.ndarray, "positions 3 3"]:
-    """What scatters when a position's attitude does.
+    """Directions of the dispersion caused by that of a position's attitude.
 
-    A small rotation w moves the reading by w x f: whatever its distribution about the vertical, the error is perpendicular
-    to f, of the same variance in both directions.
+    A small rotation w moves the reading by w x f: for any distribution about the vertical, the error is perpendicular to f, of
+    the same variance in both directions.
     """
     f = at.evaluation.inputs
     return np.sum(f**2, axis=1)[:, None, None] * np.eye(3) - f[:, :, None] * f[:, None, :]
 
 
 def attitude(across: Float[np.ndarray, "positions 3 3"], problem: Problem, scatter: float) -> Covariance:
-    """Covariance of the white rows where every position's attitude is off by a random rotation of this sd (rad, for
-    g = 1), and white noise of variance one."""
+    """Covariance of the white rows where every position's attitude is in error by a random rotation of this sd (rad, for g =
+    1), and white noise of variance one."""
     blocks = across * scatter**2
     if problem.correlated:
         whitening, count = problem.whitening_matrix, problem.readings.size

@@ -24,7 +24,7 @@ class _Remainder:
     fitted: np.ndarray
 
     def projected(self, white: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What the fit leaves of the rows multiplied by `white` (rows), and the orthonormal basis of the fit."""
+        """Residual of the rows multiplied by `white` (rows), and the orthonormal basis of the fit."""
         q, _ = np.linalg.qr(self.fitted * white[:, None])
         rows = self.rows * white
         return rows - q @ (q.T @ rows), q
@@ -37,8 +37,8 @@ def corrected(at: Tangent, moved: np.ndarray, q: np.ndarray, best: NoiseModel) -
 
     **Arguments:**
 
-    - `moved` (nu): the residual's part in the unreachable space after the faults of a set of causes are undone.
-    - `q` (nu, rank): basis of what the set's effects can make.
+    - `moved` (nu): the residual in the residual space after the faults of a set of causes are undone.
+    - `q` (nu, rank): basis of the signals of the set's effects.
     """
     problem, count = at.problem, at.problem.readings.size
     left = _Remainder((at.basis @ moved)[:count], np.hstack([at.reached, at.basis @ q])[:count])

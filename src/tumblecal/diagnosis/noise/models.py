@@ -53,8 +53,8 @@ class Family:
 
 
 class NoiseGroups(NamedTuple):
-    """Readings of which each group has an sd of its own: which each of the rows belongs to, and the groups' names: of the
-    axes, or of a part of the readings (`part`) and the others."""
+    """Groups of readings with different standard deviations: group of each row, and names of the groups (the axes, or a part
+    of the readings (`part`) and the others)."""
 
     of_rows: Int[np.ndarray, " rows"]
     names: tuple[str, ...]

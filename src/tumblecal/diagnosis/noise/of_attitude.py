@@ -1,8 +1,8 @@
 """Errors that belong to the attitude, where attitudes are repeated.
 
-Differences of repeats (pure error) show the noise whatever the model makes of the attitude; what the means of repeats scatter
-more is lack of fit (Draper and Smith 1998, section 2.1). So every noise model that makes readings noisier has a twin, which no
-cause describes: the means follow that model, the differences the noise as assumed.
+Differences of repeats (pure error) show the noise for any model of the attitude. Additional dispersion of the means of repeats
+is lack of fit (Draper and Smith 1998, section 2.1). So every noise model that makes readings noisier has a twin that is no
+noise and no named cause: the means follow that model, the differences the noise as assumed.
 """
 
 from collections.abc import Sequence
@@ -23,7 +23,7 @@ _WORDS = "the attitude (repeats of an attitude agree, so this is not noise)"
 
 
 def twins(at: Tangent, repeats: Repeats, listed: Sequence[NoiseModel]) -> list[NoiseModel]:
-    """What each of some noise models is as an error of the attitude, their covariances of means and differences; none without
+    """Twins of some noise models as errors of the attitude, with covariances of means and differences; none without
     repeats."""
     if not repeats.share:
         return []

@@ -26,8 +26,8 @@ def steps(readings: Float[np.ndarray, "positions 3"]) -> Float[np.ndarray, " 3"]
 
 
 def with_rounding(problem: Problem) -> tuple[Problem, dict[str, str]]:
-    """A problem of independent readings of stated noise with what rounding adds to it, and what that is in words, by the
-    catalogue's id; none where it does not matter."""
+    """A problem of independent readings with stated noise plus the rounding noise, and its description by catalogue id; no
+    entry if rounding is negligible."""
     step = steps(np.asarray(problem.readings))
     rounding = step / np.sqrt(12.0)
     usual = np.median(problem.sd, axis=0)

@@ -28,9 +28,9 @@ class _Form(NamedTuple):
 class Whitening:
     """Covariances of the readings' white rows on the residual space of a problem.
 
-    Where the nominal model reaches less than it leaves, rows are made white and what it reaches of them is taken out; else
-    (free tilts) the covariances are taken on the residual space itself. `of_means`: which covariances are of means over
-    `repeats`, and differences.
+    If the column space of the nominal model is smaller than its residual space, rows are whitened and their part in the column
+    space is removed. Otherwise (free tilts) the covariances are computed on the residual space. `of_means`: which covariances
+    are of means over `repeats`, and differences.
     """
 
     __repr__ = brief
@@ -58,7 +58,7 @@ class Whitening:
         return self._whole_half_log_dets + _log_diagonals(self._reached[1])
 
     def whitened(self, x: Float[np.ndarray, "nu columns"]) -> Float[np.ndarray, "covariances white columns"]:
-        """Vectors made white by each covariance, what the nominal model can reach of them taken out."""
+        """Vectors whitened by each covariance, without their part in the column space of the nominal model."""
         if not self.on_rows:
             return self._roots @ x
         (nominal, triangles), white = self._reached, self._white(self.at.basis @ x)

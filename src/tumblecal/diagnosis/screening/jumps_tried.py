@@ -27,8 +27,8 @@ def signs_sought(screened: Screened, around: Around) -> Screened:
 
 
 def each_alone(screened: Screened, around: Around) -> Screened:
-    """The screen around the exact fit of an effect that alone explains nearly all by the linear screen, where that fit is
-    more probable than what leads: of a large effect with a kink the linear screen may leave far more than noise."""
+    """The screen around the exact fit of an effect that alone explains nearly all by the linear screen, if that fit is more
+    probable than the leading explanation. For a large effect with a kink the linear screen may leave far more than noise."""
     search, at = screened.search, screened.at
     alone = [(k,) for k in screened.pool.effects.tolist() if (k,) != screened.best.members]
     left = np.array([base.left for base in search.bases(alone)])

@@ -19,8 +19,8 @@ _MOST_BESIDE_TAILS = 8
 
 
 def level_change(screened: Screened) -> NoiseChange | None:
-    """Another level of a stated noise, with the causes that then go best with it; None where heavy tails are more probable than
-    these, or come near them where positions are off, which tails would stand for."""
+    """A different level of a stated noise, with the most probable causes for it. None if heavy tails are more probable, or
+    nearly so for sets with outlier positions, which tails would replace."""
     noise, search = screened.alternatives.noise, Search(screened.pool, screened.at.z, known=False)
     levels = [model for model in noise.listed if model.kind == LEVEL]
     if not levels:

@@ -56,9 +56,9 @@ class NoiseFault(NamedTuple):
 def screen_with_noise(
     screening: Screening, problem: Problem, screened: Screened | None = None
 ) -> tuple[Screened, dict[str, NoiseFault], float]:
-    """Screen; where the noise model is wrong as well, correct it and screen again; `screened`: of this problem already.
+    """Screen. If the noise model is wrong, correct it and screen again. `screened`: an existing screen of this problem.
 
-    **Returns:** the screen, what was wrong with the noise by label, first p-value.
+    **Returns:** the screen, the faults of the noise by label, and the first p-value.
     """
     assumed, level = problem, None
     if screened is None:

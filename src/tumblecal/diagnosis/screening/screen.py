@@ -51,11 +51,11 @@ class Screening:
     """The screen of the problems of one plan, which differ in their readings and noise.
 
     - `model`: the chain with every testable effect in it.
-    - `reference`: what the plan alone decides.
+    - `reference`: properties of the plan.
     - `size`: false alarms allowed, all causes together.
-    - `corrected`: whether the noise was corrected from the data: its level is not known then.
-    - `noise_stands`: whether the noise is as stated whatever the data look like, because they were computed.
-    - `impossible`: ids of effects that would need coefficients such as no head has.
+    - `corrected`: whether the noise was corrected from the data: its level is then unknown.
+    - `noise_stands`: whether the stated noise is used in any case, because the readings were computed.
+    - `impossible`: ids of effects that would need coefficients beyond those of any head.
     """
 
     model: FullModel
@@ -155,7 +155,7 @@ class Screening:
         likely: Sequence[Cause] = (),
     ) -> Screened:
         """The screen with the model linearised at a full vector; `visible` as of `pooled`; `likely`: causes whose effects are
-        looked at together in any case."""
+        evaluated together in any case."""
         at = tangent(self.model, problem, vector)
         known, level = problem.known, at.rough_level
         pool = pooled(at, level, self.reference.pool.generic, visible).without(self.impossible)

@@ -1,4 +1,4 @@
-"""What the screen of one problem says."""
+"""The result of the screen of one problem."""
 
 from dataclasses import dataclass
 
@@ -24,10 +24,10 @@ from tumblecal.ground.showing import brief
 
 @dataclass(frozen=True)
 class Screened:
-    """What the linear screen says of one problem.
+    """The result of the linear screen of one problem.
 
-    `sigma` is the noise in units of the white rows: 1 where it is known, else the best explanation's own.
-    `fit`: the exact fit of the best explanation, where it was made.
+    `sigma` is the noise in units of the white rows: 1 for known noise, otherwise that of the best explanation. `fit`: the
+    exact fit of the best explanation, if available.
     """
 
     __repr__ = brief
@@ -48,7 +48,7 @@ class Screened:
 
     @property
     def seen(self) -> SeenEffects:
-        """What the residuals can show of every effect."""
+        """Visibility of every effect."""
         seen = self.pool.seen_effects
         assert seen is not None  # the pool of a screen has it
         return seen
@@ -69,12 +69,12 @@ class Screened:
 
     @property
     def log_posterior_of_unexplained(self) -> float:
-        """Log posterior of what no entry describes, generic terms aside, on the search's scale."""
+        """Log posterior of lack of fit (without generic terms), on the scale of the search."""
         return self.alternatives.by_label[UNEXPLAINED] + float(np.log(SIZE_PRIOR[1]))
 
     @property
     def unexplained_by_repeats(self) -> str:
-        """In words what comes back in repeats and no entry describes, where that is the best explanation; else ""."""
+        """Description of an error without a name that repeats show, if it is the best explanation; otherwise ""."""
         alone = self.best.unexplained and not self.best.members
         return self._unexplained if alone and isinstance(self._unexplained, str) else ""
 
@@ -115,8 +115,8 @@ class Screened:
 
     @property
     def contradicted(self) -> bool:
-        """Whether the exact fit of the best explanation, where it was made, leaves a share of what it explains by the linear
-        screen."""
+        """Whether the exact fit of the best explanation, if available, leaves a share of the sum of squares that it explains
+        by the linear screen."""
         if self.fit is None or not (self.best.members and self.large):
             return False
         left = self.search.left(self.best.members)

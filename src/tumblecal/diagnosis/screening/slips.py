@@ -32,10 +32,10 @@ def of_angles(mixed: Sequence[SetupError]) -> list[SetupError]:
 
 
 class Credence(NamedTuple):
-    """How far one reading of the angles is to be believed; of two the greater one is.
+    """Score of one interpretation of the angles; of two, the greater one is used.
 
-    - `usual`: by how much (log, negative) the fit's parameters are beyond what is usual of instruments, all of them together.
-    - `log_posterior`: of its explanation, on a scale that all readings of the angles share.
+    - `usual`: by how much (log, negative) the parameters of the fit are beyond their usual range, all together.
+    - `log_posterior`: of its explanation, on a scale common to all interpretations of the angles.
     """
 
     usual: float
@@ -54,7 +54,7 @@ class Credence(NamedTuple):
 
         **Arguments:**
 
-        - `sd`: of the readings before their noise was corrected, to a factor. `beyond`: what is implausible of the fit.
+        - `sd`: of the readings before their noise was corrected, to a factor. `beyond`: implausible parameters of the fit.
         - `slips`: number of corrected errors.
         """
         rows = np.repeat(fit.problem.takes_part, 3)

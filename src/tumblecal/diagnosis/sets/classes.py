@@ -113,7 +113,7 @@ class Groups(NamedTuple):
 
     def with_noise(self, noise: dict[str, float]) -> "Groups":
         """With alternatives that are covariances, by the log posterior of each label, the most probable first; an unexplained
-        one joins what generic terms describe."""
+        one joins the explanations by generic terms."""
         labels = [*self.labels, *((label,) for label in noise if (label,) not in self.labels)]
         further = len(labels) - len(self.labels)
         values = np.array([noise.get(own[0], -np.inf) if len(own) == 1 else -np.inf for own in labels])
@@ -142,11 +142,10 @@ def explanations(
 
     **Arguments:**
 
-    - `search`, `ranked`: the sets looked at.
+    - `search`, `ranked`: the evaluated sets.
     - `noise`: log posterior of each alternative that is a covariance, on the same scale.
     - `sigma`: noise in the units of the residual vector, for known noise 1.
-    - `neighbours`: of the positions, where causes may be positions that are off. `changes`: of the settings, where causes may
-      be jumps.
+    - `neighbours`: of the positions, if causes may be outlier positions. `changes`: of the settings, if causes may be jumps.
     """
     groups, total = grouped(search, ranked)
     groups = groups.with_noise(noise)
@@ -309,8 +308,8 @@ def verdict_of(best: Explanation, otherwise_wrong: bool, implausible_fit: bool, 
 
     **Arguments:**
 
-    - `doubtful`: whether what is none of the explanations (an effect that acts in a part of the data alone, something
-      unexplained in place of another noise) explains them better, or as well.
+    - `doubtful`: whether an alternative outside the explanations explains the data equally well or better: an effect in a part
+      of the data, or an unexplained error instead of a different noise.
     """
     if not best.labels:
         # A fit may be good because a parameter took up what no instrument has: that is no adequate model.

@@ -24,7 +24,7 @@ class Enlarged:
     """Sets with every cause of a pool.
 
     - `evidence` (sets, causes): log evidence of each set with each cause; -inf where that adds nothing.
-    - `open` (sets, causes): where it stands for what the evidence does not exceed, until `settle` computes it.
+    - `open` (sets, causes): entries that are upper bounds until `settle` computes the evidence.
     """
 
     def __init__(self, pool: Pool, known: bool, bases: PartialSets):

@@ -11,8 +11,8 @@ def named_in_place(
     labels: Sequence[Labels], shares: Sequence[float], alike: Mapping[int, Mapping[int, float]]
 ) -> tuple[int, int] | None:
     """Numbers of the listed set that leads in the place of one without a name, and of that one: the most probable listed set
-    and the listed ones like it have together a probability of at least `LEAST_NAMED`. None where what leads has a name, or no
-    listed set is that probable.
+    and the listed ones like it have together a probability of at least `LEAST_NAMED`. None if the leading set has a name, or
+    no listed set is that probable.
 
     **Arguments:**
 

@@ -1,4 +1,4 @@
-"""Sets of causes to be enlarged: what each leaves, and which directions its blocks take."""
+"""Sets of causes to be enlarged: their residuals and the directions of their blocks."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -33,18 +33,18 @@ class PartialSet:
         return max(float(self.z @ self.z - along @ along), 0.0)
 
     def explained(self, along: Float[np.ndarray, " rank *noises"]) -> list[tuple[Float[np.ndarray, " *noises"], int]]:
-        """What each block explains, from the coordinates along the basis, and its rank."""
+        """Sum of squares that each block explains, from the coordinates along the basis, and its rank."""
         ends = accumulate(self.segments, initial=0)
         return [(np.asarray(np.sum(along[a:b] ** 2, axis=0)), b - a) for a, b in pairwise(ends) if b > a]
 
 
 @dataclass(frozen=True)
 class PartialSets:
-    """Sets to be enlarged, side by side.
+    """Sets to be enlarged, as arrays.
 
-    - `z`: the residual after each set's faults are undone, without its part along what is set aside.
-    - `q`: orthonormal rows: the directions of readings that take no part, then those of the blocks in turn.
-    - `widths`: how many rows belong to what is set aside, to the first block, to the second ...: as many as any of the sets
+    - `z`: the residual after each set's faults are undone, without its part along the excluded directions.
+    - `q`: orthonormal rows: the directions of excluded readings, then those of the blocks in turn.
+    - `widths`: number of rows for the excluded directions, to the first block, to the second ...: as many as any of the sets
       needs, rows of zeros in the others. `ranks`: how many each block of each set has.
     """
 
@@ -76,7 +76,7 @@ class PartialSets:
 
     @cached_property
     def explained(self) -> Float[np.ndarray, "sets blocks"]:
-        """What each block explains, in turn."""
+        """Sum of squares that each block explains, in turn."""
         explained = np.zeros((len(self.z), len(self.segments)))
         for number, own in enumerate(self.segments):
             explained[:, number] = np.vecdot(self.along[:, own], self.along[:, own])
@@ -103,7 +103,7 @@ def partial_sets(
 
     **Arguments:**
 
-    - `asides`: for each set orthonormal directions of readings that take no part, as rows.
+    - `asides`: for each set orthonormal directions of excluded readings, as rows.
     """
     rows = rows_of(sets, max(map(len, sets)))
     left, q = _without_faults(pool, z, rows), np.zeros((len(sets), 0, len(z)))
@@ -130,7 +130,8 @@ def partial_sets(
 def least_left(
     pool: Pool, z: Float[np.ndarray, " nu"], sets: Int[np.ndarray, "sets most"]
 ) -> tuple[Float[np.ndarray, " sets"], Int[np.ndarray, "sets most"]]:
-    """What sets of effects (rows that end in -1) leave at least, by normal equations, and the ranks of their blocks."""
+    """Lower bound of the residual of sets of effects (rows that end in -1), by normal equations, and the ranks of their
+    blocks."""
     ranks = np.where(sets >= 0, pool.ranks[sets], 0)
     number = np.arange(ranks.max())
     there = (number < ranks[:, :, None]).reshape(len(sets), -1)

@@ -40,7 +40,7 @@ class Neighbours:
     at: Tangent
 
     def touch(self, labels: Sequence[str]) -> bool:
-        """Whether each of the positions that are off does with another of them, or two repeat an attitude, by their labels."""
+        """Whether each of the outlier positions is a neighbour of another one, or two repeat an attitude, by their labels."""
         off = [label.partition(":")[2] for label in labels if id_of(label) == _POSITIONS]
         if len(off) < 2:
             return False
@@ -68,12 +68,12 @@ class Neighbours:
 
 
 def is_patchwork(labels: Sequence[str], causes: int, noises: int = 0, neighbours: Neighbours | None = None) -> bool:
-    """Whether a set of causes may as well be one thing without a name.
+    """Whether a set of causes may equally be one error without a name.
 
     **Arguments:**
 
     - `labels`: of the set, each jump by its position. `causes`: how many it counts for (`prior.SetPriors`).
-    - `noises`: in how many ways the noise is not as assumed. `neighbours`: of the positions, where any may be off.
+    - `noises`: number of faults of the assumed noise. `neighbours`: of the positions, if any may be an outlier.
     """
     ids = [id_of(label) for label in labels]
     patches = noises + sum(id in JUMPS for id in ids) + (_POSITIONS in ids)

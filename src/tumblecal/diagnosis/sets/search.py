@@ -35,7 +35,7 @@ _Scored = tuple[Int[np.ndarray, "sets most"], Int[np.ndarray, " sets"], Float[np
 
 
 class Search:
-    """All sets looked at for one data set, with their scores."""
+    """All sets evaluated for one data set, with their scores."""
 
     def __init__(self, pool: Pool, z: Float[np.ndarray, " nu"], known: bool):
         self.pool, self.z, self.known = pool, z, known
@@ -48,9 +48,9 @@ class Search:
         self._bases: dict[Members, PartialSet] = {}
 
     def run(self, most: int = MOST, likely: Members = ()) -> Ranked:
-        """Search sets of up to `most` causes; `likely`: one that is looked at in any case.
+        """Search sets of up to `most` causes; `likely`: one that is evaluated in any case.
 
-        **Returns:** all sets looked at, best first.
+        **Returns:** all evaluated sets, best first.
         """
         self.expand([()])
         families, polynomials = (self._families, self._polynomials) if most == MOST else ([], [])
@@ -73,7 +73,7 @@ class Search:
     def several(self) -> float:
         """Log Bayes factor of all sets of causes against "adequate", at least.
 
-        Single causes are tested before; where not even the best pairs come near, nor two families, no more is looked for.
+        Single causes are tested before; if neither the best pairs nor two families come near, no larger sets are searched.
         """
         self.expand([()])
         self.expand(self._beam(1))
@@ -91,7 +91,7 @@ class Search:
         return max(self._best)
 
     def ranked(self) -> Ranked:
-        """The sets looked at that are not negligible, best first."""
+        """The evaluated sets that are not negligible, best first."""
         sets, _, scores = self._once(self.top - NEGLIGIBLE)
         order = (-scores).argsort(kind="stable")
         return Ranked(sets[order], scores[order])
@@ -116,7 +116,7 @@ class Search:
         return self.base(members).left
 
     def sigma(self, members: Members) -> float:
-        """Standard deviation of what a set leaves, in units of the residual vector."""
+        """Standard deviation of the residual of a set, in units of the residual vector."""
         base = self.base(members)
         left = max(base.left, ROUNDING * float(self.z @ self.z))
         return float(np.sqrt(left / max(1, self.pool.dof - base.q.shape[1])))
