@@ -21,9 +21,16 @@ def right(best: "Explanation", truth: tuple[str, ...], noise: Sequence[str] = ()
     return not noise and truth in (best.labels, *best.equivalents)
 
 
+def stated(best: "Explanation", truth: tuple[str, ...], noise: Sequence[str] = ()) -> bool:
+    """Whether the statement of which the probability is given is true: of one set with what is the same function at 1 g where
+    that is claimed alone, otherwise of the class."""
+    return right(best, truth, noise) and (not best.single_name or truth in (best.labels, *best.identical))
+
+
 def with_unexplained(best: "Explanation", noise: Sequence[str] = ()) -> bool:
-    """Whether the class includes a cause without a name, and nothing is said of the noise."""
-    return not noise and any(UNEXPLAINED in labels for labels in (best.labels, *best.equivalents))
+    """Whether the statement includes a cause without a name, and nothing is said of the noise."""
+    others = () if best.single_name else best.equivalents
+    return not noise and any(UNEXPLAINED in labels for labels in (best.labels, *others))
 
 
 def sure(best: "Explanation") -> bool:

@@ -9,7 +9,7 @@ took no part, at temperatures of the measurement. A mechanism is drawn again if 
 truth leaves more than a sigma of it (or an id of it is not needed), or, unlisted, if one id leaves less than 5 sigma.
 
 - alone: the truth, or what is the same function at 1 g, is claimed alone; identified: the verdict says so.
-- class: the truth is in the stated class. Unlisted: the class includes `unexplained`.
+- class: the truth is the best explanation or one of its equivalents. Unlisted: the class includes `unexplained`.
 - wrong: another single name with a probability above 0.9.
 - error: median over the cases of the rms error of corrected readings, after the best rotation, with the calibration of the
   diagnosis / of the nominal model.
@@ -29,7 +29,7 @@ from scipy.spatial.transform import Rotation
 import second_check as check
 import second_head as head
 import tumblecal
-from blind_judge import UNEXPLAINED, interval, print_reliability, right, sure, with_unexplained
+from blind_judge import UNEXPLAINED, interval, print_reliability, right, stated, sure, with_unexplained
 from second_instrument import KINDS, NEEDS_COLUMNS, UNLISTED
 
 
@@ -102,6 +102,7 @@ class Outcome:
     verdict: str
     alone: bool
     in_class: bool
+    stated: bool
     wrong: bool
     error_mg: float | None
     nominal_mg: float | None
@@ -206,11 +207,14 @@ def judged(case: Case, diagnoser: Diagnoser) -> Outcome:
             )
         case truth:
             in_class = right(best, truth, noise)
-            alone = in_class and best.single_name and truth in (best.labels, *best.identical)
+            alone = best.single_name and stated(best, truth, noise)
+    listed = case.truth not in ((), UNLISTED, ("noise_coloured",))
+    meant = stated(best, case.truth, noise) if listed else in_class
     error, nominal = corrected(case, diagnosis)
     return Outcome(
         case.kind, case.number, case.d, case.plan, case.known, case.with_columns, case.sd * 1e3, case.truth, said,
-        best.equivalents, best.probability, diagnosis.verdict, bool(alone), bool(in_class), bool(claimed and not in_class),
+        best.equivalents, best.probability, diagnosis.verdict, bool(alone), bool(in_class), bool(meant),
+        bool(claimed and not meant),
         error, nominal,
     )  # fmt: skip
 
@@ -296,7 +300,7 @@ def report(outcomes: Sequence[Outcome]) -> None:
         if own:
             low, high = interval(sum(own), len(own))
             print(f"{words_of}: {sum(own)} of {len(own)}, {np.mean(own):.1%} ({low:.1%} to {high:.1%})")
-    print_reliability((one.probability, one.in_class) for one in outcomes if one.detected)
+    print_reliability((one.probability, one.stated) for one in outcomes if one.detected)
 
 
 if __name__ == "__main__":

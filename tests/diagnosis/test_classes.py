@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import blind_instrument as blind
-from tumblecal.diagnosis.sets.classes import Explanation
+from tumblecal.diagnosis.sets.classes import Explanation, verdict_of
 from tumblecal.diagnosis.sets.named_first import named_in_place
 from tumblecal.diagnosis.sets.patchwork import is_patchwork
 from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
@@ -155,5 +155,8 @@ def test_listed_causes_lead_in_the_place_of_one_without_a_name_from_a_probabilit
 
 def test_a_listed_set_that_leads_in_the_place_of_a_larger_one_without_a_name_is_not_claimed():
     square, more = ("second_order.x",), ("second_order.x", "unexplained")
-    assert Explanation(square, (more,), 0.95, 0.15, (3,)).separable == (more,)
-    assert Explanation(more, (square,), 0.95, 0.8, (3, 9)).separable == ()
+    for own, other in ((0.15, 0.8), (0.9, 0.08)):
+        led = Explanation(square, (more,), own, (other,), (3,), at_any_odds=(more,))
+        assert led.separable == (more,) and led.probability == own + other
+        assert verdict_of(led, False, False, False) == "ambiguous"
+    assert Explanation(more, (square,), 0.8, (0.15,), (3, 9)).separable == ()

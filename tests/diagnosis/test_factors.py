@@ -11,10 +11,9 @@ from tumblecal.diagnosis.causes.cause import NO_SLOT
 from tumblecal.diagnosis.causes.identities import one_function_at_1_g
 from tumblecal.diagnosis.findings.factors import Factor, Reason, factors_of
 from tumblecal.diagnosis.sets.classes import Explanation, verdict_of
-from tumblecal.diagnosis.sets.occam import needs_more
 from tumblecal.effects import catalogue
 from tumblecal.effects.effect import output_effect
-from tumblecal.report.cause_words import less_simple_words
+from tumblecal.report.cause_words import less_probable_words
 
 
 ROOT = Path(__file__).parents[2]
@@ -23,17 +22,17 @@ TIME = np.linspace(0.0, 4.0, 24)
 COLUMNS = {"time_s": TIME, "temperature_degc": 24.0 + 0.6 * TIME}
 
 
-def told(best, *equivalents, identical=(), less_simple=(), apart=None, probability=0.96):
-    """A class of explanations by hand, its members as texts."""
+def told(best, *equivalents, identical=(), at_any_odds=(), apart=None, own=0.5, shares=None):
+    """A class of explanations by hand, its members as texts; where no probabilities are given the equivalents share 0.46."""
     sets = [tuple(words.split()) for words in equivalents]
     return Explanation(
         labels=tuple(best.split()),
         equivalents=tuple(sets),
-        probability=probability,
-        own_probability=0.5,
+        own_probability=own,
+        shares=tuple([0.46 / len(sets)] * len(sets) if shares is None else shares),
         members=(0,),
         identical=tuple(tuple(words.split()) for words in identical),
-        less_simple=tuple(tuple(words.split()) for words in less_simple),
+        at_any_odds=tuple(tuple(words.split()) for words in at_any_odds),
         apart=tuple([0.1] * len(sets) if apart is None else apart),
     )
 
@@ -117,22 +116,41 @@ def test_a_product_of_which_the_class_holds_a_corner_alone():
     assert shown(first) == "bias_drift.x | bias_temperature.x" and shown(second) == "second_order.z | index_gain"
 
 
+def verdict(best, *equivalents, **given):
+    return verdict_of(told(best, *equivalents, **given), False, False, False)
+
+
 def test_an_identity_at_1_g_is_identified_and_a_superset_adds_nothing():
     alike = "cross_axis_square.z", "cross_axis_square.y cross_axis_square.z"
-    assert verdict_of(told("second_order.z", *alike, identical=alike[:1]), False, False, False) == "identified"
-    assert verdict_of(told("second_order.z", *alike), False, False, False) == "ambiguous"
-    orders = told("third_order.x", "fifth_order.x", "fifth_order.x fifth_order.y", less_simple=["fifth_order.x"])
-    assert (
-        verdict_of(orders, False, False, False) == "identified"
-        and verdict_of(replace(orders, less_simple=()), False, False, False) == "ambiguous"
-    )
+    assert verdict("second_order.z", *alike, identical=alike[:1], own=0.6, shares=[0.3, 0.0]) == "identified"
+    assert verdict("second_order.z", *alike, own=0.6, shares=[0.3, 0.0]) == "ambiguous"
+    assert verdict("second_order.z", *alike, identical=alike[:1], own=0.4, shares=[0.3, 0.0]) == "ambiguous"
+
+
+def test_a_set_of_causes_is_identified_by_the_probability_of_it_alone():
+    """The same signal is no reason for doubt while the other causes of it have less than a fifth of all probability together;
+    the probability stated is then that of the named set alone, otherwise that of the class."""
+    orders = told("third_order.x", "fifth_order.x", own=0.84, shares=[0.12])
+    assert orders.single_name and orders.probability == 0.84 and orders.class_probability == pytest.approx(0.96)
+    assert verdict_of(orders, False, False, False) == "identified"
     assert factors_of(orders, ENTRIES, COLUMNS) == (Factor((("third_order.x",),)),)
-    said = "fifth_order.x would explain these data as well as third_order.x, the simpler cause"
-    assert list(less_simple_words(orders)) == [said] and not [*less_simple_words(README)]
-    assert (
-        verdict_of(told("second_order.z", *alike, identical=alike[:1], probability=0.7), False, False, False)
-        == "ambiguous"
-    )
+    said = "less probable causes of the same signal: fifth_order.x (probability 0.12)"
+    assert list(less_probable_words(orders)) == [said]
+    columns = told("bias_drift.x", "bias_temperature.x", "warm_up", own=0.6, shares=[0.35, 0.01])
+    assert columns.separable == (("bias_temperature.x",),) and columns.probability == pytest.approx(0.96)
+    assert columns.less_probable == ((("warm_up",), 0.01),) and not [*less_probable_words(columns)]
+    assert verdict_of(columns, False, False, False) == "ambiguous"
+    # Nothing but the evidence against all else makes a set of 0.75 less than sure.
+    alone = told("bias_drift.x", "warm_up", own=0.75, shares=[0.01])
+    assert alone.single_name and verdict_of(alone, False, False, False) == "ambiguous"
+
+
+def test_pieces_of_one_thing_and_what_has_no_name_are_doubted_at_any_odds():
+    pieces = "bias_jump:1-2 bias_jump:2-2", "unexplained"
+    assert verdict(*pieces, own=0.95, shares=[0.001]) == "identified"
+    assert verdict(*pieces, own=0.95, shares=[0.001], at_any_odds=pieces[1:]) == "ambiguous"
+    assert verdict("unexplained", "fifth_order.x", own=0.95, shares=[0.001]) == "ambiguous"
+    assert verdict("unexplained", own=0.95, shares=[]) == "unexplained"
 
 
 def test_effects_of_the_sensor_that_are_one_function_at_1_g():
@@ -175,48 +193,6 @@ def test_an_identity_of_an_effect_of_the_users():
     assert one_function_at_1_g(slots[:1], slots[1:2]) and not one_function_at_1_g(slots[:1], slots[2:])
 
 
-def slots_of(*ids):
-    made = []
-    for id in ids:
-        effect = ENTRIES[id]
-        polynomial, order = effect.polynomial
-        columns = tuple(range(len(effect.forms) or 1))
-        made.append(
-            replace(
-                NO_SLOT,
-                id=id,
-                make=effect.make,
-                columns=columns,
-                weight=effect.weight,
-                polynomial=polynomial,
-                order=order,
-            )
-        )
-    return made
-
-
-@pytest.mark.parametrize(
-    ("simpler", "other", "more"),
-    [
-        ("third_order.x", "fifth_order.x", True),
-        ("fifth_order.x", "third_order.x", False),
-        ("third_order.x", "fifth_order.y", False),
-        ("third_order.x", "fifth_order.x fifth_order.y", True),
-        ("third_order.x third_order.y", "fifth_order.x fifth_order.y", True),
-        # Either is met as often as the other, so neither is the simpler one.
-        ("second_order.x", "third_order.x", False),
-        ("bias_temperature.y", "bias_temperature_square.y", True),
-        ("bias_temperature.y", "bias_drift.y", False),
-        ("cross_axis_square.y", "bias_drift.y second_order.y", True),
-        ("cross_axis_square.y", "bias_drift.y second_order.x", False),
-        ("cross_axis_square.y", "second_order.y", False),
-        ("second_order.z", "cross_axis_square.y cross_axis_square.z", False),
-    ],
-)
-def test_a_higher_order_and_a_special_case_with_a_further_effect_are_no_equals(simpler, other, more):
-    assert needs_more(slots_of(*simpler.split()), slots_of(*other.split())) is more
-
-
 def test_powers_of_a_polynomial_are_one_factor_and_fewer_of_them_no_other_explanation():
     best = told(
         "bias_temperature.x bias_temperature_square.x second_order.z",
@@ -224,6 +200,8 @@ def test_powers_of_a_polynomial_are_one_factor_and_fewer_of_them_no_other_explan
         "bias_drift.x bias_drift_square.x second_order.z",
         "bias_temperature.x bias_temperature_square.x cross_axis_square.z",
         identical=["bias_temperature.x bias_temperature_square.x cross_axis_square.z"],
+        own=0.3,
+        shares=[0.1, 0.35, 0.2],
     )
     assert best.separable == (("bias_drift.x", "bias_drift_square.x", "second_order.z"),)
     assert best.supersets == ()

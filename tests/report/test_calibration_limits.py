@@ -119,7 +119,7 @@ def test_an_ambiguous_verdict_allows_the_parameters_in_which_the_explanations_ag
     used = SimpleNamespace(as_fit=fit, weighed=[SimpleNamespace(fit=fit)] * 2)
     diagnosis = SimpleNamespace(
         implausible=(), verdict="ambiguous", extended=fit, members=(), noise_wrong=(), data=fit.data, sigma_g=1e-4,
-        in_use=used,
+        in_use=used, best=SimpleNamespace(equivalents=()),
     )  # fmt: skip
     held = SimpleNamespace(losses=lambda degc: [], listed=())
     own = use_of_diagnosis(diagnosis, held, None, [explained(2e-3, 0.0), explained(0.0, 2e-3)])

@@ -56,7 +56,7 @@ SIZE_PRIOR = (0.25, 0.69, 0.05, 0.004, 0.0003)
 # and on two of them, each with a coefficient of its own: such a set counts as one cause. (blind)
 ON_AXES = {3: 0.08, 2: 0.08}
 # The same for the lowest powers of one variable on one output, by their number: two powers share what a bias that follows the
-# temperature about any reference needs. (benchmarks/blind_study.py --only polynomial)
+# temperature about any reference needs. (by thought)
 OF_ORDERS = ((2, 0.04), (3, 0.005))
 # The same for outlying positions: shares of the prior of one that two, three and four of them have as one cause.
 SEVERAL_OUTLIERS = {2: 0.2, 3: 0.1, 4: 0.03}
@@ -122,8 +122,9 @@ INDISTINGUISHABLE = 3.0
 LEAST_ODDS = 4.0
 # Where listed causes have this probability, one that no entry describes does not lead: the verdict names them first.
 LEAST_NAMED = 0.1
-# From this probability on an explanation without equivalents is called identified.
-SURE = 0.8
+# From this probability on a set of causes, with those that are one function with it at 1 g, is called identified; where it has
+# less, its equivalents are listed up to the second share of the class. (blind)
+SURE, LISTED = 0.8, 0.95
 
 # Share of the prior of all noise alternatives together, relative to that of the candidates. (noise)
 NOISE_WEIGHT = 0.08

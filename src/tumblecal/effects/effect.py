@@ -20,7 +20,7 @@ from tumblecal.ground.units import converts, factor
 # Weight of an entry that is the cause less often than those of the model equation and of the head.
 RARE = 0.25
 # The same of a higher order that is met alone, without the lower one that makes nearly the same signal.
-HIGHER_ORDER = 0.05
+HIGHER_ORDER = 0.15
 
 # Pauses of unknown length that an effect of time allows for: it counts the time in each run by itself.
 BETWEEN_RUNS = "between runs"

@@ -50,9 +50,12 @@ def rivals_of(diagnosis: Diagnosis, rows: Rows) -> list[Rival]:
     if not all(cause.named for cause in members):
         return []
     best, leader = screened.best, {cause.label for cause in members if cause.slot.columns}
-    shared = (best.probability - best.own_probability) / max(1, len(best.separable))
-    listed = [(labels, max(shared, LEAST_PROBABILITY)) for labels in best.separable]
-    listed += [(told.labels, told.probability) for told in screened.explanations if told is not best and not told.noise]
+    each = dict(zip(best.equivalents, best.shares, strict=True))
+    listed = [(labels, max(each[labels], LEAST_PROBABILITY)) for labels in best.separable]
+    listed += best.less_probable
+    listed += [
+        (told.labels, told.class_probability) for told in screened.explanations if told is not best and not told.noise
+    ]
     wanted = {label for labels, _ in listed for label in labels} - {UNEXPLAINED}
     by_label: dict[str, list[Cause]] = {}
     for k, label in enumerate(screened.pool.labels):

@@ -16,6 +16,10 @@ from tumblecal.ground.numbers_shown import rounded_together
 from tumblecal.ground.units import factor, shown
 
 
+# A cause that is less probable than this is not listed among those of the same signal.
+_LEAST_STATED = 0.02
+
+
 def label_words(labels: tuple[str, ...]) -> str:
     """`a + b at 1-3`; of a family `c.x, .y, .z`."""
     families = [list(own) for _, own in groupby(labels, key=lambda label: (family_of(label) or (label,))[0])]
@@ -33,12 +37,12 @@ def identical_words(best: Explanation) -> Iterator[str]:
         )
 
 
-def less_simple_words(best: Explanation) -> Iterator[str]:
-    """Which sets explain the data as well and are less simple, where there are any."""
-    others = [labels for labels in best.less_simple if labels not in best.supersets]
+def less_probable_words(best: Explanation) -> Iterator[str]:
+    """Which sets could make the signal too, but are improbable, where any has a probability worth stating."""
+    others = sorted((own for own in best.less_probable if own[1] >= _LEAST_STATED), key=lambda own: -own[1])
     if others:
-        listed = "; ".join(label_words(labels) for labels in others)
-        yield f"{listed} would explain these data as well as {label_words(best.labels)}, the simpler cause"
+        listed = "; ".join(f"{label_words(labels)} (probability {share:.2f})" for labels, share in others)
+        yield f"less probable causes of the same signal: {listed}"
 
 
 def by_family(causes: Iterable[Cause]) -> list[list[Cause]]:

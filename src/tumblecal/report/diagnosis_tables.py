@@ -127,8 +127,8 @@ def _explanations_table(diagnosis: Diagnosis) -> PageTable:
 def _equivalents(explanation: Explanation, diagnosis: Diagnosis) -> str:
     if explanation is diagnosis.best:
         return ""
-    words = "; ".join(label_words(labels) for labels in explanation.equivalents[:_MOST_OF_OTHERS])
-    more = len(explanation.equivalents) - _MOST_OF_OTHERS
+    words = "; ".join(label_words(labels) for labels in explanation.stated[:_MOST_OF_OTHERS])
+    more = len(explanation.stated) - _MOST_OF_OTHERS
     return f"{words}; and {more} more" if more > 0 else words
 
 

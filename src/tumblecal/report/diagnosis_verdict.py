@@ -12,7 +12,13 @@ from tumblecal.diagnosis.findings.factors import Factor, Reason
 from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.ground.numbers_shown import p_words
 from tumblecal.planning.next_plan import NextPlan
-from tumblecal.report.cause_words import label_words, less_simple_words, patchwork_words, size_words, unexplained_words
+from tumblecal.report.cause_words import (
+    label_words,
+    less_probable_words,
+    patchwork_words,
+    size_words,
+    unexplained_words,
+)
 from tumblecal.report.diagnosis_calibration import diagnosed_use
 from tumblecal.report.diagnosis_details import details
 from tumblecal.report.gravity_words import gravity_warning
@@ -182,7 +188,7 @@ def _located(diagnosis: Diagnosis) -> Iterator[str]:
 def _unresolved(diagnosis: Diagnosis, numbers: Mapping[str, int]) -> Iterator[Unresolved]:
     for factor in sorted(diagnosis.factors, key=lambda own: (own.resolved, numbers.get(own.members[0][0], 0))):
         yield from alternatives(factor, numbers)
-    yield from map(Unresolved, less_simple_words(diagnosis.best))
+    yield from map(Unresolved, less_probable_words(diagnosis.best))
     if patchwork := patchwork_words(diagnosis):
         yield Unresolved(patchwork)
     if diagnosis.verdict != "unexplained":

@@ -127,7 +127,7 @@ def _explanations_table(found: Together) -> PageTable:
         [
             explanation_words(explanation) + (" (acted on)" if explanation is found.joint.best else ""),
             f"{explanation.probability:.3f}",
-            "; ".join(label_words(labels) for labels in explanation.told.equivalents[:8]),
+            "; ".join(label_words(labels) for labels in explanation.told.stated[:8]),
         ]
         for explanation in found.joint.explanations[:10]
         if explanation.probability > 1e-3 or explanation is found.joint.best

@@ -43,7 +43,7 @@ def units_verdict(found: Together, units: UnitRows, entries: Catalogue) -> Verdi
         f"Test of {count} units together, whether the head has an error: {p_words(joint.p_value)}; {chance}",
     ]
     if best.told.labels:
-        same = "; ".join(label_words(labels) for labels in best.told.equivalents[:8])
+        same = "; ".join(label_words(labels) for labels in best.told.stated[:8])
         beside = f" together with those that these data cannot tell from it: {same}" if same else ""
         evidence.append(
             f"Shared by {rest}: {label_words(best.told.labels)} (probability {best.probability:.2f}{beside})."

@@ -63,8 +63,7 @@ def factors(best: Explanation, entries: Catalogue, data: PositionSet) -> tuple[F
     """An explanation of some data as a product, a factor for each finding, in the order of its labels; nothing where it has no
     label.
 
-    Members of the class with coefficients that the data do not need (`best.supersets`), or that are less simple for the same
-    signal, are in none.
+    Members of the class with coefficients that the data do not need (`best.supersets`), or that are less probable, are in none.
     """
     columns = {name: getattr(data, attribute) for name, attribute in _COLUMNS.items()}
     known = {name: np.asarray(values, float) for name, values in columns.items() if values is not None}
@@ -73,8 +72,7 @@ def factors(best: Explanation, entries: Catalogue, data: PositionSet) -> tuple[F
 
 def factors_of(best: Explanation, entries: Catalogue, columns: Mapping[str, np.ndarray]) -> tuple[Factor, ...]:
     """The same of an explanation and the columns of the data by name."""
-    kept = [labels for labels in best.equivalents if labels in best.separable or labels in best.identical]
-    listed = exchanges(best.labels, kept, best.identical)
+    listed = exchanges(best.labels, best.stated, best.identical)
     apart = dict(zip(best.equivalents, best.apart, strict=False))
 
     def reason(exchange: Exchange) -> Reason:

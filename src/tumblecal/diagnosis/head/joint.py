@@ -27,13 +27,18 @@ _HOPELESS = -2.0
 class SharedExplanation:
     """A set of errors shared by all units (`told`), with effects that each unit has by a different amount.
 
-    `probability`: of the set or its equivalents, over all hypotheses.
+    `class_probability`: of the set or its equivalents, over all hypotheses.
     """
 
     told: Explanation
-    probability: float
+    class_probability: float
     own_probability: float
     weighed: Weighed
+
+    @property
+    def probability(self) -> float:
+        """Of the statement that is made (`Explanation.probability`), over all hypotheses."""
+        return self.class_probability * self.told.probability / max(self.told.class_probability, 1e-300)
 
     @property
     def spreads(self) -> tuple[str, ...]:
@@ -91,14 +96,14 @@ class Joint:
     def shared_probability(self, id: str) -> float:
         """Probability that an effect, or one indistinguishable from it, is shared by all units, with one coefficient."""
         return sum(
-            told.probability
+            told.class_probability
             for told in self.explanations
             if any(id in labels for labels in (told.told.labels, *told.told.equivalents))
         )
 
     def spread_probability(self, id: str) -> float:
         """Probability that every unit has an effect with a different amount."""
-        return sum(told.probability for told in self.explanations if id in told.spreads)
+        return sum(told.class_probability for told in self.explanations if id in told.spreads)
 
 
 def joint(units: Sequence[Unit], signals: Sequence[SharedSignal]) -> Joint:
@@ -163,7 +168,7 @@ def _told(tried: Sequence[Weighed]) -> Joint:
         spreads = frozenset(spread.signal.label for spread in weighed.spreads)
         for explanation in told:
             key = (frozenset([explanation.labels, *explanation.equivalents]), spreads)
-            score = total + float(np.log(max(explanation.probability, 1e-300)))
+            score = total + float(np.log(max(explanation.class_probability, 1e-300)))
             own = total + float(np.log(max(explanation.own_probability, 1e-300)))
             if key not in best or score > best[key][0]:
                 best[key] = (score, own, explanation, weighed)

@@ -180,7 +180,9 @@ class Screening:
         by_label = {label: value + float(np.log(SIZE_PRIOR[1])) for label, value in beside.by_label.items()}
         told = explanations(search, ranked, by_label, sigma, Neighbours(at), SettingChanges(at))
         leads = " + ".join(told[0].labels) or "adequate"
-        _log.debug("%d causes, p = %.2g; %s leads with %.3f", pool.size, detection.p_value, leads, told[0].probability)
+        _log.debug(
+            "%d causes, p = %.2g; %s leads with %.3f", pool.size, detection.p_value, leads, told[0].class_probability
+        )
         return Screened(at, pool, beside, detection, told, search, sigma)
 
 

@@ -134,7 +134,7 @@ class Screened:
         """Whether effects, or a noise that is not large, are so sure that no kink needs trying; what acts at single
         positions may stand for one."""
         plain = self.of_effects or not (self.members or self.large)
-        return self.best.probability > SETTLED and not self.best.unexplained and plain
+        return self.best.class_probability > SETTLED and not self.best.unexplained and plain
 
     @property
     def parts_of_leading_effects(self) -> list[Members]:

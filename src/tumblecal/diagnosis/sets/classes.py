@@ -1,6 +1,7 @@
 """From scored sets to explanations: the same names together, and indistinguishable sets in one class."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from operator import attrgetter
 from typing import NamedTuple
 
@@ -14,13 +15,13 @@ from tumblecal.diagnosis.model.layout import Slot
 from tumblecal.diagnosis.sets.cause_sets import Members, Ranked, keys_of, sets_of
 from tumblecal.diagnosis.sets.exchanges import Labels, supersets
 from tumblecal.diagnosis.sets.named_first import named_in_place
-from tumblecal.diagnosis.sets.occam import further_powers, needs_more, splits
+from tumblecal.diagnosis.sets.occam import further_powers
 from tumblecal.diagnosis.sets.partial_set import partial_sets
 from tumblecal.diagnosis.sets.patchwork import Neighbours, is_patchwork
 from tumblecal.diagnosis.sets.prior import SetPriors
 from tumblecal.diagnosis.sets.search import Search
 from tumblecal.diagnosis.sets.setting_changes import SettingChanges
-from tumblecal.diagnosis.tuning import INDISTINGUISHABLE, LEAST_ODDS, NEGLIGIBLE, SURE
+from tumblecal.diagnosis.tuning import INDISTINGUISHABLE, LEAST_ODDS, LISTED, NEGLIGIBLE, SURE
 
 
 # Equivalents of sets less probable than this are not looked for.
@@ -36,23 +37,23 @@ class Explanation:
     """A set of named causes.
 
     - `labels`: ids, positions after a colon; empty: the model is adequate.
-    - `equivalents`: other sets of labels, indistinguishable with these data, and those with fewer or more powers of the same
+    - `equivalents`: other sets of labels that can produce its signal, and those with fewer or more powers of the same
       polynomial; `identical`: those of them that are the same function at 1 g, so that no data of a head separate them;
-      `less_simple`: those that need more for the same signal (`sets.occam`).
+      `at_any_odds`: those that count regardless of their probability.
+    - `own_probability`: that the truth is this set; `shares`: the same of each equivalent.
     - `apart`: norm of the part of its signal that each equivalent cannot produce, in noise standard deviations; NaN if
       unknown.
-    - `probability`: that the truth is this set or one of its equivalents; `own_probability`: this set alone.
     - `members`: the best set of candidates with these labels; `noise`: the noise alternative where it is one.
     """
 
     labels: tuple[str, ...]
     equivalents: tuple[tuple[str, ...], ...]
-    probability: float
     own_probability: float
+    shares: tuple[float, ...]
     members: tuple[int, ...]
     noise: str = ""
     identical: tuple[Labels, ...] = ()
-    less_simple: tuple[Labels, ...] = ()
+    at_any_odds: tuple[Labels, ...] = ()
     apart: tuple[float, ...] = ()
 
     @property
@@ -68,23 +69,58 @@ class Explanation:
     @property
     def supersets(self) -> tuple[Labels, ...]:
         """Equivalents that contain another one, or this one, and causes that the data do not need."""
-        return supersets(self.labels, [own for own in self.equivalents if not self._within(own)])
-
-    def _within(self, labels: Labels) -> bool:
-        """Whether a member of the class has fewer powers of a polynomial, and all else the same."""
-        return {*labels} < {*self.labels}
+        return supersets(self.labels, [own for own in self.equivalents if not {*own} < {*self.labels}])
 
     @property
+    def powers(self) -> tuple[Labels, ...]:
+        """The same causes with fewer or more powers of a polynomial."""
+        nested = [own for own in self.equivalents if {*own} < {*self.labels} or {*own} > {*self.labels}]
+        return tuple([own for own in nested if own not in self.at_any_odds])
+
+    @property
+    def class_probability(self) -> float:
+        """That the truth is this set or one of its equivalents."""
+        return self.own_probability + sum(self.shares)
+
+    @property
+    def probability(self) -> float:
+        """Of the statement that is made: of this set with what is identical and its powers where one is claimed, otherwise
+        of the whole class."""
+        return self._claimed if self.single_name else self.class_probability
+
+    @cached_property
     def separable(self) -> tuple[Labels, ...]:
-        """The equivalents that other positions could separate from it, and that are as simple."""
-        aside = {*self.identical, *self.supersets, *self.less_simple}
-        return tuple(
-            [
-                own
-                for own in self.equivalents
-                if (UNEXPLAINED in own and not self.unexplained) or (own not in aside and not self._within(own))
-            ]
-        )
+        """The equivalents that other positions could separate from it and that count: none if it is sure without them, otherwise
+        the most probable ones up to `LISTED` of the class.
+
+        The posterior contains Occam's factor: an additional or a rare coefficient costs probability. Equivalents of a cause
+        without a name count in any case.
+        """
+        aside, left = {*self.identical, *self.supersets, *self.powers}, LISTED * self.class_probability - self._claimed
+        counted = {*self.at_any_odds} - {*self.identical}
+        for share, labels in sorted(zip(self.shares, self.equivalents, strict=True), reverse=True):
+            if labels in aside:
+                continue
+            if self.unexplained or (self._claimed < SURE and left > 0.0):
+                counted.add(labels)
+            left -= share
+        return tuple([own for own in self.equivalents if own in counted])
+
+    @property
+    def stated(self) -> tuple[Labels, ...]:
+        """The members of the class that a statement names with this set: identical or separable."""
+        return tuple([own for own in self.equivalents if own in {*self.identical, *self.separable}])
+
+    @property
+    def less_probable(self) -> tuple[tuple[Labels, float], ...]:
+        """The other equivalents that a measurement could find in its place, with their probabilities."""
+        aside = {*self.identical, *self.supersets, *self.powers, *self.separable}
+        return tuple([own for own in zip(self.equivalents, self.shares, strict=True) if own[0] not in aside])
+
+    @property
+    def _claimed(self) -> float:
+        both, same = zip(self.equivalents, self.shares, strict=True), {*self.identical, *self.powers}
+        return self.own_probability + sum([share for labels, share in both if labels in same])
 
 
 class Groups(NamedTuple):
@@ -153,19 +189,21 @@ def explanations(
     shares = np.exp(groups.log_posterior - total).tolist()
     # The number -1 means no cause, which has no coefficient.
     coefficients = np.append(search.pool.ranks, 0)[groups.sets].sum(axis=1)
-    near = _near(groups, coefficients, shares, changes)
+    near, bound = _near(groups, coefficients, shares, changes)
     alike = _alike(search, groups, near, sigma)
     if (UNEXPLAINED,) in groups.labels:
-        unexplained = groups.labels.index((UNEXPLAINED,))
-        alike |= {k: alike.get(k, {}) | {unexplained: np.nan} for k in groups.patchwork(neighbours)}
+        unexplained, pieces = groups.labels.index((UNEXPLAINED,)), groups.patchwork(neighbours)
+        alike |= {k: alike.get(k, {}) | {unexplained: np.nan} for k in pieces}
+        bound[pieces, unexplained] = True
     found, used = [], set()
-    sets, causes, order = sets_of(groups.sets), groups.causes.tolist(), list(range(len(groups.labels)))
+    sets, order = sets_of(groups.sets), list(range(len(groups.labels)))
     for k in near:
         powers = [other for other in range(len(sets)) if further_powers(search.pool, sets[k], sets[other])]
         alike[k] = alike.get(k, {}) | dict.fromkeys(powers, np.nan)
     if (named := named_in_place(groups.labels, shares, alike)) is not None:
         first, unnamed_one = named
         alike[first] = {unnamed_one: np.nan} | alike.get(first, {})
+        bound[first, unnamed_one] = True
         order.sort(key=lambda k: k != first)
     for k in order:
         if k in used:
@@ -173,25 +211,20 @@ def explanations(
         labels, members, unnamed = groups.labels[k], sets[k], bool(groups.unnamed[k])
         same = {other: _apart(search.pool, members, sets[other]) for other in alike.get(k, {}) if other not in used}
         used |= {k, *same}
-        less_simple = {
-            other
-            for other, own in same.items()
-            if needs_more(*own) or (causes[other] > causes[k] and splits(search.pool, members, sets[other]))
-        }
         found.append(
             Explanation(
                 labels=labels,
                 equivalents=tuple([groups.labels[other] for other in same]),
-                apart=tuple([alike[k][other] for other in same]),
-                probability=shares[k] + sum([shares[other] for other in same]),
                 own_probability=shares[k],
+                shares=tuple([shares[other] for other in same]),
+                apart=tuple([alike[k][other] for other in same]),
                 members=members,
                 noise=labels[0] if not unnamed and labels and labels[0] in noise else "",
                 identical=tuple([groups.labels[other] for other, own in same.items() if one_function_at_1_g(*own)]),
-                less_simple=tuple([groups.labels[other] for other in same if other in less_simple]),
+                at_any_odds=tuple([groups.labels[other] for other in same if bound[k, other]]),
             )
         )
-    return sorted(found, key=attrgetter("probability"), reverse=True)
+    return sorted(found, key=attrgetter("class_probability"), reverse=True)
 
 
 def _apart(pool: Pool, first: Members, second: Members) -> tuple[list[Slot], list[Slot]]:
@@ -241,9 +274,9 @@ def _label_numbers(pool: Pool, sets: Int[np.ndarray, "sets most"]) -> tuple[Int[
 
 def _near(
     groups: Groups, coefficients: Int[np.ndarray, " groups"], shares: list[float], changes: SettingChanges | None
-) -> dict[int, list[int]]:
+) -> tuple[dict[int, list[int]], Bool[np.ndarray, "groups groups"]]:
     """For each group that is probable enough those whose names and posteriors let them be one class with it, if they can make
-    its signal; `coefficients`: how many each has."""
+    its signal, and which of them no odds part from it; `coefficients`: how many each has."""
     causes, unnamed, posterior, prior = groups.causes, groups.unnamed, groups.log_posterior, groups.log_prior
     # Equal signals are one class whatever their priors; what some unnamed term can imitate has its name.
     odds = posterior[:, None] - posterior - np.where(unnamed, 0.0, prior[:, None] - prior)
@@ -254,13 +287,16 @@ def _near(
     fewer |= (causes > causes[:, None]) & (coefficients <= coefficients[:, None]) & ~(unnamed[:, None] | unnamed)
     near = fewer & (odds <= np.where(imitated, NEGLIGIBLE, LEAST_ODDS))
     held, less = _one_holds_the_other(groups.labels), coefficients[:, None] < coefficients
+    special = np.zeros_like(held)
     if changes is not None:
         # What jumps with a change of setting is a special case of what is another at each: no odds part them.
         special = fewer & changes.special_cases(groups.labels) & less
-        near |= special & ~(special @ (held & less))
+        special &= ~(special @ (held & less))
+    near |= special
     # Whether one more of a family is needed is for the probabilities to say.
     near &= ~held
-    return {k: np.flatnonzero(near[k]).tolist() for k, share in enumerate(shares) if share > LEAST_SHARE and causes[k]}
+    probable = [k for k, share in enumerate(shares) if share > LEAST_SHARE and causes[k]]
+    return {k: np.flatnonzero(near[k]).tolist() for k in probable}, special
 
 
 def _one_holds_the_other(sets: list[tuple[str, ...]]) -> Bool[np.ndarray, "groups groups"]:
