@@ -10,7 +10,7 @@ from tumblecal.data import PositionSet
 from tumblecal.estimation import exact, problem_of
 from tumblecal.ground.errors import InputError
 from tumblecal.planning import NextPlan
-from tumblecal.report.cause_words import coefficients
+from tumblecal.report.cause_words import coefficients, less_probable_words
 from tumblecal.report.diagnosis_file import record, write_json
 from tumblecal.report.diagnosis_page import write_diagnosis_page
 from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
@@ -113,9 +113,12 @@ def test_mislabelled_angle(diagnoser, hidden):
     assert diagnosis.extended.rms < 1.3e-4
 
 
-def test_what_no_entry_describes_stands_beside_the_entry_that_looks_like_it(diagnoser, hidden):
-    diagnosis = diagnoser(hidden(8, {"?square_times_sine.y": [1e-3]}, plan=(4, 12)))
-    assert {"unexplained"} in names(diagnosis) and diagnosis.verdict == "ambiguous"
+def test_an_entry_that_looks_like_an_effect_in_no_entry_is_stated_with_the_probability_of_the_latter(diagnoser, hidden):
+    best = diagnoser(hidden(8, {"?square_times_sine.y": [1e-3]}, plan=(4, 12))).best
+    share = dict(best.less_probable)[("unexplained",)]
+    assert 0.02 < share < 1 - best.probability
+    (said,) = less_probable_words(best)
+    assert f"an effect that is not in the catalogue (probability {share:.2f})" in said
 
 
 @pytest.mark.parametrize("effects", [{"?index_third": [5e-4, -4e-4]}, {"?triple_product.y": [1e-3]}])

@@ -18,6 +18,7 @@ from tumblecal.ground.units import factor, shown
 
 # A cause that is less probable than this is not listed among those of the same signal.
 _LEAST_STATED = 0.02
+_UNLISTED = "an effect that is not in the catalogue"
 
 
 def label_words(labels: tuple[str, ...]) -> str:
@@ -41,7 +42,8 @@ def less_probable_words(best: Explanation) -> Iterator[str]:
     """Which sets could make the signal too, but are improbable, where any has a probability worth stating."""
     others = sorted((own for own in best.less_probable if own[1] >= _LEAST_STATED), key=lambda own: -own[1])
     if others:
-        listed = "; ".join(f"{label_words(labels)} (probability {share:.2f})" for labels, share in others)
+        words = ((label_words(own) if own != (UNEXPLAINED,) else _UNLISTED, share) for own, share in others)
+        listed = "; ".join(f"{own} (probability {share:.2f})" for own, share in words)
         yield f"less probable causes of the same signal: {listed}"
 
 
