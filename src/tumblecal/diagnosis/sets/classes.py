@@ -90,8 +90,8 @@ class Explanation:
 
     @cached_property
     def separable(self) -> tuple[Labels, ...]:
-        """The equivalents that other positions could separate from it and that count: none if it is sure without them, otherwise
-        the most probable ones up to `LISTED` of the class.
+        """The equivalents that other positions could separate from it and that count: none if it is sure without them,
+        otherwise the most probable ones up to `LISTED` of the class.
 
         The posterior contains Occam's factor: an additional or a rare coefficient costs probability. Equivalents of a cause
         without a name count in any case.
