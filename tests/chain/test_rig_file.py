@@ -132,7 +132,7 @@ PLAN = 'schema = "tumblecal.rig/1"\n[plan]\nalpha_deg = [0]\nbeta_deg = [0]\n'
         (PLAN.replace("[0]\nbeta", "[]\nbeta"), "2: plan: 0 positions; give 1 to 100000"),
         (
             PLAN.replace("[0]\nbeta", "{ start = 0, step = 0, count = 8 }\nbeta"),
-            "3: plan.alpha_deg: step is 0: 8 positions would be one",
+            "3: plan.alpha_deg: step is 0, so all 8 positions would be equal",
         ),
         (f'{PLAN}[truth]\nbias = {{ value = [1e300, 0], unit = "mg" }}\n', "6: truth.bias.value.0: must be smaller"),
         (f'{PLAN}[truth]\nbias = {{ value = "x", unit = "mg" }}\n', "6: truth.bias.value: must be a number (got 'x')"),

@@ -49,7 +49,7 @@ def test_samples_of_a_capture(tumblecal, tmp_path, recorded, means):
     assert outcome.code == 0 and not outcome.lines
     said = " ".join(outcome.out.split())
     assert f"Raw samples of {recorded.folder} (24 positions of 30 s): x white 42." in said
-    assert "noise of the raw samples" in said and "Counted as white noise (sd / sqrt(n))" in said
+    assert "noise of the raw samples" in said and "Under the assumption of white noise (sd / sqrt(n))" in said
     found = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
     samples, white = found["samples"], 3e-4 / np.sqrt(30 * 50)
     assert samples["source"] == str(recorded.folder) and samples["slow_noise"] in ("walk", "markov", "flicker", "apart")
@@ -109,7 +109,7 @@ BAD = {
     ),
     "no noise to be seen": (
         lambda t: t.with_columns(pl.col("az_g").mean().over("position")),
-        "axis z: most positions' samples are all the same",
+        "axis z: most positions' samples are equal",
     ),
 }
 

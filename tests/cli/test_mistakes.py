@@ -168,7 +168,7 @@ MISTAKES = {
         "calibrate good.csv --prior dbeta=3mg",
         "--prior 'dbeta=3mg': 'mg' cannot be converted to 'rad'",
     ),
-    "prior without noise": ("calibrate good.csv --prior dbeta=3arcmin", "a prior needs the noise"),
+    "prior without noise": ("calibrate good.csv --prior dbeta=3arcmin", "a prior needs a stated noise"),
     "fixed nothing": ("calibrate good.csv --fix warp", "--fix warp: no such parameter"),
     "no such rig": ("calibrate good.csv --rig none.toml", "none.toml: no such file"),
     "no such config": ("simulate none.toml --out x.csv", "none.toml: no such file"),

@@ -23,7 +23,7 @@ def remounted(tmp_path_factory, configs):
     return folder
 
 
-WORDS = "The triad is taken as turned 90 deg about z in mounting B; dtheta counts from there."
+WORDS = "Assumed: the triad is turned 90 deg about z in mounting B; dtheta is relative to this."
 
 
 def test_without_a_rig(tumblecal, tmp_path, remounted):

@@ -48,30 +48,30 @@ def folder(tmp_path_factory):
 NAMED = {
     "pitch from the other end": ("pitch_reversed", "from the other end"),
     "spindle reversed": ("axis_map", "column y is -y"),
-    "spindle reversed at one setting": ("spindle_reversed", "in the other sense at beta"),
+    "spindle reversed at one setting": ("spindle_reversed", "has the opposite sign at beta"),
     "settings exchanged": ("settings_exchanged", "are exchanged"),
-    "setting mislabelled": ("mislabelled_setting", "stood at 45 deg"),
-    "time restarts": ("time_restarts", "starts again at position 1-5"),
-    "temperature in kelvin": ("temperature_unit", "are kelvin"),
-    "angle columns exchanged": ("angles_exchanged", "each other's column"),
-    "spindle from another hole": ("index_offset", "from the angles written at beta"),
-    "spindle turned back": ("spindle_reversed", "stand in reverse order at"),
-    "readings a row late": ("rows_shifted", "stand a row late"),
-    "a reading left out": ("rows_shifted", "on stand a row early"),
-    "sign lost at one setting": ("axis_map", "has the other sign at beta"),
-    "sign lost from some row on": ("axis_map", "has the other sign from position"),
-    "columns exchanged at one setting": ("axis_map", "stand in each other's place at beta"),
-    "decimal point lost": ("decimal_slip", "its decimal point is off"),
+    "setting mislabelled": ("mislabelled_setting", "was at 45 deg"),
+    "time restarts": ("time_restarts", "restarts at position 1-5"),
+    "temperature in kelvin": ("temperature_unit", "are in kelvin"),
+    "angle columns exchanged": ("angles_exchanged", "beta_deg are exchanged"),
+    "spindle from another hole": ("index_offset", "from the recorded angles at beta"),
+    "spindle turned back": ("spindle_reversed", "are in reverse order at"),
+    "readings a row late": ("rows_shifted", "are one row late"),
+    "a reading left out": ("rows_shifted", "on are one row early"),
+    "sign lost at one setting": ("axis_map", "has the wrong sign at beta"),
+    "sign lost from some row on": ("axis_map", "has the wrong sign from position"),
+    "columns exchanged at one setting": ("axis_map", "are exchanged at beta"),
+    "decimal point lost": ("decimal_slip", "its decimal point is misplaced"),
     "some rows in another unit": ("unit_error", "in m/s^2"),
-    "triad turned in its fixture": ("index_offset", "the triad stands turned"),
+    "triad turned in its fixture": ("index_offset", "the triad is turned"),
 }
 REFUSED = {
     "dead axis": "at every position (it varies by 0 g",
-    "doubled channel": "a channel or a column was taken twice",
+    "doubled channel": "a channel or a column was used twice",
     "counts labelled g": "If they are counts, divide them by the counts per g",
-    "code for a missing reading": "no reading at rest (a code for one that is missing, say)",
+    "code for a missing reading": "impossible at rest (perhaps a code for a missing reading)",
     "clipped": "it is clipped at the end of its range",
-    "logger stuck": "have the same readings to the last digit at different attitudes",
+    "logger stuck": "have identical readings at different attitudes",
 }
 
 
@@ -151,7 +151,7 @@ def test_an_effect_so_large_that_no_instrument_has_it_is_implausible(tumblecal, 
 def test_what_is_stated_and_contradicted_is_said_beside_what_the_data_say(tumblecal, table1_file, tmp_path):
     command = ("calibrate", table1_file, "--no-figures", "--out", tmp_path, "--noise-sd", "0.1mg")
     words = " ".join(tumblecal(*command, "--prior", "bias=0.05 mg").out.split())
-    assert "IMPLAUSIBLE: bias_" in words and "by the data, but 0 +- 0.05 mg as stated by --prior bias: " in words
+    assert "IMPLAUSIBLE: bias_" in words and "from the data, but 0 +- 0.05 mg as stated by --prior bias: " in words
     entry = json.loads((tmp_path / "result.json").read_text())["implausible"][0]
     assert (entry["stated"], entry["stated_sd"], entry["usual"]) == pytest.approx((0, 0.05, 0.25))
 
@@ -208,4 +208,4 @@ def test_a_rig_says_what_is_usual_of_it(tumblecal, folder, configs, tmp_path):
     assert outcome.code == 2 and "usual.beta: no such parameter" in outcome.lines[-1]
     rig.write_text((configs / "paper24.toml").read_text() + '\n[usual]\nscatter = "-3 mg"\n')
     outcome = tumblecal(*command, "--out", tmp_path / "other")
-    assert outcome.code == 2 and "usual.scatter: '-3 mg' is no size" in outcome.lines[-1]
+    assert outcome.code == 2 and "usual.scatter: '-3 mg' is not a size" in outcome.lines[-1]

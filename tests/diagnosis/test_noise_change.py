@@ -212,7 +212,7 @@ def test_white_raw_samples_change_nothing(diagnoser):
     diagnosis = diagnoser(data, samples=samples)
     assert diagnosis.verdict == "adequate" and diagnosis.problem.known and not diagnosis.problem.correlated
     np.testing.assert_allclose(diagnosis.problem.sd, 100e-6 / np.sqrt(60), rtol=0.05)
-    assert "That is the noise of independent samples" in diagnosis.samples.words()
+    assert "This is the noise of independent samples" in diagnosis.samples.words()
 
 
 def test_slow_noise_of_raw_samples_weighs_the_positions(diagnoser):

@@ -45,7 +45,7 @@ def test_the_uncertainty_does_not_depend_on_a_wrong_stated_level(factor, by_colu
         return
     assert made.level.too_small == (factor < 1.0)
     assert made.level.factor == pytest.approx(1.0 / factor, rel=0.2)
-    assert f"residuals show: sd {made.level.factor * made.level.stated_g * 1e3:.2g} mg" in noise_words(
+    assert f"from the residuals: sd {made.level.factor * made.level.stated_g * 1e3:.2g} mg" in noise_words(
         made.exact, made.level
     )
     assert judgements(made)[0].tone != "good"

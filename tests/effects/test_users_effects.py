@@ -112,11 +112,11 @@ FAULTS = {
     "id of the catalogue": (GOOD.replace("fifth.y", "second_order.y"), ":line 10: the id 'second_order.y' exists"),
     "id of the model": (GOOD.replace("fifth.y", "dK"), ":line 10: the coefficient's name 'dK' exists already"),
     "no word": (GOOD.replace("fifth.y", "fifth: y"), ":line 9: the id 'fifth: y' must be one word"),
-    "axis": (GOOD.replace('"y", term', '"w", term'), ":line 10: effect 'fifth.y': axis 'w'; there are x, y and z"),
+    "axis": (GOOD.replace('"y", term', '"w", term'), ":line 10: effect 'fifth.y': axis 'w' is not one of x, y, z"),
     "unit": (GOOD.replace("mg/g^2", "furlong"), ":line 10: unknown unit 'furlong'"),
     "argument missing": (GOOD.replace('unit="mg/g^2", ', ""), ":line 10: TypeError"),
     "terms without names": (GOOD.replace("term, unit", "[term, term], unit"), ":line 10: effect 'fifth.y': 2 terms"),
-    "needs what is not there": (GOOD.replace("unit=", "needs=['wind'], unit="), ":line 10: effect 'fifth.y': needs"),
+    "needs what is not there": (GOOD.replace("unit=", "needs=['wind'], unit="), ":line 10: effect 'fifth.y': unknown columns in needs"),
     "raises": (GOOD.replace("u[1] ** 5", "u[7] ** 5"), ":line 6: effect 'fifth.y': IndexError"),
     "branches": (GOOD.replace("u[1] ** 5", "u[1] if u[1][0] > 0 else 0"), ":line 6: effect 'fifth.y': Tracer"),
     "branches on the data": (
@@ -152,7 +152,7 @@ def test_a_fault_is_one_line_with_its_place(written, text, words):
 
 def test_a_column_that_is_used_must_be_named(written):
     text = FAULTS["column not named"][0]
-    with pytest.raises(InputError, match="give needs=, of time_s"):
+    with pytest.raises(InputError, match="add one of time_s"):
         catalogue(written(text))
     assert "fifth.y" in catalogue(written(text.replace("unit=", "needs=['time_s'], unit=")))
 

@@ -33,7 +33,7 @@ def test_a_spindle_reversed_in_one_mounting_is_an_axis_of_the_other_sign_there(t
     """Which of both nothing tells: neither is put right, and both are said."""
     for data, _ in spoilt(REVERSED_IN_B, tmp_path):
         with pytest.raises(
-            InputError, match=r"in mount B the axes are mirrored .* or .*spindle .* other sense in mounting B"
+            InputError, match=r"in mount B the axes are mirrored .* or.*spindle .* opposite sign in mounting B"
         ):
             correct_setup_errors(data)
 

@@ -19,9 +19,7 @@ def down_of(words):
     if tilt:
         angle = np.radians(float(tilt[1]))
         return np.cos(angle) * sides[0] + np.sin(angle) * sides[1]
-    assert (
-        len(sides) == {"stand": 1, "edge": 2, "corner": 3}[next(k for k in ("edge", "corner", "stand") if k in words)]
-    )
+    assert len(sides) == {"face": 1, "edge": 2, "corner": 3}[next(k for k in ("edge", "corner", "face") if k in words)]
     return np.sum(sides, axis=0) / np.sqrt(len(sides))
 
 
@@ -112,4 +110,4 @@ def test_too_few_attitudes_are_told_which(tumblecal, tmp_path, one_sided):
     few.write_text("\n".join(one_sided.read_text().splitlines()[:8]) + "\n")
     outcome = tumblecal("calibrate", few, "--out", tmp_path / "out")
     assert outcome.code == 2 and len(outcome.lines) == 1
-    assert re.search(r"Next: (stand it on|lay it on) the .*; .*", outcome.lines[0])
+    assert re.search(r"Next: place it on the .*; .*", outcome.lines[0])

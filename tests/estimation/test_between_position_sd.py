@@ -90,5 +90,5 @@ def test_repeats_tell_what_comes_back():
     assert "the model is wrong" in error.words
     scatter = between_position_sd(exact.fit(twice(2, 0.0, 2e-4)))
     assert scatter.repeats_g == pytest.approx(2e-4, rel=0.25)
-    assert "it is how they repeat" in scatter.words
+    assert "the cause is their repeatability" in scatter.words
     assert between_position_sd(exact.fit(measured(3, 1e-4)[1])).repeats_g is None

@@ -128,7 +128,7 @@ def test_a_prior_is_one_more_observation():
         ({"noise_sd": 0.0}, "must be above 0"),
         ({"noise_sd": 1e-4, "priors": {"dgamma": (0.0, 1.0)}}, "no such parameter"),
         ({"noise_sd": 1e-4, "priors": {"dbeta": (0.0, 0.0)}}, "must be above 0"),
-        ({"priors": {"dbeta": (0.0, 1e-3)}}, "a prior needs the noise"),
+        ({"priors": {"dbeta": (0.0, 1e-3)}}, "a prior needs a stated noise"),
     ],
 )
 def test_options_that_cannot_be_used(table1, options, words):

@@ -94,7 +94,7 @@ def test_a_column_of_another_sign_in_one_mounting_is_refused():
     data, *_ = two(3, NONE, Z90)
     readings = data.readings.copy()
     readings[24:, 1] *= -1
-    with pytest.raises(InputError, match=r"in mount B the axes are mirrored .* put these columns right"):
+    with pytest.raises(InputError, match=r"in mount B the axes are mirrored .* correct these columns"):
         turned_mountings(replace(data, readings=readings))
 
 
@@ -109,7 +109,7 @@ def test_a_turn_within_a_mounting_is_refused():
     data, *_ = two(6, NONE, Z90)
     data = replace(data, mount=None, run=data.mount)
     with pytest.raises(
-        InputError, match=r"in run A aligned with the head; in run B turned 90 deg about z; .* column mount"
+        InputError, match=r"in run A aligned with the head; in run B turned 90 deg about z\); .* column mount"
     ):
         default_chain(data)
 

@@ -1,4 +1,4 @@
-"""Frames, links, parameters; a rig from TOML. Knows no file of data, no fit, no screen."""
+"""Frames, links, parameters; a rig from TOML. Independent of data files, fits and output."""
 
 from tumblecal.chain.chain import Chain, hand_held_chain, nominal_chain
 from tumblecal.chain.link import Link, Place, State

@@ -24,14 +24,16 @@ if TYPE_CHECKING:
     import polars as pl
 
 
-# The sensor's parameters are listed first, in the paper's order; leaves of other links follow as they stand.
+# The sensor's parameters are listed first, in the paper's order; leaves of other links follow in the order of the chain.
 LISTED_FIRST = ("dK", "bias", "dtheta", "gamma", "dbeta")
 
 
 class Chain(Shown, eqx.Module):
-    """A tuple of links; calling it gives the readings at a set of positions.
+    """A tuple of links; a call gives the readings (positions, 3) in g at the settings of a set of positions.
 
-    `chain + link` is the chain with one more link at that link's place.
+    `chain + link` is the chain with one more link at the place of that link.
+
+    **Example:** `nominal_chain(settings([0.0, 1.5], [0.0, 0.8])).names`
     """
 
     links: tuple[Link, ...]
@@ -44,9 +46,9 @@ class Chain(Shown, eqx.Module):
         return jnp.stack(self.state(where).reading, axis=-1)
 
     def state(self, where: Where) -> State:
-        """What comes out of the last link."""
+        """The state after the last link."""
         if any(link.looks_back for link in self.links):
-            # Again for the settings of the position before: each position's derivatives stay its own.
+            # Evaluated separately at the settings of the previous position, so that derivatives of positions stay independent.
             before = where.at_rows(where.earlier("run.mount"))
             inputs = passed(tuple(link for link in self.links if link.place < Place.OUTPUT), before).f
             where = dataclasses.replace(where, inputs_before=inputs)
@@ -54,7 +56,7 @@ class Chain(Shown, eqx.Module):
 
     @property
     def orientations(self) -> Float[Array | np.ndarray, "mounts 3 3"] | None:
-        """The intended orientation of each mounting, None where all are aligned with the head."""
+        """The intended orientation of each mounting; None if all are aligned with the head."""
         stated = (link.nominal for link in self.links if isinstance(link, Mount | SmallAngleMount))
         return next((nominal for nominal in stated if nominal is not None), None)
 
@@ -70,7 +72,7 @@ class Chain(Shown, eqx.Module):
         return Screen(f"Chain of {links}", ("parameter", "value", "unit", "free"), rows)
 
     def table(self) -> "pl.DataFrame":
-        """Every parameter: `parameter`, `value` as people read it, in `unit` (mrad, mg, 1e-3), and whether it is `free`."""
+        """All parameters: `parameter`, `value` in `unit` (mrad, mg, 1e-3), and whether it is `free`."""
         import polars as pl
 
         return pl.DataFrame(self._listed(), schema=["parameter", "value", "unit", "free"], orient="row")
@@ -79,7 +81,7 @@ class Chain(Shown, eqx.Module):
         listed = []
         for leaf in self.parameters:
             unit, factor = shown(leaf.unit)
-            # A leaf may be traced, or hold a copy of each number for every position: it then has no one value.
+            # A traced leaf, or one with a copy of each number for every position, has no single value.
             known = isinstance(leaf.value, np.ndarray | jax.Array) and not isinstance(leaf.value, Tracer)
             values = (
                 np.ravel(leaf.value) * factor if known and leaf.value.ndim == 2 else np.full(len(leaf.names), np.nan)
@@ -106,7 +108,7 @@ class Chain(Shown, eqx.Module):
 
     @cached_property
     def of_positions(self) -> frozenset[str]:
-        """Names of the entries that belong to one position each: unknown attitudes, of which nobody asks."""
+        """Names of the entries that belong to one position each: unknown attitudes, which are nuisance parameters."""
         return frozenset(name for leaf in self.free if leaf.by == "position" for name in leaf.names)
 
     @cached_property
@@ -127,8 +129,8 @@ class Chain(Shown, eqx.Module):
     def at(self, vector: Float[Array | np.ndarray, " free *positions"]) -> "Chain":
         """The chain with its free leaves taken from `vector`.
 
-        A matrix gives every position its own copy of each number; the derivatives by a position's copies are then that
-        position's rows of the Jacobian, and three backward passes give all of them.
+        A matrix gives every position a separate copy of each number. The derivatives by the copies of a position are
+        its rows of the Jacobian, so that three backward passes give all rows.
         """
         return with_values(self, self.free, vector)
 
@@ -137,26 +139,26 @@ class Chain(Shown, eqx.Module):
 
         **Raises:** `KeyError` for a name that the chain lacks.
         """
-        left = dict(values)
+        remaining = dict(values)
 
         def replaced(leaf: Parameter) -> Parameter:
             numbers = np.array(leaf.value, float).ravel()
             for number, name in enumerate(leaf.names):
-                numbers[number] = left.pop(name, numbers[number])
+                numbers[number] = remaining.pop(name, numbers[number])
             return dataclasses.replace(leaf, value=numbers.reshape(leaf.value.shape))
 
         chain = with_parameters(self, replaced)
-        if left:
-            raise KeyError(f"the chain has no parameter {', '.join(left)}")
+        if remaining:
+            raise KeyError(f"the chain has no parameter {', '.join(remaining)}")
         return chain
 
     def fixed(self, names: set[str]) -> "Chain":
-        """The chain with the leaves in `names` (leaf names such as `dbeta`) kept at their values."""
+        """The chain with the leaves in `names` (leaf names such as `dbeta`) fixed at their values."""
         return with_parameters(self, lambda leaf: dataclasses.replace(leaf, free=False) if leaf.name in names else leaf)
 
 
 def passed(links: tuple[Link, ...], where: Where) -> State:
-    """What comes out of the last of some links, from the ground on."""
+    """The state after the last of some links, from the ground on."""
     state = start(where)
     for link in links:
         state = link(state, where)
@@ -166,7 +168,7 @@ def passed(links: tuple[Link, ...], where: Where) -> State:
 def hand_held_chain(where: Where) -> Chain:
     """The model of a set of unknown attitudes: the sensor's nine parameters, and two tilts for each position.
 
-    The head's and the mount's angles are fixed at zero: the tilts take them up.
+    The angles of head and mount are fixed at zero, because the tilts absorb them.
     """
     fixed = {"dbeta": Leaf("pitch", free=False), "dtheta": Leaf(free=False)}
     return Chain(tuple(nominal_link(name, where, fixed) for name in HAND_HELD))
@@ -182,11 +184,11 @@ def nominal_chain(
     mount_nominal: np.ndarray | None = None,
     small_angle: bool = False,
 ) -> Chain:
-    """The nominal model: 12 + K parameters for K pitch settings (DESIGN section 1).
+    """The nominal model: 12 + K parameters for K pitch settings.
 
     **Arguments:**
 
-    - `where`: the positions' settings; they fix how many dbeta there are.
+    - `where`: the positions' settings; they determine the number of dbeta.
     - `dbeta_by`, `dtheta_by`, `bias_by`, `scale_by`: index columns of those leaves; None means shared.
     - `mount_nominal`: intended orientation of each mounting, 3x3 each.
     - `small_angle`: the paper's first-order mount in place of the exact one.

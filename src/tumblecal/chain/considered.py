@@ -1,4 +1,4 @@
-"""What is not fitted but not exactly known either, as files state it: an input of an uncertainty budget."""
+"""Inputs of an uncertainty budget as files state them: quantities that are neither fitted nor exactly known."""
 
 import math
 from typing import Annotated, Literal
@@ -11,17 +11,18 @@ from tumblecal.ground.strict_toml import Line, Number, Strict
 # Standard uncertainty of a distribution of half width 1 (JCGM 100, 4.3).
 _HALF_WIDTH = {"rectangular": 1 / math.sqrt(3), "triangular": 1 / math.sqrt(6), "arcsine": 1 / math.sqrt(2)}
 Positive = Annotated[Number, Field(gt=0)]
-# Half is a size that is known to 100 % of itself (JCGM 100, G.4.2); coverage factors of fewer run away.
+# 0.5 means a relative uncertainty of the size of 100 % (JCGM 100, G.4.2); for fewer, coverage factors diverge.
 Freedom = Annotated[Number, Field(ge=0.5)]
 
 
 class Considered(Strict):
-    """An input: what it is, its size with its distribution, and where the size is from.
+    """An input: its kind, its size with a distribution, and the source of the size.
 
-    `what` is an effect of the catalogue (without its axis: of all three, independently), a leaf of the chain that is kept,
-    `spindle_angle`, `pitch_angle` or `reading`; `adds_to` instead names fitted parameters that it is added to. `size` is the
-    half width, of a normal distribution the expanded uncertainty with `coverage`. `per`: each position (pitch setting, run,
-    mounting) has its own. `dof`: degrees of freedom of the size, None for infinitely many.
+    `what` is an effect of the catalogue (without its axis: of all three, independently), a fixed leaf of the chain,
+    `spindle_angle`, `pitch_angle` or `reading`; alternatively `adds_to` names the fitted parameters to which it is
+    added. `size` is the half width; for a normal distribution it is the expanded uncertainty with the factor
+    `coverage`. `per`: a separate value for each position, pitch setting, run or mounting. `dof`: degrees of freedom
+    of the size, None for infinitely many.
     """
 
     what: Line = ""
@@ -38,9 +39,9 @@ class Considered(Strict):
         if bool(self.what) == bool(self.adds_to):
             raise ValueError("give either what (an effect, a leaf) or adds_to (fitted parameters)")
         if self.coverage != 1.0 and self.distribution != "normal":
-            raise ValueError("coverage goes with a normal distribution; other sizes are half widths")
+            raise ValueError("coverage applies only to a normal distribution; other sizes are half widths")
         if self.adds_to and self.per:
-            raise ValueError("per goes with what")
+            raise ValueError("per applies only to what, not to adds_to")
         return self
 
     @property

@@ -1,4 +1,4 @@
-"""The measured errors of a dividing head, and `head.toml`, which holds them with their covariance."""
+"""The measured errors of a dividing head, and `head.toml`, which contains them with their covariance."""
 
 import hashlib
 import math
@@ -23,23 +23,23 @@ from tumblecal.ground.toml_faults import located
 from tumblecal.ground.units import factor, shown
 
 
-# Several parameters of a chain that share one of the head (dbeta of a setting, by run) may differ by this share of its sd.
+# Parameters of a chain that share one of the head (dbeta of a setting, by run) may differ by this share of its sd.
 _SAME = 0.1
-# An sd may be rounded by this share of what the covariance says.
+# Tolerance for rounded sd values, relative to the covariance.
 _ROUNDED = 0.05
-# The error of a pitch setting is called so, and by its angle.
+# The name of the error of a pitch setting starts with this and ends with its angle.
 PITCH = "dbeta@"
-# A pitch setting is told from another by this many decimals of a degree.
+# Pitch settings are distinguished by this many decimals of a degree.
 _DECIMALS = 6
 
 
 def pitch_name(beta_rad: float) -> str:
-    """The name of the error of a pitch setting, whatever its number in a plan: `dbeta@45`."""
+    """The name of the error of a pitch setting (rad), independent of its number in a plan: `dbeta@45`."""
     return f"{PITCH}{round(float(np.degrees(beta_rad)), _DECIMALS) + 0.0:g}"
 
 
 def _is_pitch_name(name: str) -> bool:
-    """Whether an error of a pitch setting is called so; another spelling of the angle would never be found in a plan."""
+    """Whether this is the exact name of a pitch setting's error; another spelling of the angle would not match any plan."""
     _, _, degrees = name.partition("@")
     try:
         angle = float(degrees)
@@ -56,11 +56,11 @@ def pitch_names(leaf: Parameter, where: Where) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class MeasuredHead:
-    """What is known of a head.
+    """The measured errors of a head.
 
     - `effects`: ids of its errors; `names`: of their coefficients, then of the pitch settings' errors (`dbeta@45`).
     - `values`, `covariance`: in base units (rad, g and their products).
-    - `made_of`: the files it was measured with. `source`, `sha256`: the file that says all this; "" where none does.
+    - `made_of`: the data files of the measurement. `source`, `sha256`: the head file; "" if there is none.
     """
 
     effects: tuple[str, ...]
@@ -83,8 +83,8 @@ class MeasuredHead:
         **Arguments:**
 
         - `link_of`: makes an effect's link, by its id.
-        - `known`: whether the noise of the data is; else the errors' uncertainty cannot be weighed against the data: they
-          are kept at their values.
+        - `known`: whether the noise of the data is known; otherwise the uncertainty of the errors cannot be weighted
+          against the data, and they are fixed at their values.
         """
         values = dict(zip(self.names, self.values.tolist(), strict=True))
         present = {leaf.name for leaf in chain.parameters}
@@ -92,40 +92,40 @@ class MeasuredHead:
             try:
                 link = link_of(id, where)
             except InputError:
-                continue  # a column that it needs is not there: nothing can be said of it in these data
+                continue  # a column that it needs is missing, so it cannot act in these data
             leaves = Chain((link,)).free
-            self._refuse_strangers(leaves)
+            self._reject_unknown(leaves)
             if any(leaf.name in present for leaf in leaves):
                 continue
             if not known:
-                own = {name: values[name] for leaf in leaves for name in leaf.names if name in values}
-                link = Chain((link,)).named(own).fixed({leaf.name for leaf in leaves}).links[0]
+                stated = {name: values[name] for leaf in leaves for name in leaf.names if name in values}
+                link = Chain((link,)).named(stated).fixed({leaf.name for leaf in leaves}).links[0]
             chain = chain + link
         return chain
 
-    def _refuse_strangers(self, leaves: Sequence[Parameter]) -> None:
-        """Refuse coefficients that an effect has not: they would be taken for none. Of settings a plan may have fewer.
+    def _reject_unknown(self, leaves: Sequence[Parameter]) -> None:
+        """Reject coefficients that an effect does not have; they would be ignored. A plan may have fewer settings.
 
-        **Raises:** `InputError` naming those that it has.
+        **Raises:** `InputError` with the names that it has.
         """
         for leaf in leaves:
             beginning = f"{leaf.name}_"
-            own = [name for name in self.names if name == leaf.name or name.startswith(beginning)]
-            strange = [name for name in own if name not in leaf.names and not name.removeprefix(beginning).isdigit()]
-            if strange or not own:
-                stands = f"no parameter {strange[0]!r}" if strange else "none stands there"
-                raise InputError(f"{self.source}: parameters: of {leaf.name} {stands}; it has {', '.join(leaf.names)}")
+            stated = [name for name in self.names if name == leaf.name or name.startswith(beginning)]
+            unknown = [name for name in stated if name not in leaf.names and not name.removeprefix(beginning).isdigit()]
+            if unknown or not stated:
+                fault = f"has no parameter {unknown[0]!r}" if unknown else "is missing"
+                raise InputError(f"{self.source}: parameters: {leaf.name} {fault}; give {', '.join(leaf.names)}")
 
     def priors(self, chain: Chain, where: Where) -> dict[tuple[str, ...], tuple[np.ndarray, np.ndarray]]:
-        """What the head says of a chain's free parameters: means and covariance by their names; nothing where it has
-        none of them."""
+        """Priors of the head on a chain's free parameters: means and covariance by their names; empty if it has none of
+        them."""
         pairs = [
-            (name, self.names.index(own))
+            (name, self.names.index(of_head))
             for leaf in chain.free
-            for name, own in zip(
+            for name, of_head in zip(
                 leaf.names, pitch_names(leaf, where) if leaf.name == "dbeta" else leaf.names, strict=True
             )
-            if own in self.names
+            if of_head in self.names
         ]
         if not pairs:
             return {}
@@ -137,27 +137,27 @@ class MeasuredHead:
         return {names: (self.values[chosen], covariance)}
 
     def record(self, chain: Chain, where: Where, *, known: bool) -> dict[str, Any]:
-        """What a calibration's provenance says of it; nothing where the chain that was fitted took nothing of it.
+        """The entry in the provenance of a calibration; empty if the fitted chain uses none of its errors.
 
         **Arguments:**
 
-        - `known`: whether the noise of the data is, as in `extended`.
+        - `known`: whether the noise of the data is known, as in `extended`.
         """
         present = set[str]()
         for leaf in chain.parameters:
             of_setting = leaf.name == "dbeta" and leaf.free and known
             present |= {*(pitch_names(leaf, where) if of_setting else leaf.names)}
-        taken = [name for name in self.names if name in present]
+        used = [name for name in self.names if name in present]
         file = {"file": self.source or None, "sha256": self.sha256 or None, "made_of": list(self.made_of)}
-        return {"head": {**file, "parameters": taken, "exact": not known}} if taken else {}
+        return {"head": {**file, "parameters": used, "exact": not known}} if used else {}
 
     def text(self) -> str:
         """The file's content."""
         scales = np.array([shown(unit)[1] for unit in self.units])
         covariance = self.covariance * np.outer(scales, scales)
         lines = [
-            "# Errors of a dividing head, measured by tumblecal diagnose --units. Give it as --head to calibrate and diagnose.",
-            "# Directions that no data showed are kept at zero by a very small variance.",
+            "# Errors of a dividing head, measured by tumblecal diagnose --units. Use it as --head of calibrate and diagnose.",
+            "# Directions that the data do not determine are fixed at zero by a very small variance.",
             'schema = "tumblecal.head/1"',
             f"made_of = [{', '.join(map(toml_string, self.made_of))}]",
             f"effects = [{', '.join(map(toml_string, self.effects))}]",
@@ -177,7 +177,7 @@ def _numbers(row: Sequence[float] | np.ndarray) -> str:
 
 
 class HeadTable(Strict):
-    """A head file; `sd` repeats the covariance's diagonal for people."""
+    """A head file; `sd` repeats the diagonal of the covariance for readers."""
 
     schema_: Annotated[Literal["tumblecal.head/1"], Field(alias="schema")]
     made_of: list[Line]
@@ -196,7 +196,7 @@ def read_head(path: Path, links: Collection[str], effect_units: Mapping[str, str
 
     - `links`: ids of the effects that a chain can have; `effect_units`: base units of their coefficients.
 
-    **Raises:** `InputError` with every fault and where it stands.
+    **Raises:** `InputError` with every fault and its place.
     """
     if path.is_dir():
         inside = path / "head.toml"
@@ -251,20 +251,20 @@ def _names(table: HeadTable, links: Collection[str], bases: Sequence[str | None]
         f"effects: unknown effect {id!r}; `tumblecal effects` lists them" for id in table.effects if id not in links
     )
     if len(set(table.parameters)) != len(table.parameters):
-        yield "parameters: a name stands there twice"
+        yield "parameters: a name is repeated"
     for name, base in zip(table.parameters, bases, strict=True):
         if base is None:
             yield f"parameters: no parameter {name!r} of a head"
         elif name.startswith("dbeta") and not _is_pitch_name(name):
-            yield f"parameters: {name!r} names no pitch setting; write its angle in degrees, such as dbeta@45"
+            yield f"parameters: {name!r} is not the name of a pitch setting; write its angle in degrees, such as dbeta@45"
 
 
 def _sds(table: HeadTable) -> Iterator[str]:
-    """Where `sd` is not what the covariance says."""
+    """Faults of `sd` values that differ from the covariance."""
     made = np.sqrt(np.diag(np.array(table.covariance)))
-    for number, (sd, own) in enumerate(zip(table.sd, made, strict=True)):
-        if not abs(sd - own) <= _ROUNDED * own:
-            yield f"sd.{number}: {sd:g}, but the covariance makes it {own:.4g}; put right the one that is wrong"
+    for number, (sd, expected) in enumerate(zip(table.sd, made, strict=True)):
+        if not abs(sd - expected) <= _ROUNDED * expected:
+            yield f"sd.{number}: {sd:g}, but the covariance gives {expected:.4g}; correct the wrong one"
 
 
 def _positive(matrix: np.ndarray) -> bool:

@@ -1,4 +1,4 @@
-"""What a link of the chain is, and what travels along the chain."""
+"""Links of the chain, and the state that they transform."""
 
 import enum
 from typing import ClassVar
@@ -12,7 +12,7 @@ from tumblecal.chain.where import Where
 
 
 class Place(enum.IntEnum):
-    """Places along the chain, from the ground to the reading. `chain + link` puts a link after its place's last."""
+    """Places along the chain, from the ground to the reading. `chain + link` puts a link after the last of its place."""
 
     GRAVITY = 10
     BASE = 20
@@ -30,10 +30,10 @@ class Place(enum.IntEnum):
 
 
 class State(eqx.Module):
-    """What travels along the chain, for all positions at once.
+    """The state along the chain, for all positions at once.
 
-    `alpha`, `beta`: angles really taken, rad. `f`: specific force in the frame reached so far, g; after the triad it
-    is u, the ideal input along each sensitive axis. `reading`: what the instrument puts out, g.
+    `alpha`, `beta`: true angles, rad. `f`: specific force in the current frame, g; after the triad it is u, the ideal input
+    along each sensitive axis. `reading`: output of the instrument, g.
     """
 
     alpha: Float[Array, " positions"]
@@ -50,7 +50,7 @@ def start(where: Where) -> State:
 
 
 class Link(eqx.Module):
-    """One step of the chain; final subclasses hold `Parameter` leaves and turn one state into the next."""
+    """One step of the chain; final subclasses have `Parameter` leaves and convert one state to the next."""
 
     place: ClassVar[Place]
     # Whether it needs `Where.inputs_before`.
@@ -62,5 +62,5 @@ class Link(eqx.Module):
 
 
 def turned(state: State, f: Vector) -> State:
-    """`state` with its specific force seen from the next frame."""
+    """`state` with its specific force in the next frame."""
     return State(state.alpha, state.beta, f, state.reading)

@@ -1,4 +1,4 @@
-"""The links of the nominal chain (DESIGN section 1; the paper's figure 3)."""
+"""The links of the nominal chain (the paper's figure 3)."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -48,10 +48,10 @@ class Spindle(Link):
 
 
 class FreeAttitude(Link):
-    """An attitude that is not known: f moved by `tilt` (rad) in the two directions across it, then of 1 g again.
+    """An unknown attitude: f moved by `tilt` (rad) in the two directions perpendicular to it, then scaled to 1 g.
 
-    With one tilt for each position nothing but the size of gravity is left to calibrate by: a hand-held set. The third
-    angle, heading, cannot be seen by gravity. The link comes before the mount, whose angles it makes superfluous.
+    With one tilt for each position only the size of gravity calibrates the sensor: a hand-held set. Gravity does not determine
+    the third angle, the heading. The link comes before the mount, whose angles it makes redundant.
     """
 
     place: ClassVar[Place] = Place.FIXTURE
@@ -70,7 +70,7 @@ class FreeAttitude(Link):
 class Mount(Link):
     """Mount: `f4 = Rx(w_x) Ry(w_y) Rz(w_z) N f3'` with w = dtheta, exact at any angle.
 
-    `nominal` is the intended orientation N of each mounting, or None when all are aligned with the head.
+    `nominal` is the intended orientation N of each mounting, or None if all are aligned with the head.
     """
 
     place: ClassVar[Place] = Place.MOUNT
@@ -132,7 +132,7 @@ class Output(Link):
 
 
 def remounted(nominal: Array | np.ndarray | None, f: Vector, where: Where) -> Vector:
-    """`N f` with the intended orientation of each position's mounting; `f` itself when there is none."""
+    """`N f` with the intended orientation of each position's mounting; `f` itself if there is none."""
     if nominal is None:
         return f
     chosen = jnp.asarray(nominal)[where.index("mount")]
@@ -158,7 +158,7 @@ class Leaf:
 
 
 class NamedLeaf(NamedTuple):
-    """A leaf of a link: its unit, its components, and what holds where nothing is said of it."""
+    """A leaf of a link: its unit, its components, and its defaults."""
 
     unit: str
     components: tuple[str, ...] = ("",)
@@ -166,7 +166,7 @@ class NamedLeaf(NamedTuple):
 
 
 class NamedLink(NamedTuple):
-    """A link as rig files name it; `turned`: it knows the intended rotations of the mountings."""
+    """A link as named in rig files; `turned`: it uses the intended rotations of the mountings."""
 
     kind: type[Link]
     leaves: Mapping[str, NamedLeaf]
@@ -174,7 +174,7 @@ class NamedLink(NamedTuple):
 
 
 _DTHETA = {"dtheta": NamedLeaf("rad", AXES)}
-# Every link that a chain may be built of, in the chain's order. A new one is an entry here and its class above.
+# All links of which a chain may consist, in the order of the chain. A new one is an entry here and its class above.
 LINKS: dict[str, NamedLink] = {
     "base": NamedLink(Base, {"levelling": NamedLeaf("rad", usual=Leaf(free=False))}),
     "pitch_axis": NamedLink(PitchAxis, {"dbeta": NamedLeaf("rad", usual=Leaf("pitch"))}),
@@ -203,11 +203,11 @@ def nominal_link(
     **Arguments:**
 
     - `where`: the positions' settings.
-    - `leaves`: how leaves are indexed and whether they are estimated, by name; as usual where nothing is said.
-    - `rotations`: gives the intended rotation of every mounting of the data, None when none is turned.
+    - `leaves`: how leaves are indexed and whether they are estimated, by name; the defaults if omitted.
+    - `rotations`: gives the intended rotation of every mounting of the data, None if none is turned.
     """
     link, made = LINKS[name], {}
     for leaf, (unit, components, usual) in link.leaves.items():
-        asked = leaves.get(leaf, usual)
-        made[leaf] = coefficients(leaf, components, unit=unit, by=asked.by, where=where, free=asked.free)
+        chosen = leaves.get(leaf, usual)
+        made[leaf] = coefficients(leaf, components, unit=unit, by=chosen.by, where=where, free=chosen.free)
     return link.kind(**made, **({"nominal": rotations()} if link.turned else {}))

@@ -20,9 +20,9 @@ Tree = TypeVar("Tree")
 class Parameter:
     """Named numbers in a link.
 
-    `value` has one row for each group of the index column `by` (one row in all when `by` is None: shared by all
-    data) and one column for each component. `free` leaves are estimated, the others are kept. `scale` is a typical
-    size, for conditioning alone.
+    `value` has one row for each group of the index column `by` (a single row if `by` is None: shared by all data) and one
+    column for each component. `free` leaves are estimated, the others are fixed. `scale` is a typical size, used only for
+    conditioning.
     """
 
     value: Float[Array | np.ndarray, "groups components *positions"]
@@ -35,17 +35,17 @@ class Parameter:
     scale: float
 
     def at(self, where: Where) -> tuple[Component, ...]:
-        """The components for every position: scalars when shared, else arrays over positions.
+        """The components for every position: scalars if shared, otherwise arrays over positions.
 
-        A `value` with a third axis holds a copy of every number for each position (see `Chain.at`).
+        A `value` with a third axis contains a copy of every number for each position (see `Chain.at`).
         """
         if self.by is None:
             return _unstacked(self.value, np.shape(self.value)[2:])
         index = where.index(self.by)
-        # A leaf that is kept is a plain array, which a traced index cannot enter.
+        # A fixed leaf is a plain numpy array, which a traced index cannot index.
         value = jnp.asarray(self.value)
-        own = value[index, :, np.arange(len(index))] if value.ndim == 3 else value[index]
-        return _unstacked(own, own.shape[:1])
+        of_positions = value[index, :, np.arange(len(index))] if value.ndim == 3 else value[index]
+        return _unstacked(of_positions, of_positions.shape[:1])
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -57,17 +57,17 @@ class Parameter:
         )
 
 
-_SAID = ("name", "components", "unit", "by", "suffixes", "free", "scale")
+_STATIC = ("name", "components", "unit", "by", "suffixes", "free", "scale")
 
 
 def _flattened(leaf: Parameter) -> tuple[tuple[Any], tuple]:
-    return (leaf.value,), tuple(getattr(leaf, name) for name in _SAID)
+    return (leaf.value,), tuple(getattr(leaf, name) for name in _STATIC)
 
 
-def _unflattened(said: tuple, values: Sequence[Any]) -> Parameter:
-    """As JAX puts it together again: not always of an array, so nothing of it is checked."""
+def _unflattened(static: tuple, values: Sequence[Any]) -> Parameter:
+    """Reconstruction by JAX, whose leaf is not always an array; therefore without checks."""
     leaf = object.__new__(Parameter)
-    vars(leaf).update(zip(_SAID, said, strict=True), value=values[0])
+    vars(leaf).update(zip(_STATIC, static, strict=True), value=values[0])
     return leaf
 
 
@@ -75,15 +75,15 @@ jax.tree_util.register_pytree_node(Parameter, _flattened, _unflattened)
 
 
 def _unstacked(values: Array | np.ndarray, shape: tuple[int, ...]) -> tuple[Component, ...]:
-    """The arrays along the second axis, each of this shape; in one step, which is traced, and differentiated, as one."""
+    """The arrays along the second axis, each of this shape, by one operation of the trace and its derivative."""
     if isinstance(values, np.ndarray):
-        return tuple(own.reshape(shape) for own in np.split(values, values.shape[1], 1))
+        return tuple(part.reshape(shape) for part in np.split(values, values.shape[1], 1))
     parts = jax.lax.split(values, (1,) * values.shape[1], 1) if values.shape[1] > 1 else (values,)
-    return tuple(jax.lax.reshape(own, shape) for own in parts)
+    return tuple(jax.lax.reshape(part, shape) for part in parts)
 
 
 def parameters_of(tree: object) -> tuple[Parameter, ...]:
-    """All leaves of a chain, a link or several, in their order."""
+    """All leaves of a chain, a link or several links, in their order."""
     nodes = jax.tree.leaves(tree, is_leaf=lambda node: isinstance(node, Parameter))
     return tuple(node for node in nodes if isinstance(node, Parameter))
 
@@ -100,13 +100,13 @@ def with_parameters(tree: Tree, changed: Callable[[Parameter], Parameter]) -> Tr
 def with_values(
     tree: Tree, leaves: Sequence[Parameter], vector: Float[Array | np.ndarray, " entries *positions"]
 ) -> Tree:
-    """A chain or a link with some of its leaves taken, in turn, from the entries of a vector.
+    """A chain or a link with the values of some leaves taken, in turn, from the entries of a vector.
 
-    **Raises:** `ValueError` for a vector of another length.
+    **Raises:** `ValueError` for a vector of the wrong length.
     """
     count = sum(leaf.value.size for leaf in leaves)
     if count != vector.shape[0]:
-        raise ValueError(f"the leaves hold {count} free parameters, the vector {vector.shape[0]}")
+        raise ValueError(f"the leaves have {count} free parameters, the vector {vector.shape[0]}")
     split = np.split if isinstance(vector, np.ndarray) else jnp.split
     parts = split(vector, np.cumsum([leaf.value.size for leaf in leaves])[:-1])
     values = {

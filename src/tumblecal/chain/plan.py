@@ -10,8 +10,8 @@ import numpy as np
 class Plan:
     """Commanded angles in degrees, and the labels of each position.
 
-    `names`, `alpha_deg`, `beta_deg`, `mounts`, `runs` have one entry a position, in measuring order; so have time (s),
-    temperature (degC) and approach (+1 or -1), where they are planned.
+    `names`, `alpha_deg`, `beta_deg`, `mounts`, `runs` have one entry for each position, in measuring order. So do time (s),
+    temperature (degC) and approach (+1 or -1) if planned.
     """
 
     names: tuple[str, ...]
@@ -44,7 +44,7 @@ def grid(
     mounts: Sequence[str] = ("1",),
     runs: int = 1,
 ) -> Plan:
-    """Every spindle angle at every pitch setting, for every mount, as many times as there are runs.
+    """Every spindle angle at every pitch setting, for every mount, repeated for each run.
 
     Positions are named as in the paper: pitch setting, dash, place within it (`0-1` ... `2-8`).
     """

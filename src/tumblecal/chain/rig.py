@@ -1,4 +1,4 @@
-"""A rig: plan, links, truth, noise and priors together; what a `configs/*.toml` file describes."""
+"""A rig: plan, links, truth, noise and priors, as described by a `configs/*.toml` file."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -22,7 +22,7 @@ EffectLinks = Mapping[str, Callable[[Where], Link]]
 
 @dataclass(frozen=True, repr=False)
 class Rig(Shown):
-    """A dividing head with a triad on it, and what is known of both.
+    """A dividing head with a triad, and the known properties of both.
 
     `truth`: true values by leaf or parameter name (base units), for simulation; zero where absent. `priors`: mean and
     sd by leaf or parameter name. `usual`: the largest plausible size by the same names. `considered`: inputs of its
@@ -44,7 +44,7 @@ class Rig(Shown):
     source: str = "rig"
 
     def screen(self) -> Screen:
-        """What its file says, a line each."""
+        """The contents of its file, one line each."""
         plan = self.plan
         settings_of = "beta " + ", ".join(f"{beta:g}" for beta in dict.fromkeys(plan.beta_deg)) + " deg"
         facts = {
@@ -57,8 +57,8 @@ class Rig(Shown):
             "noise": "" if self.noise_sd_g is None else f"{1e3 * self.noise_sd_g:.4g} mg",
             "priors": "; ".join(f"{name} {mean:.4g} +- {sd:.4g}" for name, (mean, sd) in self.priors.items()),
         }
-        told = [f"{name}: {fact}" for name, fact in facts.items() if fact]
-        return Screen(f"Rig {self.title or self.source}", notes=[*told, "values in base units: rad, g, 1"])
+        lines = [f"{name}: {fact}" for name, fact in facts.items() if fact]
+        return Screen(f"Rig {self.title or self.source}", notes=[*lines, "values in base units: rad, g, 1"])
 
     @property
     def where(self) -> Where:
@@ -77,7 +77,7 @@ class Rig(Shown):
     def chain(self, where: Where) -> Chain:
         """The rig's chain for a set of positions: its links, then its effects, coefficients zero.
 
-        **Raises:** `InputError` when the data have a mounting that the rig does not describe.
+        **Raises:** `InputError` if the data have a mounting that the rig does not describe.
         """
         rotations = partial(self._rotations, where)
         chain = Chain(tuple(nominal_link(name, where, self.leaves, rotations) for name in self.links))
@@ -103,7 +103,7 @@ class Rig(Shown):
             raise InputError(f"{self.source}: truth: {error.args[0]}") from error
 
     def _rotations(self, where: Where) -> np.ndarray | None:
-        """The intended rotation of every mounting of the data, or None when none is turned."""
+        """The intended rotation of every mounting of the data, or None if none is turned."""
         if not self.mounts:
             return None
         labels = [name.removeprefix("@mount=") for name in where.names("mount")]

@@ -1,4 +1,4 @@
-"""Rigs from TOML, checked strictly: every fault is told at once, by its dotted path."""
+"""Rigs from TOML, checked strictly: all faults are reported together, with their dotted paths."""
 
 import difflib
 from collections.abc import Mapping
@@ -20,7 +20,7 @@ from tumblecal.ground.units import factor, quantity, reading_sd
 
 # Conditions that a plan may state for each position.
 _CONDITIONS = ("time_s", "temperature_degc", "approach")
-# A plan larger than this is a slip of the keyboard.
+# A plan larger than this is a typing error.
 MOST_POSITIONS = 100_000
 
 
@@ -32,9 +32,11 @@ class Steps(Strict):
     count: Annotated[int, Field(ge=1, le=MOST_POSITIONS)]
 
     @model_validator(mode="after")
-    def _goes_on(self) -> "Steps":
+    def _has_a_step(self) -> "Steps":
         if self.step == 0 and self.count > 1:
-            raise ValueError(f"step is 0: {self.count} positions would be one; write the step (runs repeats a plan)")
+            raise ValueError(
+                f"step is 0, so all {self.count} positions would be equal; write the step (runs repeats a plan)"
+            )
         return self
 
     @property
@@ -54,7 +56,7 @@ Angles = Annotated[
 
 
 class Position(Strict):
-    """One position of a plan that is not a grid; time, temperature and approach are those of every position or of none."""
+    """One position of a plan that is not a grid; time, temperature and approach are stated for all positions or for none."""
 
     alpha_deg: Number
     beta_deg: Number
@@ -67,7 +69,7 @@ class Position(Strict):
 
 
 class Ramp(Strict):
-    """A quantity that changes evenly over the plan."""
+    """A quantity that changes linearly over the plan."""
 
     start: Number
     end: Number
@@ -77,7 +79,7 @@ class PlanTable(Strict):
     """The `[plan]` table: a grid (alpha_deg x beta_deg) or a list of positions.
 
     `interval_s` is the time from one position to the next, `temperature_degc` the triad's from first to last,
-    `approach` the sense in which the spindle is turned into its positions; listed positions may state their own.
+    `approach` the direction in which the spindle approaches its positions; listed positions may state these individually.
     """
 
     alpha_deg: Angles | None = None
@@ -251,7 +253,7 @@ def rig_of(
         except InputError as error:
             faults.append(f"{path}: truth.{name}.unit: {error}")
     priors = _sizes(path, "priors", table.priors, units, faults)
-    # How far the readings may lie from the fit is no parameter.
+    # The residual sd is not a parameter.
     usual = _sizes(path, "usual", table.usual, units | {"scatter": "g"}, faults)
     noise = None
     if table.noise is not None:
@@ -281,14 +283,14 @@ def rig_of(
 def _sizes(
     path: Path, key: str, given: Mapping[str, str], units: Mapping[str, str], faults: list[str]
 ) -> dict[str, float]:
-    """Sizes of parameters in base units from a table of texts; what is wrong is added to the faults."""
+    """Sizes of parameters in base units from a table of texts; faults are added to the list."""
     sizes: dict[str, float] = {}
     for name, text in given.items():
         unit = unit_of_parameter(name, units)
         try:
             sizes[name] = quantity(text, unit or "1")
             if not sizes[name] > 0:
-                faults.append(f"{path}: {key}.{name}: {text!r} is no size; state how large it may be, more than 0")
+                faults.append(f"{path}: {key}.{name}: {text!r} is not a size; give a value above 0")
         except InputError as error:
             faults.append(f"{path}: {key}.{name}: {error}")
         if unit is None:

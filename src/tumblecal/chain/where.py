@@ -1,4 +1,4 @@
-"""Where and when each position was measured: the inputs of the chain, one entry a position."""
+"""Angles, times and conditions of each position: the inputs of the chain, one entry for each position."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -19,7 +19,7 @@ from tumblecal.ground.showing import brief
 
 Column = Float[Array | np.ndarray, " positions"]
 
-# Positions are at least this share of the median step apart in time.
+# Smallest time between positions, as a share of the median step.
 _LEAST_STEP = 1e-3
 
 
@@ -27,12 +27,14 @@ _LEAST_STEP = 1e-3
 class Where:
     """The settings of a set of positions.
 
-    Angles in rad, commanded or read, time in s, temperature in degC. An optional column that was not recorded is `None`.
-    `groups` gives for each index column (pitch setting, mount, run, position) the group of every position; `labels`
-    the groups' names. There is a column `clock` only where the times count by several clocks: from one to the next the pause
-    is unknown. `mean_time_s`, `mean_degc`: the means of both columns where they were measured, the same for every position;
-    squares count from them, at other times and temperatures too. `inputs_before`: the ideal inputs u at the position measured
-    before in the same run and mounting (at the first: its own), g, as a chain shows them to those of its links that look back.
+    Angles in rad, commanded or recorded, time in s, temperature in degC. An optional column that was not recorded is `None`.
+    `groups` gives for each index column (pitch setting, mount, run, position) the group of every position; `labels` the names
+    of the groups. There is a column `clock` only if the times are from several clocks; the pauses between them are unknown.
+    `mean_time_s`, `mean_degc`: the means of both columns, if measured, the same for every position; the reference of squares,
+    also at other times and temperatures. `inputs_before`: the ideal inputs u at the previous position in the same run and
+    mounting (for the first position: at itself), g; a chain provides them to links that look back.
+
+    **Example:** `settings([0.0, 1.5], [0.0, 0.8]).names("pitch")`
     """
 
     __repr__ = brief
@@ -53,79 +55,79 @@ class Where:
         return self.groups[by]
 
     def names(self, by: str) -> tuple[str, ...]:
-        """The suffixes that tell the groups' parameters apart, e.g. `("_0", "_1")` or `("_0@run=1", ...)`."""
+        """The suffixes that distinguish the parameters of the groups, such as `("_0", "_1")` or `("_0@run=1", ...)`."""
         return dict(self.labels)[by]
 
     @property
     def clocks(self) -> int:
-        """Number of clocks that the times count by."""
+        """Number of clocks of the times."""
         return len(self.names("clock")) if "clock" in self.groups else 1
 
     @property
     def clock_starts(self) -> list[int]:
-        """The number of the first position by each clock; of the first position of all where there is one clock."""
+        """The number of the first position by each clock; with one clock, of the first position of all."""
         time = np.zeros(len(np.asarray(self.alpha))) if self.time_s is None else np.asarray(self.time_s)
         clock = np.asarray(self.index("clock")) if self.clocks > 1 else np.zeros(len(time), int)
         return [int(np.argmin(np.where(clock == number, time, np.inf))) for number in range(self.clocks)]
 
     @property
     def in_order(self) -> Int[Array, " positions"]:
-        """The positions' numbers in measuring order, run by run."""
+        """The numbers of the positions in measuring order, run by run."""
         run = jnp.asarray(self.index("run"))
         time = jnp.arange(len(run)) if self.time_s is None else jnp.asarray(self.time_s)
         return jnp.lexsort((time, run))
 
     def earlier(self, within: str) -> Int[Array, " positions"]:
-        """The number of the position measured before each; its own at the first of a run, or of another group."""
+        """The number of the previous position; for the first of a run, or of another group, its own number."""
         order, group = self.in_order, jnp.asarray(self.index(within))
         before = jnp.zeros_like(order).at[order].set(jnp.concatenate([order[:1], order[:-1]]))
         return jnp.where(group[before] == group, before, jnp.arange(len(order)))
 
     def at_rows(self, rows: Int[Array | np.ndarray, " positions"]) -> "Where":
-        """The settings of these rows in the place of each."""
+        """The settings with each position replaced by the given row."""
         columns = {name: getattr(self, name) for name in _COLUMNS if name not in ("groups", "inputs_before")}
-        taken = {name: None if column is None else jnp.asarray(column)[rows] for name, column in columns.items()}
+        replaced = {name: None if column is None else jnp.asarray(column)[rows] for name, column in columns.items()}
         groups = {name: jnp.asarray(index)[rows] for name, index in self.groups.items()}
-        return replace(self, groups=groups, **taken)
+        return replace(self, groups=groups, **replaced)
 
     @cached_property
     def pitch_angle(self) -> Float[np.ndarray, " positions"]:
-        """The angle that each position's pitch setting is called by, rad: `beta`, but where it was read and not commanded."""
+        """The nominal angle of each position's pitch setting, rad: `beta`, unless it was recorded and not commanded."""
         return setting_angle(np.asarray(self.beta), np.asarray(self.index("pitch")))
 
     @cached_property
     def attitude(self) -> Int[np.ndarray, " positions"]:
-        """A number for each position: the same for those that repeat an attitude (angles and mounting)."""
+        """A number for each position, equal for positions that repeat an attitude (angles and mounting)."""
         columns = [np.round(np.asarray(self.alpha), 6), np.round(np.asarray(self.beta), 6), self.index("mount")]
         return np.unique(np.stack(columns, axis=1), axis=0, return_inverse=True)[1].ravel()
 
     @cached_property
     def measuring_order(self) -> Float[np.ndarray, " positions"]:
-        """Time in median steps between positions: from time_s where there is one, else the order of the rows."""
+        """Time in median steps between positions: from time_s if there is one, otherwise the order of the rows."""
         count = len(np.asarray(self.alpha))
         if self.time_s is None or np.ptp(np.asarray(self.time_s)) == 0:
             return np.arange(count, dtype=float)
         time = self._going_on(np.asarray(self.time_s, float))
-        # A pause (another day) is no reason to take neighbours for simultaneous.
+        # The median, because a long pause (another day) must not make neighbours appear simultaneous.
         step = float(np.median(np.diff(np.sort(time)))) or np.ptp(time) / (count - 1)
         order = np.argsort(time, kind="stable")
         steps = np.diff(time[order]) / step
         if np.all(steps >= _LEAST_STEP):
             return (time - time.min()) / step
-        # Positions of the same time stay apart: their noise is not one and the same number.
-        apart = np.zeros(count)
-        apart[order[1:]] = np.cumsum(np.maximum(steps, _LEAST_STEP))
-        return apart
+        # Positions with equal times are separated, because their noise is not identical.
+        separated = np.zeros(count)
+        separated[order[1:]] = np.cumsum(np.maximum(steps, _LEAST_STEP))
+        return separated
 
     def _going_on(self, time: Float[np.ndarray, " positions"]) -> Float[np.ndarray, " positions"]:
-        """Times of runs each of which has a clock of its own, one run after the other; as they are where runs lie apart."""
+        """Times one run after the other, if each run has a separate clock; unchanged if the runs do not overlap."""
         run = np.asarray(self.index("run"))
         runs = [run == number for number in np.unique(run)]
-        spans = sorted((time[own].min(), time[own].max()) for own in runs)
+        spans = sorted((time[rows].min(), time[rows].max()) for rows in runs)
         if all(before[1] <= after[0] for before, after in pairwise(spans)):
             return time
         going_on = np.empty_like(time)
-        going_on[np.argsort(run, kind="stable")] = times_going_on([time[own] for own in runs])
+        going_on[np.argsort(run, kind="stable")] = times_going_on([time[rows] for rows in runs])
         return going_on
 
 
@@ -147,7 +149,7 @@ def _flattened(where: Where) -> tuple[tuple, tuple]:
 
 
 def _unflattened(labels: tuple, columns: Sequence[Any]) -> Where:
-    """As JAX puts it together again: not always of arrays, so nothing of it is checked."""
+    """Reconstruction by JAX, whose leaves are not always arrays; therefore without checks."""
     where = object.__new__(Where)
     vars(where).update(zip(_COLUMNS, columns, strict=True), labels=labels)
     return where
@@ -172,11 +174,11 @@ def settings(
 
     **Arguments:**
 
-    - `alpha`, `beta`: spindle and pitch angles, commanded or read, rad.
-    - `pitch`: number of each position's pitch setting; told by beta where left out (`angle_settings.py`).
-    - `run`, `mount`: labels of the run and of the mounting; all the same where left out.
+    - `alpha`, `beta`: spindle and pitch angles, commanded or recorded, rad.
+    - `pitch`: number of each position's pitch setting; found from beta if omitted (`angle_settings.py`).
+    - `run`, `mount`: labels of the run and of the mounting; all equal if omitted.
     - `time_s`, `temperature_degc`, `approach`: optional columns (s, degC, +1 or -1).
-    - `clock`: labels of the clock that `time_s` counts by; one for all where left out.
+    - `clock`: labels of the clock of `time_s`; one for all if omitted.
 
     **Returns:** the settings; pitch settings are numbered by increasing beta, runs and mounts as they first appear.
     """
@@ -205,15 +207,16 @@ def settings(
         groups[name] = np.array([number[text] for text in texts], dtype=np.int64)
         labels.append((name, tuple(order)))
 
-    time, degc, side = (None if own is None else np.asarray(own, float) for own in (time_s, temperature_degc, approach))
-    mean_time, mean_degc = (None if own is None else np.full(count, np.mean(own)) for own in (time, degc))
+    optional = (time_s, temperature_degc, approach)
+    time, degc, side = (None if column is None else np.asarray(column, float) for column in optional)
+    mean_time, mean_degc = (None if column is None else np.full(count, np.mean(column)) for column in (time, degc))
     return Where(alpha, beta, groups, time, degc, side, tuple(labels), mean_time, mean_degc)
 
 
 def check_index(by: str, where: Where) -> None:
-    """Refuse an index that is not one of the data's columns.
+    """Reject an index that is not a column of the data.
 
-    **Raises:** `InputError` naming the ones there are.
+    **Raises:** `InputError` with the available columns.
     """
     if by not in where.groups:
-        raise InputError(f"no index column {by!r}; there are {', '.join(where.groups)}")
+        raise InputError(f"no index column {by!r}; the columns are {', '.join(where.groups)}")

@@ -1,4 +1,4 @@
-"""The catalogue of effects: what can make the nominal chain wrong, one small entry each (DESIGN section 4)."""
+"""The catalogue of effects: possible errors of the nominal chain, one entry each."""
 
 from tumblecal.effects.catalogue import Catalogue, catalogue, entry, links
 from tumblecal.effects.effect import Effect, OutputTerm, angle_effect, output_effect

@@ -17,7 +17,7 @@ from tumblecal.ground.frames import rotate_x, rotate_y, rotate_z
 class TurningMount(Link):
     """The mount turned by `rate * follows(where)`, after its fixed angles: `f4 = Rx Ry Rz f4'`.
 
-    `change`: by how much the angles differ at each later clock, where pauses have no known length.
+    `change`: difference of the angles at each later clock, if the pauses have unknown lengths.
     """
 
     place: ClassVar[Place] = Place.MOUNT
@@ -45,7 +45,7 @@ def _turning(
     cause: str,
     advice: str,
 ) -> Effect:
-    """A mount whose angles follow what a column holds."""
+    """A mount whose angles follow a column of the data."""
     base, scale = base_unit(unit)
 
     def make(where: Where) -> tuple[Link, ...]:
@@ -58,30 +58,30 @@ def _turning(
     return Effect(*described, make, needs=(column,), weight=RARE, pauses="any", not_held=OF_MOUNT)
 
 
-def _other_inputs(own: int) -> list[Factor]:
-    """What an output takes a share of: each other input."""
-    return [lambda u, other=other: u[other] for other in range(3) if other != own]
+def _other_inputs(number: int) -> list[Factor]:
+    """The factors of an output's misalignment: each other input."""
+    return [lambda u, other=other: u[other] for other in range(3) if other != number]
 
 
-def _warming(own: int):
-    """The two terms of an output whose share of each other input follows the temperature."""
-    return [lambda u, where, factor=factor: factor(u) * warmer(where) for factor in _other_inputs(own)]
+def _warming(number: int):
+    """The two terms of an output whose misalignment with each other input follows the temperature."""
+    return [lambda u, where, factor=factor: factor(u) * warmer(where) for factor in _other_inputs(number)]
 
 
-def _axis_entries(own: int, axis: str) -> tuple[Effect, ...]:
+def _axis_entries(number: int, axis: str) -> tuple[Effect, ...]:
     others = [other for other in AXES if other != axis]
     thermal = {"axis": axis, "per_degc": True, "reference_degc": REFERENCE_DEGC}
     return (
         drift_effect(
             f"misalignment_drift.{axis}",
             axis,
-            _other_inputs(own),
+            _other_inputs(number),
             unit="mrad/h",
             typical=0.2,
             physics=f"a share of u_{others[0]} and of u_{others[1]}, linear in time_s, on output {axis}",
             components=others,
             cause=f"The sensitive axis of {axis} turns steadily during the measurement.",
-            advice="Look at how this sensor is fixed (glue, solder); repeat the first positions at the end.",
+            advice="Check the attachment of this sensor (glue, solder); repeat the first positions at the end.",
             source="IEEE 1293 (input axis misalignment, trending)",
             not_held=OF_RUN,
             weight=RARE,
@@ -89,7 +89,7 @@ def _axis_entries(own: int, axis: str) -> tuple[Effect, ...]:
         output_effect(
             f"misalignment_temperature.{axis}",
             axis,
-            _warming(own),
+            _warming(number),
             unit="mrad/degC",
             typical=0.05,
             physics=f"a share of u_{others[0]} and of u_{others[1]}, linear in temperature_degc - {REFERENCE_DEGC:g}, "
@@ -98,7 +98,7 @@ def _axis_entries(own: int, axis: str) -> tuple[Effect, ...]:
             forms=[thermal | {"powers": [int(name == other) for name in AXES]} for other in others],
             needs=("temperature_degc",),
             cause=f"The sensitive axis of {axis} turns with the temperature.",
-            advice="Hold the temperature, or apply the temperature terms from the extended calibration.",
+            advice="Keep the temperature constant, or apply the temperature terms from the extended calibration.",
             source="IEEE 1293 (input axis misalignment, temperature sensitivity)",
             weight=RARE,
         ),
@@ -106,7 +106,7 @@ def _axis_entries(own: int, axis: str) -> tuple[Effect, ...]:
 
 
 ENTRIES = (
-    *(entry for own, axis in enumerate(AXES) for entry in _axis_entries(own, axis)),
+    *(entry for number, axis in enumerate(AXES) for entry in _axis_entries(number, axis)),
     _turning(
         elapsed,
         "time_s",
@@ -124,7 +124,7 @@ ENTRIES = (
         f"Rx Ry Rz after the mount, angles linear in temperature_degc - {REFERENCE_DEGC:g}",
         "mrad/degC",
         0.05,
-        "The mount turns the triad as it warms (a bracket of two metals, a screw on one side).",
-        "Hold the temperature, or mount the triad so that it can expand alike to all sides.",
+        "The mount turns the triad with the temperature (a bracket of two metals, a screw on one side).",
+        "Keep the temperature constant, or mount the triad so that it can expand symmetrically.",
     ),
 )

@@ -1,4 +1,4 @@
-"""Effects that change with the pitch setting or the run: another bias, scale factor, index zero or drift in each."""
+"""Effects that change with the pitch setting or the run: a different bias, scale factor, index zero or drift in each."""
 
 import math
 from typing import ClassVar
@@ -14,7 +14,7 @@ from tumblecal.ground.axes import AXES
 class GroupTerms(Link):
     """A term with a coefficient for each group of an index column: `A += size_group * term(u, where)` on some axes.
 
-    The first group has none: the nominal model holds its bias and scale factor.
+    The first group has none: the nominal model includes its bias and scale factor.
     """
 
     place: ClassVar[Place] = Place.READING
@@ -26,13 +26,13 @@ class GroupTerms(Link):
     def __call__(self, state: State, where: Where) -> State:
         sizes, reading = self.size.at(where), list(state.reading)
         for number, (axis, term) in enumerate(zip(self.axes, self.terms, strict=True)):
-            own = _in_group(sizes[number :: len(self.axes)], where, self.by)
-            reading[axis] = reading[axis] + own * term(state.f, where)
+            size = _in_group(sizes[number :: len(self.axes)], where, self.by)
+            reading[axis] = reading[axis] + size * term(state.f, where)
         return eqx.tree_at(lambda s: s.reading, state, tuple(reading))
 
 
 class IndexZero(Link):
-    """`alpha + e`, e of each pitch setting after the first: the index does not come back to its zero."""
+    """`alpha + e`, one e for each pitch setting after the first: the index does not return to its zero."""
 
     place: ClassVar[Place] = Place.INDEX
     zero: Parameter
@@ -42,7 +42,7 @@ class IndexZero(Link):
 
 
 def _in_group(sizes: tuple, where: Where, by: str):
-    """Each position's coefficient: those of the groups after the first, zero in the first."""
+    """Coefficient of each position: that of its group, zero in the first group."""
     group = jnp.asarray(where.index(by))
     return sum(jnp.where(group == number, size, 0.0) for number, size in enumerate(sizes, start=1))
 
@@ -61,26 +61,26 @@ def _run_bias(where: Where) -> tuple[Link, ...]:
     return (GroupTerms(size, "run", (0, 1, 2), (_one, _one, _one)),)
 
 
-def _axis_entries(own: int, axis: str) -> tuple[Effect, ...]:
+def _axis_entries(number: int, axis: str) -> tuple[Effect, ...]:
     def by_pitch(id: str, unit: str, term: Term, scale: float):
         def make(where: Where) -> tuple[Link, ...]:
             size = coefficients(id, _later(where, "pitch"), unit=unit, scale=scale)
-            return (GroupTerms(size, "pitch", (own,), (term,)),)
+            return (GroupTerms(size, "pitch", (number,), (term,)),)
 
         return make
 
     def drift(where: Where) -> tuple[Link, ...]:
         size = coefficients(f"run_drift.{axis}", ["first", *_later(where, "run")], unit="g/s", scale=5e-8)
-        return (RunDrift(size, own),)
+        return (RunDrift(size, number),)
 
     return (
         Effect(
             f"bias_by_pitch.{axis}",
-            "another bias at each pitch setting after the first",
+            "a different bias at each pitch setting after the first",
             "mg",
             0.2,
-            f"The bias of the {axis} axis is not the same at every pitch setting: it changes with each setting up.",
-            "Do not switch off between settings; come back to the first position after each change of setting.",
+            f"The bias of the {axis} axis is not the same at every pitch setting: it changes with each new set-up.",
+            "Do not switch off between settings; return to the first position after each change of setting.",
             "IEEE 1293 (bias repeatability, turn-on to turn-on)",
             by_pitch(f"bias_by_pitch.{axis}", "g", _one, 2e-4),
             needs=("pitch",),
@@ -89,13 +89,13 @@ def _axis_entries(own: int, axis: str) -> tuple[Effect, ...]:
         ),
         Effect(
             f"scale_by_pitch.{axis}",
-            "another scale factor at each pitch setting after the first",
+            "a different scale factor at each pitch setting after the first",
             "mg/g",
             0.2,
             f"The scale factor of the {axis} axis is not the same at every pitch setting.",
-            "Look at supply and reference voltage when the setting is changed; measure the settings in another order.",
+            "Check supply and reference voltage when the setting is changed; measure the settings in another order.",
             "IEEE 1293 (scale factor repeatability)",
-            by_pitch(f"scale_by_pitch.{axis}", "g/g", lambda u, where: u[own], 2e-4),
+            by_pitch(f"scale_by_pitch.{axis}", "g/g", lambda u, where: u[number], 2e-4),
             needs=("pitch",),
             weight=RARE,
             not_held=OF_GROUPS,
@@ -105,7 +105,7 @@ def _axis_entries(own: int, axis: str) -> tuple[Effect, ...]:
             "bias linear in the time since each run's first position, a rate for each run",
             "mg/h",
             0.2,
-            f"The bias of the {axis} axis drifts anew in each run.",
+            f"The bias of the {axis} axis drifts in each run, with a separate rate and start.",
             "Let the unit settle longer before each run; repeat the first position at the end of each run.",
             "IEEE 1293 (bias trending)",
             drift,
@@ -137,29 +137,29 @@ class RunDrift(Link):
 ENTRIES = (
     Effect(
         "bias_repeatability",
-        "another bias in each run after the first, all axes",
+        "a different bias in each run after the first, all axes",
         "mg",
         1.0,
         "The bias is not the same from run to run (switching on, temperature, ageing).",
-        "Let the bias differ between runs (a rig with bias by run), and calibrate it after every switching on.",
+        "Let the bias differ between runs (a rig with bias by run), and calibrate it after every power-on.",
         "IEEE 1293 (bias repeatability)",
         _run_bias,
         needs=("run",),
         not_held=OF_GROUPS,
     ),
-    *(entry for own, axis in enumerate(AXES) for entry in _axis_entries(own, axis)),
+    *(entry for number, axis in enumerate(AXES) for entry in _axis_entries(number, axis)),
     Effect(
         "index_zero",
-        "alpha + e, e of each pitch setting after the first",
+        "alpha + e, one e for each pitch setting after the first",
         "mrad",
         0.1,
-        "The index of the spindle does not come back to its zero when the pitch setting is changed.",
+        "The index of the spindle does not return to its zero when the pitch setting is changed.",
         "Check the index against a reference face after every change of the pitch setting.",
         "dividing-head geometry; first-order terms as in rotary-table testing (IEEE 836)",
         lambda where: (IndexZero(coefficients("index_zero", _later(where, "pitch"), unit="rad", scale=1e-4)),),
         needs=("pitch",),
         weight=RARE,
-        # As a pitch is set and its vernier read; where the spindle points up an index off by any angle explains anything.
+        # As for a pitch setting and its vernier. With a vertical spindle, an index error of any size could explain anything.
         largest=math.radians(2.0),
     ),
 )

@@ -1,4 +1,4 @@
-"""The catalogue: all entries by id, and the user's own from a Python file."""
+"""The catalogue: all entries by id, and user entries from a Python file."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -68,15 +68,15 @@ def entry(entries: Catalogue, id: str) -> Effect:
 
 
 def belongs_to(effect: Effect) -> str:
-    """`head`, where its links act before the triad's mount and so on every unit alike, or `sensor`; "" for what acts on the
-    data or on the noise."""
+    """`head` if its links act before the triad's mount and so equally on every unit; otherwise `sensor`. "" for an
+    effect on the data or on the noise."""
     if effect.make is None:
         return ""
     return "head" if of_head(effect.make(_everywhere())) else "sensor"
 
 
 def _everywhere() -> Where:
-    """Settings that have every column and two runs."""
+    """Settings with every column and two runs."""
     ends, degc = [0.0, 1.0], [25.0, 26.0]
     return settings(ends, ends, run=["1", "2"], time_s=ends, temperature_degc=degc, approach=[1.0, -1.0])
 
@@ -96,7 +96,7 @@ def links(entries: Catalogue, ids: tuple[str, ...], where) -> dict[str, tuple]:
 
 
 def links_and_units(entries: Catalogue) -> tuple[dict[str, Callable[[Where], Link]], dict[str, str]]:
-    """What a rig file needs of the catalogue: the link of each effect, and the base unit of each of its leaves."""
+    """The part of the catalogue that a rig file needs: the link of each effect, and the base unit of each of its leaves."""
     every = _everywhere()
     makers, units = {}, {}
     for id, effect in entries.items():
@@ -119,7 +119,7 @@ def read_rig_with_effects(path: Path | str, entries: Catalogue | None = None) ->
     **Example:** `tumblecal.read_rig("paper24")`
     """
     file = file_or_example(path)
-    # An example goes by its name, not by the folder of the installation.
+    # An example is named without the folder of the installation.
     named = Path(path) if file == Path(path) else Path(file.name)
     return rig_of(read_toml(file), named, *links_and_units(catalogue() if entries is None else entries))
 
@@ -127,7 +127,7 @@ def read_rig_with_effects(path: Path | str, entries: Catalogue | None = None) ->
 def first_link(effect: Effect, where: Where) -> Link:
     """The link of an effect, the first of its variants.
 
-    **Raises:** `InputError` for one that acts on the data, or settings without a column that it needs.
+    **Raises:** `InputError` for an effect on the data, or settings without a column that it needs.
     """
     lacking = effect.lacking(where)
     if effect.make is None or lacking:

@@ -1,4 +1,4 @@
-"""The link of what dies away in time: warm-up after switching on, settling after a change of setting."""
+"""The link of exponential decay in time: warm-up after power-on, settling after a change of setting."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -14,9 +14,9 @@ from tumblecal.ground.axes import AXES
 
 
 class Decay(Link):
-    """`A += amplitude * exp(-t / tau)` per axis with one tau; `since` says from when t counts, s.
+    """`A += amplitude * exp(-t / tau)` per axis with one tau; `since` gives t, s.
 
-    With several clocks each has amplitudes of its own: how far it died away over a pause of unknown length is unknown.
+    Each of several clocks has separate amplitudes, because the decay over a pause of unknown length is unknown.
     """
 
     place: ClassVar[Place] = Place.READING
@@ -28,9 +28,9 @@ class Decay(Link):
         decay = jnp.exp(-self.since(where) / self.tau.at(where)[0])
         amplitudes = self.amplitude.at(where)
         if len(amplitudes) > len(AXES):
-            own = [jnp.where(clock, 1.0, 0.0) for clock in of_clocks(where)]
+            shares = [jnp.where(clock, 1.0, 0.0) for clock in of_clocks(where)]
             amplitudes = [
-                sum(share * amplitude for share, amplitude in zip(own, amplitudes[axis :: len(AXES)], strict=True))
+                sum(share * amplitude for share, amplitude in zip(shares, amplitudes[axis :: len(AXES)], strict=True))
                 for axis in range(len(AXES))
             ]
         reading = tuple(value + amplitude * decay for value, amplitude in zip(state.reading, amplitudes, strict=True))
@@ -38,7 +38,8 @@ class Decay(Link):
 
 
 def decays(id: str, since: Callable[[Where], Any], first_taus: Sequence[float], *, clocks: int = 1) -> tuple[Link, ...]:
-    """A link for each time constant (s) that is tried first; coefficients named after `id`, those of later `clocks` as well."""
+    """A link for each start value of the time constant (s); the coefficients, also those of later `clocks`, are named
+    after `id`."""
     links = []
     names = [*AXES, *(f"{axis}_after_pause_{number}" for number in range(1, clocks) for axis in AXES)]
     for first in first_taus:

@@ -12,7 +12,7 @@ from tumblecal.ground.frames import rotate_x, rotate_y, rotate_z
 
 
 class BaseRoll(Link):
-    """`f2 = Rx(e) f1`: the head stands rolled about the horizontal direction of its spindle."""
+    """`f2 = Rx(e) f1`: the head is rolled about the horizontal direction of its spindle."""
 
     place: ClassVar[Place] = Place.BASE
     roll: Parameter
@@ -45,7 +45,7 @@ class IndexHarmonic(Link):
 
 
 class IndexGain(Link):
-    """`alpha (1 + e)`, counted from alpha = 0."""
+    """`alpha (1 + e)`, with alpha from its zero."""
 
     place: ClassVar[Place] = Place.INDEX
     gain: Parameter
@@ -55,7 +55,7 @@ class IndexGain(Link):
 
 
 class IndexBacklash(Link):
-    """`alpha + e * approach`, approach +1 or -1: the sense of the last turn."""
+    """`alpha + e * approach`, approach +1 or -1: the direction of the last turn."""
 
     place: ClassVar[Place] = Place.INDEX
     play: Parameter
@@ -121,7 +121,7 @@ ENTRIES = (
         "mrad",
         0.1,
         "The base of the dividing head is not level: it is rolled about the horizontal direction of its spindle.",
-        "Level the base across the spindle with a precision level, or read the level and give the roll as known.",
+        "Level the base across the spindle with a precision level, or read the level and state the roll as known.",
         _HEAD,
         lambda where: (BaseRoll(_leaf("base_levelling")),),
     ),
@@ -131,7 +131,7 @@ ENTRIES = (
         "mrad",
         0.1,
         "The spindle is not square to the pitch axis.",
-        "Check squareness with an indicator on a test bar; the error is a constant of the head: keep it in its rig file.",
+        "Check squareness with an indicator on a test bar; the error is a constant of the head: state it in the rig file.",
         _HEAD,
         lambda where: (AxisPerpendicularity(_leaf("axis_perpendicularity")),),
     ),
@@ -140,8 +140,8 @@ ENTRIES = (
         "alpha + c cos(alpha) + s sin(alpha)",
         "mrad",
         0.1,
-        "The angle scale of the spindle is mounted off centre: its error goes once round per turn.",
-        "Read the scale at two opposite heads, or compare with a polygon and autocollimator; keep the error as known.",
+        "The angle scale of the spindle is mounted eccentrically: its error has one period per turn.",
+        "Read the scale at two opposite heads, or compare with a polygon and autocollimator; state the error as known.",
         _HEAD,
         lambda where: (IndexHarmonic(_leaf("index_eccentricity", ("cos", "sin")), 1),),
     ),
@@ -150,7 +150,7 @@ ENTRIES = (
         "alpha + c cos(2 alpha) + s sin(2 alpha)",
         "mrad",
         0.1,
-        "The angle error of the spindle goes twice round per turn (an oval or bent scale, a coupling).",
+        "The angle error of the spindle has two periods per turn (an oval or bent scale, a coupling).",
         "Compare the index with a polygon and autocollimator at 45 degree steps; look for a strained coupling.",
         _HEAD,
         lambda where: (IndexHarmonic(_leaf("index_ellipticity", ("cos", "sin")), 2),),
@@ -160,8 +160,8 @@ ENTRIES = (
         "alpha (1 + e)",
         "mrad/rad",
         0.05,
-        "The spindle turns a little more or less per count than it says: the error grows with the angle from zero.",
-        "Close the circle: 360 degrees must come back to 0; check the gear ratio or counts per turn.",
+        "The scale factor of the spindle angle is wrong: the error is proportional to the angle from zero.",
+        "Close the circle: 360 degrees must return to 0; check the gear ratio or counts per turn.",
         _HEAD,
         lambda where: (IndexGain(_leaf("index_gain", unit="1")),),
     ),
@@ -170,7 +170,7 @@ ENTRIES = (
         "alpha + e * approach",
         "mrad",
         0.05,
-        "The spindle stops at another place when it comes from the other side (backlash, wind-up).",
+        "The spindle stops at a different angle if approached from the other side (backlash, wind-up).",
         "Approach every position from the same side, or preload the drive.",
         _HEAD,
         lambda where: (IndexBacklash(_leaf("index_backlash")),),
@@ -184,7 +184,7 @@ ENTRIES = (
             "mrad",
             0.1,
             f"The spindle axis tilts {times} per turn while it rotates (bearing or runout).",
-            "Measure axis tilt with two indicators on a test bar; renew or preload the bearing.",
+            "Measure the axis tilt with two indicators on a test bar; replace or preload the bearing.",
             "spindle error motion, ISO 230-7",
             lambda where, order=order: (SpindleWobble(_leaf(f"spindle_wobble_{order}", _WOBBLE), order),),
         )

@@ -1,8 +1,8 @@
-"""What drifts linearly in time, over pauses of unknown length as well.
+"""Linear drift in time, also over pauses of unknown length.
 
-Where the times count by several clocks, how long the pauses between them were is unknown. The change over each pause is then
-a coefficient of its own: `rate * t + change`, with t since the first position by the same clock. No value of a rate depends
-on the length of a pause.
+If the times are from several clocks, the lengths of the pauses between them are unknown. The change over each pause is then a
+separate coefficient: `rate * t + change`, with t since the first position by the same clock. The rate does not depend on the
+length of a pause.
 """
 
 from collections.abc import Callable, Sequence
@@ -18,32 +18,36 @@ from tumblecal.effects.effect import Effect, base_unit, elapsed, of_clocks, outp
 from tumblecal.ground.axes import AXES
 
 
-# What an amount that drifts is multiplied with: the function of the ideal inputs u.
+# Factor of a drifting coefficient: a function of the ideal inputs u.
 Factor = Callable[[Vector], Any]
 # Length of a pause for the typical size of a change, s.
 _TYPICAL_PAUSE_S = 3600.0
 
 
 def changes(id: str, components: Sequence[str], *, unit: str, scale: float, where: Where) -> Parameter:
-    """The changes of drifting amounts from the first clock to each later one, one clock after the other.
+    """The changes of drifting coefficients from the first clock to each later one, one clock after the other.
 
     **Arguments:**
 
-    - `components`: names of the amounts. `unit`, `scale`: of their rates, base units.
+    - `components`: names of the coefficients. `unit`, `scale`: of their rates, base units.
     """
     names = [[f"pause_{number}", name] for number in range(1, where.clocks) for name in components]
     # `g/s` becomes `g`, `1/s` becomes `1`.
     of_change = unit.removesuffix("/s")
     return coefficients(
-        f"{id}_after", ["_".join(filter(None, own)) for own in names], unit=of_change, scale=scale * _TYPICAL_PAUSE_S
+        f"{id}_after",
+        ["_".join(filter(None, parts)) for parts in names],
+        unit=of_change,
+        scale=scale * _TYPICAL_PAUSE_S,
     )
 
 
 def changed(values: Sequence[Any], amounts: int, where: Where) -> list[Any]:
-    """For each drifting amount, how much it differs at every position's clock from the first one; zero for the first clock."""
+    """For each drifting coefficient, its change from the first clock to the clock of every position; zero for the first
+    clock."""
     later = of_clocks(where)[1:]
     return [
-        sum(jnp.where(own, values[number * amounts + k], 0.0) for number, own in enumerate(later))
+        sum(jnp.where(here, values[number * amounts + k], 0.0) for number, here in enumerate(later))
         for k in range(amounts)
     ]
 

@@ -1,4 +1,4 @@
-"""What an entry of the catalogue is, and the link that most entries of the sensor need."""
+"""Catalogue entries, and the link that most entries of the sensor need."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -17,12 +17,12 @@ from tumblecal.ground.errors import InputError
 from tumblecal.ground.units import converts, factor
 
 
-# Weight of an entry that is the cause less often than those of the model equation and of the head.
+# Prior weight of an entry that is the cause less often than those of the model equation and of the head.
 RARE = 0.25
-# The same of a higher order that is met alone, without the lower one that makes nearly the same signal.
+# The same for a higher order without the lower one, which produces nearly the same signal.
 HIGHER_ORDER = 0.15
 
-# Pauses of unknown length that an effect of time allows for: it counts the time in each run by itself.
+# Pauses of unknown length that an effect of time allows: its time is separate in each run.
 BETWEEN_RUNS = "between runs"
 
 # A term of an output: its value for every position, from the ideal inputs u = (u_x, u_y, u_z) in g and the settings.
@@ -30,20 +30,21 @@ Term = Callable[[Vector, Where], Any]
 # A term of an angle: its value for every position, from the commanded angle in rad and the settings.
 AngleFunction = Callable[[Any, Where], Any]
 
-# Reference of a form that counts from the mean temperature of the data.
+# Reference of a form relative to the mean temperature of the data.
 MEAN = "mean"
-# Why a calibration file has no term for an effect: it gives the force in the triad's own frame, at any time and attitude.
+# Reasons why a calibration file has no term for an effect: it gives the force in the frame of the triad, at any time
+# and attitude.
 OF_HEAD = "it acts in the dividing head, not in the sensor"
-OF_RUN = "it counts from the start of this measurement and has no value at another time"
+OF_RUN = "it is relative to the start of this measurement and has no value at another time"
 OF_GROUPS = "it has a value for each pitch setting or run of this measurement, and none for other readings"
 OF_PATH = "it depends on the position measured before, which single readings do not state"
 OF_MOUNT = (
-    "it turns the triad in its mount: force in the triad's own frame is correct without it; only `alignment` changes"
+    "it turns the triad in its mount: force in the frame of the triad is correct without it; only `alignment` changes"
 )
-OF_RESOLUTION = "the readout loses what it rounds or clips; no correction restores it"
+OF_RESOLUTION = "the readout loses information by rounding or clipping; no correction restores it"
 NO_FORMS = "its entry states no `forms`, so its term in a calibration file is not known"
 
-# What one label of a column stands for.
+# Name of one label of a column.
 _ONE_OF = {"pitch": "pitch setting", "mount": "mounting"}
 
 
@@ -54,21 +55,23 @@ class Effect:
     - `id`: public name; `.x` at its end means one per axis.
     - `physics`: formula in words of the chain.
     - `unit`: unit in which the coefficients are shown.
-    - `typical`: a size met in practice, in `unit`; the harm of invisible effects is told for it.
-    - `cause`: what it is, in plain words. `advice`: what to do about it on the bench.
-    - `source`: where the term is defined.
-    - `make`: links with zero coefficients for given settings, or None for what acts on the data (a swapped pair)
-      or on the noise. Several links are variants that differ in the start of a shape parameter, such as a time constant.
-    - `symbol`: IEEE 1293 symbol where there is one. `needs`: optional data columns that it needs.
-    - `kinked`: it jumps with an input's sign, so its signal must be found by exact fits, not by derivatives alone.
-    - `forms`: each coefficient's term as a calibration file holds it (`data.calibration_terms`), without its coefficient, and
-      with `reference_degc` a number or `MEAN`, that of the data; none: the file cannot hold it, for the reason `not_held`.
-    - `weight`: how often it is the cause, beside an entry of weight 1; `shares`: of that, each variant's (none: alike).
-    - `looks_back`: it takes the inputs at the position before, so the attitudes must be known.
-    - `largest`: the size (base unit) of a coefficient beyond which it is no cause: it would be seen in setting up.
-    - `found_as`: what the diagnosis finds it as, of an entry that it does not look for.
-    - `pauses`: pauses of unknown length that it allows for, of an effect of time: "" none, "between runs", or "any".
-    - `of_time`: the power of the time with which it changes the bias of its axis; 0: it is another function.
+    - `typical`: a size that occurs in practice, in `unit`; the consequences of undetectable effects are stated for it.
+    - `cause`: the cause in plain words. `advice`: remedy on the bench.
+    - `source`: definition of the term.
+    - `make`: links with zero coefficients for given settings, or None for an effect on the data (exchanged positions) or on the
+      noise. Several links are variants that differ in the start of a shape parameter, such as a time constant.
+    - `symbol`: IEEE 1293 symbol, if there is one. `needs`: optional data columns that it needs.
+    - `kinked`: it jumps with the sign of an input, so its signal must be found by exact fits, not by derivatives alone.
+    - `forms`: the term of each coefficient in a calibration file (`data.calibration_terms`), without its coefficient, and with
+      `reference_degc` a number or `MEAN`, that of the data; none: the file cannot include it, for the reason `not_held`.
+    - `weight`: prior weight relative to an entry of weight 1; `shares`: of it, for each variant (none: equal).
+    - `looks_back`: it uses the inputs at the previous position, so the attitudes must be known.
+    - `largest`: the size (base unit) of a coefficient beyond which it is no cause: it would be noticed in the set-up.
+    - `found_as`: the finding of the diagnosis for an entry that it does not test.
+    - `pauses`: for an effect of time, the pauses of unknown length that it allows: "" none, "between runs", or "any".
+    - `of_time`: the power of time with which it changes the bias of its axis; 0 for any other function.
+
+    **Example:** `tumblecal.effects.entry(catalogue(), "second_order.y").unit`
     """
 
     def __repr__(self) -> str:
@@ -97,15 +100,15 @@ class Effect:
     of_time: int = 0
 
     def lacking(self, where: Where) -> str:
-        """What it needs and the data lack, as in "the data have no column time_s and only one run"; "" where nothing. One run,
-        or one pitch setting, tells nothing, whether a column says so or not."""
+        """The needs that the data lack, as in "the data have no column time_s and only one run"; "" if none. A single
+        run, or pitch setting, counts as lacking."""
         columns = [name for name in self.needs if name not in where.groups and getattr(where, name) is None]
         single = [name for name in self.needs if name in where.groups and len(where.names(name)) < 2]
         words = [f"no column {' and '.join(columns)}"] if columns else []
         words += [f"only one {_ONE_OF.get(name, name)}" for name in single]
-        return " and ".join([*words, *(["pauses of unknown length"] if self._hangs_on_a_pause(where) else [])])
+        return " and ".join([*words, *(["pauses of unknown length"] if self._depends_on_a_pause(where) else [])])
 
-    def _hangs_on_a_pause(self, where: Where) -> bool:
+    def _depends_on_a_pause(self, where: Where) -> bool:
         if "time_s" not in self.needs or where.clocks == 1 or self.pauses == "any":
             return False
         within = len({*zip(*(np.asarray(where.index(by)).tolist() for by in ("run", "clock")), strict=True)})
@@ -113,17 +116,17 @@ class Effect:
 
     @property
     def polynomial(self) -> tuple[tuple[str, str] | tuple[()], int]:
-        """Output and variable (an input, `degc`, `time`) of which it is a power, and the power; `()` and 0 where it is none."""
+        """Output, variable (an input, `degc`, `time`) and power of an effect that is a power; `()` and 0 for any other."""
         if self.of_time:
             return (self.id.rpartition(".")[2], "time"), self.of_time
         form = self.forms[0] if len(self.forms) == 1 else {}
-        # Whether a form of the user's is a right one is for `data.calibration_terms` to say.
+        # `data.calibration_terms` checks whether a user's form is valid.
         inputs, degc = form.get("powers"), form.get("degc_power", form.get("per_degc"))
         powers = dict(zip([*AXES, "degc"], [*inputs, degc] if isinstance(inputs, list) else [], strict=False))
-        own = [(name, power) for name, power in powers.items() if isinstance(power, int) and power]
-        if form.get("kind", "product") != "product" or form.get("per_hour") or len(own) != 1:
+        powered = [(name, power) for name, power in powers.items() if isinstance(power, int) and power]
+        if form.get("kind", "product") != "product" or form.get("per_hour") or len(powered) != 1:
             return (), 0
-        ((variable, power),) = own
+        ((variable, power),) = powered
         return (str(form.get("axis")), variable), int(power)
 
     def shows(self, base: str) -> bool:
@@ -132,14 +135,14 @@ class Effect:
 
 
 def reason_not_held(effect: Effect, links: Sequence[Link]) -> str:
-    """Why a calibration file holds no term for an effect with these links; "" if it holds one."""
+    """Reason why a calibration file has no term for an effect with these links; "" if it has one."""
     if effect.forms:
         return ""
     return OF_HEAD if of_head(links) else effect.not_held or NO_FORMS
 
 
 def of_head(links: Sequence[Link]) -> bool:
-    """Whether links belong to the head, all units' in common: they act before the triad's mount."""
+    """Whether links belong to the head, common to all units: they act before the triad's mount."""
     return all(link.place < Place.MOUNT for link in links)
 
 
@@ -158,7 +161,7 @@ class OutputTerm(Link):
 
 
 class OutputTermLookingBack(OutputTerm):
-    """Terms that take `where.inputs_before` as well."""
+    """Terms that also use `where.inputs_before`."""
 
     looks_back: ClassVar[bool] = True
 
@@ -189,12 +192,12 @@ def output_effect(
 
     **Arguments:**
 
-    - `id`: public name, by custom ending in the axis.
+    - `id`: public name, which by convention ends in the axis.
     - `axis`: `"x"`, `"y"` or `"z"`.
     - `terms`: one function of `(u, where)` for each coefficient; u is the tuple of ideal inputs in g.
-    - `looks_back`: whether the terms take `where.inputs_before`, the inputs at the position before.
-    - `pauses`: which pauses of unknown length the terms allow for: "", "between runs" or "any".
-    - `of_time`: the power of the time, of a term that is one.
+    - `looks_back`: whether the terms use `where.inputs_before`, the inputs at the previous position.
+    - `pauses`: pauses of unknown length that the terms allow: "", "between runs" or "any".
+    - `of_time`: the power of time, for a term that is one.
     - `unit`: of the coefficients, such as `mg/g^2`; the rest as in `Effect`.
 
     **Returns:** the catalogue entry.
@@ -202,7 +205,7 @@ def output_effect(
     **Raises:** `InputError` for another axis, or terms without names.
     """
     if axis not in AXES:
-        raise InputError(f"effect {id!r}: axis {axis!r}; there are x, y and z")
+        raise InputError(f"effect {id!r}: axis {axis!r} is not one of x, y, z")
     functions, kind = _functions(id, terms, components), OutputTermLookingBack if looks_back else OutputTerm
     base, scale = base_unit(unit)
 
@@ -273,7 +276,7 @@ def angle_effect(
     """
     kinds = {"alpha": SpindleAngleTerm, "beta": PitchAngleTerm}
     if angle not in kinds:
-        raise InputError(f"effect {id!r}: angle {angle!r}; there are alpha (spindle) and beta (pitch)")
+        raise InputError(f"effect {id!r}: angle {angle!r} is not one of alpha (spindle), beta (pitch)")
     functions = _functions(id, terms, components)
     base, scale = base_unit(unit)
 
@@ -291,9 +294,9 @@ def _functions(id: str, terms, components: Sequence[str]) -> tuple[Callable[...,
 
 
 def base_unit(unit: str) -> tuple[str, float]:
-    """The unit in which the chain keeps a coefficient shown in `unit`, and the number of it in one `unit`.
+    """The unit in which the chain stores a coefficient shown in `unit`, and the factor to it.
 
-    `base_unit("mg/g^2") == ("g/g^2", 1e-3)`; `(mg/g)/h` is kept in `1/s`.
+    **Example:** `base_unit("mg/g^2") == ("g/g^2", 1e-3)`; `(mg/g)/h` is stored in `1/s`.
     """
     base = unit.replace("(mg/g)", "1").replace("mrad", "rad").replace("mg", "g").replace("1e-3", "1")
     parts = base.split("/")
@@ -303,17 +306,17 @@ def base_unit(unit: str) -> tuple[str, float]:
 
 
 def elapsed(where: Where) -> jax.Array | np.ndarray:
-    """Time since the first position, s; since the first by the same clock where there are several."""
+    """Time since the first position, s; with several clocks since the first by the same clock."""
     time = jnp.asarray(where.time_s)
     if where.clocks == 1:
         return time - jnp.min(time)
     since = jnp.zeros_like(time)
-    for own in of_clocks(where):
-        since = jnp.where(own, time - jnp.min(jnp.where(own, time, jnp.inf)), since)
+    for here in of_clocks(where):
+        since = jnp.where(here, time - jnp.min(jnp.where(here, time, jnp.inf)), since)
     return since
 
 
 def of_clocks(where: Where) -> list[jax.Array]:
-    """Which positions' times count by each of several clocks."""
+    """For each of several clocks, the mask of its positions."""
     clock = jnp.asarray(where.index("clock"))
     return [clock == number for number in range(where.clocks)]

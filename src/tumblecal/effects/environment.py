@@ -11,8 +11,8 @@ from tumblecal.ground.axes import AXES
 
 
 REFERENCE_DEGC = 25.0
-# Time constants tried first, as shares of the time that the measurement took, and how often each is met. The last is a
-# drift of all axes, nearly, which is the simpler word for it.
+# Start values of the time constant, as shares of the duration of the measurement, and their prior weights. The last is nearly a
+# linear drift of all axes, which is the simpler explanation.
 _TAU_SHARES, _MET = (0.07, 0.2, 0.5, 3.0), (1.0, 1.0, 1.0, 0.1)
 
 
@@ -26,7 +26,7 @@ def warmer(where: Where):
     return jnp.asarray(where.temperature_degc) - REFERENCE_DEGC
 
 
-def _off_mean(u, where: Where):
+def _square_from_mean(u, where: Where):
     return (jnp.asarray(where.time_s) - jnp.asarray(where.mean_time_s)) ** 2
 
 
@@ -48,10 +48,10 @@ def _axis_entries(number: int, axis: str) -> tuple[Effect, ...]:
         output_effect(
             f"bias_drift_square.{axis}",
             axis,
-            _off_mean,
+            _square_from_mean,
             unit="mg/h/h",
             typical=0.2,
-            physics="bias with the square of time_s less its mean",
+            physics="bias proportional to the square of time_s less its mean",
             needs=("time_s",),
             cause=f"The drift of the bias of the {axis} axis becomes slower or faster during the measurement.",
             advice="Let the unit settle longer; repeat the first position at the end; measure positions in another order.",
@@ -82,7 +82,7 @@ def _axis_entries(number: int, axis: str) -> tuple[Effect, ...]:
             forms=({"axis": axis, "powers": [0, 0, 0], "per_degc": True, "reference_degc": REFERENCE_DEGC},),
             needs=("temperature_degc",),
             cause=f"The bias of the {axis} axis follows the temperature.",
-            advice="Hold the temperature, or apply the temperature term from the extended calibration.",
+            advice="Keep the temperature constant, or apply the temperature term from the extended calibration.",
             source="IEEE 1293 (bias temperature sensitivity)",
         ),
         output_effect(
@@ -102,7 +102,7 @@ def _axis_entries(number: int, axis: str) -> tuple[Effect, ...]:
             ),
             needs=("temperature_degc",),
             cause=f"The scale factor of the {axis} axis follows the temperature.",
-            advice="Hold the temperature, or apply the temperature term from the extended calibration.",
+            advice="Keep the temperature constant, or apply the temperature term from the extended calibration.",
             source="IEEE 1293 (scale factor temperature sensitivity)",
         ),
     )
@@ -115,7 +115,7 @@ ENTRIES = (
         "per-axis amplitude * exp(-t / tau)",
         "mg",
         1.0,
-        "The outputs settle after switching on, with one time constant.",
+        "The outputs settle after power-on, with one time constant.",
         "Wait several time constants before the first position.",
         "IEEE 1293 (turn-on transient)",
         _warm_up,

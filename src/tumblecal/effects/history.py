@@ -1,4 +1,4 @@
-"""Effects of what was before: the previous position, the last change of setting, the temperature a while ago."""
+"""Effects of the past: the previous position, the last change of setting, earlier temperatures."""
 
 import jax
 import jax.numpy as jnp
@@ -10,14 +10,14 @@ from tumblecal.effects.effect import MEAN, OF_PATH, OF_RUN, RARE, Effect, output
 from tumblecal.ground.axes import AXES
 
 
-# Hysteresis turns over within this change of the input, g.
+# Hysteresis reverses within this change of the input, g.
 TURN_OVER_G = 0.1
-# Time constants of settling tried first, in median steps from position to position.
+# Start values of the time constant of settling, in median steps between positions.
 _TAU_STEPS = (1.0, 4.0)
 
 
 def change(values, where: Where) -> jax.Array:
-    """What the values have changed by since the position before in the same run; 0 at the first of a run, or by a clock."""
+    """Change of the values since the previous position in the same run; 0 at the first of a run or clock."""
     values = jnp.asarray(values)
     before = where.earlier("run")
     if where.clocks > 1:
@@ -27,10 +27,11 @@ def change(values, where: Where) -> jax.Array:
 
 
 def since_change(where: Where) -> jax.Array:
-    """Time since the first position at this pitch setting, in this stay there, s. A pause of unknown length ends a stay."""
+    """Time since the last change of the pitch setting, s, at its first position. A pause of unknown length counts as a
+    change."""
     order, time = where.in_order, jnp.asarray(where.time_s)
-    stay = jnp.asarray(where.index("run.pitch"))[order]
-    changed = jnp.concatenate([jnp.array([True]), stay[1:] != stay[:-1]])
+    setting = jnp.asarray(where.index("run.pitch"))[order]
+    changed = jnp.concatenate([jnp.array([True]), setting[1:] != setting[:-1]])
     if where.clocks > 1:
         clock = jnp.asarray(where.index("clock"))[order]
         changed = changed.at[1:].set(changed[1:] | (clock[1:] != clock[:-1]))
@@ -48,19 +49,19 @@ def _settling(where: Where) -> tuple[Link, ...]:
 
 
 def _warming(u, where: Where):
-    """Change of temperature in a minute, from the position before."""
+    """Change of temperature per minute, since the previous position."""
     passed = change(where.time_s, where)
     return jnp.where(passed > 0, 60.0 * change(where.temperature_degc, where) / jnp.maximum(passed, 1e-9), 0.0)
 
 
-def _off_mean(u, where: Where):
+def _square_from_mean(u, where: Where):
     return (jnp.asarray(where.temperature_degc) - jnp.asarray(where.mean_degc)) ** 2
 
 
-def _axis_entries(own: int, axis: str) -> tuple[Effect, ...]:
+def _axis_entries(number: int, axis: str) -> tuple[Effect, ...]:
     def since_before(u, where: Where):
         assert where.inputs_before is not None
-        return u[own] - where.inputs_before[own]
+        return u[number] - where.inputs_before[number]
 
     def late(u, where: Where):
         return -since_before(u, where)
@@ -75,9 +76,9 @@ def _axis_entries(own: int, axis: str) -> tuple[Effect, ...]:
             late,
             unit="mg/g",
             typical=0.2,
-            physics="K (u of the position before - u)",
-            cause=f"The {axis} axis still holds a part of the position before when it is read (filter, read too early).",
-            advice="Wait longer after each move; look at the filter's time constant and at the log's delay.",
+            physics="K (u of the previous position - u)",
+            cause=f"The {axis} axis still shows a part of the previous position when it is read (filter, read too early).",
+            advice="Wait longer after each move; check the time constant of the filter and the delay of the log.",
             source="IEEE 1293 (settling after a change of input)",
             weight=RARE,
             looks_back=True,
@@ -89,8 +90,8 @@ def _axis_entries(own: int, axis: str) -> tuple[Effect, ...]:
             turning,
             unit="mg",
             typical=0.1,
-            physics=f"K sgn(u - u of the position before), turning over within {TURN_OVER_G:g} g",
-            cause=f"The {axis} axis reads otherwise after an increase of its input than after a decrease.",
+            physics=f"K sgn(u - u of the previous position), reversing within {TURN_OVER_G:g} g",
+            cause=f"The {axis} axis reads differently after an increase and after a decrease of its input.",
             advice="Approach each position from the same side; measure the same positions in the opposite order.",
             source="IEEE 1293 (hysteresis error)",
             weight=RARE,
@@ -100,14 +101,14 @@ def _axis_entries(own: int, axis: str) -> tuple[Effect, ...]:
         output_effect(
             f"bias_temperature_square.{axis}",
             axis,
-            _off_mean,
+            _square_from_mean,
             unit="mg/degC/degC",
             typical=0.05,
-            physics="bias with the square of temperature_degc less its mean",
+            physics="bias proportional to the square of temperature_degc less its mean",
             forms=({"axis": axis, "powers": [0, 0, 0], "degc_power": 2, "reference_degc": MEAN},),
             needs=("temperature_degc",),
-            cause=f"The bias of the {axis} axis bends with the temperature.",
-            advice="Hold the temperature, or apply the temperature term from the extended calibration.",
+            cause=f"The bias of the {axis} axis depends on the square of the temperature.",
+            advice="Keep the temperature constant, or apply the temperature term from the extended calibration.",
             source="IEEE 1293 (bias temperature sensitivity, second order)",
             weight=RARE,
         ),
@@ -117,7 +118,7 @@ def _axis_entries(own: int, axis: str) -> tuple[Effect, ...]:
             _warming,
             unit="mg/degC",
             typical=0.1,
-            physics="bias linear in the change of temperature_degc in a minute",
+            physics="bias linear in the change of temperature_degc per minute",
             needs=("time_s", "temperature_degc"),
             pauses="any",
             cause=f"The {axis} axis is not yet at the temperature shown: its bias follows the rate of change (a sensor that "
@@ -131,7 +132,7 @@ def _axis_entries(own: int, axis: str) -> tuple[Effect, ...]:
 
 
 ENTRIES = (
-    *(entry for own, axis in enumerate(AXES) for entry in _axis_entries(own, axis)),
+    *(entry for number, axis in enumerate(AXES) for entry in _axis_entries(number, axis)),
     Effect(
         "settling",
         "per-axis amplitude * exp(-t / tau), t since the last change of the pitch setting",

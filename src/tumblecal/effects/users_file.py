@@ -1,7 +1,7 @@
-"""Effects of the user's own from a Python file, checked before anything is computed with them.
+"""User effects from a Python file, checked before use.
 
-Every fault is one line with file and line. An effect is tried on positions all over the sphere, under `jax.jit` as the
-diagnosis will use it: it must give finite values and derivatives of the right shape.
+Every fault is one line with file and line. An effect is tested on positions all over the sphere, under `jax.jit` as in a
+diagnosis: it must give finite values and derivatives of the correct shape.
 """
 
 import linecache
@@ -42,7 +42,7 @@ class Source:
         return f"{self.path}:line {line}" if line else self.path
 
     def line_with(self, text: str) -> int | None:
-        """The first line that holds a text."""
+        """The first line that contains a text."""
         return next((k for k, line in enumerate(self.text.splitlines(), start=1) if text in line), None)
 
     def line_of(self, error: BaseException) -> int | None:
@@ -54,7 +54,7 @@ class Source:
 def read_source(path: Path) -> Source:
     """The text of a user's file.
 
-    **Raises:** `InputError` when it cannot be read.
+    **Raises:** `InputError` if it cannot be read.
     """
     if path.suffix != ".py":
         raise InputError(f"{path}: not a Python file; its name must end in .py")
@@ -75,7 +75,8 @@ def effects_of(source: Source, others: Mapping[str, Effect]) -> tuple[Effect, ..
     - `source`: the file.
     - `others`: effects that exist already.
 
-    **Raises:** `InputError`, one line a fault, when the text fails, lists something else, or an effect cannot be used.
+    **Raises:** `InputError`, one line a fault, if the text fails, if the list contains anything else, or if an effect
+    is invalid.
     """
     effects = getattr(_module(source), "EFFECTS", None)
     if effects is None:
@@ -84,7 +85,7 @@ def effects_of(source: Source, others: Mapping[str, Effect]) -> tuple[Effect, ..
     if not isinstance(effects, list | tuple):
         raise InputError(f"{source.at(line)}: EFFECTS is a {type(effects).__name__}; write a list of effects")
     faults: list[str] = []
-    taken, leaves = set(others), {leaf for effect in others.values() for leaf in _leaf_names(effect)}
+    used_ids, leaves = set(others), {leaf for effect in others.values() for leaf in _leaf_names(effect)}
     for number, effect in enumerate(effects, start=1):
         if not isinstance(effect, Effect):
             faults.append(
@@ -93,11 +94,11 @@ def effects_of(source: Source, others: Mapping[str, Effect]) -> tuple[Effect, ..
             )
             continue
         try:
-            _check(effect, source, taken, leaves)
+            _check(effect, source, used_ids, leaves)
         except InputError as error:
             faults += error.faults
             continue
-        taken.add(effect.id)
+        used_ids.add(effect.id)
         leaves |= set(_leaf_names(effect))
     if faults:
         raise InputError(faults)
@@ -108,15 +109,15 @@ def fault_in_users_file(error: BaseException) -> str | None:
     """One line for an error raised in a user's file while something was computed; None for any other error."""
     frames = traceback.extract_tb(error.__traceback__)
     known = {module.__file__ for name, module in sys.modules.items() if name.startswith(_PREFIX)}
-    own = [frame for frame in frames if frame.filename in known]
-    return f"{own[-1].filename}:line {own[-1].lineno}: {_words(error)}" if own else None
+    in_file = [frame for frame in frames if frame.filename in known]
+    return f"{in_file[-1].filename}:line {in_file[-1].lineno}: {_words(error)}" if in_file else None
 
 
 _PREFIX = "tumblecal_users_"
 
 
 def _module(source: Source) -> types.ModuleType:
-    """The text run as a module; its lines are kept for tracebacks."""
+    """The text executed as a module; its lines are stored for tracebacks."""
     module = types.ModuleType(f"{_PREFIX}{Path(source.path).stem}")
     module.__file__ = source.path
     sys.modules[module.__name__] = module
@@ -131,18 +132,18 @@ def _module(source: Source) -> types.ModuleType:
 
 
 def _words(error: BaseException) -> str:
-    """What an error says, in one line."""
+    """An error in one line."""
     text = " ".join(str(error).split())
     return text if isinstance(error, InputError) else f"{type(error).__name__}: {text[:200]}"
 
 
-def _check(effect: Effect, source: Source, taken: Collection[str], leaves: Collection[str]) -> None:
+def _check(effect: Effect, source: Source, used_ids: Collection[str], leaves: Collection[str]) -> None:
     if not isinstance(effect.id, str) or not effect.id or any(mark in effect.id for mark in _RESERVED):
         raise InputError(
             f"{source.at(source.line_with('EFFECTS'))}: the id {effect.id!r} must be one word without : + , = @"
         )
     place = source.at(source.line_with(f'"{effect.id}"') or source.line_with(f"'{effect.id}'"))
-    if effect.id in taken:
+    if effect.id in used_ids:
         raise InputError(f"{place}: the id {effect.id!r} exists already; give the effect another id")
     if effect.make is None:
         raise InputError(
@@ -151,14 +152,15 @@ def _check(effect: Effect, source: Source, taken: Collection[str], leaves: Colle
     unknown = [name for name in effect.needs if name not in _COLUMNS]
     if unknown:
         raise InputError(
-            f"{place}: effect {effect.id!r}: needs names {', '.join(unknown)}; there are {', '.join(_COLUMNS)}"
+            f"{place}: effect {effect.id!r}: unknown columns in needs: {', '.join(unknown)}; the columns are "
+            f"{', '.join(_COLUMNS)}"
         )
     made = _tried(effect, source, place)
     for link in made:
-        own = [leaf for leaf in Chain((link,)).free]
-        if not own:
+        in_file = [leaf for leaf in Chain((link,)).free]
+        if not in_file:
             raise InputError(f"{place}: effect {effect.id!r} has no free coefficient; make it with coefficients(...)")
-        for leaf in own:
+        for leaf in in_file:
             if leaf.name in leaves or leaf.name in _NOMINAL:
                 raise InputError(f"{place}: the coefficient's name {leaf.name!r} exists already; name it {effect.id!r}")
             _check_unit(effect, leaf, place)
@@ -166,7 +168,7 @@ def _check(effect: Effect, source: Source, taken: Collection[str], leaves: Colle
     if effect.forms and len(effect.forms) != count:
         raise InputError(
             f"{place}: effect {effect.id!r}: {counted(len(effect.forms), 'form')} for {counted(count, 'coefficient')}; give "
-            "one for each, in their order, or none: a calibration file would hold half an effect"
+            "one for each, in their order, or none: a calibration file would contain half an effect"
         )
 
 
@@ -175,7 +177,7 @@ _NOMINAL = (*UNIT_OF_LEAF, "probe")
 
 def _check_unit(effect: Effect, leaf: Parameter, place: str) -> None:
     try:
-        if leaf.unit != "s":  # a time constant beside the coefficients
+        if leaf.unit != "s":  # a time constant in addition to the coefficients
             factor(effect.unit, leaf.unit)
     except InputError as error:
         raise InputError(
@@ -184,9 +186,9 @@ def _check_unit(effect: Effect, leaf: Parameter, place: str) -> None:
 
 
 def _tried(effect: Effect, source: Source, place: str) -> tuple[Link, ...]:
-    """The effect's links, after they have been tried.
+    """The links of the effect, after a test.
 
-    **Raises:** `InputError` when they fail, or give what is no reading.
+    **Raises:** `InputError` if they fail, or if their results are not readings.
     """
     where = _everywhere(effect.needs)
     assert effect.make is not None
@@ -201,9 +203,9 @@ def _tried(effect: Effect, source: Source, place: str) -> tuple[Link, ...]:
         lacking = [name for name in _COLUMNS if name not in effect.needs]
         hint = ""
         if lacking and _works(effect, _everywhere(_COLUMNS)):
-            hint = f"; it seems to use a column that it does not name: give needs=, of {', '.join(lacking)}"
+            hint = f"; it seems to use a column that is not in needs=; add one of {', '.join(lacking)}"
         elif line and "inputs_before" in source.text.splitlines()[line - 1]:
-            hint = "; the inputs at the position before are there with looks_back=True"
+            hint = "; the inputs at the previous position are available with looks_back=True"
         place = source.at(line) if line else place
         raise InputError(f"{place}: effect {effect.id!r}: {_words(error)}{hint}") from error
     return links
@@ -220,7 +222,7 @@ def _works(effect: Effect, where: Where) -> bool:
 
 
 def _try_link(link: Link, where: Where) -> None:
-    """What the link makes of a perfect state, and the derivatives by its leaves and by the specific force."""
+    """Test the values of a link for a perfect state, and its derivatives by its leaves and by the specific force."""
     chain = Chain((link,))
     alpha, beta = jnp.asarray(where.alpha), jnp.asarray(where.beta)
     count = len(alpha)

@@ -1,8 +1,8 @@
-"""How badly positions repeat beyond the sd of their means: a floor that is added to every sd in quadrature.
+"""Dispersion between positions beyond the standard uncertainty of their means: a floor, added to every sd in quadrature.
 
-The sd of a mean says how well the samples of one dwell agree. A head that does not come back, or a hand, scatters from
-position to position by more, and no sample shows it. The floor is the variance that restricted maximum likelihood
-(Patterson and Thompson 1971) finds beside the stated one, on the residuals of the exact fit and its Jacobian.
+The sd of a mean describes the samples of one dwell. Imperfect repeatability of a head, or of a hand, adds dispersion between
+positions that no dwell shows. The floor is the variance in addition to the stated one that restricted maximum likelihood
+estimates (Patterson and Thompson 1971), from the residuals and the Jacobian of the exact fit.
 """
 
 from dataclasses import dataclass
@@ -17,21 +17,21 @@ from tumblecal.estimation.problem import Problem
 from tumblecal.noise.covariance import Covariance
 
 
-# A floor is taken from this p-value of the likelihood ratio on, and with this many degrees of freedom.
+# A floor is used up to this p-value of the likelihood ratio, and with at least this many degrees of freedom.
 _SIGNIFICANT, _LEAST_DOF = 0.01, 5
-# It is looked for from this multiple of the stated sd to this one of the largest residual, however far that is.
+# Search range: from this multiple of the stated sd to this multiple of the largest residual.
 _LEAST, _MOST = 1e-2, 10.0
-# Repeats that scatter by less than this share of the whole show that the rest comes back with the attitude.
+# If repeats of an attitude differ by less than this share of the total, the remaining dispersion depends on the attitude.
 _COMES_BACK = 0.5
 
 
 @dataclass(frozen=True)
 class BetweenPositionSd:
-    """What the positions scatter beside the sd of their means.
+    """Dispersion between positions in addition to the sd of their means.
 
-    - `floor_g`: the sd that is added in quadrature to that of every reading, g; `stated_g`: the median stated one, g.
+    - `floor_g`: sd added in quadrature to that of every reading, g; `stated_g`: median stated sd, g.
     - `p_value`: of the likelihood ratio against no floor.
-    - `repeats_g`: the floor by which readings of one attitude differ (pure error), g; None without enough repeats.
+    - `repeats_g`: the floor among readings of one attitude (pure error), g; None without enough repeats.
     """
 
     floor_g: float
@@ -48,14 +48,18 @@ class BetweenPositionSd:
             f"{self.stated_g * 1e3:.2g} mg. A floor of {self.floor_g * 1e3:.2g} mg is added to every sd in quadrature"
         )
         if self.repeats_g is None:
-            return f"{found}: a head or a hand that does not repeat, or an error of the model (a diagnosis separates them)."
+            return f"{found}: imperfect repeatability of head or hand, or an error of the model (a diagnosis separates them)."
         repeated = float(np.hypot(self.repeats_g, self.stated_g)) * 1e3
         if repeated < _COMES_BACK * total:
-            return f"{found}. Repeats of an attitude agree to {repeated:.2g} mg: the rest comes back, so the model is wrong."
-        return f"{found}. Repeats of an attitude scatter by {repeated:.2g} mg as well: it is how they repeat."
+            return (
+                f"{found}. Repeats of an attitude agree to {repeated:.2g} mg: the rest depends on the attitude, so "
+                "the model is "
+                "wrong."
+            )
+        return f"{found}. Repeats of an attitude also scatter by {repeated:.2g} mg: the cause is their repeatability."
 
     def applied(self, problem: Problem) -> Problem:
-        """The problem with the floor in every reading's variance; its level counts as estimated from then on."""
+        """The problem with the floor in every reading's variance; its noise level is then estimated."""
         variance = self.floor_g**2
         sd = np.sqrt(problem.sd**2 + variance)
         noise = Covariance.of_sd(sd)
@@ -65,13 +69,13 @@ class BetweenPositionSd:
 
 
 def between_position_sd(fit: Fit) -> BetweenPositionSd | None:
-    """The floor of an exact fit whose noise is stated; None where the stated sd explains the scatter, or too few degrees of
-    freedom are left to tell."""
+    """The floor for an exact fit with stated noise; None if the stated sd explains the dispersion, or if there are too few
+    degrees of freedom."""
     problem = fit.problem
     if not problem.known or fit.dof < _LEAST_DOF or fit.chi2 <= fit.dof:
         return None
     stated, count = float(np.median(problem.sd)), problem.readings.size
-    # What a floor of one g^2 adds to the covariance of the white rows: a diagonal, in the eigenvectors' coordinates.
+    # Contribution of a floor of one g^2 to the covariance of the white rows: diagonal in the eigenvectors' coordinates.
     turned = np.eye(count)
     added = np.asarray(problem.whitening).ravel() ** 2
     if problem.correlated:
@@ -91,13 +95,13 @@ def between_position_sd(fit: Fit) -> BetweenPositionSd | None:
 
 
 def _attitude_means(problem: Problem) -> Float[np.ndarray, "rows means"]:
-    """White rows of a mean of its own for every attitude and axis that take part; no columns where attitudes are unknown."""
-    kept = problem.takes_part
+    """White rows of a separate mean for each attitude and axis in the fit; for unknown attitudes one for each position."""
+    retained = problem.takes_part
     attitude = problem.where.attitude
     if problem.data is not None and problem.data.hand_held:
-        attitude = np.arange(len(kept))
-    own = (attitude[:, None] == np.unique(attitude[kept])) & kept[:, None]
-    return problem.rows(np.einsum("pm,ij->pimj", own.astype(float), np.eye(3)).reshape(len(kept), 3, -1))
+        attitude = np.arange(len(retained))
+    of_attitude = (attitude[:, None] == np.unique(attitude[retained])) & retained[:, None]
+    return problem.rows(np.einsum("pm,ij->pimj", of_attitude.astype(float), np.eye(3)).reshape(len(retained), 3, -1))
 
 
 def _estimated(
@@ -110,12 +114,12 @@ def _estimated(
 
     **Arguments:**
 
-    - `added`: what a floor of one g^2 adds to each row's variance.
+    - `added`: contribution of a floor of one g^2 to the variance of each row.
     """
-    # Loaded in a tenth of a second, which calibrations without sd columns do without.
+    # The import takes a tenth of a second; calibrations without sd columns do not need it.
     from scipy.optimize import minimize_scalar
 
-    # Positions left out have rows of zeros, which say nothing.
+    # Excluded positions have rows of zeros.
     here = np.any(design != 0, axis=1)
     rows, design, added = rows[here], design[here], added[here]
 

@@ -27,7 +27,7 @@ class Evaluation(NamedTuple):
 class Programs:
     """The compiled programs of one chain for plans of one kind; each takes (settings, vector) or (settings, vector, scales).
 
-    `quiet`: whether the other links do nothing while their coefficients are zero; `predict_nominal` is then without them.
+    `quiet`: whether the other links have no effect with zero coefficients; `predict_nominal` then omits them.
     """
 
     predict: Callable[..., Any]
@@ -46,21 +46,21 @@ def programs_of(
 ) -> Programs:
     """Programs that were checked on the settings of one plan.
 
-    The nominal chain alone is used where nothing else acts, unless a link (a user's) does something even when its
-    coefficients are zero; the quick Jacobian unless a link makes one position depend on another's values.
+    The nominal chain alone is used if no other effect acts, unless a link (of a user) has an effect with zero coefficients. The
+    fast Jacobian is used unless a link makes one position depend on the values of another.
 
     **Arguments:**
 
-    - `chain`, `back`: the whole chain, and where its own vector's entries stand in the full vector.
+    - `chain`, `back`: the whole chain, and the index of each entry of its vector in the full vector.
     - `nominal`: the chain of the first entries of the full vector.
-    - `where`, `start_vector`, `scales`: settings, full vector at which nothing is wrong, its entries' sizes.
+    - `where`, `start_vector`, `scales`: settings, full vector without any error, typical sizes of its entries.
     """
     predict = _predicting(chain, back)
     alone = _predicting(nominal, np.arange(len(nominal.names)))
     difference = np.abs(np.asarray(alone(where, start_vector)) - np.asarray(predict(where, start_vector)))
     quick, count = _by_position(chain, back), len(scales)
     direction, step = np.cos(np.arange(count)), 1e-5
-    # Away from the start, where inputs of exactly zero would sit on the jump of a sign.
+    # Not at the start, where inputs of exactly zero lie on the jump of a sign.
     base = start_vector + 0.3 * scales * np.sin(1.0 + np.arange(count))
     plus, minus = (np.asarray(predict(where, base + sign * step * scales * direction)) for sign in (1, -1))
     slope = np.asarray(quick(where, base, scales)[1]) @ direction
@@ -82,7 +82,7 @@ def _with(chain: Chain, values: list[jax.Array]) -> Chain:
 
 
 def _predicting(chain: Chain, back: np.ndarray) -> Callable:
-    """The readings at a full vector, in which `back` are the places of the chain's own."""
+    """The readings at a full vector, in which `back` are the indices of the chain's entries."""
 
     def program(where, vector):
         return jnp.stack(_run(chain.at(vector[back]), where)[0], axis=-1)
@@ -91,37 +91,37 @@ def _predicting(chain: Chain, back: np.ndarray) -> Callable:
 
 
 def _by_position(chain: Chain, back: np.ndarray) -> Callable:
-    """Readings, Jacobian (positions, 3, full) and inputs by three backward passes: every position has its own copy of
-    the parameters, so that one pass gives a whole row for each position."""
+    """Readings, Jacobian (positions, 3, full) and inputs by three backward passes: each position has a copy of the
+    parameters, so that one pass gives one row for each position."""
 
     @jax.jit  # traced once for both programs
     def forward(where, vector):
         count = where.alpha.shape[0]
         placed = chain.at(jnp.broadcast_to(vector[back][:, None], (vector.shape[0], count)))
-        # By each leaf's values, not by the vector: nothing as long as that is added up leaf by leaf.
+        # Differentiate by the values of each leaf, not by the vector: this avoids sums of arrays as long as the vector.
         leaves = [leaf.value for leaf in placed.free]
-        reading, backward, inputs = jax.vjp(lambda own: _run(_with(placed, own), where), leaves, has_aux=True)
+        reading, backward, inputs = jax.vjp(lambda values: _run(_with(placed, values), where), leaves, has_aux=True)
         return jnp.stack(reading, axis=-1), backward, inputs
 
     def arrays(where, vector):
         reading, backward, inputs = forward(where, vector)
-        # Side by side: hundreds of arrays take longer to hand on than to compute.
+        # One array: passing hundreds of arrays takes longer than the computation.
         saved = [jnp.ravel(leaf).astype(float) for leaf in jax.tree.leaves(backward)]
         return reading, jnp.concatenate(saved), inputs
 
     def rows(saved, where, vector, scales, inputs):
-        # How what was saved goes together is found again, as a program from disk does not tell.
+        # Restore the structure of the saved values, which a program from disk does not include.
         leaves, structure = jax.tree.flatten(jax.eval_shape(forward, where, vector)[1])
         parts = jnp.split(saved, np.cumsum([leaf.size for leaf in leaves])[:-1])
-        own = [part.reshape(leaf.shape).astype(leaf.dtype) for part, leaf in zip(parts, leaves, strict=True)]
-        backward = jax.tree.unflatten(structure, own)
+        restored = [part.reshape(leaf.shape).astype(leaf.dtype) for part, leaf in zip(parts, leaves, strict=True)]
+        backward = jax.tree.unflatten(structure, restored)
         count = inputs.shape[0]
         each = jnp.broadcast_to(jnp.eye(3)[:, :, None], (3, 3, count))
         (by_leaf,) = jax.vmap(backward)(tuple(each[:, axis] for axis in range(3)))
         by_entry = jnp.concatenate([rows.reshape(3, -1, count) for rows in by_leaf], axis=1)
         return jnp.moveaxis(by_entry[:, np.argsort(back)], 2, 0) * scales[None, None, :]
 
-    # Two programs: in one, XLA's fusions compute what both need again for every entry.
+    # Two programs: in a single one, XLA's fusions recompute common values for every entry.
     first, second = cached_program(arrays, chain, back), cached_program(rows, chain, back)
 
     def evaluate(where, vector, scales):

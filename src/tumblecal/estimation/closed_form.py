@@ -1,7 +1,7 @@
 """The affine closed form: for given dbeta the nominal chain is `A = M v + bias`, and M splits exactly.
 
 `M = diag(1 + dK) T R` is a lower triangular matrix with positive diagonal times a rotation (an LQ factorisation):
-scale, non-orthogonality and mount at any angle (DESIGN section 1, fact a). dbeta is found by variable projection
+scale, non-orthogonality and mount at any angle. dbeta is found by variable projection
 (Golub and Pereyra 1973, with Kaufman's 1975 Jacobian), independently of the chain's own derivative. Plain numpy.
 """
 
@@ -29,7 +29,7 @@ def applies(chain: Chain) -> bool:
 
 
 def estimate(data: PositionSet) -> Float[np.ndarray, " free"]:
-    """The nominal parameters (dK, bias, dtheta, gamma, dbeta) by variable projection, every reading weighted alike.
+    """The nominal parameters (dK, bias, dtheta, gamma, dbeta) by variable projection, with equal weights of all readings.
 
     **Arguments:**
 
@@ -63,7 +63,7 @@ def _basis(data: PositionSet, error: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def split(matrix: Float[np.ndarray, "3 3"], bias: Float[np.ndarray, "3"]) -> tuple[np.ndarray, ...]:
-    """`M = diag(1 + dK) T R` taken apart.
+    """The factors of `M = diag(1 + dK) T R`.
 
     **Returns:** dK, bias, dtheta, gamma (21, 31, 32).
     """

@@ -7,13 +7,16 @@ from scipy import special
 from tumblecal.estimation.fit import Fit
 
 
-# Directions that the data see by less than this share of the best seen are left to the priors.
-_SEEN = 1e-9
+# Directions with a singular value below this share of the largest are determined by the priors alone.
+_RANK = 1e-9
 
 
 def priors_p_value(fit: Fit) -> float | None:
-    """The p-value of all stated priors together against the data: how much the fit without them leaves less, chi-square with as
-    many degrees of freedom as directions are both stated and seen; None where there are none, or the noise is not stated."""
+    """The p-value of all stated priors together, tested against the data.
+
+    The statistic is the increase of the sum of squares by the priors: chi-square, with one degree of freedom for each direction
+    that both priors and data determine. None if there is no such direction, or if the noise is not stated.
+    """
     readings = fit.problem.readings.size
     if not (fit.problem.known and fit.problem.with_prior) or len(fit.rows) <= readings:
         return None
@@ -22,13 +25,13 @@ def priors_p_value(fit: Fit) -> float | None:
     stated = fit.problem.priors - (both.shape[1] - seen.shape[1])
     if stated <= 0:
         return None
-    # With the priors the fit stands where both balance; without them it would leave what is orthogonal to the Jacobian.
+    # Without the priors the residual would be the part of the rows orthogonal to the Jacobian of the readings.
     explained = float(fit.rows @ fit.rows) - float(rows @ rows - np.sum((seen.T @ rows) ** 2))
     return float(special.chdtrc(stated, max(explained, 0.0)))
 
 
 def residual_of_readings(fit: Fit) -> tuple[float, int]:
-    """Chi-square of the readings with all priors disregarded, and its degrees of freedom."""
+    """Chi-square of the readings without the priors, and its degrees of freedom."""
     readings = fit.problem.readings.size
     rows, seen = fit.rows[:readings], column_space(fit.jacobian[:readings])
     chi2 = float(rows @ rows - np.sum((seen.T @ rows) ** 2))
@@ -36,6 +39,6 @@ def residual_of_readings(fit: Fit) -> tuple[float, int]:
 
 
 def column_space(jacobian: Float[np.ndarray, "rows parameters"]) -> Float[np.ndarray, "rows rank"]:
-    """Orthonormal basis of what parameters can make of white rows."""
+    """Orthonormal basis of the column space of a Jacobian of white rows."""
     left, singular, _ = np.linalg.svd(jacobian, full_matrices=False)
-    return left[:, singular > _SEEN * singular[0]]
+    return left[:, singular > _RANK * singular[0]]

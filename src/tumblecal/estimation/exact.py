@@ -19,10 +19,10 @@ from tumblecal.estimation.programs import cached_program, compiler_options
 
 TOLERANCE = 1e-10  # of the scaled parameters and of the sum of squares, relative and absolute
 MOST_STEPS = 64
-# Converged when one more Gauss-Newton step would move no parameter by more than this share of its sd; the second is for the
-# fallback, which ends where the sum of squares hardly changes.
+# Converged if one more Gauss-Newton step would change no parameter by more than this share of its sd; the second is for the
+# fallback, which stops when the sum of squares hardly changes.
 STEP_IN_SD, FALLBACK_STEP_IN_SD = 1e-6, 1e-4
-# Multiples of a time constant's value from which a fit starts as well: a warm-up starts at 0.07 of the measurement's duration.
+# Further starts of a fit, as multiples of each time constant: a warm-up starts at 0.07 of the duration of the measurement.
 _FACTORS = (0.3, 3.0, 10.0, 30.0)
 
 
@@ -31,10 +31,10 @@ def solve(problem: Problem, start: Float[Array, " free"], *, damped: bool = Fals
 
     **Arguments:**
 
-    - `problem`, `start`: the fit and where it starts.
+    - `problem`, `start`: the problem and the start vector.
     - `damped`: Levenberg-Marquardt instead of Gauss-Newton.
 
-    **Returns:** vector, whether the solver says that it converged, number of steps.
+    **Returns:** vector, whether the solver reports convergence, number of steps.
     """
     import optimistix as optx
 
@@ -53,7 +53,7 @@ def solve(problem: Problem, start: Float[Array, " free"], *, damped: bool = Fals
 
 @jax.jit
 def _scaled_residual(problem: Problem, scaled: Float[Array, " free"]) -> Float[Array, " rows"]:
-    """Residual by scaled parameters. Compiled apart, so that the solver traces the chain once, not at every use."""
+    """Residual by scaled parameters. Compiled separately, so that the solver traces the chain only once."""
     return problem.residual(scaled * jnp.asarray(problem.scales))
 
 
@@ -67,7 +67,7 @@ def linearised(problem: Problem, vector: Float[Array, " free"]) -> tuple[Array, 
 
 @cached_program
 def _gauss_newton(problem: Problem, start: Array):
-    """The fit with what is needed before and after it: one program."""
+    """The fit, and the linearisation at start and end, as one program."""
     vector, _, steps = solve(problem, start)
     return vector, steps, linearised(problem, vector), linearised(problem, start)
 
@@ -81,24 +81,24 @@ def _levenberg_marquardt(problem: Problem, start: Array):
 def fit(problem: Problem, start: Float[np.ndarray, " free"] | None = None) -> Fit:
     """Fit the chain to the data.
 
-    Tried in turn: Gauss-Newton from the start, Levenberg-Marquardt from there, Gauss-Newton from the closed form. With time
-    constants Gauss-Newton starts from several values of them; the fit with the smallest residuals counts.
+    Tried in turn: Gauss-Newton from the start, Levenberg-Marquardt from the start, Gauss-Newton from the closed form. With time
+    constants Gauss-Newton starts from several values; the fit with the smallest residuals is used.
 
     **Arguments:**
 
     - `problem`: from `problem_of(data, chain, ...)`.
-    - `start`: parameter vector to start from; the chain's own values where left out.
+    - `start`: parameter vector (base units) to start from; the values of the chain if omitted.
 
-    **Returns:** the fit; its `code` says how it converged, or that it did not.
+    **Returns:** the fit; its `code` states how it converged, or that it did not.
 
-    **Raises:** `InputError` when the design leaves directions undetermined; they are named.
+    **Raises:** `InputError` if the design leaves directions undetermined; they are named.
     """
     starts = _starts(problem.chain) if start is None else [np.asarray(start, float)]
     start = starts[0]
     *outcome, at_start = _gauss_newton(problem, start)
     residual, design = (np.asarray(part) for part in at_start)
-    seen = identifiability(design, problem.chain.names, problem.scales, problem.chain.of_positions)
-    seen.require_full_rank(problem.measured_data.source, problem.measured_data.readings)
+    determined = identifiability(design, problem.chain.names, problem.scales, problem.chain.of_positions)
+    determined.require_full_rank(problem.measured_data.source, problem.measured_data.readings)
     code, checked = _judged(outcome, residual, Code.CONVERGED)
     for other in starts[1:]:
         *outcome, _ = _gauss_newton(problem, other)
@@ -110,16 +110,16 @@ def fit(problem: Problem, start: Float[np.ndarray, " free"] | None = None) -> Fi
     if not code.good and np.all(np.isfinite(residual)) and closed_form.applies(problem.chain):
         *outcome, _ = _gauss_newton(problem, closed_form.estimate(problem.measured_data))
         code, checked = _judged(outcome, residual, Code.CONVERGED_FROM_CLOSED_FORM)
-    if code is Code.NON_FINITE:  # nothing can be said there: report the start
+    if code is Code.NON_FINITE:  # no estimate there: report the start
         checked = (start, residual, design, 0)
     return _fitted(problem, code, *checked)
 
 
 def _starts(chain: Chain) -> list[Float[np.ndarray, " free"]]:
-    """The chain's own values, then these with each time constant at several multiples of its value.
+    """The values of the chain, then these with each time constant at several multiples.
 
-    An exponential is far from linear in its time constant: from one that is too short, Gauss-Newton may end in another minimum
-    or run away to an infinite constant, although the data determine it.
+    An exponential is strongly nonlinear in its time constant. From a start that is too short, Gauss-Newton may end in another
+    minimum or diverge to an infinite constant, although the data determine it.
     """
     first = chain.vector
     constants = [k for k, unit in enumerate(chain.units) if unit == "s" and first[k] > 0]
@@ -140,10 +140,10 @@ def _size(checked: _Checked) -> float:
 
 
 def _judged(outcome: Sequence, at_start: np.ndarray, good: Code) -> tuple[Code, _Checked]:
-    """Judge convergence by the estimate, not by the solver's word: how far would one more step go?
+    """Judge convergence by the size of one more step, not by the solver's report.
 
-    A fit worse than its start, or at a point where the design has lost rank, has run away: there the step is small
-    only because the standard deviations are huge.
+    A fit worse than its start, or at a point where the design has lost rank, has diverged: its step is small only because the
+    standard deviations are huge.
     """
     vector, residual, jacobian = (np.asarray(part) for part in (outcome[0], *outcome[2]))
     checked = (vector, residual, jacobian, int(outcome[1]))
@@ -165,7 +165,7 @@ def _judged(outcome: Sequence, at_start: np.ndarray, good: Code) -> tuple[Code, 
 def _fitted(
     problem: Problem, code: Code, vector: np.ndarray, rows: np.ndarray, jacobian: np.ndarray, steps: int
 ) -> Fit:
-    """Covariance from the clean Jacobian: no damping, no solver scaling left in it."""
+    """The fit with the covariance from the Jacobian itself, without damping or solver scaling."""
     names, scales = problem.chain.names, problem.scales
     count = problem.readings.size
     dof = 3 * int(np.sum(problem.takes_part)) + problem.priors - len(names)
@@ -197,7 +197,7 @@ def _fitted(
 
 
 def _inverse_normal(jacobian: np.ndarray) -> np.ndarray:
-    """`(J'J)^-1` by SVD of J: half the digits of forming J'J would be lost otherwise."""
+    """`(J'J)^-1` by SVD of J: forming J'J would lose half of the digits."""
     _, singular, right = np.linalg.svd(jacobian, full_matrices=False)
     return (right.T / singular**2) @ right
 
@@ -205,7 +205,7 @@ def _inverse_normal(jacobian: np.ndarray) -> np.ndarray:
 def sensitivity(problem: Problem, vector: Float[np.ndarray, " free"]) -> Float[Array, "free positions 3"]:
     """Derivative of the estimate by every reading, at the estimate `vector` (implicit differentiation).
 
-    Exact: it holds the residuals' curvature, not only the pseudo-inverse of J.
+    Exact: it includes the curvature of the residuals, not only the pseudo-inverse of J.
     """
 
     def estimate(measured):

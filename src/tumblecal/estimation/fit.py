@@ -1,4 +1,4 @@
-"""What every estimator makes of a problem: named values with their covariance, residuals, and how it went."""
+"""The result of an estimator: named values with their covariance, residuals, and convergence."""
 
 import enum
 from dataclasses import dataclass, field
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-# Residuals below this, g, are those of float64: nobody measures them.
+# Residuals below this, g, are rounding of float64, not noise of a measurement.
 _ROUNDING_G = 1e-12
 
 
@@ -61,12 +61,12 @@ class History:
 class Fit(Shown):
     """An estimate.
 
-    - `problem`: what was fitted.
+    - `problem`: the fitted problem.
     - `values`, `covariance`: in base units (rad, g, 1), in the order of `names`.
     - `residuals`: measured minus predicted, g. `chi2`: the sum of their squares made white, `dof` its degrees of freedom.
-    - `rows`, `jacobian`: white residual and its derivative by the scaled parameters (positions left out: zero), of fits
-      over the chain, else empty. `vector`: the point at which they were taken, in the coordinates of whoever made the fit.
-    - `code`: how it went. `history`: of a recursive estimator.
+    - `rows`, `jacobian`: white residual and its derivative by the scaled parameters (zero for excluded positions),
+      for fits of the chain; otherwise empty. `vector`: the point of evaluation, in the coordinates of the estimator.
+    - `code`: convergence. `history`: of a recursive estimator.
     - `unidentifiable` (free, directions): shifts of the values by one standard deviation each, along directions that the
       data do not determine and for which a distribution is assumed; empty if there are none. The covariance includes them.
     """
@@ -91,10 +91,10 @@ class Fit(Shown):
 
     @property
     def no_freedom_words(self) -> str:
-        """Why residuals without degrees of freedom say nothing."""
+        """Why residuals without degrees of freedom contain no information."""
         return (
-            f"{self.residuals.size} readings for {self.parameters} parameters leave no degree of freedom: the fit meets every "
-            "reading, whatever the model and the noise are"
+            f"{self.residuals.size} readings for {self.parameters} parameters leave no degree of freedom: the fit reproduces "
+            "every reading, for any model and any noise"
         )
 
     @property
@@ -109,7 +109,7 @@ class Fit(Shown):
 
     @property
     def retained(self) -> Bool[np.ndarray, " positions"]:
-        """Which positions took part."""
+        """Mask of the positions in the fit."""
         return self.problem.takes_part
 
     @property
@@ -119,7 +119,7 @@ class Fit(Shown):
 
     @property
     def level(self) -> float:
-        """Standard deviation of the white rows: 1, but for chance, where the stated noise is right."""
+        """Standard deviation of the white rows; its expectation is 1 if the stated noise is correct."""
         return float(np.sqrt(self.chi2 / self.dof)) if self.dof > 0 else float("nan")
 
     @property
@@ -134,12 +134,12 @@ class Fit(Shown):
 
     @cached_property
     def column_space(self) -> Float[np.ndarray, "rows parameters"]:
-        """Orthonormal basis of what the parameters can make of the white rows."""
+        """Orthonormal basis of the column space of the Jacobian."""
         return np.linalg.qr(self.jacobian)[0]
 
     @property
     def rms(self) -> float:
-        """Root mean square of the residuals of the positions that took part, g."""
+        """Root mean square of the residuals of the positions in the fit, g."""
         return float(np.sqrt(np.mean(self.residuals[self.retained] ** 2)))
 
     @property
@@ -154,7 +154,7 @@ class Fit(Shown):
 
     @property
     def noise_covariance(self) -> Float[np.ndarray, "free free"]:
-        """The covariance of what the data determine: by the noise alone."""
+        """Covariance from the noise alone, without the unidentifiable directions."""
         return (
             self.covariance - self.unidentifiable @ self.unidentifiable.T
             if self.unidentifiable.size
@@ -163,7 +163,7 @@ class Fit(Shown):
 
     @property
     def undetermined(self) -> tuple[str, ...]:
-        """The parameters whose sd is rather that of what is assumed than that of the data."""
+        """The parameters whose variance is mostly assumed, not determined by the data."""
         if not self.unidentifiable.size:
             return ()
         assumed = np.sum(self.unidentifiable**2, axis=1)
@@ -172,7 +172,7 @@ class Fit(Shown):
 
     @property
     def shared(self) -> list[int]:
-        """Places of the parameters that are not of one position each."""
+        """Indices of the parameters that do not belong to a single position."""
         single = self.chain.of_positions
         return [k for k, name in enumerate(self.names) if name not in single]
 
@@ -183,7 +183,7 @@ class Fit(Shown):
 
     @property
     def message(self) -> str:
-        """How it went, in words."""
+        """Convergence in words."""
         constants = [name for name, unit in zip(self.names, self.units, strict=True) if unit == "s"]
         if self.code.good or not constants:
             return self.code.value
@@ -195,7 +195,7 @@ class Fit(Shown):
     def value(self, name: str) -> float:
         """One value by its name.
 
-        **Raises:** `KeyError` naming the parameters there are.
+        **Raises:** `KeyError` with the available parameters.
         """
         if name not in self.names:
             raise KeyError(f"no parameter {name!r}; there are {', '.join(self.names)}")
@@ -204,27 +204,27 @@ class Fit(Shown):
     def interval(self, level: float = 0.95) -> Float[np.ndarray, "free 2"]:
         """Confidence intervals of all values: normal for stated noise, Student's t for estimated noise.
 
-        **Raises:** `ValueError` for a level that is no probability between 0 and 1.
+        **Raises:** `ValueError` for a level that is not between 0 and 1.
         """
         if not 0 < level < 1:
-            raise ValueError(f"level {level:g}: lies between 0 and 1, such as 0.95")
+            raise ValueError(f"level {level:g}: must be between 0 and 1, such as 0.95")
         dof = self.dof if self.noise == "estimated" else np.inf
         half = stdtrit(min(dof, 1e9), 0.5 + level / 2) * self.sd
         return np.stack([self.values - half, self.values + half], axis=-1)
 
     @property
     def chi2_p_value(self) -> float | None:
-        """Probability of a chi2 this large under the stated noise; None where the noise was estimated."""
+        """Probability of a chi2 at least this large under the stated noise; None if the noise was estimated."""
         return float(gammaincc(self.dof / 2, self.chi2 / 2)) if self.noise == "stated" and self.dof > 0 else None
 
     def table(self) -> "pl.DataFrame":
-        """Every parameter as it is printed: `parameter`, `value`, `sd` and their `unit` (1e-3, mg, mrad)."""
+        """All parameters as printed: `parameter`, `value`, `sd` and their `unit` (1e-3, mg, mrad)."""
         import polars as pl
 
         return pl.DataFrame(self._listed(), schema=["parameter", "value", "sd", "unit"], orient="row")
 
     def plot_residuals(self) -> "Figure":
-        """Residuals against the spindle angle, a row an axis, a column a pitch setting."""
+        """Residuals against the spindle angle: one row for each axis, one column for each pitch setting."""
         return of_report("calibration_figures.residuals_figure")(self)
 
     def save(self, path: Path | str) -> None:
@@ -235,7 +235,7 @@ class Fit(Shown):
         of_report("notebook.save_fit")(Path(path), self)
 
     def screen(self) -> Screen:
-        """Parameters, and how well they fit."""
+        """Parameters and quality of the fit."""
         rows = [
             (name, f"{value:.4f}", f"{sd:.4f}" if np.isfinite(sd) else "?", unit)
             for name, value, sd, unit in self._listed()

@@ -1,4 +1,4 @@
-"""Harmonic analysis and the paper's linear equations `Z = H X + V` (its section 2; DESIGN section 2). Plain numpy."""
+"""Harmonic analysis and the paper's linear equations `Z = H X + V` (its section 2). Plain numpy."""
 
 from dataclasses import dataclass
 
@@ -35,8 +35,8 @@ def analyse(problem: Problem) -> Harmonics:
     """Harmonics of a position set by least squares over each pitch setting.
 
     Equally spaced spindle angles give the classical sums `mean(A)`, `(2/n) sum A sin(alpha)`, `(2/n) sum A cos(alpha)`;
-    other angles, repeats and sd columns the general regression. Readings at a pitch that was read, not commanded, are first
-    taken to the angle that its setting is called by, as an ideal instrument's would be.
+    other angles, repeats and sd columns give the general regression. Readings at a recorded pitch angle are first
+    corrected to the nominal angle of the pitch setting, as for an ideal instrument.
 
     **Arguments:**
 
@@ -46,9 +46,9 @@ def analyse(problem: Problem) -> Harmonics:
     """
     data = problem.measured_data
     if len(set(data.mount or ("1",))) > 1:
-        raise InputError(f"{data.source}: the linear equations hold for one mounting; these data have several")
+        raise InputError(f"{data.source}: the linear equations apply to one mounting; these data have several")
     if data.hand_held:
-        raise InputError(f"{data.source}: hand-held: without known angles there are no harmonics of them")
+        raise InputError(f"{data.source}: hand-held set: harmonic analysis needs known angles")
     chain, where = default_chain(data), where_of(data)
     by = next(leaf.by for leaf in chain.free if leaf.name == "dbeta") or "pitch"
     group = np.asarray(where.index(by))
@@ -75,28 +75,28 @@ def analyse(problem: Problem) -> Harmonics:
             covariance[here, here] = normal
     design, ideal = equations(betas)
     estimated = set(problem.chain.names)
-    kept = [column for column, name in enumerate(chain.names) if name in estimated]
+    columns = [column for column, name in enumerate(chain.names) if name in estimated]
     run_of = data.run or ("1",) * len(data)
     return Harmonics(
         z=analysis @ _at_settings(problem).ravel() - ideal,
-        design=design[:, kept],
+        design=design[:, columns],
         covariance=covariance,
         analysis=analysis,
         synthesis=synthesis,
         ideal=ideal,
-        names=tuple(chain.names[column] for column in kept),
-        units=tuple(chain.units[column] for column in kept),
+        names=tuple(chain.names[column] for column in columns),
+        units=tuple(chain.units[column] for column in columns),
         run=tuple(run_of[int(np.argmax(group == k))] for k in range(count) for _ in range(9)),
     )
 
 
 def _at_settings(problem: Problem) -> Float[np.ndarray, "positions 3"]:
-    """The readings as an ideal instrument's would be at the angles that the pitch settings are called by, g."""
-    data, called = problem.measured_data, where_of(problem.measured_data).pitch_angle
+    """The readings corrected to the nominal angles of the pitch settings, as for an ideal instrument, g."""
+    data, nominal_pitch = problem.measured_data, where_of(problem.measured_data).pitch_angle
     readings = np.asarray(problem.readings)
-    if np.array_equal(called, data.beta):
+    if np.array_equal(nominal_pitch, data.beta):
         return readings
-    return readings + gravity_in_head(data.alpha, called) - gravity_in_head(data.alpha, data.beta)
+    return readings + gravity_in_head(data.alpha, nominal_pitch) - gravity_in_head(data.alpha, data.beta)
 
 
 def equations(
@@ -104,8 +104,7 @@ def equations(
 ) -> tuple[Float[np.ndarray, "harmonics free"], Float[np.ndarray, " harmonics"]]:
     """The first-order equations for pitch settings `betas` (rad).
 
-    Unknowns: dK x y z, bias x y z, dtheta x y z, gamma 21 31 32, dbeta of every setting (paper, equations 2, 3 and
-    the z row; DESIGN section 2).
+    Unknowns: dK x y z, bias x y z, dtheta x y z, gamma 21 31 32, dbeta of every setting (paper, equations 2, 3 and the z row).
 
     **Returns:** H, and the harmonics of an ideal instrument.
     """
@@ -114,24 +113,24 @@ def equations(
     design = np.zeros((count, 3, 3, 12 + count))
     dK, bias, theta, gamma = (np.arange(3) + 3 * block for block in range(4))
     g21, g31, g32 = gamma
-    own = 12 + np.arange(count), np.arange(count)
+    dbeta = 12 + np.arange(count), np.arange(count)
     mean, sin, cos = range(3)
     design[:, range(3), mean, bias] = 1.0
     design[:, 0, mean, dK[0]] = -sine
-    design[own[1], 0, mean, own[0]] = -cosine
+    design[dbeta[1], 0, mean, dbeta[0]] = -cosine
     design[:, 0, sin, theta[2]] = cosine
     design[:, 0, cos, theta[1]] = -cosine
     design[:, 1, mean, theta[2]] = sine
     design[:, 1, mean, g21] = -sine
     design[:, 1, sin, dK[1]] = cosine
-    design[own[1], 1, sin, own[0]] = -sine
+    design[dbeta[1], 1, sin, dbeta[0]] = -sine
     design[:, 1, cos, theta[0]] = cosine
     design[:, 2, mean, theta[1]] = -sine
     design[:, 2, mean, g31] = -sine
     design[:, 2, sin, g32] = cosine
     design[:, 2, sin, theta[0]] = -cosine
     design[:, 2, cos, dK[2]] = cosine
-    design[own[1], 2, cos, own[0]] = -sine
+    design[dbeta[1], 2, cos, dbeta[0]] = -sine
     ideal = np.zeros((count, 3, 3))
     ideal[:, 0, mean], ideal[:, 1, sin], ideal[:, 2, cos] = -sine, cosine, cosine
     return design.reshape(9 * count, -1), ideal.ravel()
@@ -143,21 +142,21 @@ def fit(problem: Problem, *, weighted: bool = True) -> Fit:
     **Arguments:**
 
     - `problem`: positions of one mounting.
-    - `weighted`: weigh the harmonics by their variances (means sigma^2/n, others 2 sigma^2/n); otherwise all alike.
+    - `weighted`: weight the harmonics by their variances (means sigma^2/n, others 2 sigma^2/n); otherwise equally.
 
-    **Raises:** `InputError` for data that the equations do not fit, or that leave unknowns undetermined.
+    **Raises:** `InputError` for data to which the equations do not apply, or with undetermined unknowns.
     """
     harmonics = analyse(problem)
     inverse_root = np.linalg.inv(np.linalg.cholesky(harmonics.covariance))
     scales = np.full(len(harmonics.names), 1e-3)
-    seen = identifiability(inverse_root @ harmonics.design * scales, harmonics.names, scales)
-    seen.require_full_rank(problem.measured_data.source)
-    estimator = gain(harmonics, weighted=weighted)
+    determined = identifiability(inverse_root @ harmonics.design * scales, harmonics.names, scales)
+    determined.require_full_rank(problem.measured_data.source)
+    estimator = least_squares_estimator(harmonics, weighted=weighted)
     covariance = estimator @ harmonics.covariance @ estimator.T
-    return fit_of("harmonic", problem, harmonics, estimator @ harmonics.z, covariance, identifiability=seen)
+    return fit_of("harmonic", problem, harmonics, estimator @ harmonics.z, covariance, identifiability=determined)
 
 
-def gain(harmonics: Harmonics, *, weighted: bool = True) -> Float[np.ndarray, "free harmonics"]:
+def least_squares_estimator(harmonics: Harmonics, *, weighted: bool = True) -> Float[np.ndarray, "free harmonics"]:
     """The least-squares estimator: parameters from harmonics z."""
     whitening = np.eye(len(harmonics.z))
     if weighted:

@@ -1,4 +1,4 @@
-"""Which parameters a design can determine: SVD of the scaled Jacobian, its weak directions put in words."""
+"""The parameters that a design determines: SVD of the scaled Jacobian, with its weak directions in words."""
 
 from collections.abc import Set
 from dataclasses import dataclass, replace
@@ -12,18 +12,18 @@ from tumblecal.estimation.attitudes import attitude_words
 from tumblecal.ground.errors import InputError
 
 
-# A singular value below this share of the largest is taken for zero: exact degeneracies leave 1e-15, the paper's
-# weakest true direction 4e-2.
+# A singular value below this share of the largest counts as zero: exact degeneracies give 1e-15, the paper's weakest true
+# direction 4e-2.
 RANK_TOLERANCE = 1e-9
 # A direction is called weak when its standard deviation exceeds the median parameter's by this factor.
 WEAK_FACTOR = 3.0
-# And from this factor on it is as good as undetermined.
+# From this factor on it counts as practically undetermined.
 NEARLY_SINGULAR = 100.0
 
 
 @dataclass(frozen=True)
 class Direction:
-    """A combination of parameters, the largest coefficient one; `sd_ratio` its sd over the median direction's."""
+    """A combination of parameters whose largest coefficient is one; `sd_ratio`: its sd over that of the median direction."""
 
     coefficients: dict[str, float]
     sd_ratio: float
@@ -46,7 +46,7 @@ def formula(weights: dict[str, float]) -> str:
 
 @dataclass(frozen=True)
 class Identifiability:
-    """Rank of a design, the directions it cannot see (`unobservable`) and those that it sees badly (`weak`)."""
+    """Rank of a design, the undetermined directions (`unobservable`) and the poorly determined ones (`weak`)."""
 
     rank: int
     free: int
@@ -58,35 +58,39 @@ class Identifiability:
 
     @property
     def nearly_singular(self) -> bool:
-        """Whether some direction is so weak that the values along it are none."""
-        return bool(self.hardly)
+        """Whether some direction is so weak that its value has no meaning."""
+        return bool(self.nearly_undetermined)
 
     @property
-    def hardly(self) -> tuple[Direction, ...]:
-        """The directions that are so weak, the weakest first."""
+    def nearly_undetermined(self) -> tuple[Direction, ...]:
+        """The directions that are practically undetermined, the weakest first."""
         return tuple(direction for direction in self.weak if direction.sd_ratio > NEARLY_SINGULAR)
 
     def require_full_rank(self, source: str, readings: Float[np.ndarray, "positions 3"] | None = None) -> None:
-        """Refuse a design that leaves directions undetermined; `readings` of a hand-held set tell which attitudes it lacks.
+        """Reject a design with undetermined directions.
 
-        **Raises:** `InputError` that names the directions and the cures.
+        **Arguments:**
+
+        - `source`: named in the message. `readings`: of a hand-held set, g, for the attitudes to measure next.
+
+        **Raises:** `InputError` that names the directions and the remedies.
         """
         if not self.unobservable:
             return
         shown = "; ".join(direction.words for direction in self.unobservable)
-        cure = (
-            "Measure at more pitch settings or spindle angles, keep a parameter (--fix dbeta) or state what is known of it "
+        remedy = (
+            "Measure at more pitch settings or spindle angles, fix a parameter (--fix dbeta) or state a prior on it "
             "(--prior 'dbeta=3 arcmin')"
         )
         if self.hand_held:
-            cure = (
-                "The attitudes are unknown, so each position tells one number, the size of gravity: measure in nine or "
+            remedy = (
+                "The attitudes are unknown, so each position determines one number, the size of gravity: measure in nine or "
                 "more attitudes that differ in all directions, or give alpha_deg and beta_deg if they are known"
                 + ("" if readings is None else f". Next: {attitude_words(readings)}")
             )
         raise InputError(
             f"{source}: these positions cannot determine {', '.join(self.undetermined)}: {self.free} parameters, but "
-            f"rank {self.rank}. Free to move without changing any reading: {shown}. {cure}"
+            f"rank {self.rank}. Free to move without changing any reading: {shown}. {remedy}"
         )
 
 
@@ -102,16 +106,16 @@ def identifiability(
 
     - `jacobian`: weighted residuals by scaled parameters (priors' rows included).
     - `names`, `scales`: of the parameters.
-    - `of_positions`: those that belong to one position each; they follow the others, and no direction names them.
+    - `of_positions`: those that belong to one position each; they are eliminated, and no direction includes them.
 
     **Returns:** rank, null directions in a sparse basis, weak directions.
     """
     if of_positions:
-        own = np.array([name in of_positions for name in names])
-        q, _ = np.linalg.qr(jacobian[:, own])
-        rest = jacobian[:, ~own] - q @ (q.T @ jacobian[:, ~own])
-        asked = identifiability(rest, tuple(name for name in names if name not in of_positions), scales[~own])
-        return replace(asked, rank=asked.rank + len(of_positions), free=len(names), hand_held=True)
+        of_position = np.array([name in of_positions for name in names])
+        q, _ = np.linalg.qr(jacobian[:, of_position])
+        rest = jacobian[:, ~of_position] - q @ (q.T @ jacobian[:, ~of_position])
+        shared = identifiability(rest, tuple(name for name in names if name not in of_positions), scales[~of_position])
+        return replace(shared, rank=shared.rank + len(of_positions), free=len(names), hand_held=True)
     free = jacobian.shape[1]
     padded = np.vstack([jacobian, np.zeros((max(0, free - len(jacobian)), free))])
     _, singular, right = np.linalg.svd(padded, full_matrices=False)
@@ -134,17 +138,19 @@ def identifiability(
 
 
 def surely_full_rank(triangle: Any) -> bool:
-    """Whether a design with this triangle (free, free) of its QR decomposition determines everything, without any doubt: by an
-    estimate of its condition, in a tenth of the time of the singular values."""
+    """Whether a design clearly determines all parameters, from the triangle (free, free) of its QR decomposition.
+
+    An estimate of the condition number takes a tenth of the time of the singular values.
+    """
     return bool(dtrcon(triangle)[0] > 1e3 * RANK_TOLERANCE)
 
 
 def _direction(vector: np.ndarray, names: tuple[str, ...], sd_ratio: float) -> Direction:
-    """`vector` in words: the entries above a fifth of the largest, signed so that the first is positive."""
+    """The direction of a vector: the entries above a fifth of the largest, with the first one positive."""
     largest = np.max(np.abs(vector))
-    kept = np.nonzero(np.abs(vector) > 0.2 * largest)[0]
-    unit = largest * np.sign(vector[kept[0]])
-    return Direction({names[place]: float(vector[place] / unit) for place in kept}, sd_ratio)
+    large = np.nonzero(np.abs(vector) > 0.2 * largest)[0]
+    unit = largest * np.sign(vector[large[0]])
+    return Direction({names[place]: float(vector[place] / unit) for place in large}, sd_ratio)
 
 
 def sparse_basis(basis: Float[np.ndarray, "free null"]) -> Float[np.ndarray, "free null"]:

@@ -1,4 +1,4 @@
-"""What belongs to the triad alone: input-axis angles, scale factors and biases that no mounting changes.
+"""Parameters of the triad that do not depend on the mounting: input-axis angles, scale factors and biases.
 
 With `M = diag(1 + dK) T R` and any rotation R, `M M'` stays the same: the lengths of M's rows (scale factor along
 each true input axis) and the angles between them. The calibration matrix of `calibration.json` is its inverse in the
@@ -39,7 +39,7 @@ def intrinsic(fit: Fit) -> Intrinsic:
 
 
 def matrix_and_bias(fit: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What a device applies, `f = matrix (A - bias)`.
+    """The correction of a device, `f = matrix (A - bias)`.
 
     **Returns:** matrix (3x3, 1), bias (g), covariance of the matrix' rows followed by the bias (12x12).
     """
@@ -62,7 +62,7 @@ def one_sensor(fit: Fit) -> bool:
 
 
 def sensor_places(fit: Fit) -> list[int]:
-    """Where dK, bias and gamma stand among the fit's parameters.
+    """Indices of dK, bias and gamma among the fit's parameters.
 
     **Raises:** `KeyError` when they are not all there.
     """

@@ -1,11 +1,11 @@
-"""Iterated extended Kalman filter over the exact chain, a position a step.
+"""Iterated extended Kalman filter over the exact chain, one position a step.
 
-Each update is a Gauss-Newton solution of its own small problem (Bell and Cathey 1993): prior state against the
-readings of one position. What a live capture shows while positions come in.
+Each update is a Gauss-Newton solution of a small problem (Bell and Cathey 1993): prior state against the readings of
+one position. A live capture shows these estimates as positions arrive.
 
-The first positions are linearised where the state still is the prior's, and what that leaves out is never made good: after 80
-positions of 0.02 mg the filter's 95 % intervals held 75 % of the truth. So a set that is complete is linearised once more where
-the filter ended (iterated filter-smoother, Jazwinski 1970, section 9.7; of a constant state, which needs no smoother).
+The first positions are linearised at the prior, and the error of this linearisation persists: after 80 positions of 0.02 mg the
+filter's 95 % intervals contained 75 % of the true values. Therefore a complete set is linearised again at the end point of the
+filter (iterated filter-smoother, Jazwinski 1970, section 9.7; a constant state needs no smoother).
 """
 
 from collections.abc import Callable
@@ -50,20 +50,20 @@ def update(
         point, first, *_ = state
         predicted, design = linearise(point)
         spread = design @ covariance @ design.T + xp.diag(variance)
-        left = z - predicted
-        solved = xp.linalg.solve(spread, xp.column_stack([left, design @ covariance]))
+        innovation = z - predicted
+        solved = xp.linalg.solve(spread, xp.column_stack([innovation, design @ covariance]))
         gain = solved[:, 1:].T
-        normalised = xp.where(iteration == 0, left @ solved[:, 0], first)
-        return mean + gain @ (left - design @ (mean - point)), normalised, gain, design
+        normalised = xp.where(iteration == 0, innovation @ solved[:, 0], first)
+        return mean + gain @ (innovation - design @ (mean - point)), normalised, gain, design
 
     # In a compiled batch the chain is traced once, not at every step.
     nothing = xp.zeros((len(z), len(mean)))
     state = (mean, xp.zeros(()), nothing.T, nothing)
     repeated = _repeated if xp is np else jax.lax.fori_loop
     point, normalised, gain, design = repeated(0, ITERATIONS, step, state)
-    kept_part = covariance - gain @ (design @ covariance)
-    # (I - KH) P (I - KH)' + K R K', multiplied from the thin side: the square of the parameters, not the cube.
-    after = kept_part - (kept_part @ design.T) @ gain.T + (gain * variance[None, :]) @ gain.T
+    reduced = covariance - gain @ (design @ covariance)
+    # (I - KH) P (I - KH)' + K R K', multiplied from the thin side: quadratic in the number of parameters, not cubic.
+    after = reduced - (reduced @ design.T) @ gain.T + (gain * variance[None, :]) @ gain.T
     return point, (after + after.T) / 2, normalised
 
 
@@ -76,7 +76,7 @@ def _repeated(begin: int, end: int, step: Callable[[int, Any], Any], state: Any)
 
 @cached_program
 def _all_positions(problem: Problem, mean: Array, covariance: Array, first: Array, sd: Array):
-    """All positions in order, one a step, each linearised by itself beside the first in time, from which drifts count.
+    """All positions in order, one a step, each linearised together with only the first in time, the reference of drifts.
 
     **Returns:** means (positions, free), sd (positions, free), NIS (positions,).
     """
@@ -84,7 +84,7 @@ def _all_positions(problem: Problem, mean: Array, covariance: Array, first: Arra
 
     def step(state, row):
         here, reading, deviation = row
-        where = jax.tree.map(lambda begin, own: jnp.stack([begin, own]), anchor, here)
+        where = jax.tree.map(lambda begin, position: jnp.stack([begin, position]), anchor, here)
 
         def linearise(vector):
             value, backward = jax.vjp(lambda v: chain.at(v)(where)[1], vector)
@@ -98,10 +98,10 @@ def _all_positions(problem: Problem, mean: Array, covariance: Array, first: Arra
 
 
 class Filter:
-    """The filter for one run as it is measured: `take` each position in any order; repeats are further readings.
+    """The filter for one run during the measurement: `take` each position in any order; repeats are further readings.
 
-    It linearises all positions of the plan at each step with the exact fit's own compiled program, so that a live
-    estimate costs no compilation of its own.
+    It linearises all positions of the plan at each step with the compiled program of the exact fit, so that a live
+    estimate needs no further compilation.
     """
 
     def __init__(self, problem: Problem, prior: Prior | None = None):
@@ -124,7 +124,8 @@ class Filter:
 
 
 def _one_by_one(problem: Problem, prior: Prior, sd: Float[np.ndarray, "positions 3"]):
-    """As `_all_positions`, all positions linearised at each step: a user's link may make one depend on the others."""
+    """As `_all_positions`, but all positions are linearised at each step, because a user's link may make one depend on
+    others."""
     running, steps = Filter(problem, prior), []
     for position, reading in enumerate(np.asarray(problem.readings)):
         normalised = running.take(position, reading, sd[position])
@@ -135,26 +136,26 @@ def _one_by_one(problem: Problem, prior: Prior, sd: Float[np.ndarray, "positions
 def _once_more(
     problem: Problem, prior: Prior, values: Float[np.ndarray, " free"], sd: Float[np.ndarray, "positions 3"]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Values and covariance by prior and all positions, all linearised at `values`."""
+    """Values and covariance from prior and all positions, linearised at `values`."""
     residual, jacobian = (np.asarray(part)[: problem.readings.size] for part in linearised(problem, values))
     slopes = np.stack([problem.unwhitened(column).ravel() for column in jacobian.T / problem.scales[:, None]], axis=1)
     start, size = problem.chain.vector, len(values)
     # In units of the prior's sd.
     rows = np.concatenate([slopes / sd.reshape(-1, 1) * prior.sd, np.eye(size)])
-    left = np.concatenate([-problem.unwhitened(residual).ravel() / sd.ravel(), (start - values) / prior.sd])
+    residuals = np.concatenate([-problem.unwhitened(residual).ravel() / sd.ravel(), (start - values) / prior.sd])
     turned, triangle = np.linalg.qr(rows)
     inverse = np.linalg.solve(triangle, np.eye(size)) * prior.sd
-    return values + inverse @ (turned.T @ left), inverse @ inverse.T
+    return values + inverse @ (turned.T @ residuals), inverse @ inverse.T
 
 
 def fit(problem: Problem, *, sigma: float, prior: Prior | None = None) -> Fit:
-    """Filter a position set position by position, its noise taken as independent from position to position, and linearise all
-    of it once more at the end. `history` is of the filter alone.
+    """Filter a position set position by position, with independent noise of positions, and linearise all of it again
+    at the end. `history` is of the filter alone.
 
     **Arguments:**
 
-    - `problem`: the model, settings and readings (its noise is taken where it is stated).
-    - `sigma`: sd of a reading, g, where the problem's noise is not stated.
+    - `problem`: the model, settings and readings, with its noise if stated.
+    - `sigma`: sd of a reading, g, if the noise of the problem is not stated.
     - `prior`: of all parameters.
     """
     sd, prior = problem.sd if problem.known else np.full(problem.readings.shape, sigma), prior or Prior()

@@ -11,14 +11,14 @@ from tumblecal.estimation.fit import Fit, History
 from tumblecal.estimation.problem import Problem
 
 
-# The least sd of a reading, in sds of the prior: at this one the filter is within a tenth of an sd of least squares, at a third
-# of it three sds off.
+# Smallest sd of a reading, in sds of the prior. At this value the filter agrees with least squares within a tenth of an sd; at
+# a third of it the difference is three sds.
 _LEAST_SD = 1e-6
 
 
 @dataclass(frozen=True)
 class Prior:
-    """What is taken for known before the first data set: zero mean, one sd for all parameters (base units)."""
+    """Prior before the first data set: zero mean, one sd for all parameters (base units)."""
 
     sd: float = 0.01
 
@@ -26,12 +26,12 @@ class Prior:
         """The prior's covariance matrix."""
         return np.eye(size) * self.sd**2
 
-    def holds(self, sd: float) -> bool:
-        """Whether float64 has the digits for an update of this prior by readings of that sd (base units)."""
+    def is_resolved(self, sd: float) -> bool:
+        """Whether float64 has enough digits to update this prior by readings with that sd (base units)."""
         return sd >= _LEAST_SD * self.sd
 
 
-# Far beyond any error of an instrument, and still within the digits of float64 (variance 1 against 1e-9).
+# Much larger than any error of an instrument, and still within the digits of float64 (variance 1 against 1e-9).
 DIFFUSE = Prior(sd=1.0)
 
 
@@ -77,7 +77,7 @@ def _filtered(
     size: int,
     prior: Prior | None,
 ) -> tuple[History, Float[np.ndarray, "free free"]]:
-    """Steps of a measurement, its H and its R each."""
+    """Filter steps, each with a measurement, its H and its R."""
     mean, covariance = np.zeros(size), (prior or Prior()).covariance(size)
     values, deviations, nis, z = [], [], [], np.zeros(0)
     for z, design, noise in steps:
@@ -95,7 +95,7 @@ def fit(problem: Problem, *, sigma: float, prior: Prior | None = None) -> Fit:
 
     - `problem`: positions of one mounting; each run is one step.
     - `sigma`: sd of a reading, g, for R where the problem's noise is not stated.
-    - `prior`: of all parameters; 10 mrad, 10 mg, 1 % where left out.
+    - `prior`: of all parameters; 10 mrad, 10 mg, 1 % if omitted.
 
     **Raises:** `InputError` for data that the linear equations do not fit.
     """

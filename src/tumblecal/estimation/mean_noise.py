@@ -1,10 +1,10 @@
-"""What a recording says of the noise of position means: its sd, and what neighbouring positions have in common.
+"""The noise of position means estimated from their recording: standard deviation, and correlation between positions.
 
-The recording's noise model (noise.dwell_fit), from the raw samples or as the file of the means states it, gives the exact
-covariance of means over dwells at the times of the positions. White noise alone would be independent from position to
-position, with sd / sqrt(n); flicker, random walk and slow Gauss-Markov noise are neither. But a dwell does not show how
-what is slow in it goes on until the next: it may be the instrument's and last, or the fixture's (settling, a hand) and
-begin anew. These are told apart by the scatter of the positions: the candidates here compete in the diagnosis.
+The noise model of the recording (noise.dwell_fit), from the raw samples or as stated in the file of the means, gives the exact
+covariance of dwell means at the times of the positions. White noise alone is independent between positions, with sd / sqrt(n);
+flicker, random walk and slow Gauss-Markov noise are not. A dwell does not show how its slow noise continues until the next one.
+Noise of the instrument continues; noise of the fixture (settling, a hand) restarts. The dispersion between positions separates
+these cases: the candidates here compete in the diagnosis.
 """
 
 from dataclasses import dataclass, replace
@@ -28,12 +28,12 @@ from tumblecal.noise.recorded import RecordedNoise, against_neighbours, recorded
 _MOSTLY_SLOW = 1.5
 _SLOW = {"flicker": Flicker, "walk": RandomWalk, "markov": GaussMarkov}
 _PRIOR = {"apart": 0.3, "white": 0.1}
-# Slow noise that lasts: its variance over what the dwells say, which show little of it, and the prior of each.
+# Slow noise that continues: its variance over that estimated from the dwells, which is uncertain, and the prior of each ratio.
 _LEVELS = {0.25: 0.06, 1.0: 0.24, 4.0: 0.15, 16.0: 0.1, 64.0: 0.05}
 _LASTING = {
-    "apart": "What is slow within a dwell begins anew at every position (settling, handling), so the positions are "
+    "apart": "The slow noise within a dwell restarts at every position (settling, handling), so the positions are "
     "independent.",
-    "white": "What is slow within a dwell does not show in the scatter of the positions; they are counted as means of "
+    "white": "The slow noise within a dwell does not appear in the dispersion between positions; they are treated as means of "
     "white noise.",
 }
 
@@ -43,15 +43,14 @@ class MeanNoise:
     """The noise of position means by their recording.
 
     - `covariance` (3, positions, positions): of the means of each axis, g^2.
-    - `sd` (positions, 3): of each mean against the positions measured next to it, g: without the slow wander that
-      they have in common.
-    - `white_sd` (positions, 3): what sd / sqrt(n) would say, g.
+    - `sd` (positions, 3): of each mean relative to the neighbouring positions, g: without their common slow variation.
+    - `white_sd` (positions, 3): sd / sqrt(n), g.
     - `noise`: its parts (of the first recording); `dwell_s`: length of the median dwell.
-    - `timed`: whether the positions' times were known; without them nothing is said of what they have in common.
-    - `lasts`: the slow part that goes on from position to position: flicker, walk or markov; "apart" when what is slow
-      within a dwell begins anew in each; "white" when it does not show in the means at all.
-    - `log_weight`: prior of the candidate.
-    - `level`: variance of the slow part over what the dwells say.
+    - `timed`: whether the times of the positions are known; without them correlations between positions are unknown.
+    - `lasts`: the slow part that continues between positions: flicker, walk or markov; `apart` if the slow noise
+      restarts in each dwell; "white" if it does not appear in the means.
+    - `log_weight`: log prior of the candidate.
+    - `level`: variance of the slow part over that estimated from the dwells.
     - `sampled`: whether `source` is the raw samples, not the means' own file.
     """
 
@@ -69,7 +68,7 @@ class MeanNoise:
 
     @property
     def origin(self) -> str:
-        """What the noise is read from, in words."""
+        """Source of the noise model, in words."""
         return "the raw samples" if self.sampled else "the recording, as the file states it"
 
     @property
@@ -78,33 +77,32 @@ class MeanNoise:
         count = self.covariance.shape[1]
         centre = np.eye(count) - 1.0 / count
         about = centre @ self.covariance @ centre
-        return np.array([np.sum(np.diag(own, 1)) / np.sum(np.diag(own)[1:]) for own in about])
+        return np.array([np.sum(np.diag(of_axis, 1)) / np.sum(np.diag(of_axis)[1:]) for of_axis in about])
 
     @property
     def _of_means(self) -> Covariance:
-        """Of the means; independent where what neighbours have in common is next to nothing."""
+        """Covariance of the means; independent if the correlation between positions is negligible."""
         relative = self.covariance / (self.sd.T[:, :, None] * self.sd.T[:, None, :])
         if np.max(np.abs(relative - np.eye(len(self.sd)))) < 1e-3:
             return Covariance.of_sd(self.sd)
         return Covariance.by_axis(self.covariance)
 
     def applied(self, problem: Problem, *, known: bool | None = None) -> Problem:
-        """The problem under this noise; its level counts as known unless it is extrapolated, or as said."""
+        """The problem under this noise; its level counts as known unless it is extrapolated, or as given by `known`."""
         known = not self.extrapolated if known is None else known
         return problem.with_noise(self._of_means, known=known, sd=self.sd)
 
     @property
     def extrapolated(self) -> bool:
-        """Whether the slow part, which no dwell shows for as long as it lasts, decides the sd of a mean: its level then
-        counts as unknown."""
+        """Whether slow noise beyond the length of a dwell dominates the sd of a mean; its level then counts as unknown."""
         size = self.covariance.shape[1]
         about_mean = np.trace(self.covariance, axis1=1, axis2=2) - np.sum(self.covariance, axis=(1, 2)) / size
-        whole = np.sqrt(about_mean / (size - 1))
-        return bool(np.max(whole / np.sqrt(np.mean(self.white_sd**2, axis=0))) > _MOSTLY_SLOW)
+        total = np.sqrt(about_mean / (size - 1))
+        return bool(np.max(total / np.sqrt(np.mean(self.white_sd**2, axis=0))) > _MOSTLY_SLOW)
 
     @property
     def label(self) -> str:
-        """What tells it from the other candidates."""
+        """Name of the candidate."""
         return f"{self.lasts} {self.level:g}"
 
     def record(self) -> dict:
@@ -121,47 +119,49 @@ class MeanNoise:
         }
 
     def words(self) -> str:
-        """What was found, and how the assumption of white noise would have erred."""
+        """The noise found, and the error of assuming white noise."""
         sd, white = np.median(self.sd, axis=0), np.median(self.white_sd, axis=0)
         parts = "; ".join(f"{axis} {words}" for axis, words in zip(AXES, self.noise.words(self.dwell_s), strict=True))
-        said = [
+        sentences = [
             f"{'Raw samples' if self.sampled else 'Noise model'} of {self.source} ({self.covariance.shape[1]} positions of "
             f"{self.dwell_s:.3g} s): {parts}. "
-            f"Sd of a position mean against the next: {_by_axis(sd * 1e6)} ug."
+            f"Sd of a position mean relative to the next: {_by_axis(sd * 1e6)} ug."
         ]
         ratio = sd / white
         if np.max(ratio) > 1.1:
-            said.append(
-                f"Counted as white noise (sd / sqrt(n)) it would be {_by_axis(white * 1e6)} ug, "
+            sentences.append(
+                f"Under the assumption of white noise (sd / sqrt(n)) it would be {_by_axis(white * 1e6)} ug, "
                 f"{_by_axis(ratio)} times too small."
             )
         else:
-            said.append("That is the noise of independent samples, sd / sqrt(n).")
+            sentences.append("This is the noise of independent samples, sd / sqrt(n).")
         if self.lasts in _LASTING and len(self.noise.parts) > 1:
-            said.append(_LASTING[self.lasts])
+            sentences.append(_LASTING[self.lasts])
         common = self.neighbours
         if np.max(common) > 0.05:
-            said.append(
-                f"Successive positions are correlated by {_by_axis(common)}, since the noise is slower than a dwell; "
-                "the tests and intervals here count that."
+            sentences.append(
+                f"Successive positions are correlated by {_by_axis(common)}, because the noise is slower than a dwell; "
+                "tests and intervals include this correlation."
             )
         if self.extrapolated:
-            said.append("That is extrapolated from within the dwells, so the level of the noise counts as unknown.")
+            sentences.append("This is extrapolated from within the dwells, so the noise level is treated as unknown.")
         if not self.timed:
-            said.append("The positions' times are not known (column time_s): they are taken as independent.")
-        return " ".join(said)
+            sentences.append(
+                "The times of the positions are unknown (no column time_s), so the positions are assumed independent."
+            )
+        return " ".join(sentences)
 
 
 def sample_noises(samples: PositionSamples, data: PositionSet) -> list[MeanNoise]:
-    """The noise of position means from their raw samples, one for each way the slow noise may go on.
+    """The noise of position means from their raw samples, one candidate for each way in which the slow noise may continue.
 
     **Arguments:**
 
-    - `samples`: raw samples, by position name. `data`: the means; its times go before those of the samples.
+    - `samples`: raw samples, by position name. `data`: the means; its times take precedence over those of the samples.
 
-    **Returns:** the candidates; the first makes the positions independent, with the sd of a mean against the next.
+    **Returns:** the candidates; in the first the positions are independent, with the sd of a mean relative to the next.
 
-    **Raises:** `InputError` when a position has no samples, or its mean is not that of the samples.
+    **Raises:** `InputError` if a position has no samples, or if its mean differs from that of the samples.
     """
     require_samples_of(samples, data)
     forces = [samples.force[name] for name in data.names]
@@ -169,7 +169,7 @@ def sample_noises(samples: PositionSamples, data: PositionSet) -> list[MeanNoise
     if np.any(still):
         raise InputError(
             f"{samples.source}: axis {', '.join(AXES[axis] for axis in np.flatnonzero(still))}: most positions' samples are "
-            "all the same, since their resolution is coarser than their noise: they say nothing of it; give --noise-sd"
+            "equal, because their resolution is coarser than their noise; the noise cannot be estimated; give --noise-sd"
         )
     counts, times = np.array([len(force) for force in forces], float), _times(samples, data)
     # Positions without times: any order of independent dwells.
@@ -188,7 +188,8 @@ def sample_noises(samples: PositionSamples, data: PositionSet) -> list[MeanNoise
 
 
 def recorded_noises(data: PositionSet) -> list[MeanNoise]:
-    """The noise of position means as their recordings state it, one for each way the slow noise may go on.
+    """The noise of position means as their recordings state it, one candidate for each way in which the slow noise
+    may continue.
 
     **Arguments:**
 
@@ -202,8 +203,8 @@ def recorded_noises(data: PositionSet) -> list[MeanNoise]:
     white, fast = np.zeros_like(data.sd), np.zeros_like(data.sd)
     for rows, recorded in listed:
         white[rows] = recorded.sample_sd / np.sqrt(data.n[rows])[:, None]
-        own = Noise(tuple(part for part in recorded.noise.parts if isinstance(part, White)))
-        fast[rows] = own.allan_deviation(data.n[rows] / recorded.rate_hz)
+        white_part = Noise(tuple(part for part in recorded.noise.parts if isinstance(part, White)))
+        fast[rows] = white_part.allan_deviation(data.n[rows] / recorded.rate_hz)
     noise, rate_hz = listed[0][1].reported, listed[0][1].rate_hz
     dwell_s = float(np.median(data.n)) / rate_hz
 
@@ -240,7 +241,7 @@ def recorded_noises(data: PositionSet) -> list[MeanNoise]:
 
 def _diagonal(sd: Float[np.ndarray, "positions 3"]) -> Float[np.ndarray, "3 positions positions"]:
     """Covariance of independent positions."""
-    return np.array([np.diag(own) for own in sd.T**2])
+    return np.array([np.diag(variance) for variance in sd.T**2])
 
 
 def _times(samples: PositionSamples, data: PositionSet) -> np.ndarray | None:

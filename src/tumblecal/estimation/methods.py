@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-# Residuals below this, g, are those of numbers typed with eight digits: nobody measures them.
+# Residuals below this, g, are rounding of numbers typed with eight digits, not noise of a measurement.
 _TYPED_G = 1e-8
 
 
@@ -41,9 +41,9 @@ _TYPED_G = 1e-8
 class Calibrated(Shown):
     """Fits by method (`exact` first), and the methods that do not apply with the reason.
 
-    `implausible`: parameters of the exact fit that no instrument has. `setup_errors`: what was put right before. `floor`: what
-    the positions scatter beside their sd columns, where they do. `level`: the stated noise level, if the residuals contradict
-    it. `entries`: the catalogue of the chain's effects.
+    `implausible`: implausible parameters of the exact fit. `setup_errors`: corrected before the fit. `floor`:
+    dispersion between positions in addition to the sd columns, if any. `level`: the stated noise level, if the
+    residuals contradict it. `entries`: the catalogue of the chain's effects.
     """
 
     fits: dict[str, Fit]
@@ -61,17 +61,19 @@ class Calibrated(Shown):
 
     @cached_property
     def contradicted(self) -> tuple[Contradicted, ...]:
-        """Positions of the exact fit that all others contradict."""
+        """Outlier and exchanged positions of the exact fit."""
         return contradicted(self.exact)
 
-    plot_methods = drawn_by("calibration_figures.methods_figure", "Every method less the exact fit, in its sd.")
+    plot_methods = drawn_by(
+        "calibration_figures.methods_figure", "Each method minus the exact fit, in its standard uncertainty."
+    )
 
     def plot_residuals(self) -> "Figure":
         """The exact fit's residuals."""
         return self.exact.plot_residuals()
 
     def table(self) -> "pl.DataFrame":
-        """The exact fit's parameters, as `Fit.table`, and the value by each other method (null where it has none)."""
+        """The parameters of the exact fit, as `Fit.table`, and the value by each other method (null if it has none)."""
         import polars as pl
 
         columns = []
@@ -80,15 +82,15 @@ class Calibrated(Shown):
                 values = dict(
                     zip(*fit.table().select("parameter", "value").to_dict(as_series=False).values(), strict=True)
                 )
-                columns.append(pl.Series(name, [values.get(own) for own in self.exact.names], pl.Float64))
+                columns.append(pl.Series(name, [values.get(parameter) for parameter in self.exact.names], pl.Float64))
         return self.exact.table().with_columns(columns)
 
     def save(self, path: Path | str) -> None:
-        """Write the exact fit's `calibration.json`, as `Fit.save`, with the use that the judgements allow."""
+        """Write `calibration.json` of the exact fit, as `Fit.save`, with the permitted use."""
         of_report("notebook.save_calibrated")(Path(path), self)
 
     def screen(self) -> Screen:
-        """Whether to trust it and why, its parameters, and the other methods."""
+        """Permitted use with reasons, parameters, and the other methods."""
         return of_report("notebook.calibrated_screen")(self)
 
 
@@ -102,14 +104,14 @@ def calibrate(
 ) -> Calibrated:
     """Calibrate positions by all methods, as the command does.
 
-    **Arguments:** as of `problem_of`: `noise_sd` in g, `priors` in base units; `entries`: the catalogue that a chain with
-    effects of one's own was made with.
+    **Arguments:** as of `problem_of`: `noise_sd` in g, `priors` in base units; `entries`: the catalogue with which a chain with
+    user effects was made.
 
-    **Raises:** `InputError` for readings or angles that are mixed up, and positions that cannot determine the parameters.
+    **Raises:** `InputError` for set-up errors in readings or angles, and for positions that cannot determine the parameters.
     """
     entries = entries or catalogue()
-    mended, setup_errors = checked(data, chain, entries)
-    problem = problem_of(mended, chain, noise_sd=noise_sd, priors=priors)
+    corrected, setup_errors = checked(data, chain, entries)
+    problem = problem_of(corrected, chain, noise_sd=noise_sd, priors=priors)
     fitted = all_methods(problem, by_columns=noise_sd is None)
     return replace(fitted, setup_errors=tuple(setup_errors), entries=entries)
 
@@ -117,62 +119,64 @@ def calibrate(
 def checked(
     data: PositionSet, chain: Chain | None = None, entries: Catalogue | None = None
 ) -> tuple[PositionSet, list[SetupError]]:
-    """The set with what no calibration at rest depends on put right, and what that was.
+    """The set with harmless set-up errors corrected, and these errors.
 
     **Arguments:**
 
     - `chain`: the model given for the data, None for the default one. `entries`: the catalogue, for advice.
 
-    **Raises:** `InputError` for no positions, and for readings or angles that are mixed up: a calibration is for the columns as
-    they stand.
+    **Raises:** `InputError` for no positions, and for set-up errors in readings or angles: a calibration is for the columns as
+    they are in the file.
     """
     if not len(data):
         raise InputError(f"{data.source}: no positions")
-    mended, setup_errors = correct_setup_errors(data, chain)
+    corrected, setup_errors = correct_setup_errors(data, chain)
     entries, diagnose = entries or catalogue(), suggested("diagnose", *data.as_arguments)
     faults = [
-        f"{data.source}: {setup_error.description}. {entries[setup_error.label].advice} To have it corrected, run: {diagnose}"
+        f"{data.source}: {setup_error.description}. {entries[setup_error.label].advice} To correct it automatically, "
+        f"run: {diagnose}"
         for setup_error in setup_errors
         if setup_error.label not in HARMLESS
     ]
     if faults:
         raise InputError(faults)
-    return mended, setup_errors
+    return corrected, setup_errors
 
 
 def require_noise(fit: Fit) -> None:
-    """Refuse data whose noise must be estimated from residuals, but leave none: each reading is met by a parameter, or the
-    data were computed, not measured.
+    """Reject data whose noise must be estimated from the residuals, if these show no noise: no degree of freedom, or
+    computed data.
 
     **Raises:** `InputError`.
     """
     if fit.noise == "estimated" and fit.dof <= 0:
         raise InputError(
-            f"{fit.data.source}: {fit.no_freedom_words}, and no noise is stated, so no uncertainty is known; measure more "
-            "positions, state the noise (--noise-sd), or keep parameters at their nominal values (--fix)"
+            f"{fit.data.source}: {fit.no_freedom_words}, and no noise is stated, so the uncertainties are unknown; measure "
+            "more positions, state the noise (--noise-sd), or fix parameters at their nominal values (--fix)"
         )
     if fit.noise == "estimated" and fit.computed:
         raise InputError(
             f"{fit.data.source}: the readings follow the model to rounding ({fit.rms:.1g} g rms): computed, not measured? "
-            "State the noise that they stand for: --noise-sd 0.1mg"
+            "State the noise that they represent: --noise-sd 0.1mg"
         )
 
 
 def require_measured(data: PositionSet) -> None:
-    """Refuse readings that are those of a linear instrument at the commanded angles, to rounding: nothing is in them to find.
+    """Reject readings that equal those of a linear instrument at the commanded angles to rounding: they have no error
+    to diagnose.
 
     **Raises:** `InputError`.
     """
     if len(data) <= 4 or data.hand_held:
         return
     design = np.column_stack([gravity_in_head(data.alpha, data.beta), np.ones(len(data))])
-    left = data.readings - design @ np.linalg.lstsq(design, data.readings, rcond=None)[0]
-    if np.sqrt(np.mean(left**2)) < _TYPED_G:
+    residuals = data.readings - design @ np.linalg.lstsq(design, data.readings, rcond=None)[0]
+    if np.sqrt(np.mean(residuals**2)) < _TYPED_G:
         raise InputError(f"{data.source}: the readings follow the angles to rounding: they were computed, not measured")
 
 
 class ExactFit(NamedTuple):
-    """The exact fit; the floor that it includes, and the stated noise level that it does not use, where there is either."""
+    """The exact fit; the floor that it includes, and the stated noise level that it replaces, if there is either."""
 
     fit: Fit
     floor: BetweenPositionSd | None = None
@@ -180,11 +184,11 @@ class ExactFit(NamedTuple):
 
 
 def exact_fit(problem: Problem, *, by_columns: bool) -> ExactFit:
-    """The exact fit at the noise level that the data show (`estimation.noise_level`).
+    """The exact fit with the noise level that the data support (`estimation.noise_level`).
 
     **Arguments:** as of `all_methods`.
 
-    **Raises:** `InputError` as there.
+    **Raises:** `InputError` as `all_methods`.
     """
     fitted = exact.fit(problem)
     require_noise(fitted)
@@ -203,27 +207,25 @@ def all_methods(
 ) -> Calibrated:
     """Exact fit, harmonic least squares, Kalman filter and iterated Kalman filter of one problem.
 
-    The filters need the noise: stated, or else as the exact fit finds it.
+    The filters need the noise: stated, or otherwise as estimated by the exact fit.
 
     **Arguments:**
 
     - `problem`: from `problem_of`.
     - `usual`: as of `plausibility.implausible`.
-    - `by_columns`: whether the noise is that of sd columns, a lower bound: a floor may be added to it.
+    - `by_columns`: whether the noise is from sd columns, a lower bound: a floor may be added to it.
 
-    **Raises:** `InputError` when the design cannot determine the chain's parameters, and as `require_noise`.
+    **Raises:** `InputError` if the design cannot determine the chain's parameters, and as `require_noise`.
     """
     fitted, floor, level = exact_fit(problem, by_columns=by_columns)
     problem = fitted.problem
     fits, skipped = {"exact": fitted}, {}
     if not problem.known and not fitted.sigma > 0:
-        reason = "as many readings as parameters: nothing is left to estimate the noise from; give --noise-sd"
+        reason = "as many readings as parameters: the noise cannot be estimated; give --noise-sd"
         skipped |= {"kalman": reason, "iterated": reason}
     least = float(np.min(problem.sd)) if problem.known else fitted.sigma
-    if not skipped and not Prior().holds(least):
-        reason = (
-            f"an sd of {least:.1g} g is too small beside what the filters start from: float64 has no digits for both"
-        )
+    if not skipped and not Prior().is_resolved(least):
+        reason = f"an sd of {least:.1g} g is too small compared with the prior of the filters for float64"
         skipped |= {"kalman": reason, "iterated": reason}
     try:
         fits["harmonic"] = harmonic.fit(problem.independent)

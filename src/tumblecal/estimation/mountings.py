@@ -1,8 +1,8 @@
-"""How the triad stood in each mounting: the quarter turns that its readings show.
+"""The orientation of the triad in each mounting: quarter turns found from the readings.
 
-A triad that is taken out of its fixture and put back turned has another nominal attitude: one of the 24 proper quarter
-turns. Readings at the commanded angles tell which, since a turn changes them by something like 1 g and the errors that a
-calibration is after by a hundredth of that. dtheta then counts from the nominal attitude and stays small.
+A triad that is remounted in another orientation has another nominal attitude: one of the 24 proper quarter turns.
+Readings at the commanded angles determine the turn, because it changes them by about 1 g, and the errors to be
+calibrated by a hundredth of that. dtheta is then relative to the nominal attitude and stays small.
 """
 
 from collections.abc import Mapping, Sequence
@@ -26,20 +26,20 @@ from tumblecal.estimation.quarter_turns import (
 from tumblecal.ground.errors import InputError
 
 
-# Turns whose mean distance from the readings (g) differs by less fit equally well.
-_ALIKE = 0.1
-# Readings this far (g) from those at every turn: the triad stands between turns, and any of the nearest will do.
+# Turns whose mean distances from the readings differ by less than this (g) fit equally well.
+_EQUAL = 0.1
+# Mean distance (g) from every turn above which the triad is between turns; any of the nearest turns is then suitable.
 _OBLIQUE = 0.35
 
 
 def mounting_words(turns: Mapping[str, Sequence[float]]) -> str:
-    """In one sentence, how the mountings that are turned are taken; empty when none is."""
-    said = [f"{turn_words(turn)} in mounting {label}" for label, turn in turns.items() if any(turn)]
-    return f"The triad is taken as turned {' and '.join(said)}; dtheta counts from there." if said else ""
+    """The assumed turns of the mountings in one sentence; empty if none is turned."""
+    turned = [f"{turn_words(turn)} in mounting {label}" for label, turn in turns.items() if any(turn)]
+    return f"Assumed: the triad is turned {' and '.join(turned)}; dtheta is relative to this." if turned else ""
 
 
 def turns_of(chain: Chain, where: Where) -> dict[str, Angles]:
-    """The quarter turns (deg about x, y, z) by which a chain's mountings are turned; without those at other angles."""
+    """The quarter turns (deg about x, y, z) of a chain's mountings; mountings at other angles are omitted."""
     if chain.orientations is None:
         return {}
     turns = [turn_of(np.asarray(matrix)) for matrix in chain.orientations]
@@ -52,81 +52,81 @@ def mount_labels(where: Where) -> list[str]:
 
 
 def turned_mountings(data: PositionSet) -> dict[str, Angles]:
-    """The nominal rotation of every mounting (deg about x, y, z, as in a rig file) where they are not all alike; else {}.
+    """The nominal rotation of every mounting (deg about x, y, z, as in a rig file) if they differ; otherwise {}.
 
-    Data of one mounting, or of mountings that all stand alike, are left as they are: axes exchanged throughout are a
-    matter of the file's columns.
+    For one mounting, or equal orientations in all, no turn is assumed: axes exchanged in the whole file are an error of its
+    columns.
 
-    **Raises:** `InputError` when the readings do not tell, when axes are mirrored between mountings, or when the triad
-    was turned within a mounting.
+    **Raises:** `InputError` if the turn is not clear from the readings, if axes are mirrored between mountings, or if
+    the triad was turned within a mounting.
     """
     mount, run = data.mount or ("1",) * len(data), data.run or ("1",) * len(data)
     parts = list(dict.fromkeys(zip(mount, run, strict=True)))
     if len(parts) < 2 or data.hand_held:
         return {}
-    rows = [np.array([own == part for own in zip(mount, run, strict=True)]) for part in parts]
-    fits = _one_handed(data, [distances(data, own) for own in rows], [_named(*part, data) for part in parts])
-    seen = [_near(own) for own in fits]
-    if frozenset.intersection(*seen):
+    rows = [np.array([labels == part for labels in zip(mount, run, strict=True)]) for part in parts]
+    fits = _of_one_handedness(data, [distances(data, here) for here in rows], [_named(*part, data) for part in parts])
+    possible = [_near(away) for away in fits]
+    if frozenset.intersection(*possible):
         return {}
     labels = list(dict.fromkeys(mount))
     by_label = {label: [k for k, part in enumerate(parts) if part[0] == label] for label in labels}
     chosen: dict[str, QuarterTurn] = {}
-    for label, own in by_label.items():
-        common = frozenset.intersection(*(seen[k] for k in own))
+    for label, numbers in by_label.items():
+        common = frozenset.intersection(*(possible[k] for k in numbers))
         if not common:
-            raise InputError(_turned_within(data, label, [(parts[k][1], fits[k]) for k in own]))
-        away = np.max([fits[k] for k in own], axis=0)
+            raise InputError(_turned_within(data, label, [(parts[k][1], fits[k]) for k in numbers]))
+        away = np.max([fits[k] for k in numbers], axis=0)
         nearest = min(common, key=lambda number: away[number])
         if 0 not in common and len(common) > 1 and away[nearest] < _OBLIQUE:
-            raise InputError(_cannot_tell(data, label, labels))
+            raise InputError(_unclear_turn(data, label, labels))
         chosen[label] = quarter_turns()[0 if 0 in common else nearest]
     if len({turn.angles_deg for turn in chosen.values()}) == 1:
         return {}
     return {label: turn.angles_deg for label, turn in chosen.items()}
 
 
-def seen_turns(data: PositionSet) -> frozenset[int]:
-    """Numbers of the quarter turns that fit all readings of a set about equally well, those of mirrored axes counted
-    behind them; all of either kind where the set is short."""
+def possible_turns(data: PositionSet) -> frozenset[int]:
+    """Numbers of the quarter turns that fit all readings of a set about equally well, with 24 added for mirrored
+    axes; all 48 if the set is short."""
     proper, mirrored = distances(data, np.ones(len(data), bool))
     count = len(proper)
     if len(data) < FEWEST:
         return frozenset(range(2 * count))
-    if proper.min() <= mirrored.min() + _ALIKE:
+    if proper.min() <= mirrored.min() + _EQUAL:
         return _near(proper)
     return frozenset(count + number for number in _near(mirrored))
 
 
 def with_distinct_mounts(sets: Sequence[PositionSet]) -> list[PositionSet]:
-    """Sets to be joined, where a set whose triad stands otherwise than in the set before it that names the same mount
-    begins a mount of its own: the name of its file."""
+    """Sets to be joined. A set gets a new mount label, the name of its file, if the orientation of its triad differs from that
+    of the previous set with the same label."""
     now: dict[str, tuple[str, frozenset[int]]] = {}
-    taken = {label for data in sets for label in data.mount or ("1",)}
+    used = {label for data in sets for label in data.mount or ("1",)}
     named: list[PositionSet] = []
     for data in sets:
         labels = list(data.mount or ("1",) * len(data))
         for label in dict.fromkeys(labels):
-            seen = seen_turns(data.chosen([own == label for own in labels]))
-            name, before = now.get(label, (label, seen))
-            if not seen & before:
-                name, before = _own_label(data, label, taken), seen
-                taken.add(name)
-            now[label] = (name, seen & before)
+            possible = possible_turns(data.chosen([other == label for other in labels]))
+            name, before = now.get(label, (label, possible))
+            if not possible & before:
+                name, before = _new_label(data, label, used), possible
+                used.add(name)
+            now[label] = (name, possible & before)
         new = tuple(now[label][0] for label in labels)
         named.append(replace(data, mount=new) if list(new) != labels else data)
     return named
 
 
-def _own_label(data: PositionSet, label: str, taken: set[str]) -> str:
+def _new_label(data: PositionSet, label: str, used: set[str]) -> str:
     stem = Path(data.source).stem
     wanted = stem if data.mount is None else f"{label} of {stem}"
-    names = (wanted, *(f"{wanted} {number}" for number in range(2, len(taken) + 3)))
-    return next(name for name in names if name not in taken)
+    names = (wanted, *(f"{wanted} {number}" for number in range(2, len(used) + 3)))
+    return next(name for name in names if name not in used)
 
 
 def nominal_rotations(turns: dict[str, Angles], labels: Sequence[str]) -> Float[np.ndarray, "mounts 3 3"] | None:
-    """The nominal orientation of each mounting in the order of `labels`; None where nothing is turned."""
+    """The nominal orientation of each mounting in the order of `labels`; None if none is turned."""
     if not turns:
         return None
     matrices = {turn.angles_deg: turn.matrix for turn in quarter_turns()}
@@ -134,28 +134,28 @@ def nominal_rotations(turns: dict[str, Angles], labels: Sequence[str]) -> Float[
 
 
 def _near(away: Float[np.ndarray, "24"]) -> frozenset[int]:
-    """Numbers of the turns that fit about as well as the best."""
-    return frozenset(np.flatnonzero(away <= away.min() + _ALIKE).tolist())
+    """Numbers of the turns whose fit is about equal to the best."""
+    return frozenset(np.flatnonzero(away <= away.min() + _EQUAL).tolist())
 
 
-def _one_handed(
+def _of_one_handedness(
     data: PositionSet, fits: list[Float[np.ndarray, "2 24"]], names: list[str]
 ) -> list[Float[np.ndarray, "24"]]:
-    """Distances of each part from the proper turns; where all are mirrored alike (columns of the wrong sign), from the
-    turns that carry the first part's mirrored axes to those of each."""
+    """Distances of each part from the proper turns. If all parts are mirrored (columns with the wrong sign): from the turns
+    relative to the mirrored axes of the first part."""
     better = np.array([proper.min() - mirrored.min() for proper, mirrored in fits])
-    if np.all(better <= _ALIKE):
+    if np.all(better <= _EQUAL):
         return [proper for proper, _ in fits]
-    if np.all(better >= -_ALIKE):
-        telling = next(mirrored for _, mirrored in fits if np.any(mirrored))
-        first = quarter_turns()[int(np.argmin(telling))].matrix
+    if np.all(better >= -_EQUAL):
+        first_mirrored = next(mirrored for _, mirrored in fits if np.any(mirrored))
+        first = quarter_turns()[int(np.argmin(first_mirrored))].matrix
         numbers = {turn.matrix.tobytes(): k for k, turn in enumerate(quarter_turns())}
         order = [numbers[(first @ turn.matrix + 0.0).tobytes()] for turn in quarter_turns()]
         return [mirrored[order] for _, mirrored in fits]
-    odd = [name for name, difference in zip(names, better, strict=True) if difference > _ALIKE]
+    odd = [name for name, difference in zip(names, better, strict=True) if difference > _EQUAL]
     raise InputError(
         f"{data.source}: in {', '.join(odd)} the axes are mirrored against those of the other positions (a column of "
-        "the wrong sign, or two exchanged), which no turn of the triad does; put these columns right"
+        "the wrong sign, or two exchanged), which no turn of the triad explains; correct these columns"
     )
 
 
@@ -166,19 +166,19 @@ def _named(mount: str, run: str, data: PositionSet) -> str:
 
 
 def _turned_within(data: PositionSet, label: str, runs: list[tuple[str, np.ndarray]]) -> str:
-    stands = "; ".join(
+    orientations = "; ".join(
         f"in run {run} {'aligned with the head' if not any(turn) else f'turned {turn_words(turn)}'}"
-        for run, turn in ((run, quarter_turns()[int(np.argmin(own))].angles_deg) for run, own in runs)
+        for run, turn in ((run, quarter_turns()[int(np.argmin(away))].angles_deg) for run, away in runs)
     )
     return (
-        f"{data.source}: within mount {label} the triad stands differently, {stands}; where it was remounted, say so "
-        "in a column mount (such as A and B)"
+        f"{data.source}: within mount {label} the orientation of the triad changes ({orientations}); if it was remounted, "
+        "state this in a column mount (such as A and B)"
     )
 
 
-def _cannot_tell(data: PositionSet, label: str, labels: Sequence[str]) -> str:
+def _unclear_turn(data: PositionSet, label: str, labels: Sequence[str]) -> str:
     entries = " ".join(f'[mounts."{name}"] rotation_deg = [0, 0, 0]' for name in labels)
     return (
-        f"{data.source}: mount {label}: the triad stands turned, but the readings do not tell how; give a rig that "
-        f"does: --rig FILE, like configs/remount.toml, with {entries} and the angles (about x, y, z) of each"
+        f"{data.source}: mount {label}: the triad is turned, but the readings do not determine the turn; state it in a "
+        f"rig file: --rig FILE, as in configs/remount.toml, with {entries} and the angles (about x, y, z) of each"
     )

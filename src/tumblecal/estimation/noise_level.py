@@ -1,9 +1,9 @@
-"""Which noise level a fit's uncertainties use: the stated one, or the one that the residuals show.
+"""The noise level for the uncertainties of a fit: the stated one, or the one estimated from the residuals.
 
-A stated standard deviation, by sd columns or for all readings, is used as long as the residuals do not contradict it. If they
-do, in either direction (chi-square, one chance in a thousand each), only the relative weights of the readings are kept: their
-level is estimated from the residuals, and intervals use Student's t. If sd columns are too small, a floor that is added in
-quadrature is tried first (`between_position_sd`).
+A stated standard deviation, from sd columns or for all readings, is used unless the residuals contradict it. If they
+do, in either direction (chi-square, probability 0.001 each), only the relative weights of the readings are used:
+their level is estimated from the residuals, and intervals use Student's t. If sd columns are too small, a floor added
+in quadrature is tried first (`between_position_sd`).
 """
 
 from dataclasses import dataclass
@@ -18,9 +18,9 @@ from tumblecal.ground.numbers_shown import p_words
 from tumblecal.noise.covariance import Covariance
 
 
-# Chi-square beyond this tail: the residuals are not what the stated noise makes.
+# Tail probability of chi-square below which the residuals contradict the stated noise.
 UNLIKELY = 0.001
-# With fewer degrees of freedom the stated level is kept: an estimated one would be worth less.
+# With fewer degrees of freedom the stated level is used: an estimated level would be less certain.
 _LEAST_DOF = 5
 
 
@@ -28,8 +28,8 @@ _LEAST_DOF = 5
 class ContradictedLevel:
     """A stated noise level that the residuals contradict.
 
-    - `ratio`: chi-square of the readings by its degrees of freedom under the stated noise. `p_value`: of a chi-square at least
-      so far from it, to its own side. `stated_g`: the median stated standard deviation, g.
+    - `ratio`: chi-square of the readings over its degrees of freedom, under the stated noise. `p_value`: one-sided
+      probability of a chi-square at least as extreme. `stated_g`: the median stated standard deviation, g.
     """
 
     ratio: float
@@ -43,26 +43,29 @@ class ContradictedLevel:
 
     @property
     def factor(self) -> float:
-        """By which the stated standard deviations are multiplied."""
+        """Factor by which the stated standard deviations are multiplied."""
         return float(np.sqrt(self.ratio))
 
     @property
     def words(self) -> str:
-        """Which level is used, and why."""
+        """The level in use, and the reason."""
         return (
             f"The residuals contradict the stated noise (sd {self.stated_g * 1e3:.2g} mg; chi2/dof {self.ratio:.3g}, "
-            f"{p_words(self.p_value)}). The uncertainties use the level that the "
-            f"residuals show: sd {self.factor * self.stated_g * 1e3:.2g} mg, Student's t"
+            f"{p_words(self.p_value)}). The uncertainties use the level estimated "
+            f"from the residuals: sd {self.factor * self.stated_g * 1e3:.2g} mg, Student's t"
         )
 
     def applied(self, problem: Problem) -> Problem:
-        """The problem at the level that the residuals show; it counts as estimated."""
+        """The problem at the level estimated from the residuals."""
         return problem.with_noise(Covariance.of_sd(self.factor * problem.sd), known=False)
 
 
 def contradicted_level(fit: Fit) -> ContradictedLevel | None:
-    """The stated level of an exact fit, if its residuals contradict it; None if they do not, if no level was stated, and if the
-    noise is that of a recording, which states how large slow noise may be, not how large it is."""
+    """The stated level of an exact fit that its residuals contradict; None if they do not contradict it, or if no
+    level was stated.
+
+    None also for the noise of a recording, which gives an upper limit of slow noise, not its size.
+    """
     problem = fit.problem
     if not problem.known or problem.correlated or not fit.code.good:
         return None

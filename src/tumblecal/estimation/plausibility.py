@@ -1,4 +1,4 @@
-"""Whether fitted parameters are such as instruments have: a fit can be good and still be of a head that stood elsewhere."""
+"""Plausibility of fitted parameters: a good fit can still have values that no real instrument has."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -11,11 +11,11 @@ from tumblecal.estimation.fit import Fit
 from tumblecal.ground.units import in_words, shown
 
 
-# The largest sizes that are usual, base units: a vernier is read and a pitch set to a degree or two, a triad sits in its
-# fixture to some degrees, and data sheets of MEMS triads (ADXL345, MPU-6050, BMI160) allow up to 10 % of
-# scale, 40 to 250 mg of bias and 1 to 2 % between axes. Boards as sold have more: of twelve public sets three have biases of
-# 0.25 to 0.5 g. The limit of 0.6 g is above these, and below the 1 g of readings from which gravity was subtracted.
-# At rest, in the hand as well, means repeat to some milli-g.
+# The largest usual sizes, base units. A vernier is read and a pitch is set within a degree or two, and a triad is
+# mounted within some degrees. Data sheets of MEMS triads (ADXL345, MPU-6050, BMI160) allow up to 10 % of scale, 40 to
+# 250 mg of bias and 1 to 2 % between axes. Boards have larger biases: 0.25 to 0.5 g in three of twelve public sets. The
+# limit of 0.6 g is above these, and below the 1 g of readings from which gravity was subtracted. At rest, also in the
+# hand, means repeat within some milli-g.
 USUAL = {
     "levelling": math.radians(2.0),
     "dbeta": math.radians(2.0),
@@ -25,7 +25,7 @@ USUAL = {
     "bias": 0.6,
     "scatter": 0.03,
 }
-# Of the coefficients of any other effect, by their unit: what is so large that it would have been seen in setting up.
+# The same for the coefficients of any other effect, by unit: larger ones would have been noticed during the set-up.
 _OF_EFFECTS = {
     "g": 0.3,
     "g/g": 0.3,
@@ -37,30 +37,31 @@ _OF_EFFECTS = {
     "rad/g": math.radians(5.0),
 }
 _WHY = {
-    "levelling": "the base is not level, or the pitch angle is counted from elsewhere",
-    "dbeta": "the head stood elsewhere than the label of this setting says, or the scale was misread",
-    "dtheta": "the triad stands turned in its fixture or, about x, the spindle is counted from elsewhere, which is the same "
-    "here: state a turn in a rig file (mounts)",
+    "levelling": "the base is not level, or the pitch angle has another zero",
+    "dbeta": "the pitch angle differed from the label of this setting, or the scale was misread",
+    "dtheta": "the triad is turned in its fixture or, about x, the spindle has another zero (indistinguishable here): state a "
+    "turn in a rig file (mounts)",
     "gamma": "the axes of the file are not those of one triad, or an angle is wrong",
-    "dK": "the scale of the readings, their unit or the range of the device is another",
-    "bias": "an offset was added to the readings, or their scale is another",
-    "scatter": "the readings lie so far from the fit that it holds for none of them; look at the residuals and the log",
+    "dK": "the scale or the unit of the readings, or the range of the device, is wrong",
+    "bias": "an offset was added to the readings, or their scale is wrong",
+    "scatter": "the residuals are so large that the fit describes none of the readings; check the residuals and the log",
 }
 _WHY_EFFECT = (
-    "no instrument that anyone would calibrate has that: a sign, a column, a unit or an angle is wrong in a part of the rows, "
-    "or it stands for a cause that no entry describes"
+    "implausible for a real instrument: a sign, a column, a unit or an angle is wrong in a part of the rows, or the "
+    "cause is not "
+    "in the catalogue"
 )
-_CONTRADICTED = "what is stated is of another head or set-up, or one of both is wrong"
-# A parameter must be beyond its usual size by so many of its standard deviations; a stated prior's usual size in its own.
+_CONTRADICTED = "the stated value belongs to another head or set-up, or the stated value or the data are wrong"
+# A parameter must exceed its usual size by so many standard deviations; with a prior the usual size is this multiple of its sd.
 _SURE_SD, _PRIOR_SD = 3.0, 5.0
 
 
 @dataclass(frozen=True)
 class Implausible:
-    """One parameter beyond what is usual: value, sd and the largest usual size, in `unit` as shown.
+    """A parameter outside the usual range: value, sd and the largest usual size, in `unit` as shown.
 
-    - `stated`, `stated_sd`: the mean and sd of its prior, which it contradicts: `usual` is the largest distance from there.
-      `stated_in`: the option or file that states it; "" where nobody said.
+    - `stated`, `stated_sd`: mean and sd of its prior, which it contradicts; `usual` is then the largest deviation
+      from the mean. `stated_in`: the option or file that states the prior; "" if unknown.
     """
 
     parameter: str
@@ -75,40 +76,39 @@ class Implausible:
 
     @property
     def times(self) -> float:
-        """How many times as large as usual it is, or as far from what is stated."""
+        """Size, or deviation from the stated value, over the largest usual one."""
         return abs(self.value - (self.stated or 0.0)) / self.usual
 
     @property
     def words(self) -> str:
-        """Value, and what is usual or stated."""
+        """Value, and the usual or stated one."""
         size, most = in_words(f"{self.value:.4g}", self.unit), in_words(f"{self.usual:.3g}", self.unit)
         if self.stated is None:
             return f"{self.parameter} = {size} (at most {most} is usual)"
         stated = in_words(f"{self.stated:.4g} +- {self.stated_sd:.2g}", self.unit)
         source = f" by {self.stated_in}" if self.stated_in else ""
-        return f"{self.parameter} = {size} by the data, but {stated} as stated{source}"
+        return f"{self.parameter} = {size} from the data, but {stated} as stated{source}"
 
 
 def implausible_words(listed: Sequence[Implausible]) -> list[str]:
-    """What is implausible and why it may be so, those of one reason in one sentence."""
-    together: dict[str, list[str]] = {}
+    """Implausible parameters and the possible reason, with one sentence for each reason."""
+    by_reason: dict[str, list[str]] = {}
     for unusual in listed:
-        together.setdefault(unusual.why, []).append(unusual.words)
-    return [f"{', '.join(words)}: {why}" for why, words in together.items()]
+        by_reason.setdefault(unusual.why, []).append(unusual.words)
+    return [f"{', '.join(words)}: {why}" for why, words in by_reason.items()]
 
 
 def implausible(fit: Fit, stated: Mapping[str, float] | None = None) -> tuple[Implausible, ...]:
-    """The nominal parameters of a fit that are larger than usual, or how far the readings lie from it (`scatter`), the most
-    unusual first.
+    """Parameters of a fit, and its residual sd (`scatter`), that are larger than usual; the most unusual first.
 
-    Parameters of a single position, such as the tilts of an unknown attitude, have no usual size: they take up whatever the
-    sensor does there (a bias of 0.1 g turns the reading by 6 degrees).
+    Parameters of a single position, such as the tilts of an unknown attitude, have no usual size: they absorb the errors of the
+    sensor there (a bias of 0.1 g turns the reading by 6 degrees).
 
     **Arguments:**
 
     - `fit`: of the nominal or the extended chain.
     - `stated`: the largest usual size by leaf (`dbeta`) or parameter (`dbeta_0`), base units, in place of the defaults. A
-      stated prior takes the place of both: five of its standard deviations.
+      stated prior replaces both: five of its standard deviations.
     """
     limits, problem, listed = USUAL | dict(stated or {}), fit.problem, []
     precision = problem.prior_root.T @ problem.prior_root
@@ -130,8 +130,8 @@ def implausible(fit: Fit, stated: Mapping[str, float] | None = None) -> tuple[Im
                 if np.isinf(prior_sd):
                     listed.append(Implausible(name, *shares, _WHY.get(leaf.name, _WHY_EFFECT)))
                 else:
-                    own = float(mean) * scale, float(prior_sd) * scale
-                    listed.append(Implausible(name, *shares, _CONTRADICTED, *own))
+                    prior = float(mean) * scale, float(prior_sd) * scale
+                    listed.append(Implausible(name, *shares, _CONTRADICTED, *prior))
     usual, sigma = limits["scatter"], fit.sigma
     if fit.dof > 0 and sigma - _SURE_SD * sigma / math.sqrt(2 * fit.dof) > usual:
         unit, scale = shown("g")
@@ -141,11 +141,12 @@ def implausible(fit: Fit, stated: Mapping[str, float] | None = None) -> tuple[Im
 
 
 def implausible_head(head: MeasuredHead, stated: Mapping[str, float] | None = None) -> tuple[Implausible, ...]:
-    """The errors of a measured head that are larger than usual, the most unusual first: pitch settings by the limit of `dbeta`.
+    """The errors of a measured head that are larger than usual, the most unusual first. The limit of `dbeta` applies to pitch
+    settings.
 
     **Arguments:**
 
-    - `stated`: as of `implausible`.
+    - `stated`: as in `implausible`.
     """
     limits, listed = USUAL | dict(stated or {}), []
     for name, base, value, sd in zip(head.names, head.units, head.values.tolist(), head.sd.tolist(), strict=True):

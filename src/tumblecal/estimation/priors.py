@@ -1,4 +1,4 @@
-"""What is known of a chain's parameters before they are fitted."""
+"""Priors on the parameters of a chain."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -14,7 +14,7 @@ Priors = Mapping[str, tuple[float, float]] | Mapping[str | tuple[str, ...], tupl
 
 
 def prior_of(chain: Chain, priors: Priors) -> tuple[np.ndarray, np.ndarray]:
-    """Means (free,), and 1/sd of each parameter, 0 for none (free,); of correlated ones a matrix (stated, free).
+    """Means (free,), and 1/sd of each parameter (free,), 0 without a prior; for correlated priors a matrix (stated, free).
 
     **Raises:** `InputError` for a parameter that the chain lacks, or an sd that is not positive.
     """
@@ -30,17 +30,17 @@ def prior_of(chain: Chain, priors: Priors) -> tuple[np.ndarray, np.ndarray]:
                 raise InputError(f"prior on {key!r}: the standard deviation must be above 0")
             columns = [names.index(name) for name in members[key]]
             mean[columns], weights[columns] = centre, 1.0 / sd
-    together = [(key, *told) for key, told in priors.items() if isinstance(key, tuple)]
-    if not together:
+    correlated = [(key, *stated) for key, stated in priors.items() if isinstance(key, tuple)]
+    if not correlated:
         return mean, weights
-    # Everything that is said of a parameter counts: information adds up.
+    # Several priors on one parameter combine: information adds.
     information = np.diag(weights**2)
     towards = information @ mean
-    for key, centre, covariance in together:
+    for key, centre, covariance in correlated:
         columns = [names.index(name) for name in key]
-        own = np.linalg.inv(covariance)
-        information[np.ix_(columns, columns)] += own
-        towards[columns] += own @ centre
+        precision = np.linalg.inv(covariance)
+        information[np.ix_(columns, columns)] += precision
+        towards[columns] += precision @ centre
     stated = np.flatnonzero(np.diag(information))
     mean[stated] = np.linalg.solve(information[np.ix_(stated, stated)], towards[stated])
     root = np.zeros((len(stated), len(names)))

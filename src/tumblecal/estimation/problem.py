@@ -1,4 +1,4 @@
-"""A problem: the chain, the settings, the readings with their noise, and what was known before."""
+"""A problem: the chain, the settings, the readings with their noise, and the priors."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
@@ -22,7 +22,7 @@ from tumblecal.noise.covariance import Covariance
 from tumblecal.noise.recorded import NOISE_MODEL, recorded_covariance
 
 
-# Unknown noise: residuals are counted in mg so that the solver's tolerances mean the same as with stated noise.
+# Unknown noise: residuals are in mg, so that the solver's tolerances have the same meaning as with stated noise.
 UNIT_SD = 1e-3
 UNIT = Covariance(np.ones(0), "rows")
 
@@ -31,15 +31,15 @@ UNIT = Covariance(np.ones(0), "rows")
 class Problem:
     """Least squares over the free leaves of a chain.
 
-    - `chain`, `where`, `readings` (g): the model, the settings, and what was read there.
-    - `whitening`: turns errors of the readings into white rows: 1/sd of each (rows,), a matrix for each axis (3,
-      positions, positions), or one for all (rows, rows).
-    - `prior_weights`: 1/sd of a Gaussian prior on each parameter around `prior_mean`, 0 for none; of priors that are
-      correlated the matrix (stated, free) that makes them white.
-    - `known`: whether the noise is stated; else white rows have one common, unknown variance (in mg).
-    - `noise`: the readings' covariance, g^2. `sd`: of every reading against those measured next to it, g (a common unit
-      where the noise is not known). `data`: the position set as it was measured, for its names and labels. Compiled
-      programs see none of these three.
+    - `chain`, `where`, `readings` (g): the model, the settings, and the readings.
+    - `whitening`: converts errors of the readings to white rows: 1/sd of each (rows,), a matrix for each axis (3, positions,
+      positions), or one for all (rows, rows).
+    - `prior_weights`: 1/sd of a Gaussian prior on each parameter around `prior_mean`, 0 for none; for correlated priors the
+      matrix (stated, free) that makes them white.
+    - `known`: whether the noise is stated; otherwise white rows have one common, unknown variance (in mg).
+    - `noise`: covariance of the readings, g^2. `sd`: of every reading relative to its neighbours in time, g (a common unit
+      if the noise is unknown). `data`: the position set as measured, for names and labels. Compiled programs do not depend on
+      these three.
     - `retained`: mask of the positions in the fit; None: all.
     """
 
@@ -63,7 +63,7 @@ class Problem:
         return self.chain.at(vector)(self.where)
 
     def residual(self, vector: Float[Array, " free"]) -> Float[Array, " rows"]:
-        """White rows of predicted minus measured, zero for positions left out; the priors' rows follow."""
+        """White rows of predicted minus measured, zero for excluded positions, followed by the rows of the priors."""
         rows = self.rows(self.predicted(vector) - self.readings)
         if self.retained is not None:
             rows = jnp.where(jnp.repeat(self.retained, 3), rows, 0.0)
@@ -71,8 +71,8 @@ class Problem:
 
     def prior_rows(self, vector: Float[Array, " free"]) -> Float[Array, " stated"]:
         """White rows of the priors: estimate minus mean."""
-        off, weights = vector - self.prior_mean, jnp.asarray(self.prior_weights)
-        return weights @ off if weights.ndim == 2 else off * weights
+        deviation, weights = vector - self.prior_mean, jnp.asarray(self.prior_weights)
+        return weights @ deviation if weights.ndim == 2 else deviation * weights
 
     def rows(self, values: Any) -> Any:
         """White rows (rows, ...) of values given for every reading (positions, 3, ...), numpy or JAX."""
@@ -85,7 +85,7 @@ class Problem:
         return stacked * self.whitening.reshape(-1, *([1] * (stacked.ndim - 1)))
 
     def unwhitened(self, rows: Float[np.ndarray, " rows"]) -> Float[np.ndarray, "positions 3"]:
-        """What stands behind white rows, in g; the inverse of `rows`."""
+        """The values of white rows, in g; the inverse of `rows`."""
         whitening = np.asarray(self.whitening)
         if whitening.ndim == 3:
             return np.linalg.solve(whitening, rows.reshape(-1, 3).T[:, :, None])[:, :, 0].T
@@ -94,7 +94,7 @@ class Problem:
 
     @cached_property
     def whitening_matrix(self) -> Float[np.ndarray, "rows rows"]:
-        """What makes rows white by multiplication from the left."""
+        """The matrix that makes rows white by multiplication from the left."""
         whitening = np.asarray(self.whitening)
         if whitening.ndim == 3:
             return Covariance(whitening, "by_axis").matrix
@@ -112,13 +112,13 @@ class Problem:
 
     @cached_property
     def prior_root(self) -> Float[np.ndarray, "stated free"]:
-        """What makes the priors white by multiplication from the left: a row for each parameter with a prior."""
+        """The matrix that makes the priors white by multiplication from the left: one row for each parameter with a prior."""
         weights = np.asarray(self.prior_weights)
         return weights if weights.ndim == 2 else np.diag(weights)[weights != 0]
 
     @property
     def correlated(self) -> bool:
-        """Whether the noise of one reading says something of another's."""
+        """Whether the noise of different readings is correlated."""
         return self.whitening.ndim > 1
 
     @property
@@ -130,7 +130,7 @@ class Problem:
     def measured_data(self) -> PositionSet:
         """The position set.
 
-        **Raises:** `ValueError` for a problem that was made without one.
+        **Raises:** `ValueError` for a problem without a position set.
         """
         if self.data is None:
             raise ValueError("this problem was made from arrays, without a position set")
@@ -138,19 +138,19 @@ class Problem:
 
     @property
     def takes_part(self) -> Bool[np.ndarray, " positions"]:
-        """Which positions are fitted."""
+        """Mask of the positions in the fit."""
         return np.ones(len(self.readings), bool) if self.retained is None else np.asarray(self.retained)
 
     def with_noise(
         self, noise: Covariance, *, known: bool, sd: Float[np.ndarray, "positions 3"] | None = None
     ) -> "Problem":
-        """The problem under another noise of its readings; `sd` where it is not that of each reading by itself."""
+        """The problem under another noise (covariance in g^2); `sd` (g) if it differs from that of each reading alone."""
         sd = noise.sd.reshape(-1, 3) if sd is None else sd
         return replace(self, noise=noise, whitening=noise.inverse_root, sd=sd, known=known)
 
     @property
     def independent(self) -> "Problem":
-        """The same with positions counted as independent, by the sd of each."""
+        """The same problem with independent positions, from the sd of each."""
         return self.with_noise(Covariance.of_sd(self.sd), known=self.known) if self.correlated else self
 
     def with_links(self, *links: Link) -> "Problem":
@@ -159,25 +159,25 @@ class Problem:
         for link in links:
             chain = chain + link
         place = {name: number for number, name in enumerate(chain.names)}
-        own = [place[name] for name in self.chain.names]
+        before = [place[name] for name in self.chain.names]
         mean, weights = np.zeros(len(place)), np.zeros((*self.prior_weights.shape[:-1], len(place)))
-        mean[own], weights[..., own] = self.prior_mean, self.prior_weights
+        mean[before], weights[..., before] = self.prior_mean, self.prior_weights
         return replace(self, chain=chain, prior_mean=mean, prior_weights=weights)
 
     def without_priors(self, names: Collection[str]) -> "Problem":
-        """The problem in which nothing is stated of these parameters, and of the others what was, whatever these are."""
+        """The problem without priors on these parameters; the priors on the others are marginalised over them."""
         root, names_of = self.prior_root, self.chain.names
         stated = np.flatnonzero(np.any(root != 0, axis=0))
-        kept = [number for number, k in enumerate(stated) if names_of[k] not in names]
-        if not kept:
+        remaining = [number for number, k in enumerate(stated) if names_of[k] not in names]
+        if not remaining:
             return replace(self, prior_weights=np.zeros(len(names_of)), with_prior=False)
-        covariance = np.linalg.inv(root[:, stated].T @ root[:, stated])[np.ix_(kept, kept)]
-        weights = np.zeros((len(kept), len(names_of)))
-        weights[:, stated[kept]] = np.linalg.inv(np.linalg.cholesky(covariance))
+        covariance = np.linalg.inv(root[:, stated].T @ root[:, stated])[np.ix_(remaining, remaining)]
+        weights = np.zeros((len(remaining), len(names_of)))
+        weights[:, stated[remaining]] = np.linalg.inv(np.linalg.cholesky(covariance))
         return replace(self, prior_weights=weights)
 
     def without(self, positions: tuple[int, ...]) -> "Problem":
-        """The problem with some positions left out of the fit."""
+        """The problem with these positions excluded from the fit."""
         retained = self.takes_part.copy()
         retained[list(positions)] = False
         return replace(self, retained=retained)
@@ -191,7 +191,7 @@ def _flattened(problem: Problem) -> tuple[tuple, tuple[bool, bool]]:
 
 
 def _unflattened(fixed: tuple[bool, bool], traced: Sequence) -> Problem:
-    """As JAX puts it together again: not always of arrays, so nothing of it is checked."""
+    """Reconstruction by JAX, whose leaves are not always arrays; therefore without checks."""
     problem = object.__new__(Problem)
     vars(problem).update(zip(_TRACED, traced, strict=True), known=fixed[0], with_prior=fixed[1], sd=np.ones((0, 3)))
     return problem
@@ -203,7 +203,7 @@ jax.tree_util.register_pytree_node(Problem, _flattened, _unflattened)
 def where_of(data: PositionSet) -> Where:
     """The settings of a position set.
 
-    Nothing is named after the pitch settings of unknown attitudes, so all such sets of a size have the same names: one model.
+    For unknown attitudes the names do not contain the pitch settings, so that all such sets of one size have the same model.
     """
     where = settings(
         data.alpha,
@@ -219,7 +219,8 @@ def where_of(data: PositionSet) -> Where:
     if not data.hand_held:
         return where
     numbered = (
-        (name, tuple(f"_{k}" for k in range(len(own))) if "pitch" in name else own) for name, own in where.labels
+        (name, tuple(f"_{k}" for k in range(len(labels))) if "pitch" in name else labels)
+        for name, labels in where.labels
     )
     return replace(where, labels=tuple(numbered))
 
@@ -227,11 +228,12 @@ def where_of(data: PositionSet) -> Where:
 def default_chain(data: PositionSet) -> Chain:
     """The nominal chain for a position set.
 
-    The pitch axis is set anew in every run and mounting, so dbeta has one value for each of them; the mount's angles
-    one for each mounting, counted from the quarter turn at which the readings show the triad to stand in it; the
-    sensor's parameters are shared by all data. Positions of unknown attitude (hand-held) have two tilts each instead.
+    The pitch axis is set again in every run and mounting, so dbeta has one value for each of them. The mount angles
+    have one value for each mounting, relative to the quarter turn found from the readings. The sensor's parameters
+    are shared by all data. Positions of unknown attitude (hand-held) have two tilts each instead.
 
-    **Raises:** `InputError` where mountings differ by more than a turn of the triad, or the readings do not tell by which.
+    **Raises:** `InputError` if mountings differ by more than a turn of the triad, or if the turn is not clear from
+    the readings.
     """
     if data.hand_held:
         return hand_held_chain(where_of(data))
@@ -257,11 +259,11 @@ def problem_of(
 
     **Arguments:**
 
-    - `data`: positions; the noise model of their recording weighs the readings, else their sd columns, if any.
-    - `chain`: the model; the nominal one for these data where left out.
-    - `noise_sd`: stated sd of every reading, g; goes before the noise model and the sd columns of the data.
-    - `priors`: (mean, sd) by parameter or leaf name (`dbeta` stands for all dbeta), base units; (means, covariance) by the
-      names of several parameters that are correlated.
+    - `data`: positions; their readings are weighted by the noise model of the recording, otherwise by the sd columns, if any.
+    - `chain`: the model; the nominal one for these data if omitted.
+    - `noise_sd`: stated sd of every reading, g; takes precedence over the noise model and the sd columns of the data.
+    - `priors`: (mean, sd) by parameter or leaf name (`dbeta` means all dbeta), base units; (means, covariance) by the names of
+      several correlated parameters.
 
     **Raises:** `InputError` for a prior on a parameter that the chain lacks, or an sd that is not positive.
     """
@@ -269,12 +271,12 @@ def problem_of(
     if noise_sd is not None and not SMALLEST_SD_G <= noise_sd <= LARGEST_SD_G:
         raise InputError(f"noise_sd {noise_sd:g} g: {SD_RANGE}")
     known = noise_sd is not None or data.sd is not None
-    told = None if noise_sd else data.weighing_sd
-    sd = np.full(data.readings.shape, noise_sd or UNIT_SD) if told is None else told
+    column_sd = None if noise_sd else data.weighing_sd
+    sd = np.full(data.readings.shape, noise_sd or UNIT_SD) if column_sd is None else column_sd
     mean, prior_weights = prior_of(chain, priors or {})
     if not known and np.any(prior_weights > 0):
-        # A prior weighs against the data only when the data's noise is known: estimate it without the prior first.
-        raise InputError("a prior needs the noise: give sd columns or --noise-sd (e.g. --noise-sd 0.1mg)")
+        # The weight of a prior relative to the data is defined only for known noise.
+        raise InputError("a prior needs a stated noise: give sd columns or --noise-sd (for example --noise-sd 0.1mg)")
     noise = Covariance.of_sd(sd) if noise_sd is not None else _recorded(data) or Covariance.of_sd(sd)
     return Problem(
         chain=chain,
@@ -292,9 +294,9 @@ def problem_of(
 
 
 def _recorded(data: PositionSet) -> Covariance | None:
-    """The covariance of the means by their recording's noise model; None where they count as independent.
+    """The covariance of the means by the noise model of their recording; None if they are independent.
 
-    **Raises:** `InputError` when the noise model and the times of the positions contradict each other.
+    **Raises:** `InputError` if the noise model and the times of the positions contradict each other.
     """
     covariance = None if data.sd is None else recorded_covariance(data)
     if covariance is None:
@@ -304,7 +306,7 @@ def _recorded(data: PositionSet) -> Covariance | None:
         _ = noise.root
     except np.linalg.LinAlgError:
         raise InputError(
-            f"{data.source}: the noise model (comment {NOISE_MODEL}) and the columns time_s and n give no covariance; run "
-            "tumblecal reduce again, or delete the line to have the sd columns count alone"
+            f"{data.source}: the noise model (comment {NOISE_MODEL}) and the columns time_s and n give no valid covariance; "
+            "run tumblecal reduce again, or delete the line to use the sd columns alone"
         ) from None
     return noise

@@ -1,4 +1,4 @@
-"""What a traced program depends on, in bytes that are the same in every process."""
+"""A description of everything that a traced program depends on, the same in every process."""
 
 import dataclasses
 import hashlib
@@ -14,12 +14,12 @@ from tumblecal.chain import Parameter
 
 
 def described(value: Any) -> Iterator[str]:
-    """A tree of modules, containers, arrays, functions and plain values, piece by piece.
+    """A tree of modules, containers, arrays, functions and plain values, as a sequence of texts.
 
-    Of a parameter that is free its value and typical size are left out: a program takes them as arguments. A function is its
-    code, its file, its defaults and what it closes over: its address would be another one in every process.
+    Value and typical size of a free parameter are omitted, because a program takes them as arguments. A function is
+    described by its code, file, defaults and closure, because its address differs between processes.
 
-    **Raises:** `TypeError` for what cannot be described so.
+    **Raises:** `TypeError` for a value without such a description.
     """
     if isinstance(value, types.FunctionType):
         yield f"{value.__module__}.{value.__qualname__}"
@@ -30,7 +30,7 @@ def described(value: Any) -> Iterator[str]:
     elif hasattr(value, "__wrapped__"):
         yield from described(value.__wrapped__)
     elif isinstance(value, types.CodeType):
-        # Of functions within it the constants hold the code.
+        # The constants include the code of inner functions.
         yield value.co_code.hex()
         yield repr(value.co_names)
         yield from described(value.co_consts)
@@ -54,15 +54,15 @@ def described(value: Any) -> Iterator[str]:
     ):
         yield f"{type(value).__qualname__} {value!r}"
     else:
-        raise TypeError(f"a program that depends on {type(value).__qualname__} {value!r} is not kept")
+        raise TypeError(f"a program that depends on {type(value).__qualname__} {value!r} is not stored")
 
 
 def _digest_of_file(path: str) -> str:
-    # The cache of lines holds a notebook's cells as well, which are no files.
+    # The cache of lines also contains the cells of a notebook, which are not files.
     linecache.checkcache(path)
     lines = tuple(linecache.getlines(path))
     if not lines:
-        raise TypeError(f"a program that depends on a function of {path}, which cannot be read, is not kept")
+        raise TypeError(f"a program that depends on a function of {path}, which cannot be read, is not stored")
     return _digest_of_lines(lines)
 
 

@@ -1,9 +1,8 @@
-"""Traced programs kept on disk beside JAX's compiled ones, so that a cold start neither traces nor compiles.
+"""Traced programs stored on disk with JAX's compiled ones, so that a cold start neither traces nor compiles.
 
-JAX's persistent cache saves the compilation but not the tracing, which for a solver costs most of a second. A program
-is kept as exported StableHLO under a key of everything that it depends on: its name, the structure and shapes of its
-arguments, this package's sources, and the versions of Python, JAX and jaxlib. Nothing is kept before
-`program_cache.keep_programs`.
+JAX's persistent cache saves the compilation but not the tracing, which takes most of a second for a solver. A program is stored
+as exported StableHLO under a key of everything that it depends on: its name, the structure and shapes of its arguments, the
+sources of this package, and the versions of Python, JAX and jaxlib. Nothing is stored before `program_cache.keep_programs`.
 """
 
 import hashlib
@@ -26,26 +25,26 @@ from tumblecal.ground.program_cache import ProgramCache, program_cache, sources_
 
 
 _log = logging.getLogger(__name__)
-# LAPACK calls that JAX does not promise to keep from version to version; the key holds the version.
+# LAPACK calls that JAX may change between versions; the key includes the version.
 _LAPACK = ("geqrf", "ormqr", "orgqr", "trsm", "potrf", "getrf", "gesdd")
 
-# A program for one plan runs a few times, for milliseconds, and would be compiled for seconds. XLA's fusion emitters for the
-# CPU compute a chain of 60 links over and over: 30 ms instead of 1 ms (jax 0.10.2). Without LLVM's optimisation it is compiled
-# in a third of the time, and whole, not cut up for several cores, it then runs as fast.
+# A program for one plan runs a few times, for milliseconds, but takes seconds to compile. XLA's fusion emitters for the CPU
+# recompute a chain of 60 links repeatedly: 30 ms instead of 1 ms (jax 0.10.2). Without LLVM's optimisation the
+# compilation takes a third of the time; without a split for several cores the program then runs equally fast.
 _QUICKLY_COMPILED = {
     "xla_cpu_use_fusion_emitters": False,
     "xla_backend_optimization_level": 0,
     "xla_cpu_parallel_codegen_split_count": 1,
 }
-# A compiled program holds 5 to 20 MB. Of one function so many kinds of arguments stay compiled, and of all functions so many
-# programs for those who make them anew; what falls out is read from disk or compiled again.
+# A compiled program takes 5 to 20 MB. Limits in memory: kinds of arguments of one function, and programs of all
+# functions. Those beyond are read from disk or compiled again.
 _MOST_KINDS = 8
 _MOST_PROGRAMS = 32
 
 
 @lru_cache
 def compiler_options() -> dict[str, Any]:
-    """XLA's options for programs of one plan, where they are for the CPU and this version of XLA has them."""
+    """XLA's options for programs of one plan; empty if not on the CPU, or if this version of XLA lacks them."""
     if jax.default_backend() != "cpu":
         return {}
     try:
@@ -56,9 +55,9 @@ def compiler_options() -> dict[str, Any]:
 
 
 def cached_program(function: Callable[..., Any], *about: Any) -> Callable[..., Any]:
-    """`jax.jit(function)` for a function of pytrees of arrays, kept on disk where programs are kept.
+    """`jax.jit(function)` for a function of pytrees of arrays, stored on disk if a folder for programs is set.
 
-    Those of one kind are compiled once a process, whoever makes them; of kinds of arguments the last few stay compiled.
+    Equal programs are compiled once in a process. The last few kinds of arguments stay compiled.
 
     **Arguments:**
 
@@ -84,8 +83,11 @@ def cached_program(function: Callable[..., Any], *about: Any) -> Callable[..., A
 
 @dataclass(frozen=True)
 class _Program:
-    """A function of one kind of arguments: by all that it depends on ("" where that cannot be told), where it is kept on disk,
-    the arguments' structure and their first leaves."""
+    """A function for one kind of arguments.
+
+    `key`: digest of all that it depends on, "" if unknown. `cache`: its store on disk. `structure`, `leaves`: of the first
+    arguments.
+    """
 
     key: str
     cache: ProgramCache | None
@@ -94,7 +96,7 @@ class _Program:
     leaves: list = field(compare=False)
 
     def jitted(self) -> Wrapped:
-        """Compiled for the list of the leaves; what JAX remembers of it goes with it."""
+        """Compiled for the list of leaves; JAX's cache of it is released with it."""
 
         def of_leaves(flat):
             return self.function(*jax.tree.unflatten(self.structure, flat))
@@ -113,10 +115,10 @@ def _compiled(program: _Program) -> Callable[[list], Any]:
     return program.jitted()
 
 
-def _key(function: Callable[..., Any], about: tuple, holding: Any, *kind: str) -> str:
-    """Digest of all that a program depends on, the links in `holding` among it; "" where that cannot be told."""
+def _key(function: Callable[..., Any], about: tuple, arguments: Any, *kind: str) -> str:
+    """Digest of all that a program depends on, including the links in `arguments`; "" if that cannot be described."""
     try:
-        return _digest(function.__qualname__, "\0".join(described(about)), *kind, _sources(_links(holding)))
+        return _digest(function.__qualname__, "\0".join(described(about)), *kind, _sources(_links(arguments)))
     except (TypeError, ValueError, RecursionError, OSError) as reason:  # a function that closes over itself, say
         _log.debug("%s", reason)
         return ""
@@ -128,7 +130,7 @@ def _shape(leaf: Any) -> tuple:
 
 @lru_cache(maxsize=_MOST_PROGRAMS)
 def _from_disk(program: _Program) -> Callable[[list], Any]:
-    """The program from disk where there is one that works, else made and kept there; of the leaves of its arguments."""
+    """The program from disk if one works; otherwise traced, compiled and stored there. Takes the leaves of the arguments."""
     from jax import export
 
     cache, name = program.cache, f"tumblecal-{program.key}.stablehlo"
@@ -140,13 +142,13 @@ def _from_disk(program: _Program) -> Callable[[list], Any]:
         loaded = _of_used(export.deserialize(bytearray(payload)))
         jax.block_until_ready(loaded(program.leaves))
         return loaded
-    except Exception as error:  # of whatever kind: the program is made again, and an error of its own comes up there
+    except Exception as error:  # any error: the program is made again, and its errors appear then
         cache.discard(name, error)
         return _exported(program, cache, name)
 
 
 def _exported(program: _Program, cache: ProgramCache, name: str) -> Callable[[list], Any]:
-    """The program traced, exported and kept on disk; traced alone where JAX cannot export it."""
+    """The program traced, exported and stored on disk; only traced if JAX cannot export it."""
     from jax import export
 
     made = program.jitted()
@@ -160,13 +162,13 @@ def _exported(program: _Program, cache: ProgramCache, name: str) -> Callable[[li
 
 
 def _of_used(exported: Any) -> Callable[[list], Any]:
-    """An exported program as a function of the list of its arguments' leaves, handed only those that it uses: handing on what
-    it does not takes longer than a short program runs."""
+    """An exported program as a function of the list of its arguments' leaves. Only the leaves in use are passed,
+    because passing the others takes longer than a short program runs."""
     used, kinds = exported.module_kept_var_idx, exported.in_avals
 
-    def program(own):
+    def program(used_leaves):
         leaves: list[Any] = [np.zeros(kind.shape, kind.dtype) for kind in kinds]
-        for number, leaf in zip(used, own, strict=True):
+        for number, leaf in zip(used, used_leaves, strict=True):
             leaves[number] = leaf
         return exported.call(leaves)
 
@@ -188,8 +190,8 @@ def _links(arguments: Any) -> tuple[type, ...]:
 def _sources(links: tuple[type[Link], ...]) -> str:
     """Digest of this package's sources and of those of links defined elsewhere."""
     files = sorted({Path(inspect.getfile(link)) for link in links})
-    own = sources_digest("chain", "effects", "estimation")
-    return _digest(own, *(path.read_text(encoding="utf-8") for path in files))
+    package = sources_digest("chain", "effects", "estimation")
+    return _digest(package, *(path.read_text(encoding="utf-8") for path in files))
 
 
 def _digest(*texts: str) -> str:

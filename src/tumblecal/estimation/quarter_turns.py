@@ -1,4 +1,4 @@
-"""The 24 quarter turns of a triad in its fixture, and how far readings are from those of a perfect triad so turned."""
+"""The 24 quarter turns of a triad in its fixture, and distances of readings from those of a perfect triad at each turn."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,9 +13,9 @@ from tumblecal.data import PositionSet
 from tumblecal.ground.frames import gravity_in_head, rotation_matrix
 
 
-# Fewer positions than this tell nothing: one of them may be at fault.
+# With fewer positions than this, one faulty position could decide.
 FEWEST = 4
-# A reading counts as at most this far (g) away, so that one in another unit does not decide.
+# Distances are limited to this (g), so that a reading in another unit does not decide.
 _FARTHEST = 2.0
 
 Angles: TypeAlias = tuple[float, float, float]
@@ -44,12 +44,12 @@ def quarter_turns() -> tuple[QuarterTurn, ...]:
 
 
 def turn_of(matrix: Float[np.ndarray, "3 3"]) -> Angles | None:
-    """The angles of a quarter turn (deg about x, y, z), None for any other rotation."""
+    """The angles of a quarter turn (deg about x, y, z); None for any other rotation."""
     return next((turn.angles_deg for turn in quarter_turns() if np.max(np.abs(turn.matrix - matrix)) < 1e-9), None)
 
 
 def turn_words(angles_deg: Sequence[float]) -> str:
-    """`90 deg about z`; several angles as in a rig file."""
+    """A turn in words, such as `90 deg about z`; several angles as in a rig file."""
     about = [(angle, axis) for angle, axis in zip(angles_deg, "xyz", strict=True) if angle]
     if len(about) == 1:
         return f"{about[0][0]:g} deg about {about[0][1]}"
@@ -57,8 +57,8 @@ def turn_words(angles_deg: Sequence[float]) -> str:
 
 
 def distances(data: PositionSet, rows: Bool[np.ndarray, " positions"]) -> Float[np.ndarray, "2 24"]:
-    """Mean distance (g) of some readings from those of a perfect triad at each turn, and at each turn with all axes
-    mirrored; zero everywhere for fewer than `FEWEST` rows."""
+    """Mean distance (g) of some readings from those of a perfect triad at each turn, and at each turn with all axes mirrored;
+    zero for fewer than `FEWEST` rows."""
     if rows.sum() < FEWEST:
         return np.zeros((2, len(quarter_turns())))
     size = float(np.median(np.linalg.norm(data.readings[rows], axis=1)))

@@ -1,6 +1,6 @@
-"""What was mixed up in setting up, found before anything is fitted: units, axes, angles, temperature and time.
+"""Set-up errors found before the fit: units, axes, angles, temperature and time.
 
-What can be put right in one way only is put right and said; what cannot is refused, with the hypotheses that would explain it.
+An error with a unique correction is corrected and reported. Any other is rejected with the hypotheses that would explain it.
 """
 
 from collections.abc import Sequence
@@ -30,17 +30,17 @@ from tumblecal.ground.clocks import times_going_on
 from tumblecal.ground.errors import InputError
 
 
-# Where at least this share of the rows is of 1 g, the columns are in g.
+# If at least this share of the rows has a norm of 1 g, the columns are in g.
 _IN_G = 0.25
-# The size of readings (g) that is no other unit's, and still some calibration's.
+# Sizes of readings (g) that a calibration may have and no other unit would produce.
 _POSSIBLE_G = (0.5, 2.0)
-# So many of an axis' readings are no larger than the size by which it is judged: one that is far off does not decide.
+# An axis is judged by this quantile of its readings, so that a single outlier does not decide.
 _MOST_IN_G = 0.9
-# An axis that varies by less than this share of the others, or differs from another by less, has no signal of its own.
+# An axis that varies by less than this share of the others, or differs from another by less, has no separate signal.
 _NO_SIGNAL = 0.02
-# An axis of which attitudes leave more than this share unexplained does not follow them.
+# An axis does not follow the attitudes if they leave more than this share of it unexplained.
 _UNFOLLOWED = 0.5
-# Ideal inputs of an axis must vary by this much (g) for it to be missed.
+# A missing signal is reported only if the ideal inputs of the axis vary by this much (g).
 _MOVED_G = 0.5
 # 0 degC in kelvin.
 _ICE_POINT_K = 273.15
@@ -49,51 +49,51 @@ _SAME_START = 0.1
 
 
 def correct_setup_errors(data: PositionSet, chain: Chain | None = None) -> tuple[PositionSet, list[SetupError]]:
-    """Find what was mixed up by comparing the readings with those of a perfect instrument, and put it right.
+    """Find set-up errors by comparison with the readings of a perfect instrument, and correct them.
 
     **Arguments:**
 
-    - `data`: as given, readings taken for g. `chain`: the model given for them, with the intended attitudes of the
-      mountings; None for the default one.
+    - `data`: as given, readings assumed to be in g. `chain`: the given model with the intended attitudes of the mountings;
+      None for the default model.
 
-    **Returns:** the set put right, and what was found.
+    **Returns:** the corrected set, and the errors found.
 
-    **Raises:** `InputError` for what cannot be put right in one way: an axis without a signal of its own, readings of
-    no known unit, angles that the readings do not follow.
+    **Raises:** `InputError` for errors without a unique correction: an axis without a separate signal, readings in an unknown
+    unit, angles that the readings do not follow.
     """
-    mended, setup_errors = _mended(data, chain)
-    if chain is not None and where_of(mended).labels != where_of(data).labels:
+    corrected, setup_errors = _corrected(data, chain)
+    if chain is not None and where_of(corrected).labels != where_of(data).labels:
         raise InputError(
             f"{data.source}: {setup_errors[-1].description}; correct the file, because the given model "
             "numbers the pitch settings as the file lists them"
         )
-    return mended, setup_errors
+    return corrected, setup_errors
 
 
-def _mended(data: PositionSet, chain: Chain | None) -> tuple[PositionSet, list[SetupError]]:
+def _corrected(data: PositionSet, chain: Chain | None) -> tuple[PositionSet, list[SetupError]]:
     data, setup_errors = _conditions(data)
-    for put_in_g in (_in_g, units_of_rows, _refuse_unknown_unit, correct_decimal_points):
-        data, slips = put_in_g(data)
-        setup_errors += slips
+    for correct in (_in_g, units_of_rows, _refuse_unknown_unit, correct_decimal_points):
+        data, found = correct(data)
+        setup_errors += found
     if data.hand_held or (chain is not None and any(isinstance(link, FreeAttitude) for link in chain.links)):
         return data, setup_errors
-    data, attitudes, slips = with_turns(data, chain)
+    data, attitudes, found = with_turns(data, chain)
     ideal = as_intended(data, attitudes)
     _refuse_silent_axes(data, ideal)
     axis_units, axis_map = _axes(data, ideal)
     if axis_units:
-        data, slips = replace(data, readings=axis_units[0]), [*slips, *axis_units[1]]
+        data, found = replace(data, readings=axis_units[0]), [*found, *axis_units[1]]
     data, of_angles = correct_angles(data, chain, attitudes, axis_map)
     refuse_unmeasured(data)
-    return data, [*setup_errors, *slips, *of_angles]
+    return data, [*setup_errors, *found, *of_angles]
 
 
 def _conditions(data: PositionSet) -> tuple[PositionSet, list[SetupError]]:
-    """Temperature in degC, and a time that goes on."""
+    """The set with temperatures in degC and times that increase through the file."""
     setup_errors: list[SetupError] = []
     temperature, time = data.temperature_degc, data.time_s
     if temperature is not None and are_kelvin(temperature):
-        words = f"the temperatures, {np.min(temperature):.4g} to {np.max(temperature):.4g}, are kelvin"
+        words = f"the temperatures, {np.min(temperature):.4g} to {np.max(temperature):.4g}, are in kelvin"
         data, setup_errors = (
             replace(data, temperature_degc=temperature - _ICE_POINT_K),
             [SetupError("temperature_unit", words)],
@@ -101,27 +101,28 @@ def _conditions(data: PositionSet) -> tuple[PositionSet, list[SetupError]]:
     if time is not None and (parts := _restarted(time)):
         firsts = np.cumsum([len(part) for part in parts])[:-1]
         words = (
-            f"time_s starts again at position {', '.join(data.names[row] for row in firsts[:6])}; the pause before it is taken "
-            "as one of unknown length"
+            f"time_s restarts at position {', '.join(data.names[row] for row in firsts[:6])}; the pause before it is "
+            "assumed to "
+            "have an unknown length"
         )
         part = np.searchsorted(firsts, np.arange(len(time)), side="right")
-        clock = tuple(f"{own}.{number}" for own, number in zip(data.clock or ("1",) * len(time), part, strict=True))
+        clock = tuple(f"{label}.{number}" for label, number in zip(data.clock or ("1",) * len(time), part, strict=True))
         data = replace(data, time_s=times_going_on(parts), clock=clock)
-        # Runs that have a clock each are no slip.
+        # One clock for each run is no error.
         if data.run is None or not np.array_equal(firsts, _changes(data.run)):
             setup_errors.append(SetupError("time_restarts", words))
     return data, setup_errors
 
 
 def _changes(labels: Sequence[str]) -> list[int]:
-    """The rows of which the label is another than that of the row before."""
+    """The rows whose label differs from that of the previous row."""
     return [row for row, (before, label) in enumerate(pairwise(labels), start=1) if before != label]
 
 
 def _restarted(time: Float[np.ndarray, " positions"]) -> list[np.ndarray]:
-    """The stretches of a clock that was set back for each; empty where it was not.
+    """The parts of the times between resets of the clock; empty if it was not reset.
 
-    Rows in another order than they were measured in go back in time as well, but not to the same start.
+    Times also decrease if the rows are not in measuring order, but then not to the same start.
     """
     back = np.flatnonzero(np.diff(time) < 0) + 1
     if not 0 < len(back) <= len(time) // 4:
@@ -133,7 +134,7 @@ def _restarted(time: Float[np.ndarray, " positions"]) -> list[np.ndarray]:
 
 
 def _in_g(data: PositionSet) -> tuple[PositionSet, list[SetupError]]:
-    """The set in g where all readings are in one other unit."""
+    """The set in g, if all readings are in one other unit."""
     sizes = np.linalg.norm(data.readings, axis=1)
     common = float(np.median(sizes))
     if np.mean(np.abs(np.log(np.maximum(sizes, 1e-300))) < np.log(NEAR)) < _IN_G:
@@ -146,22 +147,24 @@ def _in_g(data: PositionSet) -> tuple[PositionSet, list[SetupError]]:
 
 
 def _refuse_unknown_unit(data: PositionSet) -> tuple[PositionSet, list[SetupError]]:
-    """The set as it is.
+    """The unchanged set.
 
-    **Raises:** `InputError` for readings in no known unit.
+    **Raises:** `InputError` for readings in an unknown unit.
     """
-    # Single axes in another unit change the size as well: only where all axes are off is there nothing to go by.
+    # A single axis in another unit also changes the norm. The unit is unknown only if no axis has a plausible size.
     largest = np.quantile(np.abs(data.readings), _MOST_IN_G, axis=0)
     if not np.any((largest > _POSSIBLE_G[0]) & (largest < _POSSIBLE_G[1])):
         raise InputError(
-            f"{data.source}: the readings' size is about {np.median(np.linalg.norm(data.readings, axis=1)):.4g}; at rest it is "
-            "1 g. If they are counts, divide them by the counts per g of the data sheet; else check the scale of the data"
+            f"{data.source}: the norm of the readings is about "
+            f"{np.median(np.linalg.norm(data.readings, axis=1)):.4g}; at rest it "
+            "is 1 g. If they are counts, divide them by the counts per g of the data sheet; otherwise check the unit "
+            "of the data"
         )
     return data, []
 
 
 def _refuse_silent_axes(data: PositionSet, ideal: Float[np.ndarray, "positions 3"]) -> None:
-    """Refuse an axis that does not move, or that reads what another reads.
+    """Reject an axis that does not vary, or whose readings equal those of another.
 
     **Raises:** `InputError` naming the axes.
     """
@@ -173,35 +176,36 @@ def _refuse_silent_axes(data: PositionSet, ideal: Float[np.ndarray, "positions 3
         if not _follows(readings[:, axis], ideal):
             raise InputError(
                 f"{data.source}: axis {AXES[axis]} reads {readings[0, axis]:.4g} g at every position (it varies by "
-                f"{moved[axis]:.2g} g, the others by {usual:.3g} g): a dead axis, or a column that is not a reading"
+                f"{moved[axis]:.2g} g, the others by {usual:.3g} g): a dead axis, or a column without readings; check the "
+                "sensor and the column names"
             )
     for first, second in ((0, 1), (0, 2), (1, 2)):
         for sign, words in ((1, "the same as"), (-1, "the negative of")):
-            apart = np.ptp(readings[:, second] - sign * readings[:, first])
-            if apart < _NO_SIGNAL * max(moved[first], moved[second]):
+            difference = np.ptp(readings[:, second] - sign * readings[:, first])
+            if difference < _NO_SIGNAL * max(moved[first], moved[second]):
                 raise InputError(
                     f"{data.source}: axis {AXES[second]} reads {words} axis {AXES[first]} at every position: a channel or a "
-                    "column was taken twice; give each axis its own"
+                    "column was used twice; give each axis its column"
                 )
 
 
 def _follows(readings: Float[np.ndarray, " positions"], ideal: Float[np.ndarray, "positions 3"]) -> bool:
-    """Whether one axis, however little it moves, follows the attitudes."""
+    """Whether one axis follows the attitudes, however little it varies."""
     basis = np.hstack([ideal, np.ones((len(ideal), 1))])
-    left = np.std(readings - basis @ np.linalg.lstsq(basis, readings, rcond=None)[0])
-    return bool(np.ptp(readings) > 0 and left < _UNFOLLOWED * np.std(readings))
+    residual_sd = np.std(readings - basis @ np.linalg.lstsq(basis, readings, rcond=None)[0])
+    return bool(np.ptp(readings) > 0 and residual_sd < _UNFOLLOWED * np.std(readings))
 
 
 def _axes(
     data: PositionSet, ideal: Float[np.ndarray, "positions 3"]
 ) -> tuple[tuple[Float[np.ndarray, "positions 3"], list[SetupError]] | None, Mapped | None]:
-    """Readings with single axes put in g, and readings on the plan's axes, where either is needed and can be told."""
+    """Readings with single axes converted to g, and readings on the plan's axes; None for either if not needed or unclear."""
     basis = np.hstack([ideal, np.ones((len(ideal), 1))])
     if np.linalg.matrix_rank(basis, tol=1e-3) < 4:
         return None, None
     readings, setup_errors = data.readings.copy(), []
     matrix = np.linalg.lstsq(basis, readings, rcond=None)[0][:3].T
-    # Row a: which ideal inputs output a follows.
+    # For each output, the ideal input that it follows.
     source = np.argmax(np.abs(matrix), axis=1)
     leading = matrix[np.arange(3), source]
     if len(set(source.tolist())) < 3 or (np.any(np.abs(leading) < 0.5) and not np.any(np.abs(leading) > 2)):
@@ -214,12 +218,10 @@ def _axes(
     united = (readings, setup_errors) if setup_errors else None
     if not (np.any(source != np.arange(3)) or np.any(leading < 0)):
         return united, None
-    turn, right = np.zeros((3, 3)), np.empty_like(readings)
+    turn, remapped = np.zeros((3, 3)), np.empty_like(readings)
     turn[np.arange(3), source] = np.sign(leading)
-    right[:, source] = np.sign(leading) * readings
+    remapped[:, source] = np.sign(leading) * readings
     terms = [f"column {AXES[a]} is {'-' if leading[a] < 0 else ''}{AXES[source[a]]}" for a in range(3)]
     angles = turn_of(turn + 0.0)
-    turned = (
-        () if angles is None else (("triad_turned", f"the triad stands turned {turn_words(angles)} in its fixture"),)
-    )
-    return united, (right, SetupError("axis_map", "; ".join(terms), turned))
+    turned = () if angles is None else (("triad_turned", f"the triad is turned {turn_words(angles)} in its fixture"),)
+    return united, (remapped, SetupError("axis_map", "; ".join(terms), turned))

@@ -155,7 +155,7 @@ def _hardly_determined(calibrated: Calibrated) -> Iterator[Judgement]:
         return
     weakest = exact.identifiability.weak[0]
     # Along a direction that is not of the sensor, every parameter of it may be determined.
-    poorly = {name for direction in exact.identifiability.hardly for name in direction.coefficients}
+    poorly = {name for direction in exact.identifiability.nearly_undetermined for name in direction.coefficients}
     names = tuple(name for name in SENSOR if name not in poorly)
     reason = f"these positions hardly determine {weakest.words} (sd {weakest.sd_ratio:.0f} times a typical one)"
     partly = one_sensor(exact) and len(names) > 0

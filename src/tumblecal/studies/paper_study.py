@@ -116,7 +116,7 @@ def _early_error(z: np.ndarray, gain: np.ndarray, design: np.ndarray, noise: np.
 
 def _linear(first: PositionSet, readings: np.ndarray) -> tuple[Estimates, np.ndarray, harmonic.Harmonics]:
     harmonics = harmonic.analyse(problem_of(first))
-    gain = harmonic.gain(harmonics)
+    gain = harmonic.least_squares_estimator(harmonics)
     z = readings.reshape(len(readings), -1) @ harmonics.analysis.T - harmonics.ideal
     return z @ gain.T, gain, harmonics
 
