@@ -116,7 +116,8 @@ FAULTS = {
     "unit": (GOOD.replace("mg/g^2", "furlong"), ":line 10: unknown unit 'furlong'"),
     "argument missing": (GOOD.replace('unit="mg/g^2", ', ""), ":line 10: TypeError"),
     "terms without names": (GOOD.replace("term, unit", "[term, term], unit"), ":line 10: effect 'fifth.y': 2 terms"),
-    "needs what is not there": (GOOD.replace("unit=", "needs=['wind'], unit="), ":line 10: effect 'fifth.y': unknown columns in needs"),
+    "needs what is not there": (GOOD.replace("unit=", "needs=['wind'], unit="), ":line 10: effect 'fifth.y': unknown "
+    "columns in needs"),
     "raises": (GOOD.replace("u[1] ** 5", "u[7] ** 5"), ":line 6: effect 'fifth.y': IndexError"),
     "branches": (GOOD.replace("u[1] ** 5", "u[1] if u[1][0] > 0 else 0"), ":line 6: effect 'fifth.y': Tracer"),
     "branches on the data": (
