@@ -46,7 +46,7 @@ def said_by(*arguments: str) -> tuple[int, str]:
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(fault):
         code = run()
     lines = (fault if code else out).getvalue().strip().splitlines()
-    judging = [line for line in lines if line.startswith(("Usable", "Do not use", "Not yet"))]
+    judging = [line for line in lines if line.startswith(("Usable", "Use it only", "Do not use", "Not tested"))]
     words = (judging or lines or [""])[0]
     return code, "values and sd" if arguments[0] == "calibrate" and not (code or judging) else words
 

@@ -276,13 +276,13 @@ def test_what_a_budget_puts_right_is_said(tumblecal, tmp_path, table1_file):
     kelvin = [f"{row},{296.5 + 0.1 * number}" for number, row in enumerate(rows)]
     (warm := tmp_path / "kelvin.csv").write_text("\n".join([header + ",temperature_degc", *kelvin]) + "\n")
     outcome = tumblecal("budget", warm, lab, "--out", tmp_path / "b")
-    assert outcome.code == 0 and "put right: the temperatures, 296.5 to 298.8, are kelvin" in outcome.out
+    assert outcome.code == 0 and "corrected: the temperatures, 296.5 to 298.8, are kelvin" in outcome.out
     assert (
         f"Undetected effects are not included; to include them, run tumblecal diagnose {warm} and give" in outcome.out
     )
     assert "Undetected effects are not included" in (tmp_path / "b" / "budget.html").read_text()
     outcome = tumblecal("budget", warm, lab, "-q", "--out", tmp_path / "b")
-    assert outcome.code == 0 and "kelvin.csv: put right: the temperatures" in outcome.lines[0]
+    assert outcome.code == 0 and "kelvin.csv: corrected: the temperatures" in outcome.lines[0]
 
 
 def test_a_gimbal_beside_nist_s_bounds_is_what_the_docs_say(tumblecal, tmp_path, configs):
@@ -311,12 +311,12 @@ def test_the_noise_of_a_budget_is_that_of_the_calibration(tumblecal, tmp_path, t
         'schema = "tumblecal.budget/1"\n[considered.use]\nadds_to = "bias"\nsize = "0.03 mg"\n'
     )
     told = tumblecal("budget", tmp_path / "data.csv", tmp_path / "lab.toml", "-q", "--out", tmp_path).lines
-    assert any("the positions scatter by more than their sd columns say" in line for line in told)
+    assert any("the dispersion of the positions exceeds their sd columns" in line for line in told)
     tumblecal("calibrate", tmp_path / "data.csv", "--no-figures", "-q", "--out", tmp_path / "calibration")
     result = json.loads((tmp_path / "calibration" / "result.json").read_text())["methods"]["exact"]["parameters"]
     parameters = json.loads((tmp_path / "budget.json").read_text())["parameters"]
     for name, own in parameters.items():
         assert own["u_type_a"] == pytest.approx(result[name]["sd"], rel=1e-6)
-    assert "scatter by more" in (tmp_path / "budget.html").read_text()
+    assert "dispersion of the positions exceeds" in (tmp_path / "budget.html").read_text()
     stated = ("budget", tmp_path / "data.csv", tmp_path / "lab.toml", "--noise-sd", "0.01mg", "--out", tmp_path)
     assert "times what the stated noise allows" in tumblecal(*stated).out

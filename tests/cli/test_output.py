@@ -103,19 +103,19 @@ def slipped(data, slip):
 @pytest.mark.parametrize(
     ("name", "slip", "options", "words"),
     [
-        ("calibrate", "", ["--noise-sd", "0.01mg"], ["Not yet: the residuals (chi2/dof) are"]),
-        ("calibrate", KELVIN, [], ["put right: the temperatures, 295 to 297.3, are kelvin"]),
+        ("calibrate", "", ["--noise-sd", "0.01mg"], ["Do not use it: chi2/dof of the residuals is"]),
+        ("calibrate", KELVIN, [], ["corrected: the temperatures, 295 to 297.3, are kelvin"]),
         (
             "calibrate",
             MISREAD,
             [],
             [
                 "Do not use it: position 0-4, axis ",
-                "Do not use it: it needs parameters that no",
+                "Do not use it: the fit requires parameter values far",
                 "IMPLAUSIBLE: scatter = ",
             ],
         ),
-        ("diagnose", EXCHANGED, [], ["use: no: no calibration is written", "put right: axis_map: column x is y"]),
+        ("diagnose", EXCHANGED, [], ["use: no: no calibration is written", "corrected: axis_map: column x is y"]),
     ],
 )
 def test_what_must_not_go_unread_is_a_line_each(tumblecal, table1, tmp_path, name, slip, options, words):

@@ -119,7 +119,7 @@ def test_calibrate_looks_for_mistakes_before_it_fits(tumblecal, folder, tmp_path
     """What it depends on is refused in a line, with nothing written; what it does not is said."""
     outcome = tumblecal("calibrate", folder / f"{name}.csv", "--no-figures", "--out", tmp_path / "out")
     if name in ("time restarts", "temperature in kelvin"):
-        assert outcome.code == 0 and "put right: " in outcome.out and NAMED[name][1].split()[0] in outcome.out
+        assert outcome.code == 0 and "corrected: " in outcome.out and NAMED[name][1].split()[0] in outcome.out
         assert json.loads((tmp_path / "out" / "result.json").read_text())["set_up"][0]["id"] == NAMED[name][0]
         return
     words = REFUSED[name] if name in REFUSED else NAMED[name][1]

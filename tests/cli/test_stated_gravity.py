@@ -41,9 +41,12 @@ def test_without_a_gravity_it_is_said_loudly_and_with_one_the_scale_factors_are_
     data = in_ms2(suffix)
     silent = tumblecal("calibrate", data, "--no-figures", "--out", tmp_path / "silent")
     told = " ".join(silent.out.split())
-    assert silent.code == 0 and "WARNING: the readings are in m/s^2 and no gravity is stated: 9.80665 was taken" in told
+    assert (
+        silent.code == 0
+        and "WARNING: the readings are in m/s^2 and no gravity is stated; 9.80665 m/s^2 is assumed" in told
+    )
     # Normal gravity on the equator and at the poles: 9.7803 and 9.8322 m/s^2.
-    assert "moves every dK by up to 2.7e-3, " in told and "sd: give --gravity" in told
+    assert "changes every dK by up to 2.7e-3, " in told and "u. State it: --gravity" in told
     stated = tumblecal("calibrate", data, "--gravity", LOCAL, "--no-figures", "--out", tmp_path / "stated")
     assert stated.code == 0 and "WARNING" not in stated.out
     assert "one g is 9.8123 m/s^2 (stated on the command line)" in " ".join(stated.out.split())

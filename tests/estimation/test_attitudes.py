@@ -94,7 +94,7 @@ def test_both_commands_propose_directions(tumblecal, tmp_path, one_sided):
     outcome = tumblecal("diagnose", one_sided, "--noise-sd", "0.1mg", "--out", tmp_path / "out")
     assert outcome.code == 0
     said = " ".join(outcome.out.split())
-    assert "Measure next, to lower the standard deviation of the weakest direction" in said
+    assert "Measure next, to reduce the standard uncertainty of the most poorly determined direction" in said
     content = json.loads((tmp_path / "out" / "diagnosis.json").read_text())["next_plan"]
     directions = [position["direction"] for position in content["together"]]
     assert directions and all(words in said for words in directions)

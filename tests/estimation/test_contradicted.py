@@ -48,7 +48,7 @@ def test_a_prior_that_other_parameters_contradict_is_said():
     assert judged.tone == "bad" and "contradict each other" in judged.headline
     true = {f"bias_{axis}": (own + 0.5 * SD_BIAS, SD_BIAS) for axis, own in zip("xyz", bias.tolist(), strict=True)}
     (right,) = judgements(all_methods(problem_of(data, noise_sd=blind.SIGMA, priors=true)))
-    assert right.headline == "Usable: the residuals are what the stated noise makes."
+    assert right.headline == "Usable: the residuals are consistent with the stated noise."
 
 
 @pytest.mark.parametrize("noise_sd", [None, blind.SIGMA])

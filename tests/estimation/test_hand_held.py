@@ -136,12 +136,12 @@ def test_attitudes_in_one_plane_are_no_calibration(tmp_path):
     calibrated = all_methods(problem_of(read_positions(tmp_path / "flat.csv")))
     judged = judgements(calibrated)[0]
     assert judged.tone == "bad" and judged.headline.startswith(
-        "Use it only in part: these positions hardly determine dK_z (sd "
+        "Use it only in part: these positions determine dK_z poorly (uncertainty "
     )
     use = use_of(calibrated)
     assert use.answer == "only" and "dK_z" not in use.parameters and {"dK_x", "bias_x"} <= {*use.parameters}
     # Out of the plane, to either side of it.
-    assert judged.advice.startswith("measure also: ") and "+z" in judged.advice and "-z" in judged.advice
+    assert judged.advice.startswith("Measure further attitudes: ") and "+z" in judged.advice and "-z" in judged.advice
 
 
 def test_a_refusal_for_few_degrees_of_freedom_says_what_to_measure_next(tmp_path):

@@ -144,11 +144,14 @@ def test_what_the_settings_are_is_said(tumblecal, tmp_path):
     for command, name in (("calibrate", "result.json"), ("diagnose", "diagnosis.json")):
         done = tumblecal(command, tmp_path / "read.csv", "--no-figures", "--out", tmp_path / command)
         said = " ".join(done.out.split())
-        assert done.code == 0 and "beta_deg holds angles that were read" in said and "(0, 45, 90 deg;" in said
+        assert done.code == 0 and "beta_deg contains read angles" in said and "(0, 45, 90 deg;" in said
         assert (tmp_path / command / name).exists()
     result = json.loads((tmp_path / "calibrate" / "result.json").read_text())
     assert list(result["methods"]["harmonic"]["parameters"])[-1] == "dbeta_2"
-    assert "Pitch settings                beta_deg holds angles" in (tmp_path / "diagnose" / "verdict.txt").read_text()
+    assert (
+        "Pitch settings                beta_deg contains read angles"
+        in (tmp_path / "diagnose" / "verdict.txt").read_text()
+    )
 
 
 def test_a_setting_for_every_row_is_a_warning(tumblecal, tmp_path):
@@ -157,7 +160,7 @@ def test_a_setting_for_every_row_is_a_warning(tumblecal, tmp_path):
     data = of_instrument(np.zeros(12 + 24), alpha, beta, sd=1e-4, setting=np.arange(24))
     _file(tmp_path / "each.csv", alpha, beta, data)
     done = tumblecal("calibrate", tmp_path / "each.csv", "--no-figures", "-q", "--out", tmp_path / "out")
-    assert "pitch settings: beta_deg holds 24 in 24 rows" in "".join(done.lines) and "--fix dbeta" in "".join(
+    assert "pitch settings: beta_deg contains 24 in 24 rows" in "".join(done.lines) and "--fix dbeta" in "".join(
         done.lines
     )
     done = tumblecal(

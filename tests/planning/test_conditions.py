@@ -6,10 +6,10 @@ from scipy.stats import norm
 
 from tumblecal.data import PositionSet
 from tumblecal.diagnosis.findings.factors import Factor, Reason
-from tumblecal.planning.conditions import Conditions, candidates, going_on
+from tumblecal.planning.alternatives import Alternative
+from tumblecal.planning.conditions import Conditions, candidates, continued
 from tumblecal.planning.new_rows import Rows
 from tumblecal.planning.promise import Promise, positions_needed, promise_of
-from tumblecal.planning.rivals import Rival
 from tumblecal.planning.value import Separation
 from tumblecal.report.next_plan_files import conditions_words
 from tumblecal.report.next_plan_words import not_worth_words, settled_numbers
@@ -30,16 +30,16 @@ def measured(time=True, temperature=None):
 
 def test_new_positions_continue_the_time_and_the_temperature_of_the_last_ones_not_their_median():
     ramp = 24.0 + 0.2 * np.arange(12)
-    conditions = going_on(measured(temperature=ramp))
+    conditions = continued(measured(temperature=ramp))
     assert (conditions.time_s, conditions.after_s, conditions.step_s, conditions.run) == (3600.0, 300.0, 300.0, "1")
     assert conditions.temperature_degc == pytest.approx(26.4) and conditions.last_degc == pytest.approx(26.2)
-    without_time = going_on(measured(time=False, temperature=ramp))
+    without_time = continued(measured(time=False, temperature=ramp))
     assert without_time.temperature_degc == pytest.approx(26.2) and without_time.time_s is None
 
 
 def test_a_pause_and_another_temperature_are_tried_where_an_explanation_depends_on_them():
     data = measured(temperature=24.0 + 0.2 * np.arange(12))
-    assert list(candidates(data, in_time=False, with_temperature=False)) == [going_on(data)]
+    assert list(candidates(data, in_time=False, with_temperature=False)) == [continued(data)]
     tried = [
         (own.after_s, round(own.temperature_degc, 1)) for own in candidates(data, in_time=True, with_temperature=True)
     ]
@@ -57,7 +57,7 @@ def separation(apart, *, sd=0.0, odds=1.0, positions=1):
     new[:, 0, 1] = apart
     cells = [np.array([k]) for k in range(positions)]
     rows = Rows(old, np.zeros(2), new, cells, np.zeros(0), np.zeros((positions, 3)), np.ones(3))
-    return Separation(1, Rival(("a",), (1,), 1.0, rows), np.array([1.0]), [Rival(("b",), (), odds, rows)])
+    return Separation(1, Alternative(("a",), (1,), 1.0, rows), np.array([1.0]), [Alternative(("b",), (), odds, rows)])
 
 
 @pytest.mark.parametrize("apart", [4.0, 6.0])

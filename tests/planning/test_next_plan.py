@@ -264,7 +264,7 @@ def test_the_proposed_positions_separate_the_explanations(planner):
         plan = next_plan(diagnosis, allowed)
         if diagnosis.best.labels != ("second_order.z",) or plan.purpose != SEPARATE:
             continue
-        # One function at 1 g is no rival: no position would separate it.
+        # One function at 1 g is no alternative: no position would separate it.
         assert not any("cross_axis_square.z" in note for note in plan.notes)
         more = extended(setup, cells_of(plan.together), rng)
         noisy = blind.readings(more, more.nominal, effects)[24:] + SIGMA * rng.normal(size=(plan.positions, 3))

@@ -37,17 +37,19 @@ def words_of(page):
 
 def test_what_the_residuals_say_decides_the_headline(table1, calibrated):
     (judged,) = judgements(calibrated)
-    assert (judged.tone, judged.headline) == ("good", "Usable: the residuals are what the stated noise makes.")
+    assert (judged.tone, judged.headline) == ("good", "Usable: the residuals are consistent with the stated noise.")
     too_small = all_methods(problem_of(table1, noise_sd=SIGMA_G / 5))
     assert use_of(too_small).refused and use_of(too_small).size_g == pytest.approx(SIGMA_G, rel=0.2)
     (too_small,) = judgements(too_small)
-    assert too_small.tone == "bad" and too_small.headline.startswith("Not yet: the residuals (chi2/dof) are 31.6 times")
-    assert too_small.advice.startswith("run: tumblecal diagnose ")
+    assert too_small.tone == "bad" and too_small.headline.startswith(
+        "Do not use it: chi2/dof of the residuals is 31.6 for"
+    )
+    assert too_small.advice.startswith("Run: tumblecal diagnose ")
     (unknown,) = judgements(all_methods(problem_of(table1)))
-    assert unknown.tone == "good" and "no stated noise judges" in unknown.headline
+    assert unknown.tone == "good" and "no noise level was stated" in unknown.headline
     far = replace(table1, readings=table1.readings + np.array([0.8, 0.0, 0.0]))
     assert judgements(all_methods(problem_of(far, noise_sd=SIGMA_G)))[0].headline.startswith(
-        "Do not use it: it needs parameters"
+        "Do not use it: the fit requires parameter values"
     )
     # Residuals of less than three times the noise: usable to a size.
     doubled = all_methods(problem_of(table1, noise_sd=SIGMA_G / 2))
@@ -65,13 +67,13 @@ def test_no_degree_of_freedom_judges_nothing_and_says_why(tumblecal, tmp_path, t
     assert "state the noise (--noise-sd)" in refused.lines[0] and not (tmp_path / "out").exists()
     fit = exact.fit(problem_of(data))
     assert (
-        noise_words(fit).startswith(f"noise: not known; nothing can be judged: {why}")
+        noise_words(fit).startswith(f"noise: not known; goodness of fit cannot be tested: {why}")
         and "nan" not in repr(fit).split()
     )
     stated = all_methods(problem_of(data, noise_sd=SIGMA_G))
     (judged,) = judgements(stated)
     assert judged.tone == "open" and judged.headline.startswith(f"Not tested: {why}")
-    assert noise_words(stated.exact).startswith(f"noise: stated; nothing can be judged: {why}")
+    assert noise_words(stated.exact).startswith(f"noise: stated; goodness of fit cannot be tested: {why}")
 
 
 def test_sd_columns_are_a_lower_bound(tumblecal, tmp_path, table1):
@@ -101,7 +103,9 @@ def test_a_method_that_is_far_off_is_said_to_be(table1, calibrated):
     values[iterated.names.index("gamma_21")] = exact.values[k] + 40 * exact.sd[k]
     fits["iterated"] = replace(iterated, values=values)
     (said,) = (words for words in methods_words(replace(calibrated, fits=fits)) if words.startswith("iterated"))
-    assert said.startswith("iterated Kalman: 40 sd from the exact fit (gamma_21): do not take it for these data")
+    assert said.startswith(
+        "iterated Kalman: differs by 40 u from the exact fit (gamma_21): do not use it for these data"
+    )
 
 
 def test_what_the_linear_equations_lack_is_why_they_are_far_off(table1):
@@ -113,13 +117,11 @@ def test_what_the_linear_equations_lack_is_why_they_are_far_off(table1):
         made = all_methods(problem_of(table1, default_chain(table1) + link, **known))
         told = dict(words.split(": ", 1) for words in methods_words(made))
         for title in ("harmonic", "Kalman"):
-            assert "do not take it for these data" in told[title]
-            assert told[title].endswith(
-                "the linear equations have no place for base_levelling, which the exact fit takes"
-            )
+            assert "do not use it for these data" in told[title]
+            assert told[title].endswith("its linear equations do not include base_levelling")
     made = all_methods(problem_of(table1, noise_sd=SIGMA_G, priors={"dtheta_x": (0.05, 1e-6)}))
-    said = [words for words in methods_words(made) if "do not take it" in words]
-    assert said and all(words.endswith("the stated priors are in the exact fit alone") for words in said)
+    said = [words for words in methods_words(made) if "do not use it" in words]
+    assert said and all(words.endswith("only the exact fit uses the stated priors") for words in said)
 
 
 def test_the_page_holds_the_numbers_and_the_way_to_apply_them(tumblecal, tmp_path, table1, table1_file, calibrated):
@@ -128,7 +130,7 @@ def test_the_page_holds_the_numbers_and_the_way_to_apply_them(tumblecal, tmp_pat
     assert outcome.code == 0 and "calibration.html" in outcome.out
     words = words_of(out / "calibration.html")
     assert words.index(
-        "USABLE The residuals are what the stated noise makes USE calibration.json: yes.".replace("USE", "Use")
+        "USABLE The residuals are consistent with the stated noise USE calibration.json: yes.".replace("USE", "Use")
     ) < words.index("Parameters")
     exact, half = calibrated.exact, 1.959964 * calibrated.exact.sd
     for name in ("dK_x", "bias_y"):
@@ -169,7 +171,7 @@ def test_a_browser_shows_all_of_it_on_a_narrow_screen(chromium, tumblecal, tmp_p
 def test_the_band_of_the_residuals_is_the_stated_noise_and_the_methods_fill_their_figure(table1):
     calibrated = calibrate(table1, noise_sd=0.1e-3)
     figure = residuals_figure(calibrated.exact)
-    assert "2 sd of the stated noise, 0.2 mg" in figure.get_supxlabel()
+    assert "2 standard deviations of the stated noise, 0.2 mg" in figure.get_supxlabel()
     panel = figure.axes[0]
     (band,) = panel.patches
     assert band.get_y() == pytest.approx(-0.2) and band.get_height() == pytest.approx(0.4)

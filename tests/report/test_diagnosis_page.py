@@ -178,7 +178,7 @@ def test_limits_are_all_there_in_the_order_of_the_catalogue(page, diagnosis):
         for size in diagnosis.limits[id].coefficients.values()
     ]
     for row, size in zip(told, listed, strict=True):
-        assert row[2] == "not visible" if size is None else float(row[2]) == pytest.approx(size, rel=6e-3)
+        assert row[2] == "undetectable" if size is None else float(row[2]) == pytest.approx(size, rel=6e-3)
     for id, absorbed in diagnosis.invisible.items():
         row = next(row for row in cells if len(row) == 4 and row[0] == id)
         assert row[3].startswith(absorbed.absorbed_by[0])

@@ -10,15 +10,25 @@ _DECIMALS = 4
 
 
 def p_words(p_value: float) -> str:
-    """`p = 0.03`, or the bound `p < 1e-100`; never `p = 0`."""
-    return f"p = {p_value:.2g}" if p_value > _SMALLEST_P else f"p < {_SMALLEST_P:g}"
+    """`p = 0.034`, `p = 3e-13`, or the bound `p < 1e-100`; never `p = 0`."""
+    return f"p = {_p_digits(p_value)}" if p_value > _SMALLEST_P else f"p < {_SMALLEST_P:g}"
 
 
 def p_cell(p_value: float | None) -> str:
     """A p-value in a table; nothing for one that does not exist."""
     if p_value is None or not math.isfinite(p_value):
         return ""
-    return f"{p_value:.3g}" if p_value > _SMALLEST_P else f"<{_SMALLEST_P:g}"
+    return _p_digits(p_value) if p_value > _SMALLEST_P else f"<{_SMALLEST_P:g}"
+
+
+def _p_digits(p_value: float) -> str:
+    """Two significant digits, below 0.01 one."""
+    return f"{p_value:.2g}" if p_value >= 0.01 else f"{p_value:.1g}"
+
+
+def capped(value: float, form: str, most: float = 1000.0) -> str:
+    """A number in this format, or the bound `> 1000` or `< -1000` if it is larger than that."""
+    return format(value, form) if abs(value) <= most else f"{'>' if value > 0 else '< -'}{' ' * (value > 0)}{most:g}"
 
 
 def decimals(u: float) -> int:
@@ -42,3 +52,9 @@ def rounded(value: float, *uncertainties: float) -> list[str]:
 def rounded_together(value: float, u: float) -> str:
     """`0.201 +- 0.013`: rounded as by `rounded`."""
     return " +- ".join(rounded(value, u))
+
+
+def changed(before: float, after: float, u: float | None = None) -> str:
+    """`0.141 -> 0.103` with equal decimals: those of the uncertainty of the change, or three digits of the smaller number."""
+    places = decimals(min(abs(before), abs(after))) + 1 if u is None else decimals(u)
+    return f"{with_decimals(before, places)} -> {with_decimals(after, places)}"

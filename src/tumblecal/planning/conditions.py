@@ -1,7 +1,7 @@
-"""When and at which temperature new positions are measured: the conditions under which a proposal is evaluated.
+"""Time and temperature of new positions: the conditions under which a proposal is evaluated.
 
-A drift is told from a dependence on temperature by the conditions of new readings more than by their angles, so that every
-promise is one for stated conditions.
+The conditions of new readings separate a drift from a dependence on temperature more than their angles do. Every promise is
+therefore made for stated conditions.
 """
 
 from collections.abc import Iterator
@@ -12,19 +12,19 @@ import numpy as np
 from tumblecal.data import PositionSet
 
 
-# The temperature's trend is that of this share of the positions, the last ones.
+# The trend of the temperature is that of the last positions, by this share of all.
 _TREND_SHARE = 0.25
-# A range of temperatures below this (degC) is taken for none: a unit is then warmed up by so much more instead.
+# A smaller range of temperatures (degC) counts as none; the unit is then warmed by the second number.
 _LEAST_RANGE_DEGC, _WARMER_DEGC = 1.0, 5.0
-# Pauses before the new positions, as shares of the time that the measurement took.
+# Pauses before the new positions, as shares of the duration of the measurement.
 _PAUSES = (0.5, 1.0)
 
 
 class Conditions(NamedTuple):
     """Conditions of the new positions.
 
-    - `after_s`: pause from the last position to the first new one; `time_s`: its time by the data's clock; `step_s`: from one
-      new position to the next. None, None and 0 without times.
+    - `after_s`: pause from the last position to the first new one; `time_s`: its time by the clock of the data; `step_s`: from
+      one new position to the next. None, None and 0 without times.
     - `temperature_degc`: of the new positions; None without temperatures. `last_degc`: of the last position.
     - `run`: label of the run that they belong to.
     """
@@ -44,7 +44,7 @@ class Conditions(NamedTuple):
         return abs(self.temperature_degc - self.last_degc) >= _LEAST_RANGE_DEGC
 
     def record(self) -> dict:
-        """For JSON: what the new positions suppose."""
+        """For JSON: the conditions of the new positions."""
         return {
             "after_s": self.after_s,
             "time_s": self.time_s,
@@ -60,7 +60,7 @@ class Conditions(NamedTuple):
         return self.after_s is not None and self.after_s > self.step_s
 
 
-def going_on(data: PositionSet) -> Conditions:
+def continued(data: PositionSet) -> Conditions:
     """The conditions of positions that are measured directly after the data: the temperature follows its last trend."""
     run = (data.run or ("1",))[-1]
     temperature = None if data.temperature_degc is None else np.asarray(data.temperature_degc, float)
@@ -68,44 +68,44 @@ def going_on(data: PositionSet) -> Conditions:
         last = None if temperature is None else float(temperature[-1])
         return Conditions(None, None, 0.0, last, last, run)
     time, clock = np.asarray(data.time_s, float), np.asarray(data.clock or ("1",) * len(data))
-    own = np.flatnonzero(clock == clock[-1])
-    own = own[np.argsort(time[own], kind="stable")]
-    step = float(np.median(np.diff(time[own]))) if len(own) > 1 else 0.0
+    rows = np.flatnonzero(clock == clock[-1])
+    rows = rows[np.argsort(time[rows], kind="stable")]
+    step = float(np.median(np.diff(time[rows]))) if len(rows) > 1 else 0.0
     if temperature is None:
-        return Conditions(step, float(time[own[-1]]) + step, step, None, None, run)
-    last = float(temperature[own[-1]])
-    late = own[-max(3, round(_TREND_SHARE * len(own))) :]
+        return Conditions(step, float(time[rows[-1]]) + step, step, None, None, run)
+    last = float(temperature[rows[-1]])
+    late = rows[-max(3, round(_TREND_SHARE * len(rows))) :]
     centred = time[late] - time[late].mean()
     slope = float(centred @ temperature[late] / (centred @ centred)) if np.any(centred) else 0.0
-    return Conditions(step, float(time[own[-1]]) + step, step, last + slope * step, last, run)
+    return Conditions(step, float(time[rows[-1]]) + step, step, last + slope * step, last, run)
 
 
 def candidates(data: PositionSet, *, in_time: bool, with_temperature: bool) -> Iterator[Conditions]:
-    """Conditions that new positions may be measured under, those that take least effort first.
+    """Conditions under which new positions may be measured, least effort first.
 
     **Arguments:**
 
     - `in_time`, `with_temperature`: whether an explanation depends on the time, and on the temperature.
     """
-    first = going_on(data)
+    first = continued(data)
     yield first
     pauses = [first.after_s]
     if first.time_s is not None and first.after_s is not None and data.time_s is not None and in_time:
         pauses = [share * float(np.ptp(data.time_s)) for share in _PAUSES]
     far = _far_temperature(data, first) if with_temperature else None
     for pause in pauses:
-        own = first
+        later = first
         if pause is not None and first.time_s is not None and first.after_s is not None:
-            own = first._replace(after_s=pause, time_s=first.time_s - first.after_s + pause)
-        own = own._replace(temperature_degc=first.last_degc)
+            later = first._replace(after_s=pause, time_s=first.time_s - first.after_s + pause)
+        later = later._replace(temperature_degc=first.last_degc)
         if pause != first.after_s:
-            yield own
+            yield later
         if far is not None:
-            yield own._replace(temperature_degc=far)
+            yield later._replace(temperature_degc=far)
 
 
 def _far_temperature(data: PositionSet, first: Conditions) -> float | None:
-    """The end of the data's temperatures that is farther from the last one; without a range a warmer one."""
+    """The end of the measured temperatures that is farther from the last one; without a range a warmer temperature."""
     if data.temperature_degc is None or first.last_degc is None:
         return None
     ends = [float(np.min(data.temperature_degc)), float(np.max(data.temperature_degc))]

@@ -1,4 +1,4 @@
-"""A measurement that tests what was named: where the cause and its strongest rival predict different readings."""
+"""A measurement that tests the named cause: where it and the strongest alternative predict different readings."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,15 +7,15 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.ground.axes import AXES
+from tumblecal.planning.alternatives import Alternative
 from tumblecal.planning.new_rows import Rows
 from tumblecal.planning.proposals import Proposal
-from tumblecal.planning.rivals import Rival
-from tumblecal.planning.value import Known
+from tumblecal.planning.value import LinearPosterior
 
 
-# At most so many readings, so far apart (deg) at one pitch setting, and each of at least this many sd.
+# Largest number of readings, smallest distance (deg) at one pitch setting, and smallest separation in standard deviations.
 MOST = 3
-_APART_DEG = 30.0
+_DISTANCE_DEG = 30.0
 LEAST_SD = 1.0
 
 
@@ -24,10 +24,10 @@ class Confirmation:
     """One reading that tests the named cause.
 
     - `alpha_deg`, `beta_deg`, `axis`: where, in the present mounting, and which reading.
-    - `expected_g`: reading if the cause is right; `rival_g`: if it is the rival instead (refitted to the data).
-    - `sd_g`: of the measured reading less the rival's prediction, noise and the fit's own uncertainty together;
-      `expected_sd_g`: less the cause's own, whose size the data know only so well (a drift is counted on in time).
-    - `rival`: labels of the rival's causes; empty: nothing beyond the nominal model.
+    - `expected_g`: reading predicted by the named cause; `rival_g`: by the alternative (refitted to the data).
+    - `sd_g`, `expected_sd_g`: standard deviation of the measured reading minus the prediction of the alternative, and minus
+      that of the named cause; both include the noise and the uncertainty of the fit.
+    - `rival`: labels of the causes of the alternative; empty: the nominal model.
     """
 
     alpha_deg: float
@@ -41,7 +41,7 @@ class Confirmation:
 
     @property
     def sd_apart(self) -> float:
-        """How far the two predictions are apart, in sd."""
+        """Separation of the two predictions in `sd_g`."""
         return abs(self.expected_g - self.rival_g) / self.sd_g
 
 
@@ -50,50 +50,52 @@ def confirmations(
     listed: Sequence[Proposal],
     nominal: int,
     leader: tuple[Sequence[int], np.ndarray],
-    rival: Rival,
+    alternative: Alternative,
 ) -> tuple[Confirmation, ...]:
-    """The readings that best tell a cause from its rival, the clearest first.
+    """The readings that best separate a cause from its alternative, the largest separation first.
 
-    A reading tells as far as the rival, refitted to the data, cannot predict what the cause does there.
+    The alternative is refitted to the data, so only the part of the signal counts that it cannot predict.
 
     **Arguments:**
 
-    - `rows`: of the data and of all proposals `listed`. Only single positions in the present mounting at the data's own
-      settings are taken: what is fitted predicts them.
-    - `nominal`: number of nominal columns. `leader`: columns of the named causes, and what is said of them (scaled).
-    - `rival`: its strongest rival.
+    - `rows`: of the data and of all proposals `listed`. Only single positions in the present mounting at measured pitch
+      settings are used, as the fit predicts these.
+    - `nominal`: number of nominal columns. `leader`: columns of the named causes, and their coefficients (scaled).
+    - `alternative`: the strongest one.
     """
     columns, amplitudes = list(leader[0]), leader[1]
-    known = Known(rival.rows, [*range(nominal), *rival.columns], rows.old[:, columns] @ amplitudes)
+    known = LinearPosterior(
+        alternative.rows, [*range(nominal), *alternative.columns], rows.old[:, columns] @ amplitudes
+    )
     covariance = known.covariance()
-    made = known.new @ (covariance @ known.towards)
-    apart = (rows.new[:, :, columns] @ amplitudes - made) / rows.weight
+    imitated = known.new @ (covariance @ known.towards)
+    separation = (rows.new[:, :, columns] @ amplitudes - imitated) / rows.weight
     sd = _sd(known) / rows.weight
-    expected_sd = _sd(Known(rows, [*range(nominal), *columns])) / rows.weight
-    own = len(rows.own_prior)
-    settled = ~np.any(rows.new[:, :, rows.new.shape[2] - own :], axis=(1, 2))
-    chosen: list[Confirmation] = []
+    expected_sd = _sd(LinearPosterior(rows, [*range(nominal), *columns])) / rows.weight
+    of_new_groups = rows.new[:, :, rows.new.shape[2] - len(rows.group_prior) :]
+    settled = ~np.any(of_new_groups, axis=(1, 2))
+    candidates: list[Confirmation] = []
     for proposal, cells in zip(listed, rows.cells, strict=True):
         if proposal.side or not settled[cells[0]]:
             continue
-        cell, axis = int(cells[0]), int(np.argmax(np.abs(apart[cells[0]]) / sd[cells[0]]))
-        expected, difference = float(rows.predicted[cell, axis]), float(apart[cell, axis])
+        cell, axis = int(cells[0]), int(np.argmax(np.abs(separation[cells[0]]) / sd[cells[0]]))
+        expected, difference = float(rows.predicted[cell, axis]), float(separation[cell, axis])
         at = proposal.alpha_deg[0], proposal.beta_deg, AXES[axis]
         each = float(sd[cell, axis]), float(expected_sd[cell, axis])
-        chosen.append(Confirmation(*at, expected, expected - difference, *each, rival.labels))
-    chosen.sort(key=lambda reading: -reading.sd_apart)
-    kept: list[Confirmation] = []
-    for reading in chosen:
+        candidates.append(Confirmation(*at, expected, expected - difference, *each, alternative.labels))
+    candidates.sort(key=lambda reading: -reading.sd_apart)
+    chosen: list[Confirmation] = []
+    for reading in candidates:
         near = any(
             other.beta_deg == reading.beta_deg
-            and abs((other.alpha_deg - reading.alpha_deg + 180.0) % 360.0 - 180.0) < _APART_DEG
-            for other in kept
+            and abs((other.alpha_deg - reading.alpha_deg + 180.0) % 360.0 - 180.0) < _DISTANCE_DEG
+            for other in chosen
         )
-        if len(kept) < MOST and reading.sd_apart > LEAST_SD and not near:
-            kept.append(reading)
-    return tuple(kept)
+        if len(chosen) < MOST and reading.sd_apart > LEAST_SD and not near:
+            chosen.append(reading)
+    return tuple(chosen)
 
 
-def _sd(known: Known) -> Float[np.ndarray, "cells 3"]:
-    """Of each new reading less what is known of it, in units of the noise."""
+def _sd(known: LinearPosterior) -> Float[np.ndarray, "cells 3"]:
+    """Standard deviation of each new reading minus its prediction, in units of the noise."""
     return np.sqrt(1.0 + np.einsum("cai,ij,caj->ca", known.new, known.covariance(), known.new))

@@ -1,8 +1,7 @@
 """Weighted Jacobian rows of positions that are not measured yet, from the model that is compiled for the data.
 
-New positions are evaluated in blocks of the data's own shape, so nothing is compiled. A parameter indexed by a column
-of the data (dbeta of a pitch setting) that a new position would have of its own gets columns of its own: the derivative
-is that of the setting it is evaluated with.
+New positions are evaluated in blocks of the shape of the data, so nothing is compiled. A parameter of a new group (dbeta of a
+new pitch setting) has additional columns: its derivative is that of the group it is evaluated with.
 """
 
 from collections.abc import Sequence
@@ -20,13 +19,13 @@ from tumblecal.estimation.chain_programs import Evaluation
 from tumblecal.estimation.problem import Problem
 from tumblecal.estimation.quarter_turns import turn_of
 from tumblecal.ground.frames import rotation_angles, rotation_matrix
-from tumblecal.planning.conditions import Conditions, going_on
+from tumblecal.planning.conditions import Conditions, continued
 from tumblecal.planning.proposals import SIDES, Proposal
 
 
 # Pitch angles closer than this (rad) are one setting.
 _SAME_ANGLE = 1e-6
-# A parameter of new positions alone is determined by them if they show more than this share of the best shown.
+# New positions determine a parameter of a new group if its singular value exceeds this share of the largest.
 _SEEN = 0.02
 
 
@@ -35,39 +34,40 @@ class Rows:
     """Rows in units of the noise; columns: the model's full vector (scaled), then parameters that only new groups have.
 
     `old`: rows of the data, priors' rows last; `residual`: measured minus the extended model. `new` (cells, 3, columns): of
-    each new position; `cells` gives those of each proposal. `own_prior`: information on each of the new groups' parameters
-    from a prior on their leaf. `predicted` (cells, 3): readings by the extended model, g; `weight` (3): units of the noise a g.
+    each new position; `cells` gives those of each proposal. `group_prior`: information on each parameter of the new
+    groups from a prior on their leaf. `predicted` (cells, 3): readings by the extended model, g; `weight` (3): units of the
+    noise per g.
     """
 
     old: Float[np.ndarray, "rows columns"]
     residual: Float[np.ndarray, " rows"]
     new: Float[np.ndarray, "cells 3 columns"]
     cells: list[np.ndarray]
-    own_prior: Float[np.ndarray, " own"]
+    group_prior: Float[np.ndarray, " own"]
     predicted: Float[np.ndarray, "cells 3"]
     weight: Float[np.ndarray, " 3"]
 
-    def determine_their_own(self, cells: np.ndarray) -> bool:
-        """Whether these new positions determine every parameter that only new groups have and that they depend on: with the
-        spindle upright (beta 90), those of one mounting do not tell its angles."""
-        own = self.new[cells][:, :, self.new.shape[2] - len(self.own_prior) :].reshape(-1, len(self.own_prior))
-        own = own[:, np.any(own != 0, axis=0) & (self.own_prior == 0)]
-        return own.shape[1] == 0 or np.linalg.matrix_rank(own, tol=_SEEN * np.max(np.abs(own))) == own.shape[1]
+    def determine_group_parameters(self, cells: np.ndarray) -> bool:
+        """Whether these new positions determine every parameter of new groups that they depend on. With the spindle upright
+        (beta 90) the positions of one mounting do not determine its angles."""
+        rows = self.new[cells][:, :, self.new.shape[2] - len(self.group_prior) :].reshape(-1, len(self.group_prior))
+        rows = rows[:, np.any(rows != 0, axis=0) & (self.group_prior == 0)]
+        return rows.shape[1] == 0 or np.linalg.matrix_rank(rows, tol=_SEEN * np.max(np.abs(rows))) == rows.shape[1]
 
-    def beside(
+    def with_terms(
         self, left_out: Sequence[int], old: Float[np.ndarray, "rows terms"], new: Float[np.ndarray, "cells 3 terms"]
     ) -> "Rows":
-        """Without the old positions `left_out`, and with terms of free coefficients: their rows of the data and of new ones."""
-        kept = self.old.copy()
-        kept[[3 * position + axis for position in left_out for axis in range(3)]] = 0.0
-        own_prior = np.append(self.own_prior, np.zeros(old.shape[1]))
+        """Rows without the old positions `left_out`, and with further terms of free coefficients by their old and new rows."""
+        used = self.old.copy()
+        used[[3 * position + axis for position in left_out for axis in range(3)]] = 0.0
+        group_prior = np.append(self.group_prior, np.zeros(old.shape[1]))
         return replace(
-            self, old=np.hstack([kept, old]), new=np.concatenate([self.new, new], axis=2), own_prior=own_prior
+            self, old=np.hstack([used, old]), new=np.concatenate([self.new, new], axis=2), group_prior=group_prior
         )
 
 
 def remountings(diagnosis: Diagnosis) -> tuple[tuple[str, ...], str]:
-    """The ways of turning the triad in its fixture that the chain can describe, and in words why there are none."""
+    """Remountings of the triad that the chain can describe, and if there are none the reason in words."""
     mounts = [link for link in diagnosis.model.nominal_chain.links if isinstance(link, Mount)]
     if len(mounts) != 1 or not mounts[0].dtheta.free:
         return (), "No remounting is proposed: the chain has no free, exact mount."
@@ -88,10 +88,10 @@ def rows_of(
 
     - `diagnosis`: of the present data.
     - `listed`: the proposals. New positions belong to the last run and mounting, or to a new mounting.
-    - `conditions`: under which they are measured; directly after the data where left out.
+    - `conditions`: under which they are measured; by default directly after the data.
     - `in_order`: whether they are measured one after another as listed; otherwise each is the first.
     """
-    conditions = conditions or going_on(diagnosis.data)
+    conditions = conditions or continued(diagnosis.data)
     problem, model, vector = diagnosis.problem, diagnosis.model, diagnosis.extended.vector
     for cause in diagnosis.members:
         problem = cause.undone(problem)
@@ -111,11 +111,11 @@ def rows_of(
         for block in np.array_split(chosen, -(-len(chosen) // room)):
             rows, evaluation = new.evaluated(block, turned)
             jacobian[block], predicted[block] = evaluation.jacobian[rows], evaluation.predicted[rows]
-    own, prior = new.own_columns(jacobian)
-    # A reading of each axis is taken to be as good as half of those measured.
+    of_groups, prior = new.group_columns(jacobian)
+    # The noise of a new reading is the median of the measured ones of its axis.
     weight = np.median(1.0 / problem.sd, axis=0) / diagnosis.level
-    weighted = np.concatenate([jacobian, own], axis=2) * weight[:, None]
-    old = np.hstack([old, np.zeros((len(old), own.shape[2]))])
+    weighted = np.concatenate([jacobian, of_groups], axis=2) * weight[:, None]
+    old = np.hstack([old, np.zeros((len(old), of_groups.shape[2]))])
     return Rows(old, residual, weighted, cells, prior / diagnosis.level**2, predicted, weight)
 
 
@@ -137,7 +137,7 @@ class _Columns:
 
 
 class _NewPositions:
-    """New positions beside those of a problem: which groups they belong to, and their rows."""
+    """New positions of a problem: the groups that they belong to, and their rows."""
 
     def __init__(
         self,
@@ -176,9 +176,9 @@ class _NewPositions:
             }
             for k, spot in enumerate(spots)
         ]
-        # A new position is evaluated as if it were this one of the last run and mounting, at the nearest pitch setting.
+        # A new position is evaluated in place of this one of the last run and mounting, at the nearest pitch setting.
         self.like = np.array([min(last, key=lambda row: abs(beta[row] - key["pitch"])) for key in self.keys])
-        # Which group of every index column each new position belongs to; -1 where it would be one of its own.
+        # Group of each new position in every index column; -1: a new group.
         self.index: dict[str, np.ndarray] = {}
         for by, group in where.groups.items():
             here = {"pitch": beta.tolist(), "mount": mount, "run": run, "clock": clock, "position": range(count)}
@@ -189,7 +189,8 @@ class _NewPositions:
             self.index[by] = np.array([known.get(tuple(key[part] for part in parts), -1) for key in self.keys])
 
     def evaluated(self, block: np.ndarray, vector: Float[np.ndarray, " full"]) -> tuple[np.ndarray, Evaluation]:
-        """Some new positions evaluated in rows of the data, and which; the first by each clock stays: drifts count from it."""
+        """New positions evaluated in rows of the data, and these rows. The first row of each clock stays, as drifts count from
+        it."""
         where = self.problem.where
         count = len(where.alpha)
         time = np.zeros(count) if where.time_s is None else np.asarray(where.time_s, float)
@@ -220,9 +221,9 @@ class _NewPositions:
         return rows, self.model.evaluate(here, vector)
 
     def turned(self, vector: Float[np.ndarray, " full"], side: str) -> Float[np.ndarray, " full"]:
-        """The full vector with the triad turned in its fixture: every mounting's dtheta holds the turn.
+        """The full vector with the triad turned in its fixture: dtheta of every mounting is the turn.
 
-        New positions are evaluated as of the last mounting; where that is turned itself, dtheta holds the turn from there.
+        New positions are evaluated in the last mounting. If that is turned itself, dtheta is the turn from there.
         """
         if not side:
             return vector
@@ -234,54 +235,54 @@ class _NewPositions:
             wanted = wanted @ np.asarray(orientations)[last].T
         exact = turn_of(wanted)
         angles = rotation_angles(wanted) if exact is None else np.radians(exact)
-        for own in self.leaves:
-            if own.leaf.name == "dtheta":
-                turned[own.columns] = angles
+        for columns in self.leaves:
+            if columns.leaf.name == "dtheta":
+                turned[columns.columns] = angles
         return turned
 
-    def own_columns(self, jacobian: Float[np.ndarray, "cells 3 full"]) -> tuple[np.ndarray, np.ndarray]:
-        """Columns of parameters that only new positions have, taken out of the columns they were evaluated with.
+    def group_columns(self, jacobian: Float[np.ndarray, "cells 3 full"]) -> tuple[np.ndarray, np.ndarray]:
+        """Columns of the parameters of new groups, removed from the columns that they were evaluated with.
 
-        **Returns:** (cells, 3, own) and the information that a prior on the whole leaf gives on each.
+        **Returns:** (cells, 3, columns) and the information that a prior on the whole leaf gives on each.
         """
-        own: list[np.ndarray] = []
+        added: list[np.ndarray] = []
         prior: list[float] = []
         for columns in self.leaves:
-            leaf, first = columns.leaf, len(own)
+            leaf, first = columns.leaf, len(added)
             numbers: dict[tuple, int] = {}
             for k, spot in enumerate(self.spots):
-                # By custom the head is set anew for a new mounting; a rig says by itself what its dbeta are indexed by.
-                anew = bool(spot.side) and (leaf.name == "dtheta" or (leaf.name == "dbeta" and not self.from_rig))
+                # The pitch settings of a new mounting are new by default; a rig file states the index of dbeta.
+                new_group = bool(spot.side) and (leaf.name == "dtheta" or (leaf.name == "dbeta" and not self.from_rig))
                 known = 0 if leaf.by is None else self.index[leaf.by][k]
-                if known >= 0 and not anew:
+                if known >= 0 and not new_group:
                     continue
-                parts = [*(leaf.by or "run").split("."), *(["mount"] if anew else [])]
+                parts = [*(leaf.by or "run").split("."), *(["mount"] if new_group else [])]
                 key = tuple(self.keys[k][part] for part in parts)
                 if key not in numbers:
                     numbers[key] = first + leaf.value.shape[1] * len(numbers)
-                    own += [np.zeros((len(self.spots), 3)) for _ in range(leaf.value.shape[1])]
+                    added += [np.zeros((len(self.spots), 3)) for _ in range(leaf.value.shape[1])]
                     prior += self._prior(columns)
-                taken = columns.columns.ravel()
-                values = jacobian[k][:, taken].reshape(3, *leaf.value.shape).sum(axis=1)
+                replaced = columns.columns.ravel()
+                values = jacobian[k][:, replaced].reshape(3, *leaf.value.shape).sum(axis=1)
                 if leaf.name == "dtheta" and spot.side:
                     values = _mounting(jacobian[k][:, self.model.probe], float(np.radians(spot.alpha_deg)))
                 for component in range(leaf.value.shape[1]):
-                    own[numbers[key] + component][k] = values[:, component]
-                jacobian[k][:, taken] = 0.0
-        if not own:
+                    added[numbers[key] + component][k] = values[:, component]
+                jacobian[k][:, replaced] = 0.0
+        if not added:
             return np.zeros((len(self.spots), 3, 0)), np.zeros(0)
-        return np.stack(own, axis=2), np.array(prior)
+        return np.stack(added, axis=2), np.array(prior)
 
-    def _prior(self, own: _Columns) -> list[float]:
-        """Information on a new group's parameters: that of the prior where all groups have the same."""
+    def _prior(self, columns: _Columns) -> list[float]:
+        """Information on the parameters of a new group: that of the prior if it is the same for all groups."""
         root = self.problem.prior_root * self.model.scales[: self.model.nominal]
-        given = np.sum(root**2, axis=0)[own.columns]
+        given = np.sum(root**2, axis=0)[columns.columns]
         return [float(part[0]) if np.all(part == part[0]) else 0.0 for part in given.T]
 
 
 def _mounting(probe: np.ndarray, alpha: float) -> np.ndarray:
     """Response to small rotations of the mounting, from that to rotations of the head before the spindle.
 
-    The angles of the mounting themselves do not do: at 90 degrees about y two of them turn about the same axis.
+    The angles of the mounting are singular: at 90 degrees about y two of them turn about the same axis.
     """
     return probe @ rotation_matrix(np.array([alpha, 0.0, 0.0])).T

@@ -1,7 +1,7 @@
-"""Where to measure next: positions that separate the leading explanations, or else help the worst parameter.
+"""Where to measure next: positions that separate the leading explanations, otherwise those that improve the worst parameter.
 
-Candidates are single positions of a grid in the present mounting, and turns of the spindle with the triad remounted
-(turned by a quarter in its fixture), which brings its own mounting angles as new unknowns.
+Candidates are single positions of a grid in the present mounting, and turns of the spindle with the triad remounted (a quarter
+turn in its fixture). A new mounting has new unknown angles.
 """
 
 from dataclasses import dataclass, replace
@@ -13,13 +13,13 @@ from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.estimation.attitudes import next_attitudes
 from tumblecal.ground.blas import single_blas_thread
+from tumblecal.planning.alternatives import Alternative, columns_of
 from tumblecal.planning.choosing import MOST_IN_SET, Choosing
-from tumblecal.planning.conditions import Conditions, going_on
+from tumblecal.planning.conditions import Conditions, continued
 from tumblecal.planning.confirming import Confirmation, confirmations
 from tumblecal.planning.new_rows import remountings
 from tumblecal.planning.promise import Promise
 from tumblecal.planning.proposals import Allowed, Proposal, proposals
-from tumblecal.planning.rivals import Rival, columns_of
 from tumblecal.planning.sampling import REVERSED, SAMPLE, samples
 from tumblecal.planning.separating import separate
 from tumblecal.planning.value import Sharpening
@@ -27,25 +27,23 @@ from tumblecal.planning.value import Sharpening
 
 MOST = 6
 LEAST_VALUE = 1e-3
-# A set is complete when another position would take less than 3 % off the worst sd (a turn of several: less than 10 %).
+# A set is complete when a further position would reduce the worst uncertainty by less than 3 % (a turn of several: 10 %).
 _LEAST_GAIN = 0.03
 _LEAST_TURN = 0.1
 SEPARATE = "separate the leading explanations"
-SHARPEN_WEAKEST = "lower the standard deviation of the weakest direction of the sensor's parameters"
-_SIDES_BY_HAND = (
-    "The +x face is the one that is up where x reads +1 g, the -x face the one that is down; so for y and z."
-)
-SHARPEN = "lower the standard deviation of the worst parameter"
+SHARPEN_WEAKEST = "reduce the standard uncertainty of the most poorly determined direction of the sensor's parameters"
+_SIDES_BY_HAND = "The +x face is up when x reads +1 g, and the -x face is then down; y and z accordingly."
+SHARPEN = "reduce the largest standard uncertainty"
 
 
 @dataclass(frozen=True)
 class NextPosition:
     """A proposal, its angles in degrees.
 
-    `mount`: "" for the present mounting, else how to turn the triad; `alpha_deg` is then the first of a turn, `turn_deg`
-    all of it. `purpose`: what it is for; `value`: the expected log Bayes factor that it adds, the share by which it lowers the
-    worst parameter's sd, or the unexplained error there in noise sd. `direction`: of a hand-held set, how to lay the triad
-    down; the angles say no more.
+    `mount`: "" for the present mounting, otherwise the turn of the triad; `alpha_deg` is then the first of a turn, `turn_deg`
+    all of it. `purpose` in words; `value`: the expected log Bayes factor that it adds, the share by which it reduces the
+    largest uncertainty, or the unexplained error there in standard deviations of the noise. `direction`: for a hand-held set
+    the orientation in words; the angles are equivalent.
     """
 
     alpha_deg: float
@@ -61,14 +59,14 @@ class NextPosition:
 class NextPlan:
     """What to measure next.
 
-    - `singles`: the best proposals, each for itself, best first.
-    - `together`: a small set of positions that go well together, in the order in which they were chosen; the `value` of
-      each is what it adds to those before it. `value`: of all of it.
-    - `purpose`; `watched`: the worst parameter, where its sd is to be lowered.
-    - `notes`: what was taken for granted, or why something is not proposed. `from_rig`: the chain is a rig file's.
-    - `confirming`: readings that test the named cause, with what it and its strongest rival predict.
-    - `conditions`: under which the values hold. `promise`: what the best positions would settle between the leading
-      explanations, None where there is but one; `needed`: positions that would do where it is not sure, if any number would.
+    - `singles`: the best single proposals, best first.
+    - `together`: a small set of positions in the order in which they were chosen; the `value` of each is the part that it
+      adds to those before it. `value`: of the whole set.
+    - `purpose`; `watched`: the parameter with the largest uncertainty, if that is to be reduced.
+    - `notes`: assumptions, and reasons why something is not proposed. `from_rig`: the chain is that of a rig file.
+    - `confirming`: readings that test the named cause, with the predictions of the cause and of its strongest alternative.
+    - `conditions`: under which the values are valid. `promise`: what the best positions would settle between the leading
+      explanations, None if there is only one; `needed`: sufficient number of positions if it is uncertain, None if none is.
     """
 
     singles: tuple[NextPosition, ...] = ()
@@ -90,7 +88,7 @@ class NextPlan:
 
 
 def next_plan(diagnosis: Diagnosis, allowed: Allowed | None = None) -> NextPlan:
-    """The most useful positions to measure next; of a hand-held set as directions, for its weakest parameters.
+    """The most useful positions to measure next; for a hand-held set directions that improve its weakest parameters.
 
     **Arguments:**
 
@@ -103,28 +101,29 @@ def next_plan(diagnosis: Diagnosis, allowed: Allowed | None = None) -> NextPlan:
     sides, why_not = remountings(diagnosis) if allowed.remount else ((), "")
     if diagnosis.unnamed is not None:
         chosen = samples(diagnosis, allowed, MOST_IN_SET)
-        together = tuple([NextPosition(own.alpha_deg, own.beta_deg, "", SAMPLE, own.in_sd) for own in chosen])
-        singles = tuple(sorted(together, key=lambda own: -own.value)[:MOST])
+        together = tuple([NextPosition(one.alpha_deg, one.beta_deg, "", SAMPLE, one.in_sd) for one in chosen])
+        singles = tuple(sorted(together, key=lambda position: -position.value)[:MOST])
         notes = (REVERSED, why_not) if why_not else (REVERSED,)
-        conditions = going_on(diagnosis.data)
+        conditions = continued(diagnosis.data)
         return NextPlan(singles, together, SAMPLE, notes=notes, from_rig=diagnosis.from_rig, conditions=conditions)
     listed = proposals(diagnosis.data, allowed, sides)
     notes = [why_not] if why_not else []
     if diagnosis.problem.correlated:
-        notes.append("The noise is correlated from position to position; new positions are counted as independent.")
+        notes.append("The noise is correlated between positions; new positions are assumed independent.")
     notes += _repeats(diagnosis.members)
     with single_blas_thread():
         first, separated = separate(diagnosis, listed, MOST)
-    rows, leader, told = first.rows, columns_of(diagnosis.members), first
-    plan = NextPlan(from_rig=diagnosis.from_rig, conditions=going_on(diagnosis.data))
+    rows, leader, evaluated = first.rows, columns_of(diagnosis.members), first
+    plan = NextPlan(from_rig=diagnosis.from_rig, conditions=continued(diagnosis.data))
     if separated is not None:
         plan = replace(plan, promise=separated.promise, needed=separated.needed)
         if separated.promise.worth_measuring:
-            plan, told = replace(plan, conditions=separated.conditions, value=separated.value), separated.told
+            plan, evaluated = replace(plan, conditions=separated.conditions, value=separated.value), separated.evaluated
     if leader:
         amplitudes = diagnosis.extended.vector[leader] / model.scales[leader]
-        rival = told.rivals[0] if told.rivals else Rival((), (), 1.0, told.rows)
-        confirming = confirmations(told.rows, listed, model.nominal, (leader, amplitudes), rival)
+        nominal_model = Alternative((), (), 1.0, evaluated.rows)
+        alternative = evaluated.alternatives[0] if evaluated.alternatives else nominal_model
+        confirming = confirmations(evaluated.rows, listed, model.nominal, (leader, amplitudes), alternative)
         plan = replace(plan, confirming=confirming)
     if separated is not None and separated.promise.worth_measuring:
         return _with(plan, listed, separated.singles, separated.chosen, SEPARATE, notes)
@@ -146,16 +145,18 @@ def _with(
     notes: list[str],
 ) -> NextPlan:
     """A plan with proposals, by their numbers and values."""
-    together = tuple(_told(listed[k], purpose, gain) for k, gain in chosen)
+    together = tuple(_position(listed[k], purpose, gain) for k, gain in chosen)
     if plan.from_rig and any(position.mount for position in together):
-        new_mounting = "The rig file must get a [mounts] entry for the new mounting, and dtheta one value a mounting."
+        new_mounting = (
+            "Add a [mounts] entry for the new mounting to the rig file, and one value of dtheta per mounting."
+        )
         notes = [*notes, new_mounting]
-    told = tuple(_told(listed[k], purpose, value) for k, value in singles)
-    return replace(plan, singles=told, together=together, purpose=purpose, notes=tuple(notes))
+    best = tuple(_position(listed[k], purpose, value) for k, value in singles)
+    return replace(plan, singles=best, together=together, purpose=purpose, notes=tuple(notes))
 
 
 def _by_hand(diagnosis: Diagnosis) -> NextPlan:
-    """Attitudes that the kept positions of a hand-held set lack."""
+    """Attitudes that are missing among the positions of a hand-held set."""
     chosen = next_attitudes(diagnosis.data.readings[np.asarray(diagnosis.extended.retained, bool)])
     if not chosen:
         return NextPlan()
@@ -168,13 +169,13 @@ def _by_hand(diagnosis: Diagnosis) -> NextPlan:
     return NextPlan(together=together, purpose=SHARPEN_WEAKEST, value=value, notes=(_SIDES_BY_HAND,))
 
 
-def _told(proposal: Proposal, purpose: str, value: float) -> NextPosition:
+def _position(proposal: Proposal, purpose: str, value: float) -> NextPosition:
     turn = proposal.alpha_deg if proposal.side else ()
     return NextPosition(proposal.alpha_deg[0], proposal.beta_deg, proposal.side, purpose, float(value), turn)
 
 
 def _watched(diagnosis: Diagnosis) -> list[int]:
-    """Columns of the sensor's parameters that hold for new positions; all nominal ones where a rig fixes those."""
+    """Columns of the sensor parameters of new positions; all nominal ones if a rig fixes these."""
     chosen, offset, where = [], 0, diagnosis.problem.where
     for leaf in diagnosis.model.nominal_chain.free:
         groups, components = leaf.value.shape
@@ -186,6 +187,6 @@ def _watched(diagnosis: Diagnosis) -> list[int]:
 
 
 def _repeats(causes: tuple[Cause, ...]) -> list[str]:
-    """Positions at fault are measured again first."""
+    """An instruction to repeat outlier positions first."""
     suspect = [cause.label.partition(":")[2].replace("+", " and ") for cause in causes if cause.positions]
     return [f"Measure position {', '.join(suspect)} again first."] if suspect else []

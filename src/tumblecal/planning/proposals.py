@@ -1,4 +1,4 @@
-"""What could be measured next: single positions of a grid, and turns of the spindle with the triad remounted."""
+"""Candidates for the next measurement: single positions of a grid, and turns of the spindle with the triad remounted."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -18,9 +18,10 @@ SIDES = MappingProxyType({"turned 90 deg about y": (0.0, 90.0, 0.0), "turned 90 
 
 @dataclass(frozen=True)
 class Allowed:
-    """What the laboratory can do.
+    """Angles and mountings that the laboratory can set.
 
-    `alpha_deg`, `beta_deg`: the angles that may be used; None: every 15 degrees (pitch: within the data's, and theirs).
+    `alpha_deg`, `beta_deg`: the angles that may be used; None: every 15 degrees (pitch: within the range of the data, and
+    the settings of the data).
     `remount`: whether the triad can be turned in its fixture.
     """
 
@@ -31,7 +32,7 @@ class Allowed:
 
 @dataclass(frozen=True)
 class Proposal:
-    """One thing to measure: `alpha_deg` all at one pitch setting; `side`: "" in the present mounting, else of `SIDES`."""
+    """One proposal: `alpha_deg` all at one pitch setting; `side`: "" for the present mounting, otherwise a key of `SIDES`."""
 
     alpha_deg: tuple[float, ...]
     beta_deg: float
@@ -48,15 +49,15 @@ def proposals(data: PositionSet, allowed: Allowed, sides: Sequence[str]) -> list
 
     **Arguments:**
 
-    - `data`: the present positions; where pitch angles are not given, proposals stay within theirs.
+    - `data`: the present positions; by default proposals stay within their pitch angles.
     - `sides`: remountings that can be analysed.
     """
     alphas = allowed.alpha_deg or tuple(float(angle) for angle in range(0, 360, STEP_DEG))
     betas = allowed.beta_deg or _levels(data.pitch_setting_deg)
     listed = [Proposal((alpha,), beta, "") for beta in betas for alpha in alphas]
-    own = [beta for beta in betas if np.any(np.isclose(data.pitch_setting_deg, beta))] or betas
+    measured = [beta for beta in betas if np.any(np.isclose(data.pitch_setting_deg, beta))] or betas
     turns = dict.fromkeys(_turn(alphas, count) for count in TURNS)
-    return listed + [Proposal(turn, beta, side) for side in sides for beta in own for turn in turns]
+    return listed + [Proposal(turn, beta, side) for side in sides for beta in measured for turn in turns]
 
 
 def by_pitch(chosen: Iterable[Proposal]) -> list[Proposal]:
@@ -65,14 +66,14 @@ def by_pitch(chosen: Iterable[Proposal]) -> list[Proposal]:
     for proposal in chosen:
         groups.setdefault((proposal.side, proposal.beta_deg), []).append(proposal)
     order = ("", *SIDES)
-    return [own for key in sorted(groups, key=lambda key: order.index(key[0])) for own in groups[key]]
+    return [proposal for key in sorted(groups, key=lambda key: order.index(key[0])) for proposal in groups[key]]
 
 
 def _levels(beta_deg: np.ndarray) -> tuple[float, ...]:
-    """The data's pitch settings and the multiples of 15 degrees between them."""
+    """The pitch settings of the data and the multiples of 15 degrees between them."""
     between = np.arange(np.ceil(beta_deg.min() / STEP_DEG), np.floor(beta_deg.max() / STEP_DEG) + 1) * STEP_DEG
-    own = {round(float(angle), 6): float(angle) for angle in beta_deg}
-    return tuple(own.get(angle, angle) for angle in sorted({*own, *between.tolist()}))
+    measured = {round(float(angle), 6): float(angle) for angle in beta_deg}
+    return tuple(measured.get(angle, angle) for angle in sorted({*measured, *between.tolist()}))
 
 
 def _turn(alphas: Sequence[float], most: int) -> tuple[float, ...]:

@@ -10,14 +10,14 @@ from tumblecal.planning.proposals import Allowed
 
 
 SAMPLE = "sample the unexplained error"
-REVERSED = "Keep this order, the reverse of the first: an error that follows the time then shows at other angles."
-# Measured angles farther apart (deg) have no position between them.
+REVERSED = "Keep this order, the reverse of the first: an error that depends on time then appears at different angles."
+# No position is proposed between measured angles with a larger distance (deg).
 _FARTHEST_DEG = 120.0
 _LEAST = 3
 
 
 class Sample(NamedTuple):
-    """A position, deg, and the error near it in noise sd; `order`: when its neighbours were measured."""
+    """A position, deg, and the error near it in standard deviations of the noise; `order`: measuring order nearby."""
 
     alpha_deg: float
     beta_deg: float
@@ -27,16 +27,16 @@ class Sample(NamedTuple):
 
 def samples(diagnosis: Diagnosis, allowed: Allowed, most: int) -> list[Sample]:
     """Positions where an unexplained error is: between neighbouring spindle angles of a pitch setting, or at the allowed ones,
-    and if these are few at the measured ones again; the last measured first."""
-    own, data = diagnosis.unnamed, diagnosis.data
-    assert own is not None
-    sizes = np.max(np.abs(own.excess.values) / (diagnosis.level * diagnosis.problem.sd), axis=1)
-    order, inside = diagnosis.problem.where.measuring_order, own.excess.positions
+    and if these are few also at the measured ones; the last measured first."""
+    unnamed, data = diagnosis.unnamed, diagnosis.data
+    assert unnamed is not None
+    sizes = np.max(np.abs(unnamed.excess.values) / (diagnosis.level * diagnosis.problem.sd), axis=1)
+    order, inside = diagnosis.problem.where.measuring_order, unnamed.excess.positions
     found = list[Sample]()
     for level in np.unique(data.pitch_setting_deg).tolist():
         if allowed.beta_deg is not None and not np.any(np.isclose(allowed.beta_deg, level)):
             continue
-        here = np.flatnonzero((data.pitch_setting_deg == level) & own.fit.retained)
+        here = np.flatnonzero((data.pitch_setting_deg == level) & unnamed.fit.retained)
         here = here[np.argsort(np.mod(data.alpha_deg[here], 360.0), kind="stable")]
         for alpha, before, after in _between(np.mod(data.alpha_deg[here], 360.0), allowed.alpha_deg):
             both = here[[before, after]]

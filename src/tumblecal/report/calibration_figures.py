@@ -11,7 +11,7 @@ from tumblecal.report.calibration_words import TITLES
 from tumblecal.report.drawing import AXIS_COLOUR, BAND, INK, METHOD_COLOUR, new_figure, save
 
 
-# Differences up to this many sd stand on a linear scale; the band of 1 sd is drawn where it is not wider than the data.
+# Differences up to this many standard uncertainties have a linear scale; the band of 1 u is drawn if the data reach it.
 _LINEAR, _BAND_SEEN = 10.0, 0.8
 
 
@@ -23,7 +23,7 @@ def draw_calibration(folder: Path, calibrated: Calibrated) -> list[str]:
 
 
 def residuals_figure(exact: Fit) -> Figure:
-    """Residuals against spindle angle, one row an axis, one column a pitch setting (at most eight)."""
+    """Residuals against the spindle angle: a row for each axis, a column for each pitch setting (at most eight)."""
     data = exact.data
     sd = float(np.median(exact.problem.sd)) if exact.noise == "stated" else exact.sigma
     called = data.pitch_setting_deg
@@ -56,13 +56,17 @@ def residuals_figure(exact: Fit) -> Figure:
                 panel.set_xlabel("alpha / deg")
                 panel.set_xticks([0, 90, 180, 270])
     noise = "stated noise" if exact.noise == "stated" else "residuals"
-    bars = "bars: 2 sd, stated" if data.sd is not None else f"grey band: 2 sd of the {noise}, {2e3 * sd:.2g} mg"
+    bars = (
+        "bars: 2 standard deviations, stated"
+        if data.sd is not None
+        else f"grey band: 2 standard deviations of the {noise}, {2e3 * sd:.2g} mg"
+    )
     figure.supxlabel(bars, fontsize=8, color="#555555")
     return figure
 
 
 def methods_figure(calibrated: Calibrated) -> Figure:
-    """Every parameter by every method, less the exact fit, in units of its sd; scaled to what there is to see."""
+    """Difference of every method from the exact fit for every parameter, in standard uncertainties."""
     exact = calibrated.exact
     figure = new_figure(7.5, 0.24 * len(exact.names) + 1.2)
     axis = figure.subplots()
@@ -81,11 +85,11 @@ def methods_figure(calibrated: Calibrated) -> Figure:
     if farthest > _LINEAR:
         axis.set_xscale("symlog", linthresh=1.0)
     if farthest > _BAND_SEEN:
-        axis.axvspan(-1, 1, color=BAND, zorder=0, label="1 sd")
+        axis.axvspan(-1, 1, color=BAND, zorder=0, label="1 u")
     reach = 1.15 * max(farthest, 1e-6)
     axis.set_xlim(-reach, reach)
     axis.set_yticks(height, exact.names)
     axis.invert_yaxis()
-    axis.set_xlabel("difference from the exact fit / sd")
+    axis.set_xlabel("difference from the exact fit / u")
     axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
     return figure

@@ -1,4 +1,4 @@
-"""The judgements on a calibration, by its data, and the use that follows from them."""
+"""Judgements on a calibration by its data, and the use of it that they allow."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -19,23 +19,24 @@ from tumblecal.ground.numbers_shown import p_words
 from tumblecal.ground.suggested_command import suggested
 from tumblecal.ground.units import in_words
 from tumblecal.report.calibration_limits import gravity_use, limits, undetermined_use
-from tumblecal.report.calibration_words import UNLIKELY, cure_words
+from tumblecal.report.calibration_words import UNLIKELY, remedy_words
 from tumblecal.report.gravity_words import gravity_warning
 from tumblecal.report.sensor_terms import lacking_of_fit, terms_of_chain
+from tumblecal.report.sentences import as_sentence
 from tumblecal.report.setting_words import many_settings_words
 
 
-# A calibration is not to be used from this ratio of the residuals to the stated noise on: eight ninths of their mean square are
-# then something other than noise. And if leaving a contradicted position out moves a parameter by more than so many of its sd.
+# A calibration must not be used if the residuals exceed the stated noise by this factor (eight ninths of their mean square are
+# then no noise), or if excluding a contradicted position moves a parameter by more than so many standard uncertainties.
 MOST_TIMES_NOISE, MOST_MOVED_SD = 3.0, 3.0
 _TONES = ("bad", "open", "good")
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """One judgement: `tone` as of a page (good, open, bad), `headline` in a line, and what to do where it is not good.
+    """One judgement: `tone` (good, open, bad), `headline` in a line, and `advice`: instructions if the tone is not good.
 
-    - `use`: what it allows of the calibration. `refused`: whether no certificate is made of it.
+    - `use`: the use that it allows. `refused`: whether no certificate is made of the calibration.
     """
 
     tone: str
@@ -46,7 +47,7 @@ class Judgement:
 
     @property
     def finding(self) -> str:
-        """The headline without what it means for the use (`Usable: ...`, `Do not use it: ...`)."""
+        """The headline without the use before its colon (`Usable: ...`, `Do not use it: ...`)."""
         return self.headline.partition(": ")[2].removesuffix(".") or self.headline.removesuffix(".")
 
     @property
@@ -56,12 +57,12 @@ class Judgement:
 
     def record(self) -> dict[str, Any]:
         """As `result.json` has it."""
-        said = {"tone": self.tone, "headline": self.headline, "advice": self.advice, "refused": self.refused}
-        return said | {"use": self.use.record()}
+        texts = {"tone": self.tone, "headline": self.headline, "advice": self.advice, "refused": self.refused}
+        return texts | {"use": self.use.record()}
 
 
 def judgements(calibrated: Calibrated) -> list[Judgement]:
-    """What the data say of the exact fit, the gravest first; never empty."""
+    """Judgements on the exact fit, the most serious first; never empty."""
     if not calibrated.exact.code.good:
         return list(_not_converged(calibrated))
     found = [judged for rule in _RULES for judged in rule(calibrated)] or list(_good(calibrated))
@@ -69,7 +70,7 @@ def judgements(calibrated: Calibrated) -> list[Judgement]:
 
 
 def use_of(calibrated: Calibrated, judged: list[Judgement] | None = None) -> Use:
-    """Whether the calibration may be used: the strictest of all judgements (`judged`, where made already) and limits."""
+    """Whether the calibration may be used: the strictest of all judgements (`judged`, if known already) and limits."""
     judged = judgements(calibrated) if judged is None else judged
     uses, exact = [judgement.use for judgement in judged], calibrated.exact
     if exact.code.good:
@@ -78,12 +79,12 @@ def use_of(calibrated: Calibrated, judged: list[Judgement] | None = None) -> Use
 
 
 def warning_words(calibrated: Calibrated) -> Iterator[str]:
-    """What a reader of the numbers alone must know: every judgement that is not good, why values are implausible, what was put
-    right, a gravity that nobody stated."""
+    """Warnings for a reader of the numbers alone: judgements that are not good, implausible values, corrected set-up errors, an
+    assumed gravity."""
     gravity = gravity_warning(calibrated.exact)
     yield from (judged.words for judged in judgements(calibrated) if judged.tone != "good" and not _of_gravity(judged))
     yield from (f"IMPLAUSIBLE: {words}" for words in implausible_words(calibrated.implausible))
-    yield from (f"put right: {setup_error.description}" for setup_error in calibrated.setup_errors)
+    yield from (f"corrected: {setup_error.description}" for setup_error in calibrated.setup_errors)
     if gravity:
         yield gravity
     yield from lacking_of_fit(calibrated.exact, calibrated.entries, of_sensor=True)
@@ -92,15 +93,15 @@ def warning_words(calibrated: Calibrated) -> Iterator[str]:
 
 
 def _of_gravity(judged: Judgement) -> bool:
-    """Whether it is of the gravity, which `gravity_warning` tells at length."""
+    """Whether it is about the gravity, which `gravity_warning` states in full."""
     return judged.headline == _NO_GRAVITY
 
 
-_NO_GRAVITY = "Usable but for the scale factors: the gravity of the site is not stated."
+_NO_GRAVITY = "Usable except for the scale factors: the gravity of the site is not stated."
 
 
 def _diagnose(calibrated: Calibrated) -> str:
-    return f"run: {suggested('diagnose', *calibrated.exact.data.as_arguments)}"
+    return f"Run: {suggested('diagnose', *calibrated.exact.data.as_arguments)}"
 
 
 def _not_converged(calibrated: Calibrated) -> Iterator[Judgement]:
@@ -108,7 +109,7 @@ def _not_converged(calibrated: Calibrated) -> Iterator[Judgement]:
     yield Judgement(
         "bad",
         "Do not use it: the exact fit did not converge.",
-        f"{exact.message}; {_diagnose(calibrated)}",
+        f"{exact.message}. {_diagnose(calibrated)}",
         Use("no", "the exact fit did not converge"),
         refused=True,
     )
@@ -117,47 +118,48 @@ def _not_converged(calibrated: Calibrated) -> Iterator[Judgement]:
 def _positions(calibrated: Calibrated) -> Iterator[Judgement]:
     """Exchanged rows and outlier positions."""
     exact = calibrated.exact
-    said = "the stated noise" if exact.problem.known else "what the others leave"
+    noise = "of the stated noise" if exact.problem.known else "of the other residuals"
     for found in calibrated.contradicted:
         matters = found.moved > MOST_MOVED_SD
-        what = _exchanged_words(found) if found.exchanged else _outlier_words(found, said)
+        fault = _exchanged_words(found) if found.exchanged else _outlier_words(found, noise)
         advice = (
-            "exchange their readings, or measure both again" if found.exchanged else "measure it again or leave it out"
+            "exchange their readings or measure both again" if found.exchanged else "measure it again or exclude it"
         )
-        moved = f"without the fault a parameter moves by {found.moved:.3g} of its sd"
+        moved = f"Without the fault a parameter changes by {found.moved:.3g} u"
         yield Judgement(
             "bad" if matters else "open",
-            f"{'Do not use it' if matters else 'Usable'}: {what}.",
-            f"{moved}; look at the log, {advice}; {_diagnose(calibrated)}",
-            Use("no", what) if matters else Use("yes", what),
+            f"{'Do not use it' if matters else 'Usable'}: {fault}.",
+            f"{moved}. Check the log; {advice}. {_diagnose(calibrated)}",
+            Use("no", fault) if matters else Use("yes", fault),
         )
 
 
 def _exchanged_words(found: Contradicted) -> str:
     first, second = found.positions
     return (
-        f"the readings of positions {first} and {second} appear exchanged (as they are written they differ by "
-        f"{found.sds:.3g} sd from what all others predict, exchanged they agree)"
+        f"the readings of positions {first} and {second} appear exchanged (as written they differ by "
+        f"{found.sds:.3g} standard deviations from the prediction of all others; exchanged they agree)"
     )
 
 
-def _outlier_words(found: Contradicted, said: str) -> str:
+def _outlier_words(found: Contradicted, noise: str) -> str:
     (position,) = found.positions
     size = in_words(f"{found.difference_g * 1e3:+.3g}", "mg")
     return (
-        f"position {position}, axis {found.axis} differs by {size} from what the others predict ({found.sds:.3g} sd of {said})"
-    )  # fmt: skip
+        f"position {position}, axis {found.axis} differs by {size} from the prediction of the others "
+        f"({found.sds:.3g} standard deviations {noise})"
+    )
 
 
-def _hardly_determined(calibrated: Calibrated) -> Iterator[Judgement]:
+def _poorly_determined(calibrated: Calibrated) -> Iterator[Judgement]:
     exact = calibrated.exact
     if exact.identifiability is None or not exact.identifiability.nearly_singular:
         return
     weakest = exact.identifiability.weak[0]
-    # Along a direction that is not of the sensor, every parameter of it may be determined.
+    # The direction may belong to the set-up alone: then every parameter of the sensor may be determined.
     poorly = {name for direction in exact.identifiability.nearly_undetermined for name in direction.coefficients}
     names = tuple(name for name in SENSOR if name not in poorly)
-    reason = f"these positions hardly determine {weakest.words} (sd {weakest.sd_ratio:.0f} times a typical one)"
+    reason = f"these positions determine {weakest.words} poorly (uncertainty {weakest.sd_ratio:.0f} times the median)"
     partly = one_sensor(exact) and len(names) > 0
     yield Judgement(
         "bad",
@@ -174,65 +176,65 @@ def _implausible(calibrated: Calibrated) -> Iterator[Judgement]:
         more = f" and {len(calibrated.implausible) - 3} more" if len(calibrated.implausible) > 3 else ""
         yield Judgement(
             "bad",
-            "Do not use it: it needs parameters that no instrument has.",
-            f"look to the set-up; {_diagnose(calibrated)}",
+            "Do not use it: the fit requires parameter values far outside the usual range.",
+            f"Check the set-up. {_diagnose(calibrated)}",
             Use("no", f"implausible values of {names}{more}"),
             refused=True,
         )
 
 
 def _residuals(calibrated: Calibrated) -> Iterator[Judgement]:
-    """Residuals beyond the stated noise, but for those of positions that are reported by themselves."""
+    """Residuals beyond the stated noise, without those of positions that are reported separately."""
     contradicted, level = calibrated.contradicted, calibrated.level
     fit = contradicted[-1].fit if contradicted else calibrated.exact
     if not fit.dof > 0 or not (fit.problem.known or level is not None):
         return
     noise = "the recording's noise" if fit.problem.correlated else "the stated noise"
-    # At an estimated level white rows are in units of that level.
+    # If the level is estimated, whitened rows are in units of that level.
     ratio = (
         level.ratio if level is not None and not contradicted else fit.chi2 / fit.dof * (level.ratio if level else 1.0)
     )
     if special.chdtrc(fit.dof, ratio * fit.dof) >= UNLIKELY:
         return
-    times = f"the residuals (chi2/dof) are {ratio:.3g} times what {noise} allows: model or noise is wrong"
+    times = f"chi2/dof of the residuals is {ratio:.3g} for {noise}, so the model or the noise is wrong"
     unexplained = fit.sigma * math.sqrt(max(1.0 - 1.0 / ratio, 0.0))
     refused = math.sqrt(ratio) > MOST_TIMES_NOISE
     size = in_words(f"{unexplained * 1e3:.2g}", "mg")
     yield Judgement(
         "bad" if refused else "open",
-        f"Not yet: {times}." if refused else f"Usable to about {size}: {times}.",
+        f"Do not use it: {times}." if refused else f"Usable to about {size}: {times}.",
         _diagnose(calibrated),
         Use("no" if refused else "yes", times, size_g=unexplained or None),
     )
 
 
-def _scatter(calibrated: Calibrated) -> Iterator[Judgement]:
-    # A position in error makes the others' scatter.
+def _dispersion(calibrated: Calibrated) -> Iterator[Judgement]:
+    # An outlier position increases the residuals of the others.
     if calibrated.floor is not None and not calibrated.contradicted:
-        reason = "the positions scatter by more than their sd columns say"
+        reason = "the dispersion of the positions exceeds their sd columns"
         yield Judgement(
             "open",
-            f"Usable, with the scatter in its uncertainties: {reason}.",
-            f"{calibrated.floor.words} R{_diagnose(calibrated)[1:]}",
-            Use("yes", f"{reason} (this is included in its uncertainties)"),
+            f"Usable, with this dispersion in its uncertainties: {reason}.",
+            f"{calibrated.floor.words} {_diagnose(calibrated)}",
+            Use("yes", f"{reason} (its uncertainties include this)"),
         )
 
 
 def _priors(calibrated: Calibrated) -> Iterator[Judgement]:
     p_value = priors_p_value(calibrated.exact)
     if p_value is not None and p_value < UNLIKELY and not calibrated.implausible:
-        reason = f"what is stated of parameters and what the data say contradict each other ({p_words(p_value)})"
+        reason = f"stated parameter values and data contradict each other ({p_words(p_value)})"
         yield Judgement(
             "bad",
-            f"Not yet: {reason}.",
-            f"look at --prior, --head and the rig's priors; without them {_diagnose(calibrated)}",
+            f"Do not use it: {reason}.",
+            f"Check --prior, --head and the rig's priors. {_diagnose(calibrated)}",
             Use("no", reason),
         )
 
 
 def _gravity(calibrated: Calibrated) -> Iterator[Judgement]:
     for use in gravity_use(calibrated.exact):
-        yield Judgement("open", _NO_GRAVITY, "give --gravity", use)
+        yield Judgement("open", _NO_GRAVITY, "State it by --gravity.", use)
 
 
 def _undetermined(calibrated: Calibrated) -> Iterator[Judgement]:
@@ -246,7 +248,7 @@ def _too_small(calibrated: Calibrated) -> Iterator[Judgement]:
         yield Judgement(
             "open",
             "Usable: the residuals are smaller than the stated noise, so the uncertainties use the level that they show.",
-            "state the sd of what a row holds (of a mean, not of a sample); a wrong model may hide below a noise too large",
+            "State the sd of the values in a row (of a mean, not of a sample). Too large a noise may hide a wrong model.",
             Use("yes", "the residuals are smaller than the stated noise"),
         )
 
@@ -257,35 +259,36 @@ def _good(calibrated: Calibrated) -> Iterator[Judgement]:
         yield Judgement(
             "open",
             f"Not tested: {exact.no_freedom_words}.",
-            "measure more positions",
+            "Measure more positions.",
             Use("yes", f"not tested: {exact.no_freedom_words}"),
         )
     elif exact.chi2_p_value is None:
         yield Judgement(
             "good",
-            "Usable as far as the data tell: no stated noise judges the residuals.",
-            f"state the noise (sd columns, --noise-sd), or {_diagnose(calibrated)}",
-            Use("yes", "no stated noise judges the residuals"),
+            "Usable, with one reservation: no noise level was stated, so goodness of fit could not be tested.",
+            f"State the noise (sd columns, --noise-sd), or run: {_diagnose(calibrated).partition(': ')[2]}",
+            Use("yes", "goodness of fit not tested"),
         )
     else:
         noise = "the recording's noise" if exact.problem.correlated else "the stated noise"
-        yield Judgement("good", f"Usable: the residuals are what {noise} makes.")
+        yield Judgement("good", f"Usable: the residuals are consistent with {noise}.")
 
 
 def _more_attitudes(fit: Fit) -> str:
-    """What to measure where the positions hardly determine a direction."""
-    if fit.data.hand_held:
-        return cure_words(fit) or "measure in attitudes that differ in all directions"
-    return cure_words(fit) or "measure at more pitch settings or spindle angles"
+    """What to measure if the positions determine a direction poorly."""
+    further = (
+        "attitudes that differ in all directions" if fit.data.hand_held else "more pitch settings or spindle angles"
+    )
+    return f"{as_sentence(remedy_words(fit) or f'measure at {further}')}."
 
 
 _RULES: tuple[Callable[[Calibrated], Iterator[Judgement]], ...] = (
     _positions,
-    _hardly_determined,
+    _poorly_determined,
     _implausible,
     _residuals,
     _priors,
-    _scatter,
+    _dispersion,
     _gravity,
     _undetermined,
     _too_small,

@@ -1,4 +1,4 @@
-"""The limits of a calibration's use that follow from its data and from the corrections that its file lacks.
+"""Limits of the use of a calibration that follow from its data and from the corrections that its file does not contain.
 
 `calibrate` and `diagnose` share them. Each finding yields a `Use`; `calibration_use.combined` takes the strictest.
 """
@@ -63,7 +63,7 @@ def expanded_uncertainty(fit: Fit, written: Float[np.ndarray, "12 12"] | None = 
 
 
 def _losses(losses: Sequence[NotApplied], significant_g: float) -> Iterator[Use]:
-    """An effect of the sensor that the file cannot hold limits the use to its size in the data, if that exceeds the
+    """An effect of the sensor that the file cannot contain limits the use to its size in the data, if that exceeds the
     uncertainty."""
     for loss in losses:
         if loss.reason in NOT_MISSED:
@@ -89,8 +89,8 @@ def _within_dwells(data: PositionSet, significant_g: float, *, thermal: bool) ->
 
 
 def temperature_use(data: PositionSet) -> Iterator[Use]:
-    """A calibration holds at the temperatures at which it was measured, where these are recorded. One temperature is no range:
-    it is only stated."""
+    """A calibration is valid at the recorded temperatures of its measurement. A single temperature is no range: it is only
+    stated."""
     degc = data.temperature_degc
     if degc is None:
         return
@@ -116,5 +116,5 @@ def undetermined_use(fit: Fit) -> Iterator[Use]:
     missing = [name for name in fit.undetermined if name in SENSOR]
     if missing:
         names = tuple(name for name in SENSOR if name not in missing)
-        reason = f"{', '.join(missing)} not determined by these positions"
+        reason = f"these positions do not determine {', '.join(missing)}"
         yield Use("only", reason, parameters=names) if names else Use("no", reason)

@@ -20,9 +20,9 @@ from tumblecal.report.calibration_judgements import judgements, use_of
 from tumblecal.report.calibration_words import (
     TITLES,
     UNLIKELY,
-    cure_words,
     methods_words,
     noise_words,
+    remedy_words,
     wrong_methods,
 )
 from tumblecal.report.finding_figures import overview_figure
@@ -43,8 +43,8 @@ _CAPTIONS = {
         "deviations of the noise."
     ),
     "methods.svg": (
-        "Every parameter by every method, less the exact fit, in standard deviations of the exact fit; the scale is that of "
-        "the differences, beyond ten it is logarithmic."
+        "Difference of every method from the exact fit for every parameter, in standard uncertainties of the exact fit. Beyond "
+        "ten the scale is logarithmic."
     ),
 }
 _APPLY = (
@@ -54,7 +54,9 @@ _APPLY = (
     "force = (readings - bias) @ matrix.T  # readings (rows, 3) in g",
 )
 _LOAD = ("import tumblecal", "calibration = tumblecal.load('calibration.json')")
-_CONTRADICTED = " Both count on the stated noise, which the residuals contradict: do not rely on them."
+_CONTRADICTED = (
+    " Both are based on the stated noise. The residuals contradict it, so do not rely on these uncertainties."
+)
 _MOST_PAIRS = 8
 
 
@@ -64,7 +66,7 @@ def write_calibration_page(path: Path, calibrated: Calibrated, figures: Sequence
     **Arguments:**
 
     - `path`: the HTML file.
-    - `figures`: names of the SVG files that lie beside it; they are put into the page.
+    - `figures`: names of the SVG files in the same folder; they are inserted into the page.
     """
     exact, judged = calibrated.exact, judgements(calibrated)
     drawn = {name: inline_figure(path.parent / name, _CAPTIONS[name]) for name in figures}
@@ -97,7 +99,7 @@ def calibration_verdict(calibrated: Calibrated) -> Verdict:
             f"{as_sentence(setup_error.description)}; corrected in this calibration"
             for setup_error in calibrated.setup_errors
         ),
-        *(as_sentence(own.finding) for own in judged if own.tone != "good"),
+        *(as_sentence(judgement.finding) for judgement in judged if judgement.tone != "good"),
         *(f"Implausible: {words}" for words in implausible_words(calibrated.implausible)),
     ]
     return Verdict(
@@ -107,7 +109,7 @@ def calibration_verdict(calibrated: Calibrated) -> Verdict:
         use.words,
         found=tuple(map(Finding, found)),
         evidence=tuple(_evidence(exact, calibrated)),
-        next=tuple(dict.fromkeys(text for own in judged for text in _steps(own.advice))),
+        next=tuple(dict.fromkeys(text for judgement in judged for text in _steps(judgement.advice))),
         details=tuple(_details(exact, calibrated)),
     )
 
@@ -120,7 +122,7 @@ def _headline(found: int) -> str:
 
 
 def _steps(advice: str) -> Iterator[str]:
-    """An instruction, and the command at its end by itself."""
+    """An instruction, and the command at its end separately."""
     words, command = command_at_end(advice)
     yield from filter(None, (as_sentence(words) if command else ended(as_sentence(words)) if words else "", command))
 
@@ -157,7 +159,7 @@ def _sections(calibrated: Calibrated, drawn: dict[str, PageFigure], folder: Path
         "Parameters",
         words=[
             *(text for _, text in _details(exact, calibrated)),
-            "The exact fit. u is the standard uncertainty by the data alone (type A), U the expanded one: 95 % by "
+            "The exact fit. u is the standard uncertainty of the data alone (type A), U the expanded uncertainty: 95 % by "
             f"{'the normal distribution' if exact.noise == 'stated' else 'Student’s t'}.{contradicted}",
         ],
         tables=[_parameters(exact)],
@@ -199,8 +201,8 @@ def _weak(exact: Fit) -> Iterator[Section]:
         f"{direction.words}: the uncertainty of this combination is {direction.sd_ratio:.0f} times the median."
         for direction in weak
     ]
-    if cure_words(exact):
-        words.append(f"To determine it, {cure_words(exact)}.")
+    if remedy := remedy_words(exact):
+        words.append(f"To determine it, {remedy}.")
     rows = [[pair["first"], pair["second"], f"{pair['correlation']:+.3f}"] for pair in pairs]
     tables = [PageTable(["parameter", "correlated with", "correlation"], rows, text=(0, 1))] if rows else []
     yield Section("Poorly determined parameters", words=words, tables=tables)

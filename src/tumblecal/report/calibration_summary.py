@@ -1,4 +1,4 @@
-"""`summary.csv`: one line for every file of several that were calibrated."""
+"""`summary.csv`: one line for every file of a batch."""
 
 from pathlib import Path
 
@@ -12,15 +12,15 @@ from tumblecal.report.calibration_judgements import judgements, use_of
 
 
 def summary_row(file: Path, calibrated: Calibrated | InputError) -> dict:
-    """One file's line: serial number, what is thought of the fit, residual rms (g), chi2/dof where the noise is stated, and
-    the sensor's parameters with their sd (1, g, rad); for a file that could not be calibrated only the fault."""
+    """The line of one file: serial number, judgement and use, residual rms (g), chi2/dof if the noise is stated, and the
+    parameters of the sensor with their standard uncertainties (1, g, rad); for a failed file only the fault."""
     if isinstance(calibrated, InputError):
         return {"file": str(file), "judgement": "refused", "fault": "; ".join(calibrated.faults)}
     exact, judged = calibrated.exact, judgements(calibrated)
     row = {
         "file": str(file),
         "serial_number": exact.data.serial_number,
-        "judgement": " ".join(own.headline for own in judged),
+        "judgement": " ".join(judgement.headline for judgement in judged),
         "use": use_of(calibrated, judged).answer,
         "rms_g": exact.rms,
         "chi2_per_dof": exact.chi2 / exact.dof if exact.noise == "stated" and exact.dof > 0 else None,
@@ -32,7 +32,7 @@ def summary_row(file: Path, calibrated: Calibrated | InputError) -> dict:
 
 
 def write_summary(path: Path, rows: list[dict]) -> None:
-    """Write the lines, whole or not at all."""
+    """Write the lines, all or none."""
     numbers = ("rms_g", "chi2_per_dof", *(column for name in SENSOR for column in (name, f"{name}_sd")))
     words = dict.fromkeys(("file", "serial_number", "judgement", "fault", "use"), pl.String)
     schema = {**words, **dict.fromkeys(numbers, pl.Float64)}

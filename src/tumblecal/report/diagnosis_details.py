@@ -5,13 +5,13 @@ from collections.abc import Iterator
 from tumblecal.data.sensor_parameters import SENSOR, leaf_of
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.causes.cause import id_of
+from tumblecal.diagnosis.findings.limits import Invisible
 from tumblecal.estimation.mountings import mounting_words
 from tumblecal.estimation.plausibility import implausible_words
-from tumblecal.ground.numbers_shown import rounded_together
+from tumblecal.ground.numbers_shown import capped, changed, rounded_together
 from tumblecal.ground.units import in_words, shown
 from tumblecal.report.diagnosis_calibration import diagnosed_use, lacking_of_diagnosis
 from tumblecal.report.gravity_words import gravity_warning, gravity_words
-from tumblecal.report.number_words import bic_words
 from tumblecal.report.sensor_terms import held_words
 from tumblecal.report.sentences import as_sentence
 from tumblecal.report.setting_words import many_settings_words, read_settings_words
@@ -22,20 +22,19 @@ from tumblecal.report.verdict import NOT_TESTABLE, UNDETECTABLE
 # Headings.
 CHANGES, GAIN, CAUSES, UNCERTAINTIES = "Changes of the calibration", "Residuals and gain", "Causes", "Uncertainties"
 UNDETERMINED, HELD, LACKING = "Undetermined parameters", "Calibration file", "Not in the calibration file"
-# A parameter that moved by less than this share of its sd is not listed among those that did.
-_MOVED_SD = 0.5
-# Uncertainties are listed from this factor over the noise's on, of so many parameters and effects.
+# Changes below this share of the standard uncertainty are not listed.
+_LEAST_CHANGE_U = 0.5
+# Uncertainties are listed from this multiple of the noise's on, for so many parameters and effects.
 _OF_SENSOR, _MUCH_WIDER, _MOST_UNDETECTED, _MOST_EFFECTS = {leaf_of(name) for name in SENSOR}, 2.0, 3, 2
 _MOST_WORST, _MOST_NOT_TESTABLE = 3, 4
 
 
 def warning_words(diagnosis: Diagnosis) -> Iterator[str]:
-    """What a reader of the numbers alone must know: values that no instrument has, what was corrected, a gravity that nobody
-    stated."""
+    """Warnings for a reader of the numbers alone: implausible values, corrected set-up errors, an assumed gravity."""
     if (use := diagnosed_use(diagnosis)).refused:
         yield f"use: {use.words}"
     yield from (f"IMPLAUSIBLE: {words}" for words in implausible_words(diagnosis.implausible))
-    yield from (f"put right: {setup_error.label}: {setup_error.description}" for setup_error in diagnosis.setup_errors)
+    yield from (f"corrected: {setup_error.label}: {setup_error.description}" for setup_error in diagnosis.setup_errors)
     if gravity := gravity_warning(diagnosis.extended):
         yield gravity
     yield from lacking_of_diagnosis(diagnosis, of_sensor=True)
@@ -44,7 +43,7 @@ def warning_words(diagnosis: Diagnosis) -> Iterator[str]:
 
 
 def details(diagnosis: Diagnosis) -> Iterator[tuple[str, str]]:
-    """Heading and text of everything that a verdict says below its rule, but for what there is nothing to say of."""
+    """Heading and text of each entry of a verdict below its rule."""
     if diagnosis.members:
         yield from _changes(diagnosis)
     listed = {
@@ -58,7 +57,7 @@ def details(diagnosis: Diagnosis) -> Iterator[tuple[str, str]]:
 
 
 def _of_model(diagnosis: Diagnosis) -> dict[str, str]:
-    """What the data, the noise and the model were taken to be, and which effects the calibration file holds or lacks."""
+    """The data, noise and model that were assumed, and the effects that the calibration file contains or lacks."""
     held = held_words(diagnosis.extended, diagnosis.model.nominal_chain, diagnosis.entries)
     ids = [id for id in dict.fromkeys(map(id_of, diagnosis.labels)) if id in diagnosis.entries]
     return {
@@ -84,73 +83,72 @@ def _noise_of_samples(diagnosis: Diagnosis) -> str:
     assert samples is not None
     if not samples.extrapolated:
         return samples.words()
-    return f"{samples.words()} The positions scatter {diagnosis.extended.level:.2g} times as much as that sd."
+    return f"{samples.words()} The positions have a dispersion of {diagnosis.extended.level:.2g} times that sd."
 
 
 def _changes(diagnosis: Diagnosis) -> Iterator[tuple[str, str]]:
     gain = diagnosis.gain
     slow = "" if not diagnosis.problem.correlated else " (with the part that neighbouring positions share)"
+    held_out, held_out_u = 1e3 * (gain.cv_rms_before_g - gain.cv_rms_after_g), 1e3 * gain.cv_gain_sd_g
+    repeat = 1e3 * gain.fresh_rms_before_g, 1e3 * gain.fresh_rms_after_g
     yield (
         GAIN,
-        f"Residuals {gain.rms_before_g * 1e3:.3g} -> {gain.rms_after_g * 1e3:.3g} mg rms{slow}. Held-out gain "
-        f"{rounded_together((gain.cv_rms_before_g - gain.cv_rms_after_g) * 1e3, gain.cv_gain_sd_g * 1e3)} mg. Expected of a "
-        f"new measurement: {gain.fresh_rms_before_g * 1e3:.3g} -> {gain.fresh_rms_after_g * 1e3:.3g} mg (gain "
-        f"{rounded_together((gain.fresh_rms_before_g - gain.fresh_rms_after_g) * 1e3, gain.fresh_gain_sd_g * 1e3)} mg). "
-        f"Delta BIC {bic_words(gain.delta_bic)}.",
+        f"Residuals {changed(1e3 * gain.rms_before_g, 1e3 * gain.rms_after_g, held_out_u)} mg rms{slow}. Improvement of the "
+        f"held-out error {rounded_together(held_out, held_out_u)} mg. Expected of a repeat measurement: "
+        f"{changed(*repeat, 1e3 * gain.fresh_gain_sd_g)} mg (improvement "
+        f"{rounded_together(repeat[0] - repeat[1], 1e3 * gain.fresh_gain_sd_g)} mg). "
+        f"Delta BIC {capped(gain.delta_bic, '.1f')}.",
     )
-    moved = sorted(shifts(diagnosis).items(), key=lambda item: -abs(item[1]["in_sd"]))
+    largest = sorted(shifts(diagnosis).items(), key=lambda item: -abs(item[1]["in_sd"]))
     listed = [
-        f"{name} {in_words(format(value['shift'], '+.3g'), value['unit'])} ({value['in_sd']:+.1f} u)"
-        for name, value in moved[:3]
-        if abs(value["in_sd"]) > _MOVED_SD
+        f"{name} {in_words(format(value['shift'], '+.3g'), value['unit'])} ({capped(value['in_sd'], '+.1f')} u)"
+        for name, value in largest[:3]
+        if abs(value["in_sd"]) > _LEAST_CHANGE_U
     ]
-    much = bool(moved) and abs(moved[0][1]["in_sd"]) > 1.0
-    yield (
-        CHANGES,
-        f"{', '.join(listed)}." if much else "No sensor parameter changed by more than 1 u.",
-    )
+    much = bool(largest) and abs(largest[0][1]["in_sd"]) > 1.0
+    yield CHANGES, f"{', '.join(listed)}." if much else "No sensor parameter changed by more than 1 u."
     outside = [check.name for check in diagnosis.checks_after if check.outside]
     if outside:
-        yield "Outside of the prediction", f"With the causes found, still outside: {', '.join(outside)}."
+        yield "Outside of the prediction", f"Still outside with the causes found: {', '.join(outside)}."
 
 
 def undetermined_words(diagnosis: Diagnosis) -> str:
-    """Which nominal parameters an effect that was named leaves open; "" where there are none."""
+    """Nominal parameters that are not determined together with the named effects; "" if there are none."""
     fit, listed = diagnosis.extended, shifts(diagnosis)
-    left = [name for name in fit.undetermined if name in listed]
-    if not left:
+    missing = [name for name in fit.undetermined if name in listed]
+    if not missing:
         return ""
     return (
-        f"Not determined together with the causes found: {', '.join(left)}. Coefficients that these positions do not show are "
-        "assumed to be of the size of those that they show; the standard uncertainties include their effect."
+        f"Not determined together with the causes found: {', '.join(missing)}. The standard uncertainties assume that "
+        "undetermined coefficients are of the same size as the determined ones."
     )
 
 
 def shifts(diagnosis: Diagnosis) -> dict[str, dict]:
-    """How far each nominal parameter moved from the nominal to the extended fit, as shown and in its sd."""
-    count = len(diagnosis.nominal.names)
-    sd = diagnosis.extended.sd[:count]
-    moved = diagnosis.extended.values[:count] - diagnosis.nominal.values
-    listed, single, left = {}, diagnosis.model.layout.of_positions, diagnosis.extended.undetermined
+    """Change of each nominal parameter from the nominal fit to the calibration file, in display units and in the standard
+    uncertainties of that file (`in_sd`)."""
+    used, count = diagnosis.in_use, len(diagnosis.nominal.names)
+    u, change = used.sd[:count], used.values[:count] - diagnosis.nominal.values
+    listed, single, undetermined = {}, diagnosis.model.layout.of_positions, diagnosis.extended.undetermined
     for k, name in enumerate(diagnosis.nominal.names):
         if single[k]:
             continue
         unit, scale = shown(diagnosis.nominal.units[k])
         listed[name] = {
-            "shift": float(moved[k] * scale),
+            "shift": float(change[k] * scale),
             "unit": unit,
-            "in_sd": float(moved[k] / sd[k]) if sd[k] > 0 else 0.0,
-            "determined": name not in left,
+            "in_sd": float(change[k] / u[k]) if u[k] > 0 else 0.0,
+            "determined": name not in undetermined,
         }
     return listed
 
 
 def uncertainty_words(diagnosis: Diagnosis) -> str:
     """Contributions to the stated uncertainties in addition to the noise, for the sensor parameters with the largest ones; ""
-    where none is much larger than the noise."""
+    if none is much larger than the noise."""
     used = diagnosis.in_use
     parts, undetected = used.parts, used.undetected
-    assert undetected is not None  # what is written includes it
+    assert undetected is not None  # the calibration file includes it
     ratio = {
         name: used.sd[k] / parts["noise"][k]
         for k, name in enumerate(used.names)
@@ -173,15 +171,12 @@ def uncertainty_words(diagnosis: Diagnosis) -> str:
 def _undetectable(diagnosis: Diagnosis) -> str:
     if not diagnosis.invisible:
         return ""
-    harm = {
-        id: max(abs(h["in_sd"]) for h in hidden.harm.values())
-        for id, hidden in diagnosis.invisible.items()
-        if hidden.harm
-    }
-    worst = [(id, diagnosis.invisible[id]) for id in sorted(harm, key=lambda id: -harm[id])[:_MOST_WORST]]
+    harm = {id: harm_in_u(diagnosis, hidden) for id, hidden in diagnosis.invisible.items() if hidden.harm}
+    worst = {id: max(changes, key=lambda name: abs(changes[name])) for id, changes in harm.items()}
     listed = "; ".join(
-        f"{id} ({in_words(hidden.size, hidden.unit)} changes {hidden.absorbed_by[0]} by {harm[id]:.1f} u)"
-        for id, hidden in worst
+        f"{id} ({in_words(diagnosis.invisible[id].size, diagnosis.invisible[id].unit)} changes {worst[id]} by "
+        f"{capped(abs(harm[id][worst[id]]), '.1f')} u)"
+        for id in sorted(worst, key=lambda id: -abs(harm[id][worst[id]]))[:_MOST_WORST]
     )
     count = len(diagnosis.invisible)
     return (
@@ -189,8 +184,16 @@ def _undetectable(diagnosis: Diagnosis) -> str:
     )
 
 
+def harm_in_u(diagnosis: Diagnosis, hidden: Invisible) -> dict[str, float]:
+    """Change of each parameter that an undetectable effect of its typical size causes, in standard uncertainties of the
+    calibration file."""
+    used = diagnosis.in_use
+    u = {name: float(used.sd[used.names.index(name)]) for name in hidden.harm}
+    return {name: float(harm["shift"]) / u[name] if u[name] > 0 else 0.0 for name, harm in hidden.harm.items()}
+
+
 def _not_testable(diagnosis: Diagnosis) -> Iterator[str]:
-    """The effects by what the data lack, an entry for each remedy, and those that are found under another name."""
+    """Effects that cannot be tested, grouped by remedy, and those that are reported under another name."""
     entries, by_reason, renamed = diagnosis.entries, dict[str, list[str]](), list[str]()
     for id, reason in diagnosis.model.not_testable.items():
         if id in entries and entries[id].found_as:

@@ -1,4 +1,4 @@
-"""Tables of a diagnosis for a page: gain, explanations, parameters, limits, invisible effects, next positions."""
+"""Tables of a diagnosis: improvement, explanations, parameters, limits, undetectable effects, next positions."""
 
 from collections.abc import Sequence
 
@@ -6,13 +6,13 @@ from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.findings.factors import Factor
 from tumblecal.diagnosis.sets.classes import Explanation
 from tumblecal.diagnosis.sets.exchanges import Labels
-from tumblecal.ground.numbers_shown import decimals, p_words, rounded_together, with_decimals
+from tumblecal.ground.numbers_shown import capped, decimals, p_words, rounded_together, with_decimals
 from tumblecal.ground.units import in_words, shown
 from tumblecal.planning.confirming import Confirmation
 from tumblecal.planning.next_plan import NextPosition
 from tumblecal.report.cause_words import label_words
+from tumblecal.report.diagnosis_details import harm_in_u
 from tumblecal.report.diagnosis_verdict import reason_words
-from tumblecal.report.number_words import bic_words
 from tumblecal.report.page import PageTable
 
 
@@ -25,13 +25,13 @@ _UNCERTAINTY = ("u", "noise", "other explanations", "undetected effects")
 
 
 def gain_table(diagnosis: Diagnosis) -> PageTable:
-    """Residuals, predictions of data left out, and what a new measurement would show; nominal beside extended."""
+    """Residuals, held-out error, and expected error of a repeat measurement: nominal and extended model."""
     gain = diagnosis.gain
-    predicted = f"prediction, {gain.cv_kind}"
+    predicted = f"held-out error, {gain.cv_kind}"
     rows = [
         ("residuals, rms", gain.rms_before_g, gain.rms_after_g, None),
         (predicted, gain.cv_rms_before_g, gain.cv_rms_after_g, gain.cv_gain_sd_g),
-        ("expected of a new measurement", gain.fresh_rms_before_g, gain.fresh_rms_after_g, gain.fresh_gain_sd_g),
+        ("expected of a repeat measurement", gain.fresh_rms_before_g, gain.fresh_rms_after_g, gain.fresh_gain_sd_g),
     ]
     cells = []
     for name, before, after, u in rows:
@@ -42,25 +42,16 @@ def gain_table(diagnosis: Diagnosis) -> PageTable:
         )
     if gain.cv_same_causes is not None:
         cells[1][0] += ", cause selection repeated"
-        kept = gain.cv_rms_kept_g
-        cells.insert(
-            2,
-            [
-                "the same causes in every fold",
-                "",
-                with_decimals(kept * 1e3, decimals(gain.cv_gain_sd_g * 1e3)),
-                "",
-                "mg",
-            ],
-        )
+        same_causes = with_decimals(gain.cv_rms_kept_g * 1e3, decimals(gain.cv_gain_sd_g * 1e3))
+        cells.insert(2, ["the same causes in every fold", "", same_causes, "", "mg"])
         cells.insert(3, ["folds that select the same causes", "", f"{100 * gain.cv_same_causes:.0f} %", "", ""])
     cells += [
         ["parameters", f"{diagnosis.nominal.parameters}", f"{diagnosis.extended.parameters}", "", ""],
-        ["delta BIC (below -10: very strong evidence)", "", "", bic_words(gain.delta_bic), ""],
+        ["delta BIC (below -10: very strong evidence)", "", "", capped(gain.delta_bic, ".1f"), ""],
     ]
     if gain.f_statistic is not None and gain.f_p_value is not None:
-        cells.append([f"F test, {p_words(gain.f_p_value)}", "", "", f"F = {gain.f_statistic:.3g}", ""])
-    return PageTable(["", "nominal model", "extended model", "gain", "unit"], cells, text=(0, 4))
+        cells.append([f"F test, {p_words(gain.f_p_value)}", "", "", f"F {capped(gain.f_statistic, '.3g')}", ""])
+    return PageTable(["", "nominal model", "extended model", "improvement", "unit"], cells, text=(0, 4))
 
 
 def leading(diagnosis: Diagnosis, least: float, most: int) -> list[Explanation]:
@@ -88,13 +79,13 @@ def class_tables(found: Sequence[Factor], best: Explanation) -> list[PageTable]:
 
 
 def _together(row: Labels, column: Labels, first: Factor, second: Factor, best: Explanation) -> str:
-    """What a member of one finding with a member of another is in the class."""
+    """Status in the class of a member of one finding together with a member of another."""
     labels = {*best.labels} - {*first.members[0]} - {*second.members[0]} | {*row} | {*column}
     if labels == {*best.labels}:
         return "leading"
-    if any({*own} == labels for own in best.identical):
+    if any({*member} == labels for member in best.identical):
         return "identical at 1 g"
-    return "indistinguishable" if any({*own} == labels for own in best.equivalents) else "not supported"
+    return "indistinguishable" if any({*member} == labels for member in best.equivalents) else "not supported"
 
 
 def _members_table(factor: Factor) -> PageTable:
@@ -133,8 +124,8 @@ def _equivalents(explanation: Explanation, diagnosis: Diagnosis) -> str:
 
 
 def parameters_table(diagnosis: Diagnosis) -> PageTable:
-    """Every nominal parameter of the sensor and its set-up as calibration.json has it, with its standard uncertainty and the
-    contributions to it; the nominal model's value before it if that is another."""
+    """Every nominal parameter of sensor and set-up in calibration.json, with its standard uncertainty and the contributions to
+    it; first the value of the nominal model, if that differs."""
     chain, inserted = diagnosis.model.nominal_chain, diagnosis.extended is not diagnosis.nominal
     used, rows = diagnosis.in_use, []
     for k, name in enumerate(chain.names):
@@ -153,8 +144,8 @@ def parameters_table(diagnosis: Diagnosis) -> PageTable:
             *parts,
         ]
         if inserted:
-            moved = used.values[k] - diagnosis.nominal.values[k]
-            cells += [f"{moved / used.sd[k]:+z.1f}"]
+            change = used.values[k] - diagnosis.nominal.values[k]
+            cells += [capped(change / used.sd[k], "+z.1f")]
         rows.append(cells)
     if not inserted:
         return PageTable(["parameter", "unit", "value", *_UNCERTAINTY], rows, text=(1,))
@@ -163,12 +154,12 @@ def parameters_table(diagnosis: Diagnosis) -> PageTable:
 
 
 def limits_table(diagnosis: Diagnosis) -> PageTable:
-    """The smallest size of every coefficient that would be diagnosis, in the catalogue's order."""
+    """Detection limit of every coefficient, in the order of the catalogue."""
     rows = [
         [
             id if not number else "",
             coefficient if len(limit.coefficients) > 1 else "",
-            "not visible" if size is None else f"{size:.3g}",
+            "undetectable" if size is None else f"{size:.3g}",
             limit.unit,
             f"{diagnosis.entries[id].typical:g}",
             f"{100 * limit.visible_fraction:.0f} %",
@@ -176,20 +167,20 @@ def limits_table(diagnosis: Diagnosis) -> PageTable:
         for id, limit in _in_order(diagnosis, diagnosis.limits).items()
         for number, (coefficient, size) in enumerate(limit.coefficients.items())
     ]
-    header = ["effect", "coefficient", "limit (80 % power)", "unit", "typical size", "visible"]
+    header = ["effect", "coefficient", "detection limit (80 % power)", "unit", "typical size", "visible"]
     return PageTable(header, rows, text=(1, 3))
 
 
 def invisible_table(diagnosis: Diagnosis) -> PageTable:
-    """Effects, or directions of them, that the nominal parameters take up, and what they would do unseen."""
+    """Effects, or directions of them, that the nominal parameters absorb, and the changes that they would cause."""
     rows = []
     for id, hidden in _in_order(diagnosis, diagnosis.invisible).items():
         direction = ", ".join(f"{share:+.2f}{_JOIN}{_suffix(name, id)}" for name, share in hidden.direction.items())
-        harms = []
+        harms, in_u = [], harm_in_u(diagnosis, hidden)
         for name, harm in list(hidden.harm.items())[:_MOST_HARMED]:
             unit, scale = shown(str(harm["unit"]))
             size = in_words(f"{harm['shift'] * scale:+.3g}", unit)
-            harms.append(f"{name} by {size} ({harm['in_sd']:+.1f} u)".replace(" ", _JOIN))
+            harms.append(f"{name} by {size} ({capped(in_u[name], '+.1f')} u)".replace(" ", _JOIN))
         if len(hidden.harm) > _MOST_HARMED:
             harms.append(f"and{_JOIN}{len(hidden.harm) - _MOST_HARMED}{_JOIN}more")
         alone = len(hidden.direction) == 1 and id in hidden.direction
@@ -203,12 +194,12 @@ def _suffix(name: str, id: str) -> str:
 
 
 def _in_order(diagnosis: Diagnosis, listed: dict) -> dict:
-    """Sorted as the catalogue is."""
+    """In the order of the catalogue."""
     return {id: listed[id] for id in diagnosis.entries if id in listed}
 
 
 def not_testable_table(diagnosis: Diagnosis) -> PageTable:
-    """The effects that were not tried, by the reason."""
+    """The effects that cannot be tested, by reason."""
     reasons: dict[str, list[str]] = {}
     for id, reason in diagnosis.model.not_testable.items():
         reasons.setdefault(reason, []).append(id)
@@ -218,8 +209,10 @@ def not_testable_table(diagnosis: Diagnosis) -> PageTable:
 def next_table(proposed: Sequence[NextPosition]) -> PageTable:
     """Proposed positions in their order."""
     if any(position.direction for position in proposed):
-        worth = [[f"{k}", own.direction, f"{100 * own.value:.0f} %"] for k, own in enumerate(proposed, start=1)]
-        return PageTable(["", "attitude", "gain"], worth, text=(1,))
+        attitudes = [
+            [f"{k}", position.direction, f"{100 * position.value:.0f} %"] for k, position in enumerate(proposed, 1)
+        ]
+        return PageTable(["", "attitude", "improvement"], attitudes, text=(1,))
     rows = [
         [
             f"{rank}",
@@ -230,7 +223,7 @@ def next_table(proposed: Sequence[NextPosition]) -> PageTable:
         ]
         for rank, position in enumerate(proposed, start=1)
     ]
-    return PageTable(["", "alpha / deg", "beta / deg", "mounting", "gain"], rows, text=(3,))
+    return PageTable(["", "alpha / deg", "beta / deg", "mounting", "improvement"], rows, text=(3,))
 
 
 def confirming_table(readings: Sequence[Confirmation], alternative: str) -> PageTable:
@@ -242,7 +235,7 @@ def confirming_table(readings: Sequence[Confirmation], alternative: str) -> Page
             reading.axis,
             rounded_together(reading.expected_g * 1e3, reading.expected_sd_g * 1e3),
             rounded_together(reading.rival_g * 1e3, reading.sd_g * 1e3),
-            f"{reading.sd_apart:.1f}",
+            capped(reading.sd_apart, ".1f"),
         ]
         for reading in readings
     ]

@@ -10,7 +10,7 @@ from tumblecal.diagnosis.causes.cause import Cause, id_of
 from tumblecal.diagnosis.causes.generic import UNEXPLAINED
 from tumblecal.diagnosis.findings.factors import Factor, Reason
 from tumblecal.estimation.plausibility import implausible_words
-from tumblecal.ground.numbers_shown import p_words
+from tumblecal.ground.numbers_shown import changed, p_words
 from tumblecal.planning.next_plan import NextPlan
 from tumblecal.report.cause_words import (
     label_words,
@@ -259,7 +259,7 @@ def _evidence(diagnosis: Diagnosis) -> Iterator[str]:
         if gain.cv_same_causes is None
         else f"; {100 * gain.cv_same_causes:.0f} % of the folds select the same causes"
     )
-    yield f"Held-out error {before_mg:.3g} -> {after_mg:.3g} mg ({gain.cv_kind}){same}."
+    yield f"Held-out error {changed(before_mg, after_mg, gain.cv_gain_sd_g * 1e3)} mg ({gain.cv_kind}){same}."
     if after_mg > before_mg:
         yield "Held-out predictions became WORSE: do not correct positions beyond or between these with this explanation."
 

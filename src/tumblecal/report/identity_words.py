@@ -4,6 +4,6 @@ from tumblecal.data.positions import NOT_CONFIRMED, PositionSet
 
 
 def identity_words(data: PositionSet) -> str:
-    """That the instrument did not state its serial number at some positions, and what a comparison found; "" otherwise."""
-    said = data.comments.get(NOT_CONFIRMED, "")
-    return f"Identity of the instrument not confirmed: {said}" if said else ""
+    """The positions at which the instrument did not state its serial number, and the result of a comparison; "" if none."""
+    words = data.comments.get(NOT_CONFIRMED, "")
+    return f"Identity of the instrument not confirmed: {words}" if words else ""

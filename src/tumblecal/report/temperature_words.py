@@ -1,4 +1,4 @@
-"""What changed while a calibration was measured, in words: the temperature, and the readings within dwells."""
+"""Changes during a measurement in words: the temperature, and the readings within dwells."""
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from tumblecal.ground.suggested_command import suggested
 from tumblecal.report.sensor_terms import effects_in
 
 
-# Typical coefficients make of so much (degC) several times the noise of a good measurement.
+# With typical coefficients such a change (degC) causes several times the noise of a good measurement.
 _MUCH_DEGC = 2.0
 
 
@@ -20,8 +20,8 @@ def within_dwells_words(data: PositionSet) -> str:
 
 
 def temperature_words(fit: Fit, entries: Catalogue) -> str:
-    """That the standard deviations hold nothing of a temperature that changed; "" where it hardly did, is not known, or the
-    chain has effects of it."""
+    """That the standard uncertainties do not include the effect of a changed temperature; "" if it hardly changed, is unknown,
+    or the chain has effects of temperature."""
     degc = fit.data.temperature_degc
     if degc is None or np.ptp(degc) < _MUCH_DEGC:
         return ""
@@ -29,7 +29,7 @@ def temperature_words(fit: Fit, entries: Catalogue) -> str:
     if any("reference_degc" in form for effect in effects for form in effect.forms):
         return ""
     return (
-        f"the temperature changed by {np.ptp(degc):.2g} degC: the standard uncertainties do not include the effect of this "
-        "change on bias and scale factors; for those that include it, run: "
+        f"The temperature changed by {np.ptp(degc):.2g} degC: the standard uncertainties do not include the effect of this "
+        "change on bias and scale factors. To include it, run: "
         f"{suggested('diagnose', *fit.data.as_arguments)}"
     )

@@ -1,4 +1,4 @@
-"""What `tumblecal calibrate` prints: the estimates side by side, the fit's quality, what is badly determined."""
+"""Terminal output of `tumblecal calibrate`: estimates of all methods, quality of the fit, poorly determined parameters."""
 
 import numpy as np
 from rich.console import Console
@@ -10,7 +10,7 @@ from tumblecal.estimation.noise_level import ContradictedLevel
 from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.ground.units import shown
 from tumblecal.report.calibration_judgements import judgements, use_of
-from tumblecal.report.calibration_words import TITLES, cure_words, methods_words, noise_words
+from tumblecal.report.calibration_words import TITLES, methods_words, noise_words, remedy_words
 from tumblecal.report.gravity_words import gravity_words
 from tumblecal.report.identity_words import identity_words
 from tumblecal.report.narrow import print_table, print_words
@@ -33,7 +33,7 @@ def print_calibration(calibrated: Calibrated, console: Console | None = None) ->
         f"use: {use_of(calibrated, judged).words}",
         *(own.words for own in judged),
         *(f"IMPLAUSIBLE: {words}" for words in implausible_words(calibrated.implausible)),
-        *(f"put right: {setup_error.description}" for setup_error in calibrated.setup_errors),
+        *(f"corrected: {setup_error.description}" for setup_error in calibrated.setup_errors),
         *filter(
             None,
             [
@@ -75,7 +75,7 @@ def _print_table(calibrated: Calibrated, console: Console) -> None:
 
 
 def quality(result: Fit, level: ContradictedLevel | None = None) -> list[str]:
-    """The fit's quality in words; `level`: the stated noise level, if the residuals contradict it."""
+    """Quality of the fit in words; `level`: the stated noise level, if the residuals contradict it."""
     rms = np.sqrt(np.mean(result.residuals**2)) * 1e3
     lines = [
         f"fit: {result.message}; {result.residuals.size} readings, {len(result.names)} parameters, {result.dof} degrees "
@@ -86,7 +86,7 @@ def quality(result: Fit, level: ContradictedLevel | None = None) -> list[str]:
     unlisted = len(result.chain.of_positions)
     if unlisted:
         lines.append(
-            f"{unlisted} of the parameters belong to one position each (unknown attitudes): result.json has them"
+            f"{unlisted} of the parameters belong to one position each (unknown attitudes); they are listed in result.json"
         )
     lines += filter(None, [noise_words(result, level)])
     if not result.code.good:
@@ -95,19 +95,19 @@ def quality(result: Fit, level: ContradictedLevel | None = None) -> list[str]:
 
 
 def weaknesses(result: Fit) -> list[str]:
-    """Weak directions and strong correlations in words."""
+    """Poorly determined combinations and strong correlations in words."""
     seen = result.identifiability
     lines = []
     for direction in seen.weak if seen else ():
         lines.append(
-            f"weakly determined: {direction.words} (these move together; sd {direction.sd_ratio:.0f} times that of a "
-            f"typical direction)"
+            f"poorly determined combination: {direction.words} (highly correlated; uncertainty {direction.sd_ratio:.0f} times "
+            "the median)"
         )
     pairs = [f"{p['first']} with {p['second']} {p['correlation']:+.3f}" for p in strong_correlations(result)[:6]]
     if pairs:
         lines.append(f"correlations above 0.9: {'; '.join(pairs)}")
-    if cure_words(result):
-        lines.append(f"cure: {cure_words(result)}")
+    if remedy := remedy_words(result):
+        lines.append(f"To fix this, {remedy}.")
     return lines
 
 
@@ -115,9 +115,9 @@ def _skipped(calibrated: Calibrated) -> list[str]:
     lines = [f"{TITLES[name]}: not run: {reason}" for name, reason in calibrated.skipped.items()]
     if calibrated.exact.problem.correlated:
         lines.append(
-            "noise: the recording's noise model, with what neighbouring positions share, is in the exact fit; the other "
-            "methods take the positions as independent, with the sd columns"
+            "noise: the exact fit uses the noise model of the recording, with the correlation between neighbouring positions; "
+            "the other methods assume independent positions with the sd columns"
         )
     if calibrated.exact.problem.with_prior:
-        lines.append("the stated priors are in the exact fit alone")
+        lines.append("Only the exact fit uses the stated priors.")
     return lines

@@ -9,7 +9,7 @@ from tumblecal.data.positions import joined_arguments
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.findings.candidate_law import Law, Term
 from tumblecal.diagnosis.findings.unnamed import Unnamed
-from tumblecal.ground.numbers_shown import rounded_together
+from tumblecal.ground.numbers_shown import changed, rounded_together
 from tumblecal.ground.suggested_command import suggested
 from tumblecal.report.verdict import Finding
 
@@ -51,7 +51,7 @@ def term_words(term: Term) -> str:
 
 def held_out_words(law: Law) -> str:
     """The held-out improvement."""
-    return f"held-out error {law.before_g * 1e3:.3g} -> {law.after_g * 1e3:.3g} mg"
+    return f"held-out error {changed(law.before_g * 1e3, law.after_g * 1e3)} mg"
 
 
 def unnamed_record(own: Unnamed | None) -> dict | None:

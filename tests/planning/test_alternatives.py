@@ -9,10 +9,10 @@ import blind_instrument as blind
 from blind_noise import position_set
 from tumblecal.diagnosis import Diagnoser
 from tumblecal.effects import catalogue
+from tumblecal.planning.alternatives import Alternative, alternatives_of, columns_of
 from tumblecal.planning.new_rows import rows_of
 from tumblecal.planning.next_plan import SEPARATE, next_plan
 from tumblecal.planning.proposals import Allowed, Proposal, proposals
-from tumblecal.planning.rivals import Rival, columns_of, rivals_of
 from tumblecal.planning.value import Separation
 
 
@@ -33,7 +33,7 @@ def diagnosed():
     assert best.labels == (HIDDEN,) and best.equivalents == (OFF,)
     # Its probability decides; what counts at any odds is a rival however improbable it is.
     assert sum(best.shares) < 1e-4 and diagnosis.verdict == "identified"
-    assert not rivals_of(diagnosis, present(diagnosis))
+    assert not alternatives_of(diagnosis, present(diagnosis))
     return doubted(diagnosis, OFF)
 
 
@@ -57,17 +57,17 @@ def test_a_rival_at_any_odds_is_told_apart_however_improbable(diagnosed):
 
 
 def test_positions_that_a_rival_takes_for_off_tell_it_nothing(diagnosed):
-    rival = rivals_of(diagnosed, present(diagnosed))[0]
-    by_position = rival.rows.old[: 3 * len(diagnosed.data)].reshape(len(diagnosed.data), 3, -1)
+    alternative = alternatives_of(diagnosed, present(diagnosed))[0]
+    by_position = alternative.rows.old[: 3 * len(diagnosed.data)].reshape(len(diagnosed.data), 3, -1)
     off = [diagnosed.data.names[k] for k in np.flatnonzero(~np.any(by_position, axis=(1, 2)))]
-    assert rival.labels == OFF == tuple(f"outlier_position:{name}" for name in off)
+    assert alternative.labels == OFF == tuple(f"outlier_position:{name}" for name in off)
 
 
 def test_what_is_told_apart_by_thousands_of_sd_stays_finite(diagnosed):
     rows, leader = present(diagnosed), columns_of(diagnosed.members)
     amplitudes = 1e4 * diagnosed.extended.vector[leader] / diagnosed.model.scales[leader]
-    own = Rival(diagnosed.best.labels, tuple(leader), 1.0, rows)
-    value = Separation(diagnosed.model.nominal, own, amplitudes, rivals_of(diagnosed, rows))
+    own = Alternative(diagnosed.best.labels, tuple(leader), 1.0, rows)
+    value = Separation(diagnosed.model.nominal, own, amplitudes, alternatives_of(diagnosed, rows))
     for cells in rows.cells[:3]:
         expected = value.total + value.of([cells])[0]
         value.take(cells)
@@ -78,11 +78,11 @@ def test_what_is_told_apart_by_thousands_of_sd_stays_finite(diagnosed):
 def test_what_has_changed_for_good_is_so_at_new_positions(diagnosed):
     """A mount that slipped at the sixth position: three angles more from there on, and at every new one."""
     slipped, rows = doubted(diagnosed, (f"mount_slip:{diagnosed.data.names[5]}",)), present(diagnosed)
-    rival = rivals_of(slipped, rows)[0]
+    alternative = alternatives_of(slipped, rows)[0]
     own = [diagnosed.model.names.index(f"dtheta_{axis}") for axis in "xyz"]
     added = slice(rows.old.shape[1], None)
-    np.testing.assert_allclose(rival.rows.new[:, :, added], rows.new[:, :, own])
-    after = rival.rows.old[: 3 * len(diagnosed.data), added]
+    np.testing.assert_allclose(alternative.rows.new[:, :, added], rows.new[:, :, own])
+    after = alternative.rows.old[: 3 * len(diagnosed.data), added]
     assert not np.any(after[:15]) and np.any(after[15:18])
     np.testing.assert_allclose(after[15:], rows.old[15 : 3 * len(diagnosed.data), own])
 
@@ -92,5 +92,5 @@ def test_what_is_measured_with_the_triad_turned_tells_how_it_stands(diagnosed):
     side, turn = "turned 90 deg about z", (0.0, 90.0, 180.0, 270.0)
     rows = rows_of(diagnosed, [Proposal(turn, beta, side) for beta in (0.0, 90.0)])
     level, upright = rows.cells
-    assert rows.determine_their_own(level) and not rows.determine_their_own(upright)
-    assert rows.determine_their_own(np.concatenate([level, upright]))
+    assert rows.determine_group_parameters(level) and not rows.determine_group_parameters(upright)
+    assert rows.determine_group_parameters(np.concatenate([level, upright]))
