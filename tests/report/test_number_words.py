@@ -3,7 +3,7 @@
 import pytest
 
 from tumblecal.diagnosis.tuning import SURE
-from tumblecal.ground.numbers_shown import rounded, rounded_together
+from tumblecal.ground.numbers_shown import capped, changed, p_words, rounded, rounded_together
 from tumblecal.report.number_words import ambiguity
 
 
@@ -11,9 +11,9 @@ from tumblecal.report.number_words import ambiguity
 @pytest.mark.parametrize("alike", [True, False])
 def test_equally_well_is_said_of_equals_alone(probability, alike):
     others = [(1.0 - probability) * share for share in (0.7, 0.3)]
-    said = ambiguity(probability, others, alike=alike)
-    assert ("equally well" in said) == (probability <= 2 * others[0])
-    assert ("cannot tell apart" in said) == (alike and probability >= SURE)
+    said = ambiguity(probability, others, indistinguishable=alike)
+    assert ("almost equally well" in said) == (probability <= 2 * others[0])
+    assert ("cannot be distinguished" in said) == (alike and probability >= SURE)
 
 
 @pytest.mark.parametrize(
@@ -34,3 +34,19 @@ def test_uncertainties_have_two_digits_and_values_the_same_decimal(value, u, wor
 
 def test_further_uncertainties_have_the_same_decimal():
     assert rounded(1.23456, 0.0123, 0.1999) == ["1.235", "0.012", "0.200"]
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "u", "words"),
+    [
+        (0.2, 0.102, 0.014, "0.200 -> 0.102"), (0.2, 0.102, None, "0.200 -> 0.102"), (172.4, 128.1, 30.0, "172 -> 128"),
+        (12.3, 0.0456, None, "12.3000 -> 0.0456"),
+    ],
+)  # fmt: skip
+def test_a_change_has_equal_decimals(before, after, u, words):
+    assert changed(before, after, u) == words
+
+
+def test_no_number_pretends_precision():
+    assert [p_words(p) for p in (0.6142, 0.0123, 3.21e-13, 0.0)] == ["p = 0.61", "p = 0.012", "p = 3e-13", "p < 1e-100"]
+    assert [capped(x, "+.1f") for x in (12.34, -92.9, 1.6e6, -1.1e8)] == ["+12.3", "-92.9", "> 1000", "< -1000"]

@@ -1,4 +1,4 @@
-"""Figures of a diagnosis: residuals against everything recorded; the list of all figures."""
+"""Figures of a diagnosis: residuals against all recorded variables; the list of all figures."""
 
 import textwrap
 from pathlib import Path
@@ -24,17 +24,17 @@ from tumblecal.report.unnamed_figure import unnamed_figure
 # With more pitch settings than this they share one panel.
 _MOST_PANELS = 5
 _MOST_EXPLANATIONS, _LEAST_SHOWN, _LABEL_WIDTH = 8, 2e-3, 46
-# Residuals before that are this many times larger than the scale of those after stand at the edge, as arrows.
+# Residuals of the nominal model beyond this multiple of the scale of the extended model are arrows at the edge.
 _BEYOND = 5.0
-# So do those after beyond this many sd of the noise.
+# Residuals of the extended model beyond this many standard deviations of the noise are arrows as well.
 _MOST_NOISE = 12.0
-# Of panels of residuals: room for two lines and the numbers at the left, the legend above, and titles where there are any.
+# Panels of residuals: room for two lines and the numbers at the left, the legend above, and titles if there are any.
 _MARGINS, _TITLES = Margins(left=0.85, right=0.15, bottom=0.5, top=0.32, across=0.14, down=0.14), 0.2
 _RUN_MARKERS = "os^Dv"
 
 
 def draw_all(diagnosis: Diagnosis, folder: Path) -> list[str]:
-    """Draw all figures of a diagnosis into `folder` (SVG); returns the names of those that there is something for."""
+    """Draw all figures of a diagnosis into `folder` (SVG); returns the names of those drawn."""
     figures = {
         "unexplained.svg": unnamed_figure,
         "residuals_by_angle.svg": angle_figure,
@@ -69,10 +69,10 @@ def angle_figure(diagnosis: Diagnosis) -> Figure:
 
 
 def column_figure(diagnosis: Diagnosis) -> Figure:
-    """Residuals against the axis's own input, beta, time and temperature, before and after."""
+    """Residuals against the input of the axis, beta, time and temperature, before and after."""
     data, every = diagnosis.data, np.ones(len(diagnosis.data), bool)
     columns = [
-        _Column("own input / g", diagnosis.screened.at.evaluation.inputs, every),
+        _Column("input of the axis / g", diagnosis.screened.at.evaluation.inputs, every),
         _Column("beta / deg", data.beta_deg, every),
     ]
     if data.time_s is not None:
@@ -93,7 +93,7 @@ class _Column(NamedTuple):
 
 
 def _residuals(diagnosis: Diagnosis, columns: list[_Column], words: str, width: float) -> Figure:
-    """Panels of residuals, a row an axis. `words` stands below the panels; where it is empty the columns' titles do."""
+    """Panels of residuals, a row for each axis. `words` is the label below the panels; "": the titles of the columns."""
     margins = _MARGINS._replace(top=_MARGINS.top + (_TITLES if words else 0.0))
     figure, panels = new_panels(width, 5.2, 3, len(columns), margins)
     for row in range(3):
@@ -110,21 +110,21 @@ def _residuals(diagnosis: Diagnosis, columns: list[_Column], words: str, width: 
         panels[row, 0].set_ylabel(f"{AXES[row]}: measured -\npredicted / mg")
     handles = {}
     for panel in panels.ravel():
-        own, labels = panel.get_legend_handles_labels()
-        handles |= {label: handle for label, handle in zip(labels, own, strict=True) if label not in handles}
+        of_panel, labels = panel.get_legend_handles_labels()
+        handles |= {label: handle for label, handle in zip(labels, of_panel, strict=True) if label not in handles}
     if len(handles) > 1:
         figure.legend(handles.values(), handles.keys(), loc="upper right", ncols=6, fontsize=7)
     return figure
 
 
 def _noise(diagnosis: Diagnosis, row: int) -> float:
-    """Sd of the noise of an axis under the noise model in use, g."""
+    """Standard deviation of the noise of an axis under the noise model in use, g."""
     sigma = diagnosis.level
     return float(sigma / np.median(1.0 / diagnosis.problem.sd[:, row]))
 
 
 def _reach(diagnosis: Diagnosis, row: int) -> float:
-    """Half the height of an axis's panels, mg: all residuals, unless a few of them would press the rest flat."""
+    """Half the height of the panels of an axis, mg: all residuals, unless a few would compress the scale of the rest."""
     kept, noise = diagnosis.extended.retained, _noise(diagnosis, row)
     after = max(np.max(np.abs(diagnosis.extended.residuals[kept, row]), initial=0.0), 2.2 * noise)
     after = after if after < _MOST_NOISE * noise else 0.5 * _MOST_NOISE * noise
@@ -133,7 +133,7 @@ def _reach(diagnosis: Diagnosis, row: int) -> float:
 
 
 def _scatter(panel: Axes, diagnosis: Diagnosis, across: np.ndarray, row: int, here: np.ndarray, reach: float) -> None:
-    """The residuals of one axis over the band of two sd; beyond the scale as arrows, positions left out as crosses."""
+    """The residuals of one axis over a band of two standard deviations; beyond the scale arrows, excluded positions crosses."""
 
     def points(values: np.ndarray, shown: np.ndarray, marker: str, colour: str, words: str) -> None:
         """Rings (of the nominal model) or dots; values beyond the scale as arrows at its edge."""
@@ -150,7 +150,7 @@ def _scatter(panel: Axes, diagnosis: Diagnosis, across: np.ndarray, row: int, he
 
     inserted, kept = diagnosis.extended is not diagnosis.nominal, diagnosis.extended.retained
     band = 2e3 * _noise(diagnosis, row)
-    panel.axhspan(-band, band, color="#efefef", zorder=0, label="2 sd of the noise")
+    panel.axhspan(-band, band, color="#efefef", zorder=0, label="2 standard deviations of the noise")
     panel.axhline(0, color=INK, lw=0.7)
     before, after = diagnosis.nominal.residuals[:, row] * 1e3, diagnosis.extended.residuals[:, row] * 1e3
     if inserted:
@@ -161,14 +161,14 @@ def _scatter(panel: Axes, diagnosis: Diagnosis, across: np.ndarray, row: int, he
     for number, run in enumerate(runs):
         marker, label = (_RUN_MARKERS[number], f"{words}, run {run}") if several_runs else ("o", words)
         points(after, here & kept & (run_of == run), marker, AXIS_COLOUR[AXES[row]], label)
-    left = here & ~kept
-    if np.any(left):
-        edge = np.clip(after[left], -0.94 * reach, 0.94 * reach)
-        panel.plot(across[left], edge, "x", ms=5, color=OUTSIDE, ls="none", label="left out")
+    excluded = here & ~kept
+    if np.any(excluded):
+        edge = np.clip(after[excluded], -0.94 * reach, 0.94 * reach)
+        panel.plot(across[excluded], edge, "x", ms=5, color=OUTSIDE, ls="none", label="excluded")
 
 
 def explanations_figure(diagnosis: Diagnosis) -> Figure:
-    """Probability of the leading explanations; light: of the sets that the data cannot tell from it."""
+    """Probability of the leading explanations; light: of the class of indistinguishable sets."""
     listed = leading(diagnosis, _LEAST_SHOWN, _MOST_EXPLANATIONS)[::-1]
     words = []
     for explanation in listed:
@@ -177,7 +177,7 @@ def explanations_figure(diagnosis: Diagnosis) -> Figure:
     figure = new_figure(7.5, 0.3 * len(listed) + 0.1 * sum(text.count("\n") for text in words) + 0.95)
     panel = figure.subplots()
     rows = range(len(listed))
-    panel.barh(rows, [e.class_probability for e in listed], color="#cfdcea", label="with those not to be told apart")
+    panel.barh(rows, [e.class_probability for e in listed], color="#cfdcea", label="class of indistinguishable explanations")
     panel.barh(rows, [e.own_probability for e in listed], color=AXIS_COLOUR["x"], label="this one alone")
     panel.set_yticks(list(rows), words)
     panel.set_xlim(0, 1)

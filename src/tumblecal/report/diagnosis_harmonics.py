@@ -1,4 +1,4 @@
-"""Figure of the discrepancy: the residuals' harmonics of the spindle angle, in units of what a right model leaves."""
+"""Figure of the harmonics of the spindle angle in the residuals, in standard deviations under a correct model."""
 
 import numpy as np
 from matplotlib import colormaps
@@ -17,7 +17,7 @@ _MOST_WORDED = 12
 
 
 def harmonics_figure(diagnosis: Diagnosis) -> Figure | None:
-    """A cell for every axis, pitch setting and harmonic, before and after; None where no setting has enough angles."""
+    """A cell for every axis, pitch setting and harmonic, before and after; None if no setting has enough angles."""
     fits: list[tuple[str, Fit]] = [("nominal model", diagnosis.nominal)]
     if diagnosis.extended is not diagnosis.nominal:
         fits.append(("extended model", diagnosis.extended))
@@ -31,9 +31,9 @@ def harmonics_figure(diagnosis: Diagnosis) -> Figure | None:
     figure.get_layout_engine().set(hspace=0.12)  # type: ignore[union-attr]
     panels = figure.subplots(len(fits), 3, sharex=True, sharey=True, squeeze=False)
     image = None
-    for row, ((name, _), own) in enumerate(zip(fits, cells, strict=True)):
+    for row, ((name, _), of_fit) in enumerate(zip(fits, cells, strict=True)):
         for panel, axis in zip(panels[row], "xyz", strict=True):
-            image = _table(panel, [harmonic for harmonic in own if harmonic.axis == axis], settings, columns)
+            image = _table(panel, [harmonic for harmonic in of_fit if harmonic.axis == axis], settings, columns)
             panel.set_title(f"axis {axis}, {name}")
             panel.set_xticks(range(len(columns)), [_words(*column) for column in columns], fontsize=6.5)
             panel.set_yticks(
@@ -45,16 +45,16 @@ def harmonics_figure(diagnosis: Diagnosis) -> Figure | None:
         panel.set_xlabel("harmonic of alpha")
     assert image is not None
     bar = figure.colorbar(image, ax=panels, shrink=0.9, aspect=12 * len(fits), pad=0.015, extend="both")
-    bar.set_label("residual / its sd")
+    bar.set_label("harmonic / standard deviation")
     bar.outline.set_visible(False)  # type: ignore[operator]
     return figure
 
 
-def _table(panel: Axes, own: list[Discrepancy], settings: list[int], columns: list[tuple[int, str]]) -> AxesImage:
-    """Cells coloured by their size; crossed where the model's parameters take up the harmonic whole."""
+def _table(panel: Axes, harmonics: list[Discrepancy], settings: list[int], columns: list[tuple[int, str]]) -> AxesImage:
+    """Cells coloured by size; crossed if fitted parameters absorb the harmonic completely."""
     values = np.full((len(settings), len(columns)), np.nan)
     panel.set_facecolor("white")
-    for harmonic in own:
+    for harmonic in harmonics:
         cell = settings.index(harmonic.pitch), columns.index((harmonic.order, harmonic.wave))
         if harmonic.in_sd is None:
             panel.plot(cell[1], cell[0], "x", ms=4, mew=0.7, color="#b0b0b0")

@@ -1,4 +1,4 @@
-"""Figure of the detection limits: how large each effect must be to be diagnosis, beside the size met in practice."""
+"""Figure of the detection limits of all effects, relative to the sizes met in practice."""
 
 from dataclasses import dataclass, field
 
@@ -13,7 +13,7 @@ from tumblecal.report.drawing import AXIS_COLOUR, INK, MUTED, new_figure
 
 @dataclass
 class _Row:
-    """Effects that differ only in the axis: typical size, and for each axis ("" where there is none) the limits."""
+    """Effects that differ only in the axis: typical size, and the limits of each axis ("" if there is none)."""
 
     unit: str
     typical: float
@@ -21,9 +21,11 @@ class _Row:
 
 
 def limits_figure(diagnosis: Diagnosis) -> Figure | None:
-    """Detection limits over typical sizes, a row an effect; None where nothing is visible."""
+    """Detection limits divided by typical sizes, a row for each effect; None if no effect is detectable."""
     rows = _rows(diagnosis)
-    sizes = [limit for row in rows.values() for own in row.limits.values() for limit in own if limit is not None]
+    sizes = [
+        limit for row in rows.values() for of_axis in row.limits.values() for limit in of_axis if limit is not None
+    ]
     if not sizes:
         return None
     figure = new_figure(7.5, 0.19 * len(rows) + 1.1)
@@ -34,8 +36,8 @@ def limits_figure(diagnosis: Diagnosis) -> Figure | None:
     panel.axvline(1, color=INK, lw=0.9)
     panel.axvline(high, color="#cccccc", lw=0.6)
     for line, row in enumerate(rows.values()):
-        for axis, own in row.limits.items():
-            _marks(panel, line, axis, own, edge)
+        for axis, of_axis in row.limits.items():
+            _marks(panel, line, axis, of_axis, edge)
     panel.set_xscale("log")
     panel.set_xlim(low, edge * (edge / high) ** 0.6)
     panel.set_ylim(len(rows) - 0.4, -0.6)
@@ -48,7 +50,7 @@ def limits_figure(diagnosis: Diagnosis) -> Figure | None:
 
 
 def _rows(diagnosis: Diagnosis) -> dict[str, _Row]:
-    """Rows in the catalogue's order; an invisible coefficient is None."""
+    """Rows in the order of the catalogue; an undetectable coefficient is None."""
     rows: dict[str, _Row] = {}
     for id, entry in diagnosis.entries.items():
         limit, hidden = diagnosis.limits.get(id), diagnosis.invisible.get(id)
@@ -56,8 +58,8 @@ def _rows(diagnosis: Diagnosis) -> dict[str, _Row]:
             continue
         family, axis = _family(id)
         row = rows.setdefault(family, _Row(entry.unit, entry.typical))
-        own = list(limit.coefficients.values()) if limit is not None else [None]
-        row.limits[axis] = [None if size is None else size / entry.typical for size in own]
+        sizes = list(limit.coefficients.values()) if limit is not None else [None]
+        row.limits[axis] = [None if size is None else size / entry.typical for size in sizes]
     return rows
 
 
@@ -68,21 +70,21 @@ def _family(id: str) -> tuple[str, str]:
     return " ".join([name, *(parts[1:] if axis else parts)]), axis
 
 
-def _marks(panel: Axes, line: int, axis: str, own: list[float | None], edge: float) -> None:
-    """The limits of one axis as dots, joined where there are several; what is invisible stands beyond the scale."""
+def _marks(panel: Axes, line: int, axis: str, limits: list[float | None], edge: float) -> None:
+    """The limits of one axis as dots, joined if there are several; undetectable ones are drawn beyond the scale."""
     colour = AXIS_COLOUR.get(axis, INK)
     height = line + {"x": -0.24, "y": 0.0, "z": 0.24}.get(axis, 0.0)
-    seen = [size for size in own if size is not None]
+    seen = [size for size in limits if size is not None]
     if seen:
         panel.plot([min(seen), max(seen)], [height] * 2, color=colour, lw=0.8)
         panel.plot(seen, [height] * len(seen), "o", ms=3.6, color=colour)
-    if len(seen) < len(own):
+    if len(seen) < len(limits):
         panel.plot(edge, height, "x", ms=3.6, mew=1, color=MUTED if not axis else colour, alpha=0.7)
 
 
 def _ticks(panel: Axes, low: float, high: float, edge: float) -> None:
     decades = 10.0 ** np.arange(np.log10(low), np.log10(high) + 0.5)
-    panel.set_xticks([*decades, edge], [*(f"{size:g}" for size in decades), "not\nvisible"])
+    panel.set_xticks([*decades, edge], [*(f"{size:g}" for size in decades), "unde-\ntectable"])
     panel.minorticks_off()
     panel.set_axisbelow(True)
 
@@ -91,6 +93,6 @@ def _key(panel: Axes) -> None:
     handles = [
         *(panel.plot([], [], "o", ms=4, color=AXIS_COLOUR[axis], ls="none", label=f"axis {axis}")[0] for axis in "xyz"),
         panel.plot([], [], "o", ms=4, color=INK, ls="none", label="head, all axes")[0],
-        panel.plot([], [], "x", ms=4, color=MUTED, ls="none", label="not visible, however large")[0],
+        panel.plot([], [], "x", ms=4, color=MUTED, ls="none", label="undetectable at any size")[0],
     ]
     panel.legend(handles=handles, loc="lower center", bbox_to_anchor=(0.4, 1.0), ncols=5, fontsize=7)

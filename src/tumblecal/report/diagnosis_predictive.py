@@ -1,4 +1,4 @@
-"""Figure of the posterior-predictive check: what data of the fitted model look like, and where the measured ones lie."""
+"""Figure of the posterior predictive check: measured statistics within the range of data simulated from the fitted model."""
 
 from typing import Any
 
@@ -12,7 +12,7 @@ from tumblecal.estimation.fit import Fit
 from tumblecal.report.drawing import AXIS_COLOUR, BAND, INK, MUTED, OUTSIDE, new_figure
 
 
-# What the statistics are called on the figure.
+# Names of the statistics on the figure.
 WORDS = {
     "largest over rms": "largest residual / rms",
     "kurtosis": "kurtosis (normal: about 3)",
@@ -20,7 +20,7 @@ WORDS = {
     "largest position": "share of the largest position",
     "sum of squares": "sum of squares / noise variance",
 }
-# Values further out than this part of the simulated range stand at the edge as arrows.
+# Values beyond this part of the simulated range are arrows at the edge.
 _EDGE = 0.35
 _BEFORE, _AFTER = "nominal model", "extended model"
 
@@ -121,14 +121,14 @@ def _quantiles(panel: Axes, diagnosis: Diagnosis, fit: Fit, name: str) -> None:
 
 
 def _histogram(panel: Axes, diagnosis: Diagnosis) -> None:
-    """The residuals' histogram beside the mean of simulated ones (where there is no second model to show)."""
+    """Histogram of the residuals and the mean of simulated ones (if there is no second model)."""
     plot = normal_quantiles(diagnosis.nominal)
     reach = 1.05 * max(np.max(np.abs(plot.measured)), np.max(np.abs(plot.high)))
     bins = np.linspace(-reach, reach, 16)
     panel.hist(plot.measured, bins, color=AXIS_COLOUR["x"], alpha=0.75, label="measured")
     panel.hist(plot.middle, bins, histtype="step", color=INK, lw=0.9, label="expected")
     panel.set_axisbelow(True)
-    panel.set_title("Their distribution")
+    panel.set_title("Distribution of the residuals")
     panel.set_xlabel("residual / noise sd")
     panel.set_ylabel("readings")
     panel.legend(loc="upper left", fontsize=7)

@@ -1,4 +1,4 @@
-"""The use of the calibration that a diagnosis writes, as what was found allows it."""
+"""The use of the calibration of a diagnosis that its findings allow."""
 
 from collections.abc import Iterator, Sequence
 
@@ -19,12 +19,12 @@ from tumblecal.report.cause_words import label_words
 from tumblecal.report.sensor_terms import SensorTerms
 
 
-# Predictions of held-out data that become worse by more than so many sd of that difference.
+# Held-out predictions are worse if their error increases by more than this many standard errors.
 _WORSE_SD = 2.0
 
 
 def not_written(diagnosis: Diagnosis) -> str:
-    """Why no calibration is written of a diagnosis; "" where one is."""
+    """Why a diagnosis writes no calibration; "" if it writes one."""
     fit = diagnosis.extended
     if diagnosis.setup_errors:
         labels = ", ".join(dict.fromkeys(own.label for own in diagnosis.setup_errors))
@@ -46,7 +46,7 @@ def use_of_diagnosis(
 
     **Arguments:**
 
-    - `terms`: of the file. `written`: as of `limits`. `explanations`: of an average over several the calibration by each.
+    - `terms`: of the file. `written`: as for `limits`. `explanations`: for an average over several, the calibration by each.
     """
     used = diagnosis.in_use.as_fit
     return combined([*_findings(diagnosis), *_disagreement(diagnosis, explanations), *limits(used, terms, written)])
@@ -54,7 +54,7 @@ def use_of_diagnosis(
 
 def _findings(diagnosis: Diagnosis) -> Iterator[Use]:
     if diagnosis.implausible:
-        yield Use("no", f"implausible values of {', '.join(own.parameter for own in diagnosis.implausible[:3])}")
+        yield Use("no", f"implausible values of {', '.join(one.parameter for one in diagnosis.implausible[:3])}")
     elif diagnosis.verdict == "unexplained":
         yield _unexplained(diagnosis, "the nominal model is rejected, and no catalogued effect explains the data")
     elif (
@@ -73,8 +73,8 @@ def _findings(diagnosis: Diagnosis) -> Iterator[Use]:
 
 
 def _unexplained(diagnosis: Diagnosis, reason: str) -> Use:
-    """Something that no effect explains, or probably none: the calibration holds to about the largest error, and is not to be
-    used where the error or the residuals are many times the noise, or the noise is not known."""
+    """An error that no catalogued effect explains, or probably none. The calibration is valid to about the largest error. It
+    must not be used if the error or the residuals are many times the noise, or if the noise is unknown."""
     size = float(np.max(np.abs(diagnosis.extended.residuals[diagnosis.extended.retained])))
     small = diagnosis.problem.known and diagnosis.extended.level <= MOST_TIMES_NOISE
     if diagnosis.unnamed is not None:
@@ -84,26 +84,24 @@ def _unexplained(diagnosis: Diagnosis, reason: str) -> Use:
 
 
 def _disagreement(diagnosis: Diagnosis, explanations: Sequence[Calibration]) -> Iterator[Use]:
-    """Explanations that the data do not separate may be averaged where their corrected readings agree, as those of effects that
-    are the same in a field of 1 g. Otherwise only the parameters hold in which they agree."""
+    """Explanations that the data do not separate are averaged if their corrected readings agree, as for effects that are the
+    same in a field of 1 g. Otherwise only the parameters in which they agree may be used."""
     if len(explanations) < 2:
         return
     fit, data = diagnosis.in_use.weighed[0].fit, diagnosis.data
     degc = None if data.temperature_degc is None else float(np.mean(data.temperature_degc))
     time_s = None if data.time_s is None else float(np.mean(data.time_s))
     try:
-        forces = np.stack([own.corrected(DIRECTIONS, degc, time_s) for own in explanations])
+        forces = np.stack([each.corrected(DIRECTIONS, degc, time_s) for each in explanations])
     except InputError:
-        yield Use(
-            "no", "an explanation that these data do not separate from the others has terms that no reading of 1 g fits"
-        )
+        yield Use("no", "the terms of one of the indistinguishable explanations cannot be inverted for readings of 1 g")
         return
-    apart = float(np.max(np.abs(forces - forces[0])))
-    if apart <= MOST_TIMES_NOISE * diagnosis.sigma_g:
+    difference = float(np.max(np.abs(forces - forces[0])))
+    if difference <= MOST_TIMES_NOISE * diagnosis.sigma_g:
         return
-    values = np.array([own.sensor.of(SENSOR).values for own in explanations])
+    values = np.array([each.sensor.of(SENSOR).values for each in explanations])
     places = [fit.names.index(name) for name in SENSOR]
     moved = np.max(np.abs(values - values[0]), axis=0) / np.maximum(fit.sd[places], 1e-300)
-    names = tuple(name for name, own in zip(SENSOR, moved.tolist(), strict=True) if own <= MOST_MOVED_SD)
+    names = tuple(name for name, change in zip(SENSOR, moved.tolist(), strict=True) if change <= MOST_MOVED_SD)
     reason = "the explanations that these data do not separate correct the readings differently"
-    yield Use("only", reason, parameters=names, size_g=apart) if names else Use("no", reason, size_g=apart)
+    yield Use("only", reason, parameters=names, size_g=difference) if names else Use("no", reason, size_g=difference)

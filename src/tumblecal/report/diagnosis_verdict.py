@@ -33,10 +33,10 @@ from tumblecal.report.verdict import Finding, Unresolved, Verdict
 
 
 _NUMBERS = {1: "One", 2: "Two", 3: "Three", 4: "Four", 5: "Five", 6: "Six"}
-# Said where the noise of the raw samples is not enough.
+# If the noise of the raw samples does not explain the dispersion of the positions.
 _NOT_IN_SAMPLES = (
-    "The raw samples do not show this noise: it is slower than a dwell, or comes from setting the positions (a head that does "
-    "not repeat, handling)."
+    "The raw samples do not show this noise. It is slower than a dwell, or it comes from setting the positions (repeatability "
+    "of the head, handling)."
 )
 _MOST_OTHERS, _LEAST_OTHER = 4, 0.02
 _MOST_MEMBERS = 4
@@ -54,13 +54,13 @@ def verdict_of_diagnosis(diagnosis: Diagnosis, plan: NextPlan | None = None, fol
 
     **Arguments:**
 
-    - `plan`: what to measure next, if that was asked for. `folder`: where its plans are written; None: nowhere, so no
+    - `plan`: the next measurement, if requested. `folder`: where its plans are written; None: no plans are written, so no
       commands are suggested.
     """
     before = [*_before_causes(diagnosis), *unnamed_findings(diagnosis)]
     together = findings_of_causes(diagnosis)
-    causes = [_finding(diagnosis, own) for own in together.values()]
-    numbers = {cause.label: number for number, own in together.items() for cause in own}
+    causes = [_finding(diagnosis, of_finding) for of_finding in together.values()]
+    numbers = {cause.label: number for number, of_finding in together.items() for cause in of_finding}
     found = (*before, *causes, *_unnamed(diagnosis))
     open_causes = sum(not factor.resolved for factor in diagnosis.factors)
     return Verdict(
@@ -79,7 +79,7 @@ def verdict_of_diagnosis(diagnosis: Diagnosis, plan: NextPlan | None = None, fol
 def findings_of_causes(diagnosis: Diagnosis) -> dict[int, tuple[Cause, ...]]:
     """Causes of each finding by its number; errors of the data, of their noise and unnamed ones come before."""
     before = len([*_before_causes(diagnosis), *unnamed_findings(diagnosis)])
-    # What a candidate law says more exactly is not said twice.
+    # A candidate law states the unnamed error more exactly.
     with_law = diagnosis.unnamed is not None and diagnosis.unnamed.law is not None
     together = by_finding([cause for cause in diagnosis.members if cause.named or not with_law])
     return dict(enumerate(together, before + 1))
@@ -123,14 +123,14 @@ def headline(diagnosis: Diagnosis, found: int, open_causes: int) -> str:
         which = "the cause of one is" if open_causes == 1 else f"the causes of {open_causes} are"
         return f"{count}; {'its cause is' if found == 1 else which} not resolved."
     others = (e.probability for e in diagnosis.screened.explanations if e is not diagnosis.best)
-    way = ambiguity(diagnosis.best.probability, others, alike=not diagnosis.best.single_name)
+    way = ambiguity(diagnosis.best.probability, others, indistinguishable=not diagnosis.best.single_name)
     return f"The nominal model is rejected; {way}."
 
 
 def _of_data(diagnosis: Diagnosis) -> str:
-    """Headline where only the data or their noise are in error."""
+    """Headline if only the data or their noise are in error."""
     faults = {
-        "the data are not what their columns say": diagnosis.setup_errors,
+        "the data do not agree with their columns": diagnosis.setup_errors,
         "the noise is not as assumed": diagnosis.noise_labels,
     }
     wrong = " and ".join(words for words, there in faults.items() if there)
@@ -158,7 +158,7 @@ def _unnamed(diagnosis: Diagnosis) -> Iterator[Finding]:
 def _finding(diagnosis: Diagnosis, causes: Sequence[Cause]) -> Finding:
     cause, *further = causes
     if further:
-        return Finding(*polynomial_words(diagnosis, causes), label_words(tuple([own.label for own in causes])))
+        return Finding(*polynomial_words(diagnosis, causes), label_words(tuple([one.label for one in causes])))
     if not cause.named:
         return Finding(f"An effect that depends on {cause.words}; not in the catalogue", id=UNEXPLAINED)
     id, _, positions = cause.label.partition(":")
@@ -181,12 +181,12 @@ def title(cause: str) -> str:
 def _located(diagnosis: Diagnosis) -> Iterator[str]:
     unnamed = diagnosis.best.labels == (UNEXPLAINED,)
     acts = "an unnamed effect on all positions" if unnamed else "these causes acting on all positions"
-    for told in diagnosis.located:
-        yield f"{told.words}: more probable than {acts}, odds {odds_words(told.log_odds)}"
+    for located in diagnosis.located:
+        yield f"{located.words}: more probable than {acts}, odds {odds_words(located.log_odds)}"
 
 
 def _unresolved(diagnosis: Diagnosis, numbers: Mapping[str, int]) -> Iterator[Unresolved]:
-    for factor in sorted(diagnosis.factors, key=lambda own: (own.resolved, numbers.get(own.members[0][0], 0))):
+    for factor in sorted(diagnosis.factors, key=lambda one: (one.resolved, numbers.get(one.members[0][0], 0))):
         yield from alternatives(factor, numbers)
     yield from map(Unresolved, less_probable_words(diagnosis.best))
     if patchwork := patchwork_words(diagnosis):
@@ -206,11 +206,11 @@ def alternatives(factor: Factor, numbers: Mapping[str, int]) -> Iterator[Unresol
     first, *others = factor.members
     by_reason: dict[Reason, list[tuple[str, ...]]] = {}
     for labels, reason in zip(others, factor.reasons, strict=True):
-        same = next((own for own in by_reason if own[:2] == reason[:2]), reason)
+        same = next((known for known in by_reason if known[:2] == reason[:2]), reason)
         by_reason.setdefault(same, []).append(labels)
     about = tuple([numbers[label] for label in first if label in numbers])
-    for reason, own in by_reason.items():
-        yield Unresolved(_either([first, *own]), reason_words(reason), about)
+    for reason, sets in by_reason.items():
+        yield Unresolved(_either([first, *sets]), reason_words(reason), about)
 
 
 def reason_words(reason: Reason) -> str:
@@ -236,9 +236,9 @@ def _evidence(diagnosis: Diagnosis) -> Iterator[str]:
         level = "" if diagnosis.problem.known else ", its level estimated from the data"
         noise = f"noise of {diagnosis.samples.origin}{level}"
     before = f"; under the noise as assumed {p_words(diagnosis.assumed_p_value)}" if diagnosis.noise_labels else ""
-    tested = f"{p_words(test.p_value)} (test over all listed causes, {noise}{before})"
+    tested = f"{p_words(test.p_value)} (global test over all catalogued causes, {noise}{before})"
     if diagnosis.implausible and not test.detected:
-        # The test is made with the fitted values, so it does not confirm them.
+        # The test uses the fitted values, so it does not confirm them.
         yield f"With these values the residuals are consistent with the noise, {tested}; this does not confirm them."
     else:
         yield f"Nominal model {'' if test.detected else 'not '}rejected, {tested}."
@@ -251,7 +251,7 @@ def _evidence(diagnosis: Diagnosis) -> Iterator[str]:
     listed = ", ".join(f"{label_words(e.labels) or 'adequate'} {e.probability:.2f}" for e in others[:_MOST_OTHERS])
     yield f"Probability of {of} {diagnosis.best.probability:.2f}{f'; next: {listed}' if listed else ''}."
     if diagnosis.screened.contradicted:
-        yield "This probability is of the linear screen. The exact fit of these causes does not explain the data."
+        yield "The linearised fit favoured these causes, but their exact fit does not reproduce the data."
     gain = diagnosis.gain
     before_mg, after_mg = gain.cv_rms_before_g * 1e3, gain.cv_rms_after_g * 1e3
     same = (
@@ -261,14 +261,14 @@ def _evidence(diagnosis: Diagnosis) -> Iterator[str]:
     )
     yield f"Held-out error {changed(before_mg, after_mg, gain.cv_gain_sd_g * 1e3)} mg ({gain.cv_kind}){same}."
     if after_mg > before_mg:
-        yield "Held-out predictions became WORSE: do not correct positions beyond or between these with this explanation."
+        yield "Warning: the extended model predicts held-out positions WORSE. Do not use it to correct other positions."
 
 
 def _next(
     diagnosis: Diagnosis, plan: NextPlan | None, folder: Path | None, numbers: Mapping[str, int]
 ) -> Iterator[str]:
     if diagnosis.implausible and any(unusual.stated is None for unusual in diagnosis.implausible):
-        yield "Check the set-up; a rig file may state other usual values ([usual])."
+        yield "Check the set-up. A rig file can state other usual values ([usual])."
     if gravity := gravity_warning(diagnosis.extended):
         yield f"WARNING: {gravity}"
     if many := many_settings_words(diagnosis.nominal):

@@ -1,4 +1,4 @@
-"""How all figures look, and how they are written: SVG, no display needed, the same bits each time."""
+"""Style of all figures, and writing them: SVG, no display needed, reproducible to the bit."""
 
 import io
 from pathlib import Path
@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from tumblecal.ground.atomic import write_text, written_aside
 
 
-# Colours that stay apart for colour-blind readers and in grey (Okabe and Ito 2008).
+# Colours that colour-blind readers distinguish, also in grey (Okabe and Ito 2008).
 INK = "#222222"
 MUTED = "#9a9a9a"
 BAND = "#e9e9e9"
@@ -57,7 +57,7 @@ def new_figure(width: float = 7.5, height: float = 3.0) -> Figure:
 
 
 class Margins(NamedTuple):
-    """What stays free at the sides of a figure's panels and between them, inches."""
+    """Free space at the sides of the panels of a figure and between them, inches."""
 
     left: float
     right: float
@@ -68,7 +68,7 @@ class Margins(NamedTuple):
 
 
 def new_panels(width: float, height: float, rows: int, columns: int, margins: Margins) -> tuple[Figure, np.ndarray]:
-    """A figure of many panels of shared axes, whose texts are known to find room: measuring them takes as long as drawing."""
+    """A figure of many panels with shared axes and fixed margins: measuring the texts would take as long as drawing."""
     figure = Figure(figsize=(width, height))
     inner = (width - margins.left - margins.right, height - margins.bottom - margins.top)
     wide, high = ((inner[0] - (columns - 1) * margins.across) / columns, (inner[1] - (rows - 1) * margins.down) / rows)
@@ -93,7 +93,7 @@ def _write_svg(figure: Figure, to: Path | io.StringIO) -> None:
 
 
 def inline(figure: Figure) -> str:
-    """A figure as SVG text to stand inside a page."""
+    """A figure as SVG text for insertion into a page."""
     text = io.StringIO()
     _write_svg(figure, text)
     svg = text.getvalue()
@@ -101,7 +101,7 @@ def inline(figure: Figure) -> str:
 
 
 def save(figure: Figure, path: Path) -> Path:
-    """Write a figure (SVG or PNG by the name), whole or not at all."""
+    """Write a complete figure (SVG or PNG by the name), or none."""
     if path.suffix == ".svg":
         text = io.StringIO()
         _write_svg(figure, text)

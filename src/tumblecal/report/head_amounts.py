@@ -1,4 +1,4 @@
-"""Sizes of what is not the same in all units: means and spreads over the batch, levels from some unit on; as shown."""
+"""Effects that differ between units: mean and dispersion over the batch, levels from some unit on; in display units."""
 
 from collections.abc import Mapping, Sequence
 
@@ -7,16 +7,17 @@ import numpy as np
 from tumblecal.diagnosis.head import Together
 from tumblecal.diagnosis.head.unit import SharedSignal
 from tumblecal.effects import Catalogue
+from tumblecal.ground.numbers_shown import rounded_together
 from tumblecal.ground.units import factor
 
 
-# Folder and line of the summary of every unit, in the order of the files.
+# Folder and summary line of every unit, in the order of the files.
 UnitRows = Sequence[tuple[str, Mapping]]
 
 
 def spread_sizes(found: Together, entries: Catalogue) -> dict[str, dict]:
-    """Of each effect that differs from unit to unit: the mean of every coefficient over these units, its sd by their noise, and
-    the sd between units; both null of a coefficient that they do not determine by itself."""
+    """For each effect that differs between units: the mean of every coefficient, its standard uncertainty by the noise, and the
+    standard deviation between units. Mean and uncertainty are None for a coefficient that is not determined separately."""
     listed = {}
     for spread in found.joint.best.weighed.spreads:
         signal, amounts = spread.signal, found.amounts(spread.signal)
@@ -36,13 +37,13 @@ def spread_sizes(found: Together, entries: Catalogue) -> dict[str, dict]:
 
 
 def shown_in(found: Together) -> dict[str, tuple[int, ...]]:
-    """Of each effect that differs from unit to unit: numbers of the units that show it clearly by themselves."""
+    """For each effect that differs between units: numbers of the units in which it is significant alone."""
     return {spread.signal.label: found.amounts(spread.signal).shown_in for spread in found.joint.best.weighed.spreads}
 
 
 def level_sizes(found: Together, entries: Catalogue) -> list[dict]:
-    """Of each error of the head with two levels: its p-value and, of each part, the numbers of the first and last unit and
-    every coefficient that the units determine by itself, with its sd."""
+    """For each error of the head with two levels: its p-value and, for each part, the numbers of the first and last unit and
+    every coefficient that is determined separately, with its standard uncertainty."""
     listed = []
     for levels in found.levels:
         names, scales = _names_and_scales(levels.signal, entries)
@@ -58,7 +59,13 @@ def level_sizes(found: Together, entries: Catalogue) -> list[dict]:
     return listed
 
 
+def between_units_words(name: str, size: dict) -> str:
+    """Mean and standard deviation over the units of a coefficient that differs between them."""
+    mean = "undetermined" if size["mean"] is None else rounded_together(size["mean"], size["mean_sd"])
+    return f"{name}: mean {mean}, standard deviation between units {size['sd_between_units']:.2g} {size['unit']}"
+
+
 def _names_and_scales(signal: SharedSignal, entries: Catalogue) -> tuple[tuple[str, ...], np.ndarray]:
-    """Names of an effect's coefficients, and what a scaled one is as shown."""
+    """Names of the coefficients of an effect, and the scales to display units."""
     names, bases = zip(*signal.names_and_units, strict=True)
     return names, np.array(signal.scales) / [factor(entries[signal.label].unit, base) for base in bases]

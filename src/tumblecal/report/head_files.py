@@ -18,11 +18,11 @@ _MOST_EXPLANATIONS, _LEAST_SHOWN = 10, 1e-4
 def write_units(
     folder: Path, found: Together, units: UnitRows, entries: Catalogue, *, figures: bool = True
 ) -> list[str]:
-    """Write what the units say together.
+    """Write all files of units on one head.
 
     **Arguments:**
 
-    - `units`: folder's name and line of the summary of each, in order. `figures`: whether with the page and its figure.
+    - `units`: folder and summary line of each, in order. `figures`: whether to write the page and its figure.
 
     **Returns:** the files' names.
     """
@@ -38,11 +38,11 @@ def write_units(
 
 
 def record(found: Together, units: UnitRows, entries: Catalogue, text: str) -> dict:
-    """The batch as plain numbers, lists and texts, in the schema of one diagnosis; `units` beside it."""
+    """The batch as plain numbers, lists and texts, in the schema of one diagnosis, with `units` added."""
     joint, fit, best = found.joint, found.fit, found.joint.best
     known = all(unit.at.problem.known for unit in found.units)
-    told = [told for told in joint.explanations if told.probability > _LEAST_SHOWN or told is best][:_MOST_EXPLANATIONS]
-    told.sort(key=lambda explanation: explanation is not best)
+    shown = [one for one in joint.explanations if one.probability > _LEAST_SHOWN or one is best][:_MOST_EXPLANATIONS]
+    shown.sort(key=lambda explanation: explanation is not best)
     listed = []
     for number, (name, row) in enumerate(units):
         causes = row["causes"].split(" + ") if row.get("causes") else []
@@ -86,7 +86,7 @@ def record(found: Together, units: UnitRows, entries: Catalogue, text: str) -> d
                 "chosen": explanation is best,
                 "coefficients": shared_coefficients(found, entries) if explanation is best else {},
             }
-            for explanation in told
+            for explanation in shown
         ],
         "unexplained": "; ".join(found.unexplained) or None,
         "origins": origins(found, entries),

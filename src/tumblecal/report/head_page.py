@@ -1,4 +1,4 @@
-"""`diagnosis.html` of units on one head: what they share, units against effects, which stand out."""
+"""`diagnosis.html` of units on one head: common errors, a table of units against effects, and outlying units."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -7,6 +7,7 @@ import numpy as np
 
 from tumblecal.diagnosis.head import Together
 from tumblecal.effects import Catalogue
+from tumblecal.ground.numbers_shown import rounded, rounded_together
 from tumblecal.report.cause_words import label_words
 from tumblecal.report.hand_held_units import session
 from tumblecal.report.head_amounts import UnitRows, level_sizes, spread_sizes
@@ -23,8 +24,8 @@ from tumblecal.report.page import TONES, PageFigure, PageTable, Section, inline_
 _FIGURE = "shared_by_unit.svg"
 _MOST_PANELS = 6
 _CAPTION = (
-    "Each unit's own estimate of what all of them share, with its standard deviation; the band is the common value with "
-    "twice its own. Filled: units that stand out."
+    "Estimate of the common errors by each unit, with its standard uncertainty. Band: common value, plus and minus two "
+    "standard uncertainties. Filled: outlying units."
 )
 
 
@@ -58,36 +59,35 @@ def _sections(found: Together, units: UnitRows, entries: Catalogue, figures: lis
         rows = [
             [
                 name,
-                "–" if size["mean"] is None else f"{size['mean']:.3g} ± {size['mean_sd']:.2g}",
+                "–" if size["mean"] is None else rounded_together(size["mean"], size["mean_sd"]),
                 f"{size['sd_between_units']:.3g}",
                 size["unit"],
             ]
             for sizes in spreads.values()
             for name, size in sizes.items()
         ]
-        table = PageTable(["coefficient", "mean", "sd between units", "unit"], rows, text=(3,))
-        yield Section("Of another size in each unit", tables=[table])
-    levels = [
+        table = PageTable(["coefficient", "mean", "standard deviation between units", "unit"], rows, text=(3,))
+        yield Section("Effects that differ between units", tables=[table])
+    rows_of_levels = [
         [
             f"{name} / {size['unit']}",
             " to ".join(units[part[end]][0] for end in ("first", "last")),
-            f"{size['value']:.4g}",
-            f"{size['sd']:.2g}",
+            *rounded(size["value"], size["sd"]),
         ]
-        for own in level_sizes(found, entries)
-        for part in own["parts"]
+        for levels in level_sizes(found, entries)
+        for part in levels["parts"]
         for name, size in part["coefficients"].items()
     ]
-    if levels:
-        table = PageTable(["error", "units", "level", "sd"], levels, text=(1,))
+    if rows_of_levels:
+        table = PageTable(["error", "units", "level", "u"], rows_of_levels, text=(1,))
         yield Section("Two levels of the head", tables=[table])
     yield Section(
         "Units and effects",
         words=[
-            "Each unit's own causes with their probability."
+            "Causes of each unit with their probability."
             if found.hand_held
-            else "Each unit with the head as the other units determine it: its causes with their probability, and how well its "
-            "estimate of the shared coefficients agrees with theirs."
+            else "Each unit is diagnosed with the head as determined by the other units: its causes with their probability, "
+            "and the agreement of its estimate of the shared coefficients with theirs (p-value)."
         ],
         tables=[_units_table(found, units, entries)],
     )
@@ -95,10 +95,10 @@ def _sections(found: Together, units: UnitRows, entries: Catalogue, figures: lis
 
 def _head_or_sensor(found: Together, entries: Catalogue) -> Section:
     return Section(
-        "Head or sensor?",
+        "Head or sensor",
         words=[
-            "Shared: all units have it with one coefficient, which is the head's. By unit: all have it, each by an amount of "
-            "its own. The rest belongs to single units."
+            "Shared: probability that all units have the effect with one coefficient, that of the head. By unit: probability "
+            "that the coefficient differs between units. The rest belongs to single units."
         ],
         tables=[_origins_table(found, entries), _explanations_table(found)],
     )
@@ -106,10 +106,10 @@ def _head_or_sensor(found: Together, entries: Catalogue) -> Section:
 
 def _head_table(found: Together, entries: Catalogue) -> PageTable:
     rows = [
-        [name, f"{size['value']:.4g}", f"{size['sd']:.2g}", size["unit"]]
+        [name, *rounded(size["value"], size["sd"]), size["unit"]]
         for name, size in shared_coefficients(found, entries).items()
     ]
-    return PageTable(["error", "value", "sd", "unit"], rows, text=(3,))
+    return PageTable(["error", "value", "u", "unit"], rows, text=(3,))
 
 
 def _origins_table(found: Together, entries: Catalogue) -> PageTable:
@@ -132,33 +132,33 @@ def _explanations_table(found: Together) -> PageTable:
         for explanation in found.joint.explanations[:10]
         if explanation.probability > 1e-3 or explanation is found.joint.best
     ]
-    return PageTable(["explanation", "probability", "the data cannot tell it from"], rows, text=(0, 2))
+    return PageTable(["explanation", "probability", "indistinguishable from"], rows, text=(0, 2))
 
 
 def _units_table(found: Together, units: UnitRows, entries: Catalogue) -> PageTable:
-    own = sorted({cause.split(":")[0] for _, row in units for cause in (row.get("causes") or "").split(" + ") if cause})
+    ids = sorted({cause.split(":")[0] for _, row in units for cause in (row.get("causes") or "").split(" + ") if cause})
     rows = []
     for number, (name, row) in enumerate(units):
         causes = (row.get("causes") or "").split(" + ")
         yes = "as shared" if number in found.nothing_of_their_own else "yes"
         places = [
-            ", ".join(cause.partition(":")[2] or yes for cause in causes if cause.split(":")[0] == id) for id in own
+            ", ".join(cause.partition(":")[2] or yes for cause in causes if cause.split(":")[0] == id) for id in ids
         ]
         probability = f"{row['probability']:.2f}" if row.get("probability") is not None else ""
-        agrees = f"{found.consistent[number]:.2g}" + (" stands out" if number in found.outlying else "")
-        shared = list(_own_sizes(found, number, entries))
+        agrees = f"{found.consistent[number]:.2g}" + (" (outlying)" if number in found.outlying else "")
+        shared = list(_sizes_by_unit(found, number, entries))
         rows.append([name, *shared, *places, probability, agrees, row["verdict"]])
     shared_names = [f"{signal.label} / {entries[signal.label].unit}" for signal in found.shared]
-    header = ["unit", *shared_names, *own, "probability", "agrees, p", "verdict"]
+    header = ["unit", *shared_names, *ids, "probability", "agreement, p", "verdict"]
     return PageTable(header, rows, text=tuple(range(1, len(header))))
 
 
-def _own_sizes(found: Together, number: int, entries: Catalogue) -> Iterator[str]:
-    """A unit's own estimate of each effect that all share, as shown; "" where it shows nothing of it."""
+def _sizes_by_unit(found: Together, number: int, entries: Catalogue) -> Iterator[str]:
+    """Estimate of each common effect by one unit, in display units; "" if it does not determine it."""
     estimates = own_estimates(found, number, entries)
     for signal in found.shared:
         sizes = [estimates[name] for name in signal.slot.names if name in estimates]
-        yield ", ".join(f"{size['value']:.2g} ± {size['sd']:.1g}" for size in sizes)
+        yield ", ".join(rounded_together(size["value"], size["sd"]) for size in sizes)
 
 
 def _draw(path: Path, found: Together, entries: Catalogue) -> None:

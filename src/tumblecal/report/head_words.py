@@ -1,4 +1,4 @@
-"""What units on one head say together, in words: what they share, which stand out, how well the head is known now."""
+"""Units on one head in words: their common errors, the outlying units, and the uncertainty of the errors of the head."""
 
 from collections.abc import Collection, Iterator, Sequence
 
@@ -10,11 +10,11 @@ from tumblecal.diagnosis.head.joint import SharedExplanation
 from tumblecal.effects import Catalogue
 from tumblecal.effects.catalogue import belongs_to
 from tumblecal.estimation.plausibility import implausible_words
-from tumblecal.ground.numbers_shown import p_words
+from tumblecal.ground.numbers_shown import p_words, rounded_together
 from tumblecal.ground.units import factor, shown
 from tumblecal.report.cause_words import label_words
 from tumblecal.report.hand_held_units import hand_held_verdict
-from tumblecal.report.head_amounts import UnitRows, level_sizes, shown_in, spread_sizes
+from tumblecal.report.head_amounts import UnitRows, between_units_words, level_sizes, shown_in, spread_sizes
 from tumblecal.report.number_words import ambiguity, probability_words
 from tumblecal.report.verdict import Finding, Verdict
 
@@ -23,10 +23,10 @@ _HEADLINES = {
     "adequate": "no error common to the units was found. Errors of individual units, if any, are listed below.",
     "identified": "the head has an error, and {all} show it.",
     "ambiguous": "{all} show an error of the head; {way}.",
-    "unexplained": "{all} show an error of the head that no effect of the catalogue explains.",
+    "unexplained": "{all} show an error of the head that no catalogued effect explains.",
 }
 _MOST_UNITS = 12
-_LEAST_TOLD = 0.02
+_LEAST_LISTED = 0.02
 
 
 def units_verdict(found: Together, units: UnitRows, entries: Catalogue) -> Verdict:
@@ -35,18 +35,18 @@ def units_verdict(found: Together, units: UnitRows, entries: Catalogue) -> Verdi
         return hand_held_verdict(found, units, entries)
     joint, best = found.joint, found.joint.best
     others = (e.probability for e in joint.explanations if e is not best)
-    way = ambiguity(best.probability, others, alike=not best.told.single_name)
+    way = ambiguity(best.probability, others, indistinguishable=not best.told.single_name)
     chance = probability_words(joint.p_value, joint.detected)
     rest, count = _all_but(found.fit.aside, units), len(units) - len(found.fit.aside)
     evidence = [
         *(f"IMPLAUSIBLE: {words}. No head.toml is written." for words in implausible_words(found.implausible)),
-        f"Test of {count} units together, whether the head has an error: {p_words(joint.p_value)}; {chance}",
+        f"Joint test of {count} units for an error of the head: {p_words(joint.p_value)}; {chance}",
     ]
     if best.told.labels:
         same = "; ".join(label_words(labels) for labels in best.told.stated[:8])
-        beside = f" together with those that these data cannot tell from it: {same}" if same else ""
+        of_class = f" for this class of indistinguishable explanations: {same}" if same else ""
         evidence.append(
-            f"Shared by {rest}: {label_words(best.told.labels)} (probability {best.probability:.2f}{beside})."
+            f"Shared by {rest}: {label_words(best.told.labels)} (probability {best.probability:.2f}{of_class})."
         )
     words = [*_shared(found, entries), *_levels(found, units, entries), *_spreads(found, units, entries)]
     return Verdict(
@@ -56,7 +56,7 @@ def units_verdict(found: Together, units: UnitRows, entries: Catalogue) -> Verdi
         "",
         found=tuple(map(Finding, words)),
         evidence=(*evidence, *_others(joint.explanations, best), *_pitch(found, units)),
-        next=tuple(_own(found, units)),
+        next=tuple(_single_units(found, units)),
     )
 
 
@@ -70,23 +70,23 @@ def units_text(found: Together, units: UnitRows, entries: Catalogue) -> str:
 def _headline(found: Together, way: str, rest: str) -> str:
     if found.implausible:
         return "the units share an error that is too large for a head; check the set-up first."
-    differing = [own.signal.label for own in found.levels] or found.joint.best.head_spreads
+    differing = [levels.signal.label for levels in found.levels] or found.joint.best.head_spreads
     if found.verdict == "adequate" or found.joint.best.told.labels or not differing:
         return _HEADLINES[found.verdict].format(way=way, all=rest)
-    how = "from some unit on" if found.levels else "in each"
-    surely = "" if found.verdict == "identified" else ", but not surely so"
-    return f"the head is not the same for all units: {', '.join(differing)}, another {how}{surely}."
+    how = "changes from some unit on" if found.levels else "differs between units"
+    reservation = "" if found.verdict == "identified" else "; this is not conclusive"
+    return f"the head is not the same for all units: {', '.join(differing)} {how}{reservation}."
 
 
 def _all_but(left_out: Collection[int], units: UnitRows) -> str:
-    """All units, but those of some numbers."""
+    """All units, except those of some numbers."""
     names = [units[k][0] for k in sorted(left_out)]
     more = f" and {len(names) - _MOST_UNITS} more" if len(names) > _MOST_UNITS else ""
-    return f"all units but {', '.join(names[:_MOST_UNITS])}{more}" if names else "all units"
+    return f"all units except {', '.join(names[:_MOST_UNITS])}{more}" if names else "all units"
 
 
 def shared_coefficients(found: Together, entries: Catalogue) -> dict[str, dict]:
-    """Coefficients of what the head has wrong: value, sd and unit as shown."""
+    """Coefficients of the errors of the head: value, standard uncertainty (`sd`) and unit in display units."""
     listed, head = {}, found.fit.head
     if head is None:
         return listed
@@ -99,12 +99,12 @@ def shared_coefficients(found: Together, entries: Catalogue) -> dict[str, dict]:
 
 
 def own_estimates(found: Together, number: int, entries: Catalogue) -> dict[str, dict]:
-    """A unit's own estimate of each shared coefficient, as shown; nothing of one that it does not show."""
+    """Estimate of each shared coefficient by one unit, in display units, without those that it does not determine."""
     listed, head = {}, found.fit.head
     sizes = shared_coefficients(found, entries) if found.shared else {}
     for k, name in enumerate(name for signal in found.shared for name in signal.slot.names):
         assert head is not None
-        # The head's sd in base units and as shown give the unit.
+        # The uncertainties in base and display units give the scale.
         scale = sizes[name]["sd"] / float(head.sd[k])
         value, sd = float(found.fit.own_values[number, k] * scale), float(found.fit.own_sd[number, k] * scale)
         if np.isfinite(sd):
@@ -113,23 +113,23 @@ def own_estimates(found: Together, number: int, entries: Catalogue) -> dict[str,
 
 
 def origins(found: Together, entries: Catalogue) -> dict[str, dict]:
-    """Head or sensor: for every effect met, what it belongs to and the probabilities that all units share it and that each
-    has it by an amount of its own."""
+    """Head or sensor: for every effect, the part that it belongs to, and the probabilities that all units share it and that it
+    differs between units."""
     joint, listed = found.joint, {}
     for id in dict.fromkeys(slot.id for unit in found.units for slot in unit.at.model.slots):
-        shared, own = joint.shared_probability(id), joint.spread_probability(id)
-        if max(shared, own) > 1e-3 and id in entries:
+        shared, by_unit = joint.shared_probability(id), joint.spread_probability(id)
+        if max(shared, by_unit) > 1e-3 and id in entries:
             listed[id] = {
                 "belongs_to": belongs_to(entries[id]),
                 "shared": shared,
-                "by_unit": own,
+                "by_unit": by_unit,
             }
     return listed
 
 
 def origins_by_class(found: Together, entries: Catalogue) -> Iterator[tuple[list[str], dict]]:
-    """The origins of the effects met, those of one class of indistinguishable explanations together: they have one
-    probability, which is the class's. The most probable first."""
+    """The origins of the effects, those of one class of indistinguishable explanations together, as the probability is that of
+    the class. The most probable first."""
     listed = origins(found, entries)
     classes = [
         {labels[0] for labels in (explanation.told.labels, *explanation.told.equivalents) if len(labels) == 1}
@@ -139,14 +139,14 @@ def origins_by_class(found: Together, entries: Catalogue) -> Iterator[tuple[list
     for id in sorted(listed, key=lambda id: -listed[id]["shared"] - listed[id]["by_unit"]):
         if id in done:
             continue
-        own = next((members for members in classes if id in members), {id})
-        alike = [other for other in listed if other == id or (other in own and _same_origin(listed[other], listed[id]))]
-        done |= {*alike}
-        yield alike, listed[id]
+        members = next((members for members in classes if id in members), {id}) - {id}
+        same = [other for other in listed if other in members and _same_origin(listed[other], listed[id])]
+        done |= {id, *same}
+        yield [other for other in listed if other == id or other in same], listed[id]
 
 
 def _same_origin(one: dict, other: dict) -> bool:
-    """Whether the origins of two effects are the same as far as a table shows them."""
+    """Whether the origins of two effects are equal in a table."""
     close = all(abs(one[name] - other[name]) < 5e-3 for name in ("shared", "by_unit"))
     return close and one["belongs_to"] == other["belongs_to"]
 
@@ -154,74 +154,61 @@ def _same_origin(one: dict, other: dict) -> bool:
 def _shared(found: Together, entries: Catalogue) -> Iterator[str]:
     coefficients = shared_coefficients(found, entries)
     for signal in found.shared:
-        sizes = "; ".join(
-            f"{name} = {coefficients[name]['value']:.3g} +- {coefficients[name]['sd']:.2g} {coefficients[name]['unit']}"
-            for name in signal.slot.names
-        )
+        sizes = "; ".join(f"{name} = {_with_u(coefficients[name])}" for name in signal.slot.names)
         yield f"{sizes}. {entries[signal.label].cause} {entries[signal.label].advice}"
     for words in found.unexplained:
-        yield f"something that depends like {words}; no entry of the catalogue describes it"
+        yield f"an effect that is not in the catalogue; it depends on {words}"
 
 
 def _levels(found: Together, units: UnitRows, entries: Catalogue) -> Iterator[str]:
     for levels in level_sizes(found, entries):
         before, after = ([units[k][0] for k in (part["first"], part["last"])] for part in levels["parts"])
-        told = []
+        listed = []
         for (first, last), part in zip((before, after), levels["parts"], strict=True):
-            sizes = ", ".join(
-                f"{name} = {size['value']:+.3g} +- {size['sd']:.2g} {size['unit']}"
-                for name, size in part["coefficients"].items()
-            )
-            told.append(f"{first} to {last} {sizes or 'not determined by itself'}")
-        anew = "set up anew (re-levelled)" if levels["effect"] == "base_levelling" else "set up anew"
+            sizes = ", ".join(f"{name} = {_with_u(size)}" for name, size in part["coefficients"].items())
+            listed.append(f"{first} to {last} {sizes or 'not determined separately'}")
+        changed = "re-levelled or set up again" if levels["effect"] == "base_levelling" else "set up again"
         yield (
-            f"{levels['effect']}: two levels, {'; '.join(told)} ({p_words(levels['p_value'])} for units in any order): the "
-            f"head was {anew} between {before[1]} and {after[0]}. Give each part to --units of its own."
+            f"{levels['effect']}: two levels, {'; '.join(listed)} ({p_words(levels['p_value'])} for units in any order). The "
+            f"head was {changed} between {before[1]} and {after[0]}. Run --units separately for each part."
         )
 
 
 def _spreads(found: Together, units: UnitRows, entries: Catalogue) -> Iterator[str]:
-    in_order, shown = {own.signal.label for own in found.levels}, shown_in(found)
+    in_order, shown = {levels.signal.label for levels in found.levels}, shown_in(found)
     for id, sizes in spread_sizes(found, entries).items():
         if id in in_order:
             continue
-        told = "; ".join(
-            f"{name} {_mean(size)}, sd between units {size['sd_between_units']:.2g} {size['unit']}"
-            for name, size in sizes.items()
-        )
-        part = ", or a part of what no entry describes" if found.unexplained else ""
-        yield (
-            f"{id}: {_where(shown[id], units)}: not an error that the head has by itself{part} ({told}). {entries[id].cause}"
-        )
+        listed = "; ".join(between_units_words(name, size) for name, size in sizes.items())
+        part = ", or a part of the unnamed effect" if found.unexplained else ""
+        yield f"{id}: {_where(shown[id], units)}; not a constant error of the head{part} ({listed}). {entries[id].cause}"
 
 
 def _where(shown: Sequence[int], units: UnitRows) -> str:
-    """Which units show an effect that is of another size in each."""
+    """The units that show an effect whose size differs between units."""
     if len(shown) == len(units):
-        return "in all units, but of another size in each"
+        return "in all units, with a different size in each"
     if not shown:
-        return "in the units together, in none of them clearly by itself"
+        return "in the units together, but not clearly in any single one"
     more = ", ..." if len(shown) > _MOST_UNITS else ""
     names = ", ".join(units[k][0] for k in shown[:_MOST_UNITS])
-    return f"in {len(shown)} of {len(units)} units ({names}{more}), of another size in each"
+    return f"in {len(shown)} of {len(units)} units ({names}{more}), with a different size in each"
 
 
-def _mean(size: dict) -> str:
-    if size["mean"] is None:
-        return "of an undetermined mean"
-    return f"{size['mean']:.2g} +- {size['mean_sd']:.1g} on average"
+def _with_u(size: dict) -> str:
+    return f"{rounded_together(size['value'], size['sd'])} {size['unit']}"
 
 
 def _others(explanations: Sequence[SharedExplanation], best: SharedExplanation) -> Iterator[str]:
-    others = [told for told in explanations if told is not best and told.probability > _LEAST_TOLD][:4]
+    others = [one for one in explanations if one is not best and one.probability > _LEAST_LISTED][:4]
     if others:
-        yield f"Other explanations: {'; '.join(f'{explanation_words(told)} {told.probability:.2f}' for told in others)}."
+        yield f"Other explanations: {'; '.join(f'{explanation_words(one)} {one.probability:.2f}' for one in others)}."
 
 
-def explanation_words(told: SharedExplanation) -> str:
-    """What the units share, and what differs from unit to unit."""
-    shared = label_words(told.told.labels) or "nothing shared"
-    return shared + (f" ({', '.join(told.spreads)} by unit)" if told.spreads else "")
+def explanation_words(explanation: SharedExplanation) -> str:
+    """The effects that the units share, and those that differ between units."""
+    shared = label_words(explanation.told.labels) or "nothing shared"
+    return shared + (f" ({', '.join(explanation.spreads)} by unit)" if explanation.spreads else "")
 
 
 def _pitch(found: Together, units: UnitRows) -> Iterator[str]:
@@ -231,48 +218,49 @@ def _pitch(found: Together, units: UnitRows) -> Iterator[str]:
     if fit.pitch.common:
         assert fit.head is not None
         sizes = "; ".join(
-            f"{name} = {value * 1e3:.3g} +- {sd * 1e3:.2g} mrad"
+            f"{name} = {rounded_together(value * 1e3, sd * 1e3)} mrad"
             for name, value, sd in zip(fit.head.names, fit.head.values, fit.head.sd, strict=True)
             if name.startswith(PITCH)
         )
         rest = _all_but({*fit.aside, *fit.pitch.alone}, units)
-        yield f"Pitch settings: their errors are the same in {rest} ({p_words(fit.pitch.p_value)}), the head's: {sizes}."
+        chance = p_words(fit.pitch.p_value)
+        yield f"Pitch settings: their errors are equal in {rest} ({chance}) and belong to the head: {sizes}."
         if fit.pitch.alone:
             others = ", ".join(units[k][0] for k in fit.pitch.alone)
-            yield f"Pitch labels or settings of {others} are others; look at them apart."
+            yield f"Pitch labels or settings of {others} differ; check these units separately."
     elif fit.pitch.changed is not None:
         last, first = units[fit.pitch.changed - 1][0], units[fit.pitch.changed][0]
         yield (
-            f"Pitch settings: their errors are the same up to {last}, and others, the same again, from {first} on "
-            f"({p_words(fit.pitch.p_value)} of one for all): the axis was set up anew between them. Give each part to --units "
-            "of its own."
+            f"Pitch settings: their errors are equal up to {last}, and equal with other values from {first} on (test of one "
+            f"value for all: {p_words(fit.pitch.p_value)}). The axis was set up again between them. Run --units separately "
+            "for each part."
         )
     else:
         yield (
-            f"Pitch settings: their errors differ from unit to unit ({p_words(fit.pitch.p_value)}): set anew each time, not "
-            "the head's."
+            f"Pitch settings: their errors differ between units ({p_words(fit.pitch.p_value)}). They were set again for each "
+            "unit and do not belong to the head."
         )
 
 
-def _own(found: Together, units: UnitRows) -> Iterator[str]:
-    told = {own.signal.label for own in found.levels}
+def _single_units(found: Together, units: UnitRows) -> Iterator[str]:
+    in_levels = {levels.signal.label for levels in found.levels}
     rows = [(k, name, row) for k, (name, row) in enumerate(units) if row.get("causes")]
-    own = [
+    single = [
         f"{name}: {row['causes']} ({row['probability']:.2f})"
         for k, name, row in rows
-        if k not in found.nothing_of_their_own and not told >= {*row["causes"].split(" + ")}
+        if k not in found.nothing_of_their_own and not in_levels >= {*row["causes"].split(" + ")}
     ]
     same = [name for k, name, _ in rows if k in found.nothing_of_their_own]
     if same:
         more = f" and {len(same) - _MOST_UNITS} more" if len(same) > _MOST_UNITS else ""
-        yield f"By themselves, under whatever name, {', '.join(same[:_MOST_UNITS])}{more} show that error of the head again."
-    if own:
-        more = f"; and {len(own) - _MOST_UNITS} more" if len(own) > _MOST_UNITS else ""
-        yield f"Errors of individual units: {'; '.join(own[:_MOST_UNITS])}{more}."
+        yield f"Diagnosed separately, {', '.join(same[:_MOST_UNITS])}{more} show the same error of the head, whatever its name."
+    if single:
+        more = f"; and {len(single) - _MOST_UNITS} more" if len(single) > _MOST_UNITS else ""
+        yield f"Errors of individual units: {'; '.join(single[:_MOST_UNITS])}{more}."
     outlying = [units[k][0] for k in found.outlying]
     if outlying:
-        left = " They are left out of all that is said of the head." if found.fit.aside else ""
+        excluded = " They are excluded from the results of the head." if found.fit.aside else ""
         yield (
-            "These do not show what the others share, or not as much of it, or have pitch settings of their own: "
-            f"{', '.join(outlying)}.{left} Look at them apart, at the angles in their files first."
+            "Outlying units, without the common error, with a different size of it, or with different pitch settings: "
+            f"{', '.join(outlying)}.{excluded} Check them separately, the angles in their files first."
         )

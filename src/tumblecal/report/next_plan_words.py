@@ -1,10 +1,11 @@
-"""What to measure next, in words: positions, conditions, commands, and what it settles."""
+"""The next measurement in words: positions, conditions, commands, and the questions that it settles."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.findings.factors import Factor
+from tumblecal.ground.numbers_shown import rounded_together
 from tumblecal.planning.next_plan import SEPARATE, SHARPEN_WEAKEST, NextPlan, NextPosition
 from tumblecal.planning.promise import LEAST_WORTH_ODDS, Promise
 from tumblecal.planning.sampling import SAMPLE
@@ -23,7 +24,7 @@ def next_words(
 
     **Arguments:**
 
-    - `folder`: where the plans are written; None: nowhere, so no commands. `numbers`: of the findings, by label.
+    - `folder`: where the plans are written; None: no plans, so no commands. `numbers`: of the findings, by label.
     """
     factors = diagnosis.factors if plan.promise is not None else ()
     numbers = numbers or {}
@@ -45,19 +46,20 @@ def next_words(
         clearest = plan.confirming[0]
         yield (
             "To test the cause found, under the same conditions, measure alpha "
-            f"{clearest.alpha_deg:g} at beta {clearest.beta_deg:g}: {clearest.axis} reads {clearest.expected_g:.5f} g "
-            f"(sd {clearest.expected_sd_g * 1e3:.2g} mg) if it is present, {clearest.rival_g:.5f} g "
-            f"(sd {clearest.sd_g * 1e3:.2g} mg) if {label_words(clearest.rival) or 'no error is present'}."
+            f"{clearest.alpha_deg:g} at beta {clearest.beta_deg:g}. Predicted reading of {clearest.axis}: "
+            f"{rounded_together(clearest.expected_g * 1e3, clearest.expected_sd_g * 1e3)} mg by the named cause, "
+            f"{rounded_together(clearest.rival_g * 1e3, clearest.sd_g * 1e3)} mg by "
+            f"{label_words(clearest.rival) or 'the nominal model'}."
         )
 
 
 def open_numbers(factors: Iterable[Factor], numbers: Mapping[str, int]) -> list[int]:
-    """Numbers of the findings whose cause is open."""
+    """Numbers of the findings whose cause is not resolved."""
     return sorted({number for factor in factors if not factor.resolved for number in _about(factor, numbers)})
 
 
 def settled_numbers(factors: Iterable[Factor], promise: Promise | None, numbers: Mapping[str, int]) -> list[int]:
-    """Numbers of the findings whose open cause the new positions settle: every explanation that remains has the first one."""
+    """Numbers of the findings that the new positions settle: every remaining explanation includes the leading cause."""
     if promise is None:
         return []
     closed = [factor for factor in factors if all({*factor.members[0]} <= {*labels} for labels in promise.remaining)]
@@ -77,8 +79,8 @@ def _listed(numbers: Sequence[int]) -> str:
 
 
 def not_worth_words(promise: Promise, needed: int | None, about: Sequence[int]) -> str:
-    """Why no positions are proposed to separate the explanations, and what would separate them."""
-    what = f"to settle {_listed(about)}" if about else "to separate the leading explanations"
+    """Why no positions are proposed to separate the explanations, and which measurement would separate them."""
+    purpose = f"to settle {_listed(about)}" if about else "to separate the leading explanations"
     would = (
         f"Some {needed} positions under the same conditions would be."
         if needed is not None
@@ -86,7 +88,7 @@ def not_worth_words(promise: Promise, needed: int | None, about: Sequence[int]) 
         "time or temperature may be."
     )
     odds = "no proposed position separates them" if promise.odds < 2 else f"expected odds {promise.odds:.2g} to 1"
-    return f"Not worth measuring {what}: {odds}, below {LEAST_WORTH_ODDS:g} to 1. {would}"
+    return f"Not worth measuring {purpose}: {odds}, below {LEAST_WORTH_ODDS:g} to 1. {would}"
 
 
 def _grouped(chosen: tuple[NextPosition, ...]) -> Iterator[str]:
@@ -103,7 +105,7 @@ def _grouped(chosen: tuple[NextPosition, ...]) -> Iterator[str]:
 
 
 def _promise(plan: NextPlan, settled: Sequence[int]) -> str:
-    """What the plan is expected to do.
+    """The expected result of the plan.
 
     **Arguments:**
 
@@ -112,13 +114,13 @@ def _promise(plan: NextPlan, settled: Sequence[int]) -> str:
     if plan.purpose == SEPARATE and plan.promise is not None:
         promise = plan.promise
         odds = f"> {_MOST_ODDS:g}" if promise.odds > _MOST_ODDS else f"{promise.odds:.2g}"
-        what = _listed(settled) if settled else "which of the explanations is true"
+        question = _listed(settled) if settled else "which of the explanations is true"
         if promise.made:
-            return f"This settles {what} (probability {promise.probability:.2f}, expected odds {odds} to 1)."
+            return f"This settles {question} (probability {promise.probability:.2f}, expected odds {odds} to 1)."
         needed = f"; {plan.needed} positions would" if plan.needed is not None else ""
-        return f"This may settle {what} (probability {promise.probability:.2f}, expected odds {odds} to 1{needed})."
+        return f"This may settle {question} (probability {promise.probability:.2f}, expected odds {odds} to 1{needed})."
     if plan.purpose == SAMPLE:
-        return "They show whether the error comes back, and its course between the measured angles."
+        return "They show whether the error repeats, and how it changes between the measured angles."
     if plan.purpose == SHARPEN_WEAKEST:
-        return f"Expected: it falls by {100 * plan.value:.0f} %."
-    return f"Expected: u({plan.watched}), the largest now, falls by {100 * plan.value:.0f} %."
+        return f"Expected: it decreases by {100 * plan.value:.0f} %."
+    return f"Expected: u({plan.watched}), the largest now, decreases by {100 * plan.value:.0f} %."

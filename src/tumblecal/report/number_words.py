@@ -1,4 +1,4 @@
-"""Numbers of a test in words: p-values, differences of BIC, standard errors, and how ambiguous an ambiguous result is."""
+"""Results of a test in words: p-values, odds, and the kind of an ambiguity."""
 
 import math
 from collections.abc import Iterable
@@ -6,38 +6,37 @@ from collections.abc import Iterable
 from tumblecal.diagnosis.tuning import SURE
 
 
-# An explanation that many times as probable as the next is ahead of it.
+# An explanation that is this many times as probable as the next is the more probable one.
 _AHEAD = 2.0
-
-
-def bic_words(delta: float) -> str:
-    """A difference of BIC, by a decimal as long as that is short."""
-    return f"{delta:.1f}" if abs(delta) < 1e5 else f"{delta:.3g}"
 
 
 def probability_words(p_value: float, detected: bool) -> str:
     """A p-value in words."""
     if not detected and p_value < 0.05:
-        return "somewhat unusual, but short of what would be called a contradiction."
+        return "unusual, but the nominal model is not rejected."
     if not detected or p_value > 0.01:
-        return "as expected when nothing is wrong."
+        return "consistent with the nominal model."
     if p_value < 1e-6:
-        return "data of a right model do not look like this."
-    return f"a right model gives such data less often than once in {10 ** math.floor(-math.log10(p_value)):,.0f} measurements."
+        return "the nominal model is rejected."
+    return (
+        "the nominal model is rejected; a correct model would produce such data in fewer than 1 of "
+        f"{10 ** math.floor(-math.log10(p_value)):,.0f} measurements."
+    )
 
 
-def ambiguity(probability: float, others: Iterable[float], *, alike: bool) -> str:
-    """In which way several causes explain the same data.
+def ambiguity(probability: float, others: Iterable[float], *, indistinguishable: bool) -> str:
+    """The kind of an ambiguity between several causes.
 
     **Arguments:**
 
-    - `probability`: of the leading explanation, `others`: of the rest. `alike`: whether some make the same signal as it.
+    - `probability`: of the leading explanation, `others`: of the rest. `indistinguishable`: whether some
+      produce the same signal.
     """
-    if alike and probability >= SURE:
-        return "causes that these positions cannot tell apart explain it"
+    if indistinguishable and probability >= SURE:
+        return "several causes fit equally well and cannot be distinguished with these positions"
     if probability > _AHEAD * max(others, default=0.0):
-        return "one explanation is ahead of the others, but not surely right"
-    return "several causes explain it about equally well"
+        return "one explanation is more probable than the others, but not conclusive"
+    return "several causes explain it almost equally well"
 
 
 def odds_words(log_odds: float) -> str:

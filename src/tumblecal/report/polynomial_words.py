@@ -1,4 +1,4 @@
-"""A polynomial in one variable as one finding: what depends on what, and its coefficients about one reference."""
+"""A polynomial in one variable as one finding: the dependence in words, and its coefficients about one reference."""
 
 from collections.abc import Iterator, Sequence
 from math import comb
@@ -20,14 +20,14 @@ _ORDINALS = {1: "first", 2: "second", 3: "third", 4: "fourth", 5: "fifth"}
 
 
 def by_finding(causes: Sequence[Cause]) -> list[tuple[Cause, ...]]:
-    """Causes in their order, those that are powers of one polynomial together, the lowest first."""
-    together = {min(own): own for own in polynomials([cause.slot for cause in causes])}
-    later = {number for own in together.values() for number in own} - together.keys()
+    """Causes in their order; the powers of one polynomial together, the lowest first."""
+    together = {min(numbers): numbers for numbers in polynomials([cause.slot for cause in causes])}
+    later = {number for numbers in together.values() for number in numbers} - together.keys()
     return [tuple([causes[k] for k in together.get(n, (n,))]) for n in range(len(causes)) if n not in later]
 
 
 def polynomial_words(diagnosis: Diagnosis, causes: Sequence[Cause]) -> tuple[str, str]:
-    """What depends on what, and the size of each power; `causes`: the powers of one polynomial, the lowest first."""
+    """The dependence, and the size of each power; `causes`: the powers of one polynomial, the lowest first."""
     axis, variable = causes[0].slot.polynomial
     return _title(axis, variable, causes), _sizes(diagnosis, variable, causes)
 
@@ -42,7 +42,7 @@ def _title(axis: str, variable: str, causes: Sequence[Cause]) -> str:
 
 
 def _sizes(diagnosis: Diagnosis, variable: str, causes: Sequence[Cause]) -> str:
-    known = all(len(own.weights) == 1 for cause in causes for own in diagnosis.determined[cause.label])
+    known = all(len(one.weights) == 1 for cause in causes for one in diagnosis.determined[cause.label])
     orders = [cause.slot.order for cause in causes]
     if variable in AXES or not known or orders != [*range(1, len(causes) + 1)]:
         return "; ".join(words for cause in causes for _, words in size_words(diagnosis, cause))
@@ -58,8 +58,9 @@ def _about(diagnosis: Diagnosis, causes: Sequence[Cause], references: Sequence[f
     for cause in causes:
         order, base = cause.slot.order, cause.slot.units[0]
         weights = {
-            other.slot.names[0]: comb(other.slot.order, order) * (references[0] - own) ** (other.slot.order - order)
-            for other, own in zip(causes, references, strict=True)
+            other.slot.names[0]: comb(other.slot.order, order)
+            * (references[0] - reference) ** (other.slot.order - order)
+            for other, reference in zip(causes, references, strict=True)
             if other.slot.order >= order
         }
         places, each = [fit.names.index(name) for name in weights], np.array([*weights.values()])
@@ -70,7 +71,7 @@ def _about(diagnosis: Diagnosis, causes: Sequence[Cause], references: Sequence[f
 
 
 def _reference(diagnosis: Diagnosis, variable: str, cause: Cause) -> float:
-    """From where a power counts: degC, or s since the first position."""
+    """Reference of a power: degC, or s since the first position."""
     if variable == "time":
         return 0.0 if cause.slot.order == 1 else float(np.mean(np.asarray(elapsed(diagnosis.problem.where))))
     stated = diagnosis.entries[cause.label].forms[0].get("reference_degc", REFERENCE_DEGC)

@@ -20,15 +20,15 @@ _ANGLE_WORDS = {"alpha": "spindle angle alpha", "beta": "pitch angle beta"}
 
 def unnamed_findings(diagnosis: Diagnosis) -> Iterator[Finding]:
     """Where an unexplained error is, and its candidate law."""
-    own = diagnosis.unnamed
-    if own is not None:
-        yield Finding(own.excess.words)
-        if own.law is not None:
-            yield Finding(f"Candidate law: {law_words(own.law)}", f"{held_out_words(own.law)}; {SUGGESTED}")
+    unnamed = diagnosis.unnamed
+    if unnamed is not None:
+        yield Finding(unnamed.excess.words)
+        if unnamed.law is not None:
+            yield Finding(f"Candidate law: {law_words(unnamed.law)}", f"{held_out_words(unnamed.law)}; {SUGGESTED}")
 
 
 def command_for_law(diagnosis: Diagnosis, folder: Path) -> Iterator[str]:
-    """How to test the candidate law, as a command."""
+    """The command that tests the candidate law."""
     if diagnosis.unnamed is not None and diagnosis.unnamed.law is not None:
         yield "To test the candidate law, with the new positions joined if there are any:"
         files = diagnosis.data.files or [diagnosis.data.source]
@@ -36,7 +36,7 @@ def command_for_law(diagnosis: Diagnosis, folder: Path) -> Iterator[str]:
 
 
 def law_words(law: Law) -> str:
-    """What is added to which output or angle."""
+    """The terms of the law, each with the output or angle that it acts on."""
     return "; ".join(term_words(term) for term in law.terms)
 
 
@@ -54,14 +54,14 @@ def held_out_words(law: Law) -> str:
     return f"held-out error {changed(law.before_g * 1e3, law.after_g * 1e3)} mg"
 
 
-def unnamed_record(own: Unnamed | None) -> dict | None:
+def unnamed_record(unnamed: Unnamed | None) -> dict | None:
     """As plain numbers and texts; g, rad and the units stated."""
-    if own is None:
+    if unnamed is None:
         return None
-    excess, law = own.excess, own.law
+    excess, law = unnamed.excess, unnamed.law
     return {
         "region": excess.region or None,
-        "positions": [own.fit.problem.names[k] for k in np.flatnonzero(excess.positions).tolist()],
+        "positions": [unnamed.fit.problem.names[k] for k in np.flatnonzero(excess.positions).tolist()],
         "ranges_g": {part.axis: [part.low, part.high] for part in excess.ranges},
         "law": None
         if law is None

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 WIDTH = 100
 COMMAND = "tumblecal "
 _INDENT = 12
-# Lines above the rule at `WIDTH` columns: of all blocks, and of each; NEXT has those that the others leave (at least 6).
+# Lines above the rule at `WIDTH` columns: of all blocks, and of each. NEXT has the remaining lines (at least 6).
 _MOST = 25
 _MOST_LINES = {"USE": 2, "FOUND": 5, "UNRESOLVED": 5, "EVIDENCE": 4}
 _MORE = "(continued below the rule)"
@@ -48,7 +48,7 @@ class Unresolved:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a diagnosis states.
+    """The statements of a diagnosis or another analysis.
 
     - `verdict`: adequate, identified, ambiguous or unexplained; `headline`: its consequence. `source`: name of the data.
     - `use`: whether calibration.json may be used.
