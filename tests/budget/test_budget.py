@@ -234,7 +234,7 @@ def test_budget_on_the_command_line(tumblecal, tmp_path, table1_file):
     assert (
         set(content["intrinsic"]) >= {"scale_x", "bias_x", "angle_xy"} and len(content["calibration_covariance"]) == 12
     )
-    assert "What would reduce it most" in outcome.out and (tmp_path / "b" / "budget.html").exists()
+    assert "Largest contribution" in outcome.out and (tmp_path / "b" / "budget.html").exists()
     outcome = tumblecal("budget", table1_file, lab, "--monte-carlo", "3")
     assert outcome.code == 2 and len(outcome.lines) == 1 and "from 100" in outcome.lines[0]
     lab.write_text(

@@ -183,7 +183,7 @@ def test_a_good_unit_carries_a_flag_as_seldom_as_said_and_e_n_beyond_1_are_count
     values[3] += 1.2 * np.sqrt(8 * entries[0].parameters.covariance[3, 3])
     moved = replace(entries[1], parameters=replace(entries[0].parameters, values=values))
     words = en_words(unit_history([entries[0], moved], PAPER_LIMITS))
-    assert words.startswith("E_n: 1 of 12 beyond 1, 0.55 expected by chance; flagged where p < 0.0043")
+    assert words.startswith("E_n: 1 of 12 beyond 1, 0.55 expected by chance; flagged if p < 0.0043")
     assert words.endswith("not flagged: bias_x E_n 1.2 of result 2 against 1")
 
 

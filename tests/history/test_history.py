@@ -135,14 +135,14 @@ def test_table2_s_runs_differ_by_more_than_they_may(tumblecal, tmp_path):
     """Within the paper's own criteria, but not within their uncertainty: the biases moved."""
     outcome = tumblecal("history", tmp_path / "lab.db", "paper", "--example", "--out", tmp_path / "page")
     assert outcome.code == 0
-    assert "FLAG: 3 results of biases differ by more than their uncertainties explain" in outcome.out
+    assert "FLAG: 3 results of biases disagree beyond their uncertainties" in outcome.out
     assert "more than is allowed" not in outcome.out
     assert "E_n -2 of result 2 against 1" in outcome.out  # bias_z
     page = (tmp_path / "page" / "history.html").read_text()
     assert "Control charts" in page and page.count("<svg") == 4
     outcome = tumblecal("history", tmp_path / "lab.db", "paper", "--limit", "bias=0.3 mg", "--limit", "dK=200ppm")
-    assert "3 results of biases differ by more than is allowed; differ" in outcome.out
-    assert "3 results of scale factors differ by more than is allowed" in outcome.out
+    assert "3 results of biases exceed the limit; disagree" in outcome.out
+    assert "3 results of scale factors exceed the limit" in outcome.out
     table = paper.table2()
     judged = unit_history(of_unit(tmp_path / "lab.db", "paper"), PAPER_LIMITS)
     assert judged.repeats[1].largest == pytest.approx(max(np.ptp(table[f"bias_{axis}"]) for axis in "xyz"))
@@ -200,7 +200,7 @@ def test_a_drift_is_said_first_and_the_flags_that_it_explains_stand_under_it():
         f"{slope / u:.2g} u, p"
     )
     assert first.words.endswith("since 2020-01-01 (12 results)") and not others
-    assert len(first.explained) == 3 and "12 results of biases differ by more than is allowed" in first.explained[0]
+    assert len(first.explained) == 3 and "12 results of biases exceed the limit" in first.explained[0]
     assert "bias_x: results 1" in first.explained[2] and "beyond the control limits" in first.explained[2]
     said = history_text("A-17", unit_history(entries, PAPER_LIMITS), 0.05)
     assert said.count("FLAG") == 1 and said.count("explained by this drift: ") == 3 and "differ by" in said
@@ -290,7 +290,7 @@ def test_numbers_in_a_row_are_told_as_ranges():
 
 def test_a_difference_beyond_what_is_allowed_says_whether_uncertainties_explain_it():
     judged = unit_history(results(5), PAPER_LIMITS | {"bias": 1e-6})
-    assert "5 results of biases differ by more than is allowed, as their uncertainties explain" in [
+    assert "5 results of biases exceed the limit, but agree within their uncertainties" in [
         flag.words for flag in flags(judged)
     ]
 

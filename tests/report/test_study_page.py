@@ -56,7 +56,7 @@ def test_linearization_is_a_table_and_a_page(tmp_path):
         tmp_path, "linearization", content, frames, answer, draw("linearization", content, frames, tmp_path)
     )
     words = words_of(page)
-    assert words.index(answer.headline) < words.index("The numbers behind it") < words.index("What was studied")
+    assert words.index(answer.headline) < words.index("Results") < words.index("Settings")
     cells = Cells()
     cells.feed(page.read_text(encoding="utf-8"))
     files = {row[0] for row in cells.rows}

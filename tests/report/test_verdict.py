@@ -162,14 +162,14 @@ def diagnosed(verdict="ambiguous", labels=("bias_drift.x", "second_order.z"), **
 @pytest.mark.parametrize(
     ("diagnosis", "found", "open_causes", "words"),
     [
-        (diagnosed("adequate", ()), 0, 0, "No error found that 24 positions with 0.1 mg noise can show (p = 3.2e-13)."),
+        (diagnosed("adequate", ()), 0, 0, "No error found that 24 positions with 0.1 mg noise can show (p = 3e-13)."),
         (diagnosed("identified", ("a.x",)), 1, 0, "One error found and identified (probability 0.97)."),
         (diagnosed(), 2, 1, "Two errors found; the cause of one is not resolved."),
         (diagnosed(), 2, 2, "Two errors found; the causes of 2 are not resolved."),
         (diagnosed(labels=("a.x",)), 1, 1, "One error found; its cause is not resolved."),
         (
             diagnosed("unexplained"), 1, 0,
-            "The nominal model is rejected (p = 3.2e-13); no catalogued effect explains the data.",
+            "The nominal model is rejected (p = 3e-13); no catalogued effect explains the data.",
         ),
         (
             diagnosed("identified", (), noise_labels=("noise_unequal",)), 1, 0,

@@ -23,10 +23,10 @@ from tumblecal.report.verdict import Verdict
 
 SCHEMA = "tumblecal.budget_result/1"
 TYPE_A = "noise (type A)"
-# Below this share of the whole an uncertainty is told as none.
+# A contribution below this share of the total is shown as none.
 _NOTHING = 1e-4
 _NONE = "-"
-# Of less degrees of freedom than these a tenth more or less shows in the coverage factor's second digit.
+# Below this many degrees of freedom a tenth changes the second digit of the coverage factor.
 _FEW_DOF = 10
 _COLOURS = ("#b8b8b8", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442", "#7a5195")
 
@@ -36,7 +36,7 @@ def write_budget(folder: Path, budget: Budget, checked: MonteCarlo | None, notes
 
     **Arguments:**
 
-    - `notes`: what is said of the fit, for the page.
+    - `notes`: reservations about the fit, for the page.
     """
     content = json.dumps(budget_content(budget, checked), indent=1, allow_nan=False) + "\n"
     write_text(folder / "budget.json", content)
@@ -48,7 +48,9 @@ def write_budget(folder: Path, budget: Budget, checked: MonteCarlo | None, notes
         Section("Inputs", tables=[PageTable(*inputs_table(budget), text=(0, 1, 3, 4, 6))]),
     ]
     if one_sensor(budget.fit):
-        sections.insert(1, Section("Whatever the mounting", tables=[PageTable(*intrinsic_table(budget), text=(0, 1))]))
+        sections.insert(
+            1, Section("Independent of the mounting", tables=[PageTable(*intrinsic_table(budget), text=(0, 1))])
+        )
     if checked is not None:
         table = PageTable(*monte_carlo_table(budget, checked), text=(0, 1))
         sections.append(Section("Monte Carlo", [monte_carlo_words(budget, checked)], tables=[table]))
@@ -63,7 +65,7 @@ _CAPTION = "Share of each input in the variance of each parameter."
 
 
 def budget_content(budget: Budget, checked: MonteCarlo | None) -> dict[str, Any]:
-    """What `budget.json` holds, base units."""
+    """Contents of `budget.json`, base units."""
     labels, without = _labels(budget), _without_each(budget)
     parameters = {}
     for j, name in enumerate(budget.names):
@@ -110,39 +112,40 @@ def _listed(budget: Budget, checked: MonteCarlo) -> dict[str, Any]:
 
 
 def _labels(budget: Budget) -> list[str]:
-    """What contributes: the noise, parts of a diagnosis, the inputs."""
+    """The contributions: the noise, parts of a diagnosis, the inputs."""
     return [TYPE_A, *budget.labels]
 
 
 def _without_each(budget: Budget) -> Float[np.ndarray, "contributions free"]:
-    """Expanded uncertainties if each contribution were nothing."""
+    """Expanded uncertainties without each contribution."""
     return np.array([budget.without(k) for k in range(len(budget.labels) + 1)])
 
 
 def _of_triad(budget: Budget) -> list[tuple[str, float, float, str]]:
-    """Name, value, standard uncertainty and unit of what no mounting changes."""
-    own = intrinsic(budget.as_fit)
-    sizes = np.sqrt(np.diag(own.covariance))
-    return list(zip(own.names, own.values.tolist(), sizes.tolist(), own.units, strict=True))
+    """Name, value, standard uncertainty and unit of the mounting-independent parameters."""
+    triad = intrinsic(budget.as_fit)
+    sizes = np.sqrt(np.diag(triad.covariance))
+    return list(zip(triad.names, triad.values.tolist(), sizes.tolist(), triad.units, strict=True))
 
 
-def _part(size: float, whole: float, factor: float, digits: int = 3) -> str:
-    """A part of an uncertainty in the unit that is shown."""
-    return number(size * factor, digits) if size > _NOTHING * whole else _NONE
+def _part(size: float, total: float, factor: float, digits: int = 3) -> str:
+    """A contribution to an uncertainty in its display unit."""
+    return number(size * factor, digits) if size > _NOTHING * total else _NONE
 
 
 def combined_words(budget: Budget) -> str:
-    """What the columns are."""
+    """Description of the columns."""
     more = " and, from the diagnosis, other explanations and undetected effects" if budget.diagnosis_parts else ""
     return (
-        f"u_A: by the noise of the data; u_B: by the inputs{more}; u: both; nu: effective degrees of freedom; "
-        f"U = k u at {budget.level:.4g} of probability. Last: the input without which U would be smallest, and that U. "
-        f"{_NONE}: none, or less than {_NOTHING:g} of u (of U)."
+        f"u_A: type A (noise); u_B: type B (inputs){more}; u: combined standard uncertainty; nu: effective degrees of "
+        f"freedom; U = k u with a coverage probability of {100 * budget.level:.4g} %. Last columns: the dominant input, and U "
+        "without it. "
+        f"{_NONE}: less than {_NOTHING:g} of u (of U)."
     )
 
 
 def combined_table(budget: Budget) -> tuple[Row, list[Row]]:
-    """Value, uncertainties, and what would reduce them most, of each parameter."""
+    """Value, uncertainties and dominant input of each parameter."""
     rows, labels, without = [], _labels(budget), _without_each(budget)
     type_b = np.linalg.norm(budget.sizes, axis=0)
     for j in budget.fit.shared:
@@ -162,7 +165,7 @@ def combined_table(budget: Budget) -> tuple[Row, list[Row]]:
 
 
 def intrinsic_table(budget: Budget) -> tuple[Row, list[Row]]:
-    """What no mounting changes: scale along the input axes, biases, angles between the input axes."""
+    """Mounting-independent parameters: scale along the input axes, biases, angles between the input axes."""
     rows = []
     for name, value, u, unit in _of_triad(budget):
         display, factor = shown(unit)
@@ -184,45 +187,46 @@ def inputs_table(budget: Budget) -> tuple[Row, list[Row]]:
     """The inputs as they were stated."""
     rows = []
     for given in budget.inputs:
-        own = given.stated
-        what = own.what or f"added to {own.adds_to}"
-        size = own.size + (f" (k = {own.coverage:g})" if own.coverage != 1 else "")
-        row = [given.label, what, size, own.distribution, f"each {own.per}" if own.per else ""]
-        rows.append([*row, "" if own.dof is None else f"{own.dof:g}", own.source])
-    return ["input", "what", "size", "distribution", "independent", "nu", "source"], rows
+        stated = given.stated
+        description = stated.what or f"added to {stated.adds_to}"
+        size = stated.size + (f" (k = {stated.coverage:g})" if stated.coverage != 1 else "")
+        row = [given.label, description, size, stated.distribution, f"each {stated.per}" if stated.per else ""]
+        rows.append([*row, "" if stated.dof is None else f"{stated.dof:g}", stated.source])
+    return ["input", "description", "size", "distribution", "independent", "nu", "source"], rows
 
 
 def monte_carlo_words(budget: Budget, checked: MonteCarlo) -> str:
-    """What was drawn, and why fewer trials than U is for are within it where sizes have few degrees of freedom."""
+    """Description of the trials, and why fewer of them are within U if sizes have few degrees of freedom."""
     failed = f"; {checked.failed} had no fit" if checked.failed else ""
     few = [given.label for given in budget.inputs if given.stated.freedom < _FEW_DOF]
     few = [TYPE_A, *few] if budget.fit.noise == "estimated" and budget.fit.dof < _FEW_DOF else few
     tails = (
-        f" Of {', '.join(few)} the size has few degrees of freedom: the trials draw it from Student's t (JCGM 101, 6.4.9), "
-        "whose tails are longer than those of the effective degrees of freedom in U (JCGM 100, G.4). Fewer are then within "
-        "U, and their sd is larger than u: two answers to what an uncertain size means, not an error of the linearisation."
+        f" The size of {', '.join(few)} has few degrees of freedom. The trials draw it from Student's t (JCGM 101, 6.4.9), "
+        "whose tails are longer than those of the effective degrees of freedom in U (JCGM 100, G.4). Fewer trials are then "
+        "within U, and their standard deviation exceeds u. This is no error of the linearisation."
     )
     return (
-        f"{checked.trials} trials: noise and inputs drawn, fitted again{failed}. Half width: of the interval that holds the "
-        f"share that U is for; within U: the share of trials whose error is.{tails if few else ''}"
+        f"{checked.trials} trials with drawn noise and inputs, each fitted again{failed}. Half width: half the interval that "
+        f"contains {100 * budget.level:.4g} % of the trials; within U: fraction of trials with an error below U."
+        f"{tails if few else ''}"
     )
 
 
 def monte_carlo_table(budget: Budget, checked: MonteCarlo) -> tuple[Row, list[Row]]:
-    """The trials beside the budget."""
+    """The trials compared with the budget."""
     rows = []
     for j in budget.fit.shared:
         unit, factor = shown(budget.fit.units[j])
         pairs = (budget.combined[j], checked.sd[j], budget.expanded[j], checked.half_width[j])
         rows.append([budget.names[j], unit, *(number(size * factor) for size in pairs), f"{checked.within[j]:.3f}"])
-    return ["parameter", "unit", "u", "sd of trials", "U", "half width", "within U"], rows
+    return ["parameter", "unit", "u", "standard deviation of trials", "U", "half width", "within U"], rows
 
 
 def advice(budget: Budget) -> str:
-    """Which input is worth improving: the one that most parameters of the sensor gain most by."""
+    """The input whose improvement would reduce the uncertainties most on average."""
     gains = np.mean((1 - _without_each(budget) / budget.expanded)[:, budget.fit.shared], axis=1)
     best = int(np.argmax(gains))
-    return f"What would reduce it most: {_labels(budget)[best]}; without it U would be smaller by {gains[best]:.0%} on average."
+    return f"Largest contribution: {_labels(budget)[best]}. Without it U would be {100 * gains[best]:.0f} % smaller on average."
 
 
 def budget_text(budget: Budget, checked: MonteCarlo | None) -> str:

@@ -31,12 +31,12 @@ def extended_calibration(diagnosis: Diagnosis) -> Calibration | None:
     """The calibration with the nonlinear and thermal terms found, and those of the effects that the model was given with; None
     where there is none to write.
 
-    Where several explanations are left, parameters and terms are averaged over them (`diagnosis.findings.decision`); they are
-    meant for the middle of what was measured, with the covariance in use (`diagnosis.findings.in_use`). Effects of the head and
-    of time change the estimates but are no property of the sensor: the file names them, with reason and size, and holds no term
-    for them.
-    There is none to write for mixed-up axes or units (mend the data first), several sensors, or a fit that did not converge or
-    says nothing of a parameter.
+    If several explanations remain, parameters and terms are averaged over them (`diagnosis.findings.decision`). They refer to
+    the mean time and temperature of the measurement, with the covariance in use (`diagnosis.findings.in_use`). Effects of the
+    head and of time change the estimates but are no property of the sensor: the file lists them with reason and size, and
+    contains no term for them.
+    None is written if axes or units must be corrected first, for several sensors, or for a fit that did not converge or does
+    not determine a parameter.
     """
     if not_written(diagnosis):
         return None
@@ -81,19 +81,19 @@ def _use(diagnosis: Diagnosis, terms: SensorTerms, covariance: Float[np.ndarray,
 
 
 def _given_terms(diagnosis: Diagnosis, fit: Fit) -> SensorTerms:
-    """The terms of the effects that the model was given with."""
+    """The terms of the effects of the given model."""
     given = partial(_given_signal, diagnosis)
     return terms_of_chain(fit, diagnosis.model.nominal_chain, diagnosis.entries, given)
 
 
 def _by_explanation(diagnosis: Diagnosis, own: Weighed) -> Calibration:
-    """The calibration that one explanation of several would make."""
+    """The calibration by one of several explanations."""
     terms = _with_causes(_given_terms(diagnosis, own.fit), diagnosis, [own])
     return terms.put_into(linear_calibration(own.fit), diagnosis.data.temperature_degc)
 
 
 def lacking_of_diagnosis(diagnosis: Diagnosis, *, of_sensor: bool = False) -> Iterator[str]:
-    """What calibration.json lacks, why, and how large it is, in words; `of_sensor` as of `lacking_words`."""
+    """Effects that calibration.json does not contain, with reasons and sizes; `of_sensor` as for `lacking_words`."""
     calibration = extended_calibration(diagnosis)
     if calibration is not None:
         yield from lacking_words(calibration.not_applied, of_sensor=of_sensor)
@@ -113,15 +113,15 @@ def _undetected(diagnosis: Diagnosis) -> list[str]:
 
 
 def _reference(diagnosis: Diagnosis, given: Sequence[str], terms: Sequence[Term]) -> dict[str, float]:
-    """The time (s) and temperature (degC) for which bias and scale factors are meant, where the data have such columns.
+    """The time (s) and temperature (degC) to which bias and scale factors refer, if the data have such columns.
 
     **Arguments:**
 
-    - `given`: effects of the model as it was given that the file cannot hold. Beside one that follows the time the bias holds
-      where that counts from. `terms`: of the file. If they count from several temperatures there is no such temperature.
+    - `given`: effects of the given model that the file cannot contain. If one depends on time, the bias refers to the origin
+      of that time. `terms`: of the file. If they have several reference temperatures, there is no single one.
     """
     data, listed, entries = diagnosis.data, {}, diagnosis.entries
-    # By several clocks there is no one time.
+    # Several clocks have no common time.
     one_clock = data.time_s is not None and data.clock is None
     if one_clock and not any("time_s" in entries[id].needs for id in given if id in entries):
         listed["time_s"] = float(np.mean(np.asarray(data.time_s)))
@@ -135,14 +135,14 @@ def _reference(diagnosis: Diagnosis, given: Sequence[str], terms: Sequence[Term]
 
 
 def _as_written(diagnosis: Diagnosis) -> list[Weighed]:
-    """The explanations with the values that are written: a mean counts a coefficient that is lacking as zero."""
+    """The explanations with the written values: a missing coefficient counts as zero in the mean."""
     used = diagnosis.in_use
     values = [np.array([used.value(name) for name in own.fit.names]) for own in used.weighed]
     return [replace(own, fit=replace(own.fit, values=each)) for own, each in zip(used.weighed, values, strict=True)]
 
 
 def _with_causes(terms: SensorTerms, diagnosis: Diagnosis, weighed: Sequence[Weighed]) -> SensorTerms:
-    """The terms with those of the causes of each explanation, with the coefficients of its fit; each effect once."""
+    """The terms with those of the causes of each explanation, by the coefficients of its fit; each effect once."""
     for own, cause in [(one, member) for one in weighed for member in one.members]:
         if not cause.slot.columns or terms.has(cause.label):
             continue
@@ -157,7 +157,7 @@ def _with_causes(terms: SensorTerms, diagnosis: Diagnosis, weighed: Sequence[Wei
 
 
 def _signal(diagnosis: Diagnosis, own: Weighed, cause: Cause) -> Signal:
-    """What a cause adds to the readings, less what bias and scale factors at the reference take up of it, g."""
+    """Contribution of a cause to the readings, less the part that bias and scale factors at the reference absorb, g."""
     model, vector, columns = diagnosis.model, own.fit.vector.copy(), list(cause.slot.columns)
     vector[cause.slot.all_columns] = [own.fit.value(name) for name in cause.slot.names]
     added = moved_to_reference(diagnosis.screened.at, {cause.slot.id}, thermal=is_thermal(own.members))
@@ -171,7 +171,7 @@ def _signal(diagnosis: Diagnosis, own: Weighed, cause: Cause) -> Signal:
 
 
 def _given_signal(diagnosis: Diagnosis, effect: FittedEffect) -> Signal:
-    """What an effect that the model was given with adds to the readings, g; None for one that is not estimated."""
+    """Contribution of an effect of the given model to the readings, g; None for one that is not estimated."""
     model, vector = diagnosis.model, diagnosis.extended.vector
     units = dict(zip(model.names, model.units, strict=True))
     columns = [model.names.index(name) for name in effect.names if units.get(name, "s") != "s"]

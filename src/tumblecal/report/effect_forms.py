@@ -1,4 +1,4 @@
-"""Forms of effects as terms of a calibration file, and whether a form is the function that its effect fits."""
+"""Forms of effects as terms of a calibration file, and a test that a form equals the function of its effect."""
 
 from dataclasses import replace
 from functools import partial
@@ -24,7 +24,7 @@ _SAME = 1e-9
 def term_of_form(form: dict, where: Where, *, effect: str, determined: bool) -> Term:
     """A form of an effect as a term of a calibration file, its coefficient zero.
 
-    **Raises:** `InputError` for a form that no calibration file may hold.
+    **Raises:** `InputError` for a form that no calibration file can contain.
     """
     if form.get("reference_degc") == MEAN and where.temperature_degc is not None:
         form = form | {"reference_degc": float(np.mean(np.asarray(where.temperature_degc)))}
@@ -33,15 +33,15 @@ def term_of_form(form: dict, where: Where, *, effect: str, determined: bool) -> 
 
 
 def per_hour(term: Term, unit: str) -> float:
-    """A file's coefficient for one of a chain's in its unit: chains count time in seconds, files in hours."""
+    """Factor from a coefficient of a chain to that of a file: chains use seconds, files hours."""
     return factor(unit, unit.replace("/s", "/h")) if term.per_hour and "/s" in unit else 1.0
 
 
 def require_forms(effect: Effect) -> None:
-    """Compare the forms of a user's effect with what its link adds to the readings, at attitudes, times and temperatures of all
-    sizes.
+    """Compare the forms of a user effect with the contribution of its link to the readings, at many attitudes, times and
+    temperatures.
 
-    **Raises:** `InputError` for a form that is another function: a calibration file would correct with the form.
+    **Raises:** `InputError` for a form that is a different function, as a calibration file would correct with the form.
     """
     if not effect.forms or effect.make is None or catalogue().get(effect.id) is effect:
         return
@@ -58,19 +58,19 @@ def require_forms(effect: Effect) -> None:
         made = chain.at(vector).links[0](state((nothing, nothing, nothing)), where)
         added = np.stack([np.asarray(part) for part in made.reading], axis=-1) / scale
         stated = np.zeros_like(added)
-        own = replace(term, coefficient=per_hour(term, unit))
-        factors = own.factor(np.asarray(where.temperature_degc), np.asarray(where.time_s))
+        unit_term = replace(term, coefficient=per_hour(term, unit))
+        factors = unit_term.factor(np.asarray(where.temperature_degc), np.asarray(where.time_s))
         stated[:, AXES.index(term.axis)] = factors * term.of_inputs(f)
         if np.max(np.abs(added - stated)) > _SAME * max(1.0, float(np.max(np.abs(added)))):
             raise InputError(
-                f"effect {effect.id}: forms.{number}: it is another function than the effect's term (up to "
-                f"{np.max(np.abs(stated)):.3g} instead of {np.max(np.abs(added)):.3g} for a coefficient of 1 {unit}); correct "
-                "the form, or leave forms out"
+                f"effect {effect.id}: forms.{number}: differs from the function of the effect (up to "
+                f"{np.max(np.abs(stated)):.3g} instead of {np.max(np.abs(added)):.3g} for a coefficient of 1 {unit}). Correct "
+                "the form, or omit forms"
             )
 
 
 def _samples() -> Where:
-    """Positions all over the sphere at many times and temperatures."""
+    """Positions over the whole sphere at many times and temperatures."""
     alpha, beta = np.meshgrid(np.radians(np.arange(5, 360, 30.0)), np.radians([-80.0, -45.0, 10.0, 50.0]))
     count = alpha.size
     return settings(

@@ -1,4 +1,4 @@
-"""Tables of text, and the list of a history's entries; without numpy, so that a long list is there at once."""
+"""Tables of text, and the list of the entries of a history; without numpy, so that a long list is printed at once."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -12,7 +12,7 @@ LISTED = ["number", "date (UTC)", "serial number", "kind", "rms / mg", "p", "out
 
 
 def table_text(header: Row, rows: Iterable[Row], text: Sequence[int] = ()) -> str:
-    """A table for a terminal; `text` are the columns of words, which stand to the left."""
+    """A table for a terminal; `text`: the columns of words, which are left-aligned."""
     lines = [header, *rows]
     widths = [max(len(line[k]) for line in lines) for k in range(len(header))]
     return "\n".join(_aligned(line, widths, text) for line in lines)
@@ -24,7 +24,7 @@ def _aligned(line: Row, widths: Sequence[int], text: Sequence[int]) -> str:
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """A number in a table; nothing for one that does not exist."""
+    """A number in a table; "" for one that does not exist."""
     return "" if value is None or not math.isfinite(value) else f"{value:.{digits}g}"
 
 

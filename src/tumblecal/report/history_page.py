@@ -1,4 +1,4 @@
-"""`history.html`: a unit's control charts, repeatability and drift on one page."""
+"""`history.html`: control charts, repeatability and drift of a unit on one page."""
 
 from pathlib import Path
 
@@ -27,8 +27,8 @@ from tumblecal.report.verdict import Finding, Unresolved, Verdict
 
 
 _CAPTION = (
-    "Bars: expanded uncertainty at 95.45 % (k = 2 where the noise was stated, else Student's). Line: mean. Band: control "
-    "limits from the moving range, where there are four results; results beyond them are red."
+    "Bars: expanded uncertainty at 95.45 % (k = 2 if the noise was stated, otherwise Student's t). Line: mean. Band: control "
+    "limits from the moving range, from four results on. Results beyond them are red."
 )
 
 
@@ -57,7 +57,7 @@ def write_history_page(folder: Path, serial: str, history: UnitHistory, risk: fl
 
 
 def _verdict(serial: str, history: UnitHistory, risk: float) -> Verdict:
-    """Flags as findings, each with the flags that it explains; evidence; and when to calibrate again."""
+    """Flags as findings, each with the flags that it explains; evidence; and the recalibration interval."""
     flagged = flags(history)
     explained = [
         Unresolved(f"Explained by this drift: {words}", findings=(k,))
@@ -89,7 +89,7 @@ def _chart(folder: Path, leaf: str, history: UnitHistory) -> Path:
         _draw(panel, across, trend)
     panels[-1].set_xlabel("date" if dated else "result")
     if dated:
-        # Few dates, of which what they have in common is written once, so that they do not overlap.
+        # Few dates, with their common part written once, so that they do not overlap.
         locator = AutoDateLocator(minticks=3, maxticks=_MOST_DATES)
         panels[-1].xaxis.set_major_locator(locator)
         panels[-1].xaxis.set_major_formatter(ConciseDateFormatter(locator))

@@ -1,4 +1,4 @@
-"""A unit's history and a comparison of two calibrations, in words and tables of text."""
+"""The history of a unit and a comparison of two calibrations, in words and tables of text."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -15,27 +15,27 @@ from tumblecal.report.history_list import Row, number, table_text
 
 
 REPEATS = ["of all results", "largest difference", "allowed", "unit", "p", "judgement"]
-TRENDS = ["parameter", "last", "U (95.45 %)", "unit", "E_n", "drift a month", "sd"]
-# Of one parameter so many E_n are listed; more are counted: the charts show them.
+TRENDS = ["parameter", "last", "U (95.45 %)", "unit", "E_n", "drift / month", "u"]
+# At most so many E_n of one parameter are listed; more are only counted, as the charts show them.
 _MOST_OF_ONE = 5
-MOVED = ["parameter", "old", "new", "change", "sd", "change / sd", "unit"]
+MOVED = ["parameter", "old", "new", "change", "u", "change / u", "unit"]
 JOINT = ["together", "largest change", "unit", "chi2", "dof", "p", "moved", "what would move it"]
 
 
 def repeats_row(repeats: Repeats) -> Row:
-    """Whether repeats agree, of one kind of parameter."""
+    """Whether repeated results agree, for one kind of parameter."""
     unit, factor = shown(repeats.unit) if repeats.unit else ("", 1.0)
     sizes = [f"{repeats.largest * factor:.4f}", f"{repeats.limit * factor:g}"] if repeats.unit else ["", ""]
     return [repeats.what, *sizes, unit, p_cell(repeats.p_value), judged(repeats)]
 
 
 def judged(repeats: Repeats) -> str:
-    """What the two criteria say."""
-    explained = ", as their uncertainties explain" if repeats.p_value is not None and not repeats.beyond_noise else ""
-    said = [f"differ by more than is allowed{explained}"] if repeats.beyond_limit else []
-    said += ["differ by more than their uncertainties explain"] if repeats.beyond_noise else []
-    return "; ".join(said) or (
-        "agree" if repeats.p_value is not None else "within what is allowed (no uncertainties stated)"
+    """Result of the two criteria: the limit, and the uncertainties."""
+    agree = ", but agree within their uncertainties" if repeats.p_value is not None and not repeats.beyond_noise else ""
+    results = [f"exceed the limit{agree}"] if repeats.beyond_limit else []
+    results += ["disagree beyond their uncertainties"] if repeats.beyond_noise else []
+    return "; ".join(results) or (
+        "agree" if repeats.p_value is not None else "within the limit (no uncertainties stated)"
     )
 
 
@@ -49,14 +49,14 @@ def trend_row(trend: Trend) -> Row:
 
 
 def _en(value: float) -> str:
-    """E_n in two digits, or as many as tell it from its limit of 1; nothing for one that does not exist."""
-    told = (number(value, digits) for digits in range(2, 18))
-    return next((text for text in told if not text or abs(float(text)) != 1), "1" if value > 0 else "-1")
+    """E_n in two digits, or as many as distinguish it from its limit of 1; "" for one that does not exist."""
+    texts = (number(value, digits) for digits in range(2, 18))
+    return next((text for text in texts if not text or abs(float(text)) != 1), "1" if value > 0 else "-1")
 
 
 @dataclass(frozen=True)
 class Flag:
-    """What deserves a look, in words; `explained`: what else would be flagged without it.
+    """A finding that deserves attention, in words; `explained`: further flags that it explains.
 
     `about`: the parameter, or the kind of parameters.
     """
@@ -67,7 +67,7 @@ class Flag:
 
 
 def flags(history: UnitHistory) -> list[Flag]:
-    """What deserves a look: drifts first, each with the flags that are none once all drifts are subtracted."""
+    """All flags: drifts first, each with the flags that disappear once all drifts are subtracted."""
     found, every = drifts(history), list(_flagged(history))
     if not found:
         return every
@@ -77,13 +77,13 @@ def flags(history: UnitHistory) -> list[Flag]:
     drift_flags = list[Flag]()
     for drift in found:
         name = drift.trend.name
-        own = [
+        by_drift = [
             flag
             for flag in explained
             if flag.about in (name, GROUPS[leaf_of(name)][0]) or flag.about not in _kinds(found)
         ]
-        explained = [flag for flag in explained if flag not in own]
-        drift_flags.append(Flag(_drift_words(history, drift), name, tuple(flag.words for flag in own)))
+        explained = [flag for flag in explained if flag not in by_drift]
+        drift_flags.append(Flag(_drift_words(history, drift), name, tuple(flag.words for flag in by_drift)))
     return [*drift_flags, *(flag for flag in every if flag.about in unexplained)]
 
 
@@ -106,7 +106,7 @@ def _drift_words(history: UnitHistory, drift: Drift) -> str:
 
 
 def _flagged(history: UnitHistory) -> Iterator[Flag]:
-    """What deserves a look if nothing drifts, a line each."""
+    """Flags if nothing drifts, a line each."""
     if refused := [entry.number for entry in history.entries if entry.refused]:
         several = "s" if len(refused) > 1 else ""
         yield Flag(f"result{several} {_ranges(refused)}: use: no; {'they' if several else 'it'} must not be used")
@@ -134,14 +134,14 @@ def _en_of(history: UnitHistory, trend: Trend, k: int) -> str:
 
 
 def _ranges(numbers: Sequence[int]) -> str:
-    """Numbers in rising order, three and more in a row as a range."""
+    """Numbers in rising order, three and more consecutive ones as a range."""
     breaks = [k for k in range(1, len(numbers)) if numbers[k] != numbers[k - 1] + 1]
     rows = (numbers[begin:end] for begin, end in zip([0, *breaks], [*breaks, len(numbers)], strict=True))
     return ", ".join(f"{row[0]} to {row[-1]}" if len(row) > 2 else ", ".join(map(str, row)) for row in rows)
 
 
 def en_words(history: UnitHistory) -> str:
-    """How many E_n are beyond 1, how many are expected to be by chance, and which of them are not flagged; "" without E_n."""
+    """Number of E_n beyond 1, the number expected by chance, and those that are not flagged; "" without E_n."""
     known = np.concatenate([trend.en for trend in history.trends])
     if not np.any(np.isfinite(known)):
         return ""
@@ -149,57 +149,67 @@ def en_words(history: UnitHistory) -> str:
     within = list[str]()
     for trend in history.trends:
         near = np.flatnonzero((np.abs(trend.en) > 1) & (trend.tail >= history.unlikely_together)).tolist()
-        told = [f"{trend.name} {_en_of(history, trend, k)}" for k in near]
-        within += told if len(told) <= _MOST_OF_ONE else [f"{len(told)} of {trend.name}"]
+        listed = [f"{trend.name} {_en_of(history, trend, k)}" for k in near]
+        within += listed if len(listed) <= _MOST_OF_ONE else [f"{len(listed)} of {trend.name}"]
     count, limit = int(np.isfinite(known).sum()), history.unlikely_together
-    said = f"E_n: {int(np.sum(np.abs(known) > 1))} of {count} beyond 1, {expected:.2g} expected by chance"
-    said += f"; flagged where p < {limit:.2g}, as none of {count} is by chance (probability {TOGETHER:g})"
-    return said + (f"; not flagged: {', '.join(within)}" if within else "")
+    words = f"E_n: {int(np.sum(np.abs(known) > 1))} of {count} beyond 1, {expected:.2g} expected by chance"
+    words += f"; flagged if p < {limit:.2g} ({1 - TOGETHER:.2g} family-wise error rate for {count} comparisons)"
+    return words + (f"; not flagged: {', '.join(within)}" if within else "")
 
 
 def control_words(history: UnitHistory) -> str:
-    """Which results are beyond control limits as far as some are by chance, and so are not flagged; "" without any."""
+    """Results beyond control limits that are consistent with chance and therefore not flagged; "" without any."""
     within = list[str]()
     for trend in history.trends:
         near = np.flatnonzero(trend.outside & (trend.beyond >= history.unlikely_on_charts))
         within += [f"{trend.name} result {_ranges([history.entries[k].number for k in near])}"] if len(near) else []
     charts = sum(trend.control > 0 for trend in history.trends)
-    said = f"beyond control limits, but no further than some of {charts} charts by chance (probability {1 - TOGETHER:.2g}), so "
-    return f"{said}not flagged: {', '.join(within)}" if within else ""
+    rate = f"{1 - TOGETHER:.2g} family-wise error rate for {charts} charts"
+    return (
+        f"beyond control limits, but consistent with chance ({rate}), so not flagged: {', '.join(within)}"
+        if within
+        else ""
+    )
 
 
 def interval_words(history: UnitHistory, risk: float) -> str:
-    """When to calibrate again."""
+    """The recalibration interval."""
     months, name = history.interval(risk)
     if not np.isfinite(months):
-        return "recalibration interval: needs three results on different dates"
+        return "recalibration interval: not determinable with fewer than three results on different dates"
     if months <= 0:
-        return f"recalibration interval: none at a risk of {risk:g}: {name} scatters by more than is allowed already"
-    capped = " or longer (the history reaches no further)" if months >= history.months else f", by {name}"
+        return (
+            f"recalibration interval: not determinable at a risk of {risk:g}, because the dispersion of {name} already exceeds "
+            "its limit"
+        )
+    capped = " or longer (the history covers no longer time)" if months >= history.months else f", by {name}"
     return f"recalibration interval at a risk of {risk:g}: {months:.1f} months{capped}"
 
 
 def uncertainty_words(history: UnitHistory) -> str:
-    """What the entries' uncertainties hold."""
+    """The contributions to the uncertainties of the results."""
     entries = history.entries
-    kinds = {what: [e.number for e in entries if (e.combined, e.diagnosed) == held] for held, what in _HELD.items()}
-    kinds = {what: numbers for what, numbers in kinds.items() if numbers}
+    by_kind = {
+        words: [e.number for e in entries if (e.combined, e.diagnosed) == kind]
+        for kind, words in _CONTRIBUTIONS.items()
+    }
+    kinds = {words: numbers for words, numbers in by_kind.items() if numbers}
     few = [(e.number, e.parameters.dof) for e in history.entries if e.parameters and np.isfinite(e.parameters.dof)]
     dofs = sorted({dof for _, dof in few})
-    by_dof = "; ".join(f"{_ranges([own for own, there in few if there == dof])}: {dof:g}" for dof in dofs)
+    by_dof = "; ".join(f"{_ranges([result for result, of_result in few if of_result == dof])}: {dof:g}" for dof in dofs)
     estimated = f"; degrees of freedom from which the noise was estimated, by result: {by_dof}" if few else ""
     if len(kinds) == 1:
         return f"uncertainties: {next(iter(kinds))}{estimated}"
-    return "uncertainties: " + "; ".join(f"{_ranges(own)}: {what}" for what, own in kinds.items()) + estimated
+    return "uncertainties: " + "; ".join(f"{_ranges(numbers)}: {words}" for words, numbers in kinds.items()) + estimated
 
 
 def dof_words(dof: float) -> str:
-    """That the noise was estimated, as the end of a sentence; "" where it was stated."""
+    """End of a sentence: the noise was estimated; "" if it was stated."""
     return f"; its noise was estimated from {dof:g} degree{'s' * (dof != 1)} of freedom" if np.isfinite(dof) else ""
 
 
-# By whether a budget's inputs, and the contributions of a diagnosis, are in them.
-_HELD = {
+# By whether they include the inputs of a budget, and the contributions of a diagnosis.
+_CONTRIBUTIONS = {
     (True, False): "combined (noise and budget)",
     (True, True): "combined (noise, other explanations, undetected effects and budget)",
     (False, True): "of the noise, of other explanations and of undetected effects",
@@ -208,23 +218,23 @@ _HELD = {
 
 
 def history_text(serial: str, history: UnitHistory, risk: float) -> str:
-    """All of a unit, for a terminal."""
+    """The history of a unit for a terminal."""
     first, last = (history.entries[k].date_utc[:10] for k in (0, -1))
     count = len(history.entries)
     repeats = table_text(REPEATS, map(repeats_row, history.repeats), (0, 3, 5))
     trends = table_text(TRENDS, map(trend_row, history.trends), (0, 3))
-    said = list[str]()
+    flagged = list[str]()
     for flag in flags(history):
-        said += [f"FLAG: {flag.words}", *(f"      explained by this drift: {words}" for words in flag.explained)]
-    said = said or ["nothing is flagged"]
-    whole = [f"unit {serial}: {count} independent result{'s' * (count > 1)}, {first} to {last}", ""]
-    whole += [repeats, ""] if count > 1 else []
+        flagged += [f"FLAG: {flag.words}", *(f"      explained by this drift: {words}" for words in flag.explained)]
+    flagged = flagged or ["nothing is flagged"]
+    lines = [f"unit {serial}: {count} independent result{'s' * (count > 1)}, {first} to {last}", ""]
+    lines += [repeats, ""] if count > 1 else []
     notes = [en_words(history), control_words(history), interval_words(history, risk), uncertainty_words(history)]
-    return "\n".join([*whole, trends, "", *said, *filter(None, notes)])
+    return "\n".join([*lines, trends, "", *flagged, *filter(None, notes)])
 
 
 def comparison_text(comparison: Comparison) -> str:
-    """What moved, for a terminal."""
+    """The changes between two calibrations, for a terminal."""
     moved = []
     for part in comparison.moved:
         unit, factor = shown(part.unit)

@@ -1,4 +1,4 @@
-"""The diagnosis of Table 1 as a part of the study's page: the verdict, and what these 72 numbers could not have shown."""
+"""The diagnosis of Table 1 as a part of the page of the study: verdict and detection limits."""
 
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.planning import NextPlan
@@ -8,12 +8,12 @@ from tumblecal.report.page import Section
 
 
 def diagnosis_section(diagnosis: Diagnosis, plan: NextPlan) -> Section:
-    """Verdict, detection limits of the visible effects, and the harm of the invisible ones."""
+    """Verdict, detection limits, and the changes that undetectable effects would cause."""
     return Section(
         "Diagnosis of Table 1",
         words=[
             *verdict_of_diagnosis(diagnosis, plan).words().splitlines(),
-            "What these positions could and could not have shown:",
+            "Detection limits with these positions, and undetectable effects:",
         ],
         tables=[limits_table(diagnosis), invisible_table(diagnosis)],
     )

@@ -1,4 +1,4 @@
-"""Figures of the paper's study: its figures 4 to 9, and the audit of Table 1."""
+"""Figures of the study of the paper: its figures 4 to 9, and the audit of Table 1."""
 
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ GROUPS = (
     (7, "gamma", "Non-orthogonalities"),
     (8, "dbeta", "Pitch-setting errors"),
 )
-# Methods that agree lie on one another: the lower one wide, the exact fit dashed above it.
+# Methods that agree overlap: the lower one is wide, the exact fit dashed above it.
 _BELOW = 2.6
 _EXACT: dict[str, Any] = {"color": METHOD_COLOUR["exact"], "lw": 1.2, "ls": (0, (4, 2)), "label": "exact"}
 
@@ -34,12 +34,13 @@ def draw_study(study: PaperStudy, folder: Path) -> dict[str, str]:
         _draw_group(study, leaf, folder / name)
         captions[name] = (
             f"Figure {number}. {title}: least squares of each data set alone (dots), Kalman filter (blue) and exact fit (red, "
-            "dashed) of all sets so far, with the truth. Grey band: 2 sd of one set; blue band: 2 sd of the filter."
+            "dashed) of all sets so far, with the true value. Bands: 2 standard deviations of one set (grey) and of the filter "
+            "(blue)."
         )
     _draw_means(study, folder / "figure9_running_means.svg")
     captions["figure9_running_means.svg"] = (
         "Figure 9. Running mean of least squares, Kalman filter and exact fit of all sets so far, close up: the error in "
-        "units of one set's sd, with 2 sd of the mean (band)."
+        "standard deviations of one set. Band: 2 standard deviations of the mean."
     )
     return captions
 
@@ -124,13 +125,13 @@ def draw_audit(audit: Audit, table1: Fit, folder: Path) -> dict[str, str]:
     figure.legend(handles, labels, loc="outside lower center", ncols=3)
     save(figure, folder / "table1_residuals.svg")
     return {
-        "table1_residuals.svg": "Residuals of the measured Table 1 under its best fit, under the truth of the paper's own "
-        "simulation, and under the published result of the same run; the titles say where the scale is another."
+        "table1_residuals.svg": "Residuals of the measured Table 1 under its best fit, under the parameters of the "
+        "paper's simulation, and under the published result of the same run. Titles state different scales."
     }
 
 
 def _residual_panel(axis, data: PositionSet, residuals: np.ndarray) -> None:
-    """Residuals of the three axes by position, pitch settings apart."""
+    """Residuals of the three axes by position, with lines between pitch settings."""
     position = np.arange(len(data))
     for column, name in enumerate("xyz"):
         offset = (column - 1) * 0.22

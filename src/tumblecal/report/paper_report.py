@@ -1,4 +1,4 @@
-"""The paper's study as files: figures, `study.json`, `page.html`, `findings.txt`."""
+"""The study of the paper as files: figures, `study.json`, `page.html`, `findings.txt`."""
 
 import json
 import textwrap
@@ -28,7 +28,7 @@ from tumblecal.studies.paper_study import PaperStudy
 
 SCHEMA = "tumblecal.reproduction/1"
 _FILES = (
-    ("study.json", "every number of this page, residuals and covariances too"),
+    ("study.json", "every number of this page, with residuals and covariances"),
     ("findings.txt", "the findings in words"),
     ("diagnosis/", "the diagnosis of Table 1: diagnosis.html, diagnosis.json, what to measure next"),
     ("*.svg", "the figures"),
@@ -47,14 +47,14 @@ def write_paper_study(
     sections = [
         Section(
             "Audit of Table 1",
-            ["Which parameters explain the table that the paper calls measured? Residuals under three sets of them."],
+            ["Residuals of the table that the paper calls measured, under three sets of parameters."],
             tables=[_explanations_table(audit)],
             figures=[inline_figure(folder / name, caption) for name, caption in audit_figures.items()],
         ),
         Section("Table 1 by all methods", tables=[_methods_table(table1)]),
         Section(
-            "Table 2 beside it",
-            ["Published parameters of the three runs beside the exact fit of Table 1 (the data of run 1)."],
+            "Comparison with Table 2",
+            ["Published parameters of the three runs, and the exact fit of Table 1 (the data of run 1)."],
             tables=[_published_table(table1.exact)],
         ),
         diagnosis_section(diagnosis, plan),
@@ -63,7 +63,7 @@ def write_paper_study(
             "Simulation: the paper's figures 4 to 9",
             figures=[inline_figure(folder / name, caption) for name, caption in study_figures.items()],
         ),
-        Section("Files", tables=[PageTable(["file", "what it holds"], _FILES, text=(0, 1))]),
+        Section("Files", tables=[PageTable(["file", "contents"], _FILES, text=(0, 1))]),
     ]
     write_page(
         folder / "page.html",
@@ -80,7 +80,7 @@ def write_paper_study(
 def _methods_table(table1: Calibrated) -> PageTable:
     exact = table1.exact
     others = [result for name, result in table1.fits.items() if name != "exact"]
-    header = ["parameter", "unit", "exact", "sd", *(TITLES[result.method] for result in others), "simulation truth"]
+    header = ["parameter", "unit", "exact", "u", *(TITLES[result.method] for result in others), "simulation truth"]
     rows = []
     for index, name in enumerate(exact.names):
         unit, factor = shown(exact.units[index])
@@ -96,10 +96,10 @@ def _published_table(fit: Fit) -> PageTable:
     for index, name in enumerate(fit.names):
         unit, factor = shown(fit.units[index])
         cells = [*published[name], fit.values[index], fit.sd[index]]
-        off = (published[name][0] - fit.values[index]) / fit.sd[index]
-        rows.append([name, unit, *(f"{value * factor:.3f}" for value in cells), f"{off:+.1f}"])
+        difference_u = (published[name][0] - fit.values[index]) / fit.sd[index]
+        rows.append([name, unit, *(f"{value * factor:.3f}" for value in cells), f"{difference_u:+.1f}"])
     return PageTable(
-        ["parameter", "unit", "run 1", "run 2", "run 3", "Table 1, exact", "sd", "(run 1 - exact) / sd"], rows
+        ["parameter", "unit", "run 1", "run 2", "run 3", "Table 1, exact", "u", "(run 1 - exact) / u"], rows
     )
 
 

@@ -38,7 +38,7 @@ def write_calibrated(folder: Path, calibrated: Calibrated, said: Mapping[str, An
 
     **Arguments:**
 
-    - `said`: what else its provenance says, such as of the head (`MeasuredHead.record`).
+    - `said`: further entries of its provenance, such as that of the head (`MeasuredHead.record`).
 
     **Returns:** their names.
     """
@@ -53,7 +53,7 @@ def write_calibrated(folder: Path, calibrated: Calibrated, said: Mapping[str, An
 
 
 def result_content(calibrated: Calibrated) -> dict[str, Any]:
-    """What `result.json` holds (DESIGN section 6)."""
+    """Contents of `result.json` (DESIGN section 6)."""
     exact, judged = calibrated.exact, judgements(calibrated)
     data = exact.data
     turns = turns_of(calibrated.exact.problem.chain, calibrated.exact.problem.where)
@@ -73,7 +73,7 @@ def result_content(calibrated: Calibrated) -> dict[str, Any]:
         "set_up": [setup_error.record() for setup_error in calibrated.setup_errors],
         "implausible": [vars(unusual) for unusual in calibrated.implausible],
         "judgement": judged[0].record(),
-        "judgements": [own.record() for own in judged],
+        "judgements": [judgement.record() for judgement in judged],
         "use": use_of(calibrated, judged).record(),
         "noise": {
             "sigma_g": finite(exact.sigma),
@@ -103,21 +103,21 @@ def result_content(calibrated: Calibrated) -> dict[str, Any]:
 
 
 def calibration_of(result: Fit, entries: Catalogue | None = None) -> Calibration:
-    """A fit as a calibration file holds it: the sensor's matrix and bias, and the terms of the effects in its chain.
+    """The calibration of a fit: matrix and bias of the sensor, and the terms of the effects in its chain.
 
     **Arguments:**
 
-    - `entries`: the catalogue of the chain's effects; the program's own where left out.
+    - `entries`: the catalogue of the effects in the chain; by default that of the program.
 
     **Raises:** `KeyError` when the sensor's parameters are not all estimated, one for all data; `InputError` for a form of a
-    user's effect that no file may hold.
+    user effect that no file can contain.
     """
     terms = terms_of_chain(result, result.problem.chain, catalogue() if entries is None else entries)
     return terms.put_into(linear_calibration(result), result.data.temperature_degc)
 
 
 def linear_calibration(result: Fit) -> Calibration:
-    """The sensor's matrix and bias alone.
+    """Matrix and bias of the sensor alone.
 
     **Raises:** `KeyError` when the sensor's parameters are not all estimated, one for all data.
     """
@@ -152,27 +152,27 @@ def _temperatures(data: PositionSet) -> dict[str, list[float]]:
 
 
 def _sensor_and_mount(result: Fit) -> SensorParameters:
-    """The sensor's parameters and the angles of its mountings, as they were fitted."""
+    """Fitted parameters of the sensor and angles of its mountings."""
     names = [name for name in result.names if name in SENSOR or leaf_of(name) == "dtheta"]
     here = [result.names.index(name) for name in names]
-    left = tuple([name for name in names if name in result.undetermined])
-    return SensorParameters(tuple(names), result.values[here], result.covariance[np.ix_(here, here)], left)
+    undetermined = tuple([name for name in names if name in result.undetermined])
+    return SensorParameters(tuple(names), result.values[here], result.covariance[np.ix_(here, here)], undetermined)
 
 
 def source_of(data: PositionSet) -> dict[str, Any]:
-    """Where the data came from: file, SHA-256 of its content, positions, version of the program."""
+    """Source of the data: file, SHA-256 of its content, number of positions, version of the program."""
     path = Path(data.source)
     digest = hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else None
-    said = {"data": data.source, "sha256": digest, "positions": len(data), "tumblecal": __version__}
+    source = {"data": data.source, "sha256": digest, "positions": len(data), "tumblecal": __version__}
     measured = data.comments.get("measured_utc")
-    return said | ({"measured_utc": measured} if measured else {})
+    return source | ({"measured_utc": measured} if measured else {})
 
 
 def strong_correlations(result: Fit) -> list[dict[str, Any]]:
     """Pairs of parameters correlated above 0.9, the strongest first."""
     correlation = result.correlation
-    asked = np.array(result.shared, int)
-    first, second = (asked[index] for index in np.triu_indices(len(asked), 1))
+    shared = np.array(result.shared, int)
+    first, second = (shared[index] for index in np.triu_indices(len(shared), 1))
     pairs = [
         {"first": result.names[i], "second": result.names[j], "correlation": float(correlation[i, j])}
         for i, j in zip(first, second, strict=True)
@@ -182,7 +182,7 @@ def strong_correlations(result: Fit) -> list[dict[str, Any]]:
 
 
 def finite(value: float) -> float | None:
-    """A number as JSON has it: null for one that is not finite."""
+    """A number for JSON: None (null) if it is not finite."""
     return float(value) if np.isfinite(value) else None
 
 
@@ -216,11 +216,11 @@ def _direction(direction: Direction) -> dict[str, Any]:
 def _intrinsic(result: Fit) -> dict[str, Any]:
     if not one_sensor(result):
         return {}
-    own = intrinsic(result)
-    sd = np.sqrt(np.diag(own.covariance))
+    triad = intrinsic(result)
+    sd = np.sqrt(np.diag(triad.covariance))
     return {
         name: {"value": float(value), "sd": finite(deviation), "unit": unit}
-        for name, value, deviation, unit in zip(own.names, own.values, sd, own.units, strict=True)
+        for name, value, deviation, unit in zip(triad.names, triad.values, sd, triad.units, strict=True)
     }
 
 

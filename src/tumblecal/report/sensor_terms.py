@@ -1,4 +1,4 @@
-"""The terms of a calibration file: what of a fitted model's effects belongs to the sensor, and what the file cannot hold."""
+"""The terms of a calibration file: effects of a fitted model that belong to the sensor, and those that no file can contain."""
 
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -23,16 +23,16 @@ _EQUATION = (
     "A = diag(1 + dK) u + bias + sum of coefficient * product of u^powers * (T - reference_degc)^degc_power, "
     "per_degc being a degc_power of 1"
 )
-# Without these the force in the triad's own frame is right.
+# Without these the force in the frame of the triad is correct.
 NOT_MISSED = (OF_HEAD, OF_MOUNT)
-# A signal of an effect in the readings of the data, g; None where it is not known.
+# A signal of an effect in the readings of the data, g; None if unknown.
 Signal = Float[np.ndarray, "positions 3"] | None
 
 
 @dataclass(frozen=True)
 class FittedEffect:
-    """An effect in a fitted chain: its id, each coefficient's term as a file holds it (`forms`; none: no file does), and the
-    coefficients' names in that order. `kept`: at known values. `reason`: why no file holds it."""
+    """An effect in a fitted chain: its id, the term of each coefficient in a file (`forms`; none: no file contains it), and the
+    names of the coefficients in that order. `kept`: at known values. `reason`: why no file contains it."""
 
     id: str
     forms: tuple[dict, ...]
@@ -42,7 +42,7 @@ class FittedEffect:
 
     @property
     def held(self) -> bool:
-        """Whether a calibration file can hold it: of some coefficients without a form it would hold half an effect."""
+        """Whether a calibration file can contain it: every coefficient needs a form."""
         return len(self.forms) == len(self.names)
 
 
@@ -51,22 +51,23 @@ def effects_in(chain: Chain, where: Where, entries: Catalogue) -> Iterator[Fitte
 
     **Arguments:**
 
-    - `where`: the settings that the chain was made for. `entries`: the catalogue; what it does not know has its leaf's name.
+    - `where`: the settings that the chain was made for. `entries`: the catalogue; an effect without an entry has
+      the name of its leaf.
     """
     acting = [leaf for leaf in chain.parameters if leaf.name not in UNIT_OF_LEAF and (leaf.free or leaf.value.any())]
-    left = {leaf.name: leaf for leaf in acting}
+    remaining = {leaf.name: leaf for leaf in acting}
     for effect in entries.values():
-        if not left:
+        if not remaining:
             return
         if effect.make is None or effect.lacking(where):
             continue
         links = effect.make(where)[:1]
-        own = [left.pop(leaf.name) for leaf in Chain(links).parameters if leaf.name in left]
-        if own:
-            names = tuple([name for leaf in own for name in leaf.names])
-            kept = not any(leaf.free for leaf in own)
+        leaves = [remaining.pop(leaf.name) for leaf in Chain(links).parameters if leaf.name in remaining]
+        if leaves:
+            names = tuple([name for leaf in leaves for name in leaf.names])
+            kept = not any(leaf.free for leaf in leaves)
             yield FittedEffect(effect.id, effect.forms, names, kept, reason_not_held(effect, links))
-    yield from (FittedEffect(name, (), leaf.names) for name, leaf in left.items())
+    yield from (FittedEffect(name, (), leaf.names) for name, leaf in remaining.items())
 
 
 class SensorTerms:
@@ -86,10 +87,10 @@ class SensorTerms:
 
         **Arguments:**
 
-        - `determined`: names of the coefficients that the data determine by themselves.
-        - `signal`: what the effect adds to the readings of the data, g.
+        - `determined`: names of the coefficients that the data determine separately.
+        - `signal`: contribution of the effect to the readings of the data, g.
 
-        **Raises:** `InputError` for a form of a user's effect that no calibration file may hold.
+        **Raises:** `InputError` for a form of a user effect that no calibration file can contain.
         """
         if not effect.held:
             self._reasons[effect.id], self._signals[effect.id] = effect.reason, signal
@@ -97,7 +98,7 @@ class SensorTerms:
         values = dict(zip(fit.names, fit.values.tolist(), strict=True))
         units = dict(zip(fit.names, fit.units, strict=True))
         for leaf in fit.problem.chain.parameters if not values.keys() >= {*effect.names} else ():
-            # Those that are kept at what the chain has.
+            # Coefficients at fixed values of the chain.
             values = dict(zip(leaf.names, leaf.value.ravel().tolist(), strict=True)) | values
             units = dict.fromkeys(leaf.names, leaf.unit) | units
         for form, name in zip(effect.forms, effect.names, strict=True):
@@ -116,7 +117,7 @@ class SensorTerms:
 
     @property
     def not_applied(self) -> list[NotApplied]:
-        """The effects that the file cannot hold, why, and their size in the data."""
+        """The effects that the file cannot contain, the reasons, and their sizes in the data."""
         listed = []
         for id, reason in self._reasons.items():
             signal = self._signals[id]
@@ -136,30 +137,30 @@ class SensorTerms:
     def put_into(
         self, calibration: Calibration, temperature_degc: Float[np.ndarray, " positions"] | None
     ) -> Calibration:
-        """The calibration with these terms; its provenance names the corrections that it lacks, where there are any.
+        """The calibration with these terms; its provenance lists the missing corrections, if any.
 
         **Arguments:**
 
         - `temperature_degc`: of the data.
         """
-        said: dict = {IDS: list(self._reasons)} if self._reasons else {}
+        provenance: dict = {IDS: list(self._reasons)} if self._reasons else {}
         if losses := self.losses(temperature_degc):
-            said[LOSSES] = [loss.record() for loss in losses]
-        own = replace(calibration, provenance=calibration.provenance | said)
+            provenance[LOSSES] = [loss.record() for loss in losses]
+        calibration = replace(calibration, provenance=calibration.provenance | provenance)
         if not self._terms:
-            return own
-        own = own.with_terms(self.listed)
-        return replace(own, extra=own.extra | {"terms_equation": _EQUATION})
+            return calibration
+        calibration = calibration.with_terms(self.listed)
+        return replace(calibration, extra=calibration.extra | {"terms_equation": _EQUATION})
 
 
 def terms_of_chain(
     fit: Fit, chain: Chain, entries: Catalogue, signal: Callable[[FittedEffect], Signal] | None = None
 ) -> SensorTerms:
-    """The terms of the effects that a chain has as it was given, such as a rig's, at the values of a fit of it.
+    """The terms of the effects in a given chain, such as that of a rig, at the values of a fit of it.
 
     **Arguments:**
 
-    - `signal`: what an effect adds to the readings; by the fit's own Jacobian if left out.
+    - `signal`: contribution of an effect to the readings; by default from the Jacobian of the fit.
     """
     terms = SensorTerms()
     for effect in effects_in(chain, fit.problem.where, entries):
@@ -171,7 +172,7 @@ def terms_of_chain(
 
 
 def _signal(fit: Fit, effect: FittedEffect) -> Signal:
-    """What an effect adds to the readings of a fit over the chain, to first order, g; None for one that is not estimated."""
+    """Contribution of an effect to the readings of a fit, to first order, g; None for one that is not estimated."""
     moved = [
         fit.names.index(name) for name in effect.names if name in fit.names and fit.units[fit.names.index(name)] != "s"
     ]
@@ -182,7 +183,7 @@ def _signal(fit: Fit, effect: FittedEffect) -> Signal:
 
 
 def held_words(fit: Fit, chain: Chain, entries: Catalogue) -> Iterator[str]:
-    """Which effects of a chain as it was given calibration.json holds as terms; none if no such file is made of the fit."""
+    """The effects of a given chain that calibration.json contains as terms; none if no such file is made of the fit."""
     if not (fit.code.good and one_sensor(fit)):
         return
     effects = [effect for effect in effects_in(chain, fit.problem.where, entries) if not effect.kept]
@@ -191,11 +192,11 @@ def held_words(fit: Fit, chain: Chain, entries: Catalogue) -> Iterator[str]:
 
 
 def lacking_words(losses: Sequence[NotApplied], *, of_sensor: bool = False) -> Iterator[str]:
-    """What calibration.json lacks of the effects that were fitted, why, and how large it is, in words.
+    """Fitted effects that calibration.json does not contain, with reasons and sizes, in words.
 
     **Arguments:**
 
-    - `of_sensor`: without what is not missed in the triad's own frame: of the head, of the mount.
+    - `of_sensor`: without effects of the head and of the mount, which the frame of the triad does not need.
     """
     for loss in losses:
         if not (of_sensor and loss.reason in NOT_MISSED):
@@ -203,7 +204,7 @@ def lacking_words(losses: Sequence[NotApplied], *, of_sensor: bool = False) -> I
 
 
 def lacking_of_fit(fit: Fit, entries: Catalogue, *, of_sensor: bool = False) -> Iterator[str]:
-    """`lacking_words` of a fit over its own chain, of the effects that were estimated; none if no such file is made of it."""
+    """`lacking_words` of the estimated effects of a fit; none if no calibration.json is made of it."""
     if fit.code.good and one_sensor(fit):
         chain = fit.problem.chain
         kept = {effect.id for effect in effects_in(chain, fit.problem.where, entries) if effect.kept}

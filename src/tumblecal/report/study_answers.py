@@ -1,4 +1,4 @@
-"""What a study found: one line, what it means, and the table behind it; for the terminal and the page."""
+"""The answer of a study: a headline, its meaning and the table; for the terminal and the page."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,14 +12,14 @@ from tumblecal.report.page import PageTable
 
 
 Frames = Mapping[str, pl.DataFrame]
-# A departure counts where it is beyond this many standard errors and this share of a sd, or of a probability.
+# A deviation counts if it exceeds this many standard errors and this share of a standard deviation, or of a probability.
 _ERRORS, _SHARE_OF_SD, _SHARE = 4.0, 0.05, 0.005
 _DETECTED = 0.8
 
 
 @dataclass(frozen=True)
 class Answer:
-    """`headline` in a line, `tone` as of a page (good, named, open, bad), `words` that say what it means, `table`."""
+    """`headline` in a line, `tone` of the page (good, named, open, bad), `words`: its meaning, `table`."""
 
     headline: str
     tone: str
@@ -39,7 +39,7 @@ def answer_of(kind: str, content: Mapping[str, Any], frames: Frames) -> Answer:
 
 
 def _path_line(content: Mapping[str, Any]) -> str:
-    """Which estimator ran, in words."""
+    """The estimator in words."""
     if content["path"] == "harmonic":
         return "Estimator: exact fit of the harmonics (fast path: uniform plan, nominal chain)."
     return f"Estimator: exact fit of all readings (general path: {content['path_reason']})."
@@ -52,9 +52,12 @@ def _coverage(content: Mapping[str, Any], frames: Frames) -> Answer:
     margins = _ERRORS * np.sqrt(np.array([0.95 * 0.05, 1.0]) / max(good, 1))
     far, moved = int(np.argmax(np.abs(covered - 0.95))), int(np.argmax(np.abs(bias)))
     trusted = abs(covered[far] - 0.95) <= max(margins[0], _SHARE) and abs(bias[moved]) <= max(margins[1], _SHARE_OF_SD)
-    said = f"95 % intervals hold the truth in {100 * covered.min():.2f} to {100 * covered.max():.2f} %"
+    result = (
+        f"95 % intervals contain the true value in {100 * covered.min():.2f} to {100 * covered.max():.2f} % of trials"
+    )
     worst = (
-        f"{rows['parameter'][far]} farthest from 95 %; largest bias {bias[moved]:+.3f} sd ({rows['parameter'][moved]})"
+        f"{rows['parameter'][far]} farthest from 95 %; largest estimation bias {bias[moved]:+.3f} standard deviations "
+        f"({rows['parameter'][moved]})"
     )
     table_rows = []
     for row in rows.iter_rows(named=True):
@@ -64,14 +67,14 @@ def _coverage(content: Mapping[str, Any], frames: Frames) -> Answer:
         table_rows.append([row["parameter"], *numbers, unit, *shares])
     header = ["parameter", "bias", "se", "sd", "predicted", "unit", "95 % stated", "95 % estimated"]
     return Answer(
-        f"{'Estimates and intervals can be trusted' if trusted else 'Do not trust them'}: {said}.",
+        f"{'Estimates and intervals can be trusted' if trusted else 'Do not trust them'}: {result}.",
         "good" if trusted else "bad",
         (
             _path_line(content),
             f"{content['trials']} trials, {content['failed']} failed; {worst}.",
             f"chi2 {content['chi2_mean']:.2f} for {content['dof']} degrees of freedom, NEES {content['nees_mean']:.2f} for "
             f"{content['nees_expected']} parameters.",
-            "Stated and estimated: the interval is made with the stated noise, or with that of the residuals.",
+            "Stated, estimated: the interval uses the stated noise, or that of the residuals.",
         ),
         PageTable(header, table_rows, text=(0, 5)),
     )
@@ -107,18 +110,18 @@ def _sweep(content: Mapping[str, Any], frames: Frames) -> Answer:
     ]
     kept = lowest[0] >= 0.95 - max(_SHARE, _ERRORS * np.sqrt(0.95 * 0.05 / max(content["points"][0]["trials"], 1)))
     return Answer(
-        f"The worst 95 % interval of {len(rows)} points holds the truth in {100 * lowest[0]:.2f} % ({lowest[1]}).",
+        f"The worst 95 % interval of {len(rows)} points contains the true value in {100 * lowest[0]:.2f} % ({lowest[1]}).",
         "good" if kept else "open",
         (
-            "Each point is a coverage study of its own. The bias is in units of the sd that the fit states: it moves its "
-            "interval by so much.",
+            "Each point is a separate coverage study. The estimation bias is in standard uncertainties stated by the fit; it "
+            "shifts the interval by this amount.",
         ),
         PageTable(header, rows, text=(len(content["grid"]) + 3, len(header) - 1)),
     )
 
 
 def point_words(path: str, value: object, units: Mapping[str, str]) -> str:
-    """A value of a grid by its dotted path, with the unit that `units` has of it: `second_order.y 0.3 mg/g^2`."""
+    """A value of a grid by its dotted path, with its unit from `units`: `second_order.y 0.3 mg/g^2`."""
     return f"{_short(path)} {in_words(str(value), units[path]) if path in units else value}"
 
 
@@ -141,13 +144,13 @@ def _convergence(content: Mapping[str, Any], frames: Frames) -> Answer:
         nis = "-" if row["nis"] is None else f"{row['nis'] / content['nis_expected']:.3f}"
         rows.append([method, *cells, f"{row['nees'] / content['nees_expected']:.3f}", nis])
     fewest, first = min(sets_at)
-    alike = [method for sets, method in sets_at if sets == fewest]
+    fastest = [method for sets, method in sets_at if sets == fewest]
     header = ["method", *(f"all below {threshold}" for threshold in thresholds)]
     header += [f"NEES / {content['nees_expected']}", f"NIS / {content['nis_expected']}"]
     headline = (
         f"No method has all errors below {thresholds[0]} after {content['data_sets']} data sets in half of the runs."
         if np.isinf(fewest)
-        else f"All errors stay below {thresholds[0]} after {fewest:.0f} data sets by {' and '.join(alike) or first}."
+        else f"All errors stay below {thresholds[0]} after {fewest:.0f} data sets by {' and '.join(fastest) or first}."
     )
     return Answer(
         headline,
@@ -155,15 +158,16 @@ def _convergence(content: Mapping[str, Any], frames: Frames) -> Answer:
         (
             f"{content['runs']} runs of {content['data_sets']} data sets, {content['noise']} noise. Median number of data "
             "sets after which the slowest parameter stays below; errors of dK are numbers, of biases in g, of angles in rad.",
-            "NEES and NIS after the last set over their expectation: 1 where a filter claims what it knows, more where it "
-            "claims too much.",
+            "NEES and NIS after the last set, divided by their expectation: 1 if the stated covariance of a filter is correct, "
+            "more if it is too small.",
         ),
         PageTable(header, rows, text=(0,)),
     )
 
 
 def _linearization(content: Mapping[str, Any], frames: Frames) -> Answer:
-    """The largest errors for which each parameter's bias stays below its sd, by kind of errors and number of data sets."""
+    """The largest errors for which the bias of each parameter stays below its standard deviation, by kind of errors and number
+    of data sets."""
     crossings, sizes = frames["crossings"], frames["biases"]["size"]
     least, most = 1e3 * float(sizes.to_numpy().min()), 1e3 * float(sizes.to_numpy().max())
     paths = list(dict.fromkeys(crossings["path"]))
@@ -182,14 +186,14 @@ def _linearization(content: Mapping[str, Any], frames: Frames) -> Answer:
     header = ["errors of", "data sets"]
     header += [cell for path in paths for cell in (f"{path} / mrad", "first")]
     worst = next(row for row in rows if row[0] == rows[-1][0])
-    told = ", ".join(f"the {path} equations up to {worst[2 + 2 * k]} mrad" for k, path in enumerate(paths))
+    limits = ", ".join(f"{path} up to {worst[2 + 2 * k]} mrad" for k, path in enumerate(paths))
     return Answer(
-        f"Good enough for a calibration by {worst[1]} data set, errors of {worst[0]}: {told}.",
+        f"Small-angle equations are adequate for {worst[1]} data set (errors of {worst[0]}): {limits}.",
         "named",
         (
-            "The table says up to which sd of the errors the small-angle equations are good enough: the rms bias of every "
-            "parameter stays below its sd after so many data sets; the first beyond it is named. More data sets "
-            "have a smaller sd, and so ask for smaller errors.",
+            "The table lists the largest standard deviation of the errors for which the rms bias of every parameter stays "
+            "below its standard deviation, and the first parameter beyond it. More data sets reduce the standard deviation, "
+            "and so require smaller errors.",
             f"{content['instruments']} random instruments a size, without noise; {content['failed']} fits failed.",
         ),
         PageTable(header, rows, text=(0, *(3 + 2 * k for k in range(len(paths))))),
@@ -205,13 +209,13 @@ def _power(content: Mapping[str, Any], frames: Frames) -> Answer:
         ]
         for row in rates.iter_rows(named=True)
     ]  # fmt: skip
-    told = []
+    detected = []
     for effect in dict.fromkeys(rates["effect"]):
         enough = rates.filter((pl.col("effect") == effect) & (pl.col("size") > 0) & (pl.col("detected") >= _DETECTED))
         size = f"from {enough['size'].to_numpy().min():g} {enough['unit'][0]}" if len(enough) else "at no size tried"
-        told.append(f"{effect} {size}")
+        detected.append(f"{effect} {size}")
     return Answer(
-        f"Detected in {_DETECTED:.0%} of the runs: {'; '.join(told)}.",
+        f"Detected in {_DETECTED:.0%} of the runs: {'; '.join(detected)}.",
         "named",
         ("Named: the effect is among those that the diagnosis names. Size 0: false alarms.",),
         PageTable(["effect", "size", "unit", "runs", "detected", "named", "failed"], rows, text=(0, 2)),
