@@ -37,7 +37,7 @@ CAPTIONS = {
         "Above: statistics of the residuals (marks) and of 2000 data sets simulated from the fitted model (bars: 95 % and "
         "50 % of them, tick: median), each scaled to its limits; 1 % of simulated data sets lie outside any one limit. "
         "Below: sorted residuals against normal quantiles, with the range of 99 % of the simulated data; neighbouring "
-        "points are correlated, so a row of points slightly outside means little."
+        "points are correlated, so several points slightly outside are not significant."
     ),
     "limits.svg": (
         "Detection limit of each effect divided by a size met in practice (in brackets). In the shaded part an effect of "
@@ -147,12 +147,12 @@ def _sections(diagnosis: Diagnosis, drawn: dict[str, PageFigure], details: dict[
     yield _provenance(diagnosis, others)
 
 
-# Of residuals under correlated noise.
+# For residuals under correlated noise.
 _SHARED = (
-    " The noise is correlated: the part that neighbouring positions share is still in these points, but not in the tests, so "
-    "several neighbours may be outside of the band."
+    " The noise is correlated. These points include the part that neighbouring positions share, the tests do not. Several "
+    "neighbours may therefore be outside the band."
 )
-_GAIN = "The gain is measured on data that took no part in the fit. ± is its standard error."
+_GAIN = "The improvement of the held-out error is measured on data that the fit does not use. ± is its standard uncertainty."
 _PROBABILITIES = (
     "Posterior probability of each class of indistinguishable explanations, and of its first member alone (linear screen, "
     "among the catalogued causes)."
@@ -171,8 +171,8 @@ _INSERTED = "The values are those of calibration.json, with the causes found in 
 _NOTHING_INSERTED = "The values are those of the nominal model."
 _LIMITS = "Smallest size of each coefficient that is detected with 80 % probability in data like these."
 _ABSORBED = (
-    "Fitted parameters absorb the following effects, wholly or in the stated direction: they do not show in the residuals, "
-    "whatever their size. The last column is the error that one of the stated size would cause."
+    "Fitted parameters absorb the following effects, wholly or in the stated direction, so the residuals do not show them at any "
+    "size. Last column: error that an effect of the stated size would cause."
 )
 
 
@@ -181,11 +181,11 @@ def _chosen(drawn: dict[str, PageFigure], *names: str) -> list[PageFigure]:
 
 
 def _outside(diagnosis: Diagnosis) -> Iterator[str]:
-    """Posterior predictive check: which statistics are outside of their limits, before and after."""
+    """Posterior predictive check: the statistics outside their limits, before and after."""
     for name, checks in (("nominal", diagnosis.checks), ("extended", diagnosis.checks_after)):
         outside = [check.name for check in checks if check.outside]
         if name == "nominal" or diagnosis.extended is not diagnosis.nominal:
-            result = f"outside of their limits: {', '.join(outside)}" if outside else "all within their limits"
+            result = f"outside their limits: {', '.join(outside)}" if outside else "all within their limits"
             yield f"Posterior predictive check of the {name} model, {len(checks)} statistics: {result}."
 
 
@@ -217,10 +217,10 @@ def _provenance(diagnosis: Diagnosis, others: Sequence[Sequence[str]]) -> Sectio
         ["positions in the fit", f"{int(diagnosis.extended.retained.sum())} of {len(diagnosis.data)}"],
         ["noise", _noise(diagnosis)],
         *([["noise model", diagnosis.noise_words]] if diagnosis.noise_words else []),
-        ["residual sd after the best explanation", f"{diagnosis.sigma_g * 1e3:.4g} mg"],
+        ["residual standard deviation with the best explanation", f"{diagnosis.sigma_g * 1e3:.4g} mg"],
         ["degrees of freedom", f"{diagnosis.nominal.dof} nominal, {diagnosis.extended.dof} extended"],
         ["test", f"statistic {test.statistic:.3g}, threshold {test.threshold:.3g}, {p_words(test.p_value)}"],
-        ["entries of the catalogue", f"{len(diagnosis.entries)}"],
+        ["effects in the catalogue", f"{len(diagnosis.entries)}"],
         *others,
     ]
     return Section("Provenance", tables=[PageTable(["", ""], rows, text=(1,))])

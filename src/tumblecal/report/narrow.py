@@ -1,4 +1,4 @@
-"""Words and tables for terminals of any width: no word is broken, and names are whole."""
+"""Text and tables for terminals of any width, without broken words or names."""
 
 import textwrap
 from collections.abc import Iterator, Sequence
@@ -14,13 +14,13 @@ _GAP = 2
 
 
 def print_words(console: Console, words: str, style: str = "") -> None:
-    """Print a line, folded between words; a word that is longer than the terminal stays whole."""
+    """Print a line, folded between words; a longer word is not broken."""
     console.print(Text(folded(words, console.width), style=style), no_wrap=True, overflow="ignore", crop=False)
 
 
 def folded(words: str, width: int) -> str:
-    """Paragraphs in lines of this width, folded between words; a word that is longer stays whole, and so does a command that
-    ends a paragraph: it can be pasted."""
+    """Paragraphs in lines of this width, folded between words. A longer word is not broken, nor a command at the end of a
+    paragraph, so that it can be pasted."""
     return "\n".join(_paragraph(line, width) for line in words.split("\n"))
 
 
@@ -37,11 +37,11 @@ def _paragraph(words: str, width: int) -> str:
 
 
 def print_table(console: Console, header: Sequence[str], rows: Sequence[Sequence[str]], left: Sequence[int]) -> None:
-    """Print a table; where it is too wide, its columns in parts below one another, each with the first column.
+    """Print a table; if it is too wide, its columns in parts below one another, each with the first column.
 
     **Arguments:**
 
-    - `left`: columns of words; the others hold numbers.
+    - `left`: left-aligned columns of words; the others contain numbers.
     """
     widths = [
         max(len(line) for cell in column for line in cell.split("\n")) for column in zip(header, *rows, strict=True)
@@ -57,7 +57,7 @@ def print_table(console: Console, header: Sequence[str], rows: Sequence[Sequence
 
 
 def _parts(widths: Sequence[int], room: int) -> Iterator[list[int]]:
-    """Columns that fit beside one another, the first column in each part."""
+    """Columns that fit in one line, with the first column in each part."""
     part = [0]
     for place in range(1, len(widths)):
         if len(part) > 1 and _width([widths[k] for k in (*part, place)]) > room:

@@ -1,4 +1,4 @@
-"""A page that opens anywhere: one HTML file with its words, tables and figures inside.
+"""A self-contained page: one HTML file with its text, tables and figures.
 
 It begins with a verdict: badge and headline, use, evidence, a card for each finding and one for the next steps.
 """
@@ -42,7 +42,7 @@ class PageTable:
 
 @dataclass(frozen=True)
 class PageFigure:
-    """A figure: its SVG text and its caption; `on_paper`: whether it is printed, where a table beside it says the same."""
+    """A figure: its SVG text and its caption; `on_paper`: whether it is printed (not if a table has the same content)."""
 
     svg: str
     caption: str
@@ -51,7 +51,7 @@ class PageFigure:
 
 @dataclass(frozen=True)
 class Section:
-    """A part of a page: words, then code, then tables, then figures."""
+    """A section of a page: text, then code, then tables, then figures."""
 
     title: str
     words: Sequence[str] = ()
@@ -79,7 +79,7 @@ class _Steps:
 
 
 def inline_figure(path: Path, caption: str) -> PageFigure:
-    """An SVG file ready to stand inside a page: no XML header, identifiers made its own by the file's name."""
+    """An SVG file for insertion into a page: no XML header, identifiers made unique by the name of the file."""
     return PageFigure(_named(path.read_text(encoding="utf-8"), path.stem), caption)
 
 
@@ -89,10 +89,10 @@ def inline_drawing(figure: Figure, name: str) -> str:
 
 
 def _named(svg: str, name: str) -> str:
-    svg, own = svg[svg.index("<svg") :], re.sub(r"\W", "_", name)
-    svg = re.sub(r'\bid="', f'id="{own}-', svg)
-    svg = re.sub(r"url\(#", f"url(#{own}-", svg)
-    svg = re.sub(r'href="#', f'href="#{own}-', svg)
+    svg, prefix = svg[svg.index("<svg") :], re.sub(r"\W", "_", name)
+    svg = re.sub(r'\bid="', f'id="{prefix}-', svg)
+    svg = re.sub(r"url\(#", f"url(#{prefix}-", svg)
+    svg = re.sub(r'href="#', f'href="#{prefix}-', svg)
     return re.sub(r'<svg\b([^>]*?) width="([\d.]+pt)"', r'<svg style="--wide: \2"\1 width="\2"', svg, count=1)
 
 
@@ -107,12 +107,12 @@ def write_page(
     pictures: Mapping[int, str] | None = None,
     plans: Sequence[PageTable] = (),
 ) -> None:
-    """Write a page, whole or not at all.
+    """Write a complete page, or none.
 
     **Arguments:**
 
     - `path`: the HTML file.
-    - `title`, `lead`: what it is about, in a line each.
+    - `title`, `lead`: its subject, a line each.
     - `verdict`: the first screen. `tone`: its colour: good, named, open or bad.
     - `sections`: the rest.
     - `pictures`: SVG text for the cards, by number of the finding from 1 on; 0: of a verdict without a finding.
@@ -138,16 +138,16 @@ def write_page(
 
 
 def _cards(verdict: Verdict, pictures: Mapping[int, str]) -> Iterator[dict]:
-    """A card for each finding: what it is about, picture, open questions, and what to do on the bench."""
+    """A card for each finding: words, picture, open questions, and instructions for the bench."""
     if not verdict.found and 0 in pictures:
         yield {"number": "", "finding": None, "picture": pictures[0], "open": [], "bench": []}
     for number, finding in enumerate(verdict.found, 1):
-        asked = [one for one in verdict.unresolved if one.findings[:1] == (number,)]
+        questions = [one for one in verdict.unresolved if one.findings[:1] == (number,)]
         yield {
             "number": number,
             "finding": finding,
             "picture": pictures.get(number, ""),
-            "open": asked,
+            "open": questions,
             "bench": [text for id, text in verdict.advice if id == finding.id],
         }
 

@@ -1,4 +1,4 @@
-"""What `tumblecal import` and `tumblecal reduce` say of a recording, a line each."""
+"""Messages of `tumblecal import` and `tumblecal reduce` about a recording, a line each."""
 
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
@@ -19,7 +19,7 @@ _MOST = 12
 
 
 def contents_words(contents: "Contents", *, tables: bool) -> Iterator[str]:
-    """What is in a recording; `tables` lists all of them, not only that with the samples."""
+    """Contents of a recording; `tables`: all of them, not only that with the samples."""
     yield from layout_words(contents, tables=tables)
     yield from rate_words(contents)
     yield from left_out_words(contents)
@@ -27,7 +27,7 @@ def contents_words(contents: "Contents", *, tables: bool) -> Iterator[str]:
 
 
 def temperature_words(contents: "Contents") -> Iterator[str]:
-    """The range of the temperature, where there is one."""
+    """The range of the temperature, if there is one."""
     low, high = contents.temperature
     if low <= high:
         lacking = contents.without_temperature
@@ -36,7 +36,7 @@ def temperature_words(contents: "Contents") -> Iterator[str]:
 
 
 def recording_words(contents: "Contents", *, kept: bool) -> Iterator[str]:
-    """What is in a recording that is corrected; of a table whose columns are `kept`, of its readings alone."""
+    """Contents of a recording that is corrected; for a table whose columns are `kept`, only its readings."""
     if not kept:
         yield from contents_words(contents, tables=False)
         return
@@ -45,7 +45,7 @@ def recording_words(contents: "Contents", *, kept: bool) -> Iterator[str]:
 
 
 def layout_words(contents: "Contents", *, tables: bool = False) -> Iterator[str]:
-    """What the columns of a recording are, and what of that was guessed."""
+    """The columns of a recording, with the assumptions about them."""
     layout = contents.layout
     yield from format_words(contents, tables=tables)
     columns = (f"{role}={column.name}" for role, column in layout.columns.items())
@@ -56,7 +56,7 @@ def layout_words(contents: "Contents", *, tables: bool = False) -> Iterator[str]
 
 
 def format_words(contents: "Contents", *, tables: bool) -> Iterator[str]:
-    """The format of a recording and, if it has several tables, what they are."""
+    """The format of a recording and its tables, if it has several."""
     table = contents.layout.table
     yield f"{contents.reader.title}{f': {table.said}' if table.said else ''}"
     if tables and len(contents.tables) > 1:
@@ -66,7 +66,7 @@ def format_words(contents: "Contents", *, tables: bool) -> Iterator[str]:
 
 
 def left_out_words(contents: "Contents") -> Iterator[str]:
-    """How many rows hold no whole reading, and which are the first; nothing where there are none."""
+    """Number of rows without a complete reading, and the first of them; nothing if there are none."""
     if contents.unreadable:
         places = [*map(str, contents.places), *(["..."] if contents.unreadable > len(contents.places) else [])]
         left_out = counted(contents.unreadable, contents.layout.table.row_word)
@@ -74,19 +74,19 @@ def left_out_words(contents: "Contents") -> Iterator[str]:
 
 
 def rate_words(contents: "Contents") -> Iterator[str]:
-    """How many samples there are, how fast they came, and where some are missing."""
+    """Number of samples, their rate, and missing samples."""
     rate = contents.rate_hz
     yield counted(contents.rows, "sample") + (
         f" at {rate:.6g} Hz, {contents.rows / rate:.1f} s" if rate else ", rate not known (--rate)"
     )
     if contents.mixed_rates:
-        yield "the rate changes between {:.4g} and {:.4g} Hz: sd of means go by their average".format(
+        yield "the rate changes between {:.4g} and {:.4g} Hz; the sd of means use the average".format(
             *contents.mixed_rates
         )
     if contents.missing:
-        yield f"{counted(contents.missing, 'sample')} missing by the clock"
+        yield f"{counted(contents.missing, 'sample')} missing according to the clock"
     if contents.equal_times:
-        yield f"{counted(contents.equal_times, 'sample')} with the time of the one before"
+        yield f"{counted(contents.equal_times, 'sample')} with the time of the previous one"
     back = [gap for gap in contents.gaps if gap[1] < 0]
     if back:
         yield f"the clock jumps back {counted(len(back), 'time')}, first at {back[0][0]:.2f} s; no interval goes across"
@@ -97,15 +97,15 @@ def rate_words(contents: "Contents") -> Iterator[str]:
 
 
 def interval_words(stillness: "Stillness") -> Iterator[str]:
-    """How many intervals lie still, and why others do not count."""
+    """Number of still intervals, and the reasons why others are rejected."""
     c = stillness.criterion
     yield (
-        f"{counted(len(stillness.used), 'still interval')} (a still second is refused with probability {c.false_alarm:g} "
-        f"on an axis; at least {c.least_s:g} s, {c.guard_s:g} s left out beside movement)"
+        f"{counted(len(stillness.used), 'still interval')} (probability of rejecting a still second {c.false_alarm:g} per "
+        f"axis; at least {c.least_s:g} s, {c.guard_s:g} s excluded next to movement)"
     )
     if stillness.joins:
         follow = "interval follows the one" if stillness.joins == 1 else "intervals follow the ones"
-        yield f"{stillness.joins} {follow} before without movement between: several recordings in one, or a logger that stops"
+        yield f"{stillness.joins} {follow} before without movement between: joined recordings, or an interrupted logger"
     if stillness.coarse:
         steps_mg = 1e3 * max(stillness.coarse.values()) * unit_in_g(stillness.blocks.unit, None)
         axes = "axis" if len(stillness.coarse) == 1 else "axes"
@@ -114,27 +114,27 @@ def interval_words(stillness: "Stillness") -> Iterator[str]:
             "may be in error by half a step"
         )
     if stillness.used and not stillness.size_judged:
-        yield "sizes of the intervals are not judged: the attitudes are too few for a rough bias and scale of each axis"
-    refused = [interval for interval in stillness.intervals if interval.reason]
-    for interval in refused[:_MOST]:
-        yield f"refused: {interval.start_s:.1f} to {interval.stop_s:.1f} s: {interval.reason}"
-    if len(refused) > _MOST:
-        yield f"and {len(refused) - _MOST} more (reduction.json)"
+        yield "sizes of the intervals are not tested: too few orientations for a rough bias and scale of each axis"
+    rejected = [interval for interval in stillness.intervals if interval.reason]
+    for interval in rejected[:_MOST]:
+        yield f"rejected: {interval.start_s:.1f} to {interval.stop_s:.1f} s: {interval.reason}"
+    if len(rejected) > _MOST:
+        yield f"and {len(rejected) - _MOST} more (reduction.json)"
 
 
 def reduction_words(reduction: "RecordingReduction") -> Iterator[str]:
-    """What was read, what lies still, and how it fits the plan."""
+    """The recording, its still intervals, and their assignment to the plan."""
     yield from contents_words(reduction.contents, tables=False)
     if reduction.stillness is None:
         return
     yield from interval_words(reduction.stillness)
     if reduction.stillness.one_attitude:
-        yield "all still intervals show one attitude: the noise can be read from them, no calibration"
+        yield "all still intervals have one orientation: they determine the noise, but no calibration"
     yield from reduction.match.words() if reduction.match else ()
 
 
 def files_words(reduction: "FilesReduction") -> Iterator[str]:
-    """What was read of several files, what of it differs between them, what lies still, and how their clocks go together."""
+    """Several files: contents, differences between them, still intervals, and the relation of their clocks."""
     of_all = list(layout_words(reduction.parts[0].contents))
     yield from of_all
     for part in reduction.parts:
@@ -146,7 +146,7 @@ def files_words(reduction: "FilesReduction") -> Iterator[str]:
     rows = sum(part.stop - part.start for part in reduction.parts)
     yield f"{counted(rows, 'sample')} of {counted(len(reduction.parts), 'file')} at {reduction.table.rate_hz:.6g} Hz"
     if reduction.stillness is None:
-        yield "positions by the files' own columns"
+        yield "positions from the columns of the files"
     else:
         yield from interval_words(reduction.stillness)
     if reduction.by_gravity:

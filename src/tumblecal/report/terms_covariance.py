@@ -74,8 +74,8 @@ def _without_negative(
 
 
 def _responses(diagnosis: Diagnosis, reference_degc: float | None) -> Float[np.ndarray, "directions points 3"]:
-    """What each direction of the undetected effects that a file could hold adds to the readings, at points of the sphere and
-    of the temperature range, g; none without such effects."""
+    """Contribution of each direction of the undetected effects that a file could contain to the readings, at points of the
+    sphere and of the temperature range, g; none without such effects."""
     undetected, model = diagnosis.in_use.undetected, diagnosis.model
     where, degc = diagnosis.problem.where, diagnosis.data.temperature_degc
     span = [None] if degc is None else [np.min(degc), np.mean(degc), np.max(degc)]
