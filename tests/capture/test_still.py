@@ -130,7 +130,7 @@ def test_coarse_steps_are_told_and_are_no_saturation(tmp_path):
     reduction = reduce_recording(written(tmp_path, s, **columns), HAND_HELD)
     assert reduction.stillness and len(reduction.stillness.used) == len(ATTITUDES)
     assert "readings in steps of 15.6 mg" in words(reduction)
-    assert "sizes of the intervals are not judged" in words(reduction)
+    assert "sizes of the intervals are not tested" in words(reduction)
 
 
 def test_white_noise_alone_is_one_interval_at_the_stated_rate(tmp_path):

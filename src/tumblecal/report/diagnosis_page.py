@@ -171,8 +171,8 @@ _INSERTED = "The values are those of calibration.json, with the causes found in 
 _NOTHING_INSERTED = "The values are those of the nominal model."
 _LIMITS = "Smallest size of each coefficient that is detected with 80 % probability in data like these."
 _ABSORBED = (
-    "Fitted parameters absorb the following effects, wholly or in the stated direction, so the residuals do not show them at any "
-    "size. Last column: error that an effect of the stated size would cause."
+    "Fitted parameters absorb the following effects, wholly or in the stated direction, so the residuals do not show them at "
+    "any size. Last column: error that an effect of the stated size would cause."
 )
 
 

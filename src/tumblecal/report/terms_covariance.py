@@ -1,9 +1,9 @@
 """The covariance of matrix, bias and terms of a diagnosis' calibration together, for the uncertainty of corrected readings.
 
-An effect that was not detected, and of which the file holds no term, is missing in every corrected reading: `phi(u, T) c`. It
-moved the fitted parameters too, which makes up for a part of it. Over all attitudes and the measured temperatures, `phi` is
-split into what matrix and bias can make (least squares), which is added to what the coefficient does to the parameters, and a
-remainder, whose mean square counts as that of the bias. The covariance so holds for the readings that are corrected.
+An undetected effect without a term in the file is missing in every corrected reading: `phi(u, T) c`. It also changed the
+fitted parameters, which compensates a part of it. Over all attitudes and the measured temperatures `phi` is split by least
+squares into a part that matrix and bias can represent, which is added to the changes of the parameters, and a remainder, whose
+mean square is added to the variance of the bias. The covariance is then valid for corrected readings.
 """
 
 from collections.abc import Mapping
