@@ -31,7 +31,7 @@ def diagnosed():
     diagnosis = Diagnoser(kept, nested=False)(data)
     best = diagnosis.best
     assert best.labels == (HIDDEN,) and best.equivalents == (OFF,)
-    # Its probability decides; what counts at any odds is a rival however improbable it is.
+    # Its probability decides; one that counts at any odds is an alternative however improbable it is.
     assert sum(best.shares) < 1e-4 and diagnosis.verdict == "identified"
     assert not alternatives_of(diagnosis, present(diagnosis))
     return doubted(diagnosis, OFF)

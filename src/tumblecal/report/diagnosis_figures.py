@@ -177,7 +177,9 @@ def explanations_figure(diagnosis: Diagnosis) -> Figure:
     figure = new_figure(7.5, 0.3 * len(listed) + 0.1 * sum(text.count("\n") for text in words) + 0.95)
     panel = figure.subplots()
     rows = range(len(listed))
-    panel.barh(rows, [e.class_probability for e in listed], color="#cfdcea", label="class of indistinguishable explanations")
+    panel.barh(
+        rows, [e.class_probability for e in listed], color="#cfdcea", label="class of indistinguishable explanations"
+    )
     panel.barh(rows, [e.own_probability for e in listed], color=AXIS_COLOUR["x"], label="this one alone")
     panel.set_yticks(list(rows), words)
     panel.set_xlim(0, 1)
