@@ -60,4 +60,4 @@ def test_a_plan_takes_over_how_the_first_was_captured(tumblecal, tmp_path, table
 
 def test_a_comment_that_somebody_changed_is_as_none(tumblecal, tmp_path, table1):
     for path, plan in plans_after(tumblecal, tmp_path, table1, '{"dwell": {"seconds": -1}}').items():
-        assert plan.dwell == DwellTable() and "make them right before" in path.read_text()
+        assert plan.dwell == DwellTable() and "correct them first" in path.read_text()

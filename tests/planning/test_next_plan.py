@@ -315,7 +315,7 @@ def test_plans_for_capture_and_a_rig_for_the_analysis(planner, tmp_path):
 
     # Of data that do not say how they were captured, what capture takes by default is in the plan, and said to be that.
     text = (tmp_path / names[0]).read_text()
-    assert "make them right before" in text and "[dwell]\nseconds = 1200.0\nsettle_s = 30.0\nguard_s = 0.0\n" in text
+    assert "correct them first" in text and "[dwell]\nseconds = 1200.0\nsettle_s = 30.0\nguard_s = 0.0\n" in text
 
     # Another diagnosis without remounting leaves no file of this one behind.
     there = next_plan(diagnosis, Allowed(remount=False))

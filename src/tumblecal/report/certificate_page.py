@@ -18,7 +18,7 @@ from tumblecal.ground.units import shown
 def write_certificate(path: Path, admin: Admin, results: Results, limits_source: str) -> None:
     """Write the page, whole or not at all."""
     environment = Environment(loader=PackageLoader("tumblecal.report"), autoescape=True, undefined=StrictUndefined)
-    own = results.calibration
+    calibration = results.calibration
     text = environment.get_template("certificate.html").render(
         admin=admin,
         laboratory=_lines(admin.laboratory),
@@ -32,15 +32,15 @@ def write_certificate(path: Path, admin: Admin, results: Results, limits_source:
         limits_source=limits_source,
         outcome=results.outcome,
         reservation=results.reservation,
-        held=holds_at(own, judged=results.conformity is not None),
+        held=holds_at(calibration, judged=results.conformity is not None),
         uncertainty=results.uncertainty_words,
         scope=SCOPE,
-        matrix=own.rows,
-        gravity=str(own.gravity or STANDARD),
-        temperature=None if own.temperature_degc is None else f"{own.temperature_degc:.1f} degC",
-        source=own.provenance.get("data", ""),
-        sha256=own.provenance.get("sha256") or "",
-        terms=list(term_words(own)),
+        matrix=calibration.rows,
+        gravity=str(calibration.gravity or STANDARD),
+        temperature=None if calibration.temperature_degc is None else f"{calibration.temperature_degc:.1f} degC",
+        source=calibration.provenance.get("data", ""),
+        sha256=calibration.provenance.get("sha256") or "",
+        terms=list(term_words(calibration)),
         version=__version__,
     )
     write_text(path, text)
@@ -53,9 +53,9 @@ def _lines(address: Address) -> list[str]:
 
 def _rows(results: Results) -> list[list[str]]:
     rows = []
-    for own in results.results:
-        unit, factor = shown(own.unit)
-        digits = [*rounded(own.value * factor, own.expanded * factor), f"{own.k:.2f}", unit]
-        limit = "" if own.limit is None else f"{own.limit * factor:g}"
-        rows.append([own.name, *digits, limit, VERDICTS.get(own.conformity or "", "")])
+    for result in results.results:
+        unit, factor = shown(result.unit)
+        digits = [*rounded(result.value * factor, result.expanded * factor), f"{result.k:.2f}", unit]
+        limit = "" if result.limit is None else f"{result.limit * factor:g}"
+        rows.append([result.name, *digits, limit, VERDICTS.get(result.conformity or "", "")])
     return rows

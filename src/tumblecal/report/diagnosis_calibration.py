@@ -44,21 +44,23 @@ def extended_calibration(diagnosis: Diagnosis) -> Calibration | None:
     given = _given_terms(diagnosis, used)
     of_model = [loss.effect for loss in given.not_applied]
     terms = _with_causes(given, diagnosis, _as_written(diagnosis))
-    said = {"verdict": diagnosis.verdict, "causes": list(diagnosis.labels), "not_applied": []}
+    provenance = {"verdict": diagnosis.verdict, "causes": list(diagnosis.labels), "not_applied": []}
     if diagnosis.noise_words and not diagnosis.problem.known:
-        said["stated_noise"] = f"The residuals contradict the assumed noise: {diagnosis.noise_words}"
-    said |= {PARTS: _uncertainty_parts(diagnosis), UNDETECTED: _undetected(diagnosis)}
-    said["reference"] = _reference(diagnosis, of_model, terms.listed)
+        provenance["stated_noise"] = f"The residuals contradict the assumed noise: {diagnosis.noise_words}"
+    provenance |= {PARTS: _uncertainty_parts(diagnosis), UNDETECTED: _undetected(diagnosis)}
+    provenance["reference"] = _reference(diagnosis, of_model, terms.listed)
     if len(weighed) > 1:
-        said["averaged_over"] = [{"causes": list(own.labels), "probability": own.share} for own in weighed]
+        provenance["averaged_over"] = [
+            {"causes": list(explanation.labels), "probability": explanation.share} for explanation in weighed
+        ]
     calibration = linear_calibration(used)
     estimated = terms.by_name if terms.by_name.keys() <= set(diagnosis.in_use.names) else {}
-    covariance = covariance_in_use(diagnosis, estimated, said["reference"].get("temperature_degc"))
+    covariance = covariance_in_use(diagnosis, estimated, provenance["reference"].get("temperature_degc"))
     alone, together = covariance[: len(ORDER), : len(ORDER)], {"order": [*ORDER, *estimated]}
     calibration = replace(
         calibration,
         covariance=alone,
-        provenance=calibration.provenance | said,
+        provenance=calibration.provenance | provenance,
         use=_use(diagnosis, terms, alone),
     )
     calibration = terms.put_into(calibration, diagnosis.data.temperature_degc)
@@ -76,7 +78,7 @@ def diagnosed_use(diagnosis: Diagnosis) -> Use:
 
 def _use(diagnosis: Diagnosis, terms: SensorTerms, covariance: Float[np.ndarray, "12 12"]) -> Use:
     weighed = diagnosis.in_use.weighed
-    each = [_by_explanation(diagnosis, own) for own in weighed] if len(weighed) > 1 else []
+    each = [_by_explanation(diagnosis, explanation) for explanation in weighed] if len(weighed) > 1 else []
     return use_of_diagnosis(diagnosis, terms, covariance, each)
 
 
@@ -86,10 +88,10 @@ def _given_terms(diagnosis: Diagnosis, fit: Fit) -> SensorTerms:
     return terms_of_chain(fit, diagnosis.model.nominal_chain, diagnosis.entries, given)
 
 
-def _by_explanation(diagnosis: Diagnosis, own: Weighed) -> Calibration:
+def _by_explanation(diagnosis: Diagnosis, explanation: Weighed) -> Calibration:
     """The calibration by one of several explanations."""
-    terms = _with_causes(_given_terms(diagnosis, own.fit), diagnosis, [own])
-    return terms.put_into(linear_calibration(own.fit), diagnosis.data.temperature_degc)
+    terms = _with_causes(_given_terms(diagnosis, explanation.fit), diagnosis, [explanation])
+    return terms.put_into(linear_calibration(explanation.fit), diagnosis.data.temperature_degc)
 
 
 def lacking_of_diagnosis(diagnosis: Diagnosis, *, of_sensor: bool = False) -> Iterator[str]:
@@ -137,30 +139,33 @@ def _reference(diagnosis: Diagnosis, given: Sequence[str], terms: Sequence[Term]
 def _as_written(diagnosis: Diagnosis) -> list[Weighed]:
     """The explanations with the written values: a missing coefficient counts as zero in the mean."""
     used = diagnosis.in_use
-    values = [np.array([used.value(name) for name in own.fit.names]) for own in used.weighed]
-    return [replace(own, fit=replace(own.fit, values=each)) for own, each in zip(used.weighed, values, strict=True)]
+    values = [np.array([used.value(name) for name in explanation.fit.names]) for explanation in used.weighed]
+    return [
+        replace(explanation, fit=replace(explanation.fit, values=each))
+        for explanation, each in zip(used.weighed, values, strict=True)
+    ]
 
 
 def _with_causes(terms: SensorTerms, diagnosis: Diagnosis, weighed: Sequence[Weighed]) -> SensorTerms:
     """The terms with those of the causes of each explanation, by the coefficients of its fit; each effect once."""
-    for own, cause in [(one, member) for one in weighed for member in one.members]:
+    for explanation, cause in [(one, member) for one in weighed for member in one.members]:
         if not cause.slot.columns or terms.has(cause.label):
             continue
-        single = [c for c in combinations(own.fit, cause, diagnosis.model.scales) if len(c.weights) == 1]
+        single = [c for c in combinations(explanation.fit, cause, diagnosis.model.scales) if len(c.weights) == 1]
         alone = {name for combination in single for name in combination.weights}
         entry = diagnosis.entries[cause.label]
         require_forms(entry)
         reason = reason_not_held(entry, cause.slot.links)
         effect = FittedEffect(cause.label, entry.forms, cause.slot.names, reason=reason)
-        terms.add(effect, own.fit, alone, None if effect.held else _signal(diagnosis, own, cause))
+        terms.add(effect, explanation.fit, alone, None if effect.held else _signal(diagnosis, explanation, cause))
     return terms
 
 
-def _signal(diagnosis: Diagnosis, own: Weighed, cause: Cause) -> Signal:
+def _signal(diagnosis: Diagnosis, explanation: Weighed, cause: Cause) -> Signal:
     """Contribution of a cause to the readings, less the part that bias and scale factors at the reference absorb, g."""
-    model, vector, columns = diagnosis.model, own.fit.vector.copy(), list(cause.slot.columns)
-    vector[cause.slot.all_columns] = [own.fit.value(name) for name in cause.slot.names]
-    added = moved_to_reference(diagnosis.screened.at, {cause.slot.id}, thermal=is_thermal(own.members))
+    model, vector, columns = diagnosis.model, explanation.fit.vector.copy(), list(cause.slot.columns)
+    vector[cause.slot.all_columns] = [explanation.fit.value(name) for name in cause.slot.names]
+    added = moved_to_reference(diagnosis.screened.at, {cause.slot.id}, thermal=is_thermal(explanation.members))
     without = vector.copy()
     without[columns] = 0.0
     nominal = slice(model.nominal)

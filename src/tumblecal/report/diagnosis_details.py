@@ -162,7 +162,7 @@ def uncertainty_words(diagnosis: Diagnosis) -> str:
         k = used.names.index(name)
         unit, scale = shown(diagnosis.model.units[diagnosis.model.names.index(name)])
         size, noise = (in_words(f"{sd * scale:.2g}", unit) for sd in (used.sd[k], parts["noise"][k]))
-        by = f", mostly by {', '.join(own)}" if (own := undetected.strongest(k, _MOST_EFFECTS)) else ""
+        by = f", mostly by {', '.join(ids)}" if (ids := undetected.strongest(k, _MOST_EFFECTS)) else ""
         why = by if parts["undetected_effects"][k] > parts["explanations"][k] else ", mostly by the other explanations"
         listed.append(f"u({name}) {size} (noise alone {noise}{why})")
     return f"These include the other explanations and undetected effects: {'; '.join(listed)}."

@@ -125,8 +125,8 @@ def _noise(diagnosis: Diagnosis, row: int) -> float:
 
 def _reach(diagnosis: Diagnosis, row: int) -> float:
     """Half the height of the panels of an axis, mg: all residuals, unless a few would compress the scale of the rest."""
-    kept, noise = diagnosis.extended.retained, _noise(diagnosis, row)
-    after = max(np.max(np.abs(diagnosis.extended.residuals[kept, row]), initial=0.0), 2.2 * noise)
+    retained, noise = diagnosis.extended.retained, _noise(diagnosis, row)
+    after = max(np.max(np.abs(diagnosis.extended.residuals[retained, row]), initial=0.0), 2.2 * noise)
     after = after if after < _MOST_NOISE * noise else 0.5 * _MOST_NOISE * noise
     every = max(np.max(np.abs(fit.residuals[:, row])) for fit in (diagnosis.nominal, diagnosis.extended))
     return 1.15e3 * (every if every < _BEYOND * after else 1.5 * after)
@@ -148,7 +148,7 @@ def _scatter(panel: Axes, diagnosis: Diagnosis, across: np.ndarray, row: int, he
                 panel.plot(across[beyond], np.sign(values[beyond]) * 0.94 * reach, arrow, **look)
                 panel.plot([], [], arrow, color=MUTED, mfc="none", ms=4, ls="none", label="beyond the scale")
 
-    inserted, kept = diagnosis.extended is not diagnosis.nominal, diagnosis.extended.retained
+    inserted, retained = diagnosis.extended is not diagnosis.nominal, diagnosis.extended.retained
     band = 2e3 * _noise(diagnosis, row)
     panel.axhspan(-band, band, color="#efefef", zorder=0, label="2 standard deviations of the noise")
     panel.axhline(0, color=INK, lw=0.7)
@@ -160,8 +160,8 @@ def _scatter(panel: Axes, diagnosis: Diagnosis, across: np.ndarray, row: int, he
     several_runs = 1 < len(runs) <= len(_RUN_MARKERS)
     for number, run in enumerate(runs):
         marker, label = (_RUN_MARKERS[number], f"{words}, run {run}") if several_runs else ("o", words)
-        points(after, here & kept & (run_of == run), marker, AXIS_COLOUR[AXES[row]], label)
-    excluded = here & ~kept
+        points(after, here & retained & (run_of == run), marker, AXIS_COLOUR[AXES[row]], label)
+    excluded = here & ~retained
     if np.any(excluded):
         edge = np.clip(after[excluded], -0.94 * reach, 0.94 * reach)
         panel.plot(across[excluded], edge, "x", ms=5, color=OUTSIDE, ls="none", label="excluded")

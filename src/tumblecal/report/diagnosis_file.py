@@ -57,7 +57,7 @@ def record(diagnosis: Diagnosis, plan: NextPlan, folder: Path | None = None) -> 
         "samples": None if diagnosis.samples is None else diagnosis.samples.record(),
         "sigma_g": diagnosis.sigma_g,
         "explanations": _explanations(diagnosis),
-        "located": [told._asdict() for told in diagnosis.located],
+        "located": [located._asdict() for located in diagnosis.located],
         "unexplained": unexplained_words(diagnosis) or None,
         "excess": unnamed_record(diagnosis.unnamed),
         "gain": {key: value for key, value in vars(diagnosis.gain).items()},

@@ -27,7 +27,7 @@ def not_written(diagnosis: Diagnosis) -> str:
     """Why a diagnosis writes no calibration; "" if it writes one."""
     fit = diagnosis.extended
     if diagnosis.setup_errors:
-        labels = ", ".join(dict.fromkeys(own.label for own in diagnosis.setup_errors))
+        labels = ", ".join(dict.fromkeys(error.label for error in diagnosis.setup_errors))
         return f"the data must be corrected first ({labels})"
     if not fit.code.good:
         return "the exact fit did not converge"

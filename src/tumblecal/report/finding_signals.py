@@ -44,7 +44,7 @@ class FindingSignal(NamedTuple):
 
 def finding_signals(diagnosis: Diagnosis) -> dict[int, FindingSignal]:
     """The signal of each finding of the best explanation by its number, the largest first."""
-    signals = {number: _signal(diagnosis, own) for number, own in findings_of_causes(diagnosis).items()}
+    signals = {number: _signal(diagnosis, causes) for number, causes in findings_of_causes(diagnosis).items()}
     return dict(sorted(signals.items(), key=lambda item: -item[1].size))
 
 
@@ -52,7 +52,7 @@ def _signal(diagnosis: Diagnosis, causes: Sequence[Cause]) -> FindingSignal:
     fit, sd = diagnosis.extended, diagnosis.level * diagnosis.problem.sd
     order = np.arange(len(diagnosis.data)) + 1.0
     cause = causes[0]
-    marked = np.isin(np.arange(len(diagnosis.data)), [position for own in causes for position in own.left_out])
+    marked = np.isin(np.arange(len(diagnosis.data)), [position for cause in causes for position in cause.left_out])
     if np.any(marked):
         before = fit.residuals
         size = np.where(marked[:, None], before / sd, 0.0)
@@ -69,8 +69,9 @@ def _signal(diagnosis: Diagnosis, causes: Sequence[Cause]) -> FindingSignal:
 
 
 def _component(diagnosis: Diagnosis, causes: Sequence[Cause]) -> Float[np.ndarray, "positions 3"]:
-    """What causes add to the readings, g: the prediction of the extended model less that without their coefficients. Causes
-    without coefficients in the model: what the fit with all others leaves more. NaN where a position takes no part."""
+    """Contribution of causes to the readings, g: prediction of the extended model less that without their coefficients. For
+    causes without coefficients: residuals of the fit with all others less those of the extended model. NaN for excluded
+    positions."""
     fit, model, where = diagnosis.extended, diagnosis.model, diagnosis.problem.where
     columns = [column for cause in causes for column in cause.slot.columns]
     if columns:
@@ -78,7 +79,7 @@ def _component(diagnosis: Diagnosis, causes: Sequence[Cause]) -> Float[np.ndarra
         without[columns] = model.start[columns]
         signal = model.predict(where, fit.vector) - model.predict(where, without)
     else:
-        others = [own for own in diagnosis.members if all(own is not cause for cause in causes)]
+        others = [member for member in diagnosis.members if all(member is not cause for cause in causes)]
         signal = (fit_with(diagnosis.screened.at, others) if others else diagnosis.nominal).residuals - fit.residuals
     return np.where(fit.retained[:, None], signal, np.nan)
 
@@ -87,9 +88,9 @@ def _driven(diagnosis: Diagnosis, cause: Cause, signal: Values, axis: int) -> tu
     """The variable of which the signal is a function, its values, and the curve; if there is none, the signal itself."""
     tried = []
     for words, across in _variables(diagnosis, cause, signal, axis):
-        kept = np.isfinite(signal) & np.isfinite(across)
-        if np.any(kept) and np.ptp(across[kept]) > 0:
-            share, curve = _smooth(across[kept], signal[kept], circular=words.startswith("alpha"))
+        valid = np.isfinite(signal) & np.isfinite(across)
+        if np.any(valid) and np.ptp(across[valid]) > 0:
+            share, curve = _smooth(across[valid], signal[valid], circular=words.startswith("alpha"))
             tried.append((share, words, across, curve))
     best = max((share for share, *_ in tried), default=0.0)
     if best < _DRIVES:
@@ -99,7 +100,7 @@ def _driven(diagnosis: Diagnosis, cause: Cause, signal: Values, axis: int) -> tu
 
 
 def _variables(diagnosis: Diagnosis, cause: Cause, signal: Values, axis: int) -> Iterator[tuple[str, Values]]:
-    """What may drive a signal, the likeliest first: columns that the cause needs, inputs, their products, angles, order."""
+    """Variables that may drive a signal, the most likely first: columns of the cause, inputs, their products, angles, order."""
     data, inputs = diagnosis.data, diagnosis.screened.at.evaluation.inputs
     entry = diagnosis.entries.get(id_of(cause.label))
     needs = ("time_s", "temperature_degc") if entry is None else entry.needs
@@ -113,7 +114,7 @@ def _variables(diagnosis: Diagnosis, cause: Cause, signal: Values, axis: int) ->
     yield from ((f"{name} / g", values) for name, values in named)
     for name, unit, values in slow:
         centred = values - values.mean()
-        yield from ((f"({name} - mean) {own} / {unit} g", centred * across) for own, across in named)
+        yield from ((f"({name} - mean) {driver} / {unit} g", centred * across) for driver, across in named)
     pairs = ((named[i], named[j]) for i, j in ((0, 1), (0, 2), (1, 2)))
     yield from ((f"{first} {second} / g²", one * other) for (first, one), (second, other) in pairs)
     yield "beta / °", data.beta_deg

@@ -35,7 +35,7 @@ def hand_held_verdict(found: Together, units: UnitRows, entries: Catalogue) -> V
 
 def _headline(units: UnitRows, common: list[str]) -> str:
     if common:
-        return f"the {len(units)} units have in common {', '.join(common)}, each with its own coefficients."
+        return f"the {len(units)} units have in common {', '.join(common)}, with different coefficients."
     alone = [name for name, row in units if row.get("causes")]
     if alone:
         return f"no effect is common to the {len(units)} units; {len(alone)} of them have individual causes."

@@ -35,7 +35,9 @@ def import_document(source: Path, out: Path, contents: "Contents") -> dict[str, 
         "source": str(source),
         "output": str(out),
         "format": contents.reader.title,
-        "tables": [{"name": own.name, "rows": own.rows, "taken": own is layout.table} for own in contents.tables],
+        "tables": [
+            {"name": table.name, "rows": table.rows, "taken": table is layout.table} for table in contents.tables
+        ],
         "rows": contents.rows,
         "left_out": {"rows": contents.unreadable, "first": contents.places},
         "rate_hz": rate,
@@ -80,5 +82,5 @@ def import_lines(contents: "Contents") -> list[str]:
         del rest["temperature"]
     wide = [max(len(row[k]) for row in [*rows, *((name, "", "") for name in rest)]) for k in range(3)]
     table = ["  ".join(cell.ljust(width) for cell, width in zip(row, (*wide, 0), strict=True)).rstrip() for row in rows]
-    table += [f"{name:{wide[0]}}  {words}" for name, own in rest.items() for words in own or ["none"]]
+    table += [f"{name:{wide[0]}}  {words}" for name, lines in rest.items() for words in lines or ["none"]]
     return [*format_words(contents, tables=True), *table, *layout.said]

@@ -22,7 +22,9 @@ from tumblecal.report.rig_text import SCHEMA, leaf_table, mount_tables, position
 PLAN = "next_positions"
 RIG = "next_rig.toml"
 _KEPT = "[session], [port], [dwell] and [limits] are those of the first measurement."
-_UNKNOWN = "The data do not say how they were captured: [port] and [dwell] are capture's own; make them right before."
+_UNKNOWN = (
+    "The data do not state how they were captured. [port] and [dwell] are the defaults of capture; correct them first."
+)
 # Labels of new mountings in the files.
 LABELS = {side: f"turned_{side.rpartition(' ')[2]}" for side in SIDES}
 
@@ -151,9 +153,9 @@ def _commands(diagnosis: Diagnosis, plan: NextPlan, side: str, folder: Path) -> 
 
 def _setup(diagnosis: Diagnosis) -> KeptSetup:
     """How the data were captured, as far as they state it."""
-    told = diagnosis.data.comments
-    spoken = PortTable(protocol=told["protocol"]) if told.get("protocol") else PortTable()
-    return kept_setup(told.get(SETUP)) or KeptSetup(port=spoken)
+    comments = diagnosis.data.comments
+    port = PortTable(protocol=comments["protocol"]) if comments.get("protocol") else PortTable()
+    return kept_setup(comments.get(SETUP)) or KeptSetup(port=port)
 
 
 def _plan_name(side: str) -> str:
@@ -161,7 +163,7 @@ def _plan_name(side: str) -> str:
 
 
 def _label(diagnosis: Diagnosis, side: str) -> str:
-    """The label of a mounting: the last one's for the present, one of its own for a new one."""
+    """The label of a mounting: that of the last position for the present mounting, a new one for a new mounting."""
     there = diagnosis.data.mount or ("1",)
     if not side:
         return there[-1]

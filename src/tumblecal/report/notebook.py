@@ -28,16 +28,18 @@ from tumblecal.report.sensor_terms import held_words, lacking_of_fit
 def calibrated_screen(calibrated: Calibrated) -> Screen:
     """Whether to trust it and why, the exact fit's parameters, and the other methods in a line each."""
     exact, judged = calibrated.exact, judgements(calibrated)
-    own = exact.screen()
+    screen = exact.screen()
     notes = [f"use: {use_of(calibrated, judged).words}", judged[0].advice, *(other.words for other in judged[1:])]
-    notes += [*implausible_words(calibrated.implausible), *own.notes, noise_words(exact, calibrated.level)]
+    notes += [*implausible_words(calibrated.implausible), *screen.notes, noise_words(exact, calibrated.level)]
     notes += [
         gravity_words(exact),
         *held_words(exact, exact.problem.chain, calibrated.entries),
         *lacking_of_fit(exact, calibrated.entries),
         *methods_words(calibrated),
     ]
-    return Screen(f"{own.headline}. {judged[0].headline}", own.header, own.rows, [line for line in notes if line])
+    return Screen(
+        f"{screen.headline}. {judged[0].headline}", screen.header, screen.rows, [line for line in notes if line]
+    )
 
 
 def diagnosis_screen(diagnosis: Diagnosis) -> Screen:
@@ -68,7 +70,7 @@ def save_calibrated(path: Path, calibrated: Calibrated) -> None:
 
 
 def save_fit(path: Path, fit: Fit, entries: Catalogue | None = None, use: Use | None = None) -> None:
-    """Write a fit's `calibration.json`; `entries`: as of `calibration_of`; `use`: judged from this fit alone where left out.
+    """Write a fit's `calibration.json`; `entries`: as of `calibration_of`; `use`: by default judged from this fit alone.
 
     **Raises:** `InputError` for a fit that did not converge, or of more or less than one sensor.
     """

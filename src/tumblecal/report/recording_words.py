@@ -60,9 +60,9 @@ def format_words(contents: "Contents", *, tables: bool) -> Iterator[str]:
     table = contents.layout.table
     yield f"{contents.reader.title}{f': {table.said}' if table.said else ''}"
     if tables and len(contents.tables) > 1:
-        for own in contents.tables:
-            rows = "" if own.rows is None else f", {counted(own.rows, own.row_word)}"
-            yield f"  {'*' if own is table else ' '} {own.name}{f' ({own.said})' if own.said else ''}{rows}"
+        for each in contents.tables:
+            rows = "" if each.rows is None else f", {counted(each.rows, each.row_word)}"
+            yield f"  {'*' if each is table else ' '} {each.name}{f' ({each.said})' if each.said else ''}{rows}"
 
 
 def left_out_words(contents: "Contents") -> Iterator[str]:
@@ -138,10 +138,10 @@ def files_words(reduction: "FilesReduction") -> Iterator[str]:
     of_all = list(layout_words(reduction.parts[0].contents))
     yield from of_all
     for part in reduction.parts:
-        own = [
+        differing = [
             line for line in layout_words(part.contents) if line not in of_all and not line.startswith("accelerations")
         ]
-        about = [*own, *left_out_words(part.contents), *list(rate_words(part.contents))[1:]]
+        about = [*differing, *left_out_words(part.contents), *list(rate_words(part.contents))[1:]]
         yield from (f"{part.file}: {line}" for line in about)
     rows = sum(part.stop - part.start for part in reduction.parts)
     yield f"{counted(rows, 'sample')} of {counted(len(reduction.parts), 'file')} at {reduction.table.rate_hz:.6g} Hz"
@@ -150,7 +150,9 @@ def files_words(reduction: "FilesReduction") -> Iterator[str]:
     else:
         yield from interval_words(reduction.stillness)
     if reduction.by_gravity:
-        listed = ", ".join(f"{own.file.name} {own.name}" for own in reduction.positions if own.known)
+        listed = ", ".join(
+            f"{position.file.name} {position.name}" for position in reduction.positions if position.known
+        )
         yield f"positions by the direction of gravity: {listed}"
     if reduction.clock_words:
         yield reduction.clock_words

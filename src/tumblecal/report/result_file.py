@@ -45,10 +45,12 @@ def write_calibrated(folder: Path, calibrated: Calibrated, said: Mapping[str, An
     write_text(folder / "result.json", json.dumps(result_content(calibrated), indent=1, allow_nan=False) + "\n")
     if not calibrated.exact.code.good or not one_sensor(calibrated.exact):
         return ["result.json"]
-    own, use = calibration_of(calibrated.exact, calibrated.entries), use_of(calibrated)
+    calibration, use = calibration_of(calibrated.exact, calibrated.entries), use_of(calibrated)
     if calibrated.level is not None:
         said = {"stated_noise": calibrated.level.words} | dict(said or {})
-    write_calibration(folder / "calibration.json", replace(own, provenance=own.provenance | dict(said or {}), use=use))
+    write_calibration(
+        folder / "calibration.json", replace(calibration, provenance=calibration.provenance | dict(said or {}), use=use)
+    )
     return ["result.json", "calibration.json"]
 
 

@@ -19,5 +19,5 @@ def ended(words: str) -> str:
 
 
 def as_sentence(words: str) -> str:
-    """Words with a capital letter first; names and symbols in them stay as they are."""
-    return words[:1].upper() + words[1:]
+    """Words with a capital letter first, unless they begin with a name of a parameter or effect."""
+    return words if "_" in words.partition(" ")[0] else words[:1].upper() + words[1:]

@@ -108,10 +108,12 @@ def _sweep(content: Mapping[str, Any], frames: Frames) -> Answer:
         "worst 95 % coverage",
         "path",
     ]
-    kept = lowest[0] >= 0.95 - max(_SHARE, _ERRORS * np.sqrt(0.95 * 0.05 / max(content["points"][0]["trials"], 1)))
+    sufficient = lowest[0] >= 0.95 - max(
+        _SHARE, _ERRORS * np.sqrt(0.95 * 0.05 / max(content["points"][0]["trials"], 1))
+    )
     return Answer(
         f"The worst 95 % interval of {len(rows)} points contains the true value in {100 * lowest[0]:.2f} % ({lowest[1]}).",
-        "good" if kept else "open",
+        "good" if sufficient else "open",
         (
             "Each point is a separate coverage study. The estimation bias is in standard uncertainties stated by the fit; it "
             "shifts the interval by this amount.",

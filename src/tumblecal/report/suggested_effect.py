@@ -30,25 +30,25 @@ def suggested_effect_text(diagnosis: Diagnosis) -> str:
     words = "\n".join([*(f"{term_words(term)}." for term in law.terms), f"Cross-validation: {held_out_words(law)}."])
     source = diagnosis.data.source.replace("\\", "/").replace('"', "'")
     lines = [_HEAD.format(source=source, law=words)]
-    code = [own for term in law.terms for own in term.form.code]
+    code = [line for term in law.terms for line in term.form.code]
     makers = {"angle_effect" if term.of_head else "output_effect" for term in law.terms}
-    if any("jnp." in own for own in code):
+    if any("jnp." in line for line in code):
         lines += ["import jax.numpy as jnp", ""]
     lines.append(f"from tumblecal.effects import {', '.join(sorted(makers))}")
-    if any("elapsed(" in own for own in code):
+    if any("elapsed(" in line for line in code):
         lines.append("from tumblecal.effects.effect import elapsed")
     lines += ["", "", "EFFECTS = ["]
-    taken = set(diagnosis.entries)
+    used_ids = set(diagnosis.entries)
     for term in law.terms:
-        lines += [f"    {line}" for line in _entry(term, taken)]
+        lines += [f"    {line}" for line in _entry(term, used_ids)]
     return "\n".join([*lines, "]", ""])
 
 
-def _entry(term: Term, taken: set[str]) -> Iterator[str]:
+def _entry(term: Term, used_ids: set[str]) -> Iterator[str]:
     form, on = term.form, term.acts_on
     base = f"{form.name}_{on}" if term.of_head else f"{form.name}.{on}"
-    id = next(id for id in (base, *(f"again_{k}_{base}" for k in range(1, len(taken) + 2))) if id not in taken)
-    taken.add(id)
+    id = next(id for id in (base, *(f"again_{k}_{base}" for k in range(1, len(used_ids) + 2))) if id not in used_ids)
+    used_ids.add(id)
     maker, argument = ("angle_effect", "angle") if term.of_head else ("output_effect", "u")
     several = len(form.code) > 1
     what = "The angle" if term.of_head else "Output"

@@ -35,8 +35,9 @@ def temperature_levels(temperature_degc: Float[np.ndarray, " positions"]) -> lis
 def undetermined_order(
     terms: Sequence[Term], temperature_degc: Float[np.ndarray, " positions"] | None
 ) -> NotApplied | None:
-    """The order of the dependence on temperature that is left open, with the size (mg) that it has between the temperatures
-    measured if it changes the readings over their range as much as the terms do; None if third order is determined.
+    """The order of the dependence on temperature that is not determined, with the size (mg) that it has between the
+    measured temperatures if it changes the readings over their range as much as the terms do; None if third order is
+    determined.
     """
     thermal = [term for term in terms if term.thermal]
     if temperature_degc is None or not thermal:

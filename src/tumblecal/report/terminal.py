@@ -31,7 +31,7 @@ def print_calibration(calibrated: Calibrated, console: Console | None = None) ->
     judged = judgements(calibrated)
     for line in [
         f"use: {use_of(calibrated, judged).words}",
-        *(own.words for own in judged),
+        *(judgement.words for judgement in judged),
         *(f"IMPLAUSIBLE: {words}" for words in implausible_words(calibrated.implausible)),
         *(f"corrected: {setup_error.description}" for setup_error in calibrated.setup_errors),
         *filter(

@@ -36,12 +36,12 @@ def covariance_in_use(
     - `terms`: that were estimated, by the names of their coefficients.
     - `reference_degc`: temperature for which the parameters are meant.
     """
-    used, own = diagnosis.in_use, [diagnosis.in_use.names.index(name) for name in terms]
+    used, of_terms = diagnosis.in_use, [diagnosis.in_use.names.index(name) for name in terms]
     places, count = [used.names.index(name) for name in SENSOR], len(ORDER)
-    slope = np.zeros((count + len(own), len(used.names)))
+    slope = np.zeros((count + len(of_terms), len(used.names)))
     slope[:count, places] = correction_slope(used.values[places])
     # The model counts time in seconds.
-    slope[count + np.arange(len(own)), own] = [3600.0 if term.per_hour else 1.0 for term in terms.values()]
+    slope[count + np.arange(len(of_terms)), of_terms] = [3600.0 if term.per_hour else 1.0 for term in terms.values()]
     covariance, undetected = slope @ used.covariance @ slope.T, used.undetected
     responses = _responses(diagnosis, reference_degc)
     if undetected is None or not len(responses):
