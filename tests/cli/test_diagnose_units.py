@@ -64,7 +64,7 @@ def test_a_unit_that_does_not_show_it_stands_out(measured):
     units = told(measured)["units"]
     assert [unit["outlying"] for unit in units] == [False, False, False, True, False]
     page = (measured / "diagnosis.html").read_text()
-    assert "stands out" in page and "<svg" in page and "second_order.y" in page
+    assert "(outlying)" in page and "<svg" in page and "second_order.y" in page
     assert "unit3" in (measured / "verdict.txt").read_text().splitlines()[-1]
 
 

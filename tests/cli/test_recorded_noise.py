@@ -94,15 +94,15 @@ def test_small_residuals_are_not_blamed_on_who_stated_nothing(means):
     small = replace(data, readings=data.readings - 0.9 * exact.fit(problem_of(data)).residuals)
     said = noise_words(exact.fit(problem_of(small)))
     assert said.startswith("noise: of the recording; chi2/dof 0.0") and "stated" not in said
-    assert "slow noise that such short dwells cannot rule out is counted in full" in said
+    assert "slow noise that such short dwells cannot exclude is included in full" in said
     assert "the stated sd is too large" in noise_words(exact.fit(problem_of(small, noise_sd=1e-3)))
 
 
 def test_calibrate_says_what_each_method_assumes(tumblecal, tmp_path, means):
     outcome = tumblecal("calibrate", means, "--no-figures", "--out", tmp_path / "out")
-    assert outcome.code == 0 and "the recording's noise model" in " ".join(outcome.out.split())
+    assert outcome.code == 0 and "the noise model of the recording" in " ".join(outcome.out.split())
     stated = tumblecal("calibrate", means, "--noise-sd", "0.05mg", "--no-figures", "--out", tmp_path / "stated")
-    assert "the recording's noise model" not in " ".join(stated.out.split())
+    assert "the noise model of the recording" not in " ".join(stated.out.split())
 
 
 def test_joined_recordings_are_independent_of_each_other(means, tmp_path):

@@ -83,7 +83,7 @@ def test_a_position_inside_a_dead_zone_is_no_accident(diagnoser, seed):
     assert {label.partition(":")[0] for label in diagnosis.labels} == {"bias_asymmetry.y", "outlier_position"}
     assert (
         diagnosis.verdict == "ambiguous"
-        and "may be no accident: a dead zone" in verdict_of_diagnosis(diagnosis).words()
+        and "close to zero input of a jump. A dead zone" in verdict_of_diagnosis(diagnosis).words()
     )
 
 
