@@ -236,7 +236,7 @@ def _evidence(diagnosis: Diagnosis) -> Iterator[str]:
         level = "" if diagnosis.problem.known else ", its level estimated from the data"
         noise = f"noise of {diagnosis.samples.origin}{level}"
     before = f"; under the noise as assumed {p_words(diagnosis.assumed_p_value)}" if diagnosis.noise_labels else ""
-    tested = f"{p_words(test.p_value)} (global test over all catalogued causes, {noise}{before})"
+    tested = f"{p_words(test.p_value)} (global test over all causes, {noise}{before})"
     if diagnosis.implausible and not test.detected:
         # The test uses the fitted values, so it does not confirm them.
         yield f"With these values the residuals are consistent with the noise, {tested}; this does not confirm them."
