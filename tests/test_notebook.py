@@ -63,7 +63,11 @@ def attributes(path, thing):
 
 
 def test_results_show_a_table_with_units_the_verdict_and_a_figure(cells):
-    for name, words in (("calibrated", "the model or the noise is wrong"), ("exact", "converged"), ("diagnosis", "AMBIGUOUS")):
+    for name, words in (
+        ("calibrated", "the model or the noise is wrong"),
+        ("exact", "converged"),
+        ("diagnosis", "AMBIGUOUS"),
+    ):
         html = cells[name]._repr_html_()
         assert "<table>" in html and "<svg" in html and words in html
         assert words in repr(cells[name])

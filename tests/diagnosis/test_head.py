@@ -266,7 +266,9 @@ def test_a_head_that_was_levelled_anew_has_two_levels(diagnoser, tmp_path, level
         assert abs(size["value"] - 1e3 * level) < 4 * size["sd"] and size["unit"] == "mrad"
     assert [(part["first"], part["last"]) for part in told["parts"]] == [("u0", "u2"), ("u3", "u5")]
     assert "re-levelled or set up again between u2 and u3" in batch["text"] and "ADEQUATE" not in batch["text"]
-    assert "Errors of individual units" not in batch["text"] and all(unit["same_as_shared"] for unit in batch["units"][:5])
+    assert "Errors of individual units" not in batch["text"] and all(
+        unit["same_as_shared"] for unit in batch["units"][:5]
+    )
     assert "Two levels of the head" in (tmp_path / "diagnosis.html").read_text()
 
 
@@ -296,5 +298,8 @@ def test_an_effect_of_half_of_the_units_is_said_to_be_in_those_with_the_mean_of_
     assert size["mean_sd"] < 0.1 and abs(size["mean"] - 1e3 * np.mean(sizes)) < 4 * size["mean_sd"]
     assert 0.4 < size["sd_between_units"] < 1.1 and size["unit"] == "mg/g^2"
     text = units_text(found, rows(8), diagnoser.entries)
-    assert "second_order.z: in 4 of 8 units (u0, u2, u4, u6), with a different size in each" in text and "in all" not in text
+    assert (
+        "second_order.z: in 4 of 8 units (u0, u2, u4, u6), with a different size in each" in text
+        and "in all" not in text
+    )
     assert shown_in(found) == {"second_order.z": (0, 2, 4, 6)}
