@@ -287,8 +287,11 @@ def _near(
     fewer |= (causes > causes[:, None]) & (coefficients <= coefficients[:, None]) & ~(unnamed[:, None] | unnamed)
     near = fewer & (odds <= np.where(imitated, NEGLIGIBLE, LEAST_ODDS))
     held, less = _one_holds_the_other(groups.labels), coefficients[:, None] < coefficients
-    special = np.zeros_like(held)
+    special, by_setting = np.zeros_like(held), np.zeros_like(held)
     if changes is not None:
+        # If the input is constant within a setting, a bias and a scale factor by setting are the same signal, and how many
+        # directions each shows is no evidence between them.
+        by_setting = near & changes.by_same_setting(groups.labels) & ~held
         # What jumps with a change of setting is a special case of what is another at each: no odds part them.
         special = fewer & changes.special_cases(groups.labels) & less
         special &= ~(special @ (held & less))
@@ -296,7 +299,7 @@ def _near(
     # Whether one more of a family is needed is for the probabilities to say.
     near &= ~held
     probable = [k for k, share in enumerate(shares) if share > LEAST_SHARE and causes[k]]
-    return {k: np.flatnonzero(near[k]).tolist() for k in probable}, special
+    return {k: np.flatnonzero(near[k]).tolist() for k in probable}, special | by_setting
 
 
 def _one_holds_the_other(sets: list[tuple[str, ...]]) -> Bool[np.ndarray, "groups groups"]:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 
 from tumblecal.diagnosis.causes.cause import id_of
 from tumblecal.diagnosis.causes.jumps import JUMPS
@@ -32,8 +32,16 @@ class SettingChanges:
         second goes."""
         columns = tuple(self.at.problem.where.groups)
         begun = np.array([[column in own for column in columns] for own in map(self._begun, sets)], float)
-        followed = np.array([[column in own for column in columns] for own in map(self._followed, sets)], float)
-        return begun @ followed.T > 0
+        return begun @ self._by_column(sets).T > 0
+
+    def by_same_setting(self, sets: Sequence[Sequence[str]]) -> Bool[np.ndarray, "sets sets"]:
+        """Pairs of sets of labels that both have an effect with a coefficient for each value of the same column."""
+        followed = self._by_column(sets)
+        return followed @ followed.T > 0
+
+    def _by_column(self, sets: Sequence[Sequence[str]]) -> Float[np.ndarray, "sets columns"]:
+        columns = tuple(self.at.problem.where.groups)
+        return np.array([[column in own for column in columns] for own in map(self._followed, sets)], float)
 
     def _begun(self, labels: Sequence[str]) -> set[str]:
         """The columns that change where the jumps of a set begin."""
