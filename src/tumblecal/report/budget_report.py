@@ -56,7 +56,7 @@ def write_budget(folder: Path, budget: Budget, checked: MonteCarlo | None, notes
         sections.append(Section("Monte Carlo", [monte_carlo_words(budget, checked)], tables=[table]))
     name = Path(budget.fit.data.source).name
     lead = f"{len(budget.fit.data)} positions, {len(budget.inputs)} inputs in addition to the noise."
-    verdict = Verdict("", "", name, "", evidence=tuple(notes), next=(advice(budget),))
+    verdict = Verdict("", advice(budget), name, "", evidence=tuple(notes))
     write_page(folder / "budget.html", f"Uncertainty budget of {name}", lead, verdict, sections)
     return ["budget.json", "budget.svg", "budget.html"]
 
