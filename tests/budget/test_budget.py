@@ -196,7 +196,7 @@ def test_a_leaf_that_is_kept_is_considered(table1):
     ("text", "words"),
     [
         ('a = { what = "base_leveling", size = "1 mrad" }', "did you mean base_levelling"),
-        ('a = { what = "base_levelling", size = "1 mg" }', "measure different things"),
+        ('a = { what = "base_levelling", size = "1 mg" }', "their dimensions differ"),
         ('a = { what = "base_levelling", size = "0 mrad" }', "must be above 0"),
         ('a = { what = "gravity_value", size = "10" }', "a: '10' has no unit; write for example '10 ppm'"),
         ('a = { what = "base_levelling", size = "10" }', "a: '10' has no unit; write for example '10 mrad'"),
@@ -278,7 +278,7 @@ def test_what_a_budget_puts_right_is_said(tumblecal, tmp_path, table1_file):
     outcome = tumblecal("budget", warm, lab, "--out", tmp_path / "b")
     assert outcome.code == 0 and "corrected: the temperatures, 296.5 to 298.8, are kelvin" in outcome.out
     assert (
-        f"Undetected effects are not included; to include them, run tumblecal diagnose {warm} and give" in outcome.out
+        f"Undetected effects are not included. To include them, run tumblecal diagnose {warm} and give" in outcome.out
     )
     assert "Undetected effects are not included" in (tmp_path / "b" / "budget.html").read_text()
     outcome = tumblecal("budget", warm, lab, "-q", "--out", tmp_path / "b")

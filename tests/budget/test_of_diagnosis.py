@@ -113,7 +113,7 @@ def test_an_effect_is_not_counted_twice_in_silence(tumblecal, folder, table1_fil
         ({"sha256": "0" * 64}, (), "a diagnosis of other data than the budget"),
         ({"uncertainty_parts": None}, (), "give the folder of tumblecal diagnose"),
         ({"uncertainty_parts": {"noise": {}, "explanations": {}, "undetected_effects": {}}}, (), "dK_x, .* missing"),
-        ({}, ("--monte-carlo", "500"), "--diagnosis does not go with --monte-carlo"),
+        ({}, ("--monte-carlo", "500"), "--diagnosis cannot be combined with --monte-carlo"),
         ({}, ("--fix", "gamma"), r"of another model than the budget \(gamma_21, gamma_31, gamma_32 not fitted\)"),
     ],
 )

@@ -140,7 +140,7 @@ def test_sniff_reads_the_beginning_only(tmp_path: Path, capsys: pytest.CaptureFi
     sniff(str(tmp_path / "a.bin"))
     assert "stim300: 100% of the bytes, 27594 samples" in capsys.readouterr().out
     (tmp_path / "empty.bin").write_bytes(b"")
-    with pytest.raises(InputError, match="no protocol explains the first megabyte"):
+    with pytest.raises(InputError, match="unknown protocol in the first megabyte"):
         sniff(str(tmp_path / "empty.bin"))
 
 

@@ -141,7 +141,7 @@ def test_numpys_header(applied):
 def test_a_column_twice_is_refused_by_name(applied, tumblecal, tmp_path, separator):
     text = "position,alpha_deg,beta_deg,time_s,ax_g,ay_g,az_g,ax_g\n" + "p,0,0,0,0,0,1,0\n" * 20
     outcome, lines = applied(text.replace(",", separator))
-    fault = f"tumblecal: {tmp_path / 'log.csv'}:line 1, column ax_g: the column stands twice; keep one"
+    fault = f"tumblecal: {tmp_path / 'log.csv'}:line 1, column ax_g: the column is given twice; keep one"
     assert outcome.code == 2 and outcome.lines == [fault] and not lines
     reduced = tumblecal("reduce", tmp_path / "log.csv", "--out", tmp_path / "reduced")
     assert reduced.code == 2 and reduced.lines == [fault] and not (tmp_path / "reduced").exists()
@@ -204,7 +204,7 @@ def test_rows_of_empty_cells_are_blank_lines(applied, small_pieces):
         ("0,0", "2 cells, but the header has 4; complete the row or remove it"),
         ("note", "1 cell, but the header has 4; complete the row or remove it"),
         ("ax_g,ay_g,az_g,id", "the names of the columns again; remove the line"),
-        ("g,g,g,-", "a line of units, no row; put # before it: the names of the columns say the units"),
+        ("g,g,g,-", "a line of units, not a row; write # before it: the names of the columns state the units"),
         ("0,0,,", "column az_g: the cell is empty; write a number or remove the row"),
     ],
 )
@@ -241,7 +241,7 @@ def test_every_row_has_its_line(tmp_path_factory, lines, above):
         ),
         (
             ["0,1;0;1"] * 2000 + ["0,1;0,2;1.000"],
-            "line 2002, column az_g: '1.000' beside decimal commas may be 1000 or 1.000",
+            "line 2002, column az_g: '1.000', with decimal commas in this file, may be 1000 or 1.000",
         ),
         (
             ["0.1;0;1"] * 2000 + ["0.1;0;1,5"],
@@ -266,7 +266,10 @@ def test_thousands_in_mg(applied):
 def test_contradictory_comments_are_refused(applied):
     outcome, lines = applied("# gravity_ms2: 9.80\nax_g,ay_g,az_g\n0,0,1\n# gravity_ms2: 9.83\n")
     assert outcome.code == 2 and not lines
-    assert "log.csv:line 4: comment gravity_ms2: '9.83', but line 1 says '9.80'; keep the right one" in outcome.lines[0]
+    assert (
+        "log.csv:line 4: comment gravity_ms2: '9.83', but line 1 states '9.80'; keep the correct one"
+        in outcome.lines[0]
+    )
 
 
 @pytest.mark.parametrize("separator", [",", ";"])

@@ -149,7 +149,7 @@ def test_a_bad_cell_far_down_leaves_nothing(tumblecal, tmp_path, small_pieces):
             {k: [0, 9830, 13107] for k in range(5, 40)},
             [
                 "columns ax_g, ay_g, az_g: beyond 10 g in 35 of 40 rows (the first: line 7), up to 1.31e+04 g, so they look "
-                "like counts or another unit; say which: --unit 16384/g"
+                "like counts or another unit; state it: --unit 16384/g"
             ],
         ),
     ],

@@ -201,7 +201,7 @@ def test_what_is_guessed_of_means_is_said(tmp_path, tumblecal):
     [
         (["# gravity_ms2: 981"], "means.csv: comment gravity_ms2: '981' is not a gravity in m/s^2"),
         (["# gravity_ms2: 9,81"], "means.csv: comment gravity_ms2: '9,81' has a decimal comma; write 9.81"),
-        (["e,0,45,1e9,0,1"], "means.csv:row 5, column ax_g: 1e+09 g is no reading"),
+        (["e,0,45,1e9,0,1"], "means.csv:row 5, column ax_g: 1e+09 g is not a possible reading"),
     ],
 )
 def test_faults_of_means_name_the_users_file(tmp_path, more, words):

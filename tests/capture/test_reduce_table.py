@@ -125,7 +125,9 @@ def test_the_command_writes_what_calibrate_takes(tumblecal, tmp_path, monkeypatc
     path = written(tmp_path / "log.csv", columns(*white))
     refused = tumblecal("calibrate", path, "--out", tmp_path / "none")
     assert refused.code == 2 and len(refused.lines) == 1 and not (tmp_path / "none").exists()
-    assert f"these look like raw samples; reduce them first: tumblecal reduce {path} --out reduced" in refused.lines[0]
+    assert (
+        f"so these look like raw samples. Reduce them first: tumblecal reduce {path} --out reduced" in refused.lines[0]
+    )
     monkeypatch.setenv("COLUMNS", "60")
     outcome = tumblecal("reduce", path, "--out", tmp_path / "reduced")
     assert outcome.code == 0 and "24 positions of 36000 samples" in outcome.out

@@ -43,7 +43,7 @@ def test_a_second_start_harms_nothing(tmp_path: Path) -> None:
     assert len(reduce(tmp_path / "run").data) == 2
     # What is done is done: nothing is waited for, nothing asked and nothing written.
     done, whole = CaptureProcess(tmp_path, "--resume", "run", "--plain"), entries_of(tmp_path / "run")
-    assert done.close() == 0 and b"all 2 positions are recorded; now: tumblecal reduce run" in done.raw
+    assert done.close() == 0 and b"all 2 positions are recorded; next: tumblecal reduce run" in done.raw
     assert b"waiting" not in done.raw and entries_of(tmp_path / "run") == whole
 
 

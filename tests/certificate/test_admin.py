@@ -66,7 +66,9 @@ def test_data_of_another_date_are_told(tumblecal, calibrated, admin):
     content["provenance"]["measured_utc"] = "yesterday"
     path.write_text(json.dumps(content))
     outcome = tumblecal("certificate", calibrated, "--admin", admin)
-    assert outcome.code == 2 and "calibration.json: provenance.measured_utc: 'yesterday' is no date" in outcome.lines[0]
+    assert (
+        outcome.code == 2 and "calibration.json: provenance.measured_utc: 'yesterday' is not a date" in outcome.lines[0]
+    )
 
 
 def test_mistakes_are_one_line(tumblecal, tmp_path, calibrated, admin, configs):
@@ -75,10 +77,10 @@ def test_mistakes_are_one_line(tumblecal, tmp_path, calibrated, admin, configs):
         (text.replace('id = "ACC-2026-0117"', 'id = ""'), "id: "),
         (
             text.replace('country = "AT"', 'country = "Austria"'),
-            "country: must be the country's code of two capital letters",
+            "country: must be the country code of two capital letters",
         ),
         (re.sub("issued = .*", "issued = 2026-11-22T10:00:00", text), "issued: must be a day such as 2026-11-22"),
-        (text.replace('city = "', 'city = " '), "city: must be some words, without blanks before and behind"),
+        (text.replace('city = "', 'city = " '), "city: must be a text without leading and trailing blanks"),
         (text.replace("begin =", "begins ="), "performance.begins: unknown key; did you mean begin?"),
         (text.replace('"A-17"', '"B-2"'), "is of unit A-17"),
         (text.replace("traceability", "trace"), "traceability: is missing"),

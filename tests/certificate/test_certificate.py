@@ -31,9 +31,9 @@ SPACES = {"dcc": "https://ptb.de/dcc", "si": "https://ptb.de/si"}
 
 # What the certificate says of each kind of result.
 CASES = {
-    "adequate": "The data do not contradict the nominal model.",
-    "identified": "Beside the nominal model the data show: axis_perpendicularity; it is in the fitted model.",
-    "ambiguous": ". The values are the mean over these, by their probabilities, and the uncertainty has their spread in it.",
+    "adequate": "The data are consistent with the nominal model.",
+    "identified": "In addition to the nominal model the data show axis_perpendicularity; the fitted model includes it.",
+    "ambiguous": ". The values are the probability-weighted mean over these models, and the uncertainty includes their spread.",
     "hand-held": "The nominal model was fitted; no diagnosis was made.",
     "several mounts": "The nominal model was fitted; no diagnosis was made.",
 }
@@ -145,7 +145,7 @@ def test_estimated_noise_is_covered_by_student_s_t(tumblecal, tmp_path, table1_f
 
     assert results_of(tmp_path / "c", None, {}).results[0].k == pytest.approx(t.ppf(0.975, 57))
     outcome = tumblecal("certificate", tmp_path / "c", "--admin", admin)
-    assert outcome.code == 0 and "nobody stated the gravity" in outcome.lines[0]
+    assert outcome.code == 0 and "the gravity of the site is not stated" in outcome.lines[0]
 
 
 def test_a_budget_s_uncertainties_are_taken(tumblecal, tmp_path, calibrated, admin, configs):
@@ -180,7 +180,7 @@ def test_a_budget_s_uncertainties_are_taken(tumblecal, tmp_path, calibrated, adm
     other["source"]["sha256"] = "0" * 64
     (tmp_path / "other.json").write_text(json.dumps(other))
     outcome = tumblecal("certificate", calibrated, "--admin", admin, "--budget", tmp_path / "other.json")
-    assert outcome.code == 2 and "a budget of other data" in outcome.lines[0]
+    assert outcome.code == 2 and "its data differ from those of the calibration" in outcome.lines[0]
 
 
 @pytest.mark.parametrize("noise", ["0.01mg", "1mg", ""])
@@ -203,7 +203,7 @@ def test_a_budget_made_with_another_noise_gives_its_inputs_alone(tumblecal, tmp_
     outcome = tumblecal("certificate", calibrated, "--admin", admin, "--budget", tmp_path / "b" / "budget.json")
     assert outcome.code == 0 and len(outcome.lines) == 1
     assert re.search(
-        r"the budget was made with another noise than the calibration \(u_A of \w+: [^,]+, here [^)]+\)",
+        r"the budget was computed with a different noise from that of the calibration \(u_A of \w+: [^,]+, here [^)]+\)",
         outcome.lines[0],
     )
     outcome = tumblecal("certificate", calibrated, "--admin", admin, "--budget", tmp_path / "right" / "budget.json")
@@ -224,7 +224,7 @@ def test_a_budget_of_another_model_is_refused(tumblecal, tmp_path, calibrated, a
     before = sorted(calibrated.iterdir())
     outcome = tumblecal("certificate", calibrated, "--admin", admin, "--budget", tmp_path / "b" / "budget.json")
     assert outcome.code == 2 and len(outcome.lines) == 1
-    assert re.search(r"a budget of another model than the calibration \(dK_x, .* differ\)", outcome.lines[0])
+    assert re.search(r"its model differs from that of the calibration \(dK_x, .* differ\)", outcome.lines[0])
     assert sorted(calibrated.iterdir()) == before
 
 
@@ -238,7 +238,7 @@ def test_certificates_of_every_kind_of_result_are_valid(tumblecal, tmp_path, fol
     assert said in text and said in (tmp_path / "certificate.html").read_text()
     stated, own = stated_in(tmp_path / "dcc.xml"), read_calibration(folder / "calibration.json").sensor
     np.testing.assert_allclose(stated, own.of(SENSOR).covariance * np.outer(UNITS, UNITS), rtol=1e-12)
-    assert ("Attitudes by hand, not known" in text) == (case == "hand-held")
+    assert ("Hand-held attitudes, unknown" in text) == (case == "hand-held")
     if case == "ambiguous":
         assert "the data show one of: bias_drift.x and second_order.z; " in text
     mounts = len([name for name in own.names if name.startswith("dtheta")]) // 3
@@ -258,10 +258,10 @@ def test_a_bias_that_moves_with_temperature_is_stated_with_the_temperature(tumbl
     content["provenance"]["temperature_range_degc"] = [10.0, 50.04]
     given = ["certificate", calibrated, "--admin", admin]
     for terms, said in (
-        ([bias], "hold at 25 degC: bias_z changes by 0.02 mg per degC (the data: 10 to 50 degC)."),
+        ([bias], "apply to 25 degC: bias_z changes by 0.02 mg per degC (the data: 10 to 50 degC)."),
         (
             [{**cross, "effect": "of_user"}, drift],
-            "hold at 25 degC and time_s = 1800 s: the readings of axis y change (of_user) per degC, dK_x changes by -0.003e-3 "
+            "apply to 25 degC and time_s = 1800 s: the readings of axis y change (of_user) per degC, dK_x changes by -0.003e-3 "
             "per hour (the data: 10 to 50 degC).",
         ),
     ):

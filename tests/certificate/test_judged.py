@@ -23,7 +23,7 @@ def test_no_certificate_is_made_of_a_calibration_not_to_be_used(tumblecal, tmp_p
     stated = json.loads((folder / "calibration.json").read_text())
     (folder / "calibration.json").write_text(json.dumps({k: own for k, own in stated.items() if k != "use"}))
     outcome = tumblecal("certificate", folder, "--admin", admin)
-    assert outcome.code == 2 and "result.json: implausible: bias_x: no certificate is made" in outcome.lines[0]
+    assert outcome.code == 2 and "result.json: implausible: bias_x: no certificate for" in outcome.lines[0]
     assert "[usual] in a rig; priors; the head" in outcome.lines[0]
     # Whose items have such a bias says so, and gets the certificate.
     rig.write_text((configs / "paper24.toml").read_text() + '\n[usual]\nbias = "1 g"\n')
@@ -37,7 +37,7 @@ def test_no_certificate_is_made_of_a_calibration_not_to_be_used(tumblecal, tmp_p
     assert outcome.code == 2 and "judgement: Do not use it: hardly determined. No certificate" in outcome.lines[0]
     (folder / "result.json").write_text(json.dumps(result | {"source": {"sha256": "0" * 64}}))
     outcome = tumblecal("certificate", folder, "--admin", admin)
-    assert outcome.code == 2 and "result.json: of other data than calibration.json" in outcome.lines[0]
+    assert outcome.code == 2 and "result.json: its data differ from those of calibration.json" in outcome.lines[0]
 
 
 def test_a_judgement_that_is_not_good_stands_on_the_certificate(tumblecal, calibrated_as, admin):
@@ -71,8 +71,8 @@ covariance = [[1e-4, 0.0, 0.0], [0.0, 1e2, 0.0], [0.0, 0.0, 1e-2]]
 @pytest.mark.parametrize(
     ("noise", "said"),
     [
-        (["--noise-sd", "0.1mg"], "with the covariance that is stated of them: index_gain, dbeta@45"),
-        ([], "at their values, as exact: index_gain"),
+        (["--noise-sd", "0.1mg"], "with their stated covariance: index_gain, dbeta@45"),
+        ([], "treated as exact: index_gain"),
     ],
     ids=["noise stated", "noise unknown"],
 )
@@ -81,12 +81,12 @@ def test_errors_of_a_measured_head_are_stated(tumblecal, tmp_path, calibrated_as
     folder = calibrated_as(0.0, *noise, "--head", tmp_path / "head.toml")
     assert tumblecal("certificate", folder, "--admin", admin).code == 0
     page = (folder / "certificate.html").read_text()
-    held = "data and the covariance of the head&#39;s measured errors." if noise else "data alone (type A)."
+    held = "data and the covariance of the measured errors of the head." if noise else "data only (type A)."
     assert f"from the noise of the {held}" in page
     digest = hashlib.sha256(HEAD.encode()).hexdigest()
     for file, end in (("certificate.html", "</td>"), ("dcc.xml", "</dcc:content>")):
         text = (folder / file).read_text()
-        words = f"measured errors of the dividing head ({tmp_path / 'head.toml'}, SHA-256 {digest}) went into the fit"
+        words = f"the fit includes measured errors of the dividing head ({tmp_path / 'head.toml'}, SHA-256 {digest})"
         assert f"; {words}, {said}{end}" in text
     if noise:  # what is recorded of a head is one function of the problem for both commands
         given = (tmp_path / "changed.csv", *noise, "--head", tmp_path / "head.toml", "--no-figures")

@@ -62,7 +62,7 @@ def test_quantities():
         ("two", "1", "is not a number with a unit, such as '1 ppm'"),
         ("mg", "g", "'mg' is not a number with a unit, such as '1 mg'"),
         ("0.1 furlong", "g", "unknown unit 'furlong'"),
-        ("3 arcmin", "g", "measure different things"),
+        ("3 arcmin", "g", "their dimensions differ"),
         ("nan mg", "g", "is not a number with a unit"),
         ("1e999 mg", "g", "is not finite"),
         ("1 g^x", "g", "unknown unit"),

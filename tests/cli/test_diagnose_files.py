@@ -58,7 +58,7 @@ def test_several_files_get_a_summary_and_progress(tumblecal, tmp_path, files):
     *lines, written = outcome.out.splitlines()
     assert [line.split("  ")[0] for line in lines] == ["1 of 3", "2 of 3", "3 of 3"]
     assert written == f"written: {tmp_path / 'out'}/: summary.csv, a folder for each file"
-    assert outcome.out.splitlines()[2].endswith("short.csv: refused")
+    assert outcome.out.splitlines()[2].endswith("short.csv: rejected")
     out = tmp_path / "out"
     assert sorted(path.name for path in out.iterdir()) == ["knocked", "summary.csv", "table1"]
     assert not PAGE & {path.name for path in (out / "knocked").iterdir()}

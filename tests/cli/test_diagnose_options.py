@@ -32,8 +32,8 @@ def test_angles(texts, expected):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("45deg", "--allow-beta 45deg: '45deg' is no angle; write degrees such as 45, 0,45,90 or 0:360:15"),
-        ("0,,90", "'' is no angle"),
+        ("45deg", "--allow-beta 45deg: '45deg' is not an angle; write degrees such as 45, 0,45,90 or 0:360:15"),
+        ("0,,90", "'' is not an angle"),
         ("nan", "angles are in degrees, from -360 to 360"),
         ("0:400:5", "from -360 to 360"),
         ("0:90", "write a range as START:END:STEP"),
@@ -140,12 +140,10 @@ def test_joined_files_are_runs_of_their_own(tumblecal, tmp_path, configs):
     files = [tmp_path / "a.csv", tmp_path / "b.csv"]
     options = ["--noise-sd", "0.15mg", "--no-figures", "--out", tmp_path / "out"]
     outcome = tumblecal("diagnose", "--join", *files, *options)
-    assert outcome.out.startswith("Runs: a, b: each file a run of its own (--same-run takes them as one).\n")
+    assert outcome.out.startswith("Runs: a, b: one for each file (--same-run joins them).\n")
     assert json.loads((tmp_path / "out" / "diagnosis.json").read_text())["verdict"] == "adequate"
     outcome = tumblecal("diagnose", "--join", "--same-run", *files, *options)
-    assert outcome.out.startswith("The 2 files count as one run.\n")
+    assert outcome.out.startswith("Assumed: one run for all 2 files.\n")
     assert json.loads((tmp_path / "out" / "diagnosis.json").read_text())["verdict"] != "adequate"
     outcome = tumblecal("diagnose", "--same-run", *files, *options)
-    assert outcome.code == 2 and outcome.lines == [
-        "tumblecal: --same-run says of joined files that they are one run; give --join as well"
-    ]
+    assert outcome.code == 2 and outcome.lines == ["tumblecal: --same-run applies to joined files only; add --join"]

@@ -147,8 +147,8 @@ def test_units_of_different_plans_and_columns(tumblecal, tmp_path):
 
 
 BAD = {
-    "units and join": (["SECOND", "--join"], "--units takes every file as another triad, --join all of them as one"),
-    "units and head": (["SECOND", "--head", "HEAD"], "--units measures the head anew"),
+    "units and join": (["SECOND", "--join"], "--units treats each file as a different triad, --join treats all as one"),
+    "units and head": (["SECOND", "--head", "HEAD"], "--units measures the errors of the head"),
 }
 
 

@@ -37,5 +37,5 @@ def test_a_copy_under_another_name_is_told(tumblecal, tmp_path, table1, table1_f
     outcome = tumblecal("calibrate", table1_file, other, copy, "-q", "--out", tmp_path / "out")
     assert outcome.code == 0
     assert outcome.lines == [
-        f"WARNING: {copy}: holds the same as {table1_file}, as if it had been measured twice; leave one of them out"
+        f"WARNING: {copy}: same contents as {table1_file}, so these positions are used twice; remove one of these files"
     ]

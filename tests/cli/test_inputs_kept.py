@@ -50,7 +50,7 @@ def test_an_output_that_is_an_input(tumblecal, inputs, arguments, name, link):
     before = {path: path.read_bytes() for path in inputs.iterdir()}
     outcome = tumblecal(*(argument.format(tmp=inputs) for argument in arguments), out)
     assert outcome.code == 2
-    assert len(outcome.lines) == 1 and "which is an input" in outcome.lines[0], outcome.lines
+    assert len(outcome.lines) == 1 and "would overwrite the input" in outcome.lines[0], outcome.lines
     assert {path: path.read_bytes() for path in inputs.iterdir()} == before
 
 
@@ -80,7 +80,7 @@ def test_a_folder_of_results_that_holds_an_input(tumblecal, inputs, arguments, s
     before = {path: path.read_bytes() for path in folder.iterdir()}
     outcome = tumblecal(*(argument.format(tmp=inputs) for argument in arguments), "--out", f"{inputs}/./out")
     assert outcome.code == 2
-    assert len(outcome.lines) == 1 and "which is an input" in outcome.lines[0], outcome.lines
+    assert len(outcome.lines) == 1 and "would overwrite the input" in outcome.lines[0], outcome.lines
     assert {path: path.read_bytes() for path in folder.iterdir()} == before
 
 
@@ -102,7 +102,7 @@ def test_names_with_line_breaks(tumblecal, tmp_path, table1):
     path = tmp_path / "da\nta: [x]\x7f.csv"
     write_positions(path, table1)
     outcome = tumblecal("calibrate", path, tmp_path / "no\nsuch\x1b[31m.csv", "--out", tmp_path / "out")
-    refused = "has control characters; give it, or the file, another name"
+    refused = "has control characters; rename it, or the file"
     assert outcome.code == 2 and len(outcome.lines) == 2 and all(line.endswith(refused) for line in outcome.lines)
     assert rf"da\nta: [x]\x7f.csv: {refused}" in outcome.lines[0] and r"no\nsuch\x1b[31m.csv" in outcome.lines[1]
     for name in (str(path), 'a"b\\c', "\x7f\x00\x1f", "\u2028ü", "\udcff"):

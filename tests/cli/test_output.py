@@ -55,7 +55,7 @@ def test_warnings_are_said_even_quietly(tumblecal, table1_file, tmp_path):
     row = next(line for line in text.splitlines() if line.startswith("0-1,"))
     table1_file.write_text(text + row.replace("0-1,", "again,") + "\n")
     outcome = tumblecal("calibrate", table1_file, "--no-figures", "--out", tmp_path / "out", "-q")
-    assert outcome.out == "" and any("the same in every number" in line for line in outcome.lines)
+    assert outcome.out == "" and any("identical rows" in line for line in outcome.lines)
 
 
 def test_every_command_that_ends_by_itself_can_be_quiet(tumblecal, table1_file, tmp_path):
@@ -82,7 +82,7 @@ def test_every_command_that_ends_by_itself_can_be_quiet(tumblecal, table1_file, 
     assert all((outcome.code, outcome.out) == (0, "") for outcome in said.values()), [*said.values()]
     assert any("temperatures in 1 of 2 rows" in line for line in said["apply"].lines)
     assert tumblecal("export", own, "--to", "csv", "-q").lines == [
-        "tumblecal: --quiet prints nothing, so that the export would be lost; give --out"
+        "tumblecal: --quiet prints nothing, so the export would be lost; add --out"
     ]
     assert "--quiet" in tumblecal("certificate", "-q", "--help").out
 

@@ -28,8 +28,8 @@ def test_another_command_s_folder_is_refused_and_one_s_own_replaced(
     before = contents(out)
     outcome = tumblecal(second, table1_file, "--no-figures", "--out", out)
     assert outcome.code == 2 and outcome.lines == [
-        f"tumblecal: {out}: holds {DOCUMENTS[first]} of tumblecal {first}; {second} writes calibration.json and summary.csv "
-        "too, and would mix its results with those; give another --out"
+        f"tumblecal: {out}: has {DOCUMENTS[first]} of tumblecal {first}, and {second} would overwrite its calibration.json "
+        "and summary.csv; give a different --out"
     ]
     assert contents(out) == before
     assert tumblecal(first, twin, "--no-figures", "--out", out).code == 0

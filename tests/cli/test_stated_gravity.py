@@ -148,7 +148,7 @@ def test_help_says_when_gravity_counts_and_how_it_is_written(tumblecal, command)
 def test_another_site_needs_a_calibration_that_says_its_own(tumblecal, tmp_path):
     raw = log(tmp_path / "raw.csv", "g", [[0, 0, 1]])
     outcome = tumblecal("apply", calibration(tmp_path / "cal.json"), raw, "--gravity", "9.8")
-    assert outcome.code == 2 and "does not say which gravity its g is" in outcome.lines[0]
+    assert outcome.code == 2 and "no gravity is stated" in outcome.lines[0]
 
 
 def test_another_unit_s_log_is_refused_unless_insisted(tumblecal, tmp_path):
@@ -184,7 +184,7 @@ def test_a_row_that_was_copied_is_named(tumblecal, tmp_path, table1_file):
     row = next(line for line in text.splitlines() if line.startswith("0-1,"))
     table1_file.write_text(text + row.replace("0-1,", "again,") + "\n")
     outcome = tumblecal("calibrate", table1_file, "--no-figures", "--out", tmp_path / "out")
-    assert outcome.code == 0 and any("positions again and 0-1; a row that was copied" in line for line in outcome.lines)
+    assert outcome.code == 0 and any("positions again and 0-1; a copied row" in line for line in outcome.lines)
 
 
 @pytest.mark.parametrize("unit", ["g", "mg"])

@@ -195,6 +195,6 @@ def test_samples_given_for_positions(tumblecal, tmp_path, monkeypatch):
     Path("log.csv").write_text("\n".join(rows) + "\n")
     columns = "position=p,alpha_deg=a,beta_deg=b,ax_g=X,ay_g=Y,az_g=Z,time_s=t"
     (said,) = tumblecal("calibrate", "log.csv", "--columns", columns).lines
-    assert "these look like raw samples; reduce them first: tumblecal reduce log.csv --out reduced --columns" in said
+    assert "so these look like raw samples. Reduce them first: tumblecal reduce log.csv --out reduced --columns" in said
     assert tumblecal(*words(said)).code == 0
     assert read_positions("reduced/positions.csv").names == ("p0", "p1")

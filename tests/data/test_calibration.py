@@ -140,7 +140,7 @@ def test_a_key_that_stands_twice_is_refused(tmp_path, calibration):
     path = tmp_path / "calibration.json"
     write_calibration(path, calibration)
     path.write_text(path.read_text().replace('"bias": [', '"bias": [0, 0, 0], "bias": [', 1))
-    with pytest.raises(InputError, match=r"calibration\.json: the key 'bias' stands twice in one object"):
+    with pytest.raises(InputError, match=r"calibration\.json: the key 'bias' is given twice in one object"):
         read_calibration(path)
 
 
@@ -154,10 +154,10 @@ def test_correction_is_matrix_times_reading_less_bias(calibration):
     ("change", "words"),
     [
         ({"schema": "tumblecal.result/1"}, "schema is 'tumblecal.result/1'"),
-        ({"matrix": [[1, 0], [0, 1]]}, "matrix must hold 3 x 3 finite numbers"),
+        ({"matrix": [[1, 0], [0, 1]]}, "matrix must have 3 x 3 finite numbers"),
         ({"bias": [0, 0, "x"]}, r"bias\.2: 'x' is not a number"),
         ({"covariance": None}, "covariance"),
-        ({"bias": [0, 0, float("nan")]}, "bias must hold 3 finite numbers"),
+        ({"bias": [0, 0, float("nan")]}, "bias must have 3 finite numbers"),
         ({"matrix": [[0.0] * 3] * 3}, "matrix: its scale is 0 to 0"),
         ({"matrix": [[1e308, 0, 0], [0, 1, 0], [0, 0, 1]]}, "none beyond 1e\\+12"),
         ({"matrix": [[1, 0, 0], [0, 1, 0], [1, 1, 0]]}, "matrix: its scale is 0 to"),
@@ -167,7 +167,7 @@ def test_correction_is_matrix_times_reading_less_bias(calibration):
             "no variance negative",
         ),
         ({"covariance": [[1e-12 * (row <= column) for column in range(12)] for row in range(12)]}, "symmetric"),
-        ({"units": {"A": "mg"}}, "units: must be as calibrate writes it"),
+        ({"units": {"A": "mg"}}, "units: differs from the value that calibrate writes"),
         ({"serial_number": 7}, "serial_number: 7 is not text"),
         ({"temperature_degc": [20]}, "temperature_degc"),
         ({"provenance": 3}, "provenance: 3 is not an object"),
@@ -195,7 +195,7 @@ def test_calibration_that_is_not_json(tmp_path):
     ("text", "words"),
     [
         ("ax_g,ay_g\n0,0\n", "columns ax_g, ay_g, az_g .* are missing"),
-        ("ax_g,ay_g,az_g,ax_mg\n0,0,1,0\n", "the readings stand in two units"),
+        ("ax_g,ay_g,az_g,ax_mg\n0,0,1,0\n", "the readings are in two units"),
         ("# k: v\nax_g,ay_g,az_g\n0,0,1\n0,zero,1\n", r":line 4, column ay_g: 'zero' is not a finite number"),
         ("ax_g,ay_g,az_g\n0,0,nan\n", r":line 2, column az_g: 'nan' is not a finite number"),
     ],
@@ -236,7 +236,7 @@ def test_a_folder_that_cannot_be_written(tmp_path):
     with pytest.raises(InputError, match="cannot write to this folder"):
         writable_folder(tmp_path / "file" / "out")
     assert Path("/proc").is_dir()
-    with pytest.raises(InputError, match="give another one with --out"):
+    with pytest.raises(InputError, match="give a different one with --out"):
         writable_folder(Path("/proc/nothing"))
 
 

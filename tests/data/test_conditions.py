@@ -22,7 +22,7 @@ COUNTS = 2231.0 + 3 * STEPS
 
 def test_raw_counts_are_no_temperatures(tmp_path):
     told = faults(file_with(tmp_path, "temperature_degc", COUNTS))
-    assert ":line 2, column temperature_degc: 2231 degC is no temperature that a triad is measured at" in told[0]
+    assert ":line 2, column temperature_degc: 2231 degC is not a possible temperature of a triad" in told[0]
     assert "raw counts or another unit, write degC" in told[0] and told[-1].endswith("and 21 more rows like these")
     one = np.where(STEPS == 4, 999.0, 23.0)
     (told,) = faults(file_with(tmp_path, "temperature_degc", one))
@@ -41,8 +41,8 @@ def test_temperatures_of_ovens_and_kelvin_are_read(tmp_path, usual):
     [
         (45000 + STEPS * 120 / 86400, "these look like days, as a spreadsheet counts dates: write seconds"),
         (np.round(45000 + STEPS * 600 / 86400, 1), "these look like days, as a spreadsheet counts dates"),
-        (0.4 + STEPS * 120 / 86400, "no head is set in 0.0014 s; these look like hours or days"),
-        (STEPS * 120 / 3600, "no head is set in 0.033 s; these look like hours or days: write seconds"),
+        (0.4 + STEPS * 120 / 86400, "a head cannot be set in 0.0014 s, so these look like hours or days"),
+        (STEPS * 120 / 3600, "a head cannot be set in 0.033 s, so these look like hours or days; write seconds"),
         (1.7e12 + 120e3 * STEPS, "1.7e+12 s, and so on: these look like milliseconds since 1970; write seconds"),
         (1.7e15 + 120e6 * STEPS, "look like microseconds since 1970"),
         (1.7e18 + 120e9 * STEPS, "look like nanoseconds since 1970"),

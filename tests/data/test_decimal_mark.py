@@ -48,12 +48,12 @@ def test_one_mark_for_a_whole_file(tmp_path, mark, column, values):
         (
             ",",
             [("time_s", "1.000", "1.010", "1.020")],
-            "line 2, column time_s: '1.000' beside decimal commas may be 1000",
+            "line 2, column time_s: '1.000', with decimal commas in this file, may be 1000",
         ),
         (
             ",",
             [("time_s", "0", "1200", "2.400")],
-            "line 4, column time_s: '2.400' beside decimal commas may be 2400 or 2.400",
+            "line 4, column time_s: '2.400', with decimal commas in this file, may be 2400 or 2.400",
         ),
         (
             ",",

@@ -130,7 +130,7 @@ HEADER_CASES = {
     "missing axis": (HEADER.replace(",ay_g", ""), "a,0,0,0,1", "line 1: column ay_g (or _mg, _ms2) is missing"),
     "misspelt": (HEADER.replace("beta", "betta"), "a,0,0,0,0,1", "column betta_deg: unknown column; did you mean beta_deg?"),
     "an sd misspelt": (HEADER + ",ax_sd_g,ay_sd_g,az_sdg", "a,0,0,0,0,1,1,1,1", "unknown column; did you mean az_sd_g?"),
-    "a column twice": (HEADER + ",ax_g", "a,0,0,0,0,1,0", "column ax_g: the column stands twice; keep one"),
+    "a column twice": (HEADER + ",ax_g", "a,0,0,0,0,1,0", "column ax_g: the column is given twice; keep one"),
     "contradictory units": (HEADER + ",ax_mg", "a,0,0,0,0,1,0", "ax_g and ax_mg both give axis x; keep one"),
     "mixed units": (HEADER.replace("ay_g", "ay_mg"), "a,0,0,0,0,1", "are in different units; give the three axes in one unit"),
     "sd of one axis": (HEADER + ",ax_sd_g", "a,0,0,0,0,1,1e-4", "column ay_sd_g (or _mg, _ms2) is missing"),
@@ -148,7 +148,7 @@ CELL_CASES = {
     "NaN": ("b,90,0,0.001,nan,0.003", "column ay_g: 'nan' is not a finite number"),
     "infinite": ("b,inf,0,0.001,1,0.003", "column alpha_deg: 'inf' is not a finite number"),
     "empty": ("b,90,0,,1,0.003", "column ax_g: the cell is empty"),
-    "no reading": ("b,90,0,1e200,1,0.003", "column ax_g: 1e+200 g is no reading"),
+    "no reading": ("b,90,0,1e200,1,0.003", "column ax_g: 1e+200 g is not a possible reading"),
     "too few cells": ("b,90,0,1", "4 cells, but the header has 6"),
     "quotation mark": ('b,"90"x,0,0,1,0', "check the quotation marks"),
 }

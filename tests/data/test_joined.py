@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tumblecal.data import PositionSet
-from tumblecal.data.joined import joined, runs_apart
+from tumblecal.data.joined import joined, with_separate_runs
 from tumblecal.data.joined_clocks import joined_clocks
 from tumblecal.ground.errors import InputError
 
@@ -52,14 +52,14 @@ def test_some_with_standard_deviations():
 
 def test_one_g_is_the_same_in_all():
     here, there = ({"gravity_ms2": value} for value in ("9.8123", "9.7803"))
-    with pytest.raises(InputError, match=r"one g is not the same .* 0\.csv 9\.8123, 10\.csv 9\.7803; .*--gravity"):
+    with pytest.raises(InputError, match=r"one g differs .* 0\.csv 9\.8123, 10\.csv 9\.7803; .*--gravity"):
         joined([part(0, comments=here), part(10, comments=there)])
     assert len(joined([part(0, comments=here), part(10, comments={})])) == 6
 
 
 def test_each_file_is_a_run_of_its_own_unless_it_says_so():
     def runs(*sets):
-        return joined(runs_apart(sets)).run
+        return joined(with_separate_runs(sets)).run
 
     first, second = part(0), part(10)
     assert runs(first, second) == ("0",) * 3 + ("10",) * 3
@@ -70,7 +70,7 @@ def test_each_file_is_a_run_of_its_own_unless_it_says_so():
     # A mounting of its own says as much.
     assert runs(first, replace(second, mount=("B",) * 3)) is None
     assert runs(first, replace(second, mount=("1",) * 3)) == ("0",) * 3 + ("10",) * 3
-    assert runs_apart([first]) == [first]
+    assert with_separate_runs([first]) == [first]
 
 
 TEN = np.array([0.0, 5.0, 10.0])
@@ -121,7 +121,7 @@ def test_files_by_two_clocks_and_what_is_not_a_pause():
     with pytest.raises(InputError, match=r"10\.csv has no column time_s"):
         joined_clocks([sets[0], part(10)], ["2 h"])
     damaged = replace(sets[1], comments={"time_zero": "yesterday"})
-    with pytest.raises(InputError, match=r"10\.csv: comment time_zero: 'yesterday' is no date and time"):
+    with pytest.raises(InputError, match=r"10\.csv: comment time_zero: 'yesterday' is not a date and time"):
         joined_clocks([sets[0], damaged])
     assert joined([sets[0], part(10)]).time_s is None
 

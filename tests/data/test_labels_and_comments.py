@@ -45,7 +45,7 @@ def test_labels_of_parquet(tmp_path):
 @pytest.mark.parametrize("name", ["run", "mount"])
 def test_an_empty_label_is_refused(tmp_path, name):
     (fault,) = faults(with_labels(tmp_path / "a.csv", name, "1", " ", "1"))
-    assert f"line 3, column {name}: the cell is empty; write the {name} in every row, or leave the whole" in fault
+    assert f"line 3, column {name}: the cell is empty; write the {name} in every row, or remove the whole" in fault
 
 
 def test_positions_have_names(tmp_path):
@@ -84,7 +84,9 @@ def test_the_lines_before_a_recording_s_header_may_be_padded(tmp_path):
 
 def test_contradictory_comments_are_refused(tmp_path):
     path = written(tmp_path / "a.csv", "# gravity_ms2: 9.80", HEADER, *ROWS, "# gravity_ms2: 9.83")
-    assert faults(path) == (f"{path}:line 6: comment gravity_ms2: '9.83', but line 1 says '9.80'; keep the right one",)
+    assert faults(path) == (
+        f"{path}:line 6: comment gravity_ms2: '9.83', but line 1 states '9.80'; keep the correct one",
+    )
     path = written(
         tmp_path / "b.csv", "# gravity_ms2: 9.80", "# note: a", HEADER, *ROWS, "# gravity_ms2: 9.8", "# note: b"
     )
@@ -96,14 +98,14 @@ def test_a_date_is_looked_at_before_anything_is_written(tumblecal, tmp_path):
     outcome = tumblecal("calibrate", path, "--out", tmp_path / "out")
     assert outcome.code == 2 and not (tmp_path / "out").exists()
     assert outcome.lines == [
-        f"tumblecal: {path}: comment measured_utc: '31.03.2026' is no date; write 2026-03-31 or 2026-03-31T10:30:00Z"
+        f"tumblecal: {path}: comment measured_utc: '31.03.2026' is not a date; write 2026-03-31 or 2026-03-31T10:30:00Z"
     ]
 
 
 @pytest.mark.parametrize("n", ["0", "-5", "0.5"])
 def test_a_mean_is_of_samples(tmp_path, n):
     (fault,) = faults(with_labels(tmp_path / "a.csv", "n", "1", "100", n))
-    assert "line 4, column n: a mean is of one sample at least" in fault
+    assert "line 4, column n: a mean has at least one sample" in fault
 
 
 def test_numpys_header_stands_behind_the_mark_of_a_comment(tmp_path):
@@ -115,7 +117,7 @@ def test_numpys_header_stands_behind_the_mark_of_a_comment(tmp_path):
 
 def test_rows_without_a_header(tmp_path):
     (fault,) = faults(written(tmp_path / "a.csv", "# p,alpha,beta,x,y,z", *ROWS))
-    assert "line 2: numbers stand where the names of the columns should; write them in the first line" in fault
+    assert "line 2: numbers instead of the names of the columns; write the names in the first line" in fault
 
 
 @pytest.mark.parametrize("first", ["sep=;", '"sep=;"', "SEP=;", "sep=;;;;;;"])
@@ -146,7 +148,7 @@ def test_no_row_is_lost_as_a_comment(tmp_path):
         with pytest.raises(InputError) as refused:
             read(path)
         (fault,) = refused.value.faults
-        assert "a.csv:line 3: begins with # as a comment does" in fault and "write '8' without the #" in fault
+        assert "a.csv:line 3: begins with # like a comment" in fault and "write '8' without the #" in fault
     assert len(read_positions(written(path, *rows[:2], *rows[3:]))) == 3
 
 
@@ -197,7 +199,7 @@ def test_what_people_write_for_numbers_is_told_how_to_be_written(tmp_path, colum
 @pytest.mark.parametrize("cell", ["-", "--", "n/a", "NA"])
 def test_a_missing_reading_is_called_so(tmp_path, cell):
     (fault,) = faults(written(tmp_path / "a.csv", HEADER, ROWS[0], f"b,90,0,0,1,{cell}", ROWS[2]))
-    assert f"line 3, column az_g: {cell!r} is a missing reading; measure the position again or drop the row" in fault
+    assert f"line 3, column az_g: {cell!r} is a missing reading; measure the position again or remove the row" in fault
 
 
 def test_empty_columns_without_a_name_are_none(tmp_path):
@@ -219,7 +221,7 @@ def test_empty_columns_without_a_name_are_none(tmp_path):
 )
 def test_a_title_above_the_header_is_told_once(tmp_path, above, line):
     (fault,) = faults(written(tmp_path / "a.csv", *above, HEADER, *ROWS * 10))
-    assert f"a.csv:line 1: '{above[0].rstrip(',')}' is no header: line {line} names the columns" in fault
+    assert f"a.csv:line 1: '{above[0].rstrip(',')}' is not a header: line {line} names the columns" in fault
     assert fault.endswith("put # before line 1")
     assert len(read_positions(written(tmp_path / "a.csv", "# " + above[0], *above[1:], HEADER, *ROWS))) == 3
 
@@ -259,7 +261,7 @@ def test_a_cell_in_quotation_marks_may_go_over_lines(tmp_path):
 
 def test_temperatures_below_absolute_zero_are_none(tmp_path):
     (fault,) = faults(with_labels(tmp_path / "a.csv", "temperature_degc", "20", "-300", "20"))
-    assert "line 3, column temperature_degc: -300 degC is below absolute zero; correct it or drop the row" in fault
+    assert "line 3, column temperature_degc: -300 degC is below absolute zero; correct it or remove the row" in fault
     with pytest.raises(InputError, match="line 3, column temperature_degc: -300 degC is below absolute zero"):
         read_raw(tmp_path / "a.csv").temperature_degc()
     assert read_raw(with_labels(tmp_path / "a.csv", "temperature_degc", "", "", "")).temperature_degc() is None

@@ -17,7 +17,7 @@ from tumblecal.data.calibration_extended import corrected
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"readings": np.zeros((24, 2))}, r"readings has the shape \(24, 2\); \(24, 3\) is wanted, for 24 names"),
+        ({"readings": np.zeros((24, 2))}, r"readings has the shape \(24, 2\); it must be \(24, 3\), for 24 names"),
         ({"readings": np.zeros((3, 24))}, r"readings has the shape \(3, 24\)"),
         ({"alpha_deg": np.zeros(20)}, r"alpha_deg has the shape \(20,\)"),
         ({"sd": np.full(24, 1e-4)}, r"sd has the shape \(24,\)"),
@@ -25,7 +25,7 @@ from tumblecal.data.calibration_extended import corrected
         ({"sd": np.zeros((24, 3))}, "sd must be above 0"),
         ({"readings": np.full((24, 3), np.nan)}, "readings has numbers that are not finite"),
         ({"temperature_degc": np.full(24, np.inf)}, "temperature_degc has numbers that are not finite"),
-        ({"run": ("1",) * 5}, "run has 5 labels; 24 are wanted"),
+        ({"run": ("1",) * 5}, "run has 5 labels; it must have 24"),
     ],
 )
 def test_columns_that_do_not_fit_are_named(table1, change, words):
@@ -51,6 +51,6 @@ def test_readings_and_temperatures_of_another_shape_are_named():
         with pytest.raises(InputError, match=r"readings have the shape \(4, 2\)"):
             unchecked(*given, np.ones((4, 2)), 25.0)
         with pytest.raises(
-            InputError, match=r"temperature_degc has the shape \(3,\); one number, or \(4,\), is wanted"
+            InputError, match=r"temperature_degc has the shape \(3,\); it must be one number, or \(4,\)"
         ):
             unchecked(*given, np.ones((4, 3)), np.ones(3))

@@ -65,7 +65,7 @@ def test_a_read_only_file_is_left_as_it_is_and_another_keeps_its_rights(tmp_path
     path.write_text("old")
     path.chmod(0o444)
     for refused in (lambda: write(path, "new"), lambda: writable_file(path)):
-        with pytest.raises(InputError, match=r"a\.json: is read-only and stays as it is; give another file"):
+        with pytest.raises(InputError, match=r"a\.json: is read-only, and was not changed; give a different file"):
             refused()
     assert path.read_text() == "old" and list(tmp_path.iterdir()) == [path]
     path.chmod(0o640)

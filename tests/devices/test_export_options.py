@@ -14,7 +14,7 @@ def test_one_g_is_the_calibration_s_where_it_says_so(tumblecal, tmp_path):
     """The bias was measured at that gravity: in m/s^2 it is the same wherever the device goes."""
     path, own = tmp_path / "calibration.json", unit()
     for its, option, words in (
-        (Gravity(G, "stated"), "9.79", "leave it out"),
+        (Gravity(G, "stated"), "9.79", "remove this option"),
         (STANDARD, "9.79", "calibrate again with --gravity"),
     ):
         write_calibration(path, replace(own, gravity=its))
@@ -58,4 +58,4 @@ def test_drift_terms_are_a_loss_not_a_fault(tumblecal, tmp_path):
         assert outcome.code == 2 and fault in outcome.lines[0]
     write_calibration(path, own)
     said = tumblecal("export", path, "--to", "csv", "--run-time", "8 h", "--out", tmp_path / "unit.csv").out
-    assert "--run-time 8 h: this calibration has no drift terms" in said
+    assert "--run-time 8 h: no effect, because this calibration has no drift terms" in said

@@ -38,7 +38,7 @@ def test_files_that_are_none_are_one_line(tmp_path, name):
     path.write_text("SM: [1e999, 0, 0, 0, 1, 0, 0, 0, 1]\nbias: [0, 0, 0]")
     with pytest.raises(InputError, match=r"not finite|cannot"):
         read_any(f"ros:{path}")
-    with pytest.raises(InputError, match="there are c-header"):
+    with pytest.raises(InputError, match="formats: c-header"):
         read_any(f"px5:{path}")
 
 
@@ -61,7 +61,7 @@ def test_an_offset_that_cannot_be_read_is_not_taken_for_none(tmp_path, name, lin
         with pytest.raises(InputError, match=rf"file: {key}: '{value}\d*' is not a number"):
             read_any(f"{name}:{path}", G)
     path.write_text(own.sub("", text))
-    with pytest.raises(InputError, match=rf"file: {key} is missing; the file must state it"):
+    with pytest.raises(InputError, match=rf"file: {key} is missing; add it to the file"):
         read_any(f"{name}:{path}", G)
 
 
@@ -72,7 +72,7 @@ def test_a_word_among_the_numbers_of_a_matrix_is_not_passed_over(tmp_path, name)
     for word in ("nan", "abc"):
         text = path.read_text()
         (tmp_path / "wrong").write_text(text.replace(key, f"{key}{word}, "))
-        with pytest.raises(InputError, match=f"'{word}' stands where a number is wanted"):
+        with pytest.raises(InputError, match=f"'{word}' in place of a number"):
             read_any(f"{name}:{tmp_path / 'wrong'}", G)
 
 

@@ -43,8 +43,8 @@ def test_which_uncertainties_were_used_is_said_and_they_are_the_budget_s(tumblec
 def test_compare_takes_the_budget_beside_a_calibration_and_says_so(tumblecal, tmp_path, folder):
     (tmp_path / "alone.json").write_text((folder / "calibration.json").read_text())
     outcome = tumblecal("compare", tmp_path / "alone.json", folder / "calibration.json")
-    assert "alone.json: its uncertainty is of the noise alone (type A)" in outcome.out
-    assert "calibration.json: its uncertainty is combined, of the noise and of budget.json in its folder" in outcome.out
+    assert "alone.json: its uncertainty includes only the noise (type A)" in outcome.out
+    assert "calibration.json: combined standard uncertainty of the noise and budget.json in its folder" in outcome.out
     u = json.loads((folder / "budget.json").read_text())["parameters"]["bias_y"]["u"]
     sd = read_calibration(folder / "calibration.json").sensor.of(SENSOR).sd[SENSOR.index("bias_y")]
     row = next(line.split() for line in outcome.out.splitlines() if line.startswith("bias_y"))

@@ -1,4 +1,4 @@
-"""Two calibrations compared: what moved, and what would have moved it."""
+"""Two calibrations compared: changes and their possible causes."""
 
 import re
 from dataclasses import replace
@@ -23,8 +23,8 @@ def test_compare_tells_reference_from_triad_from_mounting():
     far = 1e-3
     assert moved(np.zeros(12)) == set()
     assert {"sensor as a whole", "common scale"} <= moved([far] * 3 + [0] * 9)
-    assert "scales apart" not in moved([far] * 3 + [0] * 9)
-    assert {"sensor as a whole", "scales apart"} <= moved([far, -far] + [0] * 10)
+    assert "scale differences" not in moved([far] * 3 + [0] * 9)
+    assert {"sensor as a whole", "scale differences"} <= moved([far, -far] + [0] * 10)
     assert moved([0] * 9 + [far] * 3) == {"mount"}
     assert {"sensor as a whole", "biases"} == moved([0] * 3 + [far] * 3 + [0] * 6)
 
@@ -53,7 +53,7 @@ def test_compare_on_the_command_line(tumblecal, tmp_path):
     assert "is of unit A" in outcome.lines[0]
     tumblecal("export", tmp_path / "old.json", "--to", "ardupilot", "--out", tmp_path / "factory.parm")
     outcome = tumblecal("compare", f"ardupilot:{tmp_path / 'factory.parm'}", tmp_path / "new.json")
-    assert outcome.code == 0 and outcome.out.count("ardupilot has no cross terms: left out of table and tests") == 1
+    assert outcome.code == 0 and outcome.out.count("ardupilot has no cross terms: not in table and tests") == 1
     assert tumblecal("compare", f"px5:{tmp_path / 'x'}", tmp_path / "new.json").code == 2
 
 
@@ -74,7 +74,7 @@ def test_compare_leaves_out_what_a_format_does_not_carry(tumblecal, tmp_path, na
         tests = {"bias": "biases", "gamma": "non-orthogonality"}
         assert all((words in outcome.out) == (leaf != lacks) for leaf, words in tests.items())
         assert ("sensor as a whole" in outcome.out) == (lacks is None)
-        assert outcome.out.count("left out of table and tests") == (lacks is not None)
+        assert outcome.out.count("not in table and tests") == (lacks is not None)
 
 
 def test_another_gravity_is_told_by_what_it_moves(tumblecal, tmp_path, table1):
@@ -88,8 +88,6 @@ def test_another_gravity_is_told_by_what_it_moves(tumblecal, tmp_path, table1):
     for name, change in (("restated", -0.00102), ("elsewhere", 0.0)):
         files = [tmp_path / own / "calibration.json" for own in ("old", name)]
         said = " ".join(tumblecal("compare", *files).lines)
-        assert (
-            "if that is one place, its new value alone moves all scale factors of readings in m/s^2 by -0.001" in said
-        )
+        assert "If the site is the same, the new value changes all scale factors of readings in m/s^2 by -0.001" in said
         old, new = (read_calibration(file).sensor.of(["dK_x", "dK_y", "dK_z"]).values for file in files)
         np.testing.assert_allclose(new - old, change, atol=2e-6)

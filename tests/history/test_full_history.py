@@ -58,7 +58,7 @@ def test_results_that_cannot_be_added_are_there_and_the_line_says_how_to_add_the
     holding.execute("BEGIN IMMEDIATE")
     outcome = tumblecal("calibrate", data, "--no-figures", "--history", path, "--out", tmp_path / "c")
     holding.close()
-    assert outcome.code == 2 and len(outcome.lines) == 1 and "another process has been writing" in outcome.lines[0]
+    assert outcome.code == 2 and len(outcome.lines) == 1 and "locked by another process" in outcome.lines[0]
     assert (tmp_path / "c" / "calibration.json").is_file() and not listed(path)
     said = outcome.lines[0].rpartition("later: tumblecal ")[2].split()
     assert tumblecal(*said).code == 0 and [entry.serial for entry in listed(path)] == ["A-17"]

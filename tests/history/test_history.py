@@ -104,12 +104,12 @@ def test_a_file_without_a_serial_number_is_kept_and_warned_of(tumblecal, tmp_pat
     assert outcome.code == 0 and "without a serial number" in outcome.lines[0]
     assert len(listed(tmp_path / "lab.db")) == 1
     said = tumblecal("history", tmp_path / "lab.db").out
-    assert "\n1 result without a serial number (of no unit; " in said and "1 unit" not in said
+    assert "\n1 result without a serial number (no unit; " in said and "1 unit" not in said
     for entry in results(2):
         add(tmp_path / "lab.db", entry)
     add(tmp_path / "lab.db", replace(results(1)[0], serial="", source="other"))
     said = tumblecal("history", tmp_path / "lab.db").out
-    assert "\n2 results of 1 unit; 2 results without a serial number (of no unit; " in said
+    assert "\n2 results of 1 unit; 2 results without a serial number (no unit; " in said
 
 
 def test_the_parameters_of_a_calibration_file_are_those_of_its_matrix(tumblecal, tmp_path, table1_file):
@@ -300,8 +300,8 @@ def test_a_difference_beyond_what_is_allowed_says_whether_uncertainties_explain_
     [
         (b"not a database at all, but long enough to be one", "not a history"),
         (None, "no such history"),
-        ("other", "a database, but no history of tumblecal"),
-        ("newer", "another version of tumblecal"),
+        ("other", "a database, but not a history of tumblecal"),
+        ("newer", "a different version of tumblecal"),
     ],
 )
 def test_files_that_are_no_history_are_one_line(tumblecal, tmp_path, content, words):
@@ -326,20 +326,20 @@ def test_a_history_that_is_a_link_is_made_where_it_points(tumblecal, tmp_path, t
     assert (tmp_path / "link.db").is_symlink() and len(listed(tmp_path / "lab.db")) == 1
     os.mkfifo(tmp_path / "pipe")
     outcome = tumblecal(*command, tmp_path / "pipe")
-    assert outcome.code == 2 and "pipe: a pipe or a device; a history is a file" in outcome.lines[0]
+    assert outcome.code == 2 and "pipe: a pipe or a device; give a file" in outcome.lines[0]
 
 
 def test_mistakes_are_one_line(tumblecal, tmp_path):
     path = tmp_path / "lab.db"
     add(path, results(1)[0])
     for arguments, words in (
-        (["B-1"], "no unit B-1; there are A-17"),
+        (["B-1"], "no unit B-1; units: A-17"),
         (["A-17", "--limit", "bias"], "write NAME=SIZE"),
         (["A-17", "--limit", "bias=0 mg"], "must be above 0"),
         (["A-17", "--risk", "2"], "a probability"),
         (["--out", tmp_path], "the page is of one unit"),
         (["A-17", "--out", path], "cannot write to this folder (a file has that name)"),
-        (["A-17", "--files", "2", "--out", tmp_path / "f"], "--files 2: not of unit A-17, which has 1"),
+        (["A-17", "--files", "2", "--out", tmp_path / "f"], "--files 2: not a result of unit A-17; its results are 1"),
     ):
         outcome = tumblecal("history", path, *arguments)
         assert outcome.code == 2 and len(outcome.lines) == 1 and words in outcome.lines[0] and not outcome.out

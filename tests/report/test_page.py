@@ -27,7 +27,7 @@ def reproduced(folder, tumblecal) -> Path:
     """What the command writes; made once."""
     if not (folder / "study").exists():
         outcome = tumblecal("reproduce", "--out", folder / "study")
-        assert outcome.code == 0 and "What was found" in outcome.out
+        assert outcome.code == 0 and "Findings" in outcome.out
     return folder / "study"
 
 

@@ -120,7 +120,7 @@ def test_an_interrupted_study_says_that_the_same_command_goes_on(tumblecal, tmp_
     monkeypatch.setattr("tumblecal.studies.run.run", interrupted)
     outcome = tumblecal("study", "sweep", configs / "study_sweep.toml", "--out", tmp_path / "out")
     assert outcome.code == 130
-    kept = "the chunks that are done are kept; the same command goes on from there"
+    kept = "the finished chunks are stored; the same command continues from there"
     assert outcome.lines == [f"tumblecal: interrupted; {tmp_path / 'out'}: {kept}"]
 
 
@@ -128,4 +128,4 @@ def test_where_to_compute_is_said_once(tumblecal, tmp_path, configs):
     command = ("study", "sweep", configs / "study_sweep.toml", "--out", tmp_path / "out")
     assert tumblecal(*command, "--workers", 0).lines[0].startswith("tumblecal: --workers 0: at least 1")
     both = tumblecal(*command, "--workers", 2, "--scheduler", "tcp://127.0.0.1:1")
-    assert both.code == 2 and "both say where to compute; give one of them" in both.lines[0]
+    assert both.code == 2 and "contradict each other; give only one of them" in both.lines[0]

@@ -1,1 +1,1 @@
-"""Calibration certificates: what the laboratory states, the results, their conformity, and the DCC."""
+"""Calibration certificates: statements of the laboratory, results, conformity, and the DCC."""

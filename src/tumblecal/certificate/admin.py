@@ -1,4 +1,4 @@
-"""What a laboratory states on a certificate, and limits of a data sheet: TOML files."""
+"""Statements of a laboratory on a certificate, and limits of a data sheet: TOML files."""
 
 import re
 from datetime import date, timedelta
@@ -17,23 +17,23 @@ from tumblecal.ground.toml_faults import located
 from tumblecal.ground.units import quantity
 
 
-# How far clocks of laboratories are ahead of UTC and behind it, at most.
+# Largest time difference of a laboratory from UTC, ahead and behind.
 _ZONES = (timedelta(hours=14), timedelta(hours=12))
 
 
 def _text(text: str) -> str:
     if not text or text != text.strip():
-        raise ValueError("must be some words, without blanks before and behind")
+        raise ValueError("must be a text without leading and trailing blanks")
     return text
 
 
 def _country(text: str) -> str:
     if not re.fullmatch("[A-Z]{2}", text):
-        raise ValueError("must be the country's code of two capital letters, such as AT")
+        raise ValueError("must be the country code of two capital letters, such as AT")
     return text
 
 
-# Words that XML schemas take for a text.
+# A text that XML schemas accept.
 Text = Annotated[Line, AfterValidator(_text)]
 Country = Annotated[str, AfterValidator(_country)]
 
@@ -56,7 +56,7 @@ class Laboratory(Address):
 
 
 class Item(Strict):
-    """What was calibrated; its serial number where the data say none."""
+    """The calibrated item; with its serial number if the data do not state it."""
 
     name: Text
     manufacturer: Text | None = None
@@ -66,7 +66,7 @@ class Item(Strict):
 
 
 class Performance(Strict):
-    """When, where and how it was calibrated; how in our words where the laboratory says none."""
+    """Date, location and method of the calibration; without a stated method a standard text is used."""
 
     received: date | None = None
     begin: date
@@ -83,7 +83,7 @@ class Condition(Strict):
 
 
 class Equipment(Strict):
-    """Measuring equipment, and the certificate that makes it traceable."""
+    """Measuring equipment, and the certificate of its traceability."""
 
     name: Text
     serial_number: Text
@@ -91,14 +91,14 @@ class Equipment(Strict):
 
 
 class Person(Strict):
-    """Who authorises the certificate."""
+    """The person who authorises the certificate."""
 
     name: Text
     role: Text
 
 
 class Admin(Strict):
-    """All of it."""
+    """All statements of a laboratory."""
 
     schema_: Annotated[Literal["tumblecal.certificate/1"], Field(alias="schema")]
     id: Text
@@ -115,7 +115,7 @@ class Admin(Strict):
 
 
 class LimitsTable(Strict):
-    """Limits of the size of parameters, by leaf (all of its axes) or parameter."""
+    """Limits of the size of parameters, by leaf (all its axes) or by parameter."""
 
     schema_: Annotated[Literal["tumblecal.limits/1"], Field(alias="schema")]
     source: Text
@@ -123,17 +123,18 @@ class LimitsTable(Strict):
 
 
 def read_admin(path: Path) -> Admin:
-    """What the laboratory states.
+    """Read the statements of the laboratory.
 
-    **Raises:** `InputError` with every fault, its line and its dotted path; of dates that cannot follow each other as well.
+    **Raises:** `InputError` with all faults, lines and dotted paths; also for dates in a wrong order.
     """
     admin = checked(path, read_toml(path), Admin)
-    own = admin.performance
-    # In the order in which they must follow each other; each is compared with the one before that is stated.
-    dates = {"performance.received": own.received, "performance.begin": own.begin, "performance.end": own.end}
+    performance = admin.performance
+    # In the required order; each date is compared with the previous stated one.
+    dates = {f"performance.{name}": getattr(performance, name) for name in ("received", "begin", "end")}
     stated = [(key, day) for key, day in (dates | {"issued": admin.issued}).items() if day]
     faults = [
-        f"{path}: {key}: {day} is before {earlier} {before}; received, begin, end and issued must follow each other"
+        f"{path}: {key}: {day} is before {earlier} {before}; correct the dates, whose order must be received, begin, end, "
+        "issued"
         for (earlier, before), (key, day) in pairwise(stated)
         if day < before
     ]
@@ -143,15 +144,15 @@ def read_admin(path: Path) -> Admin:
 
 
 def measured_elsewhen(performance: Performance, calibration: Calibration, named: str) -> str:
-    """Words on data that state another date than begin to end; "" where they fit, or state none.
+    """Words on data with a date outside begin to end; "" if the date is inside, or if none is stated.
 
-    **Raises:** `InputError` that begins with `named` where they state what is no date.
+    **Raises:** `InputError`, with `named` first, for a text that is not a date.
     """
     stated = calibration.provenance.get(MEASURED)
     if stated is None:
         return ""
     instant = measured_at(str(stated), f"{named}: provenance.{MEASURED}")
-    # A time in UTC may be of the day before or after where the laboratory is.
+    # A time in UTC may be on the previous or next day at the laboratory.
     ahead, behind = (timedelta(0),) * 2 if len(str(stated)) <= len("2026-03-31") else _ZONES
     if (instant + ahead).date() >= performance.begin and (instant - behind).date() <= performance.end:
         return ""
@@ -159,10 +160,10 @@ def measured_elsewhen(performance: Performance, calibration: Calibration, named:
 
 
 def read_limits(path: Path) -> tuple[str, dict[str, float]]:
-    """Where the limits are from, and the largest size of each of the sensor's parameters that has one, base units: its own,
-    else that of its leaf, in whatever order they stand.
+    """Source of the limits, and the limit of the size of each sensor parameter that has one, base units: that of the
+    parameter, otherwise that of its leaf, in any order.
 
-    **Raises:** `InputError` with every fault and its dotted path.
+    **Raises:** `InputError` with all faults and their dotted paths.
     """
     table, faults = checked(path, read_toml(path), LimitsTable), []
     of_leaves, single = dict[str, float](), dict[str, float]()
@@ -170,7 +171,7 @@ def read_limits(path: Path) -> tuple[str, dict[str, float]]:
         names = [name for name in SENSOR if key in (name, leaf_of(name))]
         if not names:
             faults.append(
-                f"{path}: limits.{key}: no parameter of the sensor; there are dK, bias, gamma, {', '.join(SENSOR)}"
+                f"{path}: limits.{key}: no parameter of the sensor; parameters: dK, bias, gamma, {', '.join(SENSOR)}"
             )
             continue
         try:

@@ -1,4 +1,4 @@
-"""A Digital Calibration Certificate: PTB's DCC XML with D-SI quantities and the full covariance."""
+"""A Digital Calibration Certificate: DCC XML of PTB with D-SI quantities and the full covariance."""
 
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
@@ -10,18 +10,18 @@ from scipy.special import gammaincinv
 
 from tumblecal import __version__
 from tumblecal.certificate.admin import Address, Admin
-from tumblecal.certificate.holds_at import holds_at
 from tumblecal.certificate.results import RULE, SCOPE, Results, method_words, serial_number
 from tumblecal.certificate.term_words import term_words
+from tumblecal.certificate.validity import validity_words
 from tumblecal.data.sensor_parameters import GROUPS, leaf_of
 from tumblecal.ground.gravity import STANDARD
 
 
-# The version of the schema, in this one place.
+# Version of the schema.
 DCC_VERSION = "3.2.1"
 _DCC, _SI = "https://ptb.de/dcc", "https://ptb.de/si"
 _LANGUAGE = "en"
-# D-SI units of the base units here; g is turned into m/s^2.
+# D-SI units of the base units; g is converted to m/s^2.
 _UNITS = {"1": r"\one", "rad": r"\radian", "g": r"\metre\second\tothe{-2}"}
 ElementTree.register_namespace("dcc", _DCC)
 ElementTree.register_namespace("si", _SI)
@@ -32,7 +32,7 @@ def dcc_text(admin: Admin, results: Results, limits_source: str) -> str:
 
     **Arguments:**
 
-    - `limits_source`: where the limits are from, for the statement of conformity.
+    - `limits_source`: source of the limits, for the statement of conformity.
     """
     root = Element(f"{{{_DCC}}}digitalCalibrationCertificate", schemaVersion=DCC_VERSION)
     _administrative(_dcc(root, "administrativeData"), admin, results, limits_source)
@@ -56,7 +56,7 @@ def _element(parent: Element, space: str, name: str, text: str | date | None, at
 
 
 def _text(parent: Element, name: str, text: str) -> None:
-    """A text in the certificate's language."""
+    """A text in the language of the certificate."""
     _dcc(_dcc(parent, name), "content", text, lang=_LANGUAGE)
 
 
@@ -122,17 +122,17 @@ def _contact(parent: Element, address: Address) -> None:
 
 
 def _statements(parent: Element, admin: Admin, results: Results, limits_source: str) -> None:
-    said = [("judgement", results.reservation)] if results.reservation else []
-    said += [("scope", SCOPE), ("traceability", admin.traceability), ("uncertainty", results.uncertainty_words)]
-    for name, text in [*said, *(("remark", remark) for remark in admin.remarks)]:
+    statements = [("judgement", results.reservation)] if results.reservation else []
+    statements += [("scope", SCOPE), ("traceability", admin.traceability), ("uncertainty", results.uncertainty_words)]
+    for name, text in [*statements, *(("remark", remark) for remark in admin.remarks)]:
         statement = _dcc(parent, "statement")
         _text(statement, "name", name)
         _text(statement, "declaration", text)
     if results.conformity:
         statement = _dcc(parent, "statement")
         _text(statement, "name", "conformity")
-        held = holds_at(results.calibration, judged=True)
-        _text(statement, "declaration", f"{RULE}. Limits: {limits_source}{held and f'. {held}'}")
+        validity = validity_words(results.calibration, judged=True)
+        _text(statement, "declaration", f"{RULE}. Limits: {limits_source}{validity and f'. {validity}'}")
         _dcc(statement, "conformity", results.conformity)
 
 
@@ -143,16 +143,16 @@ def _measurement(parent: Element, admin: Admin, results: Results) -> None:
     _text(method, "name", method_words(admin, results))
     if admin.equipment:
         listed = _dcc(parent, "measuringEquipments")
-        for own in admin.equipment:
+        for instrument in admin.equipment:
             equipment = _dcc(listed, "measuringEquipment")
-            _text(equipment, "name", f"{own.name} ({own.certificate})")
-            _identification(equipment, own.serial_number)
+            _text(equipment, "name", f"{instrument.name} ({instrument.certificate})")
+            _identification(equipment, instrument.serial_number)
     conditions = _dcc(parent, "influenceConditions")
     gravity = results.calibration.gravity or STANDARD
-    own = [("one g", str(gravity))]
-    if held := holds_at(results.calibration, judged=results.conformity is not None):
-        own.append(("where the values hold", held))
-    for name, value in (*((c.name, c.value) for c in admin.conditions), *own):
+    computed = [("one g", str(gravity))]
+    if validity := validity_words(results.calibration, judged=results.conformity is not None):
+        computed.append(("validity of the values", validity))
+    for name, value in (*((c.name, c.value) for c in admin.conditions), *computed):
         condition = _dcc(conditions, "influenceCondition")
         _text(condition, "name", name)
         _text(_dcc(condition, "data"), "text", value)
@@ -161,48 +161,48 @@ def _measurement(parent: Element, admin: Admin, results: Results) -> None:
     terms = "".join(f"; in addition in {words}" for words in term_words(results.calibration))
     _text(result, "description", f"A = diag(1 + dK) T f + bias, T = [1 0 0; gamma_21 1 0; gamma_31 gamma_32 1]{terms}")
     quantity = _dcc(_dcc(result, "data"), "quantity")
-    _text(quantity, "name", ", ".join(own.name for own in results.results))
+    _text(quantity, "name", ", ".join(result.name for result in results.results))
     _list(_si(_si(quantity, "list"), "realList"), results, gravity.value_ms2)
     _metadata(quantity, results)
 
 
 def _metadata(quantity: Element, results: Results) -> None:
-    """The conformity of each parameter that has a limit."""
-    limited = [own for own in results.results if own.conformity]
+    """The conformity of each parameter with a limit."""
+    limited = [result for result in results.results if result.conformity]
     if limited:
         listed = _dcc(quantity, "measurementMetaData")
-        for own in limited:
+        for result in limited:
             data = _dcc(listed, "metaData")
-            _text(data, "name", own.name)
-            _text(data, "declaration", f"limit {own.limit:.6g} {GROUPS[leaf_of(own.name)][1]}")
-            _dcc(data, "conformity", own.conformity or "")
+            _text(data, "name", result.name)
+            _text(data, "declaration", f"limit {result.limit:.6g} {GROUPS[leaf_of(result.name)][1]}")
+            _dcc(data, "conformity", result.conformity or "")
 
 
 def _list(parent: Element, results: Results, gravity_ms2: float) -> None:
-    factors = np.array([gravity_ms2 if own.unit == "g" else 1.0 for own in results.results])
-    units = [_UNITS[own.unit] for own in results.results]
-    for own, factor, unit in zip(results.results, factors, units, strict=True):
+    factors = np.array([gravity_ms2 if result.unit == "g" else 1.0 for result in results.results])
+    units = [_UNITS[result.unit] for result in results.results]
+    for result, factor, unit in zip(results.results, factors, units, strict=True):
         real = _si(parent, "real")
-        _si(real, "label", own.name)
-        _si(real, "value", repr(own.value * float(factor)))
+        _si(real, "label", result.name)
+        _si(real, "value", repr(result.value * float(factor)))
         _si(real, "unit", unit)
         expanded = _si(real, "expandedUnc")
-        _si(expanded, "uncertainty", repr(own.expanded * float(factor)))
-        _si(expanded, "coverageFactor", f"{max(own.k, 1.0):.4f}")
+        _si(expanded, "uncertainty", repr(result.expanded * float(factor)))
+        _si(expanded, "coverageFactor", f"{max(result.k, 1.0):.4f}")
         _si(expanded, "coverageProbability", f"{results.level:.6f}")
     region = _si(parent, "ellipsoidalRegion")
     _covariance(_si(region, "covarianceMatrix"), results.covariance * np.outer(factors, factors), units)
-    # Radius of the ellipsoid that holds this share of a normal distribution: chi-square of as many degrees of freedom.
+    # Radius of the ellipsoid with this coverage probability for a normal distribution: chi-square with len(units) dof.
     radius = float(np.sqrt(2 * gammaincinv(len(units) / 2, results.level)))
     _si(region, "coverageFactor", f"{radius:.4f}")
     _si(region, "coverageProbability", f"{results.level:.6f}")
 
 
 def _covariance(parent: Element, covariance: np.ndarray, units: Sequence[str]) -> None:
-    for column, own in enumerate(units):
+    for column, unit in enumerate(units):
         listed = _si(parent, "column")
         for row, other in enumerate(units):
             entry = _si(listed, "covariance")
             _si(entry, "value", repr(float(covariance[row, column])))
-            both = [unit for unit in (other, own) if unit != r"\one"]
+            both = [name for name in (other, unit) if name != r"\one"]
             _si(entry, "unit", "".join(both) or r"\one")

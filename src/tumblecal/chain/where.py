@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from tumblecal.ground.angle_settings import setting_angle, setting_index
-from tumblecal.ground.clocks import times_going_on
+from tumblecal.ground.clocks import continued_times
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.showing import brief
 
@@ -127,7 +127,7 @@ class Where:
         if all(before[1] <= after[0] for before, after in pairwise(spans)):
             return time
         going_on = np.empty_like(time)
-        going_on[np.argsort(run, kind="stable")] = times_going_on([time[rows] for rows in runs])
+        going_on[np.argsort(run, kind="stable")] = continued_times([time[rows] for rows in runs])
         return going_on
 
 

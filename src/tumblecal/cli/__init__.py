@@ -1,6 +1,6 @@
-"""The command line: one file a command, no physics."""
+"""The command line: one file for each command, no physics."""
 
-# Nothing is imported here, so that Ctrl-C finds its handler as early as a program can have one.
+# No imports here, so that the handler of Ctrl-C is installed as early as possible.
 
 
 def main() -> None:
@@ -13,13 +13,13 @@ def main() -> None:
     import sys
 
     if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="backslashreplace")  # names of files are bytes, and not always text
+        sys.stdout.reconfigure(errors="backslashreplace")  # names of files are bytes, not always text
     try:
         from tumblecal.cli.commands import run
 
         all_interrupts_kept()
         code = run()
-    except KeyboardInterrupt:  # at the edge of the command: nothing is half done
+    except KeyboardInterrupt:  # before or after the command: no work is incomplete
         code = 130
     finally:
         leave_when_asked()
@@ -27,6 +27,6 @@ def main() -> None:
         end_by(code - 128)
     finished()
     if code == 130 and "jax" in sys.modules:
-        # A computation interrupted inside JAX can crash the interpreter while it is taken down: all is written, leave.
+        # After an interrupted JAX computation the interpreter can crash at exit. All output is written.
         os._exit(code)
     sys.exit(code)

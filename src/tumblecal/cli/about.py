@@ -1,4 +1,4 @@
-"""`tumblecal --version -v`: what a report of a fault needs."""
+"""`tumblecal --version -v`: versions for a fault report."""
 
 import platform
 import sys
@@ -11,7 +11,7 @@ PACKAGES = ("jax", "jaxlib", "equinox", "optimistix", "lineax", "numpy", "scipy"
 
 
 def about() -> None:
-    """Print the versions of the program, of Python and of the packages that it stands on, and the platform."""
+    """Print the versions of the program, of Python and of the packages that it uses, and the platform."""
     print(f"tumblecal {__version__}")
     print(f"Python {platform.python_version()} ({sys.implementation.name}), {platform.platform()}")
     for package in PACKAGES:

@@ -24,35 +24,35 @@ def apply(
     use_anyway: Annotated[bool, Parameter(negative=())] = False,
     quiet: Quiet = False,
 ) -> None:
-    """Correct raw readings by a calibration file: f = matrix (A - bias), and its nonlinear, thermal and drift terms if any.
+    """Correct raw readings by a calibration file: f = matrix (A - bias), with its nonlinear, thermal and drift terms if any.
 
-    Files of any size are worked through a piece at a time. Rows beyond what was calibrated, saturated, or that look like
-    another unit are counted and said. Where a device is used under another gravity, --gravity says which: columns in g are
-    then written in g of there; without it, one g stays that of the calibration.
+    Files of any size are processed in pieces. The number of rows beyond the calibrated range, saturated rows and rows that
+    look like a different unit is reported. If a device is used under a different gravity, give that value to --gravity:
+    columns in g are then expressed in g of that site. By default one g is that of the calibration.
 
     Parameters
     ----------
     calibration
-        The calibration.json that calibrate or diagnose wrote.
+        The calibration.json of calibrate or diagnose.
     raw
-        The readings: a table with columns ax_g, ay_g, az_g (or _mg, _ms2, or those that --columns names). All else in it is
-        kept; text stays as it was, byte for byte. Of other recordings, as tumblecal import reads them, the samples are
-        written, corrected. Rows without a reading (erased memory, torn lines) are left out and listed in the corrected file;
-        other damage is reported. Readings in m/s^2 are divided by the gravity that the calibration states (else by their own
-        `# gravity_ms2`).
+        Readings: a table with columns ax_g, ay_g, az_g (or _mg, _ms2, or those of --columns). All other text and columns are
+        copied unchanged, byte for byte. For other recordings that tumblecal import reads, the corrected samples are written.
+        Rows without a reading (erased memory, incomplete lines) are omitted and listed in the corrected file; other damage
+        is reported. Readings in m/s^2 are divided by the gravity of the calibration; if it states none, by their
+        `# gravity_ms2`.
     out
-        The file to write, .csv or .parquet; by default RAW with _corrected added to its name.
+        Corrected file (.csv or .parquet). Default: RAW with _corrected added to its name. Example: --out corrected.csv.
     other_unit
-        Correct the readings although their serial number is another than the calibration's.
+        Correction of readings whose serial number differs from that of the calibration. Default: an error.
     use_anyway
-        Apply a calibration whose own judgement is that it must not be used (`use: no`).
+        Use of a calibration with the judgement `use: no`. Default: an error.
     """
     from tumblecal.capture.correction import Correction, write_corrected
     from tumblecal.capture.uncorrected import uncorrected
     from tumblecal.data.calibration import read_calibration
     from tumblecal.data.calibration_terms import undetermined_words
     from tumblecal.data.not_applied import losses_words
-    from tumblecal.data.overwriting import inputs_kept
+    from tumblecal.data.overwriting import protect_inputs
     from tumblecal.data.sensor_parameters import SENSOR
     from tumblecal.ground.atomic import writable_file
     from tumblecal.ground.errors import InputError
@@ -63,15 +63,15 @@ def apply(
     read = read_calibration(calibration)
     read.use.require(calibration, anyway=use_anyway)
     correction = Correction(read, calibration, local, other_unit)
-    its_gravity = correction.calibration.gravity
-    if local is not None and its_gravity is None:
+    calibrated_gravity = correction.calibration.gravity
+    if local is not None and calibrated_gravity is None:
         raise InputError(
-            f"{calibration}: does not say which gravity its g is, so --gravity {options.gravity} cannot be told from it; "
-            "calibrate again with --gravity"
+            f"{calibration}: no gravity is stated, so readings cannot be converted to --gravity {options.gravity}; calibrate "
+            "again with --gravity"
         )
     source = uncorrected(raw, replace(options, gravity=""), correction.calibration)
     out = out or source.out_beside(raw)
-    inputs_kept([raw, calibration], out=out)
+    protect_inputs([raw, calibration], out=out)
     if out.suffix not in (".csv", ".parquet", source.out_beside(raw).suffix) and not out.is_dir():
         raise InputError(f"{out}: must end in .csv or .parquet")
     writable_file(out)
@@ -79,16 +79,16 @@ def apply(
         checks, one_g = write_corrected(out, source, correction)
     for words in checks.words():
         print(f"WARNING: {raw}: {words}", file=sys.stderr)
-    if left := correction.calibration.sensor.of(SENSOR).undetermined_words:
-        print(f"WARNING: {calibration}: the data did not determine {left}", file=sys.stderr)
+    if undetermined := correction.calibration.sensor.of(SENSOR).undetermined_words:
+        print(f"WARNING: {calibration}: the data did not determine {undetermined}", file=sys.stderr)
     warn(raw, source.damage.lines)
     print(f"use of {calibration}: {read.use.words}")
     for line in recording_words(source.contents, kept=source.schema is not None) if source.contents else ():
         print(line)
     if one_g is not None:
-        print(f"one g is {one_g}{', as in the calibration' if its_gravity else ''}")
+        print(f"one g is {one_g}{', as in the calibration' if calibrated_gravity else ''}")
     elif local is not None:
-        print(f"one g of the corrected columns is {local}; the calibration's is {its_gravity}")
+        print(f"one g of the corrected columns is {local}; the calibration's is {calibrated_gravity}")
     if words := undetermined_words(correction.calibration.terms):
         print(words)
     for words in losses_words(correction.calibration.not_applied):

@@ -1,4 +1,4 @@
-"""`tumblecal budget`: the uncertainty of a calibration with all that is not exactly known."""
+"""`tumblecal budget`: the uncertainty budget of a calibration, type A (noise) and type B (inputs)."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,16 +23,17 @@ if TYPE_CHECKING:
 @Parameter(name="*")
 @dataclass(frozen=True)
 class BudgetOptions:
-    """What is computed.
+    """Expanded uncertainties and their check.
 
     Parameters
     ----------
     level
-        Probability of the expanded uncertainties.
+        Coverage probability of the expanded uncertainties. Example: --level 0.99.
     monte_carlo
-        Check the budget by so many trials (JCGM 101): noise and inputs drawn, fitted again.
+        Number of Monte Carlo trials (JCGM 101) to check the budget: noise and inputs are drawn, the model is fitted again.
+        Default: 0, no check. Example: --monte-carlo 10000.
     seed
-        Seed of the trials.
+        Seed of the trials. Example: --seed 1.
     """
 
     level: float = 0.95
@@ -42,7 +43,7 @@ class BudgetOptions:
     def check(self) -> None:
         """Check the numbers.
 
-        **Raises:** `InputError` for one out of range.
+        **Raises:** `InputError` for a number out of range.
         """
         if not 0.5 <= self.level < 1:
             raise InputError(f"--level {self.level:g}: a probability from 0.5 to below 1")
@@ -65,19 +66,19 @@ def budget(
     out: Path = Path("budget"),
     output: Output = Output(),
 ) -> int:
-    """Expanded uncertainties of a calibration: its noise, and all that is not fitted but not exactly known.
+    """Compute the uncertainty budget of a calibration: noise (type A) and inputs that are not fitted (type B).
 
     Parameters
     ----------
     data
-        A position file; or a rig (.toml), for the budget of its plan before anything is measured.
+        Position file; or a rig (.toml), for the budget of its plan before a measurement.
     considered
-        What is considered (docs/budget.md); else the rig's own table of that name.
+        File of inputs (docs/budget.md). Default: the table `considered` of the rig.
     diagnosis
-        Folder of tumblecal diagnose for the same data, or its calibration.json: its covariance (noise, other explanations,
-        undetected effects) replaces that of the noise.
+        Folder of tumblecal diagnose for the same data, or its calibration.json. Its covariance (noise, other explanations,
+        undetected effects) replaces that of the noise. Default: none. Example: --diagnosis diagnosis.
     out
-        Folder for budget.json, budget.svg and budget.html.
+        Output folder: budget.json, budget.svg and budget.html. Example: --out budget17.
     """
     from tumblecal.cli.start import start
 
@@ -86,20 +87,22 @@ def budget(
     start()
     from tumblecal.budget.budget import budget_of
     from tumblecal.cli.model_options import StatedModel
-    from tumblecal.data.overwriting import inputs_kept
+    from tumblecal.data.overwriting import protect_inputs
     from tumblecal.ground.atomic import output_folders
     from tumblecal.ground.result_set import result_set
     from tumblecal.report.budget_report import budget_text, write_budget
 
     planned = data.suffix == ".toml"
     if planned and options.rig is not None and options.rig != data:
-        raise InputError(f"{data}: is a rig itself; give it alone, or a position file with --rig")
+        raise InputError(f"{data}: a rig file; give it without --rig, or give a position file with --rig")
     if diagnosis is not None and (planned or budget_options.monte_carlo):
         other = "a plan that is not measured" if planned else "--monte-carlo, which draws noise and inputs only"
-        raise InputError(f"--diagnosis does not go with {other}; leave one of them out")
+        raise InputError(f"--diagnosis cannot be combined with {other}; remove one of them")
     model = StatedModel.of(_with_rig(options, data) if planned else options)
     inputs, file = _inputs(model, considered)
-    inputs_kept([data, considered, diagnosis, options.rig, options.head, *options.effects], folders=[out], names=_SET)
+    protect_inputs(
+        [data, considered, diagnosis, options.rig, options.head, *options.effects], folders=[out], names=_SET
+    )
     with output.working(f"fitting {data}"):
         fit, notes = (_planned(model), []) if planned else _measured(model, data)
     output.say("\n".join(notes))
@@ -114,7 +117,7 @@ def budget(
         notes += [*more, f"use: {use.words}"]
     elif not planned:
         notes.append(
-            f"Undetected effects are not included; to include them, run {suggested('diagnose', data)} and give its folder to "
+            f"Undetected effects are not included. To include them, run {suggested('diagnose', data)} and give its folder to "
             "--diagnosis"
         )
         output.say(notes[-1])
@@ -132,7 +135,7 @@ def budget(
 
 
 def _of_diagnosis(made: "Budget", diagnosis: Path, model: "StatedModel", file: str) -> "tuple[Budget, list[str], Use]":
-    """The budget with the covariance of a diagnosis, words on that, and whether its calibration may be used."""
+    """The budget with the covariance of a diagnosis, notes on it, and the use of its calibration."""
     from tumblecal.budget.of_diagnosis import of_diagnosis, require_same_data
     from tumblecal.data.calibration import read_calibration
     from tumblecal.data.not_applied import losses_words
@@ -141,8 +144,8 @@ def _of_diagnosis(made: "Budget", diagnosis: Path, model: "StatedModel", file: s
     path = diagnosis / "calibration.json" if diagnosis.is_dir() else diagnosis
     calibration = read_calibration(path)
     require_same_data(path, calibration, source_of(made.fit.data)["sha256"], made.fit.data.serial_number)
-    made, said = of_diagnosis(made, path, calibration, model.entries, file)
-    return made, [*said, *losses_words(calibration.not_applied)], calibration.use
+    made, notes = of_diagnosis(made, path, calibration, model.entries, file)
+    return made, [*notes, *losses_words(calibration.not_applied)], calibration.use
 
 
 def _with_rig(options: ModelOptions, rig: Path) -> ModelOptions:
@@ -154,7 +157,7 @@ def _with_rig(options: ModelOptions, rig: Path) -> ModelOptions:
 def _inputs(model: "StatedModel", considered: Path | None) -> "tuple[dict[str, Considered], str]":
     """The inputs, and the file that states them.
 
-    **Raises:** `InputError` where there are none.
+    **Raises:** `InputError` if there are none.
     """
     from tumblecal.budget.budget_file import read_considered
 
@@ -162,13 +165,13 @@ def _inputs(model: "StatedModel", considered: Path | None) -> "tuple[dict[str, C
         return dict(read_considered(considered)), str(considered)
     if model.rig is None or not model.rig.considered:
         raise InputError(
-            "nothing is considered: give a file of inputs after the data, or a rig with [considered.NAME] tables"
+            "no inputs to consider: give a file of inputs after the data, or a rig with [considered.NAME] tables"
         )
     return dict(model.rig.considered), model.rig.source
 
 
 def _measured(model: "StatedModel", data: Path) -> "tuple[Fit, list[str]]":
-    """The fit of a position file as `calibrate` makes it, and what is said of it there: its noise is the budget's type A."""
+    """The fit of a position file as in `calibrate`, with its warnings; its noise is the type A part of the budget."""
     from tumblecal.estimation.methods import Calibrated, exact_fit
     from tumblecal.estimation.plausibility import implausible
     from tumblecal.report.calibration_judgements import warning_words
@@ -183,9 +186,9 @@ def _measured(model: "StatedModel", data: Path) -> "tuple[Fit, list[str]]":
 
 
 def _planned(model: "StatedModel") -> "Fit":
-    """The plan of a rig at its true values, as if it had been measured without an error.
+    """The fit of a plan at the true values of its rig, without measurement errors.
 
-    **Raises:** `InputError` where the noise is not stated.
+    **Raises:** `InputError` if the noise is not stated.
     """
     from dataclasses import replace
 

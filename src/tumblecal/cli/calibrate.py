@@ -32,25 +32,24 @@ def calibrate(
     results: ResultOptions = ResultOptions(),
     output: Output = Output(),
 ) -> int:
-    """Calibrate position files by all methods, exact and linear.
+    """Calibrate position files by the exact method and all linear methods.
 
     Exit code: 0; 2 for input that is rejected; 3 if a calibration must not be used (`use: no`), with all files written.
 
     Parameters
     ----------
     data
-        Position files, .csv or .parquet. Several files are calibrated one by one, each into its own subfolder; one that
-        cannot be stops none of the others.
+        Position files (.csv or .parquet). Several files are a batch: each has a subfolder, and a faulty file is skipped.
     out
-        Folder for result.json, calibration.json, the figures and calibration.html, which holds all of it; summary.csv where
-        there are several files. One with results of diagnose is refused.
+        Output folder: result.json, calibration.json, figures, calibration.html (all results) and, for a batch, summary.csv.
+        A folder with results of diagnose is rejected. Example: --out unit17.
     """
     from tumblecal.cli.start import start
 
     output.begin()
     start()
     from tumblecal.cli.model_options import StatedModel
-    from tumblecal.data.overwriting import CALIBRATION, inputs_kept, others_kept
+    from tumblecal.data.overwriting import CALIBRATION, protect_inputs, protect_other_results
     from tumblecal.ground.atomic import output_folders
     from tumblecal.ground.result_set import remove_results
     from tumblecal.report.calibration_judgements import use_of
@@ -58,8 +57,8 @@ def calibrate(
     model, single = StatedModel.of(options), len(data) == 1
     folders = subfolders(data, out)
     given = [*data, options.rig, options.head, *options.effects]
-    inputs_kept([*given, results.history], folders=[*folders, out], names=(*_SET, _SUMMARY))
-    others_kept(CALIBRATION, [*folders, out])
+    protect_inputs([*given, results.history], folders=[*folders, out], names=(*_SET, _SUMMARY))
+    protect_other_results(CALIBRATION, [*folders, out])
     results.ready()
     sets = model.read_each(data, together=single)
     usable, faults, rows = True, list[str](), list[dict]()
@@ -72,9 +71,9 @@ def calibrate(
             else:
                 usable &= not use_of(calibrated).refused
                 if not single:
-                    remove_results(out, (_SUMMARY,))  # it is of the results as they are before the first is replaced
-                said = model.of_head(calibrated.exact.problem)
-                _told(output, folder, calibrated, results, said=said, whole=single)
+                    remove_results(out, (_SUMMARY,))  # it describes the results before the first one is replaced
+                head_record = model.of_head(calibrated.exact.problem)
+                _report(output, folder, calibrated, results, head_record=head_record, single=single)
             if not single:
                 rows.append(_row(file, calibrated))
                 output.say(f"{number} of {len(data)}  {file}: {rows[-1]['judgement']}{_lacking(calibrated)}")
@@ -91,7 +90,7 @@ def calibrate(
 def _calibrated(
     model: "StatedModel", positions: "PositionSet | InputError", *, alone: bool
 ) -> "Calibrated | InputError":
-    """All methods' fits, or why there are none where it is one of several files.
+    """The fits of all methods; for a file of a batch that cannot be calibrated, its fault.
 
     **Raises:** `InputError` for a single file that cannot be calibrated.
     """
@@ -111,14 +110,14 @@ def _calibrated(
 
 
 def _row(file: Path, calibrated: "Calibrated | InputError") -> dict:
-    """The line of the summary; polars is loaded for several files alone."""
+    """The row of the summary; polars is imported for a batch only."""
     from tumblecal.report.calibration_summary import summary_row
 
     return summary_row(file, calibrated)
 
 
 def _lacking(calibrated: "Calibrated | InputError") -> str:
-    """What the calibration of one of several files lacks, behind its judgement."""
+    """Effects and parameters that the calibration of a batch file does not include; printed after its judgement."""
     from tumblecal.report.sensor_terms import lacking_of_fit
 
     if isinstance(calibrated, InputError):
@@ -126,21 +125,21 @@ def _lacking(calibrated: "Calibrated | InputError") -> str:
     return "".join(f" ({words})" for words in lacking_of_fit(calibrated.exact, calibrated.entries, of_sensor=True))
 
 
-def _told(
-    output: Output, folder: Path, calibrated: "Calibrated", results: ResultOptions, *, said: dict, whole: bool
+def _report(
+    output: Output, folder: Path, calibrated: "Calibrated", results: ResultOptions, *, head_record: dict, single: bool
 ) -> None:
-    """Write the results of one file (`said`: more of its provenance), and print them: the whole table of a single one."""
+    """Write the results of one file, with the record of the head in its provenance; print the table of a single file."""
     from tumblecal.ground.result_set import result_set
     from tumblecal.report.calibration_judgements import warning_words
     from tumblecal.report.result_file import write_calibrated
 
     with result_set(folder, _SET) as aside:
-        written = write_calibrated(aside, calibrated, said)
-        if whole if results.figures is None else results.figures:
+        written = write_calibrated(aside, calibrated, head_record)
+        if single if results.figures is None else results.figures:
             with output.working("drawing"):
                 written += _drawn(aside, calibrated)
     results.in_history(folder, "calibration", calibrated.exact.data.serial_number)
-    if output.words and whole:
+    if output.words and single:
         from tumblecal.report.terminal import print_calibration
 
         print_calibration(calibrated)

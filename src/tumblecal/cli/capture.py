@@ -1,4 +1,4 @@
-"""`tumblecal capture`: the guided run."""
+"""`tumblecal capture`: the guided measurement."""
 
 import contextlib
 import sys
@@ -17,27 +17,28 @@ if TYPE_CHECKING:
     from tumblecal.capture.run_folder import RunFolder
 
 
-_END = "{folder}: all {total} positions are recorded; now: {reduce}"
+_END = "{folder}: all {total} positions are recorded; next: {reduce}"
 _LONGEST_WAIT_S = 86400.0
 
 
 @Parameter(name="*")
 @dataclass(frozen=True)
-class Sitting:
-    """How the operator goes through the run.
+class OperatorOptions:
+    """Dialogue with the operator.
 
     Parameters
     ----------
     wait
-        Seconds to wait for a port that is not there yet.
+        Seconds to wait for a port that is not available yet. Example: --wait 60.
     estimate
-        Show the parameters with their sd as positions come in.
+        Display of the parameters and their standard uncertainties after each position. Example: --no-estimate.
     plain
-        Print lines instead of redrawing the screen.
+        Printed lines instead of a redrawn screen. Example: --plain.
     yes
-        On resuming, take it that the instrument is still mounted as it was.
+        With --resume: confirmation that the instrument has not been remounted. Example: --resume run1 --yes.
     trust_instrument
-        Go on with an instrument that does not state its serial number, without a comparison at a finished position.
+        With --resume: no comparison at a finished position for an instrument without a serial number. Example:
+        --resume run1 --trust-instrument.
     """
 
     wait: float = 30.0
@@ -47,10 +48,10 @@ class Sitting:
     trust_instrument: bool = False
 
     def still_mounted(self) -> bool:
-        """Whether the operator says so."""
+        """Whether the operator confirms that the instrument was not remounted."""
         if self.yes:
             return True
-        answer = input("Is the instrument still mounted, and was it not taken off the fixture? [y/n] ")
+        answer = input("Is the instrument still in its fixture, without a remount? [y/n] ")
         return answer.strip().lower().startswith("y")
 
 
@@ -61,48 +62,50 @@ def capture(
     out: Path | None = None,
     resume: Path | None = None,
     port: str | None = None,
-    sitting: Sitting = Sitting(),
+    operator: OperatorOptions = OperatorOptions(),
 ) -> None:
-    """Walk through a plan of positions with the instrument on the dividing head, and record every byte.
+    """Record the positions of a plan with the instrument on the dividing head, including every received byte.
 
-    The screen says where to turn the head; recording begins by itself when the head is there and still. Stop at any
-    time (q, Ctrl-C, power cut) and go on with --resume. Then: tumblecal reduce DIR.
+    The screen shows the angles to set; recording starts when the head is at rest at these angles. Stop at any time (q,
+    Ctrl-C, power cut) and continue with --resume. Next: tumblecal reduce DIR.
 
     Parameters
     ----------
     plan
-        The plan, a TOML file such as configs/capture_demo.toml.
+        Plan file (TOML), such as configs/capture_demo.toml.
     out
-        Folder for the capture; made if it is not there.
+        Folder of the capture; created if missing. Example: --out run1.
     resume
-        Folder of a capture that was stopped: go on with it (no plan is given then).
+        Folder of an interrupted capture, to continue it; given without a plan. Example: --resume run1.
     port
-        The serial port, in place of the plan's.
+        Serial port. Default: the port of the plan. Example: --port /dev/ttyUSB0.
     """
     from tumblecal.capture.session import capture as run
     from tumblecal.capture.stop_signals import Stopped
     from tumblecal.cli.interrupts import end_by
 
-    if not 0 <= sitting.wait <= _LONGEST_WAIT_S:
-        raise InputError(f"--wait {sitting.wait:g}: seconds, from 0 to {_LONGEST_WAIT_S:g}")
+    if not 0 <= operator.wait <= _LONGEST_WAIT_S:
+        raise InputError(f"--wait {operator.wait:g}: seconds, from 0 to {_LONGEST_WAIT_S:g}")
     stopped_by = None
-    with _held(plan, out, resume, port) as held:
-        if resume is not None and len(held.standing.accepted) == len(held.plan.steps):
+    with _run_folder(plan, out, resume, port) as run_folder:
+        if resume is not None and len(run_folder.standing.accepted) == len(run_folder.plan.steps):
             print(
-                _END.format(folder=resume, total=len(held.plan.steps), reduce=suggested("reduce", resume, less=EVERY))
+                _END.format(
+                    folder=resume, total=len(run_folder.plan.steps), reduce=suggested("reduce", resume, less=EVERY)
+                )
             )
             return
-        live = _live_estimate(held.plan) if sitting.estimate else None
+        live = _live_estimate(run_folder.plan) if operator.estimate else None
         try:
-            how = {"plain": sitting.plain, "wait_s": sitting.wait, "trust": sitting.trust_instrument}
-            run(held, estimate=live, confirm=sitting.still_mounted, **how)
+            how = {"plain": operator.plain, "wait_s": operator.wait, "trust": operator.trust_instrument}
+            run(run_folder, estimate=live, confirm=operator.still_mounted, **how)
         except Stopped as stop:
             stopped_by = stop.number
-    folder, done, total = held.folder, len(held.standing.accepted), len(held.plan.steps)
+    folder, done, total = run_folder.folder, len(run_folder.standing.accepted), len(run_folder.plan.steps)
     with contextlib.suppress(OSError):  # the terminal may be gone
         if done < total:
             resumed = suggested("capture", "--resume", folder)
-            print(f"{folder}: stopped with {done} of {total} positions; go on with: {resumed}")
+            print(f"{folder}: stopped with {done} of {total} positions; continue with: {resumed}")
         else:
             print(_END.format(folder=folder, total=total, reduce=suggested("reduce", folder, less=EVERY)))
         sys.stdout.flush()
@@ -110,32 +113,32 @@ def capture(
         end_by(stopped_by)
 
 
-def _held(plan: Path | None, out: Path | None, resume: Path | None, port: str | None) -> "RunFolder":
-    """The folder of the run, begun or taken up again.
+def _run_folder(plan: Path | None, out: Path | None, resume: Path | None, port: str | None) -> "RunFolder":
+    """The folder of the run, new or resumed.
 
-    **Raises:** `InputError` for options that do not go together, or a folder that cannot be held.
+    **Raises:** `InputError` for options that contradict each other, or a folder that another process uses.
     """
     from tumblecal.capture.run_folder import begin
-    from tumblecal.capture.run_folder import resume as take_up
+    from tumblecal.capture.run_folder import resume as resume_run
 
     if (plan is None) == (resume is None):
-        raise InputError("capture: give either a plan and --out DIR, or --resume DIR")
+        raise InputError("capture: give either a plan with --out DIR, or --resume DIR")
     if resume is not None:
         if out is not None:
-            raise InputError("capture: --out does not go with --resume; the folder is the one being resumed")
-        held = take_up(resume, port)
-        warn(resume, held.damage)
-        if (done := len(held.standing.accepted)) < (total := len(held.plan.steps)):
+            raise InputError("capture: --out contradicts --resume, which continues in its folder; remove --out")
+        resumed = resume_run(resume, port)
+        warn(resume, resumed.damage)
+        if (done := len(resumed.standing.accepted)) < (total := len(resumed.plan.steps)):
             print(f"{resume}: {done} of {total} positions done")
-        return held
+        return resumed
     assert plan is not None
     if out is None:
-        raise InputError("capture: give a folder for the data with --out DIR")
+        raise InputError("capture: no folder for the data; add --out DIR")
     return begin(plan, out, port)
 
 
 def _live_estimate(plan):
-    """The iterated Kalman filter over the exact chain; its imports wait until the first position is accepted."""
+    """The iterated Kalman filter over the exact chain; its modules are imported at the first accepted position."""
     state: dict = {}
 
     def estimate(rows):
@@ -168,8 +171,8 @@ def _problem(plan):
     return problem_of(data, default_chain(data))
 
 
-# What is known of every parameter before the first position (1, g, rad), and the least sd of a reading that the
-# nominal model deserves while effects are still unknown.
+# Prior standard deviation of each parameter (1, g, rad), and the smallest standard deviation of a reading: the nominal
+# model has unknown effects.
 _PRIOR_SD, _LEAST_SD_G = 0.005, 1e-4
 _SHOWN = {"1": (1e3, "1e-3"), "g": (1e3, "mg"), "rad": (1e3, "mrad")}
 
@@ -188,7 +191,7 @@ def _filtered(problem, plan, rows):
     table = []
     for name, unit, value, sd in zip(problem.chain.names, problem.chain.units, running.mean, deviations, strict=True):
         if sd > _PRIOR_SD / 2:
-            continue  # nothing has been learned about it yet
+            continue  # not determined yet
         factor, shown = _SHOWN.get(unit, (1.0, unit))
         table.append((name, float(value) * factor, float(sd) * factor, shown))
     return table

@@ -1,4 +1,4 @@
-"""All commands by their names, and how one of them is run and ends."""
+"""All commands by name; the start and the exit code of a command."""
 
 import os
 import signal
@@ -18,47 +18,47 @@ from tumblecal.ground.plain_text import first_control
 app = App(
     name="tumblecal",
     version=__version__,
-    help="Calibrate accelerometer triads on a dividing head, and find what the model gets wrong.",
+    help="Calibrate accelerometer triads on a dividing head, and find the errors of the model.",
     result_action="return_value",
     suppress_keyboard_interrupt=False,
 )
-# A command is named here with its help line, so that --help loads none of them.
+# Help lines are here, so that --help imports no command.
 COMMANDS = {
-    "reproduce": "The paper's whole study, from no other input: figures, tables, audit.",
-    "calibrate": "Calibrate position files by all methods.",
-    "diagnose": "Show what the model gets wrong, name the cause, extend the model, measure the gain.",
+    "reproduce": "Reproduce the study of the paper without further input: figures, tables, audit.",
+    "calibrate": "Calibrate position files by the exact method and all linear methods.",
+    "diagnose": "Find the errors of the model and their causes, extend the model, measure the improvement.",
     "apply": "Correct raw data by a calibration file.",
-    "export": "Write a calibration as devices and other programs take it, and say what they cannot carry.",
-    "budget": "Uncertainty budget: expanded uncertainties with all that is not exactly known.",
+    "export": "Write a calibration for a device or another program, and report losses of its format.",
+    "budget": "Compute an uncertainty budget: noise (type A) with stated input uncertainties (type B).",
     "certificate": "Write a calibration certificate: a page to print and a DCC (XML).",
-    "history": "List the results of all units; repeatability, drift and control charts of one.",
-    "compare": "Say what moved between two calibrations.",
+    "history": "List the results of all units, or evaluate one: repeatability, drift, control charts.",
+    "compare": "Compare two calibrations of a unit.",
     "example": "Write an example file (rig, plan or study), or list all examples.",
     "simulate": "Simulate position means of a rig.",
-    "effects": "List the effects that diagnose knows, or explain one.",
-    "study": "Simulation studies: convergence, linearization, coverage, sweep, power.",
-    "capture": "Measure a plan, position by position, from a serial port.",
-    "reduce": "Reduce a captured run, a recording of any format, or a table of samples, to position means.",
-    "import": "Say what is in a recording of any format, and write its samples as a table.",
+    "effects": "List the catalogue of effects, or explain one effect.",
+    "study": "Run simulation studies: convergence, linearization, coverage, sweep, power.",
+    "capture": "Record the positions of a plan from a serial port.",
+    "reduce": "Reduce a captured run, a recording of any format or a table of samples to position means.",
+    "import": "Describe a recording of any format, and write its samples as a table.",
     "decode": "Decode a log of serial bytes.",
-    "sniff": "Guess the protocol that a port or a file of bytes speaks.",
+    "sniff": "Identify the protocol of a serial port or a file of bytes.",
     "ports": "List the serial ports.",
-    "emulate": "A virtual instrument on a pseudo-terminal.",
+    "emulate": "Emulate an instrument on a pseudo-terminal.",
 }
-# A command whose name is a word of Python.
+# A command whose name is a keyword of Python.
 _FILES = {"import": "import_samples"}
 for _name, _help in COMMANDS.items():
     _file = _FILES.get(_name, _name)
     app.command(f"tumblecal.cli.{_file}:{_file}", name=_name, help=_help)
 app.command("tumblecal.cli.about:about", name="about", show=False)
-app.register_install_completion_command(help="Install the completion of commands and options for your shell.")
+app.register_install_completion_command(help="Install shell completion of commands and options.")
 
 
 def run() -> int:
     """Run the command line.
 
-    **Returns:** the exit code: 0, 1 (a fit failed), 2 (input that cannot be used), or 128 and the number of the signal that
-    ended it (130 for Ctrl-C).
+    **Returns:** the exit code: 0, 1 (a fit failed), 2 (rejected input), 3 (a calibration must not be used), or 128 plus the
+    number of the signal that ended it (130 for Ctrl-C).
     """
     try:
         words = _words(sys.argv[1:])
@@ -74,7 +74,7 @@ def run() -> int:
 
 @contextmanager
 def _printed_to(words: list[str]) -> Iterator[None]:
-    """Where a command prints: with --quiet nowhere. Warnings and errors go to stderr."""
+    """Discard stdout with --quiet. Warnings and errors go to stderr."""
     if not {"-q", "--quiet"} & {*words} or {"-h", "--help"} & {*words}:
         yield
         return
@@ -83,9 +83,9 @@ def _printed_to(words: list[str]) -> Iterator[None]:
 
 
 def _failed(error: Exception) -> int:
-    """Say in a line a fault why a command failed; returns its exit code.
+    """Print one line for each fault; returns the exit code.
 
-    **Raises:** the error, where it is the program's own.
+    **Raises:** the error, if it is an error of the program.
     """
     if isinstance(error, CycloptsError):
         faults = [_usage(error)]
@@ -100,22 +100,22 @@ def _failed(error: Exception) -> int:
         faults = [fault]
     else:
         raise error
-    # Its notes are what was guessed before: the fault may follow from it.
+    # The notes list earlier guesses, from which the fault may follow.
     for line in (*getattr(error, "__notes__", ()), *faults):
         print(f"tumblecal: {one_line(line)}", file=sys.stderr)
     return 2
 
 
 def _words(arguments: list[str]) -> list[str]:
-    """`help`, `help COMMAND` and `--version -v` as they are meant.
+    """The words of the command line, with `help`, `help COMMAND` and `--version -v` translated.
 
-    **Raises:** `InputError` for control characters: the names of files and of units are shown and written down.
+    **Raises:** `InputError` for control characters, because names of files and units are printed and stored.
     """
-    # Names of files are bytes, and may be no text.
+    # Names of files are bytes, not always text.
     texts = [word.encode("utf-8", "replace").decode() for word in arguments]
     refused = [word for word in texts if first_control(word) is not None or "\n" in word or "\r" in word]
     if refused:
-        raise InputError([f"{word}: has control characters; give it, or the file, another name" for word in refused])
+        raise InputError([f"{word}: has control characters; rename it, or the file" for word in refused])
     if arguments[:1] == ["help"]:
         return [*arguments[1:], "--help"]
     if arguments[:1] == ["--version"] and {*arguments[1:]} & {"-v", "--verbose"}:
@@ -124,14 +124,14 @@ def _words(arguments: list[str]) -> list[str]:
 
 
 def _usage(error: CycloptsError) -> str:
-    """A mistake in the command line in one line, and where help is."""
-    said = " ".join(str(error).split())
-    said = said if said.endswith("...") else said.removesuffix(".")
-    asked = " ".join(error.command_chain or ())
+    """One line for a fault of the command line, with its help command."""
+    fault = " ".join(str(error).split())
+    fault = fault if fault.endswith("...") else fault.removesuffix(".")
+    command = " ".join(error.command_chain or ())
     negative = next((word for word in sys.argv[1:] if word[:1] == "-" and word[1:2].isdigit()), None)
-    if negative and "requires an argument" in said:
-        said += f" (a value that begins with - is written --option={negative})"
-    return f"{said}; see tumblecal {asked + ' ' if asked else ''}--help"
+    if negative and "requires an argument" in fault:
+        fault += f" (a value that begins with - is written --option={negative})"
+    return f"{fault}; see tumblecal {command + ' ' if command else ''}--help"
 
 
 def _interrupted(words: str = "") -> int:
@@ -141,9 +141,9 @@ def _interrupted(words: str = "") -> int:
 
 
 def _refused_by_system(error: OSError) -> str:
-    """The line for a disk, a file or a terminal that fails where no command expected it."""
+    """The line for an unexpected failure of a disk, a file or a terminal."""
     with suppress(OSError):
-        # A failed print would be tried, and reported, once more at the end of the process.
+        # Otherwise the failed print is repeated, and reported, at the end of the process.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     what = error.filename or "output"
     return one_line(f"{what}: {error.strerror or error}")

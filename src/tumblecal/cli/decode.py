@@ -1,4 +1,4 @@
-"""`tumblecal decode`: a byte log made elsewhere, to samples."""
+"""`tumblecal decode`: samples of a log of bytes."""
 
 import sys
 from pathlib import Path
@@ -25,31 +25,31 @@ def decode(
     stated: Annotated[Stated, Parameter(name="*")] = Stated(),
     quiet: Quiet = False,
 ) -> None:
-    """Decode a file of bytes as they came from the port (or the raw log of a capture) and say what is in it.
+    """Decode a file of bytes received from a port (or the raw log of a capture), and describe its contents.
 
     Parameters
     ----------
     file
-        The bytes.
+        File of bytes.
     protocol
-        Name of the protocol; guessed where left out.
+        Name of the protocol. Default: guessed. Example: --protocol vectornav.
     out
-        Write the samples to this file, .csv or .parquet.
+        Table of samples to write (.csv or .parquet). Default: none. Example: --out samples.csv.
     """
     from rich.console import Console
     from rich.progress import Progress
 
     from tumblecal.capture.byte_file import decode_file
-    from tumblecal.data.overwriting import inputs_kept
+    from tumblecal.data.overwriting import protect_inputs
 
-    inputs_kept([file], out=out)
+    protect_inputs([file], out=out)
 
     with Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
         task = bar.add_task(f"decoding {file.name}", total=file.stat().st_size if file.is_file() else None)
         contents = decode_file(
             file, protocol, out=out, stated=stated, progress=lambda size: bar.update(task, completed=size)
         )
-    _tell(file, contents)
+    _describe(file, contents)
     refused = next((event.content["text"] for event in contents.events if event.kind == "refused"), None)
     if not contents.samples and refused is not None:
         raise InputError(f"{file}: {refused}")
@@ -59,8 +59,8 @@ def decode(
         print(f"{out}: {counted(contents.samples, 'sample')}")
 
 
-def _tell(file: Path, contents: "FileContents") -> None:
-    """Say what is in a file."""
+def _describe(file: Path, contents: "FileContents") -> None:
+    """Print the contents of a file."""
     counts = contents.counts
     print(f"{file}: {contents.protocol.title} (--protocol {contents.protocol.name})")
     print(
@@ -75,6 +75,6 @@ def _tell(file: Path, contents: "FileContents") -> None:
     if contents.losses():
         print(contents.losses())
     if not contents.protocol.checked and counts.frames and not counts.check_failures:
-        print("the lines may carry no check: a lost character then makes a plausible wrong number")
+        print("the lines may have no checksum: a lost character can then give a plausible, wrong number")
     if contents.samples:
         print(contents.statistics())

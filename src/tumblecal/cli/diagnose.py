@@ -20,46 +20,50 @@ if TYPE_CHECKING:
     from tumblecal.data import PositionSet
 
 
-# Said of joined files without a column mount, where something was found.
+# Printed for joined files without a column mount, if something was found.
 _ONE_MOUNTING = (
-    "The files count as one mounting: if the triad was taken out of its fixture between them, say so in a column mount "
+    "Assumed: one mounting for all files. If the triad was removed from its fixture between them, add a column mount "
     "(such as A and B)."
 )
 
-# What is in the folders of results, of one file or several.
+# Files in the output folders of one file or a batch.
 _WRITTEN = (*DIAGNOSIS_SET, *UNITS_SET, SUMMARY)
 
 
 @Parameter(name="*")
 @dataclass(frozen=True)
 class InputOptions:
-    """How the files are taken.
+    """Relation of the files to each other, and to raw samples.
 
     Parameters
     ----------
     samples
-        The raw samples that the means were made of: the folder of tumblecal capture, or a table (.csv, .parquet) with
-        columns position, ax_g, ay_g, az_g, time_s. Their noise, slow parts included, then weighs the positions. With
-        --join the table holds the samples of all files.
+        Raw samples of the position means: folder of tumblecal capture, or table (.csv, .parquet) with columns position,
+        ax_g, ay_g, az_g, time_s. Their noise, including its slow part, weights the positions. With --join: one table for
+        all files. Default: none. Example: --samples run1.
     join
-        Take the files as parts of one measurement. Each that has no column run is a run of its own, so pitch settings need
-        not come back to within the noise from file to file.
+        Files joined into one measurement. Each file without a column run is a separate run, so a pitch setting may differ
+        between files by more than the noise. Example: diagnose day1.csv day2.csv --join.
     same_run
-        With --join: files without a column run are one run, such as the first positions and those that were proposed next.
+        With --join: one run for all files without a column run, for example the first positions and the proposed ones.
+        Example: --join --same-run.
     pause
-        With --join: the time from the last position of a file to the first of the next, such as '2 h', given once for all
-        files or once for each later file; `unknown`, or `none` where the times of all files count by one clock. By default
-        the files decide: by their comments time_zero, or where time_s goes on; otherwise the pause is unknown.
+        With --join: time from the last position of a file to the first of the next, once for all files or once for each
+        later file; `unknown`; or `none` if one clock runs through all files. Default: from the comments time_zero, or
+        from time_s if it continues; otherwise unknown. Example: --pause '2 h'.
     units
-        The files are of units (triads) measured on one head: tell errors of the head, which all of them share, from
-        those of each sensor. Writes head.toml, the head's measured errors, for --head.
+        Files of different units (triads), measured on one dividing head: separates errors of the head from those of each
+        sensor, and writes head.toml for --head. Example: diagnose A1.csv A2.csv --units.
     holdout
-        Data kept out of the fit when the gain is measured: run=3, mount=B or position=1-4.
+        Data held out of the fit to measure the improvement: a run, a mounting or positions. Default: each run, or
+        each position, in turn. Example: --holdout run=3.
     workers
-        Processes that share several files; by default one for every 40 files, at most one a core.
+        Number of worker processes for a batch. Default: one for every 40 files, at most one for each core. Example:
+        --workers 2.
     max_rows
-        Positions that are taken one by one, by default 400. Of more, repeats are averaged; what cannot be averaged is
-        refused above 1000 with what it would cost, and done where this allows it.
+        Largest number of positions used without averaging. If there are more, repeats are averaged; more than 1000 after
+        averaging are rejected with an estimate of the cost, unless this option allows them. Default: 400. Example:
+        --max-rows 2000.
     """
 
     samples: Path | None = None
@@ -79,18 +83,20 @@ class InputOptions:
         if self.workers is not None and self.workers < 1:
             raise InputError(f"--workers {self.workers}: at least 1")
         if self.same_run and not self.join:
-            raise InputError("--same-run says of joined files that they are one run; give --join as well")
+            raise InputError("--same-run applies to joined files only; add --join")
         if self.pause and not self.join:
-            raise InputError("--pause is the time between files that are joined; give --join as well")
+            raise InputError("--pause is the time between joined files; add --join")
         if self.units and self.join:
-            raise InputError("--units takes every file as another triad, --join all of them as one; give one of them")
+            raise InputError(
+                "--units treats each file as a different triad, --join treats all as one; give only one of these options"
+            )
         if self.max_rows is not None and self.max_rows < 3:
             raise InputError(f"--max-rows {self.max_rows}: at least 3")
 
-    def kept_out(self) -> tuple[str, str] | None:
-        """Column and value of the data that are held out.
+    def held_out(self) -> tuple[str, str] | None:
+        """Column and value of the held-out data; None if not given.
 
-        **Raises:** `InputError` for a text that is not these two.
+        **Raises:** `InputError` for a text that is not COLUMN=VALUE.
         """
         if self.holdout is None:
             return None
@@ -100,17 +106,18 @@ class InputOptions:
         return column.strip(), value.strip()
 
     def raw(self, data: Sequence[Path], noise_sd: str | None) -> "PositionSamples | None":
-        """The raw samples, where given.
+        """The raw samples; None if not given.
 
-        **Raises:** `InputError` when they cannot be those of the data, or the noise is stated a second time.
+        **Raises:** `InputError` if they cannot be samples of the data, or if the noise is also stated.
         """
         if self.samples is None:
             return None
         if noise_sd is not None:
-            raise InputError("--samples and --noise-sd both say how large the noise is; give one of them")
+            raise InputError("--samples and --noise-sd both state the noise; give only one of these options")
         if len(data) > 1 and not self.join:
             raise InputError(
-                f"--samples {self.samples}: belongs to one file of positions, but {len(data)} are given; run them apart"
+                f"--samples {self.samples}: samples of one position file, but {len(data)} files are given; diagnose each file "
+                "separately"
             )
         from tumblecal.capture.position_samples import read_position_samples
 
@@ -128,16 +135,16 @@ def diagnose(
     results: ResultOptions = ResultOptions(),
     output: Output = Output(),
 ) -> int:
-    """Find what the model gets wrong in measured positions, and why.
+    """Find the errors of the model in measured positions, and their causes.
 
     Parameters
     ----------
     data
-        Position files, .csv or .parquet. Several files are diagnosed one by one, each into its own subfolder.
+        Position files (.csv or .parquet). Several files are a batch: each is diagnosed separately, in a subfolder.
     out
-        Folder for diagnosis.json, verdict.txt, calibration.json of the extended model, plans of the next positions, the
-        figures and diagnosis.html, which holds all of it; summary.csv where there are several files. One with results of
-        calibrate is refused.
+        Output folder: diagnosis.json, verdict.txt, calibration.json of the extended model, plans of the next positions,
+        figures, diagnosis.html (all results) and, for a batch, summary.csv. A folder with results of calibrate is rejected.
+        Example: --out unit17.
     """
     from tumblecal.cli.start import start
     from tumblecal.studies.threads import use_one_thread
@@ -145,30 +152,30 @@ def diagnose(
     output.begin()
     use_one_thread()
     start()
-    from tumblecal.data.joined import joined, runs_apart
+    from tumblecal.data.joined import joined, with_separate_runs
     from tumblecal.data.joined_clocks import joined_clocks
-    from tumblecal.data.overwriting import DIAGNOSIS, inputs_kept, others_kept
+    from tumblecal.data.overwriting import DIAGNOSIS, protect_inputs, protect_other_results
     from tumblecal.estimation.mountings import with_distinct_mounts
     from tumblecal.ground.atomic import output_folders
 
     inputs.check()
     if inputs.units and model.head is not None:
-        raise InputError("--units measures the head anew, --head says what is known of it; give one of them")
+        raise InputError("--units measures the errors of the head, --head states them; give only one of these options")
     if inputs.units and len(data) < 2:
-        raise InputError("--units: give the files of at least two units; one tells nothing of what they share")
-    kept_out, allowed, raw = inputs.kept_out(), following.allowed(), inputs.raw(data, model.noise_sd)
+        raise InputError("--units: only one file; give the files of at least two units to find their common errors")
+    held_out, allowed, raw = inputs.held_out(), following.allowed(), inputs.raw(data, model.noise_sd)
     single = inputs.join or len(data) == 1
-    batch = Batch(model, kept_out, raw, allowed, single, results, inputs.max_rows, output)
+    batch = Batch(model, held_out, raw, allowed, single, results, inputs.max_rows, output)
     batch.ready()
     folders = subfolders(data[:1] if inputs.join else data, out)
-    read_or_kept = [*data, model.rig, model.head, inputs.samples, *model.effects, results.history]
-    inputs_kept(read_or_kept, folders=[*folders, out], names=_WRITTEN)
-    others_kept(DIAGNOSIS, [*folders, out])
+    protected = [*data, model.rig, model.head, inputs.samples, *model.effects, results.history]
+    protect_inputs(protected, folders=[*folders, out], names=_WRITTEN)
+    protect_other_results(DIAGNOSIS, [*folders, out])
     read = batch.read(data, together=single or inputs.units)
     if inputs.join:
         parts = [part for part in read if not isinstance(part, InputError)]
         parts = parts if model.rig else with_distinct_mounts(parts)
-        parts = parts if inputs.same_run else runs_apart(parts)
+        parts = parts if inputs.same_run else with_separate_runs(parts)
         clocks = joined_clocks(parts, inputs.pause)
         whole = joined(parts, clocks)
         output.say("\n".join(filter(None, [_runs_in_words(parts, whole), *(clocks.words if clocks else ())])))
@@ -189,15 +196,15 @@ def diagnose(
 
 
 def _runs_in_words(parts: Sequence["PositionSet"], whole: "PositionSet") -> str:
-    """How joined files are told apart; empty where a mounting each tells it."""
+    """The runs of joined files; empty if each file has its own mounting."""
     if len(parts) < 2 or (whole.run is None and whole.mount is not None):
         return ""
     if whole.run is None:
-        return f"The {len(parts)} files count as one run."
+        return f"Assumed: one run for all {len(parts)} files."
     runs = list(dict.fromkeys(whole.run))
-    own = len(runs) == len(parts) and all(len(set(part.run or ())) == 1 for part in parts)
-    whose = "each file a run of its own (--same-run takes them as one)" if own else "as their columns run say"
-    return f"Runs: {', '.join(runs)}: {whose}."
+    run_of_each_file = len(runs) == len(parts) and all(len(set(part.run or ())) == 1 for part in parts)
+    source = "one for each file (--same-run joins them)" if run_of_each_file else "from the columns run"
+    return f"Runs: {', '.join(runs)}: {source}."
 
 
 def _diagnosed(
@@ -208,33 +215,33 @@ def _diagnosed(
     workers: int | None,
     summary: Path,
 ) -> list[str]:
-    """Diagnose the files, say what comes out as it comes, and write the summary of several; returns the faults."""
+    """Diagnose the files, print each result when it is ready, and write the summary of a batch; returns the faults."""
     from tumblecal.ground.result_set import remove_results
     from tumblecal.report.diagnosis_summary import write_summary
 
     faults: list[str] = []
     rows: list[dict] = []
-    said = batch.output
+    output = batch.output
     try:
         processes = processes_for(len(read)) if workers is None else workers
         if not batch.single:
-            remove_results(summary.parent, (SUMMARY,))  # it is of the results as they are before the first is replaced
+            remove_results(summary.parent, (SUMMARY,))  # it describes the results before the first one is replaced
         outcomes = batch.run(files, folders, read, processes)
         for number, folder in enumerate(folders, start=1):
-            with said.working(
+            with output.working(
                 f"diagnosing {files[number - 1]}{f' ({number} of {len(files)})' if len(files) > 1 else ''}"
             ):
                 row, refused, text = next(outcomes)
             rows.append(row)
             faults += refused
             if text:
-                said.say(text if batch.single else f"{number} of {len(files)}  {text}")
+                output.say(text if batch.single else f"{number} of {len(files)}  {text}")
             if not refused:
-                said.record(folder / "diagnosis.json")
+                output.record(folder / "diagnosis.json")
     finally:
-        # An interrupted batch leaves the lines of what was finished.
+        # The summary of an interrupted batch has the rows of the finished files.
         if not batch.single:
             write_summary(summary, rows)
     if not batch.single:
-        said.say(f"written: {summary.parent}/: {summary.name}, a folder for each file")
+        output.say(f"written: {summary.parent}/: {summary.name}, a folder for each file")
     return faults

@@ -1,4 +1,4 @@
-"""The files of one call of `tumblecal diagnose`: one after the other, or shared by processes."""
+"""The files of one call of `tumblecal diagnose`, in this process or in worker processes."""
 
 import os
 import signal
@@ -35,7 +35,7 @@ DIAGNOSIS_SET = (
 
 @dataclass
 class Batch:
-    """What is the same for all files of one call; goes to the worker processes. `note` is said where something is found."""
+    """Options common to all files of one call; sent to the worker processes. `note`: printed if something is found."""
 
     options: "ModelOptions"
     holdout: tuple[str, str] | None
@@ -48,7 +48,7 @@ class Batch:
     note: str = ""
 
     def ready(self) -> None:
-        """Read the options' files and make what all files share.
+        """Read the files of the options and prepare the diagnosis of all files.
 
         **Raises:** `InputError` for options that cannot be used.
         """
@@ -69,11 +69,11 @@ class Batch:
         return self._model.usual
 
     def read(self, files: Sequence[Path], *, together: bool) -> "list[PositionSet | InputError]":
-        """As `StatedModel.read_each`, of whatever size the readings are."""
+        """As `StatedModel.read_each`, without a check of the size of the readings."""
         return self._model.read_each(files, together=together, check_size=False)
 
     def __getstate__(self) -> dict:
-        """Without what each process makes for itself."""
+        """Without the attributes that each process prepares."""
         return {key: value for key, value in vars(self).items() if not key.startswith("_")}
 
     def run(
@@ -84,8 +84,8 @@ class Batch:
         workers: int,
         heads: "Sequence[MeasuredHead | None] | None" = None,
     ) -> Iterator[tuple[dict, list[str], str]]:
-        """The line of the summary, faults and words of each file, in order, as they come; `heads`: what is known of the
-        head of each, where that differs from file to file."""
+        """Summary row, faults and words of each file, in order, when each is ready; `heads`: measured errors of the head for
+        each file, if they differ."""
         heads = [self._model.head] * len(read) if heads is None else heads
         if workers == 1 or len(read) == 1:
             yield from map(self.diagnosed, files, folders, read, heads)
@@ -97,7 +97,7 @@ class Batch:
             pool.shutdown(cancel_futures=True)
 
     def screened(self, positions: "PositionSet") -> "Screened":
-        """One file screened, nothing written.
+        """The screen of one file; nothing is written.
 
         **Raises:** `InputError` for positions that cannot be diagnosed.
         """
@@ -109,9 +109,9 @@ class Batch:
         return begun.screened
 
     def _options(self, positions: "PositionSet", head: "MeasuredHead | None") -> dict:
-        """Positions in bounds, and the model stated for them, as a diagnosis takes it.
+        """Averaged positions and their stated model, as keyword arguments of a diagnosis.
 
-        **Raises:** `InputError` for more positions than are taken.
+        **Raises:** `InputError` for more positions than allowed.
         """
         from tumblecal.data.repeats import in_bounds
 
@@ -127,8 +127,8 @@ class Batch:
     def diagnosed(
         self, file: Path, folder: Path, read: "PositionSet | InputError", head: "MeasuredHead | None"
     ) -> tuple[dict, list[str], str]:
-        """Diagnose one file, its head as it is known, and write its results; a file that could not be read is passed on as
-        its fault."""
+        """Diagnose one file, with the measured errors of its head, and write its results; a file that could not be read
+        gives its fault."""
         from numpy.linalg import LinAlgError
 
         from tumblecal.estimation.methods import require_measured, require_noise
@@ -163,9 +163,9 @@ class Batch:
         diagnosis = replace(diagnosis, implausible=unusual)
         plan = next_plan(diagnosis, self.allowed) if self.single else NextPlan()
         figures = self.single if self.results.figures is None else self.results.figures
-        said = model.of_head(diagnosis.problem)
+        head_record = model.of_head(diagnosis.problem)
         with result_set(folder, DIAGNOSIS_SET) as aside:
-            written = write_diagnosis(aside, diagnosis, plan, figures=figures, said=said)
+            written = write_diagnosis(aside, diagnosis, plan, figures=figures, said=head_record)
         self.results.in_history(folder, "diagnosis", diagnosis.data.serial_number)
         self.output.warn(diagnosis.data.source, warning_words(diagnosis))
         if self.single:
@@ -173,19 +173,19 @@ class Batch:
             verdict = verdict_lines(verdict_of_diagnosis(diagnosis, plan, folder), self.output.columns)
             text = "\n".join(verdict) + f"{note}\nwritten: {folder}/: {', '.join(written)}"
         else:
-            left = lacking_of_diagnosis(diagnosis, of_sensor=True)
-            text = "; ".join([f"{file}: {diagnosis.verdict}", ", ".join(diagnosis.labels) or "nothing found", *left])
+            lacking = lacking_of_diagnosis(diagnosis, of_sensor=True)
+            text = "; ".join([f"{file}: {diagnosis.verdict}", ", ".join(diagnosis.labels) or "nothing found", *lacking])
         return summary_row(file, diagnosis), [], text
 
     def _refused(self, file: Path, fault: InputError) -> tuple[dict, list[str], str]:
         from tumblecal.report.diagnosis_summary import summary_row
 
-        return summary_row(file, fault), list(fault.faults), "" if self.single else f"{file}: refused"
+        return summary_row(file, fault), list(fault.faults), "" if self.single else f"{file}: rejected"
 
 
 _DIVERGED = (
-    "the model cannot be fitted to these readings (its equations became singular); check angles, axes and units against "
-    "the log"
+    "the model cannot be fitted to these readings (singular equations); check angles, axes and units against the "
+    "measurement log"
 )
 
 
@@ -194,7 +194,7 @@ def _too_large(positions: "PositionSet") -> str:
 
     return (
         f"{positions.source}: not enough memory for {len(positions)} positions ({cost(len(positions))}); average repeats, "
-        "or diagnose parts apart"
+        "or diagnose parts of the file separately"
     )
 
 
@@ -202,7 +202,7 @@ _batch: Batch | None = None
 
 
 def _work(batch: Batch) -> None:
-    """Make a worker process ready; interrupts are the first process's business."""
+    """Prepare a worker process; interrupts are handled by the parent process."""
     global _batch
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     from tumblecal.cli.start import start
@@ -222,6 +222,6 @@ def _shared(
 
 
 def processes_for(files: int) -> int:
-    """As many processes as pay: starting one takes as long as some 40 files."""
+    """Number of processes that saves time: starting one takes as long as some 40 files."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     return max(1, min(cores, files // _FILES_A_PROCESS))

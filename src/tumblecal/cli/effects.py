@@ -3,17 +3,17 @@
 from tumblecal.cli.options import EffectFiles
 
 
-# Columns that words get at least, however narrow the terminal.
+# Smallest width of the column of words in a narrow terminal.
 _LEAST_WORDS = 20
 
 
 def effects(id: str | None = None, *, effects: EffectFiles = ()) -> None:
-    """List the catalogue of effects, or explain one.
+    """List the catalogue of effects, or explain one effect.
 
     Parameters
     ----------
     id
-        Effect to explain; without it all are listed.
+        Effect to explain, such as bias_drift.x. Default: a list of all effects.
     """
     from rich.console import Console, Group
     from rich.measure import Measurement
@@ -48,7 +48,7 @@ def effects(id: str | None = None, *, effects: EffectFiles = ()) -> None:
             "typical size": in_words(effect.typical, effect.unit) if effect.typical else "",
             "belongs to": belongs_to(effect),
             "needs": ", ".join(effect.needs),
-            "not sought": f"it would be found as {effect.found_as}" if effect.found_as else "",
+            "not tested": f"diagnose finds it as {effect.found_as}" if effect.found_as else "",
             "source": effect.source,
         }
         table = Table.grid(padding=(0, 1))
@@ -57,7 +57,7 @@ def effects(id: str | None = None, *, effects: EffectFiles = ()) -> None:
         for name, text in rows.items():
             if text:
                 table.add_row(f"  {name}:", Text(text))
-    # A pipe gets every row on one line; in a narrow terminal the words fold, never the ids.
+    # In a pipe each row is one line; in a narrow terminal only the words are folded, never the ids.
     wide = console.options.update(width=10_000)
     columns = [Measurement.get(console, wide, Group(*column.cells, column.header)).maximum for column in table.columns]
     fixed = sum(columns[:-1]) + 2 * len(columns)

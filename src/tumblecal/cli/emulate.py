@@ -25,25 +25,26 @@ def emulate(
     ledger: Path | None = None,
     effects: EffectFiles = (),
 ) -> None:
-    """Be an instrument on a dividing head: open a virtual serial port and send what such a device sends.
+    """Emulate an instrument on a dividing head: open a virtual serial port and send the bytes of such a device.
 
-    Type ALPHA BETA to turn the head, knock to bump it, restart, quit. With --follow it reads the journal of a capture
-    and turns the head to what is asked for.
+    Commands: ALPHA BETA turns the head; knock disturbs it; restart; quit. With --follow the head turns to the angles that
+    a capture requests.
 
     Parameters
     ----------
     config
-        What it is: a TOML file such as configs/capture_emulator.toml.
+        Instrument file (TOML), such as configs/capture_emulator.toml.
     port
-        Name of the virtual port; give the same to tumblecal capture.
+        Name of the virtual port, to be given to tumblecal capture. Example: --port virtual-imu.
     speed
-        Device seconds per second; set port.speed in the plan to the same.
+        Device seconds per second; port.speed of the plan must have the same value. Example: --speed 20.
     follow
-        Folder of a capture (it may not exist yet) whose prompts turn the head.
+        Folder of a capture whose requests turn the head; it need not exist yet. Default: typed commands. Example:
+        --follow run1.
     seconds
-        End after that much of the device's time.
+        Duration in device seconds. Default: until it is stopped. Example: --seconds 600.
     ledger
-        File for what really happened: samples made, damaged, lost.
+        Record (JSON) of the samples that were made, damaged and lost. Default: none. Example: --ledger ledger.json.
     """
     from tumblecal.capture.emulator.config import read_emulation
     from tumblecal.capture.emulator.device import VirtualDevice
@@ -51,12 +52,12 @@ def emulate(
     from tumblecal.capture.emulator.operator import Follower, Typist
     from tumblecal.capture.stop_signals import StopSignals
     from tumblecal.cli.interrupts import end_by
-    from tumblecal.data.overwriting import inputs_kept
+    from tumblecal.data.overwriting import protect_inputs
 
     if not speed > 0:
         raise InputError(f"emulate: --speed {speed}: must be above 0")
-    inputs_kept([config, *effects], out=ledger)
-    inputs_kept([config, *effects], out=port)
+    protect_inputs([config, *effects], out=ledger)
+    protect_inputs([config, *effects], out=port)
     wanted = read_emulation(config)
     truth = _truth(wanted, config, effects)
     operator = Follower(follow, wanted) if follow is not None else Typist()
@@ -69,7 +70,7 @@ def emulate(
             print(f"{device.protocol.title} at {port}, {wanted.instrument.rate_hz:g} Hz; Ctrl-C ends", flush=True)
         instrument.run(seconds)
     with contextlib.suppress(OSError):
-        print(f"sent {device.ledger.intact} whole samples of {device.ledger.generated}", flush=True)
+        print(f"sent {device.ledger.intact} complete samples of {device.ledger.generated}", flush=True)
         if device.ledger.warning():
             print(f"the emulator {device.ledger.warning()}", flush=True)
     if signals.received is not None:
@@ -77,9 +78,9 @@ def emulate(
 
 
 def _truth(wanted: "Emulation", config: Path, files: tuple[Path, ...]) -> "TruthFunction":
-    """The exact chain of the rig with its true parameters and effects; an ideal instrument without a rig.
+    """The exact chain of the rig with its true parameters and effects; an ideal instrument if there is no rig.
 
-    **Raises:** `InputError` for a range that such a device does not have.
+    **Raises:** `InputError` for a range that the device does not have.
     """
     from tumblecal.capture.emulator.device import ideal
     from tumblecal.capture.protocols import protocol
@@ -98,9 +99,9 @@ def exact_truth(
 ):
     """Readings at a position by the exact chain of a rig file, with effects of the catalogue in their own units.
 
-    `files`: Python files with effects of the user's own. `stated`: the file that states the effects, for its faults.
+    `files`: Python files with user-defined effects. `stated`: the file that states the effects, for error messages.
 
-    **Raises:** `InputError` for an effect that there is not, or of more values than it has coefficients.
+    **Raises:** `InputError` for an unknown effect, or more values than its coefficients.
     """
     import dataclasses
 
@@ -127,11 +128,11 @@ def exact_truth(
 
     def truth(alpha_deg: float, beta_deg: float, time_s: float, temperature_degc: float):
         alpha, beta = np.radians([alpha_deg, beta_deg])
-        # The pitch settings of the rig carry their own errors; between them the nearest one's is used.
+        # Each pitch setting of the rig has an error; between settings that of the nearest is used.
         row = int(np.argmin(np.abs(plan_beta - beta)))
         alphas, betas = plan_alpha.copy(), plan_beta.copy()
         alphas[row], betas[row] = alpha, beta
-        # Effects count time from the first position, so the other rows stay at zero.
+        # The time of effects begins at the first position, so the other rows remain at zero.
         times = np.zeros(count)
         times[row] = time_s
         here = dataclasses.replace(

@@ -1,4 +1,4 @@
-"""`tumblecal example`: the rig, plan and study files that come with the package."""
+"""`tumblecal example`: the rig, plan and study files of the package."""
 
 from pathlib import Path
 
@@ -6,14 +6,14 @@ from tumblecal.ground.errors import InputError
 
 
 def example(name: str | None = None, *, out: Path = Path()) -> None:
-    """Write an example file, with the rig that it refers to, or list all examples.
+    """Write an example file and its rig, or list all examples.
 
     Parameters
     ----------
     name
-        Name of the example, e.g. paper24. If omitted, all examples are listed.
+        Name of the example, such as paper24. Default: a list of all examples.
     out
-        Folder to write to. Default: the current folder. Existing files are not overwritten.
+        Output folder; existing files are not overwritten. Default: the current folder. Example: --out rigs.
     """
     from tumblecal.ground.atomic import writable_folder, write_text
     from tumblecal.ground.examples import example_files, example_names, example_title

@@ -34,44 +34,46 @@ def export(
     use_anyway: Annotated[bool, Parameter(negative=())] = False,
     quiet: Quiet = False,
 ) -> None:
-    """Write a calibration as a device or another program takes it, and say in mg what its format cannot carry.
+    """Write a calibration in the format of a device or another program, and report in mg the losses of that format.
 
     Parameters
     ----------
     calibration
-        The calibration.json that calibrate or diagnose wrote.
+        The calibration.json of calibrate or diagnose.
     to
-        The target; docs/devices.md has the formula of each.
+        Target format; docs/devices.md has the formula of each. Example: --to px4.
     out
-        The file to write; printed where left out, and what is said goes to stderr.
+        Output file. Default: stdout, with all messages on stderr. Example: --out unit17.params.
     gravity
-        What one g is where the target counts in m/s^2: m/s^2 or a site (lat=48.14,height=520). For a calibration that does
-        not say: where it does, another value is refused.
+        Gravity of the calibration, for targets in m/s^2: m/s^2, or a site (lat=48.14,height=520). A value that contradicts the
+        calibration is rejected. Default: that of the calibration, or 9.80665. Example: --gravity 9.8123.
     temperatures
-        Range (degC) in which thermal terms of the bias hold, such as 0:60: px4 and ardupilot carry them within it. Default: the
-        range of the calibration data. Losses are stated for this range.
+        Temperature range (degC) of the thermal terms of the bias: px4 and ardupilot apply them within it, and losses are stated
+        for it. Default: the range of the calibration data. Example: --temperatures 0:60.
     noise
-        The reduction.json of tumblecal reduce: noise density and walk for kalibr.
+        The reduction.json of tumblecal reduce, for noise density and random walk of kalibr. Default: none. Example:
+        --noise reduced/reduction.json.
     run_time
-        How long the device runs, such as '8 h': losses of drift terms (`per_hour`) are stated for it. Default: for each hour.
+        Operating time of the device, for losses of drift terms (`per_hour`). Default: losses for each hour. Example:
+        --run-time '8 h'.
     use_anyway
-        Export a calibration whose own judgement is that it must not be used (`use: no`).
+        Export of a calibration with the judgement `use: no`. Default: an error.
     """
     from tumblecal.data.calibration import read_calibration
     from tumblecal.data.calibration_terms import undetermined_words
     from tumblecal.data.not_applied import losses_words
-    from tumblecal.data.overwriting import inputs_kept
+    from tumblecal.data.overwriting import protect_inputs
     from tumblecal.data.sensor_parameters import SENSOR
     from tumblecal.devices import TARGETS, Export, losses
     from tumblecal.ground.atomic import writable_file, write_text
     from tumblecal.ground.errors import InputError
 
     if quiet and out is None:
-        raise InputError("--quiet prints nothing, so that the export would be lost; give --out")
+        raise InputError("--quiet prints nothing, so the export would be lost; add --out")
     target, whole = TARGETS[to], read_calibration(calibration)
     whole.use.require(calibration, anyway=use_anyway)
     one_g = _one_g(calibration, whole, gravity)
-    inputs_kept([calibration, noise], out=out)
+    protect_inputs([calibration, noise], out=out)
     measured = _measured(whole)
     span = measured if temperatures is None else _span(temperatures)
     part = target.carried(whole, span)
@@ -79,19 +81,19 @@ def export(
     noises = () if noise is None else _noise(noise)
     bare = Export(part, one_g.value_ms2, _about(calibration, whole), span, noises, run_s)
     lost = losses(target, bare, whole, target.write(bare))
-    said = [f"lost: {loss}" for loss in lost] or ["nothing of this calibration is lost"]
-    said += filter(None, [undetermined_words(whole.terms)])
-    said.append(f"use: {whole.use.words}")
-    said += losses_words(whole.not_applied)
-    said += _extrapolated(whole, span, measured)
-    said += target.notes
-    if left := whole.sensor.of(SENSOR).undetermined_words:
-        said.append(f"the data did not determine {left}")
+    notes = [f"lost: {loss}" for loss in lost] or ["nothing of this calibration is lost"]
+    notes += filter(None, [undetermined_words(whole.terms)])
+    notes.append(f"use: {whole.use.words}")
+    notes += losses_words(whole.not_applied)
+    notes += _extrapolated(whole, span, measured)
+    notes += target.notes
+    if undetermined := whole.sensor.of(SENSOR).undetermined_words:
+        notes.append(f"the data did not determine {undetermined}")
     if gravity is not None and whole.gravity:
-        said.append(f"one g is {one_g}, as in the calibration")
+        notes.append(f"one g is {one_g}, as in the calibration")
     if one_g.assumed and to not in ("c-header", "csv"):
-        said.append(f"one g is {one_g}: {'calibrate again' if whole.gravity else 'state it'} with --gravity")
-    text = target.write(Export(part, one_g.value_ms2, (*bare.header, target.words, *said), span, bare.noise))
+        notes.append(f"one g is {one_g}: {'calibrate again' if whole.gravity else 'state it'} with --gravity")
+    text = target.write(Export(part, one_g.value_ms2, (*bare.header, target.words, *notes), span, bare.noise))
     if out is None:
         print(text, end="")
     else:
@@ -99,17 +101,17 @@ def export(
         write_text(out, text)
         print(f"{out}: {target.words}")
     if run_time is not None and not any(term.per_hour for term in whole.terms):
-        said.append(f"--run-time {run_time}: this calibration has no drift terms, so no loss depends on it")
+        notes.append(f"--run-time {run_time}: no effect, because this calibration has no drift terms")
     given = {"gravity": gravity, "temperatures": temperatures, "noise": noise}
     for line in [
-        *said,
+        *notes,
         *_without_effect(target, bare, {name: text for name, text in given.items() if text is not None}),
     ]:
         print(line, file=sys.stderr if out is None else sys.stdout)
 
 
 def _measured(whole: "Calibration") -> tuple[float, float] | None:
-    """The range of temperature (degC) in which the thermal terms were measured; None if there are none, or it is not stated."""
+    """The range of temperature (degC) of the data of the thermal terms; None if there are none, or if it is not stated."""
     match whole.provenance.get("temperature_range_degc"):
         case [float() | int() as low, float() | int() as high] if low < high and any(t.thermal for t in whole.terms):
             return float(low), float(high)
@@ -119,7 +121,7 @@ def _measured(whole: "Calibration") -> tuple[float, float] | None:
 def _extrapolated(
     whole: "Calibration", span: tuple[float, float] | None, measured: tuple[float, float] | None
 ) -> Iterator[str]:
-    """That the range of temperature exceeds that of the data, where it does."""
+    """A note, if the temperature range exceeds that of the data."""
     if span and measured and any(term.thermal for term in whole.terms):
         low, high = measured
         if span[0] < low or span[1] > high:
@@ -130,28 +132,27 @@ def _extrapolated(
 
 
 def _one_g(path: Path, whole: "Calibration", gravity: str | None) -> "Gravity":
-    """What one g of a calibration is: its own, else that of `--gravity`, else standard gravity.
+    """One g of a calibration: that of the calibration, then of `--gravity`, then standard gravity.
 
-    **Raises:** `InputError` where the option says otherwise than the calibration, whose bias in m/s^2 it would change.
+    **Raises:** `InputError` if the option contradicts the calibration, because it would change the bias in m/s^2.
     """
     from tumblecal.ground.errors import InputError
     from tumblecal.ground.gravity import SAME_MS2, STANDARD, gravity_of_option
 
     stated = None if gravity is None else gravity_of_option(gravity)
-    own = whole.gravity
-    if own is None or stated is None:
-        return own or stated or STANDARD
-    if abs(stated.value_ms2 - own.value_ms2) > SAME_MS2:
-        cure = "calibrate again with --gravity" if own.assumed else "leave it out"
+    calibrated = whole.gravity
+    if calibrated is None or stated is None:
+        return calibrated or stated or STANDARD
+    if abs(stated.value_ms2 - calibrated.value_ms2) > SAME_MS2:
+        cure = "calibrate again with --gravity" if calibrated.assumed else "remove this option"
         raise InputError(
-            f"--gravity {gravity}: one g of {path} is {own}, wherever the device is used, and its bias in m/s^2 goes by that; "
-            f"{cure}"
+            f"--gravity {gravity}: one g of {path} is {calibrated} at every site, and its bias in m/s^2 depends on that; {cure}"
         )
-    return own
+    return calibrated
 
 
 def _without_effect(target: "Target", export: "Export", given: dict[str, object]) -> Iterator[str]:
-    """Of options that were given those without which the file would be the same."""
+    """Notes on options that do not change the file."""
     text = target.write(export)
     without = {
         "gravity": replace(export, gravity_ms2=export.gravity_ms2 * 1.001),
@@ -160,7 +161,7 @@ def _without_effect(target: "Target", export: "Export", given: dict[str, object]
     }
     for name, value in given.items():
         if target.write(without[name]) == text:
-            yield f"--{name} {value}: nothing that {target.name} takes of this calibration depends on it"
+            yield f"--{name} {value}: no effect on the export of this calibration to {target.name}"
 
 
 def _about(path: Path, whole: "Calibration") -> tuple[str, ...]:
@@ -174,7 +175,7 @@ def _about(path: Path, whole: "Calibration") -> tuple[str, ...]:
 def _run_time(text: str) -> float:
     """The time of `--run-time`, s.
 
-    **Raises:** `InputError` for a text that is none.
+    **Raises:** `InputError` for a text that is not a time above 0.
     """
     from tumblecal.ground.errors import InputError
     from tumblecal.ground.units import quantity
@@ -189,9 +190,9 @@ def _run_time(text: str) -> float:
 
 
 def _span(text: str) -> tuple[float, float]:
-    """The range of `--temperatures`.
+    """The range of `--temperatures`, degC.
 
-    **Raises:** `InputError` for a text that is none.
+    **Raises:** `InputError` for a text that is not a range.
     """
     from tumblecal.ground.errors import InputError
 
@@ -208,7 +209,7 @@ def _span(text: str) -> tuple[float, float]:
 def _noise(path: Path) -> tuple[dict[str, float], ...]:
     """The noise coefficients of the axes in a reduction.
 
-    **Raises:** `InputError` for a file that is none.
+    **Raises:** `InputError` for a file that is not a reduction.
     """
     import json
 
@@ -223,9 +224,7 @@ def _noise(path: Path) -> tuple[dict[str, float], ...]:
     except InputError:
         raise
     except (ValueError, KeyError, TypeError, RecursionError) as error:
-        raise InputError(
-            f"{path}: no noise of three axes in it; give the reduction.json of tumblecal reduce"
-        ) from error
+        raise InputError(f"{path}: no noise of three axes; give the reduction.json of tumblecal reduce") from error
     if not all(is_number(value) and value >= 0 for axis in sizes for value in axis.values()):
-        raise InputError(f"{path}: noise: sizes must be numbers, not below 0")
+        raise InputError(f"{path}: noise: coefficients must be numbers, not below 0")
     return sizes

@@ -1,4 +1,4 @@
-"""`tumblecal history`: every result of every unit."""
+"""`tumblecal history`: the results of all units."""
 
 import sys
 from collections.abc import Sequence
@@ -18,15 +18,15 @@ if TYPE_CHECKING:
 @Parameter(name="*")
 @dataclass(frozen=True)
 class Criteria:
-    """What repeats may differ by.
+    """Limits for the comparison of results.
 
     Parameters
     ----------
     limit
-        Largest allowed difference between results, such as --limit 'bias=1 mg' (dK, bias, gamma, dtheta); the paper's
-        where left out: 5e-4, 1.5 mg, 2 mrad, 5 mrad. May be given several times.
+        Largest allowed difference between results, of dK, bias, gamma or dtheta. Repeatable. Default: the paper's limits
+        5e-4, 1.5 mg, 2 mrad and 5 mrad. Example: --limit 'bias=1 mg'.
     risk
-        Probability that a parameter has moved beyond its limit by the end of the recalibration interval.
+        Probability that a parameter exceeds its limit by the end of the recalibration interval. Example: --risk 0.01.
     """
 
     limit: Annotated[tuple[str, ...], Parameter(negative=(), show_default=False)] = ()
@@ -35,7 +35,7 @@ class Criteria:
     def limits(self) -> dict[str, float]:
         """The limits in base units.
 
-        **Raises:** `InputError` for texts that are none.
+        **Raises:** `InputError` for texts that are not limits.
         """
         from tumblecal.data.sensor_parameters import GROUPS
         from tumblecal.ground.errors import InputError
@@ -60,15 +60,15 @@ class Criteria:
 
 @Parameter(name="*")
 @dataclass(frozen=True)
-class Added:
-    """What is added before.
+class AddedResults:
+    """Results to add first.
 
     Parameters
     ----------
     add
-        Folders of calibrate or diagnose to add; may be given several times.
+        Output folder of calibrate or diagnose to add. Repeatable. Example: --add calibration.
     example
-        Add the three runs of the paper's Table 2, as the unit "paper".
+        The three runs of Table 2 of the paper, added as unit "paper".
     """
 
     add: Annotated[tuple[Path, ...], Parameter(negative=(), show_default=False)] = ()
@@ -83,67 +83,64 @@ def history(
     serial: str | None = None,
     /,
     *,
-    added: Added = Added(),
+    added: AddedResults = AddedResults(),
     criteria: Criteria = Criteria(),
     files: int | None = None,
     out: Path | None = None,
     check: Annotated[bool, Parameter(negative=())] = False,
     quiet: Quiet = False,
 ) -> int:
-    """List the results of all units, or judge those of one: repeatability, drift, when to calibrate again.
+    """List the results of all units, or evaluate those of one: repeatability, drift, recalibration interval.
 
     Parameters
     ----------
     database
-        The history's file, which calibrate and diagnose write with --history.
+        History file; calibrate and diagnose write it with --history.
     serial
-        The unit's serial number; all units are listed where it is left out.
+        Serial number of the unit. Default: a list of all units.
     files
-        Number of a result whose files (result.json, calibration.json, ...) are written into --out, as they were.
+        Number of a result whose files (result.json, calibration.json, ...) are restored to the folder of --out. Example:
+        --files 3 --out restored.
     out
-        Folder for the unit's page with control charts, or for those files.
+        Folder for the page of the unit with control charts, or for restored files. Example: --out charts.
     check
-        Compare every part of every result with its checksum, and the file's structure with SQLite's rules. Ends with code 1
-        where something is damaged.
+        Test of all results by their checksums, and of the file by SQLite. Exit code 1 if something is damaged.
     """
     from tumblecal.ground.errors import InputError
     from tumblecal.history.database import listed
 
     if out is not None and serial is None and files is None:
-        raise InputError(f"--out {out}: the page is of one unit; give its serial number after {database}")
+        raise InputError(f"--out {out}: a page is for one unit; give its serial number after {database}")
     limits = criteria.limits()
     if check:
-        if serial is not None or files is not None or out is not None or added != Added():
-            raise InputError(f"--check is of the whole file; give {database} and nothing more")
+        if serial is not None or files is not None or out is not None or added != AddedResults():
+            raise InputError(f"--check tests the whole file; give only {database}")
         return _checked(database)
     if serial is None and criteria != Criteria():
-        raise InputError(f"--limit and --risk judge one unit; give its serial number after {database}")
+        raise InputError(f"--limit and --risk apply to one unit; give its serial number after {database}")
     if added.add or added.example:
         _added(database, added.add, example=added.example)
     if files is not None and serial is None:
-        return _written_again(database, files, out)
+        return _restore_files(database, files, out)
     entries = listed(database)
     _warned(database, [entry for entry in entries if entry.damaged])
     if serial is None:
         _list(database, entries)
         return 0
-    if not (own := [entry.number for entry in entries if entry.serial == serial and not entry.damaged]):
+    if not (results := [entry.number for entry in entries if entry.serial == serial and not entry.damaged]):
         units = sorted({entry.serial for entry in entries if not entry.damaged} - {""})
-        raise InputError(
-            f"{database}: no unit {serial}; there are {', '.join(units[:10]) or 'none with a serial number'}"
-        )
+        raise InputError(f"{database}: no unit {serial}; units: {', '.join(units[:10]) or 'none with a serial number'}")
     if files is None:
         _judged(database, serial, limits, criteria.risk, out)
         return 0
-    if files not in own:
-        raise InputError(
-            f"--files {files}: not of unit {serial}, which has {', '.join(map(str, own[:10]))}{', ...' * (len(own) > 10)}"
-        )
-    return _written_again(database, files, out)
+    if files not in results:
+        listed_results = f"{', '.join(map(str, results[:10]))}{', ...' * (len(results) > 10)}"
+        raise InputError(f"--files {files}: not a result of unit {serial}; its results are {listed_results}")
+    return _restore_files(database, files, out)
 
 
 def _checked(database: Path) -> int:
-    """Say what is damaged; returns 1 where anything is."""
+    """Print the damaged results; returns 1 if there are any."""
     from tumblecal.ground.counted import counted
     from tumblecal.history.database import checked
 
@@ -154,7 +151,7 @@ def _checked(database: Path) -> int:
     for words in faults:
         print(f"SQLite: {words}")
     if not damaged and not faults:
-        print(f"{database}: {counted(len(entries), 'result')}, all as they were written")
+        print(f"{database}: {counted(len(entries), 'result')}, none damaged")
         return 0
     print(
         f"{database}: {len(damaged)} of {counted(len(entries), 'result')} damaged, {counted(len(faults), 'fault')} of the file "
@@ -164,17 +161,17 @@ def _checked(database: Path) -> int:
 
 
 def _of(entry: "Entry") -> str:
-    """A result by its number and, where it is known, its date."""
+    """The number of a result and, if it is known, its date."""
     return f"result {entry.number}{f' of {entry.date_utc[:10]}' if entry.date_utc else ''}"
 
 
 def _warned(database: Path, damaged: "Sequence[Entry]") -> None:
     for entry in damaged:
-        print(f"WARNING: {database}: {_of(entry)} is not used, damaged: {entry.damaged}", file=sys.stderr)
+        print(f"WARNING: {database}: {_of(entry)} is not used, because it is damaged: {entry.damaged}", file=sys.stderr)
 
 
 def _added(database: Path, folders: Sequence[Path], *, example: bool) -> None:
-    """Add what folders hold, and the paper's runs.
+    """Add the results of folders, and the runs of the paper.
 
     **Raises:** `InputError` for a folder without results; then nothing is added.
     """
@@ -186,16 +183,16 @@ def _added(database: Path, folders: Sequence[Path], *, example: bool) -> None:
     for folder in folders:
         kinds = [kind for name, kind in KINDS.items() if (folder / name).is_file()]
         if not kinds:
-            raise InputError(f"{folder}: holds no {' or '.join(KINDS)}; give a folder that calibrate or diagnose wrote")
+            raise InputError(f"{folder}: no {' or '.join(KINDS)}; give an output folder of calibrate or diagnose")
         entries += [of_folder(folder, kind) for kind in kinds]
     if example:
         entries += _example()
     new = sum(add(database, entry) for entry in entries)
-    print(f"{database}: {new} of {len(entries)} added{' (the others were there)' if new < len(entries) else ''}")
+    print(f"{database}: {new} of {len(entries)} added{' (the others were in it)' if new < len(entries) else ''}")
 
 
 def _example() -> list:
-    """The paper's three runs; their uncertainty is that of the exact fit to Table 1, one of the runs."""
+    """The three runs of the paper, with the uncertainty of the exact fit to Table 1, which is one of the runs."""
     from tumblecal.cli.start import start
 
     start()
@@ -208,28 +205,30 @@ def _example() -> list:
     return paper_runs(calibration_of(exact.fit(problem_of(paper.table1()))).sensor.of((*SENSOR, *MOUNT)).covariance)
 
 
-def _written_again(database: Path, number: int, out: Path | None) -> int:
-    """Write a result's files as they were kept, but for damaged ones, which are named; returns 1 where there are any.
+def _restore_files(database: Path, number: int, out: Path | None) -> int:
+    """Write the stored files of a result, except damaged ones, which are named; returns 1 if there are any.
 
-    **Raises:** `InputError` for a number that there is not, or without a folder that is free of them.
+    **Raises:** `InputError` for an unknown number, no output folder, or a folder that has such files.
     """
     from tumblecal.ground.atomic import write_text
     from tumblecal.ground.errors import InputError
     from tumblecal.ground.result_set import result_set
     from tumblecal.history.database import damaged_documents, documents
 
-    kept, damaged = documents(database, number), damaged_documents(database, number)
-    if damaged and not kept:
+    stored, damaged = documents(database, number), damaged_documents(database, number)
+    if damaged and not stored:
         raise InputError(f"--files {number}: damaged in {database}: {', '.join(damaged)}; restore it from a copy")
-    if out is None or not kept:
-        raise InputError(f"--files {number}: {'give a folder with --out' if kept else f'{database} has no such files'}")
-    there = sorted(name for name in kept if (out / name).exists())
-    if there:
-        raise InputError(f"{out}: has {', '.join(there)} already; give another folder with --out")
+    if out is None or not stored:
+        raise InputError(
+            f"--files {number}: {'give a folder with --out' if stored else f'{database} has no such files'}"
+        )
+    existing = sorted(name for name in stored if (out / name).exists())
+    if existing:
+        raise InputError(f"{out}: has {', '.join(existing)} already; give a different folder with --out")
     with result_set(out, ()) as aside:
-        for name, text in kept.items():
+        for name, text in stored.items():
             write_text(aside / name, text)
-    print(f"written: {out}/: {', '.join(sorted(kept))}")
+    print(f"written: {out}/: {', '.join(sorted(stored))}")
     if damaged:
         words = f"result {number}: not written, damaged: {', '.join(damaged)}"
         print(f"WARNING: {database}: {words}; restore the history from a copy", file=sys.stderr)
@@ -246,9 +245,7 @@ def _list(database: Path, entries: "Sequence[Entry]") -> None:
     units = len({entry.serial for entry in entries} - {""})
     nameless = sum(not entry.serial for entry in entries)
     named = f"{counted(len(entries) - nameless, 'result')} of {counted(units, 'unit')}"
-    unnamed = (
-        f"{counted(nameless, 'result')} without a serial number (of no unit; state `# serial_number:` in the data)"
-    )
+    unnamed = f"{counted(nameless, 'result')} without a serial number (no unit; state `# serial_number:` in the data)"
     count = "; ".join([named] * (units > 0 or not nameless) + [unnamed] * (nameless > 0))
     print(f"{count}; one unit: {suggested('history', database, 'SERIAL')}")
 
@@ -263,7 +260,9 @@ def _judged(database: Path, serial: str, limits: dict[str, float], risk: float, 
     _warned(database, [entry for entry in entries if entry.damaged])
     judged = unit_history(entries, limits)
     if not judged.entries:
-        raise InputError(f"{database}: no result of {serial} holds a calibration; list them without the serial number")
+        raise InputError(
+            f"{database}: no result of {serial} has a calibration; list all results without the serial number"
+        )
     written = ""
     if out is not None:
         from tumblecal.ground.result_set import result_set

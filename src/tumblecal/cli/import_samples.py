@@ -1,4 +1,4 @@
-"""`tumblecal import`: what is in a recording made elsewhere, and its samples as a table."""
+"""`tumblecal import`: contents of a recording, and its samples as a table."""
 
 import json
 from pathlib import Path
@@ -20,22 +20,21 @@ def import_samples(
     options: Annotated[RecordingOptions, Parameter(name="*")] = RecordingOptions(),
     output: Output = Output(),
 ) -> None:
-    """Say what is in a recording (rows, rate, columns and by what evidence, gaps, repeats, damage), and write its samples as a
-    table.
+    """Describe a recording (rows, rate, columns with their evidence, gaps, repeats, damage), and write its samples as a table.
 
     Text of any layout, Parquet, .mat, HDF5, ROS bags, MCAP, PX4 ULog, DataFlash, Xsens .mtb, spreadsheets and byte logs of
-    the serial protocols are read. Units stand in the columns' names: ax_ms2, gx_rads, temperature_degc; counts stay counts.
-    Then: tumblecal reduce TABLE --static (or --plan).
+    the serial protocols are read. Column names include units: ax_ms2, gx_rads, temperature_degc; counts are not converted.
+    Next: tumblecal reduce TABLE --static (or --plan).
 
     Parameters
     ----------
     source
-        The recording.
+        Recording.
     out
-        The table, .parquet or .csv; SOURCE.samples.parquet in this folder where left out.
+        Table of samples (.parquet or .csv). Default: SOURCE.samples.parquet in the current folder. Example: --out log.csv.
     """
     from tumblecal.capture.recordings.sample_file import write_samples
-    from tumblecal.data.overwriting import inputs_kept
+    from tumblecal.data.overwriting import protect_inputs
     from tumblecal.report.import_report import import_document, import_lines
     from tumblecal.report.recording_words import left_out_words
 
@@ -44,7 +43,7 @@ def import_samples(
     path = out or Path(f"{source.stem}.samples.parquet")
     if path.suffix not in (".csv", ".parquet"):
         raise InputError(f"{path}: must end in .csv or .parquet")
-    inputs_kept([source], out=path)
+    protect_inputs([source], out=path)
     contents = write_samples(source, path, options)
     warn(source, contents.damage.lines)
     output.say("\n".join([*import_lines(contents), f"{path}: {counted(contents.rows, 'sample')}"]))

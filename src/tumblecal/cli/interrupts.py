@@ -1,10 +1,10 @@
-"""Ctrl-C, SIGTERM and SIGHUP end a command in order and with one line, wherever in Python or in a compiled module they arrive.
+"""Ctrl-C, SIGTERM and SIGHUP end a command cleanly with one line, also if they arrive in a compiled module.
 
-Before a command runs and after it nothing is half done: the process leaves at once. While it runs the signal is raised as
-`KeyboardInterrupt`, so that what was begun is taken back; within an import, which it could break, a moment later.
+Before and after a command no work is incomplete, so the process exits at once. During a command the signal is raised as
+`KeyboardInterrupt`, so that incomplete work is undone; during an import, which it could break, it is raised a moment later.
 """
 
-# The compiled part of `signal`, and no `contextlib`: each millisecond before the handlers is one without them.
+# The compiled part of `signal`, and no `contextlib`: the handlers must be installed as early as possible.
 import _signal as signal  # pyright: ignore[reportMissingImports]
 import os
 import sys
@@ -15,28 +15,28 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from types import FrameType
 
-# What a command says last that was ended so.
+# Last words of an interrupted command.
 NOTHING_HALF_WRITTEN = "no file was left half-written"
 _WORDS: dict[int, str] = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated", signal.SIGHUP: "hung up"}
 _OURS = tuple(_WORDS)
 _IMPORTING = "<frozen importlib._bootstrap>"
-# After so many seconds it is tried again.
+# Delay before a signal is raised again, s.
 _AGAIN_S = 0.02
-# A signal this long after the first one is of somebody who will not wait any longer.
+# A second signal after this time, s, ends the process at once.
 _PATIENCE_S = 1.0
-# The signal that was received first, 0 for none, and when.
+# The first received signal, 0 for none, and its time.
 _asked, _asked_at = 0, 0.0
 
 
 def leave_when_asked() -> None:
-    """From here on a signal ends the process at once, with one line."""
+    """From now on a signal ends the process at once, with one line."""
     _handled_by(_leave, _OURS)
 
 
 def interrupts_kept(numbers: tuple[int, ...] = (signal.SIGINT,)) -> None:
-    """From here on these signals are raised as `KeyboardInterrupt`, remembered, and cannot be lost in a callback.
+    """From now on these signals are recorded, raised as `KeyboardInterrupt`, and cannot be lost in a callback.
 
-    A callback of the garbage collector or of a weak reference lets no exception out: Python prints it and goes on.
+    An exception in a callback of the garbage collector or of a weak reference is printed by Python, but not raised.
     """
     _handled_by(_interrupt, numbers)
     if sys.unraisablehook is sys.__unraisablehook__:
@@ -44,27 +44,27 @@ def interrupts_kept(numbers: tuple[int, ...] = (signal.SIGINT,)) -> None:
 
 
 def all_interrupts_kept() -> None:
-    """The same of all three signals: for the process of a command; one that works for another leaves the others as they are."""
+    """The same for all three signals, in the process of a command; a worker process handles Ctrl-C only."""
     interrupts_kept(_OURS)
 
 
 def interrupted() -> bool:
-    """Whether a signal asked for the end: compiled modules turn its exception into errors of their own."""
+    """Whether a signal was received: compiled modules convert its exception into other errors."""
     return _asked != 0
 
 
 def interrupted_by() -> int:
-    """The signal that asked for the end; 0 for none."""
+    """The received signal; 0 for none."""
     return _asked
 
 
 def line_of(number: int, words: str = NOTHING_HALF_WRITTEN) -> str:
-    """The line that a command ends with."""
+    """The last line of an interrupted command."""
     return f"tumblecal: {_WORDS.get(number, 'interrupted')}; {words}"
 
 
 def end_by(number: int) -> None:
-    """End this process by a signal that was obeyed in order, so that the caller sees it; after Ctrl-C just return."""
+    """End this process by a signal after a clean exit, so that the caller sees the signal; after Ctrl-C just return."""
     if number != signal.SIGINT:
         _printed()
         signal.signal(number, signal.SIG_DFL)
@@ -72,7 +72,7 @@ def end_by(number: int) -> None:
 
 
 def finished() -> None:
-    """All is printed and written: while Python is taken down, which would lose its handlers first, signals come too late."""
+    """Ignore signals after all output is written: Python removes its handlers before it exits."""
     _printed()
     _handled_by(signal.SIG_IGN, _OURS)
 
@@ -86,13 +86,13 @@ def _printed() -> None:
 
 
 def _handled_by(handler, numbers: tuple[int, ...]) -> None:
-    """Give signals a handler, but for those that the caller ignores (`nohup`) or handles by itself."""
+    """Install a handler for signals that the caller does not ignore (`nohup`) or handle."""
     before = (signal.SIG_DFL, signal.default_int_handler, _leave, _interrupt)
     for number in numbers:
         if signal.getsignal(number) in before:
             try:
                 signal.signal(number, handler)
-            except ValueError:  # not the main thread, which alone is given signals
+            except ValueError:  # not the main thread, which alone receives signals
                 return
 
 
@@ -112,7 +112,7 @@ def _interrupt(number: int, frame: "FrameType | None") -> None:
     if not _asked:
         _asked, _asked_at = signal.SIGINT if number == signal.SIGALRM else number, time.monotonic()
     elif number != signal.SIGALRM:
-        # What was begun is being taken back.
+        # Incomplete work is being undone.
         if time.monotonic() > _asked_at + _PATIENCE_S:
             _leave(number, frame)
         return
@@ -131,13 +131,13 @@ def _within_import(frame: "FrameType | None") -> bool:
 
 
 def _again() -> None:
-    """Try again a moment later."""
+    """Raise the signal again a moment later."""
     signal.signal(signal.SIGALRM, _interrupt)
     signal.setitimer(signal.ITIMER_REAL, _AGAIN_S)
 
 
 def _asked_again(swallowed: "sys.UnraisableHookArgs") -> None:
-    """A swallowed Ctrl-C comes again a moment later, outside the callback; anything else is shown as ever."""
+    """Raise a swallowed Ctrl-C again a moment later, outside the callback; other exceptions are printed as usual."""
     if issubclass(swallowed.exc_type, KeyboardInterrupt):
         _again()
     else:

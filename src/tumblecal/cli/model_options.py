@@ -1,4 +1,4 @@
-"""The model that a command's options describe: rig or inferred plan, stated noise, priors, fixed parameters."""
+"""The model of a command's options: rig or inferred plan, stated noise, priors, fixed parameters."""
 
 import logging
 import sys
@@ -41,29 +41,29 @@ from tumblecal.ground.units import quantity, reading_sd
 
 _log = logging.getLogger(__name__)
 _MOST_COPIES = 3
-# So many rows of one name and setting after another are samples of one dwell.
+# This many consecutive rows of one name and setting are samples of one dwell.
 _LIKE_SAMPLES = 16
 
 
-def _named(text: str) -> dict[str, str]:
-    """The columns of `--columns`.
+def _column_names(text: str) -> dict[str, str]:
+    """The columns of `--columns`: standard name to name in the file.
 
-    **Raises:** `InputError` for a text that is no list of NAME=OWN.
+    **Raises:** `InputError` for a text that is not a list of NAME=COLUMN.
     """
     pairs = [part.partition("=") for part in text.split(",")]
-    if not all(name.strip() and equals and own.strip() for name, equals, own in pairs):
-        raise InputError(f"--columns {text}: write NAME=OWN,..., such as ax_g=AccX,ay_g=AccY,az_g=AccZ")
+    if not all(name.strip() and equals and column.strip() for name, equals, column in pairs):
+        raise InputError(f"--columns {text}: write NAME=COLUMN,..., such as ax_g=AccX,ay_g=AccY,az_g=AccZ")
     names = [name.strip() for name, *_ in pairs]
     for name in names:
         if names.count(name) > 1:
             raise InputError(f"--columns {text}: {name} is given twice; keep one")
-    return {name.strip(): own.strip() for name, _, own in pairs}
+    return {name.strip(): column.strip() for name, _, column in pairs}
 
 
 def _noise_sd(option: str | None, rig: Rig | None) -> float | None:
-    """The sd of a reading (g) of `--noise-sd`, else the rig's.
+    """Standard deviation of a reading, g: `--noise-sd`, or that of the rig; None if neither states it.
 
-    **Raises:** `InputError` for one that nothing can be weighed by.
+    **Raises:** `InputError` for a value that gives no weights.
     """
     if option is not None:
         try:
@@ -72,15 +72,15 @@ def _noise_sd(option: str | None, rig: Rig | None) -> float | None:
             raise InputError(f"--noise-sd: {error}") from error
     if rig is not None and rig.noise_sd_g == 0:
         fault = (
-            f"{rig.source}: noise.sd: readings without noise cannot be weighed; write the sd that they have, leave [noise] out "
-            "to have it estimated, or give --noise-sd"
+            f"{rig.source}: noise.sd: readings without noise cannot be weighted; write their standard deviation, remove "
+            "[noise] to estimate it from the residuals, or give --noise-sd"
         )
         raise InputError(located(Path(rig.source), [fault]))
     return None if rig is None else rig.noise_sd_g
 
 
 def started_from_amplitudes(chain: Chain) -> Chain:
-    """The chain whose time constants start with amplitudes of typical size: at zero a constant changes no reading."""
+    """The chain with amplitudes of typical size as a start for time constants, which have no influence at amplitude zero."""
     starts = dict[str, float]()
     for link in chain.links:
         leaves = Chain((link,)).free
@@ -92,7 +92,7 @@ def started_from_amplitudes(chain: Chain) -> Chain:
 
 @dataclass(frozen=True)
 class StatedModel:
-    """What `--rig`, `--noise-sd`, `--prior`, `--fix`, `--head`, `--gravity`, `--columns` and `--effects` say.
+    """Model of `--rig`, `--noise-sd`, `--prior`, `--fix`, `--head`, `--gravity`, `--columns` and `--effects`.
 
     `stated_in`: the option or file that states each prior.
     """
@@ -116,7 +116,7 @@ class StatedModel:
     def of(cls, options: ModelOptions) -> "StatedModel":
         """Read the options.
 
-        **Raises:** `InputError` for one that cannot be used.
+        **Raises:** `InputError` for an option that cannot be used.
         """
         entries, described = catalogue(*options.effects), None
         if options.rig is not None:
@@ -127,27 +127,27 @@ class StatedModel:
         for text in options.prior:
             name, equals, size = text.partition("=")
             if not equals:
-                raise InputError(f"--prior {text!r}: write NAME=SIZE, e.g. 'dbeta=3 arcmin'")
+                raise InputError(f"--prior {text!r}: write NAME=SIZE, such as 'dbeta=3 arcmin'")
             unit = unit_of_parameter(name, units)
             if unit is None:
-                raise InputError(f"--prior {text!r}: no parameter {name!r}; there are {', '.join(units)}")
+                raise InputError(f"--prior {text!r}: no parameter {name!r}; parameters: {', '.join(units)}")
             try:
                 priors[name], stated_in[name] = (0.0, quantity(size, unit)), f"--prior {name}"
             except InputError as error:
                 raise InputError(f"--prior {text!r}: {error}") from error
         unknown = sorted(set(options.fix) - set(UNIT_OF_LEAF))
         if unknown:
-            raise InputError(f"--fix {unknown[0]}: no such parameter; there are {', '.join(UNIT_OF_LEAF)}")
+            raise InputError(f"--fix {unknown[0]}: no such parameter; parameters: {', '.join(UNIT_OF_LEAF)}")
         stated = _noise_sd(options.noise_sd, described)
         head = None if options.head is None else read_head(options.head, *links_and_units(entries))
         gravity = None if options.gravity is None else gravity_of_option(options.gravity)
-        columns = None if options.columns is None else _named(options.columns)
+        columns = None if options.columns is None else _column_names(options.columns)
         return cls(described, stated, priors, frozenset(options.fix), head, entries, gravity, columns, stated_in)
 
     def read(self, path: Path, *, check_size: bool = True, one_of_several: bool = False) -> PositionSet:
-        """The positions of a file, under the stated gravity; rows that look copied are said.
+        """The positions of a file, under the stated gravity; rows that look copied are reported.
 
-        **Raises:** `InputError` for a file that is none, or that holds raw samples.
+        **Raises:** `InputError` for a file that is not a position file, or that has raw samples.
         """
         data = read_positions(path, check_size=check_size, names=self.columns, one_of_several=one_of_several)
         _log.debug("%s: %d positions, columns sd: %s", path, len(data), "no" if data.sd is None else "yes")
@@ -161,23 +161,23 @@ class StatedModel:
         if len(data) >= _LIKE_SAMPLES * stretches:
             reduced = Path("reduced")
             raise InputError(
-                f"{path}: {len(data)} rows, but only {counted(stretches, 'stretch')} of one position each; give "
-                f"{reduced / 'positions.csv'} in their place: these look like raw samples; reduce them first: "
-                f"{suggested('reduce', path, '--out', reduced)}"
+                f"{path}: {len(data)} rows, but only {counted(stretches, 'stretch')} of one position each, so these look like "
+                f"raw samples. Reduce them first: {suggested('reduce', path, '--out', reduced)}; then give "
+                f"{reduced / 'positions.csv'}"
             )
         if copies := data.copies:
             pairs = [f"{name} and {first}" for name, first in copies[:_MOST_COPIES]]
             more = f" and {len(copies) - _MOST_COPIES} more" if len(copies) > _MOST_COPIES else ""
             print(
-                f"WARNING: {path}: the same in every number: positions {', '.join(pairs)}{more}; a row that was copied counts "
-                "twice: remove it",
+                f"WARNING: {path}: identical rows: positions {', '.join(pairs)}{more}; a copied row is weighted twice: "
+                "remove it",
                 file=sys.stderr,
             )
         return data if self.gravity is None else data.under(self.gravity)
 
     @property
     def described(self) -> bool:
-        """Whether the chain is another than the default one."""
+        """Whether the chain differs from the default one."""
         return self.rig is not None or self.head is not None or bool(self.fixed)
 
     def known(self, data: PositionSet) -> bool:
@@ -187,10 +187,10 @@ class StatedModel:
     def read_each(
         self, paths: Sequence[Path], *, together: bool, check_size: bool = True
     ) -> list[PositionSet | InputError]:
-        """The positions of several files; of those that are worked on one by one, the fault of each that cannot be
-        read. Copies of a file are said.
+        """The positions of several files; in a batch, the fault of each file that cannot be read. Copies of a file are
+        reported.
 
-        **Raises:** `InputError` for a file that is given twice, or cannot be read where all belong together.
+        **Raises:** `InputError` for a file given twice, or, if all files belong together, one that cannot be read.
         """
         for copied in given_once(paths):
             print(f"WARNING: {copied}", file=sys.stderr)
@@ -205,22 +205,22 @@ class StatedModel:
         return read
 
     def checked(self, data: PositionSet) -> tuple[PositionSet, list[SetupError]]:
-        """The set with what no calibration at rest depends on put right, and what that was.
+        """The positions after correction of set-up errors that do not influence a calibration at rest, and these errors.
 
-        **Raises:** `InputError` for readings or angles that are mixed up: a calibration is for the columns as they stand.
+        **Raises:** `InputError` for other set-up errors: a calibration is for the columns as recorded.
         """
         return checked(data, self.chain(data, known=self.known(data)) if self.rig else None, self.entries)
 
     def problem(self, data: PositionSet) -> Problem:
-        """The fit of that chain to these data."""
+        """The fit of the stated chain to these data."""
         known = self.known(data)
         chain = self.chain(data, known=known)
         return problem_of(data, chain, noise_sd=self.noise_sd, priors=self.stated(chain, data, known=known))
 
     def chain(self, data: PositionSet, *, known: bool) -> Chain:
-        """The chain to fit to these data; `known`: whether their noise is.
+        """The chain to fit to these data; `known`: whether their noise is known.
 
-        **Raises:** `InputError` for an effect of the rig that can be simulated alone.
+        **Raises:** `InputError` for an effect of the rig that can only be simulated.
         """
         where = where_of(data)
         chain = self.rig.chain(where) if self.rig else default_chain(data)
@@ -240,21 +240,21 @@ class StatedModel:
         )
 
     def stated(self, chain: Chain, data: PositionSet, *, known: bool) -> Priors:
-        """What is known of that chain's parameters."""
+        """The priors of the parameters of that chain."""
         if self.head is None or not known:
             return self.priors
         return dict(self.priors.items()) | self.head.priors(chain, where_of(data))
 
     def with_sources(self, listed: Sequence[Implausible], problem: Problem) -> tuple[Implausible, ...]:
-        """Parameters of a fit to this problem that contradict what is stated, each with the option or file that states it."""
+        """Implausible parameters of a fit to this problem; if they contradict a statement, with its option or file."""
         if self.head is None or not any(unusual.stated is not None for unusual in listed):
             by_head = set[str]()
         else:
             by_head = {name for names in self.head.priors(problem.chain, problem.where) for name in names}
 
         def source(name: str) -> str:
-            own = [self.stated_in[key] for key in (name, leaf_of(name)) if key in self.stated_in][:1]
-            return " and ".join([*own, *([f"--head {self.head.source}"] if self.head and name in by_head else [])])
+            prior = [self.stated_in[key] for key in (name, leaf_of(name)) if key in self.stated_in][:1]
+            return " and ".join([*prior, *([f"--head {self.head.source}"] if self.head and name in by_head else [])])
 
         return tuple(
             [
@@ -264,5 +264,5 @@ class StatedModel:
         )
 
     def of_head(self, problem: Problem) -> dict[str, Any]:
-        """What the provenance of a fit to this problem says of the head's measured errors."""
+        """The measured errors of the head, for the provenance of a fit to this problem."""
         return {} if self.head is None else self.head.record(problem.chain, problem.where, known=problem.known)

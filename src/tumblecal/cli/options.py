@@ -1,4 +1,4 @@
-"""Options that several commands have: one type and one text each, so that they read alike in every --help."""
+"""Options that several commands share: one type and one text each, so that every --help has the same words."""
 
 import math
 import sys
@@ -20,13 +20,14 @@ if TYPE_CHECKING:
 
 
 RigFile = Annotated[
-    Path | None, Parameter(help="The rig, a TOML file; inferred from the angle columns where left out.")
+    Path | None,
+    Parameter(help="Rig file (TOML). Default: inferred from the angle columns. Example: --rig configs/paper24.toml."),
 ]
 NoiseSd = Annotated[
     str | None,
     Parameter(
-        help="Standard deviation of a reading with its unit, e.g. 0.1mg; else the rig's, else the sd columns; else it "
-        "counts as unknown."
+        help="Standard deviation of a reading, with its unit. Default: the rig's, then the sd columns; if neither exists, "
+        "the noise is unknown. Example: --noise-sd 0.1mg."
     ),
 ]
 Priors = Annotated[
@@ -34,7 +35,7 @@ Priors = Annotated[
     Parameter(
         negative=(),
         show_default=False,
-        help="What is known of a parameter, e.g. --prior 'dbeta=3 arcmin' (sd around zero); may be given several times.",
+        help="Gaussian prior on a parameter: standard deviation about zero. Repeatable. Example: --prior 'dbeta=3 arcmin'.",
     ),
 ]
 Fixed = Annotated[
@@ -42,28 +43,29 @@ Fixed = Annotated[
     Parameter(
         negative=(),
         show_default=False,
-        help="Keep a parameter at its nominal value, e.g. --fix dbeta; may be given several times.",
+        help="Parameter fixed at its nominal value. Repeatable. Example: --fix dbeta.",
     ),
 ]
 HeadFile = Annotated[
     Path | None,
     Parameter(
-        help="Measured errors of the head: head.toml of tumblecal diagnose --units. They count with their covariance; "
-        "where the noise is unknown, as exact."
+        help="Measured errors of the dividing head: head.toml of tumblecal diagnose --units. Their covariance is used; if "
+        "the noise is unknown, they are treated as exact. Example: --head units/head.toml."
     ),
 ]
 LocalGravity = Annotated[
     str | None,
     Parameter(
-        help="Gravity at the bench: m/s^2, such as 9.8123, or the site, such as lat=48.14,height=520 (degrees, metres). It is "
-        "what columns in m/s^2 are divided by, and is kept with the results; goes before the files' own."
+        help="Gravity at the bench: m/s^2, such as 9.8123, or the site, such as lat=48.14,height=520 (degrees, metres). "
+        "Readings in m/s^2 are divided by it, and it is stored with the results. Default: the value in the files. "
+        "Example: --gravity 9.8123."
     ),
 ]
 Columns = Annotated[
     str | None,
     Parameter(
-        help="What columns are called in the files, e.g. --columns alpha_deg=angle,ax_g=AccX,ay_g=AccY,az_g=AccZ; other "
-        "columns that are not known are then left out."
+        help="Names of the columns in the files, as NAME=COLUMN. Unknown columns that are not listed are then ignored. "
+        "Default: the standard names. Example: --columns alpha_deg=angle,ax_g=AccX,ay_g=AccY,az_g=AccZ."
     ),
 ]
 EffectFiles = Annotated[
@@ -72,16 +74,16 @@ EffectFiles = Annotated[
         name="--effects",
         negative=(),
         show_default=False,
-        help="Python file with effects of your own; may be given several times.",
+        help="Python file with user-defined effects. Repeatable. Example: --effects my_effects.py.",
     ),
 ]
-_ANGLES = "a number, numbers with commas, or START:END:STEP; may be given several times. Default: every 15 deg"
+_ANGLES = "a number, numbers separated by commas, or START:END:STEP. Repeatable. Default: every 15 deg"
 AllowedAlpha = Annotated[
     tuple[str, ...],
     Parameter(
         negative=(),
         show_default=False,
-        help=f"Spindle angles (deg) that proposed next positions may use: {_ANGLES}.",
+        help=f"Spindle angles (deg) allowed for the proposed positions: {_ANGLES}. Example: --allow-alpha 0:360:45.",
     ),
 ]
 AllowedBeta = Annotated[
@@ -89,12 +91,16 @@ AllowedBeta = Annotated[
     Parameter(
         negative=(),
         show_default=False,
-        help=f"Pitch angles (deg) that proposed next positions may use: {_ANGLES} within those of the data.",
+        help=f"Pitch angles (deg) allowed for the proposed positions: {_ANGLES} within those of the data. "
+        "Example: --allow-beta 0,30.",
     ),
 ]
 AllowedMount = Annotated[
     Literal["none", "turns"],
-    Parameter(help="Whether the triad can be turned in its fixture for the next positions."),
+    Parameter(
+        help="Remounting of the triad in its fixture for the proposed positions: turns (allowed) or none. "
+        "Example: --allow-mount none."
+    ),
 ]
 
 _MOST_ANGLES = 720
@@ -118,23 +124,24 @@ class ModelOptions:
 @Parameter(name="*")
 @dataclass(frozen=True)
 class ResultOptions:
-    """What is kept of the results beside the files.
+    """Results in addition to the files of the output folder.
 
     Parameters
     ----------
     figures
-        Draw the figures (SVG) and write the page; by default only for a single measurement.
+        Figures (SVG) and HTML page. Default: for a single measurement only. Example: --no-figures.
     history
-        Add the results to this history of all units (made where it is missing); tumblecal history reads it.
+        History of all units to which the results are added; created if missing, read by tumblecal history. Default: none.
+        Example: --history lab.db.
     """
 
     figures: bool | None = None
     history: Path | None = None
 
     def ready(self) -> None:
-        """Make the history where it is missing, before the work begins.
+        """Create the history if it is missing, before the work begins.
 
-        **Raises:** `InputError` for a file that is none.
+        **Raises:** `InputError` for a file that is not a history.
         """
         if self.history is not None:
             from tumblecal.history.database import ready
@@ -142,9 +149,9 @@ class ResultOptions:
             ready(self.history)
 
     def in_history(self, folder: Path, kind: str, serial: str | None) -> None:
-        """Add what was written into a folder, where a history is kept.
+        """Add the results of a folder to the history, if one is given.
 
-        **Raises:** `InputError` where it cannot be added; the folder then has it all the same.
+        **Raises:** `InputError` if they cannot be added; the folder keeps them.
         """
         if self.history is not None:
             from tumblecal.history.database import add
@@ -153,12 +160,12 @@ class ResultOptions:
             try:
                 add(self.history, of_folder(folder, kind, serial))
             except InputError as error:
-                later = f"the results are in {folder}/; later: {suggested('history', self.history, '--add', folder)}"
+                later = f"the results are in {folder}/; add them later: {suggested('history', self.history, '--add', folder)}"
                 raise InputError([f"{fault}; {later}" for fault in error.faults]) from error
             if serial is None:
                 print(
-                    f"WARNING: {self.history}: {folder} is kept without a serial number: state it in the data "
-                    "(# serial_number: ...), or nothing can be said of this unit over time",
+                    f"WARNING: {self.history}: {folder} was added without a serial number, so it belongs to no unit: state "
+                    "the number in the data (# serial_number: ...)",
                     file=sys.stderr,
                 )
 
@@ -166,16 +173,16 @@ class ResultOptions:
 @Parameter(name="*")
 @dataclass(frozen=True)
 class NextPositions:
-    """Where the next positions may be."""
+    """Angles and mountings allowed for the proposed positions."""
 
     allow_alpha: AllowedAlpha = ()
     allow_beta: AllowedBeta = ()
     allow_mount: AllowedMount = "turns"
 
     def allowed(self) -> "Allowed":
-        """The same, as `next_plan` takes it.
+        """The options as an argument of `next_plan`.
 
-        **Raises:** `InputError` for angles that are none.
+        **Raises:** `InputError` for texts that are not angles.
         """
         from tumblecal.planning import Allowed
 
@@ -186,16 +193,16 @@ class NextPositions:
 def seed_in_range(seed: int) -> None:
     """Check a seed.
 
-    **Raises:** `InputError` where random numbers cannot start from it.
+    **Raises:** `InputError` for a number below 0 or above `LARGEST_SEED`.
     """
     if not 0 <= seed <= LARGEST_SEED:
         raise InputError(f"--seed {shown(seed)}: must be from 0 to {LARGEST_SEED}")
 
 
 def angles(option: str, texts: Sequence[str]) -> tuple[float, ...] | None:
-    """The angles (deg) of an option given as `0,45`, `0:360:15` (the end included) or several times; None without any.
+    """The angles (deg) of an option given as `0,45`, `0:360:15` (end included) or several times; None if not given.
 
-    **Raises:** `InputError` for a text that is none of these.
+    **Raises:** `InputError` for a text in none of these forms.
     """
     given: list[float] = []
     for text in texts:
@@ -210,7 +217,7 @@ def _angles(given: str, part: str) -> list[float]:
     try:
         numbers = [float(number) for number in part.split(":")]
     except ValueError:
-        raise InputError(f"{given}: {part!r} is no angle; write degrees such as 45, 0,45,90 or 0:360:15") from None
+        raise InputError(f"{given}: {part!r} is not an angle; write degrees such as 45, 0,45,90 or 0:360:15") from None
     if not all(math.isfinite(number) and abs(number) <= 360 for number in numbers):
         raise InputError(f"{given}: angles are in degrees, from -360 to 360")
     if len(numbers) == 1:

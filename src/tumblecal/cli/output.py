@@ -1,4 +1,4 @@
-"""What a command says while and after it works: words, nothing, or the JSON that it wrote."""
+"""Printed output of a command: words, nothing, or the JSON that it wrote."""
 
 import os
 import shutil
@@ -16,33 +16,31 @@ from tumblecal.ground.plain_text import plain
 
 
 def warn(source: Path | str, warnings: Iterable[str]) -> None:
-    """Print what must not go unread, a line each on stderr."""
+    """Print warnings on stderr, one line each."""
     for warning in warnings:
         print(f"WARNING: {source}: {one_line(warning)}", file=sys.stderr)
 
 
-# What a command prints then, `commands.run` keeps from stdout.
-Quiet = Annotated[bool, Parameter(name=("--quiet", "-q"), negative=(), help="Print nothing but warnings and errors.")]
+# With this option `commands.run` discards what a command prints to stdout.
+Quiet = Annotated[bool, Parameter(name=("--quiet", "-q"), negative=(), help="No output except warnings and errors.")]
 
 
 @Parameter(name="*")
 @dataclass(frozen=True)
 class Output:
-    """What is printed."""
+    """Printed output."""
 
     quiet: Quiet = False
-    verbose: Annotated[
-        bool, Parameter(name=("--verbose", "-v"), negative=(), help="Say as well what the program does, on stderr.")
-    ] = False
+    verbose: Annotated[bool, Parameter(name=("--verbose", "-v"), negative=(), help="Progress messages on stderr.")] = (
+        False
+    )
     json: Annotated[
         bool,
-        Parameter(
-            negative=(), help="Print the result as JSON (of several files: one document a line) instead of words."
-        ),
+        Parameter(negative=(), help="Result as JSON instead of words: one document for each file, one on each line."),
     ] = False
 
     def begin(self) -> None:
-        """Take the options up.
+        """Apply the options.
 
         **Raises:** `InputError` for two that contradict each other.
         """
@@ -69,13 +67,13 @@ class Output:
 
     @property
     def columns(self) -> int:
-        """Columns of a text with a layout: at most its own 100, or the terminal's."""
+        """Width of a formatted text: 100 columns, or that of a narrower terminal."""
         from tumblecal.report.verdict import WIDTH
 
         return min(WIDTH, shutil.get_terminal_size().columns) if self._on_terminal else WIDTH
 
     def say(self, text: str) -> None:
-        """Print words, where these are asked for; on a terminal folded between words, elsewhere a paragraph a line."""
+        """Print words, unless JSON or silence is asked for; folded on a terminal, otherwise one line for each paragraph."""
         if self.words and text:
             text = plain(text)
             if self._on_terminal:
@@ -85,12 +83,12 @@ class Output:
             print(text, flush=True)
 
     def warn(self, source: str, warnings: Iterable[str]) -> None:
-        """Print what must not go unread, a line each on stderr, where no words are printed that would say it."""
+        """Print warnings on stderr, one line each, if no words are printed that contain them."""
         if not self.words:
             warn(source, warnings)
 
     def record(self, path: Path) -> None:
-        """Print a written JSON file on one line, where JSON is asked for."""
+        """Print a written JSON file on one line, if JSON is asked for."""
         if self.json:
             import json
 
@@ -98,7 +96,7 @@ class Output:
 
     @contextmanager
     def working(self, words: str) -> Iterator[None]:
-        """Show on a terminal (stderr) that work goes on, and for how long; nothing where stderr is none."""
+        """Show progress and elapsed time on stderr, if it is a terminal."""
         if not self.words or not sys.stderr.isatty():
             yield
             return

@@ -2,7 +2,7 @@
 
 
 def ports() -> None:
-    """List the serial devices: the stable name to put into a plan, what it is, its USB ids, who has it open."""
+    """List the serial devices: stable name for a plan, description, USB ids, and the process that uses it."""
     from pathlib import Path
 
     from rich import box
@@ -13,10 +13,10 @@ def ports() -> None:
 
     devices = available()
     if not devices:
-        print("no serial device found; is it plugged in?")
+        print("no serial device found; check its cable")
         return
     table = Table(box=box.SIMPLE)
-    for name in ("port", "what", "USB id", "serial number", "in use by"):
+    for name in ("port", "device", "USB id", "serial number", "in use by"):
         table.add_column(name)
     for device in devices:
         ids = (

@@ -1,4 +1,4 @@
-"""`tumblecal reduce`: from samples to position means."""
+"""`tumblecal reduce`: position means of samples."""
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -36,30 +36,32 @@ def reduce(
 ) -> None:
     """Average the samples of every position; write positions.csv, positions.parquet and reduction.json.
 
-    The sd of each mean comes from the coloured noise, averaged over the noise models that the dwells allow; the comment
-    noise_model of positions.csv holds its parts, from which calibrate and diagnose know what neighbouring positions have in
-    common. Every dwell is checked: warm-up, trend, outliers, spectral lines, quantisation, saturation, losses.
-    Then: tumblecal calibrate DIR/positions.csv.
+    The standard uncertainty of each mean includes coloured noise, averaged over the noise models that fit the dwells. The
+    comment noise_model of positions.csv has its parts, from which calibrate and diagnose compute the correlation of
+    neighbouring positions. Every dwell is checked for warm-up, trend, outliers, spectral lines, quantisation, saturation and
+    losses. Next: tumblecal calibrate DIR/positions.csv.
 
     Parameters
     ----------
     sources
-        The folder of tumblecal capture; a table of samples with columns position, alpha_deg, beta_deg, ax_g, ay_g, az_g (or
-        _mg, _ms2) and time_s; or a recording made elsewhere: text of any layout, Parquet, .mat, HDF5, ROS bag, MCAP, PX4 ULog,
-        DataFlash, Xsens .mtb, spreadsheet, byte log (tumblecal import shows what is in it). Several files, a folder
-        of files, or a pattern are one recording with a file for each position or face: positions by --table, by the names
-        (alpha045_beta30.csv, x_up.csv, 003.csv with --plan), or --static.
+        Folder of tumblecal capture; table of samples with columns position, alpha_deg, beta_deg, ax_g, ay_g, az_g (or _mg,
+        _ms2) and time_s; or another recording: text of any layout, Parquet, .mat, HDF5, ROS bag, MCAP, PX4 ULog, DataFlash,
+        Xsens .mtb, spreadsheet, byte log (tumblecal import describes it). Several files, a folder of files or a pattern are
+        one recording with one file for each position or face. Their positions are those of --table, of the names
+        (alpha045_beta30.csv, x_up.csv, 003.csv with --plan), or unknown with --static.
     out
-        Folder for the files; a capture's own folder, or `reduced` for anything else, where left out.
+        Output folder. Default: the folder of a capture, otherwise `reduced`. Example: --out reduced17.
     figures
-        Draw intervals.svg.
+        Figure intervals.svg of the still intervals. Example: --no-figures.
     """
     from tumblecal.capture.recording_files import recording_files
     from tumblecal.ground.blas import single_blas_thread
 
     if context.static and context.plan:
-        raise InputError("--static says that the attitudes are unknown, --plan says which they are; give one of them")
-    said = context != KnownContext() or options != RecordingOptions()
+        raise InputError(
+            "--static states that the attitudes are unknown, --plan states them; give only one of these options"
+        )
+    described = context != KnownContext() or options != RecordingOptions()
     output = Output(quiet)
     files = recording_files(sources, [context.table, context.plan])
     with single_blas_thread():
@@ -67,18 +69,18 @@ def reduce(
             _files(files, context, options, (criterion, figures), out or Path("reduced"), output)
             return
         (source,) = files
-        if source.is_dir() and not said and not (source / "metadata.yaml").exists():
+        if source.is_dir() and not described and not (source / "metadata.yaml").exists():
             _captured(source, out or source, output)
         elif context.means:
             _means(source, context, options, out or Path("reduced"), output)
-        elif not said and _is_table(source):
+        elif not described and _is_table(source):
             _table(source, out or Path("reduced"), output)
         else:
             _recording(source, context, options, (criterion, figures), out or Path("reduced"), output)
 
 
 def _is_table(source: Path) -> bool:
-    """Whether a file has the columns of this program's own tables: then its faults are told by their own words."""
+    """Whether a file has the columns of a table of this program, so that its faults are named by these columns."""
     if not source.is_file() or source.suffix not in (".csv", ".parquet"):
         return False
     from tumblecal.data.raw import column_names
@@ -88,19 +90,19 @@ def _is_table(source: Path) -> bool:
 
 
 @contextmanager
-def _kept(inputs: list[Path | None], folder: Path) -> Iterator[Path]:
-    """Where the results are written before they take their places in a folder, all at once; none of them that of an input."""
-    from tumblecal.data.overwriting import inputs_kept
+def _results_folder(inputs: list[Path | None], folder: Path) -> Iterator[Path]:
+    """Temporary folder of the results, which are moved to `folder` all at once; no input is overwritten."""
+    from tumblecal.data.overwriting import protect_inputs
     from tumblecal.ground.atomic import output_folders
     from tumblecal.ground.result_set import result_set
 
-    inputs_kept(inputs, folders=[folder], names=_WRITTEN)
+    protect_inputs(inputs, folders=[folder], names=_WRITTEN)
     with output_folders([folder]), result_set(folder, _WRITTEN) as aside:
         yield aside
 
 
-def _placed(folder: Path, paths: list[Path]) -> list[Path]:
-    """Where files are that took their places in a folder."""
+def _moved(folder: Path, paths: list[Path]) -> list[Path]:
+    """The paths of files after their move to a folder."""
     return [folder / path.name for path in paths]
 
 
@@ -116,20 +118,20 @@ def _captured(source: Path, folder: Path, output: Output) -> None:
 
     reduction = reduced(source)
     with output_folders([folder]), result_set(folder, _WRITTEN) as aside:
-        paths = _placed(folder, write_reduction(reduction, aside))
+        paths = _moved(folder, write_reduction(reduction, aside))
     warn(source, [*reduction.damage, *filter(None, [identity_words(reduction.data)])])
     _printed(reduction, source, output)
     _written(output, paths, f"{len(reduction.data)} of {counted(len(read_plan(source / PLAN_NAME).steps), 'position')}")
 
 
 def _table(source: Path, folder: Path, output: Output) -> None:
-    """A table of samples with their positions beside them."""
+    """A table of samples with a column for their positions."""
     from tumblecal.capture.reduce_table import reduce_table
     from tumblecal.capture.reduction import write_reduction
 
-    with _kept([source], folder) as aside:
+    with _results_folder([source], folder) as aside:
         table = reduce_table(source)
-        paths = _placed(folder, write_reduction(table, aside))
+        paths = _moved(folder, write_reduction(table, aside))
     _reduced(table, source, paths, output)
 
 
@@ -140,14 +142,14 @@ def _means(source: Path, context: KnownContext, options: RecordingOptions, folde
     from tumblecal.report.recording_words import layout_words, left_out_words
 
     paths = [folder / name for name in _WRITTEN[:2]]
-    with _kept([source, context.plan], folder) as aside:
+    with _results_folder([source, context.plan], folder) as aside:
         data, contents = means_of(source, context, options)
         for path in paths:
             write_positions(aside / path.name, data)
     warn(source, [*contents.damage.lines, *left_out_words(contents)])
     output.say("\n".join(layout_words(contents)))
     attitudes = "attitudes unknown" if data.hand_held else "angles known"
-    _written(output, paths, f"{counted(len(data), 'position')}, {attitudes}; no sd is known")
+    _written(output, paths, f"{counted(len(data), 'position')}, {attitudes}; standard uncertainties unknown")
 
 
 def _files(
@@ -158,7 +160,7 @@ def _files(
     folder: Path,
     output: Output,
 ) -> None:
-    """Several files of one recording. The position of each, which may be a guess, is printed before any fault."""
+    """Several files of one recording. Their positions, which may be guesses, are printed before any fault."""
     from tumblecal.capture.capture_plan import read_plan
     from tumblecal.capture.file_positions import FilePosition, FilePositions, positions_by_names, positions_by_table
     from tumblecal.capture.reduce_files import reduce_files
@@ -166,7 +168,7 @@ def _files(
 
     if context.means:
         raise InputError(
-            f"{files[0]}: --means takes one table with a row for each position; {len(files)} files are given"
+            f"{files[0]}: --means needs one table with one row for each position, but {len(files)} files are given"
         )
     plan = None if context.plan is None else read_plan(context.plan)
     if context.table is not None:
@@ -197,7 +199,7 @@ def _recording(
     folder: Path,
     output: Output,
 ) -> None:
-    """A recording made elsewhere."""
+    """A recording of another program."""
     from tumblecal.capture.reduce_recording import reduce_recording
     from tumblecal.report.recording_words import reduction_words
 
@@ -220,24 +222,24 @@ def _still_reduction(
     folder: Path,
     output: Output,
 ) -> None:
-    """Write what is reduced by still intervals, and print it in `words`; where nothing lies still, the figure alone."""
+    """Write a reduction by still intervals, and print its `words`; if no interval is still, only the figure."""
     from tumblecal.capture.reduce_recording import NothingStill
     from tumblecal.capture.reduction import write_reduction
     from tumblecal.report.recording_words import left_out_words
 
     try:
-        with _kept(inputs, folder) as aside:
+        with _results_folder(inputs, folder) as aside:
             reduction = reduced()
             table = reduction.table
             paths = write_reduction(table, aside, reduction.as_dict())
             if figures and reduction.stillness is not None:
                 paths.append(_drawn(reduction.stillness, aside, table.data.names))
-            paths = _placed(folder, paths)
+            paths = _moved(folder, paths)
     except NothingStill as nothing:
-        # Beside the results of an earlier reduction it would pass for a figure of theirs.
+        # In a folder with results of an earlier reduction it would look like a figure of these.
         if not figures or nothing.stillness is None or any((folder / name).exists() for name in _WRITTEN[:3]):
             raise
-        with _kept(inputs, folder) as aside:
+        with _results_folder(inputs, folder) as aside:
             _drawn(nothing.stillness, aside)
         with guessed(getattr(nothing, "__notes__", ())):
             raise InputError(f"{nothing}; {folder / _WRITTEN[3]} shows it") from nothing
@@ -261,7 +263,7 @@ def _reduced(table: "Reduction", source: Path, paths: list[Path], output: Output
 
 
 def _printed(table: "Reduction", source: Path, output: Output) -> None:
-    """The means; where nothing is printed, what is unusual of a position all the same."""
+    """Print the means; with --quiet only warnings on unusual positions."""
     from tumblecal.report.reduction_terminal import print_reduction, unusual_words
 
     if output.words:

@@ -1,4 +1,4 @@
-"""`tumblecal reproduce`: the paper's whole study."""
+"""`tumblecal reproduce`: the study of the paper."""
 
 from pathlib import Path
 
@@ -11,14 +11,14 @@ _DIAGNOSIS = "diagnosis"
 
 
 def reproduce(*, out: Path = Path("study"), seed: int = 0) -> None:
-    """Reproduce the paper's study from no other input: simulation, Table 1 by all methods, audit of its tables.
+    """Reproduce the study of the paper without further input: simulation, Table 1 by all methods, audit of its tables.
 
     Parameters
     ----------
     out
-        Folder for page.html, study.json, findings.txt and the figures.
+        Output folder: page.html, study.json, findings.txt and figures. Example: --out paper.
     seed
-        Seed of the simulation's noise.
+        Seed of the simulated noise. Example: --seed 1.
     """
     from tumblecal.cli.start import start
 
@@ -58,7 +58,7 @@ def reproduce(*, out: Path = Path("study"), seed: int = 0) -> None:
             words = write_paper_study(aside, study, audited, table1, diagnosis, plan)
             write_diagnosis(aside / _DIAGNOSIS, diagnosis, plan, figures=True)
     print_calibration(table1, console)
-    console.print("\nWhat was found", style="bold")
+    console.print("\nFindings", style="bold")
     for text in words:
         print_words(console, f"\n{text}")
     console.print("\nDiagnosis of Table 1", style="bold")

@@ -1,4 +1,4 @@
-"""`tumblecal simulate`: position means of a rig."""
+"""`tumblecal simulate`: simulated position means of a rig."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -25,25 +25,25 @@ def simulate(
     Parameters
     ----------
     config
-        The rig, a TOML file such as configs/paper24.toml.
+        Rig file (TOML), such as configs/paper24.toml.
     out
-        The file to write: .csv or .parquet.
+        Position file to write (.csv or .parquet). Example: --out positions.csv.
     seed
-        Seed of the noise; the same seed gives the same data.
+        Seed of the noise; the same seed gives the same data. Example: --seed 7.
     noise_sd
-        Standard deviation of a reading with its unit, e.g. 0.1mg; goes before the rig's own.
+        Standard deviation of a reading, with its unit. Default: that of the rig. Example: --noise-sd 0.1mg.
     serial_number
-        Serial number of the simulated unit, e.g. A-17, as certificates and a history need one.
+        Serial number of the simulated unit, for certificates and a history. Default: none. Example: --serial-number A-17.
     then
-        Plan of a second measurement with the same instrument, e.g. diagnosis/next_positions.toml: only its positions are
-        written, as measured after the rig's plan, under the conditions that it states.
+        Plan of a second measurement with the same instrument, under the conditions of that plan. Only its positions are
+        written, as measured after the plan of the rig. Example: --then diagnosis/next_positions.toml.
     """
     from tumblecal.cli.start import start
 
     start()
     from tumblecal.capture.capture_plan import read_plan
     from tumblecal.data import write_positions
-    from tumblecal.data.overwriting import inputs_kept
+    from tumblecal.data.overwriting import protect_inputs
     from tumblecal.effects import catalogue
     from tumblecal.effects.catalogue import read_rig_with_effects
     from tumblecal.ground.atomic import writable_file
@@ -51,7 +51,7 @@ def simulate(
     from tumblecal.simulation.next_measurement import simulated_after
     from tumblecal.simulation.position_means import simulated
 
-    inputs_kept([config, *effects, *([then] if then else [])], out=out)
+    protect_inputs([config, *effects, *([then] if then else [])], out=out)
     seed_in_range(seed)
     if out.suffix not in (".csv", ".parquet"):
         raise InputError(f"{out}: must end in .csv or .parquet")
@@ -65,5 +65,5 @@ def simulate(
         data = replace(data, comments=data.comments | {"serial_number": one_line(serial_number)})
     writable_file(out)
     write_positions(out, data)
-    after = f" after those of its plan, as {then} lists them" if then else ""
+    after = f" after those of its plan, from {then}" if then else ""
     print(f"{out}: {len(data)} positions of {rig.title or config}{after}, seed {seed}")

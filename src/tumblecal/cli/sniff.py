@@ -1,22 +1,22 @@
-"""`tumblecal sniff`: which protocol a device speaks, and at which baud rate."""
+"""`tumblecal sniff`: protocol and baud rate of a device."""
 
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.suggested_command import suggested
 
 
 def sniff(port: str, /, *, baud: list[int] | None = None, seconds: float = 2.0) -> None:
-    """Listen to a port at the usual baud rates, or look at a file of bytes, and say which protocol explains them.
+    """Identify the protocol of a serial port at the usual baud rates, or of a file of bytes.
 
-    Nothing is sent to the device. `tumblecal decode FILE` reads what a file holds.
+    Nothing is sent to the device. To read such a file: tumblecal decode FILE.
 
     Parameters
     ----------
     port
-        The serial port (tumblecal ports lists them), or a file of bytes.
+        Serial port (listed by tumblecal ports), or a file of bytes.
     baud
-        Baud rates to try, in place of the usual ones.
+        Baud rate to try. Repeatable. Default: the usual rates. Example: --baud 460800.
     seconds
-        How long to listen at each rate.
+        Listening time at each rate, s. Example: --seconds 5.
     """
     import time
     from pathlib import Path
@@ -57,10 +57,12 @@ def sniff(port: str, /, *, baud: list[int] | None = None, seconds: float = 2.0) 
             verdict = (best.name, rate)
             break
     if not total:
-        raise InputError(f"port {port}: silence at all baud rates: power, cable, or a device that waits for a command")
+        raise InputError(
+            f"port {port}: no bytes at any baud rate; check power and cable, and whether the device waits for a command"
+        )
     Console().print(table)
     if verdict is None:
-        raise InputError(f"port {port}: no protocol explains these bytes; keep some and try: tumblecal decode FILE")
+        raise InputError(f"port {port}: unknown protocol; save some of the bytes and run: tumblecal decode FILE")
     print(f'port {port}: {protocols()[verdict[0]].title}; in the plan: protocol = "{verdict[0]}", baud = {verdict[1]}')
 
 
@@ -85,11 +87,11 @@ def _sniff_file(path) -> None:
     fitting = [g for g in guesses(data) if g.frames + g.special]
     reader = reader_of(path) if data and not fitting else None
     if reader is not None and reader.title != "text":
-        print(f"{path}: {reader.title}; to see what is in it, run: {suggested('import', path)}")
+        print(f"{path}: {reader.title}; to describe its contents, run: {suggested('import', path)}")
         return
     if not fitting:
         words = unknown_words(data) if data else "the file is empty"
-        raise InputError(f"{path}: no protocol explains the first megabyte: {words}")
+        raise InputError(f"{path}: unknown protocol in the first megabyte: {words}")
     for guess in fitting:
         title = protocols()[guess.name].title
         print(f"{guess.name}: {guess.explained:.0%} of the bytes, {guess.frames} samples ({title})")

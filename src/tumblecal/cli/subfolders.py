@@ -1,11 +1,11 @@
-"""Where the results of several files go."""
+"""Output folders of a batch."""
 
 from collections.abc import Sequence
 from pathlib import Path
 
 
 def subfolders(files: Sequence[Path], out: Path) -> list[Path]:
-    """The folder of each file: `out` itself for one file, else `out/<stem>`, numbered where stems are the same."""
+    """The folder of each file: `out` itself for one file, else `out/<stem>`, numbered if stems are equal."""
     if len(files) == 1:
         return [out]
     folders: list[Path] = []

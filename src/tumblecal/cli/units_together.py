@@ -1,4 +1,4 @@
-"""`tumblecal diagnose --units`: files of units that were measured on one head."""
+"""`tumblecal diagnose --units`: files of units measured on one dividing head."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from tumblecal.diagnosis.screening.screened import Screened
 
 
-# What is written of all units together.
+# Files for all units together.
 SUMMARY = "summary.csv"
 UNITS_SET = ("diagnosis.json", "verdict.txt", "head.toml", "diagnosis.html", "shared_by_unit.svg")
 
@@ -26,7 +26,7 @@ def diagnose_units(
     workers: int | None,
     out: Path,
 ) -> list[str]:
-    """Screen every unit, weigh what they share, diagnose each again beside it, and write all of it; returns the faults."""
+    """Screen each unit, estimate common errors, diagnose each unit given these, and write all results; returns the faults."""
     from tumblecal.diagnosis.head import together
     from tumblecal.ground.blas import single_blas_thread
     from tumblecal.ground.result_set import remove_results, result_set
@@ -45,10 +45,8 @@ def diagnose_units(
                 refused[number] = fault
     if len(taken) < 2:
         faults = [text for fault in refused.values() for text in fault.faults]
-        raise InputError(
-            [*faults, "--units: at least two units that can be diagnosed are needed to tell what they share"]
-        )
-    with single_blas_thread(), batch.output.working("weighing what the units share"):
+        raise InputError([*faults, "--units: fewer than two units can be diagnosed; common errors need at least two"])
+    with single_blas_thread(), batch.output.working("estimating errors common to the units"):
         measured = together(screened, [str(files[k]) for k in taken], batch.usual)
     del screened
     heads = [measured.known_to(number) for number in range(len(taken))]
@@ -56,9 +54,8 @@ def diagnose_units(
     processes = processes_for(len(taken)) if workers is None else workers
     rows: dict[int, dict] = {number: summary_row(files[number], fault) for number, fault in refused.items()}
     faults = [text for fault in refused.values() for text in fault.faults]
-    remove_results(
-        out, (*UNITS_SET, SUMMARY)
-    )  # they are of the units' results as they are before the first is replaced
+    # They describe the results of the units before the first one is replaced.
+    remove_results(out, (*UNITS_SET, SUMMARY))
     outcomes = batch.run(chosen, [folders[k] for k in taken], [read[k] for k in taken], processes, heads)
     try:
         for number, (row, more, text) in zip(taken, outcomes, strict=True):

@@ -1,4 +1,4 @@
-"""Position sets, units, CSV and Parquet, calibration files, the paper's tables. Needs no JAX."""
+"""Position sets, CSV and Parquet files, calibration files, tables of the paper. Does not need JAX."""
 
 from tumblecal.data.files import read_positions, write_positions
 from tumblecal.data.positions import PositionSet

@@ -1,4 +1,4 @@
-"""`budget.json` read back: what a budget adds to a calibration's own uncertainty."""
+"""`budget.json`: the contributions of a budget to the uncertainty of a calibration."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -20,21 +20,21 @@ from tumblecal.ground.units import shown as shown_unit
 
 
 NAME = "budget.json"
-# A factor may have been rounded by so much.
+# Smallest ratio of a rounded coverage factor to the exact one.
 _ROUNDED = 0.99
-# Two noises whose standard uncertainties differ by less are one.
+# Standard uncertainties with a smaller relative difference are due to the same noise.
 _SAME_NOISE = 0.01
-# The least degrees of freedom of an input, as `chain.considered` takes it.
+# Smallest degrees of freedom of an input, as in `chain.considered`.
 _LEAST_DOF = 0.5
 
 
 @dataclass(frozen=True)
 class BudgetResult:
-    """A budget's inputs as they act on the parameters, base units.
+    """Contributions of the inputs of a budget to the parameters, base units.
 
-    - `type_b`: a covariance without the data's noise. `type_a`: standard uncertainties by the noise that it was made with.
+    - `type_b`: values, and covariance without noise. `type_a`: standard uncertainties by the noise of the budget.
     - `contributions`, `dof`: standard uncertainties by each input, and its degrees of freedom.
-    - `level`: of its coverage factors. `sha256`: of the data. `diagnosed`: made with the covariance of a diagnosis.
+    - `level`: coverage probability. `sha256`: of the data. `diagnosed`: whether it has the covariance of a diagnosis.
     """
 
     type_b: SensorParameters
@@ -46,58 +46,62 @@ class BudgetResult:
     diagnosed: bool = False
 
     def is_of(self, calibration: Calibration) -> bool:
-        """Whether both were made from the same data, as far as is known."""
+        """Whether both are from the same data; true if one of them does not state its data."""
         return not self.sha256 or calibration.provenance.get("sha256") in (None, self.sha256)
 
     def lacks(self, calibration: Calibration) -> bool:
-        """Whether the budget includes the contributions of a diagnosis and the calibration is of none."""
+        """Whether the budget includes contributions of a diagnosis, but the calibration is not from a diagnosis."""
         return self.diagnosed and "verdict" not in calibration.provenance
 
     def moved(self, calibration: Calibration) -> list[str]:
-        """Parameters that are not the budget's to within their own sd, so that it is of another model; none for the extended
-        model of a diagnosis, whose budget is that of the nominal one."""
+        """Parameters that differ from the budget by more than their standard uncertainty, so that its model is different.
+
+        None for the extended model of a diagnosis, whose budget is for the nominal model."""
         if "verdict" in calibration.provenance:
             return []
-        own, budgeted = calibration.sensor.of(SENSOR), self.type_b.of(SENSOR)
-        apart = (np.abs(own.values - budgeted.values) > own.sd) & (own.sd > 0)
-        return [name for name, far in zip(SENSOR, apart, strict=True) if far]
+        calibrated, budgeted = calibration.sensor.of(SENSOR), self.type_b.of(SENSOR)
+        differ = (np.abs(calibrated.values - budgeted.values) > calibrated.sd) & (calibrated.sd > 0)
+        return [name for name, differs in zip(SENSOR, differ, strict=True) if differs]
 
     def other_noise(self, calibration: Calibration) -> str:
-        """Words on a budget that was made with another noise than the calibration; "" where it is the same, and for the
-        extended model of a diagnosis, which shares its noise among other parameters."""
+        """Words on a budget whose noise differs from that of the calibration; "" if it is the same, and for the extended
+        model of a diagnosis, which has more parameters."""
         if "verdict" in calibration.provenance:
             return ""
-        there, own = self.type_a[self.type_b.places(SENSOR)], calibration.sensor.of(SENSOR).sd
-        far = np.abs(own - there) - _SAME_NOISE * np.maximum(own, there)
-        if not np.any(far > 0):
+        budgeted, calibrated = self.type_a[self.type_b.places(SENSOR)], calibration.sensor.of(SENSOR).sd
+        larger = np.maximum(calibrated, budgeted)
+        excess = np.abs(calibrated - budgeted) - _SAME_NOISE * larger
+        if not np.any(excess > 0):
             return ""
-        worst = int(np.argmax(far / np.maximum(np.maximum(own, there), 1e-300)))
+        worst = int(np.argmax(excess / np.maximum(larger, 1e-300)))
         unit, factor = shown_unit(GROUPS[leaf_of(SENSOR[worst])][1])
-        sizes = [in_words(f"{size * factor:.3g}", unit) for size in (there[worst], own[worst])]
-        return f"made with another noise than the calibration (u_A of {SENSOR[worst]}: {sizes[0]}, here {sizes[1]})"
+        sizes = [in_words(f"{size * factor:.3g}", unit) for size in (budgeted[worst], calibrated[worst])]
+        worst_u = f"u_A of {SENSOR[worst]}: {sizes[0]}, here {sizes[1]}"
+        return f"computed with a different noise from that of the calibration ({worst_u})"
 
-    def coverage(self, own: SensorParameters, dof: float) -> Float[np.ndarray, " parameters"]:
-        """Coverage factors of a calibration's parameters (those of `own`) with its own noise beside the inputs.
+    def coverage(self, calibrated: SensorParameters, dof: float) -> Float[np.ndarray, " parameters"]:
+        """Coverage factors of the parameters of a calibration, with its noise and the inputs of this budget.
 
         **Arguments:**
 
-        - `dof`: degrees of freedom of the calibration's noise; infinite where it is stated.
+        - `dof`: degrees of freedom of the noise of the calibration; infinite if the noise is stated.
         """
-        sizes = np.vstack([own.sd, self.contributions[:, self.type_b.places(own.names)]])
+        sizes = np.vstack([calibrated.sd, self.contributions[:, self.type_b.places(calibrated.names)]])
         return coverage_factors(effective_dof(sizes, np.array([dof, *self.dof])), self.level)
 
-    def combined(self, own: SensorParameters) -> SensorParameters:
-        """A calibration's parameters with the combined covariance: their own (`noise`), and what the inputs add."""
-        shared = [name for name in own.names if name in self.type_b.names]
-        covariance, block = own.covariance.copy(), np.ix_(own.places(shared), own.places(shared))
-        covariance[block] += self.type_b.of(shared).covariance
-        return replace(own, covariance=covariance, noise=own.covariance)
+    def combined(self, calibrated: SensorParameters) -> SensorParameters:
+        """The parameters of a calibration with their combined covariance: that of the calibration (`noise`) and the inputs."""
+        shared = [name for name in calibrated.names if name in self.type_b.names]
+        places = calibrated.places(shared)
+        covariance = calibrated.covariance.copy()
+        covariance[np.ix_(places, places)] += self.type_b.of(shared).covariance
+        return replace(calibrated, covariance=covariance, noise=calibrated.covariance)
 
 
 def read_budget(path: Path) -> BudgetResult:
     """Read a `budget.json`.
 
-    **Raises:** `InputError` for a file that is none, or is not of a whole sensor, and for a coverage factor that is none.
+    **Raises:** `InputError` for a file that is not a budget of a whole sensor, or has a wrong coverage factor.
     """
     content = read_json_object(path)
     try:
@@ -157,8 +161,8 @@ def _check_coverage(path: Path, level: object, factors: Mapping[str, object]) ->
         raise InputError(faults)
 
 
-def with_budget_beside(file: Path, calibration: Calibration) -> SensorParameters | None:
-    """A calibration's parameters with combined covariance, where a budget of the same data and model lies beside its file."""
+def with_budget_in_folder(file: Path, calibration: Calibration) -> SensorParameters | None:
+    """The parameters of a calibration with combined covariance; None if its folder has no budget of the same data and model."""
     path = file.parent / NAME
     budget = read_budget(path) if path.is_file() else None
     if budget is None or not budget.is_of(calibration) or budget.moved(calibration) or budget.lacks(calibration):

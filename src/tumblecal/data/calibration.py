@@ -1,4 +1,4 @@
-"""`calibration.json`: what a device applies, `f = matrix (A - bias)`."""
+"""`calibration.json`: the correction of a device, `f = matrix (A - bias)`."""
 
 import json
 import math
@@ -37,11 +37,11 @@ ORDER = (*(f"matrix_{row}{column}" for row in "123" for column in "123"), "bias_
 class Calibration(Shown):
     """The linear correction of a triad.
 
-    `matrix` turns readings less `bias` (g) into specific force in the triad's own orthogonal frame: x along the x
-    input axis, y in the plane of the x and y input axes. `covariance` is of `ORDER`. `alignment` turns that frame's
-    vectors into the fixture's: `f_fixture = alignment f`; None where the data hold several mountings. `gravity` is
-    what one g is, None where the data did not say. `parameters` are those of the fit, mount angles among them; None in
-    files of earlier versions. `use`: whether it may be used. `extra` keeps the file's other keys as they are.
+    `matrix` converts readings minus `bias` (g) to specific force in the orthogonal frame of the triad: x along the x
+    input axis, y in the plane of the x and y input axes. `covariance` is in the order of `ORDER`. `alignment` rotates
+    vectors from that frame to the fixture, `f_fixture = alignment f`; None for data with several mountings. `gravity` is
+    the value of one g; None if the data do not state it. `parameters` are those of the fit, including mount angles; None
+    in files of earlier versions. `use`: whether it may be used. `extra` has the other keys of the file.
     """
 
     matrix: Float[np.ndarray, "3 3"]
@@ -58,23 +58,23 @@ class Calibration(Shown):
 
     @property
     def dof(self) -> float | None:
-        """Degrees of freedom from which the noise that `covariance` stands for was estimated (`provenance["dof"]`), infinite
-        where it was stated; None in files of earlier versions, which do not say."""
+        """Degrees of freedom of the estimated noise in `covariance` (`provenance["dof"]`); infinite for stated noise, None in
+        files of earlier versions, which do not state them."""
         stated = self.provenance.get("dof")
         return max(float(stated), 1.0) if is_number(stated) else math.inf if "dof" in self.provenance else None
 
     @property
     def sensor(self) -> SensorParameters:
-        """Scale factors, biases, non-orthogonalities, and the mount's angles where the fit had them, with `dof`; where the file
-        does not say, the covariance counts as known."""
-        own = self.parameters or of_matrix(self.matrix, self.bias, self.covariance)
-        return own if self.dof is None else replace(own, dof=self.dof)
+        """Scale factors, biases, non-orthogonalities and fitted mount angles, with `dof`; without a stated `dof` the covariance
+        is treated as known."""
+        sensor = self.parameters or of_matrix(self.matrix, self.bias, self.covariance)
+        return sensor if self.dof is None else replace(sensor, dof=self.dof)
 
     @cached_property
     def terms(self) -> tuple[Term, ...]:
         """Contributions to a reading in addition to matrix and bias: nonlinear, thermal and drift terms.
 
-        **Raises:** `InputError` for terms in `extra` that are none.
+        **Raises:** `InputError` for invalid terms in `extra`.
         """
         return terms_of(self.extra.get("terms", []))
 
@@ -85,16 +85,16 @@ class Calibration(Shown):
 
     @property
     def not_applied(self) -> list[NotApplied]:
-        """Corrections of which the file holds no term, with reason and size."""
+        """Corrections without a term in the file, with reason and size."""
         return not_applied(self.provenance)
 
     def with_terms(self, terms: Sequence[Term]) -> "Calibration":
-        """The calibration with other terms."""
+        """The calibration with these terms in place of its terms."""
         extra = {key: value for key, value in self.extra.items() if key != "terms"}
         return replace(self, extra=extra | ({"terms": [term.record() for term in terms]} if terms else {}))
 
     def linear(self, readings: Float[np.ndarray, "rows 3"]) -> Float[np.ndarray, "rows 3"]:
-        """Matrix and bias applied to readings in g; what terms there are is left out."""
+        """Matrix and bias applied to readings in g, without the terms."""
         return linear(self.matrix, self.bias, readings)
 
     def corrected(
@@ -103,11 +103,11 @@ class Calibration(Shown):
         temperature_degc: Float[np.ndarray, " rows"] | float | None = None,
         time_s: Float[np.ndarray, " rows"] | float | None = None,
     ) -> Float[np.ndarray, "rows 3"]:
-        """Specific force in g from readings in g, nonlinear, thermal and drift terms included.
+        """Specific force in g from readings in g, with nonlinear, thermal and drift terms.
 
         **Arguments:**
 
-        - `temperature_degc`, `time_s`: of every row, or one for all; needed when a term depends on it.
+        - `temperature_degc`, `time_s`: of each row, or one for all rows; required if a term depends on it.
 
         **Raises:** `InputError` as `calibration_extended.corrected` does.
         """
@@ -115,14 +115,14 @@ class Calibration(Shown):
 
     @property
     def rows(self) -> list[list[str]]:
-        """Matrix and bias (mg) as a table shows them, a row an axis."""
+        """Matrix and bias (mg) as rows of a table, one for each axis."""
         return [
             [f"f_{axis}", *(f"{value:.9f}" for value in self.matrix[k]), f"{self.bias[k] * 1e3:.6f}"]
             for k, axis in enumerate(AXES)
         ]
 
     def screen(self) -> Screen:
-        """Matrix and bias, and what they hold for."""
+        """Matrix and bias, with the conditions of their use."""
         terms = (
             [f"{len(self.extra['terms'])} nonlinear or thermal terms in addition"] if self.extra.get("terms") else []
         )
@@ -136,12 +136,12 @@ class Calibration(Shown):
 
 
 def write_calibration(path: Path, calibration: Calibration) -> None:
-    """Write a calibration file, whole or not at all."""
+    """Write a calibration file, completely or not at all."""
     write_text(path, calibration_text(calibration))
 
 
 def calibration_text(calibration: Calibration) -> str:
-    """What a calibration file holds."""
+    """The text of a calibration file."""
     content = {
         "schema": SCHEMA,
         "equation": "f = matrix (A - bias); f_fixture = alignment f",
@@ -165,9 +165,8 @@ def calibration_text(calibration: Calibration) -> str:
 def read_calibration(path: Path | str) -> Calibration:
     """Read a calibration file.
 
-    **Raises:** `InputError` when it is not one, or what it holds is no calibration: a number missing or not finite, a matrix
-    that cannot be inverted, a covariance that is none, parameters, terms or a use that are not understood, parameters that
-    contradict matrix and bias.
+    **Raises:** `InputError` for a file that is not a calibration: a missing or infinite number, a singular matrix, an invalid
+    covariance, invalid parameters, terms or use, or parameters that contradict matrix and bias.
     """
     path = Path(path)
     if path.is_dir():
@@ -175,10 +174,10 @@ def read_calibration(path: Path | str) -> Calibration:
     content = read_json(path)
     if not isinstance(content, dict) or content.get("schema") != SCHEMA:
         schema = shown(content.get("schema") if isinstance(content, dict) else None)
-        raise InputError(f"{path}: schema is {schema}, not {SCHEMA!r}; give the calibration.json that calibrate wrote")
+        raise InputError(f"{path}: schema is {schema}, not {SCHEMA!r}; give the calibration.json of calibrate")
     for key, wanted in (("units", UNITS_OF), ("covariance_order", list(ORDER))):
         if content.get(key, wanted) != wanted:
-            raise InputError(f"{path}: {key}: must be as calibrate writes it")
+            raise InputError(f"{path}: {key}: differs from the value that calibrate writes; restore it")
     temperature, serial = content.get("temperature_degc"), content.get("serial_number")
     if not (temperature is None or is_number(temperature)):
         raise InputError(f"{path}: temperature_degc: {shown(temperature)} is not a number")
@@ -225,7 +224,7 @@ def _gravity(path: Path, stated: object) -> Gravity | None:
     value = stated.get("value_ms2") if isinstance(stated, dict) else None
     source = stated.get("source") if isinstance(stated, dict) else None
     if not (isinstance(source, str) and (value is None or is_number(value))):
-        raise InputError(f"{path}: gravity: must hold value_ms2 and source")
+        raise InputError(f"{path}: gravity: must have value_ms2 and source")
     return None if value is None else checked_gravity(value, source, f"{path}: gravity.value_ms2")
 
 

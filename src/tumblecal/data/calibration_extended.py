@@ -1,6 +1,6 @@
-"""The inverse of an extended sensor model: nonlinear and thermal terms beside the linear correction, solved exactly.
+"""The exact inverse of an extended sensor model: linear correction with nonlinear, thermal and drift terms.
 
-The reading is `A = diag(1 + dK) u + bias + terms(u, T)`, u being the ideal input along each sensitive axis.
+The reading is `A = diag(1 + dK) u + bias + terms(u, T)`, with the ideal input u along each sensitive axis.
 """
 
 from collections.abc import Sequence
@@ -13,13 +13,13 @@ from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
 
 
-# Fixed-point steps shrink the error by the terms' slope, some 1e-3 each: this is rounding of a reading near 1 g.
+# Each fixed-point step multiplies the error by the slope of the terms, some 1e-3. This is the rounding of a reading of 1 g.
 TOLERANCE = 1e-14
 MOST_STEPS = 60
-# Rows at a time: what stays in the processor's cache is several times as fast.
+# Rows in one block: a block that fits the CPU cache is several times faster.
 _BLOCK = 1 << 13
 _KINDS_OF = {"temperature_degc": "temperature", "time_s": "drift"}
-# A step larger than this many times the readings runs away.
+# The iteration diverges if a step is larger than this many times the readings.
 FARTHEST = 3.0
 
 
@@ -33,28 +33,28 @@ def corrected(
 ) -> Float[np.ndarray, "rows 3"]:
     """Specific force in g from readings in g, by matrix, bias and terms of a calibration.
 
-    A reading in the gap that a term of kind `sign` leaves at zero input has no input: it gets the middle of the gap.
+    A term of kind `sign` leaves a gap of readings at zero input: a reading in this gap is mapped to its middle.
 
     **Arguments:**
 
-    - `temperature_degc`, `time_s`: of every row, or one for all; needed when a term depends on it.
+    - `temperature_degc`, `time_s`: of each row, or one for all rows; required if a term depends on it.
 
-    **Raises:** `InputError` for a term that is not understood, a missing temperature or time, one of another number of rows, or
-    readings of another shape, or so far outside the model that no input explains them.
+    **Raises:** `InputError` for an invalid term, a missing temperature or time, a wrong number of rows, readings of a wrong
+    shape, or readings so far outside the model that it cannot be inverted.
     """
     if np.ndim(readings) == 0 or np.shape(readings)[-1] != 3:
-        raise InputError(f"readings have the shape {np.shape(readings)}; (rows, 3) is wanted")
+        raise InputError(f"readings have the shape {np.shape(readings)}; it must be (rows, 3)")
     readings = np.asarray(readings)
     for name, values in (("temperature_degc", temperature_degc), ("time_s", time_s)):
         if values is None and name in columns_needed(terms):
             raise InputError(f"this calibration has {_KINDS_OF[name]} terms: the data need a column {name}")
         if values is not None and np.ndim(values) and np.shape(values) != readings.shape[:1]:
-            raise InputError(f"{name} has the shape {np.shape(values)}; one number, or {readings.shape[:1]}, is wanted")
+            raise InputError(f"{name} has the shape {np.shape(values)}; it must be one number, or {readings.shape[:1]}")
     degc, time = (
         None if given is None else np.broadcast_to(given, len(readings)) for given in (temperature_degc, time_s)
     )
     force = np.empty(readings.shape[::-1]).T
-    with np.errstate(all="ignore"):  # what runs away ends in an error
+    with np.errstate(all="ignore"):  # a divergent iteration ends in an error
         for first in range(0, len(readings), _BLOCK):
             rows = slice(first, first + _BLOCK)
             if terms:
@@ -96,7 +96,7 @@ def _inverted(
 ) -> Float[np.ndarray, "rows 3"]:
     lower = np.linalg.inv(matrix)
     to_inputs = (lower / np.diag(lower)[:, None]).T
-    jumps = 2 * sum(np.max(np.abs(own)) for term, own in zip(terms, factors, strict=True) if term.kind == "sign")
+    jumps = 2 * sum(np.max(np.abs(factor)) for term, factor in zip(terms, factors, strict=True) if term.kind == "sign")
     farthest = FARTHEST * max(1.0, float(np.max(np.abs(readings), initial=0.0)))
     force = linear(matrix, bias, readings)
     before = np.full_like(force, np.nan)
@@ -108,7 +108,7 @@ def _inverted(
             return better
         if not largest <= farthest:
             break
-        # In a gap the sign turns with every step; all other steps vanish.
+        # In a gap the sign changes with every step; all other steps converge to zero.
         if jumps and largest <= 2 * jumps and np.all((change <= tolerance) | (np.abs(better - before) <= tolerance)):
             return (better + force) / 2
         before, force = force, better
@@ -122,7 +122,7 @@ def values(
     inputs: Float[np.ndarray, "rows 3"],
     temperature_degc: Float[np.ndarray, " rows"] | float | None,
 ) -> Float[np.ndarray, "rows 3"]:
-    """What the terms add to the readings at given inputs, g; without a temperature as at one degree from the reference."""
+    """Contribution of the terms to the readings at given inputs, g; without a temperature, one degree from the reference."""
     degc = None if temperature_degc is None else np.broadcast_to(temperature_degc, len(inputs))
     return _added(terms, _factors(terms, degc, None), inputs)
 

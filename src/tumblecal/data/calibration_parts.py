@@ -18,12 +18,12 @@ LARGEST = 1e12
 MOST_SCALE = 2e3
 ROUNDING = 1e-9
 # Matrix and bias may differ by this much (1, g) from what the parameters say: more than any rounding, float32 included, and
-# far below what a calibration can tell.
+# far below the uncertainty of a calibration.
 _SAME = 1e-6
 
 
 def is_number(value: object) -> TypeGuard[int | float]:
-    """Whether this is a number that float64 holds."""
+    """Whether this is a number, not beyond `LARGEST`."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return False
     return -LARGEST <= value <= LARGEST
@@ -36,7 +36,7 @@ def numbers(path: Path, content: dict[str, Any], key: str, shape: tuple[int, ...
 
     - `within`: the dotted path of what `content` is, for faults.
 
-    **Raises:** `InputError` where it is missing, of another shape, or holds what is no number.
+    **Raises:** `InputError` if it is missing, has a wrong shape, or an entry that is not a number.
     """
     named = f"{path}: {within}{key}"
     if key not in content:
@@ -49,7 +49,7 @@ def numbers(path: Path, content: dict[str, Any], key: str, shape: tuple[int, ...
         raise InputError(f"{named} is not a table of numbers") from error
     if values.shape != shape or not np.all(np.abs(values) <= LARGEST):
         size = " x ".join(map(str, shape))
-        raise InputError(f"{named} must hold {size} finite numbers, none beyond {LARGEST:g}")
+        raise InputError(f"{named} must have {size} finite numbers, none beyond {LARGEST:g}")
     return values
 
 

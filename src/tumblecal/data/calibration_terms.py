@@ -27,7 +27,7 @@ class Term:
 
     - `axis`: of the output. `coefficient`: g, degC, h. `powers`: of the inputs along x, y and z. `kind`: `product`, or `abs` or
       `sign` of that product.
-    - `degc_power`: power of the temperature less `reference_degc`; 0: the temperature takes no part.
+    - `degc_power`: power of the temperature less `reference_degc`; 0: independent of the temperature.
     - `per_hour`: whether it is multiplied by the hours since `reference_s`.
     - `effect`: id of the catalogue entry, "" if not stated. `determined`: whether the data determined it separately.
     """
@@ -54,12 +54,12 @@ class Term:
         return not any(self.powers) and self.kind != "sign"
 
     def of_inputs(self, inputs: Float[np.ndarray, "rows 3"]) -> np.ndarray:
-        """What the inputs (g) make of it for every row: one for all rows if it does not depend on them."""
+        """The factor of the inputs (g) for each row; one value for all rows if the term does not depend on them."""
         powers = [inputs[:, k] for k, power in enumerate(self.powers) for _ in range(power)]
         return KINDS[self.kind](reduce(np.multiply, powers) if powers else np.ones(1))
 
     def factor(self, temperature_degc: np.ndarray | None, time_s: np.ndarray | None) -> np.ndarray | float:
-        """The coefficient with what temperature and time, of every row, make of it; one that is None takes no part."""
+        """The coefficient times the factors of temperature and time, for each row; a None has no influence."""
         factor: np.ndarray | float = self.coefficient
         if self.degc_power and temperature_degc is not None:
             factor = factor * (np.asarray(temperature_degc, float) - self.reference_degc) ** self.degc_power
@@ -68,12 +68,12 @@ class Term:
         return factor
 
     def record(self) -> dict[str, Any]:
-        """As a calibration file holds it."""
+        """The record in a calibration file."""
         record: dict[str, Any] = {"axis": self.axis, "coefficient": self.coefficient, "powers": list(self.powers)}
         if self.kind != "product":
             record["kind"] = self.kind
         if self.degc_power:
-            # A power of one as files have always had it.
+            # `per_degc` is the form of all versions for a power of one.
             power = {"per_degc": True} if self.degc_power == 1 else {"degc_power": self.degc_power}
             record |= power | {"reference_degc": self.reference_degc}
         if self.per_hour:
@@ -99,11 +99,11 @@ def terms_of(stated: object, named: str = "calibration") -> tuple[Term, ...]:
 
 
 def undetermined_words(terms: Sequence[Term]) -> str:
-    """That the data determine some terms only together with others, and what follows; "" if they determine each."""
+    """Words on terms that the data determine only in combination; "" if they determine each separately."""
     ids = dict.fromkeys(term.effect or f"a term of axis {term.axis}" for term in terms if not term.determined)
     if not ids:
         return ""
-    return f"determined only together with other parameters, so that the correction holds near 1 g: {', '.join(ids)}"
+    return f"not determined separately, so the correction is valid near 1 g: {', '.join(ids)}"
 
 
 def _term(stated: dict[str, Any]) -> Term:
@@ -121,7 +121,7 @@ def _is_power(value: object) -> bool:
     return type(value) is int and 0 <= value <= _HIGHEST
 
 
-# What each key may be: told by a function, and in words.
+# Condition of each key, as a function and in words.
 _Rule = tuple[Callable[[object], bool], str]
 _FLAG: _Rule = (lambda value: isinstance(value, bool), "true or false")
 _MUST: dict[str, _Rule] = {

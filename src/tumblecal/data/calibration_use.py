@@ -24,9 +24,9 @@ class Use:
     - `answer`: `yes`; `within` (only between two temperatures, or to a size, or both); `only` (for some parameters); `no`;
       None: the file does not state it.
     - `reason`: in words, one line; "" if there is nothing to add.
-    - `temperature_degc`: lowest and highest temperature (degC) for which it holds; None: no limit.
+    - `temperature_degc`: lowest and highest temperature (degC) of its validity; None: no limit.
     - `parameters`: with `only`, the sensor parameters (names of `SENSOR`) that are determined.
-    - `size_g`: systematic error that remains (g), where its size is known: the calibration holds to about this size.
+    - `size_g`: remaining systematic error (g), if its size is known: the calibration is valid to about this size.
     """
 
     answer: Answer | None = None
@@ -45,15 +45,15 @@ class Use:
         """The answer and its reason in one line."""
         if self.answer is None:
             return f"not stated: {_NOT_STATED}"
-        said = [f"only for {', '.join(self.parameters)}" if self.parameters else "no" if self.refused else "yes"]
+        parts = [f"only for {', '.join(self.parameters)}" if self.parameters else "no" if self.refused else "yes"]
         if self.temperature_degc is not None and not self.refused:
             low, high = (f"{end:.4g}" for end in self.temperature_degc)
-            said.append(f"at about {low} degC" if low == high else f"from {low} to {high} degC only")
+            parts.append(f"at about {low} degC" if low == high else f"from {low} to {high} degC only")
         if self.size_g is not None:
             unit, scale = unit_shown("g")
             size = in_words(f"{self.size_g * scale:.2g}", unit)
-            said.append(f"{'except ' if self.refused else ''}to about {size}")
-        return ", ".join(said) + (f": {self.reason}" if self.reason else "")
+            parts.append(f"{'except ' if self.refused else ''}to about {size}")
+        return ", ".join(parts) + (f": {self.reason}" if self.reason else "")
 
     def require(self, path: Path | str, *, anyway: bool) -> None:
         """Reject a calibration that must not be used.
@@ -70,7 +70,7 @@ class Use:
             )
 
     def record(self) -> dict[str, Any]:
-        """As a JSON file has it; empty where nothing is stated."""
+        """The record in a JSON file; empty if nothing is stated."""
         if self.answer is None:
             return {}
         limits: dict[str, Any] = {
@@ -98,17 +98,17 @@ def combined(uses: Iterable[Use]) -> Use:
     refused = empty or any(use.refused for use in stated)
     limited = degc is not None or any(use.answer == "within" for use in stated)
     answer: Answer = "no" if refused else "only" if names else "within" if limited else "yes"
-    kept = [use for use in stated if use.refused] if refused and not empty else stated
+    deciding = [use for use in stated if use.refused] if refused and not empty else stated
     return Use(
         answer=answer,
-        reason="; ".join(dict.fromkeys(use.reason for use in kept if use.reason)),
+        reason="; ".join(dict.fromkeys(use.reason for use in deciding if use.reason)),
         temperature_degc=None if empty else degc,
         parameters=() if refused else names,
         size_g=max(sizes, default=None),
     )
 
 
-# Without any limit, and of a file of an earlier version.
+# No limit; and a file of an earlier version, which does not state its use.
 YES = Use("yes")
 NOT_STATED = Use()
 

@@ -1,11 +1,11 @@
-"""What a cell of a table says: a number, or a label, or what is wrong with it."""
+"""Cells of a table: numbers, labels, and their faults."""
 
 import math
 import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from tumblecal.ground.decimal_marks import pointed, told_by
+from tumblecal.ground.decimal_marks import evidence_of, pointed
 from tumblecal.ground.text_file import shown
 
 
@@ -13,25 +13,25 @@ if TYPE_CHECKING:
     import polars as pl
 
 
-# Numbers beyond are no measurement and would overflow the sums of squares.
+# Larger numbers are not measurements, and would overflow the sums of squares.
 LARGEST_NUMBER = 1e30
 ABSOLUTE_ZERO_DEGC = -273.15
 _WITH_UNIT = re.compile(r"([+-]?(?:\d+[.,]?\d*|[.,]\d+))\s*([^\W\d_]{1,4}|°[^\W\d_]?|%)")
 _PLAIN = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 _MINUS = dict.fromkeys(map(ord, "−–"), "-")
 _SENSES = ("up", "down", "cw", "ccw", "+", "-", "positive", "negative", "forward", "backward")
-# What people write where nothing was measured.
+# Usual entries for a missing measurement.
 _MISSING = ("-", "--", "---", "–", "—", "n/a", "na", "none", "null")
 _ANGLES = ("alpha_deg", "beta_deg")
 _WHOLE = re.compile(r"\d+(\.0+)?")
 
 
 def number_in(cell: object, column: str = "") -> tuple[float, str]:
-    """The finite number that a cell of a column says, and "" ; or NaN, and what is wrong with the cell."""
+    """The finite number in a cell of a column and ""; or NaN and the fault of the cell."""
     if isinstance(cell, str):
         cell = cell.strip()
     if cell is None or cell == "":
-        return math.nan, "the cell is empty; write a number or leave the whole column out"
+        return math.nan, "the cell is empty; write a number or remove the whole column"
     # Python would read 10_00 as 1000.
     underscored = isinstance(cell, str) and "_" in cell
     try:
@@ -42,33 +42,33 @@ def number_in(cell: object, column: str = "") -> tuple[float, str]:
         what = "a missing reading" if _is_missing(cell, column) else "not a number"
         return math.nan, f"{shown(cell)} is {what}; {advice(cell, column)}"
     if not math.isfinite(value):
-        return math.nan, f"{shown(cell)} is not a finite number; measure the position again or drop the row"
+        return math.nan, f"{shown(cell)} is not a finite number; measure the position again or remove the row"
     return value, ""
 
 
 def advice(cell: object, column: str = "") -> str:
-    """What to write in a column in place of what is no number."""
+    """Remedy for a cell that is not a number."""
     text = cell.strip() if isinstance(cell, str) else ""
     if "_" in text and re.fullmatch(r"[\d_.]+", text):
         return "write it without underscores"
     if _is_missing(text, column):
-        return "measure the position again or drop the row"
+        return "measure the position again or remove the row"
     return unit_advice(text) or _sign_advice(text) or _kind_advice(text, column) or mark_advice(text) or "write one"
 
 
 def _is_missing(cell: object, column: str) -> bool:
-    """Whether a cell says that nothing was measured."""
+    """Whether a cell marks a missing measurement."""
     return isinstance(cell, str) and column != "approach" and cell.lower() in _MISSING
 
 
 def _sign_advice(text: str) -> str:
-    """How to write a number with another minus, or with thousands set apart otherwise than by a mark."""
+    """Remedy for a number with a typographic minus, or with thousands separated by blanks or apostrophes."""
     plain = re.sub(r"(?<=\d)[ '’\u00a0\u202f](?=\d{3})", "", text.translate(_MINUS))
     return f"write {plain}" if plain != text and _PLAIN.fullmatch(plain) else ""
 
 
 def _kind_advice(text: str, column: str) -> str:
-    """What to write in place of angles in minutes, clocks and dates, and words for a sense."""
+    """Remedy for angles in minutes, for times and dates, and for words of a sense of rotation."""
     if re.search(r"\d\s*°\s*\d", text) or (column in _ANGLES and re.fullmatch(r"[+-]?\d+([:\s]\s*[\d.]+)+", text)):
         return "write degrees with decimals, such as 45.5 for 45°30'"
     if re.search(r"\d:\d\d|\d{4}-\d\d-\d\d|\d\.\d\d?\.\d{4}|\d/\d\d?/\d", text):
@@ -77,37 +77,36 @@ def _kind_advice(text: str, column: str) -> str:
 
 
 def unit_advice(text: str) -> str:
-    """How to write a number with its unit behind it; "" for others."""
+    """Remedy for a number with a unit; "" for other texts."""
     match = _WITH_UNIT.fullmatch(text.strip())
     return f"write {match[1]}, without the unit {match[2]}" if match else ""
 
 
 def mark_advice(text: str) -> str:
-    """How to write a number whose comma is not understood; "" for others."""
+    """Remedy for a number with an ambiguous comma; "" for other texts."""
     text = text.strip()
-    told = told_by(text)
-    plain = pointed(text, told.decimal or ".").rstrip(".")
-    if told.grouped:
-        return f"the {'point' if told.decimal == ',' else 'comma'} is a thousands separator; write {plain}"
-    if told.either != ",":
+    evidence = evidence_of(text)
+    plain = pointed(text, evidence.decimal or ".").rstrip(".")
+    if evidence.grouped:
+        return f"the {'point' if evidence.decimal == ',' else 'comma'} is a thousands separator; write {plain}"
+    if evidence.either != ",":
         return "use a decimal point" if "," in text else ""
     return f"if the comma is a thousands separator, write {plain}; if it is a decimal mark, {pointed(text, ',')}"
 
 
 def beyond_words(name: str, value: float) -> str:
-    """What is wrong with a number as the quantity of a column; nothing where it may be one."""
+    """Fault of a number as a value of a column; "" if it is possible."""
     if abs(value) > LARGEST_NUMBER:
-        return f"{value:.3g} is no such quantity; correct it or drop the row"
+        return f"{value:.3g} is not a possible value; correct it or remove the row"
     if name == "temperature_degc" and value < ABSOLUTE_ZERO_DEGC:
-        return f"{value:.6g} degC is below absolute zero; correct it or drop the row"
+        return f"{value:.6g} degC is below absolute zero; correct it or remove the row"
     return ""
 
 
 def labels_in(cells: Sequence[object]) -> list[str]:
-    """Labels without the blanks around them; "" for an empty cell.
+    """Labels without leading and trailing blanks; "" for an empty cell.
 
-    A whole number in a column of floats (1.0) is written as such (1); so is it in text where both spellings stand in one
-    column that holds nothing else.
+    An integer in a column of floats (1.0) becomes 1; also in a column of texts that are all integers, in both spellings.
     """
     labels = [_label(cell) for cell in cells]
     spellings = set(labels) - {""}
@@ -123,7 +122,7 @@ def _label(cell: object) -> str:
 
 
 def is_empty(column: "pl.Series") -> bool:
-    """Whether no cell of a column holds anything."""
+    """Whether all cells of a column are empty."""
     import polars as pl
 
     if column.dtype == pl.String:

@@ -1,4 +1,4 @@
-"""From named columns of text or numbers to a checked `PositionSet`; every fault is found, each with its place."""
+"""A checked `PositionSet` from named columns of text or numbers; all faults are found, each with its place."""
 
 import math
 import re
@@ -37,7 +37,7 @@ from tumblecal.ground.gravity import (
 from tumblecal.ground.units import LARGEST_SD_G, SD_RANGE, SMALLEST_SD_G
 
 
-# Numbers beyond these are no measurement and would overflow the sums of squares.
+# Larger readings are not measurements, and would overflow the sums of squares.
 LARGEST_READING_G = 1e6
 _NOISE_MODEL = "noise_model"
 
@@ -47,18 +47,20 @@ def positions(table: Table, *, check_size: bool = True) -> PositionSet:
 
     **Arguments:**
 
-    - `table`: columns named as in DESIGN section 6.
-    - `check_size`: refuse readings whose size is not near 1 g.
+    - `table`: with the standard names of columns (docs/files.md).
+    - `check_size`: whether to reject readings whose size is not near 1 g.
 
-    **Raises:** `InputError` with all faults (of one kind the first few and their number), each with line and column.
+    **Raises:** `InputError` with all faults (of each kind the first few and their number), each with line and column.
     """
     table = without_empty(table)
     reader = _Reader(table)
     reader.header()
     reader.faults.stop()
-    # Columns that nothing needs may hold anything.
+    # Columns that are not used may contain anything.
     ignored = (*table.ignored, *(name for name in table.columns if name not in KNOWN))
-    table = reader.table = replace(table, columns={k: own for k, own in table.columns.items() if k in KNOWN})
+    table = reader.table = replace(
+        table, columns={name: cells for name, cells in table.columns.items() if name in KNOWN}
+    )
     table = reader.table = table.with_points()
     labels = {name: reader.labels(name) for name in LABELS if name in table.columns}
     numbers = {name: reader.numbers(name) for name in table.columns if name not in LABELS}
@@ -119,7 +121,7 @@ class _Reader:
 
     @property
     def without_angles(self) -> bool:
-        """Whether this is a hand-held set that gives no angles."""
+        """Whether this is a hand-held set without angles."""
         stated = self.table.comments.get(ATTITUDES) == UNKNOWN
         return stated and not {"alpha_deg", "beta_deg"} & set(self.table.columns)
 
@@ -131,11 +133,11 @@ class _Reader:
                 self.faults.add(f"unknown column; {hint}", header_line, name or "(no name)")
         if self.table.comments.get(ATTITUDES, UNKNOWN) != UNKNOWN:
             given = self.table.comments[ATTITUDES]
-            self.faults.add(f"comment attitudes: {given!r}: the only word for it is {UNKNOWN!r}")
+            self.faults.add(f"comment attitudes: {given!r}: the only possible value is {UNKNOWN!r}")
         if self.table.comments.get(_NOISE_MODEL, "-") == "":
             self.faults.add(
-                f"comment {_NOISE_MODEL}: states nothing; run tumblecal reduce again, or delete the line to have the sd "
-                "columns count alone"
+                f"comment {_NOISE_MODEL}: no value; run tumblecal reduce again, or delete the line to use the sd columns "
+                "only"
             )
         if measured := self.table.comments.get(MEASURED):
             try:
@@ -151,13 +153,13 @@ class _Reader:
         self._axis_header(header_line, "")
         self._axis_header(header_line, "sd_")
         if not self.table.lines and not self.faults:
-            self.faults.add("no rows below the header; a position a line is needed")
+            self.faults.add("no rows below the header; write one row for each position")
 
     @property
     def lacking(self) -> list[str]:
-        """Names of columns that a position file needs and that this one lacks; readings in the usual units."""
-        there = set(self.table.columns)
-        lacking = [name for name in ("position", "alpha_deg", "beta_deg") if name not in there]
+        """Names of required columns that this table does not have; readings in all units."""
+        present = set(self.table.columns)
+        lacking = [name for name in ("position", "alpha_deg", "beta_deg") if name not in present]
         for kind in ("", "sd_"):
             found = self.axis_columns(kind)
             axes = [axis for axis in AXES if not any(name[1] == axis for name in found)]
@@ -165,14 +167,14 @@ class _Reader:
         return lacking
 
     def needed_hint(self, name: str) -> str:
-        """What an unknown column may be meant for that is needed; "" where the file can do without it."""
+        """Remedy for an unknown column that may be a required one; "" if it is not needed."""
         axis = _AXIS_ALONE.fullmatch(name.strip().lower())
         if axis and f"a{axis[1]}_g" in self.lacking:
             units = ", ".join(f"a{axis[1]}_{unit}" for unit in UNITS)
-            return f"in which unit is it? Name it after that, {units} (or say --columns a{axis[1]}_g={name},...)"
+            return f"its unit is unknown; name it {units} (or give --columns a{axis[1]}_g={name},...)"
         if not name:
             known = f"{', '.join(LABELS + NUMERIC)}, ax_g ..., ax_sd_g ..."
-            return f"name it (known are {known}), or remove it"
+            return f"name it (possible names: {known}), or remove it"
         meant = likely_meant(name, self.lacking, similarity=0.6)
         return f"did you mean {meant}?" if meant else ""
 
@@ -181,11 +183,13 @@ class _Reader:
         if kind and not found:
             return
         for axis in AXES:
-            own = [name for name in found if name.startswith(f"a{axis}_")]
-            if len(own) > 1:
-                self.faults.add(f"{' and '.join(own)} both give axis {axis}; keep one of them", header_line)
-            alone = {match[1] for name in self.table.columns if (match := _AXIS_ALONE.fullmatch(name.strip().lower()))}
-            if not own and axis not in alone:
+            of_axis = [name for name in found if name.startswith(f"a{axis}_")]
+            if len(of_axis) > 1:
+                self.faults.add(f"{' and '.join(of_axis)} both give axis {axis}; keep one of them", header_line)
+            unitless = {
+                match[1] for name in self.table.columns if (match := _AXIS_ALONE.fullmatch(name.strip().lower()))
+            }
+            if not of_axis and axis not in unitless:
                 self.faults.add(f"column a{axis}_{kind}g (or _mg, _ms2) is missing; add it", header_line)
         if len({name.rsplit("_", 1)[1] for name in found}) > 1 and len(found) == 3:
             self.faults.add(f"{', '.join(found)} {DIFFERENT_UNITS}", header_line)
@@ -201,7 +205,7 @@ class _Reader:
     def labels(self, name: str) -> tuple[str, ...]:
         """A column of labels."""
         labels = labels_in(self.table.columns[name])
-        or_none = "" if name == "position" else ", or leave the whole column out"
+        or_none = "" if name == "position" else ", or remove the whole column"
         for row in (row for row, label in enumerate(labels) if not label):
             self.fault(row, name, f"the cell is empty; write the {name} in every row{or_none}")
         return tuple(labels)
@@ -215,15 +219,17 @@ class _Reader:
                 self.fault(
                     row,
                     name,
-                    f"{SD_RANGE}; drop the sd columns if it is not known",
+                    f"{SD_RANGE}; remove the sd columns if it is not known",
                 )
         for row, axis in zip(*np.nonzero(np.abs(readings) > LARGEST_READING_G), strict=True):
             name = self.axis_columns("")[axis]
             self.fault(
-                row, name, f"{readings[row, axis]:.3g} g is no reading; measure the position again or drop the row"
+                row,
+                name,
+                f"{readings[row, axis]:.3g} g is not a possible reading; measure the position again or remove the row",
             )
         for row in np.nonzero(numbers.get("n", np.ones(1)) < 1)[0]:
-            self.fault(row, "n", "a mean is of one sample at least; correct it, or leave the whole column out")
+            self.fault(row, "n", "a mean has at least one sample; correct it, or remove the whole column")
         for row in np.nonzero(np.abs(numbers.get("approach", np.ones(1))) != 1)[0]:
             self.fault(row, "approach", "must be +1 or -1: the sense of the last turn of the spindle")
         if not self.without_angles:
@@ -238,7 +244,7 @@ class _Reader:
             self.fault(0, "time_s", wrong)
 
     def _degrees(self, numbers: dict[str, np.ndarray]) -> None:
-        """Angles in radians in a degree column give themselves away as multiples of pi/24 that are not whole."""
+        """Add a fault for radians in a column of degrees: multiples of pi/24 that are not integers."""
         angles = np.concatenate([numbers["alpha_deg"], numbers["beta_deg"]])
         steps = angles / (math.pi / 24)
         if (

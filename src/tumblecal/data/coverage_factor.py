@@ -5,14 +5,15 @@ from jaxtyping import Float
 from scipy.special import stdtrit
 
 
-# Beyond, Student's t is a normal distribution to more digits than anybody states.
+# Above this Student's t equals a normal distribution in all stated digits.
 _MANY = 1e9
 
 
 def effective_dof(
     sizes: Float[np.ndarray, "contributions parameters"], dof: Float[np.ndarray, " contributions"]
 ) -> Float[np.ndarray, " parameters"]:
-    """Effective degrees of freedom of combined standard uncertainties; infinite where all that contributes has infinitely many.
+    """Effective degrees of freedom of combined standard uncertainties; infinite if all contributions have
+    infinitely many.
 
     **Arguments:**
 
@@ -23,5 +24,5 @@ def effective_dof(
 
 
 def coverage_factors(dof: Float[np.ndarray, " parameters"], level: float) -> Float[np.ndarray, " parameters"]:
-    """Coverage factors at degrees of freedom; `level`: probability of the interval on both sides."""
+    """Coverage factors for degrees of freedom; `level`: coverage probability of the two-sided interval."""
     return np.asarray(stdtrit(np.minimum(dof, _MANY), 0.5 + level / 2))

@@ -1,4 +1,4 @@
-"""The faults of a file: the first few of each kind, and how many more there are."""
+"""The faults of a file: the first few of each kind, and the number of the others."""
 
 import re
 
@@ -6,13 +6,13 @@ from tumblecal.ground.errors import InputError
 
 
 MOST_FAULTS = 20
-_MOST_ALIKE = 3
-# What differs between faults of one kind: quoted cells and numbers.
-_OWN = re.compile(r"'[^']*'|\"[^\"]*\"|[-+.\w]*\d[-+.\w]*")
+_MOST_OF_KIND = 3
+# Parts that differ between faults of one kind: quoted cells and numbers.
+_SPECIFIC = re.compile(r"'[^']*'|\"[^\"]*\"|[-+.\w]*\d[-+.\w]*")
 
 
 class Faults:
-    """Faults as they are found; `source` is the file, as it is named in them."""
+    """Collected faults; `source` is the name of the file in them."""
 
     def __init__(self, source: str):
         self.source = source
@@ -26,22 +26,22 @@ class Faults:
 
         **Arguments:**
 
-        - `text`: what is wrong. `place`: where in the file, as `:line 3`. `column`: that of the cell, if it is one.
+        - `text`: fault and remedy. `place`: in the file, such as `:line 3`. `column`: of the cell, if any.
         """
         where = self.source + place + (f", column {column}" if column is not None else "")
-        self._kinds.setdefault((column, _OWN.sub("", text)), []).append(f"{where}: {text}")
+        self._kinds.setdefault((column, _SPECIFIC.sub("", text)), []).append(f"{where}: {text}")
 
     def stop(self) -> None:
-        """End here if anything is wrong.
+        """Raise the collected faults.
 
-        **Raises:** `InputError` with the faults.
+        **Raises:** `InputError` if there are any.
         """
         lines = list[str]()
-        for (column, _), alike in self._kinds.items():
-            lines += alike[:_MOST_ALIKE]
-            if len(alike) > _MOST_ALIKE:
+        for (column, _), faults in self._kinds.items():
+            lines += faults[:_MOST_OF_KIND]
+            if len(faults) > _MOST_OF_KIND:
                 where = self.source + (f", column {column}" if column is not None else "")
-                lines.append(f"{where}: and {len(alike) - _MOST_ALIKE} more rows like these")
+                lines.append(f"{where}: and {len(faults) - _MOST_OF_KIND} more rows like these")
         if len(lines) > MOST_FAULTS:
             lines[MOST_FAULTS:] = [f"{self.source}: and {len(lines) - MOST_FAULTS} more faults"]
         if lines:

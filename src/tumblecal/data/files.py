@@ -1,4 +1,4 @@
-"""Position sets from CSV or Parquet files, and back."""
+"""Position sets: CSV and Parquet files."""
 
 import csv
 import io
@@ -17,8 +17,8 @@ from tumblecal.ground.suggested_command import EVERY, suggested
 from tumblecal.ground.text_file import EMPTY_CELLS, comment_in, shown
 
 
-# What the program takes from comments; others are kept as they are.
-TAKEN = (
+# Keys of comments that the program uses; others are copied unchanged.
+USED_COMMENTS = (
     *("serial_number", "gravity_ms2", "gravity_source", "noise_model", "attitudes", "measured_utc"),
     *("rate_hz", "counts_per_g", "corrected_by", "capture_setup"),
 )
@@ -27,14 +27,14 @@ TAKEN = (
 def read_positions(
     path: Path | str, *, check_size: bool = True, names: Mapping[str, str] | None = None, one_of_several: bool = False
 ) -> PositionSet:
-    """Read a file of positions, CSV or Parquet by its name.
+    """Read a position file, Parquet or CSV according to its name.
 
     **Arguments:**
 
-    - `path`: a `.parquet` file, or a CSV file of any other name.
-    - `check_size`: refuse readings whose size is not near 1 g.
-    - `names`: what columns are called in the file, by what they are (`{"ax_g": "AccX"}`); others that are not known are then
-      left out, and positions without a name are numbered. `one_of_several`: as of `renamed`.
+    - `path`: a `.parquet` file, or a CSV file with any other name.
+    - `check_size`: whether to reject readings whose size is not near 1 g.
+    - `names`: the name of each column in the file, by its standard name (`{"ax_g": "AccX"}`). Other unknown columns are then
+      ignored, and positions without a name are numbered. `one_of_several`: as in `renamed`.
 
     **Raises:** `InputError` with every fault, each with file, line and column.
     """
@@ -48,19 +48,19 @@ def read_positions(
 
 
 def _folder_words(folder: Path) -> str:
-    """What to give in place of a folder."""
+    """The fault of a folder, with the file to give."""
     file = folder / "positions.csv"
     if file.is_file():
         return f"a folder; give the file, {file}"
     if (folder / "journal.log").is_file():
-        return f"the folder of a capture; give {file}, which this makes: {suggested('reduce', folder, less=EVERY)}"
+        return f"the folder of a capture; give {file} of this command: {suggested('reduce', folder, less=EVERY)}"
     return "a folder; give a file of positions"
 
 
 def stated(lines: Iterable[str]) -> dict[str, str]:
-    """What comment lines `# key: value` state; other comments and lines are passed over.
+    """The values of comment lines `# key: value`; other comments and lines are ignored.
 
-    A spreadsheet puts a comment in quotation marks and pads it with empty cells: neither is part of the value.
+    Quotation marks and empty cells that a spreadsheet adds to a comment are not part of the value.
     """
     comments = (comment for line in lines if (comment := comment_in(line)) is not None)
     pairs = (comment.lstrip("#").partition(":") for comment in comments)
@@ -68,17 +68,17 @@ def stated(lines: Iterable[str]) -> dict[str, str]:
 
 
 def stated_once(path: Path, comments: Iterable[tuple[int, str]]) -> dict[str, str]:
-    """What comment lines with their numbers state, as `stated` reads them.
+    """The values of numbered comment lines, as in `stated`.
 
-    **Raises:** `InputError` where two lines state different values of what is taken from comments.
+    **Raises:** `InputError` if two lines state different values of a key in `USED_COMMENTS`.
     """
     values, lines = dict[str, str](), dict[str, int]()
     for line, text in comments:
         for key, value in stated([text]).items():
-            if key in TAKEN and key in values and not _same(values[key], value):
+            if key in USED_COMMENTS and key in values and not _same(values[key], value):
                 raise InputError(
-                    f"{path}:line {line}: comment {key}: {shown(value)}, but line {lines[key]} says {shown(values[key])}; "
-                    "keep the right one"
+                    f"{path}:line {line}: comment {key}: {shown(value)}, but line {lines[key]} states {shown(values[key])}; "
+                    "keep the correct one"
                 )
             values[key], lines[key] = value, line
     return values
@@ -93,7 +93,7 @@ def _same(one: str, other: str) -> bool:
 
 
 def csv_table(path: Path) -> Table:
-    """The columns of a CSV file with `# key: value` comments, a header line and a row a line.
+    """The columns of a CSV file with `# key: value` comments, a header line and one row on each line.
 
     **Raises:** `InputError` for a file that is not such a table.
     """
@@ -106,11 +106,11 @@ def csv_table(path: Path) -> Table:
             rows.append(cells)
             lines.append(number)
     faults.stop()
-    # Columns without a name and without a cell are what a spreadsheet leaves between and behind others.
-    kept = [k for k, name in enumerate(names) if name or any(row[k].strip() for row in rows)]
-    if twice := repeated(layout, [names[k] for k in kept]):
+    # A spreadsheet adds empty columns without a name.
+    used = [k for k, name in enumerate(names) if name or any(row[k].strip() for row in rows)]
+    if twice := repeated(layout, [names[k] for k in used]):
         raise InputError(twice[:MOST_FAULTS])
-    columns = {names[k]: [row[k] for row in rows] for k in kept}
+    columns = {names[k]: [row[k] for row in rows] for k in used}
     return Table(
         *(str(path), columns, lines, stated_once(path, comments), layout.header_line or 1), separator=layout.separator
     )
@@ -123,7 +123,7 @@ def _parquet_table(path: Path) -> Table:
 
 
 def write_positions(path: Path | str, data: PositionSet) -> None:
-    """Write a position set, CSV or Parquet by the file's name; whole or not at all. Numbers keep all digits."""
+    """Write a position set, Parquet or CSV according to the file name, completely or not at all, with full precision."""
     path = Path(path)
     columns = data.columns
     if path.suffix == ".parquet":

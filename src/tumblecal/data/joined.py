@@ -1,4 +1,4 @@
-"""Several position sets of one triad on one head as one."""
+"""Several position sets of one triad on one dividing head, joined into one."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -13,56 +13,57 @@ from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import SAME_MS2
 
 
-# Comments on faults of a measurement, by what their keys begin with.
+# Prefixes of the comments on faults of a measurement.
 FAULTS = (NOT_CONFIRMED, WITHIN_DWELLS)
 
 
-def runs_apart(sets: Sequence[PositionSet]) -> list[PositionSet]:
-    """Sets to be joined, each that names no run as a run of its own: the name of its file, or of its folder where files have
-    one name. Sets that no other shares a mount with stay as they are: a mounting of their own says as much."""
+def with_separate_runs(sets: Sequence[PositionSet]) -> list[PositionSet]:
+    """Sets to be joined, with a separate run for each set without a run: named by its file, or by its folder if file names
+    are equal. A set that shares no mount with others is unchanged, because its mount separates it already."""
     mounts = [set(given.mount or ("1",)) for given in sets]
-    alone = [not any(own & other for j, other in enumerate(mounts) if j != k) for k, own in enumerate(mounts)]
+    alone = [not any(mount & other for j, other in enumerate(mounts) if j != k) for k, mount in enumerate(mounts)]
     if len(sets) < 2 or all(alone):
         return list(sets)
-    taken = {label for given in sets for label in given.run or ()}
+    used = {label for given in sets for label in given.run or ()}
     named: list[PositionSet] = []
     for given, name, by_mount in zip(sets, _called(sets), alone, strict=True):
         if given.run is None and not by_mount:
-            label = _free(name, taken)
-            taken.add(label)
+            label = _unused(name, used)
+            used.add(label)
             given = replace(given, run=(label,) * len(given))
         named.append(given)
     return named
 
 
 def _called(sets: Sequence[PositionSet]) -> list[str]:
-    """What each set is called: as its file, or as its folder where files have one name; with a number where these do."""
+    """A name for each set: its file, or its folder if file names are equal; numbered if folder names are equal too."""
     names = [Path(given.source).stem for given in sets]
     names = names if len(set(names)) == len(names) else [Path(given.source).absolute().parent.name for given in sets]
     called: list[str] = []
     for name in names:
-        called.append(_free(name, set(called)))
+        called.append(_unused(name, set(called)))
     return called
 
 
-def _free(name: str, taken: set[str]) -> str:
-    """A name, with the first number that makes it another than those taken."""
-    return next(free for free in (name, *(f"{name} {k}" for k in range(2, len(taken) + 3))) if free not in taken)
+def _unused(name: str, used: set[str]) -> str:
+    """The name, with the first number that makes it different from the used ones."""
+    candidates = (name, *(f"{name} {k}" for k in range(2, len(used) + 3)))
+    return next(candidate for candidate in candidates if candidate not in used)
 
 
 def _names(sets: Sequence[PositionSet]) -> tuple[str, ...]:
-    """The positions' names; one that stands in several sets gets what its set is called before it, such as `m1:p0`."""
+    """The names of the positions; a name in several sets gets that of its set as prefix, such as `m1:p0`."""
     times = Counter(name for given in sets for name in set(given.names))
     called = _called(sets)
     return tuple(
-        f"{own}:{name}" if times[name] > 1 else name
-        for own, given in zip(called, sets, strict=True)
+        f"{prefix}:{name}" if times[name] > 1 else name
+        for prefix, given in zip(called, sets, strict=True)
         for name in given.names
     )
 
 
 def _comments(sets: Sequence[PositionSet]) -> dict[str, str]:
-    """The first file's comments, but those on faults of a measurement of every file: in words, and the largest of sizes."""
+    """The comments of the first file, and those on faults from all files: joined words, and the largest size."""
     comments = {key: text for key, text in sets[0].comments.items() if not key.startswith(FAULTS)}
     keys = dict.fromkeys(key for given in sets for key in given.comments if key.startswith(FAULTS))
     for key in keys:
@@ -85,12 +86,12 @@ def _size(text: str) -> float | None:
 
 
 def joined(sets: Sequence[PositionSet], clocks: JoinedClocks | None = None) -> PositionSet:
-    """The positions of all sets in their order, with their times as `joined_clocks` has them (by the files where left out).
+    """The positions of all sets in order, with the times of `clocks` (by default those of `joined_clocks`).
 
-    Names of positions that stand in several sets are told apart (`m1:p0`). Runs and mounts that are not named are called 1.
-    Time, temperature, approach and n are kept where all sets have them.
+    Position names in several sets get a prefix (`m1:p0`). Runs and mounts without a name are called 1. Time, temperature,
+    approach and n are kept if all sets have them.
 
-    **Raises:** `InputError` when some sets state standard deviations and some do not, or when one g is not the same for all.
+    **Raises:** `InputError` if only some sets have standard deviations, or if one g differs between sets.
     """
     if len(sets) == 1:
         return sets[0]
@@ -101,9 +102,9 @@ def joined(sets: Sequence[PositionSet], clocks: JoinedClocks | None = None) -> P
 
     values = {given.source: given.gravity.value_ms2 for given in sets if given.gravity}
     if len(values) > 1 and np.ptp(list(values.values())) > SAME_MS2:
-        said = ", ".join(f"{source} {value:g}" for source, value in values.items())
+        listed = ", ".join(f"{source} {value:g}" for source, value in values.items())
         raise InputError(
-            f"one g is not the same in these files (m/s^2): {said}; if all were there, state it with --gravity"
+            f"one g differs between these files (m/s^2): {listed}; if the site is the same, state it with --gravity"
         )
 
     def column(name: str) -> np.ndarray | None:

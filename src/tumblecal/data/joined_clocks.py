@@ -1,8 +1,8 @@
-"""How the clocks of files that are joined go on from one to the next.
+"""Clocks of joined files: the time from one file to the next.
 
-By the first of these that decides: a pause that the user states; the moments at which both clocks were zero (comment
-`time_zero`, which captures write); times that go on from file to file. Otherwise the pause is an unknown positive time: the
-positions then have a clock for each part, and no drift is judged across (`effects.drift`).
+It is determined by the first available of: a pause that the user states; the dates at which both clocks were zero (comment
+`time_zero` of captures); times that continue from file to file. Otherwise the pause is an unknown positive time: each part
+then has a separate clock, and drift is not evaluated across the pause (`effects.drift`).
 """
 
 from collections.abc import Sequence
@@ -15,18 +15,18 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.data.positions import PositionSet
-from tumblecal.ground.clocks import times_going_on
+from tumblecal.ground.clocks import continued_times
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.units import quantity
 
 
-# Comments: the moment (ISO 8601) at which time_s was zero, and by how much time_s runs faster than that clock (emulators do).
+# Comments: the date (ISO 8601) at which time_s was zero, and the rate of time_s relative to that clock (for emulators).
 TIME_ZERO, TIME_SPEED = "time_zero", "time_speed"
-# Comment: what a recording's own clock showed when time_s was zero, s.
+# Comment: the clock of the recording when time_s was zero, s.
 TIME_BEGAN = "time_began_s"
-# Words that --pause accepts in place of a time.
+# Values of --pause that are not times.
 UNKNOWN_PAUSE, ONE_CLOCK = "unknown", "none"
-# Times that go on over a longer gap are those of clocks that were set differently, s.
+# Longest gap of times on one clock, s; a longer one is due to different settings of the clocks.
 _LONGEST_PAUSE_S = 366 * 86400.0
 
 
@@ -34,8 +34,8 @@ _LONGEST_PAUSE_S = 366 * 86400.0
 class JoinedClocks:
     """The times of joined files.
 
-    - `time_s`: of all rows, increasing from file to file; `clock`: each row's clock, None where one counts for all.
-    - `words`: how each file follows the one before it, a sentence each.
+    - `time_s`: of all rows, increasing from file to file; `clock`: label of the clock of each row, None for one clock.
+    - `words`: a sentence on the pause before each later file.
     """
 
     time_s: Float[np.ndarray, " rows"]
@@ -45,57 +45,57 @@ class JoinedClocks:
 
 @dataclass
 class _Part:
-    """Files by one clock: each one's times on it."""
+    """Files with one clock, and their times."""
 
     times: list[Float[np.ndarray, " rows"]]
     labels: list[tuple[str, ...] | None]
 
 
 def joined_clocks(sets: Sequence[PositionSet], pauses: Sequence[str] = ()) -> JoinedClocks | None:
-    """The times of files that follow one another; None where not all have times.
+    """The times of consecutive files; None if not all have times.
 
     **Arguments:**
 
-    - `pauses`: the pause before each file after the first, or one for all: a time with its unit, `unknown`, or `none` for
-      times by one clock. By the files themselves where left out.
+    - `pauses`: the pause before each later file, or one for all: a time with its unit, `unknown`, or `none` for one clock.
+      Default: from the files.
 
-    **Raises:** `InputError` for pauses of another number or form, and a moment that is no date and time.
+    **Raises:** `InputError` for a wrong number or form of pauses, and for an invalid date.
     """
     stated = _stated(pauses, len(sets) - 1)
     if any(given.time_s is None for given in sets):
         if pauses:
             lacking = ", ".join(given.source for given in sets if given.time_s is None)
-            raise InputError(f"--pause: {lacking} has no column time_s, so that no pause matters; leave the option out")
+            raise InputError(f"--pause: {lacking} has no column time_s, so a pause has no influence; remove the option")
         return None
     zeros, began = [_time_zero(given) for given in sets], _began(sets)
     times = [np.asarray(given.time_s, float) + first for given, first in zip(sets, began, strict=True)]
     parts, words, offset = [_Part([times[0]], [sets[0].clock])], [], 0.0
     rows = zip(pairwise(sets), pairwise(times), stated, pairwise(zeros), strict=True)
-    for (before, after), (last, own), pause, (zero_before, zero) in rows:
+    for (before, after), (last, times_of_file), pause, (zero_before, zero) in rows:
         last = last + offset
-        moved, how = _follows(last, own, offset, pause, _apart(zero_before, zero, offset, after))
+        moved, how = _follows(last, times_of_file, offset, pause, _zero_offset(zero_before, zero, offset, after))
         words.append(_in_words(before, after, moved, last, how))
         if moved is None:
             offset = 0.0
-            parts.append(_Part([own], [after.clock]))
+            parts.append(_Part([times_of_file], [after.clock]))
         else:
-            offset = float(moved[0] - own[0])
+            offset = float(moved[0] - times_of_file[0])
             parts[-1].times.append(moved)
             parts[-1].labels.append(after.clock)
-    time = times_going_on([np.concatenate(part.times) for part in parts])
-    own_clocks = [
+    time = continued_times([np.concatenate(part.times) for part in parts])
+    clock_of_rows = [
         (number, label)
         for number, part in enumerate(parts)
         for times, labels in zip(part.times, part.labels, strict=True)
         for label in labels or ("",) * len(times)
     ]
-    clocks = {clock: str(number) for number, clock in enumerate(dict.fromkeys(own_clocks), start=1)}
-    clock = tuple(clocks[own] for own in own_clocks) if len(clocks) > 1 else None
+    clocks = {clock: str(number) for number, clock in enumerate(dict.fromkeys(clock_of_rows), start=1)}
+    clock = tuple(clocks[label] for label in clock_of_rows) if len(clocks) > 1 else None
     return JoinedClocks(time, clock, tuple(words))
 
 
 def _began(sets: Sequence[PositionSet]) -> list[float]:
-    """What each recording's clock showed at time zero of the file, s, less the first one's; zero unless all state it."""
+    """The clock of each recording at time zero of its file, s, minus that of the first; zero unless all state it."""
     try:
         listed = [float(given.comments[TIME_BEGAN]) for given in sets]
     except (KeyError, ValueError):
@@ -104,10 +104,10 @@ def _began(sets: Sequence[PositionSet]) -> list[float]:
 
 
 def _stated(pauses: Sequence[str], boundaries: int) -> list[float | str | None]:
-    """The pause before each later file: s, or a word; None where it is not stated."""
+    """The pause before each later file: s, or a word; None if not stated."""
     if len(pauses) not in (0, 1, boundaries):
         raise InputError(
-            f"--pause is given {len(pauses)} times for {boundaries} pauses between the files; give one for all, or one each"
+            f"--pause is given {len(pauses)} times for {boundaries} pauses between files; give one for all, or one for each"
         )
     read: list[float | str | None] = []
     for text in pauses:
@@ -125,35 +125,35 @@ def _stated(pauses: Sequence[str], boundaries: int) -> list[float | str | None]:
 
 
 def _follows(
-    last: np.ndarray, own: np.ndarray, offset: float, pause: float | str | None, apart: float | None
+    last: np.ndarray, times: np.ndarray, offset: float, pause: float | str | None, zero: float | None
 ) -> tuple[np.ndarray | None, str]:
-    """A file's times on the clock of the one before it, and how that is known; None where it is not.
+    """Times of a file on the clock of the previous file, and the source of this; None if it is unknown.
 
     **Arguments:**
 
-    - `last`: times of the file before, on its clock. `own`: of this file, as written. `offset`: of the file before.
-    - `apart`: this file's zero on that clock, by the moments that both state.
+    - `last`: times of the previous file, on its clock. `times`: of this file, as written. `offset`: of the previous file.
+    - `zero`: time zero of this file on that clock, from the dates of both.
     """
     if pause == UNKNOWN_PAUSE:
         return None, "stated"
     if isinstance(pause, float):
-        return own - own.min() + last.max() + pause, "stated"
+        return times - times.min() + last.max() + pause, "stated"
     if pause == ONE_CLOCK:
-        return own + offset, "stated"
-    if apart is not None:
-        return own + apart, f"comment {TIME_ZERO}"
-    going_on = own + offset
-    gap = float(going_on.min() - last.max())
-    return (going_on, "time_s goes on") if 0.0 < gap <= _LONGEST_PAUSE_S else (None, "")
+        return times + offset, "stated"
+    if zero is not None:
+        return times + zero, f"comment {TIME_ZERO}"
+    continued = times + offset
+    gap = float(continued.min() - last.max())
+    return (continued, "time_s continues") if 0.0 < gap <= _LONGEST_PAUSE_S else (None, "")
 
 
 def moment(seconds: float) -> str:
-    """A time since 1970, s, as the comment `time_zero` holds it."""
+    """A time since 1970, s, in the form of the comment `time_zero`."""
     return datetime.fromtimestamp(seconds, UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
 def _time_zero(given: PositionSet) -> datetime | None:
-    """When a file's times were zero, by its comment."""
+    """The date of time zero of a file, from its comment."""
     text = given.comments.get(TIME_ZERO)
     if text is None:
         return None
@@ -161,13 +161,13 @@ def _time_zero(given: PositionSet) -> datetime | None:
         moment = datetime.fromisoformat(text)
     except ValueError:
         raise InputError(
-            f"{given.source}: comment {TIME_ZERO}: {text!r} is no date and time; write it like 2026-03-14T09:26:53Z, or "
-            "delete the line"
+            f"{given.source}: comment {TIME_ZERO}: {text!r} is not a date and time; write it as 2026-03-14T09:26:53Z, "
+            "or delete the line"
         ) from None
     return moment.replace(tzinfo=UTC) if moment.tzinfo is None else moment
 
 
-def _apart(before: datetime | None, after: datetime | None, offset: float, given: PositionSet) -> float | None:
+def _zero_offset(before: datetime | None, after: datetime | None, offset: float, given: PositionSet) -> float | None:
     if before is None or after is None:
         return None
     text = given.comments.get(TIME_SPEED, "1")
@@ -183,15 +183,15 @@ def _in_words(before: PositionSet, after: PositionSet, moved: np.ndarray | None,
     if first == second:
         first, second = before.source, after.source
     if moved is None:
-        why = "as stated" if how else "its clock starts again"
+        why = "as stated" if how else "its clock restarts"
         return (
-            f"Pause between {first} and {second}: unknown ({why}); changes over it are fitted, so no drift depends on its "
-            "length. If it is known: --pause '2 h'."
+            f"Pause between {first} and {second}: unknown ({why}). Changes over it are fitted, so no drift depends on its "
+            "length. If it is known, give for example --pause '2 h'."
         )
     gap = float(moved.min() - last.max())
     if gap < 0:
         return f"{second} begins {_duration(-gap)} before the end of {first} ({how}; --pause unknown if that is wrong)."
-    override = "" if how == "stated" else "; --pause unknown if each file has a clock of its own"
+    override = "" if how == "stated" else "; --pause unknown if each file has a separate clock"
     return f"Pause between {first} and {second}: {_duration(gap)} ({how}{override})."
 
 

@@ -1,6 +1,6 @@
-"""Lines whose numbers are among words: labels, brackets, units and a monitor's clock that are the same in every line.
+"""Lines of numbers between words: labels, brackets, units and the clock of a monitor, equal in all lines.
 
-The text around the numbers is the form; the cells are the numbers in order, named by the words before them.
+The text around the numbers is the form. The cells are the numbers in order, named by the words before them.
 """
 
 import re
@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 
-# Between the cells of lines of such a form: no text has it.
+# Separator of the cells of such lines; it does not occur in text.
 FORM_SEPARATOR = "\x1f"
 _CLOCK = r"(?:\d{4}[-/.]\d\d?[-/.]\d\d?[T ,_]\s*)?\d{1,2}:\d\d:\d\d(?:[.,:]\d+)?"
 _NUMBER = (
@@ -17,7 +17,7 @@ _NUMBER = (
     r"|(?<![\w.])[-+]?(?:nan|inf|NaN|Inf|NAN|INF)(?![\w.])"
 )
 _CELL = re.compile(rf"{_CLOCK}|{_NUMBER}")
-# What monitors put before each line: 10:00:00.000 ->, [10:00:00.000], or a clock and a blank before cells between commas.
+# Prefixes of monitors: 10:00:00.000 ->, [10:00:00.000], or a clock and a blank before cells between commas.
 _ARROW = re.compile(
     rf"^[ \t]*(?:[\[(<]({_CLOCK})[\])>][ \t]*(?:[:>]|->)?|({_CLOCK})[ \t]*[-=]?>|({_CLOCK}) +(?=[-+.\d]+[,;|\t]))"
     r"[ \t]*(?![,;|])"
@@ -32,12 +32,12 @@ _WHOLE_SHARE = 0.8
 
 @dataclass(frozen=True)
 class LineForm:
-    """How lines with words around their numbers become cells.
+    """Conversion of lines with words around their numbers to cells.
 
     **Arguments:**
 
-    - `pattern`: of a line, or of its beginning, with a group for each cell. `cells`: what takes its place.
-    - `names`: of the cells. `others`: lines of other kinds in the same text, which become blank.
+    - `pattern`: of a line, or of its beginning, with a group for each cell. `cells`: the replacement.
+    - `names`: of the cells. `others`: pattern of other lines in the same text, which become blank.
     """
 
     pattern: re.Pattern[bytes]
@@ -46,7 +46,7 @@ class LineForm:
     others: re.Pattern[bytes] | None = None
 
     def applied(self, piece: bytes) -> bytes:
-        """Whole lines as lines of cells; those of no form stay as they are."""
+        """Complete lines as lines of cells; lines without this form are unchanged."""
         piece = self.others.sub(b"", piece) if self.others else piece
         return self.pattern.sub(self.cells, piece)
 
@@ -56,13 +56,13 @@ class LineForm:
 
 
 def without_clock(lines: Sequence[str]) -> list[str] | None:
-    """Lines without the clock that a monitor puts before each, with an arrow or in brackets; None if most have none."""
+    """Lines without the clock of a monitor, which has an arrow or brackets; None if most lines have no clock."""
     found = sum(bool(_ARROW.match(line)) for line in lines)
     return [_ARROW.sub("", line) for line in lines] if found and found >= _WHOLE_SHARE * len(lines) else None
 
 
 def clock_form(separator: str) -> LineForm:
-    """The form of lines that begin so; the clock becomes the first cell."""
+    """The form of lines with such a clock, which becomes the first cell."""
     return LineForm(re.compile(_ARROW.pattern.encode(), re.MULTILINE), rb"\1\2\3" + separator.encode())
 
 
@@ -77,7 +77,7 @@ def _is_mixed(cell: str) -> bool:
 
 
 def word_forms(lines: Sequence[str]) -> dict[str, LineForm]:
-    """The forms of lines with words around their numbers, by the first label of each; none if most lines share none."""
+    """The forms of lines with words around their numbers, by their first label; none if most lines have no common form."""
     pointed, digits = _with_points(lines)
     texts = [_texts(line) for line in pointed]
     least = max(1, _LEAST_SHARE * len(lines))
@@ -103,7 +103,7 @@ def word_forms(lines: Sequence[str]) -> dict[str, LineForm]:
 
 
 def _with_points(lines: Sequence[str]) -> tuple[Sequence[str], bytes]:
-    """Lines with decimal points, and the letters of their numbers: a comma in them if commas are between two numbers alone."""
+    """Lines with decimal points, and the characters of their numbers, with the comma if commas are only between digits."""
     text = "\n".join(lines)
     pairs = len(re.findall(r"(?<=\d),(?=\d)", text))
     if not pairs or pairs < text.count(",") or re.search(r"\d\.\d|\d,\d+,\d", text):
@@ -112,17 +112,17 @@ def _with_points(lines: Sequence[str]) -> tuple[Sequence[str], bytes]:
 
 
 def _texts(line: str) -> tuple[str, ...]:
-    """The texts around the numbers of a line, blanks within them alike."""
+    """The texts around the numbers of a line, with single blanks."""
     return tuple(re.sub(r"\s+", " ", text).strip() for text in _CELL.split(line))
 
 
 def _pattern(texts: Sequence[str], digits: bytes) -> re.Pattern[bytes]:
-    """The pattern of lines with these texts around numbers of these letters; polars reads no other number from them."""
+    """The pattern of lines with these texts around numbers of these characters, so that polars reads the same numbers."""
     words = [rb"[ \t]+".join(map(_word, text.split())) for text in texts]
-    # Two numbers without a word between them have a blank there, without which one number would be two.
+    # Two numbers without a word between them are separated by a blank.
     least = [b"*" if k in (0, len(words) - 1) else b"+" for k in range(len(words))]
     between = [
-        rb"[ \t]*" + word + rb"[ \t]*" if word else rb"[ \t]" + own for word, own in zip(words, least, strict=True)
+        rb"[ \t]*" + word + rb"[ \t]*" if word else rb"[ \t]" + many for word, many in zip(words, least, strict=True)
     ]
     cell = b"(" + digits + b"|" + _CLOCK.encode() + b"|[-+]?(?:[nN][aA][nN]|[iI][nN][fF]))"
     return re.compile(b"^" + cell.join(between) + b"$", re.MULTILINE)
@@ -157,7 +157,7 @@ def _names(texts: Sequence[str], cells: Sequence[str]) -> tuple[str, ...]:
         for k, end in enumerate(ends, start):
             name, unit = f"{label}{end}" if label else str(k + 1), behind[k]
             name = name if name not in names else f"{name}#{k + 1}"
-            names.append(f"{name} [{own}]" if (own := unit[1].strip("[]()") if unit else units[start]) else name)
+            names.append(f"{name} [{shown}]" if (shown := unit[1].strip("[]()") if unit else units[start]) else name)
     return tuple(names)
 
 

@@ -1,4 +1,4 @@
-"""When something was measured, as the comment `measured_utc` states it."""
+"""Date of a measurement, from the comment `measured_utc`."""
 
 from datetime import datetime
 
@@ -11,9 +11,9 @@ MEASURED = "measured_utc"
 def measured_at(stated: str, named: str) -> datetime:
     """The date of a text such as 2026-03-31T10:30:00Z.
 
-    **Raises:** `InputError` that begins with `named` for a text that is no date.
+    **Raises:** `InputError`, with `named` first, for a text that is not a date.
     """
     try:
         return datetime.fromisoformat(stated)
     except ValueError as error:
-        raise InputError(f"{named}: {stated!r} is no date; write 2026-03-31 or 2026-03-31T10:30:00Z") from error
+        raise InputError(f"{named}: {stated!r} is not a date; write 2026-03-31 or 2026-03-31T10:30:00Z") from error

@@ -1,4 +1,4 @@
-"""The layout of a table whose first line names the columns, as positions and samples are written; every fault has its line."""
+"""The layout of a table with the names of the columns in its first line; each fault has its line."""
 
 import csv
 import re
@@ -16,11 +16,11 @@ from tumblecal.ground.gravity import UNITS
 from tumblecal.ground.text_file import comment_in, decoded_pieces, is_blank, shown
 
 
-# Excel's first line `sep=;`.
-_SAID = re.compile(r'\s*"?sep=([^"\s]|\t)"?[\s,;]*', re.IGNORECASE)
+# The first line `sep=;` of Excel.
+_SEPARATOR_LINE = re.compile(r'\s*"?sep=([^"\s]|\t)"?[\s,;]*', re.IGNORECASE)
 _UNITS = {"deg", "°", "g", "mg", "m/s2", "m/s^2", "m/s²", "s", "ms", "degC", "°C", "C", "1"}
 _NUMBER = re.compile(r"\s*[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?\s*")
-# So many lines show the layout: Excel's line of the separator, the header, the first row.
+# Number of lines that determine the layout: separator line of Excel, header, first row.
 _BEGINNING = 3
 _QUOTATION = "check the quotation marks"
 
@@ -33,57 +33,57 @@ def readings_among(names: Sequence[str]) -> bool:
 
 
 def named_layout(path: Path) -> tuple[TextLayout, list[tuple[int, str]]]:
-    """The layout of a table, and its comments with their lines, wherever they are.
+    """The layout of a table, and all comments with their lines.
 
-    **Raises:** `InputError` for a file that is not text, has no line of names, rows behind the marks of comments, or a last
-    line that may be cut off.
+    **Raises:** `InputError` for a file that is not text, has no line of names, has rows marked as comments, or has a last
+    line that may be truncated.
     """
     beginning, comments, count = [], [], 0
     for before, text in decoded_pieces(path):
         count = before + text.count("\n") + (not text.endswith("\n"))
         if len(beginning) < _BEGINNING or "#" in text:
             lines = list(enumerate(text.removesuffix("\n").split("\n"), before + 1))
-            comments += [(k, own) for k, line in lines if (own := comment_in(line)) is not None]
-            rows = (own for own in lines if not _is_beside(own[1]))
+            comments += [(k, text) for k, line in lines if (text := comment_in(line)) is not None]
+            rows = (numbered for numbered in lines if not _is_skipped(numbered[1]))
             beginning.extend(islice(rows, _BEGINNING - len(beginning)))
     if not beginning and not comments:
         raise InputError(f"{path}: the file is empty")
     layout = layout_of_lines(path, beginning, comments)
-    comments = [own for own in comments if own[0] != layout.header_line]
+    comments = [comment for comment in comments if comment[0] != layout.header_line]
     if faults := _rows_behind_marks(layout, comments):
         raise InputError(faults)
     if count >= layout.first_line and (cells := layout.cut_row()):
         column = f", column {layout.names[len(cells) - 1]}" if len(cells) <= len(layout.names) else ""
         raise InputError(
-            f"{path}:line {count}{column}: the last line has no end, and {shown(cells[-1])} is shorter than in other rows: it "
-            "may be cut off; complete the row and end its line, or remove it"
+            f"{path}:line {count}{column}: the last line has no line end, and {shown(cells[-1])} is shorter than in other "
+            "rows, so it may be truncated; complete the row and its line end, or remove it"
         )
     return layout, comments
 
 
-def _is_beside(line: str) -> bool:
+def _is_skipped(line: str) -> bool:
     return is_blank(line) or comment_in(line) is not None
 
 
 def layout_of_lines(path: Path, beginning: Lines, comments: Lines = ()) -> TextLayout:
-    """The layout of a table by its first lines, all its cells as they are written.
+    """The layout of a table from its first lines, with unconverted cells.
 
-    A header may stand behind the mark of a comment, as numpy writes it: where it names readings, and numbers stand below.
+    A header may be a comment, as numpy writes it, if it names readings and numbers follow.
 
     **Arguments:**
 
     - `beginning`: the first lines with their numbers, neither blank nor comments; three of them suffice.
-    - `comments`: comment lines with theirs.
+    - `comments`: comment lines with their numbers.
 
-    **Raises:** `InputError` where no line names the columns.
+    **Raises:** `InputError` if no line names the columns.
     """
-    said = _SAID.fullmatch(beginning[0][1]) if beginning else None
-    if said and said[1] not in ",;\t|":
+    stated = _SEPARATOR_LINE.fullmatch(beginning[0][1]) if beginning else None
+    if stated and stated[1] not in ",;\t|":
         raise InputError(
-            f"{path}:line {beginning[0][0]}: {shown(said[1])} as separator; write the columns with commas, semicolons, tabs or "
-            "pipes"
+            f"{path}:line {beginning[0][0]}: {shown(stated[1])} as separator; write the columns with commas, semicolons, tabs "
+            "or pipes"
         )
-    beginning = beginning[1:] if said else beginning
+    beginning = beginning[1:] if stated else beginning
     if not beginning:
         raise InputError(f"{path}: no header line; the first line names the columns")
 
@@ -91,13 +91,13 @@ def layout_of_lines(path: Path, beginning: Lines, comments: Lines = ()) -> TextL
         return TextLayout(path, tuple(names), separator, ("",) * len(names), header_line, first_line)
 
     line, text = beginning[0]
-    for number, comment in reversed([own for own in comments if own[0] < line]):
+    for number, comment in reversed([comment for comment in comments if comment[0] < line]):
         header = comment.lstrip("# ")
-        separator = said[1] if said else _separator(header)
+        separator = stated[1] if stated else _separator(header)
         names, cells = cells_of(header, separator), cells_of(text, separator)
         if readings_among(names) and len(cells) == len(names) and _of_numbers(cells):
             return layout(names, separator, number, line)
-    separator = said[1] if said else _separator(text)
+    separator = stated[1] if stated else _separator(text)
     try:
         strict_cells(text, separator)
     except csv.Error as error:
@@ -106,8 +106,8 @@ def layout_of_lines(path: Path, beginning: Lines, comments: Lines = ()) -> TextL
     _check_title(path, beginning, names)
     if _of_numbers(names):
         raise InputError(
-            f"{path}:line {line}: numbers stand where the names of the columns should; write them in the first line that is no "
-            "comment, such as position,alpha_deg,beta_deg,ax_g,ay_g,az_g"
+            f"{path}:line {line}: numbers instead of the names of the columns; write the names in the first line that is not "
+            "a comment, such as position,alpha_deg,beta_deg,ax_g,ay_g,az_g"
         )
     return layout(names, separator, line, line + 1)
 
@@ -118,14 +118,14 @@ def _separator(header: str) -> str:
 
 
 def _check_title(path: Path, beginning: Lines, names: Sequence[str]) -> None:
-    """Refuse a first line that names fewer columns than the next does: a title, or the groups of a header over two lines."""
+    """Reject a first line with fewer names than the next: a title, or the groups of a header in two lines."""
     (line, text), (number, below) = beginning[0], beginning[1] if len(beginning) > 1 else (0, "")
-    there = [cell for cell in cells_of(below, _separator(below)) if cell]
-    fewer = sum(map(bool, names)) == 1 and len(there) > 2
-    if not any(map(_NUMBER.fullmatch, there)) and (fewer or _known(there) > max(2, _known(names))):
+    next_names = [cell for cell in cells_of(below, _separator(below)) if cell]
+    fewer = sum(map(bool, names)) == 1 and len(next_names) > 2
+    if not any(map(_NUMBER.fullmatch, next_names)) and (fewer or _known(next_names) > max(2, _known(names))):
         raise InputError(
-            f"{path}:line {line}: {shown(text.rstrip(',;| '))} is no header: line {number} names the columns; put # "
-            f"before line {line}"
+            f"{path}:line {line}: {shown(text.rstrip(',;| '))} is not a header: line {number} names the columns; write "
+            f"# before line {line}"
         )
 
 
@@ -134,31 +134,31 @@ def _known(names: Sequence[str]) -> int:
 
 
 def repeated(layout: TextLayout, names: Sequence[str]) -> list[str]:
-    """A fault for each of these names that several columns have."""
+    """A fault for each name of several columns."""
     return [
-        f"{layout.path}:line {layout.header_line}, column {name or '(no name)'}: the column stands twice; keep one"
+        f"{layout.path}:line {layout.header_line}, column {name or '(no name)'}: the column is given twice; keep one"
         for name in sorted({name for name in names if names.count(name) > 1})
     ]
 
 
 def _rows_behind_marks(layout: TextLayout, comments: Lines) -> list[str]:
-    """A fault for each comment below the header that is a row of numbers whose first cell begins with #: no reading is lost."""
+    """A fault for each comment below the header that is a row of numbers, so that no reading is lost."""
     found = [(line, cells_of(text, layout.separator)) for line, text in comments if line >= layout.first_line]
     return [
-        f"{layout.path}:line {line}: begins with # as a comment does, but a row of numbers follows; write "
-        f"{shown(cells[0].strip('# '))} without the #, or, to leave the row out, '# left out:' before it"
+        f"{layout.path}:line {line}: begins with # like a comment, but is a row of numbers; write "
+        f"{shown(cells[0].strip('# '))} without the #, or, to omit the row, '# left out:' before it"
         for line, cells in found
         if len(cells) == len(layout.names) > 3 and ":" not in cells[0] and _of_numbers(cells[1:])
     ]
 
 
 def row_words(cells: Sequence[str], names: Sequence[str]) -> str:
-    """The fault of the cells of a line as a row below these names; empty if it may be one."""
+    """The fault of the cells of a line as a row below these names; "" if there is none."""
     if [cell.strip() for cell in cells] == list(names):
         return "the names of the columns again; remove the line"
     written = [cell.strip().strip("[]()") for cell in cells if cell.strip(" -")]
     if len(written) > 1 and set(written) <= _UNITS:
-        return "a line of units, no row; put # before it: the names of the columns say the units"
+        return "a line of units, not a row; write # before it: the names of the columns state the units"
     if len(cells) == len(names):
         return ""
     cure = "remove the row" if len(cells) > len(names) else "complete the row or remove it"
@@ -166,5 +166,5 @@ def row_words(cells: Sequence[str], names: Sequence[str]) -> str:
 
 
 def _of_numbers(cells: Sequence[str]) -> bool:
-    """Whether most cells are numbers, so that this is no header."""
+    """Whether most cells are numbers, so that this is not a header."""
     return 2 * sum(bool(_NUMBER.fullmatch(cell)) for cell in cells) > len(cells)

@@ -1,4 +1,4 @@
-"""Degrees of freedom of the noise of files of earlier versions, whose `calibration.json` does not say: by `result.json`."""
+"""Degrees of freedom of the noise from `result.json`, for a `calibration.json` of an earlier version without them."""
 
 import math
 from dataclasses import replace
@@ -12,7 +12,7 @@ RESULT = "result.json"
 
 
 def of_result(content: object) -> float | None:
-    """Degrees of freedom by what `result.json` holds, infinite where the noise was stated; None where it does not say."""
+    """Degrees of freedom in a `result.json`; infinite for stated noise, None if they are not in it."""
     noise = content.get("noise") if isinstance(content, dict) else None
     kind, dof = (noise.get("kind"), noise.get("dof")) if isinstance(noise, dict) else (None, None)
     if kind == "stated":
@@ -20,22 +20,22 @@ def of_result(content: object) -> float | None:
     return max(float(dof), 1.0) if kind == "estimated" and isinstance(dof, int) else None
 
 
-def with_dof_beside(file: Path, calibration: Calibration) -> Calibration:
-    """The calibration; where it does not state its `dof`, with that of the result of the same data that lies beside it.
+def with_dof_of_result(file: Path, calibration: Calibration) -> Calibration:
+    """The calibration; if it does not state its `dof`, with that of the `result.json` of the same data in its folder.
 
-    **Raises:** `InputError` for a `result.json` that is no JSON.
+    **Raises:** `InputError` for a `result.json` that is not JSON.
     """
-    path, said = file.parent / RESULT, calibration.provenance
-    if calibration.dof is not None or "verdict" in said or "format" in said or not path.is_file():
+    path, provenance = file.parent / RESULT, calibration.provenance
+    if calibration.dof is not None or "verdict" in provenance or "format" in provenance or not path.is_file():
         return calibration
     content = read_json_object(path)
     source = content.get("source")
     digest = source.get("sha256") if isinstance(source, dict) else None
-    if digest not in (None, said.get("sha256")):
+    if digest not in (None, provenance.get("sha256")):
         return calibration
     dof = of_result(content)
     return (
         calibration
         if dof is None
-        else replace(calibration, provenance=said | {"dof": dof if math.isfinite(dof) else None})
+        else replace(calibration, provenance=provenance | {"dof": dof if math.isfinite(dof) else None})
     )

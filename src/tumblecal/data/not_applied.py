@@ -1,4 +1,4 @@
-"""Corrections that a calibration file does not hold: of which effect, why, and how large they are in the data."""
+"""Corrections that a calibration file does not include: effect, reason, and size in the data."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ _EARLIER = "this file, of an earlier version, does not state why"
 
 @dataclass(frozen=True)
 class NotApplied:
-    """A correction that a calibration file does not hold.
+    """A correction that a calibration file does not include.
 
     - `effect`: id of the catalogue entry, or a dependence that the data do not determine, such as `temperature^3`. `reason`: in
       words. `largest_mg`, `rms_mg`: of the correction over the readings of the data; None if not known.
@@ -44,25 +44,25 @@ class NotApplied:
         return [*sizes, f"{self.rms_mg:.2g} mg rms"] if self.rms_mg is not None else sizes
 
     def record(self) -> dict[str, Any]:
-        """As `provenance` holds it."""
+        """The record in `provenance`."""
         return vars(self).copy()
 
 
 def losses_words(losses: Sequence[NotApplied], *, reasons: bool = True) -> list[str]:
-    """What a calibration file does not hold, as every command states it: a line each; without reasons one line for all."""
+    """Words of all commands on omitted corrections: one line for each; without reasons one line for all."""
     if not reasons:
         return [f"{_LACKING}: {', '.join([loss.brief for loss in losses])}"] if losses else []
     return [f"{_LACKING}: {loss.words}" for loss in losses]
 
 
 def not_applied(provenance: Mapping[str, Any], named: str = "calibration") -> list[NotApplied]:
-    """What a calibration's provenance states of it; of files of earlier versions the effects without reason and size.
+    """The omitted corrections in the provenance of a calibration; earlier versions state effects without reason and size.
 
     **Arguments:**
 
     - `named`: the file, for faults.
 
-    **Raises:** `InputError` for entries that are none.
+    **Raises:** `InputError` for invalid entries.
     """
     stated, ids = provenance.get(LOSSES, []), provenance.get(IDS, [])
     if faults := [f"{named}: provenance.{fault}" for fault in _faults(stated, ids)]:

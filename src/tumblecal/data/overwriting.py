@@ -1,4 +1,4 @@
-"""Results never take the place of what they were made of, nor of another command's."""
+"""Results never overwrite their inputs, or results of a different command."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from tumblecal.ground.errors import InputError
 
 @dataclass(frozen=True)
 class Results:
-    """What tells the results of a command: the document that it always writes, and a column that only its summary.csv has."""
+    """Marks of the results of a command: the document that it always writes, and a column of its summary.csv only."""
 
     command: str
     document: str
@@ -19,19 +19,19 @@ class Results:
 
 CALIBRATION = Results("calibrate", "result.json", "judgement")
 DIAGNOSIS = Results("diagnose", "diagnosis.json", "verdict")
-# Files that each of them writes.
+# Files of both commands.
 _SHARED = ("calibration.json", "summary.csv")
 
 
-def inputs_kept(
+def protect_inputs(
     inputs: Iterable[Path | None], *, out: Path | None = None, folders: Sequence[Path] = (), names: Sequence[str] = ()
 ) -> None:
-    """Refuse outputs that are inputs under whatever name: spelled otherwise, linked, inside a folder of results.
+    """Reject outputs that are inputs, also under a different name or link, or in a folder of results.
 
     **Arguments:**
 
     - `inputs`: files that a command reads; None for those not given.
-    - `out`: the file to write. `folders`, `names`: folders of results and what is written there, as glob patterns.
+    - `out`: the file to write. `folders`, `names`: folders of results and their files, as glob patterns.
 
     **Raises:** `InputError` naming both.
     """
@@ -40,31 +40,31 @@ def inputs_kept(
     read = {identity(path): path for path in inputs if path is not None and path.exists()}
     for output in outputs:
         if output.exists() and (path := read.get(identity(output))):
-            raise InputError(f"{output}: would overwrite {path}, which is an input; give another --out")
+            raise InputError(f"{output}: would overwrite the input {path}; give a different --out")
 
 
-def others_kept(own: Results, folders: Iterable[Path]) -> None:
-    """Refuse folders with results of another command, which would be mixed with one's own; one's own are replaced.
+def protect_other_results(written: Results, folders: Iterable[Path]) -> None:
+    """Reject folders with results of the other command, which would be mixed with the new ones.
 
     **Arguments:**
 
-    - `own`: the command's, one of `CALIBRATION` and `DIAGNOSIS`. `folders`: where it writes.
+    - `written`: `CALIBRATION` or `DIAGNOSIS`. `folders`: output folders.
 
-    **Raises:** `InputError` naming the folder and what is there.
+    **Raises:** `InputError` naming the folder and its files.
     """
-    other = DIAGNOSIS if own is CALIBRATION else CALIBRATION
+    other = DIAGNOSIS if written is CALIBRATION else CALIBRATION
     for folder in dict.fromkeys(folders):
         found = [other.document] if (folder / other.document).is_file() else []
         found += ["summary.csv"] if other.column in _header(folder / "summary.csv") else []
         if found:
             raise InputError(
-                f"{folder}: holds {' and '.join(found)} of tumblecal {other.command}; {own.command} writes "
-                f"{' and '.join(_SHARED)} too, and would mix its results with those; give another --out"
+                f"{folder}: has {' and '.join(found)} of tumblecal {other.command}, and {written.command} would overwrite its "
+                f"{' and '.join(_SHARED)}; give a different --out"
             )
 
 
 def _header(table: Path) -> list[str]:
-    """The names of a table's columns; none where there is no such file."""
+    """The names of the columns of a table; none if there is no such file."""
     if not table.is_file():
         return []
     with table.open(encoding="utf-8", errors="replace") as lines:

@@ -1,4 +1,4 @@
-"""Parquet tables with what their metadata say; those that tumblecal writes carry a checksum of the whole file."""
+"""Parquet tables with their metadata; those of tumblecal have a checksum of the whole file."""
 
 import mmap
 import re
@@ -18,24 +18,24 @@ from tumblecal.ground.text_file import shown
 if TYPE_CHECKING:
     import polars as pl
 
-# Rows at a time: of text and of what Python reads, and of Parquet, whose columns need less room.
+# Rows in one piece: of text and Python objects, and of Parquet, whose columns need less memory.
 PIECE_ROWS, PARQUET_ROWS = 1 << 16, 1 << 18
 _KIND = "Parquet file"
-# The metadata's entry for the CRC-32 of the file, in which these eight digits count as zeros.
+# Metadata key for the CRC-32 of the file, computed with zeros in place of its eight digits.
 CHECKSUM, _NOT_YET = "tumblecal_crc32", "crc32=00000000"
 _WRITTEN = re.compile("crc32=[0-9a-f]{8}")
-# Polars' name as the writer: what another program has rewritten keeps metadata, and its bytes are others.
+# Name of the writer: a file rewritten by another program keeps the metadata, but its bytes differ.
 _WRITER = b"Polars"
 _PIECE = 1 << 24
 
 
 def metadata_of(comments: Mapping[str, str]) -> dict[str, str]:
-    """The metadata of a table to be written, with room for the checksum that `put_checksum` enters."""
+    """The metadata of a table to write, with a placeholder for the checksum of `put_checksum`."""
     return {**comments, CHECKSUM: _NOT_YET}
 
 
 def put_checksum(path: Path) -> None:
-    """Enter the checksum into a file that was written with `metadata_of`."""
+    """Enter the checksum into a file written with `metadata_of`."""
     with path.open("r+b") as file, mmap.mmap(file.fileno(), 0) as content:
         at = content.rfind(_NOT_YET.encode())
         content[at : at + len(_NOT_YET)] = f"crc32={_crc32(content):08x}".encode()
@@ -49,9 +49,9 @@ def _crc32(content: mmap.mmap) -> int:
 
 
 def _check(path: Path, stated: str) -> None:
-    """Compare a file with the checksum that its metadata state.
+    """Compare a file with the checksum in its metadata.
 
-    **Raises:** `InputError` where they differ.
+    **Raises:** `InputError` if they differ.
     """
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_COPY) as content:
         if content.rfind(_WRITER) < 0:
@@ -59,18 +59,18 @@ def _check(path: Path, stated: str) -> None:
         at = content.rfind(stated.encode())
         content[at : at + len(_NOT_YET)] = _NOT_YET.encode()
         if not _WRITTEN.fullmatch(stated) or f"crc32={_crc32(content):08x}" != stated:
-            raise damaged(path, _KIND, "its bytes are not those that tumblecal wrote: the checksum differs")
+            raise damaged(path, _KIND, "the checksum differs, so the bytes have changed since tumblecal wrote them")
 
 
 def scan_parquet(path: Path, *, check: bool = True) -> tuple["pl.LazyFrame", int, dict[str, str]]:
-    """A Parquet file's table, not read yet, its number of rows, and its `key: value` metadata.
+    """The table of a Parquet file, not read yet, its number of rows, and its `key: value` metadata.
 
     **Arguments:**
 
-    - `check`: compare the checksum, where there is one; not needed for what was written a moment ago.
+    - `check`: compare the checksum, if there is one; not necessary directly after writing.
 
-    **Raises:** `InputError` when it is missing, is not such a file, was changed, or names and metadata have
-    control characters.
+    **Raises:** `InputError` for a missing file, a file that is not Parquet or was changed, and control characters in names
+    or metadata.
     """
     import polars as pl
 
@@ -82,22 +82,22 @@ def scan_parquet(path: Path, *, check: bool = True) -> tuple["pl.LazyFrame", int
         rows = int(table.select(pl.len()).collect().item())
     if check and (stated := metadata.get(CHECKSUM)):
         _check(path, stated)
-    kept = {key: value for key, value in metadata.items() if key != CHECKSUM and not key.startswith("ARROW")}
-    for text in (*table.collect_schema().names(), *kept, *kept.values()):
+    comments = {key: value for key, value in metadata.items() if key != CHECKSUM and not key.startswith("ARROW")}
+    for text in (*table.collect_schema().names(), *comments, *comments.values()):
         if first_control(text) is not None:
             raise InputError(f"{path}: the name or comment {shown(text)} has control characters; remove them")
-    return table, rows, kept
+    return table, rows, comments
 
 
 @contextmanager
 def _decoded(path: Path) -> Iterator[None]:
-    """Polars' native threads print a backtrace of their own when a damaged file makes them panic."""
+    """Decode without the backtrace that native threads of polars print for a damaged file."""
     with decoding(path, _KIND), silenced():
         yield
 
 
 def read_parquet(path: Path, *, check: bool = True) -> tuple["pl.DataFrame", dict[str, str]]:
-    """A Parquet file's table, and its `key: value` metadata.
+    """The table of a Parquet file, and its `key: value` metadata.
 
     **Arguments, raises:** as `scan_parquet`.
     """
@@ -109,7 +109,7 @@ def read_parquet(path: Path, *, check: bool = True) -> tuple["pl.DataFrame", dic
 
 
 def require_plain_texts(path: Path, rows: "pl.DataFrame", before: int = 0) -> None:
-    """Refuse texts with control characters in rows, `before` of which come before them.
+    """Reject texts with control characters in rows that follow `before` other rows.
 
     **Raises:** `InputError` naming the first.
     """
@@ -124,9 +124,9 @@ def require_plain_texts(path: Path, rows: "pl.DataFrame", before: int = 0) -> No
 
 
 def parquet_pieces(path: Path, table: "pl.LazyFrame") -> Iterator["pl.DataFrame"]:
-    """The rows of a Parquet file's table in order, a piece at a time.
+    """The rows of the table of a Parquet file in order, in pieces.
 
-    **Raises:** `InputError` where what is read then is damaged, or a text has control characters.
+    **Raises:** `InputError` for damaged rows, or a text with control characters.
     """
     pieces, before = pieces_in_order(table), 0
     while True:
@@ -140,7 +140,7 @@ def parquet_pieces(path: Path, table: "pl.LazyFrame") -> Iterator["pl.DataFrame"
 
 
 def pieces_in_order(table: "pl.LazyFrame", rows: int = PARQUET_ROWS) -> Iterator["pl.DataFrame"]:
-    """The rows of a table that is not read yet, in order, about `rows` at a time; an empty one gives one empty piece."""
+    """The rows of a table that is not read yet, in order, in pieces of about `rows`; an empty table gives one empty piece."""
     batches = table.collect_batches(chunk_size=rows, lazy=True)
     first = next(batches, None)
     yield table.head(0).collect() if first is None else first

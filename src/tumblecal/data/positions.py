@@ -1,4 +1,4 @@
-"""A set of positions: what was commanded, what was read, and what else was recorded, checked once."""
+"""A set of positions: commanded angles, readings and recorded conditions, checked once."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -24,20 +24,20 @@ Rows = Float[np.ndarray, " positions"]
 
 # The comment `# attitudes: unknown` marks a hand-held set.
 ATTITUDES, UNKNOWN = "attitudes", "unknown"
-# The comment on positions that were measured with an instrument that did not state its serial number.
+# The comment on positions of an instrument that did not transmit its serial number.
 NOT_CONFIRMED = "identity_not_confirmed"
-# The comment on changes within dwells; with the ending `_temperature_mg` or `_time_mg` the largest change, by its variable.
+# The comment on changes within dwells; with the suffix `_temperature_mg` or `_time_mg` the largest change with that variable.
 WITHIN_DWELLS = "within_dwells"
 
 
 def serial_number_of(comments: Mapping[str, str]) -> str | None:
-    """The unit's serial number that a file's comments state; None without one (captures of devices that tell none say None)."""
+    """The serial number in the comments of a file; None without one, and for "None" (captures of devices without one)."""
     serial = comments.get("serial_number")
     return None if serial in (None, "", "None") else serial
 
 
 def joined_arguments(files: Sequence[str]) -> tuple[str | Path, ...]:
-    """Files as words of a command that diagnoses them as one measurement, of one run unless the user has said otherwise."""
+    """Arguments of a command that diagnoses files as one measurement, of one run unless the user stated runs."""
     if len(files) < 2:
         return (*map(Path, files),)
     same_run = states("--same-run") or not states("--join")
@@ -53,7 +53,7 @@ def stretches(columns: Sequence[np.ndarray]) -> list[np.ndarray]:
 
 
 def attitudes_of(readings: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Spindle and pitch angles (deg) at which a perfect triad would point as these readings do."""
+    """Spindle and pitch angles (deg) at which an ideal triad has the direction of these readings."""
     unit = readings / np.linalg.norm(readings, axis=1, keepdims=True)
     return np.degrees(np.arctan2(unit[:, 1], unit[:, 2])), np.degrees(np.arcsin(np.clip(-unit[:, 0], -1.0, 1.0)))
 
@@ -62,15 +62,13 @@ def attitudes_of(readings: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 class PositionSet(Shown):
     """Position means of one triad on a dividing head.
 
-    Angles in degrees, commanded or read, readings and their standard deviations in g, time in s, temperature in degC.
-    Optional columns that were not recorded are None. `comments` are the file's `# key: value` lines; `source` says
-    where it was read from. `clock` is, for each row, the label of the clock that its time counts by: from one clock to the
-    next the pause is unknown; None: one clock. `recorded_noise` is, for each row, the comment `noise_model` of the recording
-    that it came from.
-    `in_ms2`: whether the file's readings were in m/s^2, so that its gravity is what they were divided by. `files`: those
-    whose positions were joined. `ignored`: the file's columns that are not used.
+    Angles in degrees, commanded or read; readings and their standard deviations in g; time in s; temperature in degC.
+    Optional columns that were not recorded are None. `comments` are the `# key: value` lines of the file, `source` is its
+    name. `clock`: label of the clock of each row, with unknown pauses between clocks; None: one clock. `recorded_noise`:
+    for each row, the comment `noise_model` of its recording. `in_ms2`: whether readings in m/s^2 were divided by the
+    gravity. `files`: files whose positions were joined. `ignored`: columns of the file that are not used.
 
-    **Raises:** `InputError` for columns of another length or shape, numbers that are not finite, or sd that are not above 0.
+    **Raises:** `InputError` for columns of a wrong length or shape, numbers that are not finite, or sd not above 0.
     """
 
     names: tuple[str, ...]
@@ -105,24 +103,24 @@ class PositionSet(Shown):
             if values is None and name not in ("alpha_deg", "beta_deg", "readings"):
                 continue
             if not isinstance(values, np.ndarray):
-                yield f"{self.source}: {name} is of type {type(values).__name__}; a numpy array is wanted"
+                yield f"{self.source}: {name} is of type {type(values).__name__}; it must be a numpy array"
             elif values.shape != wanted:
-                yield f"{self.source}: {name} has the shape {values.shape}; {wanted} is wanted, for {count} names"
+                yield f"{self.source}: {name} has the shape {values.shape}; it must be {wanted}, for {count} names"
             elif not np.all(np.isfinite(values)):
-                yield f"{self.source}: {name} has numbers that are not finite; leave these positions out"
+                yield f"{self.source}: {name} has numbers that are not finite; remove these positions"
             elif name == "sd" and not np.all(values > 0):
                 yield f"{self.source}: sd must be above 0"
         for name in ("run", "mount", "clock", "recorded_noise"):
             labels = getattr(self, name)
             if labels is not None and len(labels) != count:
-                yield f"{self.source}: {name} has {len(labels)} labels; {count} are wanted, one for each name"
+                yield f"{self.source}: {name} has {len(labels)} labels; it must have {count}, one for each name"
 
     def __len__(self) -> int:
         return len(self.names)
 
     @property
     def columns(self) -> dict[str, Sequence[object]]:
-        """Its columns as a position file names them, angles in deg, readings in g; those not recorded are left out."""
+        """The recorded columns by their names in a position file, angles in deg, readings in g."""
         columns: dict[str, Sequence[object] | None] = {
             "position": self.names,
             "alpha_deg": self.alpha_deg.tolist(),
@@ -144,11 +142,11 @@ class PositionSet(Shown):
         return pl.DataFrame(self.columns)
 
     def screen(self) -> Screen:
-        """Where it is from, and its first rows."""
+        """Source and first rows."""
         rows = zip(*self.columns.values(), strict=True)
         cells = [[f"{cell:.6g}" if isinstance(cell, float) else str(cell) for cell in row] for row in rows]
         facts = [f"{self.source}: {len(self)} positions", *filter(None, [self.serial_number])]
-        gravity = f"one g is {self.gravity}" if self.gravity else "which gravity one g is, the file does not say"
+        gravity = f"one g is {self.gravity}" if self.gravity else "the file does not state the gravity of one g"
         return Screen(", serial number ".join(facts), list(self.columns), cells, [gravity])
 
     @property
@@ -163,39 +161,39 @@ class PositionSet(Shown):
 
     @property
     def pitch_setting_deg(self) -> Rows:
-        """The pitch angle that each position's setting is called by, deg: `beta_deg`, but where it was read, not commanded."""
+        """The nominal pitch angle of the setting of each position, deg: `beta_deg`, except for angles that were read."""
         if self.hand_held:
             return self.beta_deg
         index = setting_index(self.beta, held=True)
-        called = setting_angle(self.beta, index)
-        return np.where(called == self.beta, self.beta_deg, np.round(np.degrees(called), 6))
+        nominal = setting_angle(self.beta, index)
+        return np.where(nominal == self.beta, self.beta_deg, np.round(np.degrees(nominal), 6))
 
     @property
     def weighing_sd(self) -> Float[np.ndarray, "positions 3"] | None:
-        """What the readings are weighed with, g: their sd; of few samples that of all positions, as far as they agree."""
+        """Standard deviations for the weights of the readings, g; for few samples moderated by those of all positions."""
         if self.sd is None or self.n is None or self.recorded_noise is not None:
             return self.sd
-        from tumblecal.data.few_samples import moderated, of_few  # loads scipy
+        from tumblecal.data.few_samples import moderated, of_few  # imports scipy
 
         return moderated(self.sd, self.n) if of_few(self.n) else self.sd
 
     @property
     def gravity(self) -> Gravity | None:
-        """What one g of the readings is, by the comments; None where nobody said."""
+        """One g of the readings, from the comments; None if not stated."""
         return stated_gravity(self.comments, self.source)
 
     @property
     def as_arguments(self) -> tuple[str | Path, ...]:
-        """Its files as words of a command that diagnoses them as one."""
+        """Arguments of a command that diagnoses its files as one measurement."""
         return joined_arguments(self.files or (self.source,))
 
     @property
     def serial_number(self) -> str | None:
-        """The unit's, by the comments; None where nobody said."""
+        """Serial number of the unit, from the comments; None if not stated."""
         return serial_number_of(self.comments)
 
     def under(self, gravity: Gravity) -> "PositionSet":
-        """The same positions where one g is this: readings that were in m/s^2 are divided by it instead."""
+        """The same positions with this gravity: readings in m/s^2 are divided by it."""
         comments = self.comments | comments_of(gravity)
         if not self.in_ms2:
             return replace(self, comments=comments)
@@ -205,17 +203,17 @@ class PositionSet(Shown):
 
     @property
     def hand_held(self) -> bool:
-        """Whether the attitudes are unknown: the angles are then only what the readings themselves suggest."""
+        """Whether the attitudes are unknown: the angles are then estimates from the readings."""
         return self.comments.get(ATTITUDES) == UNKNOWN
 
     @property
     def stretches(self) -> int:
-        """Number of stretches of rows of the same name and angles that follow one another."""
+        """Number of stretches of consecutive rows with the same name and angles."""
         return len(stretches([np.array(self.names, dtype=object), self.alpha_deg, self.beta_deg]))
 
     @property
     def copies(self) -> list[tuple[str, str]]:
-        """Names of positions that are the same in every number as an earlier one, and that one's."""
+        """Names of positions whose numbers all equal those of an earlier position, with the name of the earlier one."""
         numbers = [self.alpha_deg, self.beta_deg, *self.readings.T]
         numbers += [column for column in (self.time_s, self.temperature_degc) if column is not None]
         labels = zip(self.run or ("",) * len(self), self.mount or ("",) * len(self), strict=True)
@@ -230,7 +228,7 @@ class PositionSet(Shown):
 
     @property
     def runs(self) -> tuple[str, ...]:
-        """Labels of the runs in the order in which they appear; one run `1` where none is given."""
+        """Labels of the runs in order of appearance; one run `1` if none is given."""
         return tuple(dict.fromkeys(self.run or ("1",)))
 
     def chosen(self, rows: Sequence[int] | np.ndarray) -> "PositionSet":

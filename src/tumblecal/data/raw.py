@@ -1,4 +1,4 @@
-"""Raw readings of any length: tables with the three axes' columns, whole or a piece at a time, all else kept."""
+"""Raw readings of any length: tables with columns of three axes, complete or in pieces, with all other columns."""
 
 import math
 import re
@@ -29,9 +29,9 @@ if TYPE_CHECKING:
     import polars as pl
 
 CORRECTED_BY = "corrected_by"
-# Numbers beyond are no reading and would overflow the sums of squares.
+# Larger numbers are not readings, and would overflow the sums of squares.
 LARGEST_G = 1e6
-# So many rows tell the decimal mark.
+# Number of rows in which the decimal mark is searched.
 _SEEN_ROWS = 1000
 
 
@@ -39,10 +39,10 @@ _SEEN_ROWS = 1000
 class Raw:
     """A table with readings, or a piece of it.
 
-    `frame` as it stands in the file; `readings` in g, from `columns`, one unit of which is `to_g`; `comments` as stated, in
-    `lines`; `gravity` is what one g of the readings is, None where the file does not say; `before` rows are ahead in the file.
-    Text has a `layout`, numbers with the mark `decimal`, None where no cell tells it, and a line for each of the rows, in
-    `places`. `row_word`: what a row is called in a fault.
+    `frame`: unconverted cells. `readings`: in g, from `columns`, whose unit is `to_g`. `comments`: values of the comment
+    `lines`. `gravity`: one g of the readings, None if not stated. `before`: number of earlier rows of the file. For text:
+    `layout`; `decimal`, the decimal mark, None if no cell shows it; `places`, the line of each row. `row_word`: word for a
+    row in messages.
     """
 
     path: Path
@@ -60,33 +60,33 @@ class Raw:
     row_word: str = "row"
 
     def with_rows(self, frame: "pl.DataFrame", before: int = 0) -> "Raw":
-        """The rows of a piece, of which `before` stand ahead in the file.
+        """The rows of a piece, after `before` earlier rows of the file.
 
-        **Raises:** `InputError` naming the first cell that is no reading.
+        **Raises:** `InputError` naming the first cell that is not a reading.
         """
         piece = replace(self, frame=frame, before=before)
         if ROW in frame.columns:
             piece = replace(piece, frame=frame.drop(ROW), places=frame[ROW].to_numpy())
-        # Axis by axis in memory, as the columns come and go.
+        # In memory axis by axis, like the columns.
         readings = np.stack([piece.numbers(name) for name in self.columns]).T
         readings = readings if self.to_g == 1 else readings * self.to_g
         if readings.size and not (np.max(readings) <= LARGEST_G and np.min(readings) >= -LARGEST_G):
             row, axis = np.unravel_index(np.argmax(np.abs(readings)), readings.shape)
             cell = piece.place(int(row), self.columns[axis])
-            raise InputError(f"{cell}: {readings[row, axis]:.3g} g is no reading; remove the row")
+            raise InputError(f"{cell}: {readings[row, axis]:.3g} g is not a possible reading; remove the row")
         return replace(piece, readings=readings)
 
     def in_g_of(self, gravity: Gravity | None) -> "Raw":
-        """The same readings in the g of a calibration; as they are where it, or a file in g or mg, does not say which."""
-        own = self.gravity or (STANDARD if self.in_ms2 else None)
-        if gravity is None or own is None:
+        """The readings in the g of a calibration; unchanged if the calibration, or a file in g or mg, states no gravity."""
+        of_readings = self.gravity or (STANDARD if self.in_ms2 else None)
+        if gravity is None or of_readings is None:
             return self
-        ratio = own.in_g_of(gravity)
+        ratio = of_readings.in_g_of(gravity)
         return replace(self, readings=self.readings * ratio, to_g=self.to_g * ratio, gravity=gravity)
 
     @property
     def unit(self) -> str:
-        """That the columns name: g, mg or ms2."""
+        """Unit in the names of the columns: g, mg or ms2."""
         return self.columns[0].rpartition("_")[2]
 
     @property
@@ -95,7 +95,7 @@ class Raw:
         return self.unit == "ms2"
 
     def place(self, row: int, column: str) -> str:
-        """A cell as faults name it."""
+        """The name of a cell in messages."""
         return f"{self.path}:{self.row_word} {self.number_of(row)}, column {column}"
 
     @property
@@ -108,7 +108,7 @@ class Raw:
         return int(self.row_numbers[row])
 
     def numbers_if_any(self, name: str) -> Float[np.ndarray, " rows"]:
-        """A column as numbers; not a number where a cell is none."""
+        """A column as numbers; NaN for other cells."""
         import polars as pl
 
         column = self.frame[name]
@@ -117,27 +117,27 @@ class Raw:
         return self.cast(column).fill_null(math.nan).to_numpy()
 
     def cast(self, column: "pl.Series") -> "pl.Series":
-        """Cells as numbers, null where one is none."""
+        """Cells as numbers; null for other cells."""
         import polars as pl
 
         if column.dtype != pl.String:
             return column.cast(pl.Float64, strict=False)
         commas = self.layout is None or self.layout.separator == ","
         marks = "." if commas or self.decimal is None else self.decimal + OTHER[self.decimal]
-        # If nothing shows the mark, it is a point, and readings that may be thousands are none.
+        # If no cell shows the mark, it is a point, and readings with a possible thousands separator are rejected.
         doubt = THOUSANDS.get(column.name, "") if self.decimal is None and column.name.endswith("_mg") else ""
         return column.to_frame().select(number_of(column.name, marks, sure=True, either=doubt)).to_series()
 
     def numbers(self, name: str) -> Float[np.ndarray, " rows"]:
         """A column of finite numbers.
 
-        **Raises:** `InputError` naming the first cell that is none.
+        **Raises:** `InputError` naming the first cell that is not a finite number.
         """
         import polars as pl
 
         column = self.frame[name]
         if not (column.dtype.is_numeric() or column.dtype == pl.String):
-            raise InputError(f"{self.path}: column {name}: holds {column.dtype}, not numbers; write numbers")
+            raise InputError(f"{self.path}: column {name}: type {column.dtype}, not numbers; write numbers")
         values = self.cast(column).to_numpy()
         bad = np.nonzero(~np.isfinite(values))[0]
         if len(bad):
@@ -153,17 +153,17 @@ class Raw:
         return values
 
     def _line_cells(self, row: int) -> list[str]:
-        """The cells of a row as they are written; none for other tables, and for a row over several lines."""
+        """The unconverted cells of a row of text; none for other tables, and for a row of several lines."""
         line = line_in(self.path, self.number_of(row)) if self.layout else ""
         return self.layout.cells(line) if self.layout and line.count('"') % 2 == 0 else []
 
     def _wrong_row(self, row: int) -> str:
-        """The fault of a whole line of text as a row: the names again, units, too few cells."""
+        """The fault of a line of text as a row: repeated names, units, too few cells."""
         cells = self._line_cells(row)
         return row_words(cells, self.frame.columns) if cells else ""
 
     def _wrong(self, cell: object) -> str:
-        """What is wrong with a cell that is no finite number."""
+        """Fault of a cell that is not a finite number."""
         commas = self.layout is None or self.layout.separator == ","
         if isinstance(cell, str) and not commas and may_be_thousands(cell, self.decimal):
             return either_words(cell.strip(), self.decimal)
@@ -174,7 +174,7 @@ class Raw:
         return f"{shown(cell)} is not a finite number; {cure or 'remove the row'}"
 
     def temperature_degc(self) -> Float[np.ndarray, " rows"] | None:
-        """The column of that name; None where there is none, or it is empty throughout."""
+        """The column of that name; None if it is missing or all its cells are empty."""
         name = "temperature_degc"
         return self.numbers(name) if name in self.frame.columns and not is_empty(self.frame[name]) else None
 
@@ -184,9 +184,9 @@ def read_raw(path: Path, source: Path | None = None) -> Raw:
 
     **Arguments:**
 
-    - `path`: the table. `source`: what it was made of, to be named in faults.
+    - `path`: the table. `source`: its source, named in messages.
 
-    **Raises:** `InputError` for a file without them, already corrected, or with a cell that is no finite number.
+    **Raises:** `InputError` for a file without these columns, one that is already corrected, or a cell that is not finite.
     """
     import polars as pl
 
@@ -195,10 +195,11 @@ def read_raw(path: Path, source: Path | None = None) -> Raw:
 
 
 def opened_raw(path: Path, source: Path | None = None) -> tuple[Raw, Callable[[], Iterator["pl.DataFrame"]]]:
-    """What such a table states, without its rows, and its rows, some hundred thousand at a time; `source` is named in place
-    of `path`. An empty table has one empty piece.
+    """The header of such a table, and its rows in pieces of some hundred thousand; messages name `source`, if given.
 
-    **Raises:** `InputError` for a file without the columns, with one of them twice, or already corrected.
+    An empty table has one empty piece.
+
+    **Raises:** `InputError` for a file without the columns, with a repeated column, or already corrected.
     """
     if path.suffix != ".parquet":
         return _opened_text(path)
@@ -218,7 +219,7 @@ def _opened_text(path: Path) -> tuple[Raw, Callable[[], Iterator["pl.DataFrame"]
     empty = pl.Schema(dict.fromkeys(layout.names, pl.String)).to_frame()
     header = header_of(path, empty, stated_once(path, comments), [text for _, text in comments])
     if layout.separator == ",":
-        # Readings beside commas have decimal points.
+        # Readings separated by commas have decimal points.
         layout = replace(layout, marks=tuple("." if name in header.columns else "" for name in layout.names))
         empty = empty.cast(dict.fromkeys(header.columns, pl.Float64))
     header = replace(header, frame=empty, layout=layout, row_word="line")
@@ -239,7 +240,7 @@ def _opened_text(path: Path) -> tuple[Raw, Callable[[], Iterator["pl.DataFrame"]
 
 
 def header_of(path: Path, empty: "pl.DataFrame", comments: dict[str, str], lines: Sequence[str] = ()) -> Raw:
-    """What a table states whose columns are those of `empty`.
+    """The header of a table with the columns of `empty`.
 
     **Raises:** as `opened_raw`.
     """
@@ -251,7 +252,7 @@ def header_of(path: Path, empty: "pl.DataFrame", comments: dict[str, str], lines
 
 
 def column_names(path: Path) -> list[str]:
-    """The names in a table's header, as far as its first lines tell; none of what has none."""
+    """The names in the header of a table, from its first lines; none if there is no header."""
     if path.suffix == ".parquet":
         return scan_parquet(path, check=False)[0].collect_schema().names()
     with opened(path) as file:
@@ -261,7 +262,7 @@ def column_names(path: Path) -> list[str]:
     try:
         return list(layout_of_lines(path, others, comments).names)
     except InputError:
-        # Whoever opens it as such a table says what is wrong with it.
+        # The fault is reported when the table is read.
         return [name.strip(' "') for name in re.split("[,;\t|]", others[0][1])] if others else []
 
 
@@ -284,10 +285,10 @@ def _axis_columns(path: Path, names: list[str]) -> tuple[str, str, str]:
             others = [f"a{axis}_{other}" for axis in AXES for other in UNITS if other != unit]
             twice = [name for name in others if name in names]
             if twice:
-                raise InputError(f"{path}: {', '.join(wanted + twice)}: the readings stand in two units; keep one")
+                raise InputError(f"{path}: {', '.join(wanted + twice)}: the readings are in two units; keep one")
             return wanted[0], wanted[1], wanted[2]
     found = axis_columns(names)
     if {name[:2] for name in found} == {f"a{axis}" for axis in AXES}:
         raise InputError(f"{path}: {', '.join(found)} {DIFFERENT_UNITS}")
-    there = shown(", ".join(names))
-    raise InputError(f"{path}: columns ax_g, ay_g, az_g (or _mg, _ms2) are missing; it has {there}")
+    listed = shown(", ".join(names))
+    raise InputError(f"{path}: columns ax_g, ay_g, az_g (or _mg, _ms2) are missing; its columns are {listed}")

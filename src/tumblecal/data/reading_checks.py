@@ -1,4 +1,4 @@
-"""What is unlikely of readings that a calibration at rest is to correct, counted a piece at a time."""
+"""Checks of readings that a calibration at rest corrects, piece by piece."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -10,23 +10,23 @@ from tumblecal.ground.axes import AXES
 from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2, UNITS
 
 
-# Gravity alone was measured: farther out than this (g) what is not linear is extrapolated.
+# A calibration at rest covers 1 g: beyond this (g) nonlinear terms are extrapolated.
 FAR_G = 2.0
-# Where most rows are beyond this (g), the numbers are none of accelerations in the unit that the columns name.
+# If most rows are beyond this (g), the unit in the column names is wrong.
 _NO_UNIT_G = 10.0
-# Readings whose size is one g in a unit, this near, are readings at rest in it.
+# Relative range of the size of readings at rest in a unit.
 _LIKE = (0.816, 1.183)
 _ONE_G = {"g": 1.0, "mg": 1e3, "ms2": STANDARD_GRAVITY_MS2}
 _NAMES = {"g": "g", "mg": "mg", "ms2": "m/s^2"}
-# No triad at rest reads more, with a bias of 0.6 g and a scale in error by 10 %, and so many equal readings at the end of all
-# follow one another there by chance only where the numbers are coarse.
+# Largest reading at rest, g, with a bias of 0.6 g and a scale factor error of 10 %. This many consecutive equal readings at
+# the end of the range occur by chance only with coarse numbers.
 _RESTING_G = 1.75
 _FEWEST_AT_END = 3
 
 
 @dataclass
 class Occurrences:
-    """How many rows, and the first."""
+    """Number of rows, and the first one."""
 
     count: int = 0
     first: int = 0
@@ -40,7 +40,7 @@ class Occurrences:
 
 @dataclass
 class _End:
-    """Readings that stay at the largest value of an axis; `run` of them ended the last piece, whose `last` rows these are."""
+    """Readings at the largest value of an axis; the last `run` of them end the previous piece, with the rows `last`."""
 
     value: float = _RESTING_G
     at: Occurrences = field(default_factory=Occurrences)
@@ -58,20 +58,19 @@ class _End:
         for start, stop in edges.reshape(-1, 2):
             before = self.run if start == 0 else 0
             if before + stop - start >= _FEWEST_AT_END:
-                told = 0 if before >= _FEWEST_AT_END else before
-                self.at.add(np.append(self.last[len(self.last) - told :], rows[start:stop]))
+                earlier = 0 if before >= _FEWEST_AT_END else before
+                self.at.add(np.append(self.last[len(self.last) - earlier :], rows[start:stop]))
         self.last = np.append(self.last, rows)[-_FEWEST_AT_END:]
         self.run = int(edges[-1] - edges[-2] + (self.run if edges[-2] == 0 else 0)) if edges[-1] == len(values) else 0
 
 
 class ReadingChecks:
-    """Rows that are beyond what was calibrated, saturated, or look like another unit.
+    """Rows beyond the calibrated range, saturated rows, and rows that look like a different unit.
 
     **Arguments:**
 
-    - `columns`: of the readings, their unit behind the last `_`. `row_word`: what a row is called.
-    - `range_degc`: the temperatures within which the calibration holds, where they are known; `margin_degc`: so far beyond them
-      it holds as well.
+    - `columns`: of the readings, with the unit after the last `_`. `row_word`: word for a row in messages.
+    - `range_degc`: temperature range of the calibration, if known; `margin_degc`: tolerance at both ends.
     """
 
     def __init__(
@@ -90,11 +89,11 @@ class ReadingChecks:
 
     @property
     def unit(self) -> str:
-        """That the columns name."""
+        """Unit in the names of the columns."""
         return self.columns[0].rpartition("_")[2]
 
     def add(self, readings: Float[np.ndarray, "rows 3"], rows: Int[np.ndarray, " rows"]) -> None:
-        """Look at a piece, in g as its columns say; `rows`: the number of each."""
+        """Check a piece of readings, in g; `rows`: the number of each row."""
         if not len(readings):
             return
         self.rows += len(readings)
@@ -106,7 +105,7 @@ class ReadingChecks:
         if size > _NO_UNIT_G:
             self.no_unit.add(rows[(np.abs(readings) > _NO_UNIT_G).any(1)])
         bands = {unit: _ONE_G[unit] / _ONE_G[self.unit] for unit in self.like}
-        # Most pieces hold no reading of such a size, which their largest tells.
+        # The largest reading of most pieces excludes such a size.
         bands = {
             unit: one_g for unit, one_g in bands.items() if size > _LIKE[0] * one_g / 2 and (one_g > 1 or size < 0.5)
         }
@@ -124,14 +123,14 @@ class ReadingChecks:
                 end.run = 0
 
     def add_temperatures(self, degc: Float[np.ndarray, " rows"], rows: Int[np.ndarray, " rows"]) -> None:
-        """Look at the temperatures of a piece; those that are not a number are not counted."""
+        """Check the temperatures of a piece; NaN is ignored."""
         if self.range_degc:
             low, high = self.range_degc
             beyond = (degc < low - self.margin_degc) | (degc > high + self.margin_degc)
             self.other_degc.add(rows[beyond])
 
     def words(self) -> Iterator[str]:
-        """What is to be said, a line each; another unit explains all else."""
+        """Warnings, one line each; a different unit explains all others."""
         for unit, at in self.like.items():
             if 2 * at.count > self.rows:
                 size = f"{_ONE_G[unit] / _ONE_G[self.unit]:.3g}"
@@ -144,21 +143,21 @@ class ReadingChecks:
         if 2 * self.no_unit.count > self.rows:
             yield (
                 f"columns {', '.join(self.columns)}: beyond {_NO_UNIT_G:g} g{self._in(self.no_unit)}, up to {self.largest:.3g} "
-                "g, so they look like counts or another unit; say which: --unit 16384/g (counts that make one g), --unit mg, "
-                "--unit m/s2"
+                "g, so they look like counts or another unit; state it: --unit 16384/g (counts for one g), --unit mg, --unit "
+                "m/s2"
             )
             return
         if self.far.count:
             yield (
                 f"{self.far.count} of {self.rows} rows (the first: {self._place(self.far)}) are beyond {FAR_G:g} g, "
-                f"up to {self.largest:.3g} g; the calibration was measured within 1 g and says nothing of what is not linear "
-                "out there"
+                f"up to {self.largest:.3g} g; the calibration was measured within 1 g, so nonlinear errors beyond are "
+                "unknown"
             )
         for (axis, sign), end in self.ends.items():
             if end.at.count:
                 reading = f"{'largest' if sign > 0 else 'smallest'} reading, {sign * end.value:.6g} g"
                 yield (
-                    f"axis {axis} stays at its {reading}{self._in(end.at)}: saturated; what is written there is no measurement"
+                    f"axis {axis} stays at its {reading}{self._in(end.at)}: saturated; these readings are not measurements"
                 )
 
         if self.other_degc.count:

@@ -1,9 +1,9 @@
-"""Large data sets in bounds: repeats of a position averaged, the rest said in time and memory or refused.
+"""Limits for large data sets: repeats of a position are averaged; if that is not enough, the cost is stated or rejected.
 
-The work of a diagnosis grows with the square of its positions. Rows of the same attitude, run, mounting and approach that
-follow one another differ by noise alone, so their mean says of every effect what they say; what is slow (drift,
-temperature) is kept by averaging only a few at a time. A row that differs from its repeats is left by itself: exchanged,
-mislabelled and outlying positions stay visible by name.
+The cost of a diagnosis grows with the square of the number of positions. Consecutive rows of the same attitude, run, mounting
+and approach differ only by noise, so their mean has the same information on each effect. Slow changes (drift, temperature)
+are preserved because only a few rows are averaged at a time. A row that differs from its repeats is not averaged, so that
+exchanged, mislabelled and outlier positions can be identified by name.
 """
 
 from dataclasses import dataclass
@@ -15,19 +15,19 @@ from tumblecal.data import PositionSet
 from tumblecal.ground.errors import InputError
 
 
-# Positions that are always taken one by one; means that are made of more; what is refused when it cannot be averaged.
+# Largest number of positions without averaging; number of means; largest number that is accepted without averaging.
 MOST_ROWS, MEANS, REFUSED = 400, 240, 1000
 # Time and memory of 1,000 positions on one core (benchmarks/size_in_rows.py); both grow with the square.
 _SECONDS, _GIB_FIXED, _GIB = 55.0, 0.6, 1.5
-# A reading further than this (robust sd) from the median of its repeats is left by itself, the worst ones.
+# A reading further than this (robust standard deviations) from the median of its repeats is not averaged; at most so many.
 _ALONE_FROM, _MOST_ALONE = 6.0, 20
-# Where the means are of such unequal numbers of rows, their sd has to be stated: from the scatter of the repeats.
+# If the numbers of rows of the means differ by more than this factor, their sd are computed from the repeats.
 _UNEQUAL = 2.0
 
 
 @dataclass(frozen=True)
 class InBounds:
-    """Positions to be diagnosed, the sd of every reading where that is stated apart (g), and in words what was done."""
+    """Positions to diagnose, the separately stated sd of each reading (g), and words on the averaging."""
 
     data: PositionSet
     noise_sd: float | None
@@ -35,15 +35,15 @@ class InBounds:
 
 
 def in_bounds(data: PositionSet, noise_sd: float | None, most: int | None = None, *, sampled: bool = False) -> InBounds:
-    """At most `most` positions: repeats are averaged where there are more.
+    """At most `most` positions: if there are more, repeats are averaged.
 
     **Arguments:**
 
     - `noise_sd`: stated sd of every reading, g.
-    - `most`: given by the user; then more are neither averaged into nor taken.
-    - `sampled`: whether raw samples belong to the positions, which are then not averaged.
+    - `most`: given by the user, the limit after averaging.
+    - `sampled`: whether raw samples of the positions are given; these positions are not averaged.
 
-    **Raises:** `InputError` for more positions than that, after averaging, with what they would cost.
+    **Raises:** `InputError`, with the estimated cost, for more positions after averaging.
     """
     wanted = MOST_ROWS if most is None else most
     if len(data) <= wanted:
@@ -54,24 +54,25 @@ def in_bounds(data: PositionSet, noise_sd: float | None, most: int | None = None
         sizes = sorted({len(rows) for rows in groups})
         words = (
             f"{len(data)} rows are diagnosed as {len(groups)} means of up to {sizes[-1]} repeats each (same attitude, run and "
-            f"mounting, one after the other); --max-rows {len(data)} takes each by itself ({cost(len(data))})."
+            f"mounting, consecutive); --max-rows {len(data)} uses each row separately ({cost(len(data))})."
         )
         if data.recorded_noise is not None and noise_sd is None:
             words += (
-                " The recording's noise model is not one of such means: their noise counts as unknown and independent."
+                " The noise model of the recording does not apply to such means: their noise is treated as unknown and "
+                "independent."
             )
         return InBounds(averaged, None, words)
     if len(data) > (REFUSED if most is None else most):
         raise InputError(
-            f"{data.source}: {len(data)} positions, which cannot be averaged to {wanted} (rows of the same attitude, run and "
-            f"mounting can): one by one they would take {cost(len(data))}. Diagnose runs or parts apart, or allow it with "
-            f"--max-rows {len(data)}"
+            f"{data.source}: {len(data)} positions, which cannot be averaged to {wanted} (only rows of the same attitude, run "
+            f"and mounting can). Without averaging they need {cost(len(data))}. Diagnose runs or parts separately, or allow "
+            f"this with --max-rows {len(data)}"
         )
-    return InBounds(data, noise_sd, f"{len(data)} positions: this takes {cost(len(data))}.")
+    return InBounds(data, noise_sd, f"{len(data)} positions: this needs {cost(len(data))}.")
 
 
 def cost(rows: int) -> str:
-    """About what a diagnosis of so many positions takes, in words."""
+    """Approximate cost of a diagnosis of this many positions, in words."""
     seconds, gib = _SECONDS * (rows / 1000) ** 2, _GIB_FIXED + _GIB * (rows / 1000) ** 2
     time = (
         f"{seconds:.0f} s"
@@ -84,7 +85,7 @@ def cost(rows: int) -> str:
 
 
 def _groups(data: PositionSet, means: int) -> list[Int[np.ndarray, " rows"]]:
-    """Rows that are averaged, in measuring order: about `means` groups, but no fewer than there are attitudes."""
+    """Rows to average, in order of measurement: about `means` groups, but at least one for each attitude."""
     count = len(data)
     columns = [np.round(data.alpha_deg, 6), np.round(data.beta_deg, 6)]
     columns += [np.unique(labels, return_inverse=True)[1] for labels in (data.run, data.mount, data.clock) if labels]
@@ -118,13 +119,13 @@ def _alone(readings: Float[np.ndarray, "rows 3"], repeats: list[np.ndarray]) -> 
 
 
 def _averaged(data: PositionSet, groups: list[np.ndarray], noise_sd: float | None) -> PositionSet:
-    """The means of groups of rows, weighted by the sd columns where there are any."""
+    """The means of groups of rows, weighted by the sd columns if there are any."""
     count, sizes = len(data), np.array([len(rows) for rows in groups])
     rows = np.concatenate(groups)
     starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
-    # What dwells have in common does not average down as their sd columns would.
-    own = data.weighing_sd if data.recorded_noise is None else None
-    sd = np.full((count, 3), noise_sd) if noise_sd is not None else own
+    # Correlated noise of dwells does not average like independent noise of their sd columns.
+    column_sd = data.weighing_sd if data.recorded_noise is None else None
+    sd = np.full((count, 3), noise_sd) if noise_sd is not None else column_sd
     weights = np.ones((count, 3)) if sd is None else 1.0 / sd**2
 
     def summed(values: np.ndarray) -> np.ndarray:
@@ -144,7 +145,8 @@ def _averaged(data: PositionSet, groups: list[np.ndarray], noise_sd: float | Non
     first = data.chosen(rows[starts])
     return PositionSet(
         names=tuple(
-            data.names[own[0]] if len(own) == 1 else f"{data.names[own[0]]}..{data.names[own[-1]]}" for own in groups
+            data.names[group[0]] if len(group) == 1 else f"{data.names[group[0]]}..{data.names[group[-1]]}"
+            for group in groups
         ),
         alpha_deg=first.alpha_deg,
         beta_deg=first.beta_deg,

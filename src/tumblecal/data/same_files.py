@@ -1,4 +1,4 @@
-"""Files that are the same file, or hold the same."""
+"""Identical files, and files with identical contents."""
 
 import hashlib
 from collections.abc import Iterable, Sequence
@@ -8,21 +8,21 @@ from tumblecal.ground.errors import InputError
 
 
 def identity(path: Path) -> tuple[int, int]:
-    """What two names of one file have in common."""
+    """Identity of a file, equal for all its names."""
     status = path.stat()
     return status.st_dev, status.st_ino
 
 
 def given_once(files: Sequence[Path]) -> list[str]:
-    """Check that no file is given twice, under whatever name; one that is not there is left to its reader.
+    """Check that no file is given twice, also under different names; a missing file is ignored here.
 
-    **Returns:** words on each file that holds the same as another.
+    **Returns:** words on each file with the same contents as another.
 
     **Raises:** `InputError` naming both names of a file.
     """
-    there = [path for path in files if path.is_file()]
+    existing = [path for path in files if path.is_file()]
     first: dict[tuple[int, int], Path] = {}
-    twice = [(path, before) for path in there if (before := first.setdefault(identity(path), path)) is not path]
+    twice = [(path, before) for path in existing if (before := first.setdefault(identity(path), path)) is not path]
     if twice:
         raise InputError(
             [
@@ -31,17 +31,17 @@ def given_once(files: Sequence[Path]) -> list[str]:
             ]
         )
     return [
-        f"{path}: holds the same as {before}, as if it had been measured twice; leave one of them out"
-        for path, before in _copies(there)
+        f"{path}: same contents as {before}, so these positions are used twice; remove one of these files"
+        for path, before in _copies(existing)
     ]
 
 
 def _copies(files: Iterable[Path]) -> list[tuple[Path, Path]]:
-    """Each file that holds the same as one before it, and that one; only files of one size are read."""
+    """Each file with the same contents as an earlier one, and the earlier one; only files of equal size are read."""
     by_size: dict[int, list[Path]] = {}
     for path in files:
         by_size.setdefault(path.stat().st_size, []).append(path)
     first: dict[bytes, Path] = {}
-    alike = [path for group in by_size.values() if len(group) > 1 for path in group]
-    found = [(path, first.setdefault(hashlib.sha256(path.read_bytes()).digest(), path)) for path in alike]
+    of_equal_size = [path for group in by_size.values() if len(group) > 1 for path in group]
+    found = [(path, first.setdefault(hashlib.sha256(path.read_bytes()).digest(), path)) for path in of_equal_size]
     return [(path, before) for path, before in found if path is not before]

@@ -1,6 +1,6 @@
 """Scale factors, biases, non-orthogonalities and mount angles of a calibration, with their covariance.
 
-`A = diag(1 + dK) T f + bias`, T = [1 0 0; gamma_21 1 0; gamma_31 gamma_32 1], f in the triad's own frame.
+`A = diag(1 + dK) T f + bias`, T = [1 0 0; gamma_21 1 0; gamma_31 gamma_32 1], f in the frame of the triad.
 """
 
 import math
@@ -18,7 +18,7 @@ from tumblecal.ground.units import in_words, shown
 
 SENSOR = (*(f"{name}_{axis}" for name in ("dK", "bias") for axis in AXES), "gamma_21", "gamma_31", "gamma_32")
 MOUNT = tuple(f"dtheta_{axis}" for axis in AXES)
-# What a leaf's parameters are, and their unit.
+# Words for the parameters of a leaf, and their unit.
 GROUPS = {"dK": ("scale factors", "1"), "bias": ("biases", "g"), "gamma": ("non-orthogonality", "rad")}
 GROUPS |= {"dtheta": ("mount", "rad")}
 # Central differences: exact to about 1e-10 of the derivative.
@@ -27,13 +27,13 @@ _STEP = 1e-6
 
 @dataclass(frozen=True)
 class SensorParameters:
-    """Values in base units (1, g, rad) by name; a covariance of zeros is one that nobody stated.
+    """Values in base units (1, g, rad) by name; a covariance of zeros means that none was stated.
 
-    - `undetermined`: names of those of which the sd is what is assumed of an effect beside them, for the data do not tell
-      them from that.
-    - `dof`: degrees of freedom of the noise's variance, infinite where the noise was stated: `covariance` is then known, else
-      known but for a factor that is as uncertain as chi-square of `dof` over `dof`.
-    - `noise`: the part of `covariance` that this factor multiplies, the rest being of a budget's inputs; None: all of it.
+    - `undetermined`: names of parameters that the data cannot separate from an effect, whose assumed size gives their
+      standard uncertainty.
+    - `dof`: degrees of freedom of the noise variance, infinite for stated noise. If finite, `covariance` has an unknown factor
+      with the distribution of chi-square of `dof` divided by `dof`.
+    - `noise`: the part of `covariance` with this factor; the rest is due to inputs of a budget. None: all of it.
     """
 
     __repr__ = brief
@@ -46,36 +46,38 @@ class SensorParameters:
     noise: Float[np.ndarray, "names names"] | None = None
 
     def places(self, names: Sequence[str]) -> list[int]:
-        """Where parameters stand."""
+        """Indices of parameters."""
         return [self.names.index(name) for name in names]
 
     def of(self, names: Sequence[str]) -> "SensorParameters":
-        """Some of them."""
+        """A subset of the parameters."""
         places = self.places(names)
-        left = tuple([name for name in self.undetermined if name in names])
+        undetermined = tuple([name for name in self.undetermined if name in names])
         block = np.ix_(places, places)
         noise = None if self.noise is None else self.noise[block]
-        return SensorParameters(tuple(names), self.values[places], self.covariance[block], left, self.dof, noise)
+        return SensorParameters(
+            tuple(names), self.values[places], self.covariance[block], undetermined, self.dof, noise
+        )
 
     @property
     def undetermined_words(self) -> str:
-        """Which are not determined, with the sd that is assumed; "" where all are."""
+        """Undetermined parameters with their assumed standard uncertainty; "" if all are determined."""
         units = (shown(GROUPS[leaf_of(name)][1]) for name in self.undetermined)
         sizes = zip(self.undetermined, self.sd[self.places(self.undetermined)].tolist(), units, strict=True)
         return ", ".join([f"{name} (sd {in_words(f'{sd * scale:.2g}', unit)})" for name, sd, (unit, scale) in sizes])
 
     @property
     def sd(self) -> Float[np.ndarray, " names"]:
-        """Standard deviations; 0 where nobody stated them."""
+        """Standard uncertainties; 0 if not stated."""
         return np.sqrt(np.diag(self.covariance))
 
     @property
     def effective_dof(self) -> Float[np.ndarray, " names"]:
-        """Degrees of freedom of each variance by Welch and Satterthwaite (JCGM 100, G.4), a budget's inputs having infinitely
-        many; infinite where the noise was stated, or there is none."""
+        """Degrees of freedom of each variance by Welch and Satterthwaite (JCGM 100, G.4), with infinitely many for inputs of a
+        budget; infinite for stated noise or no noise."""
         variance = np.diag(self.covariance)
-        own = variance if self.noise is None else np.diag(self.noise)
-        sizes = np.sqrt(np.stack([own, np.maximum(variance - own, 0.0)]))
+        of_noise = variance if self.noise is None else np.diag(self.noise)
+        sizes = np.sqrt(np.stack([of_noise, np.maximum(variance - of_noise, 0.0)]))
         return effective_dof(sizes, np.array([self.dof, np.inf]))
 
 
@@ -87,8 +89,8 @@ def leaf_of(name: str) -> str:
 def of_matrix(
     matrix: Float[np.ndarray, "3 3"], bias: Float[np.ndarray, "3"], covariance: Float[np.ndarray, "12 12"]
 ) -> SensorParameters:
-    """The sensor's parameters of a correction `f = matrix (A - bias)` in whatever frame; `covariance` is of the matrix' rows
-    and the bias. A turn of the frame changes none of them."""
+    """The sensor parameters of a correction `f = matrix (A - bias)` in any frame; `covariance` is of the rows of the matrix
+    and the bias. A rotation of the frame does not change them."""
 
     def parameters(flat: np.ndarray) -> np.ndarray:
         lower = lower_triangle(np.linalg.inv(flat[:9].reshape(3, 3)))
@@ -101,7 +103,7 @@ def of_matrix(
 
 
 def triad_of(values: Inexact[np.ndarray, "*several 9"]) -> Inexact[np.ndarray, "*several 3 3"]:
-    """`diag(1 + dK) T` of numbers in the order of `SENSOR`; complex ones as well, for derivatives by complex steps."""
+    """`diag(1 + dK) T` of numbers in the order of `SENSOR`; also complex, for derivatives by complex steps."""
     triad = np.zeros((*values.shape[:-1], 3, 3), values.dtype)
     triad[..., range(3), range(3)] = 1.0
     triad[..., [1, 2, 2], [0, 0, 1]] = values[..., 6:]
@@ -109,7 +111,7 @@ def triad_of(values: Inexact[np.ndarray, "*several 9"]) -> Inexact[np.ndarray, "
 
 
 def lower_triangle(axes: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"]:
-    """`L` of `axes = L Q`, Q a rotation: the same axes in the triad's own frame."""
+    """`L` of `axes = L Q`, Q a rotation: the same axes in the frame of the triad."""
     turned = np.linalg.qr(axes.T)[1].T
     return turned * np.sign(np.diag(turned))[None, :]
 

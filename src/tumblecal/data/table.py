@@ -1,4 +1,4 @@
-"""A table of positions as it stands in a file, and the names that its columns have."""
+"""A table of positions with unconverted cells, and the standard names of its columns."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -13,22 +13,21 @@ from tumblecal.ground.text_file import shown
 
 
 NUMERIC = ("alpha_deg", "beta_deg", "time_s", "temperature_degc", "approach", "n")
-# The clock by which a row's time counts, where the time from one file of a recording to the next is not known.
+# Label of the clock of a row, if the time between the files of a recording is unknown.
 TIME_CLOCK = "time_clock"
 LABELS = ("position", "run", "mount", TIME_CLOCK)
 READINGS = tuple(f"a{axis}_{unit}" for axis in AXES for unit in UNITS)
 DEVIATIONS = tuple(f"a{axis}_sd_{unit}" for axis in AXES for unit in UNITS)
-# What is wrong with axes of which each has a unit of its own, wherever they are read.
+# Fault of three axes with different units.
 DIFFERENT_UNITS = "are in different units; give the three axes in one unit"
-# Cells of columns that reach a thousand, as patterns: 100 g are no reading.
+# Patterns of cells that may be above a thousand: 100 g is not a possible reading.
 THOUSANDS = {"time_s": ".*", "n": ".*", **dict.fromkeys(("ax_mg", "ay_mg", "az_mg"), r"[+-]?[1-9]\d?[.,]\d{3}")}
 KNOWN = (*LABELS, *NUMERIC, *READINGS, *DEVIATIONS)
 
 
 @dataclass(frozen=True)
 class Table:
-    """Columns as they are in a file: cells of text or numbers, and the line of each row. `ignored` are the names of those
-    that nothing needs."""
+    """Columns of a file: unconverted cells, and the line of each row. `ignored`: names of columns that are not used."""
 
     source: str
     columns: Mapping[str, Sequence[object]]
@@ -40,11 +39,11 @@ class Table:
     ignored: tuple[str, ...] = ()
 
     def place(self, row: int, column: str) -> str:
-        """A cell as faults name it."""
+        """The name of a cell in messages."""
         return f"{self.source}:{self.row_word} {self.lines[row]}, column {column}"
 
     def marked(self, names: Iterable[str]) -> MarkedColumns:
-        """Columns of numbers, whose decimal mark is sought."""
+        """Columns of numbers with an unknown decimal mark."""
         return MarkedColumns(
             {name: self.columns[name] for name in names},
             THOUSANDS,
@@ -53,9 +52,9 @@ class Table:
         )
 
     def with_points(self) -> "Table":
-        """The table with decimal points in its numbers and nothing between thousands, as between commas they are anyway.
+        """The table with decimal points and without thousands separators; a table with commas as separators is unchanged.
 
-        **Raises:** `InputError` naming two cells with different marks, or each cell whose mark may be either.
+        **Raises:** `InputError` naming two cells with different marks, or each cell with an ambiguous mark.
         """
         if self.separator == ",":
             return self
@@ -68,59 +67,58 @@ class Table:
 
 
 def axis_columns(names: Iterable[str], kind: str = "") -> list[str]:
-    """The columns of the three axes among these, for `kind` "" (readings) or "sd_"; empty when there are none."""
+    """The columns of the three axes among these, for `kind` "" (readings) or "sd_"; empty if there are none."""
     return [name for axis in AXES for name in names if name in {f"a{axis}_{kind}{unit}" for unit in UNITS}]
 
 
 def without_empty(table: Table) -> Table:
-    """The table without the columns that need not be there and are empty throughout; of sd columns all or none."""
+    """The table without empty optional columns; sd columns only if all are empty."""
     empty = {name for name, cells in table.columns.items() if len(cells) and not any(labels_in(cells))}
     sd = {name for name in table.columns if name in DEVIATIONS}
-    left = empty & {*LABELS[1:], *NUMERIC[2:]} | (sd if sd <= empty else set())
-    return replace(table, columns={name: cells for name, cells in table.columns.items() if name not in left})
+    removed = empty & {*LABELS[1:], *NUMERIC[2:]} | (sd if sd <= empty else set())
+    return replace(table, columns={name: cells for name, cells in table.columns.items() if name not in removed})
 
 
 def renamed(table: Table, names: Mapping[str, str], *, one_of_several: bool = False) -> Table:
-    """The table under the names that columns have here.
+    """The table with standard names of its columns.
 
     **Arguments:**
 
-    - `names`: the file's own name of each column, by what it is. Columns that are neither named nor known are left out;
-      positions without a name are numbered.
-    - `one_of_several`: with files that have those names, one may have the names of here instead, such as the positions that
-      were proposed next.
+    - `names`: the name of each column in the file, by its standard name. Other unknown columns are ignored, and positions
+      without a name are numbered.
+    - `one_of_several`: whether the table may have standard names instead, such as a file of proposed positions in a batch.
 
-    **Raises:** `InputError` for a column that the file lacks, or a name that no column has here.
+    **Raises:** `InputError` for a column that the file does not have, or an unknown standard name.
     """
     if one_of_several and not {*names.values()} & {*table.columns} and {*names} <= {*table.columns}:
         return table
     faults = [
-        f"--columns {name}=...: no such column; there are {', '.join(KNOWN)}" for name in names if name not in KNOWN
+        f"--columns {name}=...: no such column; columns: {', '.join(KNOWN)}" for name in names if name not in KNOWN
     ]
-    there = shown(", ".join(table.columns))
+    listed = shown(", ".join(table.columns))
     faults += [
-        f"{table.source}: column {own} (--columns {name}={own}) is missing; it has {there}"
-        for name, own in names.items()
-        if own not in table.columns
+        f"{table.source}: column {column} (--columns {name}={column}) is missing; its columns are {listed}"
+        for name, column in names.items()
+        if column not in table.columns
     ]
-    first = {own: name for name, own in reversed(list(names.items()))}
+    first = {column: name for name, column in reversed(list(names.items()))}
     faults += [
-        f"--columns {name}={own}: column {own} is {first[own]} already; name another column for each quantity"
-        for name, own in names.items()
-        if first[own] != name
+        f"--columns {name}={column}: column {column} is {first[column]} already; name a different column for each quantity"
+        for name, column in names.items()
+        if first[column] != name
     ]
     if faults:
         raise InputError(faults)
-    taken = set(names.values())
-    columns = {name: cells for name, cells in table.columns.items() if name in KNOWN and name not in taken}
-    columns |= {name: table.columns[own] for name, own in names.items()}
+    renamed_columns = set(names.values())
+    columns = {name: cells for name, cells in table.columns.items() if name in KNOWN and name not in renamed_columns}
+    columns |= {name: table.columns[column] for name, column in names.items()}
     columns.setdefault("position", [f"p{number + 1}" for number in range(len(table.lines))])
-    ignored = tuple(name for name in table.columns if name and name not in KNOWN and name not in taken)
+    ignored = tuple(name for name in table.columns if name and name not in KNOWN and name not in renamed_columns)
     return replace(table, columns=columns, ignored=ignored)
 
 
 def likely_meant(name: str, among: Iterable[str], *, similarity: float = 0.7) -> str:
-    """The name that an unknown column resembles most, "" where none: so much of both (Ratcliff and Obershelp) is the same."""
+    """The most similar name to that of an unknown column, "" if none; `similarity` as by Ratcliff and Obershelp."""
     import difflib
 
     near = difflib.get_close_matches(name.strip().lower(), [*among], n=1, cutoff=similarity)

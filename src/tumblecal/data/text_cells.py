@@ -1,4 +1,4 @@
-"""Lines of text as cells: ends of lines, comments, quotation marks, separators; some megabytes of a file at a time."""
+"""Cells of lines of text: line ends, comments, quotation marks, separators; in pieces of some megabytes."""
 
 import csv
 import re
@@ -14,16 +14,16 @@ if TYPE_CHECKING:
     import polars as pl
 
 _PIECE = 1 << 23
-# Stand for separators and ends of lines within quotation marks until the cells are parted.
-HELD, HELD_END = "\x02", "\x03"
-# A cell in quotation marks covers so many lines at most; beyond, a mark is missing.
+# Placeholders for separators and line ends within quotation marks, until the cells are separated.
+QUOTED_SEPARATOR, QUOTED_END = "\x02", "\x03"
+# Largest number of lines of a cell in quotation marks; if there are more, a mark is missing.
 _MOST_LINES = 10
 _BLANKS = EMPTY_CELLS.encode()
 _BLANK_FIRST = re.compile(b"\n[" + _BLANKS + b"]")
 
 
 def separator_of(lines: Sequence[str]) -> str:
-    """The separator that gives the most numbers: one that is in no number, otherwise commas or blanks."""
+    """The separator that gives the most numbers: one that does not occur in numbers, otherwise commas or blanks."""
     joined = "\n".join(lines)
     for separator in (";", "\t", "|"):
         if separator in joined:
@@ -36,10 +36,10 @@ def separator_of(lines: Sequence[str]) -> str:
 
 
 def cells_of(line: str, separator: str) -> list[str]:
-    """The cells of a line, without the blanks around them."""
+    """The cells of a line, without leading and trailing blanks."""
     line = unquoted(line.encode(), separator.encode()).decode()
     words = line.split() if separator == " " else [word.strip() for word in line.split(separator)]
-    return [word.replace(HELD, separator) for word in words]
+    return [word.replace(QUOTED_SEPARATOR, separator) for word in words]
 
 
 def row_of(line: str, separator: str) -> list[str]:
@@ -57,12 +57,12 @@ def strict_cells(line: str, separator: str) -> list[str]:
 
 
 def numbers_in(row: Sequence[str]) -> int:
-    """How many cells are numbers."""
+    """Number of cells that are numbers."""
     return sum(bool(NUMBER.fullmatch(cell)) for cell in row)
 
 
 def is_row(line: bytes) -> bool:
-    """Whether a line is meant as a row: neither blank nor a comment."""
+    """Whether a line is a row: neither blank nor a comment."""
     if line[:1] not in b'#" \t,;|\r':
         return True
     text = line.decode("utf-8", "replace")
@@ -70,21 +70,21 @@ def is_row(line: bytes) -> bool:
 
 
 def row_lines(piece: bytes) -> list[bool] | None:
-    """Which lines of a piece are rows; None if all are, which their first letters show."""
+    """Which lines of a piece are rows; None if all are, according to their first characters."""
     if b"#" not in piece and piece[:1] not in _BLANKS and not _BLANK_FIRST.search(piece):
         return None
     return [is_row(line) for line in piece.removesuffix(b"\n").split(b"\n")]
 
 
 def pieces_of(path: Path, first_line: int = 1) -> Iterator[bytes]:
-    """The lines of a text from one on, in pieces of whole lines that end in line feeds alone."""
+    """The lines of a text from `first_line` on, in pieces of complete lines that end in line feeds."""
     with opened(path) as file:
         rest, skipped = b"", first_line - 1
         while piece := file.read(_PIECE):
             piece = rest + piece
             cut = piece.rfind(b"\n") + 1
             if not cut:
-                # On old systems returns alone end the lines; one at the end may be half of an end.
+                # Old systems end lines with a return only; a return at the end of the piece may be half of a line end.
                 cut = piece.rfind(b"\r", 0, -1) + 1
             rest = piece[cut:]
             piece, skipped = _without(plain_ends(piece[:cut]), skipped)
@@ -96,23 +96,22 @@ def pieces_of(path: Path, first_line: int = 1) -> Iterator[bytes]:
 
 
 def _without(piece: bytes, lines: int) -> tuple[bytes, int]:
-    """A piece without its first lines, and how many of these are in the next pieces."""
+    """A piece without its first lines, and the number of lines to remove from the next pieces."""
     while lines and piece:
         end = piece.find(b"\n") + 1 or len(piece)
-        # Most of a long preamble is passed over at once.
         piece, lines = piece[end:], lines - 1
     return piece, lines
 
 
 def joined_pieces(pieces: Iterator[bytes], separator: str, width: int) -> Iterator[bytes]:
-    """Pieces in which the lines of a cell in quotation marks are one line, and those after its first are blank."""
+    """Pieces in which the lines of a quoted cell are joined in its first line, and its other lines are blank."""
     rest = b""
     for piece in pieces:
         if b'"' not in piece and not rest:
             yield piece
             continue
         lines = (rest + piece).split(b"\n")
-        # After the last line feed is nothing, or a line without an end.
+        # The text after the last line feed is empty, or a line without an end.
         begun = _join(lines, len(lines) - 1, separator, width)
         piece, rest = b"\n".join([*lines[:begun], b""]), b"\n".join(lines[begun:])
         if piece:
@@ -124,17 +123,17 @@ def joined_pieces(pieces: Iterator[bytes], separator: str, width: int) -> Iterat
 
 
 def _join(lines: list[bytes], count: int, separator: str, width: int) -> int:
-    """Join the first lines in place where a cell covers several; from which of them on a cell may go on behind them."""
+    """Join the first lines in place if a cell has several; returns the line from which a cell may continue after them."""
     spans, begun = spans_of(lines[:count], separator, width)
     for start, end in spans:
-        lines[start:end] = [HELD_END.encode().join(lines[start:end]), *[b""] * (end - start - 1)]
+        lines[start:end] = [QUOTED_END.encode().join(lines[start:end]), *[b""] * (end - start - 1)]
     return begun
 
 
 def spans_of(lines: Sequence[bytes], separator: str, width: int) -> tuple[list[tuple[int, int]], int]:
-    """The lines that are one row of so many cells, since a cell in quotation marks covers several; the first and that after.
+    """The ranges of lines that are one row of `width` cells, because a quoted cell has several lines.
 
-    **Returns:** them, and from which line on a cell may go on behind these lines; a mark that no other closes is one too many.
+    **Returns:** the ranges, and the line from which a cell may continue after these lines; an unclosed mark is ignored.
     """
     spans, until = list[tuple[int, int]](), 0
     for k, line in enumerate(lines):
@@ -143,9 +142,9 @@ def spans_of(lines: Sequence[bytes], separator: str, width: int) -> tuple[list[t
         for end in range(k + 2, k + 1 + _MOST_LINES):
             if end > len(lines):
                 return spans, k
-            own = b"\n".join(lines[k:end])
-            if own.count(b'"') % 2 == 0:
-                if _is_whole(own, separator, width):
+            joined = b"\n".join(lines[k:end])
+            if joined.count(b'"') % 2 == 0:
+                if _is_whole(joined, separator, width):
                     spans.append((k, end))
                     until = end
                 break
@@ -153,7 +152,7 @@ def spans_of(lines: Sequence[bytes], separator: str, width: int) -> tuple[list[t
 
 
 def _is_whole(lines: bytes, separator: str, width: int) -> bool:
-    """Whether lines are one row, strictly as CSV."""
+    """Whether lines are one row of strict CSV."""
     try:
         cells = strict_cells(lines.decode("utf-8", "replace"), separator)
     except csv.Error:
@@ -162,9 +161,9 @@ def _is_whole(lines: bytes, separator: str, width: int) -> bool:
 
 
 def unquoted(text: bytes, separator: bytes) -> bytes:
-    """Text without quotation marks: separators between them are `HELD`, and a mark written twice is one.
+    """Text without quotation marks: quoted separators become `QUOTED_SEPARATOR`, and a doubled mark becomes one.
 
-    A line with a mark too many loses them all: it would swallow those after it.
+    All marks of a line with an odd number are removed; otherwise it would include the following lines.
     """
     if b'"' not in text:
         return text
@@ -175,32 +174,32 @@ def unquoted(text: bytes, separator: bytes) -> bytes:
             line.replace(b'"', b"") if line.count(b'"') % 2 else unquoted(line, separator) for line in lines
         )
     if separator in b"".join(parts[1::2]):
-        parts[1::2] = [part.replace(separator, HELD.encode()) for part in parts[1::2]]
+        parts[1::2] = [part.replace(separator, QUOTED_SEPARATOR.encode()) for part in parts[1::2]]
     parts[2:-1:2] = [part or b'"' for part in parts[2:-1:2]]
     return b"".join(parts)
 
 
 def frame_of(piece: bytes, separator: str, marks: Sequence[str]) -> "pl.DataFrame":
-    """The rows of whole lines: columns c0, c1 ... and `more`, which is null for a line of no more cells than columns.
+    """The rows of complete lines: columns c0, c1 ... and `more`, which is null unless a line has too many cells.
 
     **Arguments:**
 
-    - `piece`: lines that end in line feeds alone.
-    - `marks`: of each column, as `marks_of` finds them; empty for one of words. Numbers that are not written so are null.
+    - `piece`: lines that end in line feeds.
+    - `marks`: decimal mark of each column, as in `marks_of`; empty for words. Numbers with other marks are null.
     """
     import polars as pl
 
-    comma = HELD if separator == "," else ","
+    comma = QUOTED_SEPARATOR if separator == "," else ","
     piece = unquoted(piece, separator.encode())
-    # If all numbers have one mark and the other is nowhere, polars reads them as they are.
-    decimals = {own[:1] for own in marks}
+    # If all numbers have one mark and the other does not occur, polars reads them directly.
+    decimals = {mark[:1] for mark in marks}
     direct = comma.encode() not in piece if decimals <= {".", ""} else decimals == {","} and b"." not in piece
     if direct and decimals == {","}:
         piece = piece.replace(comma.encode(), b".")
     piece = _parted(piece, separator, words=not all(marks))
-    # A line of as many cells as none should have, so that one too many is seen.
+    # A line with one cell too many, so that such lines are detected.
     full = separator.join(["0"] * (len(marks) + 1)).encode() + b"\n"
-    schema = {f"c{k}": pl.Float64 if own and direct else pl.String for k, own in enumerate(marks)}
+    schema = {f"c{k}": pl.Float64 if mark and direct else pl.String for k, mark in enumerate(marks)}
     frame = pl.read_csv(
         full + piece,
         has_header=False,
@@ -211,20 +210,20 @@ def frame_of(piece: bytes, separator: str, marks: Sequence[str]) -> "pl.DataFram
         encoding="utf8-lossy",
         quote_char=None,
     ).slice(1)
-    for held, own in ((HELD, separator), (HELD_END, "\n")):
-        if held.encode() in piece:
-            frame = frame.with_columns(pl.col(pl.String).str.replace_all(held, own, literal=True))
-    return frame if direct else frame.with_columns(number_of(f"c{k}", own) for k, own in enumerate(marks) if own)
+    for placeholder, text in ((QUOTED_SEPARATOR, separator), (QUOTED_END, "\n")):
+        if placeholder.encode() in piece:
+            frame = frame.with_columns(pl.col(pl.String).str.replace_all(placeholder, text, literal=True))
+    return frame if direct else frame.with_columns(number_of(f"c{k}", mark) for k, mark in enumerate(marks) if mark)
 
 
 def _parted(piece: bytes, separator: str, *, words: bool) -> bytes:
-    """The lines as polars reads them: one character between cells, no plus signs."""
+    """The lines in the form for polars: one character between cells, no plus signs."""
     between = separator.encode()
     if between == b" ":
         if b"  " in piece or b"\t" in piece or b"\n " in piece or piece[:1] == b" ":
             piece = re.sub(rb"(?m)^ ", b"", re.sub(rb"[ \t]+", b" ", piece))
     elif b" " in piece:
         piece = re.sub(rb" *" + re.escape(between) + rb" *", between, piece) if words else piece.replace(b" ", b"")
-    # A separator at the end of a line begins no cell.
+    # A separator at the end of a line does not begin a cell.
     piece = piece.replace(between + b"\n", b"\n")
     return piece if words else piece.replace(b"+", b"")

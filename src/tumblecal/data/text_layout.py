@@ -1,4 +1,4 @@
-"""How a text of rows is laid out, found once from its lines, and its rows read by it: one type for all delimited text."""
+"""Layout of delimited text, determined once from its lines, and its rows."""
 
 import csv
 from collections.abc import Callable, Iterator, Sequence
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from tumblecal.data.line_form import LineForm
 from tumblecal.data.text_cells import (
-    HELD_END,
+    QUOTED_END,
     cells_of,
     frame_of,
     joined_pieces,
@@ -23,21 +23,21 @@ from tumblecal.ground.text_file import comment_in, is_blank
 if TYPE_CHECKING:
     import polars as pl
 
-# Column of frames that says in which line (or row) of its source a row is, for faults.
+# Column of frames with the line (or row) of each row in its source, for messages.
 ROW = "\x00row"
 SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "pipes", " ": "spaces"}
 
 
 @dataclass(frozen=True)
 class TextLayout:
-    """How the lines of a text are read.
+    """Layout of the lines of a text.
 
     **Arguments:**
 
-    - `names`: of the columns. `separator`: between cells; a space means any blanks.
+    - `names`: of the columns. `separator`: between cells; a space stands for any blanks.
     - `marks`: the decimal mark of each column and, if there is one, the mark of thousands; empty for a column of words.
     - `header_line`: the line of the names, None if no line has them; `first_line`: that of the first row, both from 1.
-    - `form`: how lines with words around their numbers become cells.
+    - `form`: conversion of lines with words around their numbers.
     """
 
     path: Path
@@ -51,17 +51,17 @@ class TextLayout:
     @property
     def decimal(self) -> str:
         """The decimal mark of the numbers."""
-        return "," if any(own[:1] == "," for own in self.marks) else "."
+        return "," if any(mark[:1] == "," for mark in self.marks) else "."
 
     def words(self) -> str:
-        """The layout for people."""
+        """The layout in words."""
         between = f"separated by {SEPARATORS[self.separator]}" if self.separator in SEPARATORS else "between words"
-        said = f"text, {len(self.names)} columns {between}"
-        said += ", decimal comma" if self.decimal == "," else ""
-        return said + (f", first row in line {self.first_line}" if self.first_line > 1 else ", no header line")
+        words = f"text, {len(self.names)} columns {between}"
+        words += ", decimal comma" if self.decimal == "," else ""
+        return words + (f", first row in line {self.first_line}" if self.first_line > 1 else ", no header line")
 
     def pieces(self) -> Iterator[tuple[int, bytes]]:
-        """Lines from the first row on and the number of their first, a cell in quotation marks in one line."""
+        """Lines from the first row on, with the number of the first line of each piece; a quoted cell is in one line."""
         line = self.first_line
         for piece in joined_pieces(pieces_of(self.path, line), self.separator, len(self.names)):
             yield line, self.form.applied(piece) if self.form else piece
@@ -75,12 +75,12 @@ class TextLayout:
         longer: Callable[[int], None] = lambda line: None,
         cut: Callable[[int], None] | None = None,
     ) -> Iterator["pl.DataFrame"]:
-        """The rows of these columns and their lines (`ROW`), a piece at a time; cells of longer rows are null.
+        """The rows of these columns and their lines (`ROW`), in pieces; cells of rows that are too long are null.
 
         **Arguments:**
 
-        - `check`: looks at each piece first. `longer`: gets the line of a row with too many cells, the first of a piece.
-        - `cut`: gets the line of a last row that may be cut off, which becomes null.
+        - `check`: called first with each piece. `longer`: called with the line of the first row of a piece that is too long.
+        - `cut`: called with the line of a last row that may be truncated, which becomes null.
         """
         import polars as pl
 
@@ -89,11 +89,11 @@ class TextLayout:
             frame = frame_of(piece, self.separator, self.marks)
             more = frame["more"].is_not_null()
             cells = [pl.col(f"c{self.names.index(name)}").alias(name) for name in names]
-            kept = row_lines(piece)
+            are_rows = row_lines(piece)
             lines = pl.Series(ROW, range(line, line + len(frame)))
             frame = frame.select(cells).with_columns(lines)
             if more.any():
-                rows = more if kept is None else more & pl.Series(kept)
+                rows = more if are_rows is None else more & pl.Series(are_rows)
                 if rows.any():
                     longer(line + int(rows.arg_max() or 0))
                 frame = frame.with_columns(pl.when(~more).then(pl.col(name)) for name in names)
@@ -102,30 +102,30 @@ class TextLayout:
                 frame = frame.with_columns(
                     pl.col(name).slice(0, len(frame) - 1).extend_constant(None, 1) for name in names
                 )
-            yield frame if kept is None else frame.filter(pl.Series(kept))
+            yield frame if are_rows is None else frame.filter(pl.Series(are_rows))
 
     def rows(self) -> Iterator[tuple[int, list[str], str]]:
-        """The line and the cells of each row, strictly as CSV, and the fault of its quotation marks."""
+        """The line and the cells of each row of strict CSV, and the fault of its quotation marks."""
         for line, piece in self.pieces():
             lines = piece.removesuffix(b"\n").decode().split("\n")
-            kept = row_lines(piece) or [True] * len(lines)
-            for k, (text, own) in enumerate(zip(lines, kept, strict=True)):
-                if not own:
+            are_rows = row_lines(piece) or [True] * len(lines)
+            for k, (text, is_row) in enumerate(zip(lines, are_rows, strict=True)):
+                if not is_row:
                     continue
                 if '"' not in text:
                     yield line + k, text.split(self.separator), ""
                     continue
                 try:
-                    yield line + k, strict_cells(text.replace(HELD_END, "\n"), self.separator), ""
+                    yield line + k, strict_cells(text.replace(QUOTED_END, "\n"), self.separator), ""
                 except csv.Error as error:
                     yield line + k, [], f"{error}; check the quotation marks"
 
     def cut_row(self, digits: str = "fewest") -> list[str]:
-        """The cells of the last line if it has no end and may not be whole, by those of the others; none for another.
+        """The cells of a last line without a line end that may be truncated, compared with other lines; otherwise none.
 
         **Arguments:**
 
-        - `digits`: "fewest", or "most" of the others' decimals are wanted.
+        - `digits`: whether it needs the "fewest" or the "most" decimals of the other lines.
         """
         lines, ended = lines_at_end(self.path)
         lines = [self.form.line(line) for line in lines] if self.form else lines
@@ -133,10 +133,10 @@ class TextLayout:
             return []
         rows = [self.cells(line) for line in lines if comment_in(line) is None] or [[""]]  # of a line of many kilobytes
         others = [row[-1] for row in rows[:-1] if len(row) == len(rows[-1]) and row != [*self.names]]
-        # A last column that is empty throughout is none of the layout, but its separators are there.
+        # An empty last column is not in the layout, but its separators are in the lines.
         usual = len(rows[-1]) == len(self.names) or (others and len(rows[-1]) == len(self.names) + 1)
         return rows[-1] if not usual or may_be_cut(rows[-1][-1], others, digits=digits) else []
 
     def cells(self, line: str) -> list[str]:
-        """The cells of a line, also the empty one after a separator at its end."""
+        """The cells of a line, with the empty cell after a separator at its end."""
         return cells_of(line, self.separator)

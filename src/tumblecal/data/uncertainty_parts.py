@@ -1,4 +1,4 @@
-"""The contributions to the covariance of a diagnosis, as the provenance of its `calibration.json` lists them."""
+"""Contributions to the covariance of a diagnosis, from the provenance of its `calibration.json`."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,9 +16,9 @@ from tumblecal.ground.text_file import shown
 # Keys of `provenance`: standard uncertainties by contribution, and the ids of the effects that the last one is about.
 PARTS, UNDETECTED = "uncertainty_parts", "undetected_effects"
 NOISE = "noise"
-# In addition to the noise, as tables name them.
+# Contributions in addition to the noise, and their names in tables.
 LABELS = {"explanations": "other explanations", "undetected_effects": "undetected effects"}
-# They add in quadrature to the file's standard uncertainties, to within this share.
+# Relative tolerance of the root sum of squares, compared with the standard uncertainties of the file.
 _SAME = 1e-6
 
 
@@ -28,7 +28,7 @@ class UncertaintyParts:
 
     - `parameters`: values and covariance, base units; `dof` that of the noise.
     - `noise`, `diagnosis_parts`: standard uncertainties by the noise, and by each of `LABELS`, which add in quadrature.
-    - `undetected`: ids of the effects that "undetected effects" is about; None in files that do not state them.
+    - `undetected`: ids of the effects in "undetected effects"; None in files that do not state them.
     - `causes`: ids of the effects in the explanations.
     """
 
@@ -42,12 +42,11 @@ class UncertaintyParts:
 def uncertainty_parts(path: Path, calibration: Calibration) -> UncertaintyParts:
     """The parts of a calibration's covariance.
 
-    **Raises:** `InputError` for a file that lists none, or none that agree with its covariance.
+    **Raises:** `InputError` for a file without contributions, or with contributions that contradict its covariance.
     """
-    said = calibration.provenance
-    stated = said.get(PARTS)
+    stated = calibration.provenance.get(PARTS)
     if not isinstance(stated, dict) or not all(isinstance(stated.get(part), dict) for part in (NOISE, *LABELS)):
-        raise InputError(f"{path}: no uncertainty by contributions in it; give the folder of tumblecal diagnose")
+        raise InputError(f"{path}: no contributions to the uncertainty; give the folder of tumblecal diagnose")
     listed = {part: stated[part] for part in (NOISE, *LABELS)}
     names = [name for name in calibration.sensor.names if all(name in part for part in listed.values())]
     if missing := [name for name in SENSOR if name not in names]:
@@ -55,29 +54,34 @@ def uncertainty_parts(path: Path, calibration: Calibration) -> UncertaintyParts:
     for part, sizes in listed.items():
         for name in names:
             if not (is_number(sizes[name]) and sizes[name] >= 0):
-                raise InputError(f"{path}: provenance.{PARTS}.{part}.{name}: {shown(sizes[name])} is no uncertainty")
-    own = calibration.sensor.of(names)
+                raise InputError(
+                    f"{path}: provenance.{PARTS}.{part}.{name}: {shown(sizes[name])} is not an uncertainty; diagnose the "
+                    "data again"
+                )
+    sensor = calibration.sensor.of(names)
     sizes = {part: np.array([float(by_name[name]) for name in names]) for part, by_name in listed.items()}
     whole = np.linalg.norm(np.stack(list(sizes.values())), axis=0)
-    if not np.allclose(whole, own.sd, rtol=_SAME, atol=0):
+    if not np.allclose(whole, sensor.sd, rtol=_SAME, atol=0):
         raise InputError(
             f"{path}: provenance.{PARTS} contradicts the covariance of parameters; diagnose the data again"
         )
     diagnosis_parts = {label: sizes[part] for part, label in LABELS.items()}
-    listed_ids = said.get(UNDETECTED)
+    listed_ids = calibration.provenance.get(UNDETECTED)
     undetected = frozenset(map(str, listed_ids)) if isinstance(listed_ids, list) else None
-    return UncertaintyParts(own, sizes[NOISE], diagnosis_parts, undetected, _causes(calibration))
+    return UncertaintyParts(sensor, sizes[NOISE], diagnosis_parts, undetected, _causes(calibration))
 
 
-def held_words(calibration: Calibration, more: str = "") -> str:
-    """The contributions to a calibration's own uncertainty, and one more, as they follow "that of"."""
-    held = ["the noise", *(LABELS.values() if PARTS in calibration.provenance else ()), *filter(None, [more])]
-    return f"{', of '.join(held[:-1])} and of {held[-1]}" if held[1:] else "the noise alone (type A)"
+def contribution_words(calibration: Calibration, more: str = "") -> str:
+    """The contributions to the uncertainty of a calibration, and one more, as a list in words."""
+    listed = ["the noise", *(LABELS.values() if PARTS in calibration.provenance else ()), *filter(None, [more])]
+    return f"{', '.join(listed[:-1])} and {listed[-1]}" if listed[1:] else "only the noise (type A)"
 
 
 def _causes(calibration: Calibration) -> frozenset[str]:
-    """Ids of the effects of all explanations that the values are averaged over."""
-    said = calibration.provenance
-    averaged = said.get("averaged_over")
-    each = [own.get("causes") for own in averaged if isinstance(own, dict)] if isinstance(averaged, list) else []
-    return frozenset(str(id) for ids in (said.get("causes"), *each) if isinstance(ids, list) for id in ids)
+    """Ids of the effects of all explanations in the model average."""
+    provenance = calibration.provenance
+    averaged = provenance.get("averaged_over")
+    each = (
+        [member.get("causes") for member in averaged if isinstance(member, dict)] if isinstance(averaged, list) else []
+    )
+    return frozenset(str(id) for ids in (provenance.get("causes"), *each) if isinstance(ids, list) for id in ids)

@@ -1,4 +1,4 @@
-"""What other programs and devices take: one entry a target, in the file of its family."""
+"""Formats of other programs and devices: one entry for each target, in the file of its family."""
 
 from pathlib import Path
 
@@ -24,17 +24,17 @@ def read_any(given: str, gravity_ms2: float = STANDARD_GRAVITY_MS2) -> Calibrati
 
     **Arguments:**
 
-    - `gravity_ms2`: what a bias in m/s^2 is divided by.
+    - `gravity_ms2`: one g, by which a bias in m/s^2 is divided.
 
-    **Returns:** of a target's file the covariance is zero (unknown), and `provenance["format"]` says so.
+    **Returns:** the calibration; from the file of a target with a covariance of zeros (unknown) and `provenance["format"]`.
 
-    **Raises:** `InputError` where it cannot be read.
+    **Raises:** `InputError` if it cannot be read.
     """
     name, colon, file = given.partition(":")
     if not colon or (name not in TARGETS and Path(given).exists()):
         return read_calibration(Path(given))
     if name not in TARGETS:
-        raise InputError(f"{given}: no format {name!r}; there are {', '.join(TARGETS)}")
+        raise InputError(f"{given}: no format {name!r}; formats: {', '.join(TARGETS)}")
     if not file:
         raise InputError(f"{given}: no file after the colon; write {name}:FILE")
     path = Path(file)
@@ -43,7 +43,7 @@ def read_any(given: str, gravity_ms2: float = STANDARD_GRAVITY_MS2) -> Calibrati
     except InputError as fault:
         raise InputError([f if f.startswith(f"{path}:") else f"{path}: {f}" for f in fault.faults]) from fault
     if not (np.all(np.abs(read.matrix) <= LARGEST) and np.all(np.abs(read.bias) <= LARGEST)):
-        raise InputError(f"{path}: numbers that are not finite, or beyond {LARGEST:g}")
+        raise InputError(f"{path}: numbers that are not finite, or beyond {LARGEST:g}; correct the file")
     checked_matrix(read.matrix, path)
     return Calibration(
         read.matrix, read.bias, read.covariance, extra=read.extra, provenance={"data": str(path), "format": name}

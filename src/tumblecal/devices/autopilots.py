@@ -8,35 +8,36 @@ import numpy as np
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.calibration_terms import Term
 from tumblecal.devices.target import Export, Numbers, Target, number
-from tumblecal.devices.temperature import bias_polynomials, held_degc
+from tumblecal.devices.temperature import bias_polynomials, export_degc
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
 
 
-# PX4 takes an offset (m/s^2), or scale factors, only where the vector differs by more than this from what it has (0, 1).
+# PX4 uses offsets (m/s^2), or scale factors, only if the vector differs by more than this from its present one (0, 1).
 PX4_DEAD_BAND = 0.01
-# What ArduPilot accepts: offset (m/s^2), scale factor.
+# Limits of ArduPilot: offset (m/s^2), scale factor.
 ARDUPILOT_OFFSET, ARDUPILOT_SCALE = 3.5, (0.8, 1.2)
-_FLOAT, _INTEGER = 9, 6  # MAVLink's types
-# Powers of ArduPilot's polynomials count from here, degC (TEMP_REFERENCE of AP_InertialSensor_tempcal.cpp).
+_FLOAT, _INTEGER = 9, 6  # types of MAVLink
+# Reference of the polynomials of ArduPilot, degC (TEMP_REFERENCE of AP_InertialSensor_tempcal.cpp).
 ARDUPILOT_REFERENCE_DEGC = 35.0
-_MICRO = 1e6  # ArduPilot keeps thermal coefficients in millionths
+_MICRO = 1e6  # unit of thermal coefficients in ArduPilot
 _DIAGONAL = frozenset({"bias", "bias temperature"})
 
 
 def _polynomials_ms2(export: Export, about_degc: float | None = None) -> tuple[np.ndarray, float] | None:
-    """Coefficients (4, 3) of the bias over temperature, m/s^2, by powers of the temperature less a reference, and the
-    temperature at which the bias holds; None if nothing changes with the temperature, or the range is not known.
+    """Coefficients (4, 3) of the bias over temperature, m/s^2, by powers of the temperature minus a reference, and the
+    temperature of the stated bias; None if nothing depends on the temperature, or if the range is unknown.
 
     **Arguments:**
 
-    - `about_degc`: from where the powers count; the reference if left out.
+    - `about_degc`: reference of the powers. Default: the temperature of the stated bias.
     """
-    own, span = export.calibration, export.temperatures_degc
-    if span is None or not any(term.thermal for term in own.terms):
+    calibration, span = export.calibration, export.temperatures_degc
+    if span is None or not any(term.thermal for term in calibration.terms):
         return None
-    held = held_degc(own, span)
-    return bias_polynomials(own, held if about_degc is None else about_degc) * export.gravity_ms2, held
+    stated_degc = export_degc(calibration, span)
+    about_degc = stated_degc if about_degc is None else about_degc
+    return bias_polynomials(calibration, about_degc) * export.gravity_ms2, stated_degc
 
 
 def _px4(export: Export) -> str:
@@ -62,10 +63,10 @@ def _read_px4(text: str, gravity_ms2: float) -> Numbers:
 
 
 def _in_px4(calibration: Calibration, gravity_ms2: float) -> tuple[Calibration, str]:
-    """What PX4 keeps of it: offsets and scale factors whose vector is within the dead band count as none."""
+    """The calibration that PX4 applies: offsets and scale factors whose vector is within the dead band are ignored."""
     offset, scale = calibration.bias * gravity_ms2, np.diag(calibration.matrix)
     far_offset, far_scale = float(np.linalg.norm(offset)), float(np.linalg.norm(scale - 1))
-    kept = Calibration(
+    applied = Calibration(
         calibration.matrix if far_scale > PX4_DEAD_BAND else np.eye(3),
         calibration.bias if far_offset > PX4_DEAD_BAND else np.zeros(3),
         calibration.covariance,
@@ -73,7 +74,7 @@ def _in_px4(calibration: Calibration, gravity_ms2: float) -> tuple[Calibration, 
     )
     dropped = [f"the offsets ({far_offset:.2g} m/s^2)"] if far_offset <= PX4_DEAD_BAND else []
     dropped += [f"the scale factors ({far_scale:.2g} from 1)"] if far_scale <= PX4_DEAD_BAND else []
-    return kept, f"PX4's dead band of {PX4_DEAD_BAND:g}, which drops {' and '.join(dropped) or 'nothing here'}"
+    return applied, f"PX4's dead band of {PX4_DEAD_BAND:g}, which drops {' and '.join(dropped) or 'nothing here'}"
 
 
 def _ardupilot(export: Export) -> str:
@@ -81,8 +82,8 @@ def _ardupilot(export: Export) -> str:
     low, high = ARDUPILOT_SCALE
     if np.any(np.abs(offset) > ARDUPILOT_OFFSET) or np.any((scale < low) | (scale > high)):
         raise InputError(
-            f"ArduPilot takes offsets up to {ARDUPILOT_OFFSET:g} m/s^2 and scale factors of {low:g} to {high:g}; this unit has "
-            f"{np.max(np.abs(offset)):.3g} m/s^2 and {np.min(scale):.3g} to {np.max(scale):.3g}: correct it in another way"
+            f"ArduPilot accepts offsets up to {ARDUPILOT_OFFSET:g} m/s^2 and scale factors of {low:g} to {high:g}; this unit "
+            f"has {np.max(np.abs(offset)):.3g} m/s^2 and {np.min(scale):.3g} to {np.max(scale):.3g}: use a different target"
         )
     values = {f"INS_ACCOFFS_{axis.upper()}": offset[k] for k, axis in enumerate(AXES)}
     values |= {f"INS_ACCSCAL_{axis.upper()}": scale[k] for k, axis in enumerate(AXES)}
@@ -103,11 +104,11 @@ def _read_ardupilot(text: str, gravity_ms2: float) -> Numbers:
     powers = np.zeros((4, 3))
     for power in (1, 2, 3):
         powers[power] = [_parameter(text, f"INS_TCAL1_ACC{power}_{axis}", 0.0) / _MICRO for axis in names]
-    # The vehicle takes the polynomial's difference from its value at the temperature of calibration.
-    held = _parameter(text, "INS_ACC1_CALTEMP", 25.0)
-    step = held - ARDUPILOT_REFERENCE_DEGC
+    # The vehicle uses the difference of the polynomial from its value at the temperature of the calibration.
+    calibrated_degc = _parameter(text, "INS_ACC1_CALTEMP", 25.0)
+    step = calibrated_degc - ARDUPILOT_REFERENCE_DEGC
     moved = np.array([sum(math.comb(p, k) * step ** (p - k) * powers[p] for p in range(k, 4)) for k in range(4)])
-    return _numbers(scale, offset, moved, held, gravity_ms2)
+    return _numbers(scale, offset, moved, calibrated_degc, gravity_ms2)
 
 
 def _numbers(
@@ -123,14 +124,13 @@ def _numbers(
 
 
 def _parameter(text: str, name: str, default: float | None = None) -> float:
-    """The value of a parameter: the whole of what stands behind its name, up to a blank, or to the type in a table with
-    commas.
+    """The value of a parameter: the text after its name up to a blank, or up to the type in a table with commas.
 
-    **Raises:** `InputError` where it is missing and has no default, or is not a finite number.
+    **Raises:** `InputError` if it is missing without a default, or is not a finite number.
     """
     line = re.search(rf"^(?![ \t]*#)(.*)\b{name}\b(?: *[\t,=:] *| *)(\S*)", text, re.MULTILINE)
     if line is None and default is None:
-        raise InputError(f"{name} is missing; the file must state it")
+        raise InputError(f"{name} is missing; add it to the file")
     if line is None:
         return float(default or 0.0)
     stated = re.sub(r",\d*$", "", line[2]) if "," in line[1] else line[2].rstrip(",;")
@@ -153,8 +153,8 @@ TARGETS = (
         _DIAGONAL,
         "PX4-Autopilot, src/lib/sensor_calibration/Accelerometer.cpp",
         (
-            "CAL_ACC0_ID (and TC_A0_ID where thermal) must be the sensor's; PX4 skips the set otherwise.",
-            "Board rotation comes after it: the axes are the sensor's, not the vehicle's.",
+            "CAL_ACC0_ID (and TC_A0_ID for thermal terms) must be that of the sensor; otherwise PX4 ignores the set.",
+            "The axes are those of the sensor, not of the vehicle: the board rotation is applied afterwards.",
         ),
         _in_px4,
     ),
@@ -167,9 +167,9 @@ TARGETS = (
         _DIAGONAL,
         "ArduPilot, libraries/AP_InertialSensor",
         (
-            "INS_ACC_ID must be the sensor's. Firmware of long ago scaled before it subtracted, and took no range of "
-            "temperature whose middle is not above 0 degC.",
-            "The axes are the sensor's, before board rotation.",
+            "INS_ACC_ID must be that of the sensor. Very old firmware scaled before it subtracted, and accepted only "
+            "temperature ranges with a middle above 0 degC.",
+            "The axes are those of the sensor, before board rotation.",
         ),
     ),
 )

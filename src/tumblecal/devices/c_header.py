@@ -1,4 +1,4 @@
-"""A C99 header without dependencies that applies the whole calibration, nonlinear and thermal terms included."""
+"""A C99 header without dependencies that applies the calibration with its nonlinear and thermal terms."""
 
 import json
 from collections.abc import Sequence
@@ -13,16 +13,16 @@ from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
 
 
-# The steps of the fixed point are counted for readings of this size, g.
+# Size of the readings for which the number of fixed-point steps is determined, g.
 _FARTHEST_G = 2.0
-# Terms stand in a comment as well, so that the file can be read back.
+# Terms are also in a comment, so that the file can be read.
 _TERMS = "terms: "
 _REAL = "TUMBLECAL_REAL"
 
 
 def _c_header(export: Export) -> str:
-    own = export.calibration
-    terms = own.terms
+    calibration = export.calibration
+    terms = calibration.terms
     thermal = any(term.thermal for term in terms)
     temperature = f"{_REAL} temperature_degc, " if thermal else ""
     return "\n".join(
@@ -45,9 +45,9 @@ def _c_header(export: Export) -> str:
             f"static inline void tumblecal_apply(const {_REAL} reading[3], {temperature}{_REAL} force[3])",
             "{",
             f"    static const {_REAL} matrix[3][3] = {{",
-            *(f"        {{{_constants(row)}}}," for row in own.matrix),
+            *(f"        {{{_constants(row)}}}," for row in calibration.matrix),
             "    };",
-            f"    static const {_REAL} bias[3] = {{{_constants(own.bias)}}};",
+            f"    static const {_REAL} bias[3] = {{{_constants(calibration.bias)}}};",
             *(_with_terms(export, thermal) if terms else _WITHOUT_TERMS),
             "}",
             "",
@@ -59,26 +59,25 @@ def _c_header(export: Export) -> str:
 
 _PRODUCT = "matrix[i][0] * {0}[0] + matrix[i][1] * {0}[1] + matrix[i][2] * {0}[2];"
 _WITHOUT_TERMS = [
-    f"    {_REAL} left[3];",
+    f"    {_REAL} unbiased[3];",
     "    int i;",
-    "    for (i = 0; i < 3; ++i) left[i] = reading[i] - bias[i];",
-    f"    for (i = 0; i < 3; ++i) force[i] = {_PRODUCT.format('left')}",
+    "    for (i = 0; i < 3; ++i) unbiased[i] = reading[i] - bias[i];",
+    f"    for (i = 0; i < 3; ++i) force[i] = {_PRODUCT.format('unbiased')}",
 ]
 
 
 def _with_terms(export: Export, thermal: bool) -> list[str]:
-    own = export.calibration
-    lower = np.linalg.inv(own.matrix)
+    lower = np.linalg.inv(export.calibration.matrix)
     to_inputs = lower / np.diag(lower)[:, None]
     return [
         f"    static const {_REAL} inputs[3][3] = {{",
         *(f"        {{{_constants(row)}}}," for row in to_inputs),
         "    };",
-        f"    {_REAL} left[3], u[3], added[3] = {{0, 0, 0}};",
+        f"    {_REAL} unbiased[3], u[3], added[3] = {{0, 0, 0}};",
         "    int i, step;",
         f"    for (step = 0; step < {_steps(export)}; ++step) {{",
-        "        for (i = 0; i < 3; ++i) left[i] = reading[i] - added[i] - bias[i];",
-        f"        for (i = 0; i < 3; ++i) force[i] = {_PRODUCT.format('left')}",
+        "        for (i = 0; i < 3; ++i) unbiased[i] = reading[i] - added[i] - bias[i];",
+        f"        for (i = 0; i < 3; ++i) force[i] = {_PRODUCT.format('unbiased')}",
         "        for (i = 0; i < 3; ++i) u[i] = inputs[i][0] * force[0] + inputs[i][1] * force[1] + inputs[i][2] * force[2];",
         f"        tumblecal_terms(u, {'temperature_degc, ' if thermal else ''}added);",
         "    }",
@@ -114,28 +113,30 @@ def _constants(row: np.ndarray | Sequence[float]) -> str:
 
 
 def _steps(export: Export) -> int:
-    """Steps after which the fixed point stands still within the range that apply does not warn of.
+    """Number of steps until the fixed point converges, within the range for which apply has no warning.
 
-    **Raises:** `InputError` where it does not.
+    **Raises:** `InputError` if it does not converge.
     """
-    own = export.calibration
-    # A sign does not change the slope; one that turns would never converge.
-    terms = [term for term in own.terms if term.kind != "sign"]
-    lower = np.linalg.inv(own.matrix)
+    calibration = export.calibration
+    # A sign does not change the slope; at zero input its iteration does not converge.
+    terms = [term for term in calibration.terms if term.kind != "sign"]
+    lower = np.linalg.inv(calibration.matrix)
     to_inputs = (lower / np.diag(lower)[:, None]).T
     readings = _FARTHEST_G * attitudes()
     steps = 0
-    for degc in temperatures(own, export.temperatures_degc)[[0, -1]]:
-        force = own.linear(readings)
+    for degc in temperatures(calibration, export.temperatures_degc)[[0, -1]]:
+        force = calibration.linear(readings)
         for step in range(1, MOST_STEPS):
-            better = own.linear(readings - values(terms, force @ to_inputs, degc))
+            better = calibration.linear(readings - values(terms, force @ to_inputs, degc))
             if np.max(np.abs(better - force)) <= TOLERANCE:
                 steps = max(steps, step)
                 break
             force = better
         else:
-            raise InputError("the terms of this calibration are too large to be inverted step by step")
-    return steps + 3  # at other temperatures the terms may need some more
+            raise InputError(
+                "the terms of this calibration are too large for the fixed-point iteration of the C header; export to json"
+            )
+    return steps + 3  # other temperatures may need more steps
 
 
 def _read(text: str, gravity_ms2: float) -> Numbers:

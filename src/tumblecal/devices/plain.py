@@ -1,4 +1,4 @@
-"""JSON, CSV and MATLAB: the numbers as they are, for programs of one's own."""
+"""JSON, CSV and MATLAB: the unconverted numbers, for user programs."""
 
 import csv
 import io
@@ -17,17 +17,17 @@ SCHEMA = "tumblecal.device/1"
 
 
 def _json(export: Export) -> str:
-    own = export.calibration
+    calibration = export.calibration
     content = {
         "schema": SCHEMA,
         "equation": "f = matrix (A - bias - terms), in g; in m/s^2 with bias_ms2",
-        "matrix": own.matrix.tolist(),
-        "bias_g": own.bias.tolist(),
+        "matrix": calibration.matrix.tolist(),
+        "bias_g": calibration.bias.tolist(),
         "bias_ms2": export.bias_ms2.tolist(),
         "gravity_ms2": export.gravity_ms2,
-        "temperature_degc": own.temperature_degc,
-        "serial_number": own.serial_number,
-        "terms": [term.record() for term in own.terms],
+        "temperature_degc": calibration.temperature_degc,
+        "serial_number": calibration.serial_number,
+        "terms": [term.record() for term in calibration.terms],
         "about": list(export.header),
     }
     return json.dumps(content, indent=1, allow_nan=False) + "\n"
@@ -40,9 +40,9 @@ def _read_json(text: str, gravity_ms2: float) -> Numbers:
 
 
 def json_object(text: str) -> dict:
-    """A JSON text's object.
+    """The object of a JSON text.
 
-    **Raises:** `InputError` where it is none, or a key stands twice.
+    **Raises:** `InputError` if it is not an object, or has a repeated key.
     """
     try:
         content = json.loads(text, object_pairs_hook=without_repeats)
@@ -59,21 +59,21 @@ def json_object(text: str) -> dict:
 def json_numbers(content: dict, key: str, shape: tuple[int, ...]) -> np.ndarray:
     """Numbers of a JSON object.
 
-    **Raises:** `InputError` where they are missing or of another shape.
+    **Raises:** `InputError` if they are missing or have a wrong shape.
     """
     try:
         values = np.array(content[key], float)
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{key} is missing, or not numbers") from error
     if values.shape != shape or not np.all(np.isfinite(values)):
-        raise InputError(f"{key} must hold {' x '.join(map(str, shape))} finite numbers")
+        raise InputError(f"{key} must have {' x '.join(map(str, shape))} finite numbers")
     return values
 
 
 def _csv(export: Export) -> str:
-    own = export.calibration
+    calibration = export.calibration
     lines = ["axis,m_x,m_y,m_z,bias_g"]
-    for axis, row, bias in zip(AXES, own.matrix, own.bias, strict=True):
+    for axis, row, bias in zip(AXES, calibration.matrix, calibration.bias, strict=True):
         lines.append(f"{axis},{','.join(number(value) for value in row)},{number(bias)}")
     return export.commented("#") + "\n".join(lines) + "\n"
 
@@ -83,18 +83,18 @@ def _read_csv(text: str, gravity_ms2: float) -> Numbers:
     try:
         table = np.array([[float(row[name]) for name in ("m_x", "m_y", "m_z", "bias_g")] for row in rows])
     except (KeyError, TypeError, ValueError) as error:
-        raise InputError("columns m_x, m_y, m_z, bias_g must hold numbers") from error
+        raise InputError("columns m_x, m_y, m_z, bias_g must have numbers") from error
     if table.shape != (3, 4):
-        raise InputError(f"{len(table)} rows; one for each of x, y and z is wanted")
+        raise InputError(f"{len(table)} rows; there must be one for each of x, y and z")
     return Numbers(table[:, :3], table[:, 3])
 
 
 def _matlab(export: Export) -> str:
-    own = export.calibration
-    rows = "; ".join(listed(row) for row in own.matrix.T)
-    offset = -own.matrix @ export.bias_ms2
+    matrix = export.calibration.matrix
+    rows = "; ".join(listed(row) for row in matrix.T)
+    offset = -matrix @ export.bias_ms2
     return (
-        f"{export.commented('%')}% U: readings, m/s^2, a row each. Specific force: C = U*A + b, as of accelcal.\n"
+        f"{export.commented('%')}% U: readings in rows, m/s^2. Specific force: C = U*A + b, as in accelcal.\n"
         f"A = [{rows}];\nb = [{listed(offset)}];\n"
     )
 
@@ -116,7 +116,7 @@ TARGETS = (
         _LINEAR | {"terms"},
         "docs/files.md",
     ),
-    Target("csv", ".csv", "matrix and bias, a row an axis", _csv, _read_csv, _LINEAR, "docs/files.md"),
+    Target("csv", ".csv", "matrix and bias, one row for each axis", _csv, _read_csv, _LINEAR, "docs/files.md"),
     Target(
         "matlab",
         ".m",

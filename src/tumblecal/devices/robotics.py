@@ -1,4 +1,4 @@
-"""Kalibr, imu_tk, imucal and ROS (imu_calib): matrices in their own order of scale and misalignment."""
+"""Kalibr, imu_tk, imucal and ROS (imu_calib): matrices with the scale and misalignment convention of each."""
 
 import json
 
@@ -24,23 +24,23 @@ def _kalibr(export: Export) -> str:
 
 
 def _kalibr_noise(export: Export) -> list[str]:
-    """Kalibr has one density and one walk for the three axes: those of the noisiest."""
+    """Noise density and random walk of the noisiest axis: Kalibr has one value for three axes."""
     if not export.noise:
         return ["# accelerometer_noise_density, accelerometer_random_walk: give --noise reduction.json"]
     density, walk = (
         max(axis.get(key, 0.0) for axis in export.noise) * export.gravity_ms2
         for key in ("white_g_per_rthz", "walk_g_per_rts")
     )
-    seen = f"accelerometer_random_walk: {number(walk)}  # m/s^3/sqrt(Hz)"
-    unseen = (
-        "# accelerometer_random_walk: none was seen in the recording (too short, or flicker alone); Kalibr wants one"
+    found = f"accelerometer_random_walk: {number(walk)}  # m/s^3/sqrt(Hz)"
+    not_found = (
+        "# accelerometer_random_walk: not found in the recording (too short, or only flicker); Kalibr needs a value"
     )
-    return [f"accelerometer_noise_density: {number(density)}  # m/s^2/sqrt(Hz)", seen if walk > 0 else unseen]
+    return [f"accelerometer_noise_density: {number(density)}  # m/s^2/sqrt(Hz)", found if walk > 0 else not_found]
 
 
 def _read_kalibr(text: str, gravity_ms2: float) -> Numbers:
-    own = text[max(text.find("accelerometers:"), 0) :]
-    return Numbers(inverse(numbers_after(own, "M", 9).reshape(3, 3), "M"), np.zeros(3))
+    accelerometers = text[max(text.find("accelerometers:"), 0) :]
+    return Numbers(inverse(numbers_after(accelerometers, "M", 9).reshape(3, 3), "M"), np.zeros(3))
 
 
 def _imu_tk(export: Export) -> str:
@@ -56,7 +56,7 @@ def _read_imu_tk(text: str, gravity_ms2: float) -> Numbers:
     except ValueError as error:
         raise InputError(f"imu_tk: {error}") from error
     if len(values) != 21 or not np.all(np.isfinite(values)):
-        raise InputError(f"imu_tk: {len(values)} numbers, 21 wanted (misalignment, scale, bias)")
+        raise InputError(f"imu_tk: {len(values)} numbers; there must be 21 (misalignment, scale, bias)")
     return Numbers(values[:9].reshape(3, 3) @ values[9:18].reshape(3, 3), values[18:] / gravity_ms2)
 
 
@@ -88,7 +88,7 @@ def _read_imucal(text: str, gravity_ms2: float) -> Numbers:
     forward = json_numbers(content, "K_a", (3, 3)) @ json_numbers(content, "R_a", (3, 3))
     unit = content.get("from_acc_unit")
     if unit not in ("m/s^2", "g"):
-        raise InputError(f"from_acc_unit is {unit!r}; m/s^2 or g is wanted")
+        raise InputError(f"from_acc_unit is {unit!r}; it must be m/s^2 or g")
     bias = json_numbers(content, "b_a", (3,))
     matrix = inverse(forward, "K_a R_a")
     if content.get("acc_unit") != unit:
@@ -115,7 +115,7 @@ TARGETS = (
         _read_kalibr,
         frozenset({"cross terms"}),
         "Kalibr, IccSensors.py, scale-misalignment",
-        ("Kalibr estimates the bias anew, along time; its C is between this frame and the IMU's.",),
+        ("Kalibr estimates the bias itself, over time; its C relates this frame to that of the IMU.",),
     ),
     Target(
         "imu_tk",
@@ -125,7 +125,7 @@ TARGETS = (
         _read_imu_tk,
         _LINEAR,
         "imu_tk, include/imu_tk/calibration.h",
-        ("imu_tk's own T is upper triangular (another frame); its loader takes any.",),
+        ("The T of imu_tk itself is upper triangular (a different frame); its loader accepts any T.",),
     ),
     Target(
         "imucal",
@@ -135,7 +135,7 @@ TARGETS = (
         _read_imucal,
         _LINEAR,
         "imucal, ferraris_calibration_info.py, format 2.0.0",
-        ("The gyroscope's numbers are neutral: put your own in.",),
+        ("The gyroscope values are neutral: replace them by those of your gyroscope.",),
     ),
     Target("ros", ".yaml", "SM A - bias, m/s^2 (imu_calib)", _ros, _read_ros, _LINEAR, "imu_calib, accel_calib.cpp"),
 )

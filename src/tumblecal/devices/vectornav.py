@@ -10,7 +10,7 @@ from tumblecal.ground.errors import InputError
 
 def _vectornav(export: Export) -> str:
     values = [*export.calibration.matrix.ravel(), *export.bias_ms2]
-    # As the maker's library prints them; the registers are float32.
+    # In the format of the library of the manufacturer; the registers are float32.
     commands = ["VNWRG,25," + ",".join(f"{value:+.6f}" for value in values), "VNWNV"]
     return "".join(f"${command}*{_checksum(command):02X}\r\n" for command in commands)
 
@@ -21,19 +21,20 @@ def _read_vectornav(text: str, gravity_ms2: float) -> Numbers:
         raise InputError("no $VNWRG,25 or $VNRRG,25 with its checksum")
     if int(command[3], 16) != _checksum(command[1]):
         raise InputError(
-            f"the checksum of register 25 is {command[3]}, not {_checksum(command[1]):02X}: it was changed"
+            f"the checksum of register 25 is {command[3]}, not {_checksum(command[1]):02X}: the line was changed; read the "
+            "register again"
         )
     try:
         values = np.array([float(word) for word in command[2].split(",")])
     except ValueError as error:
         raise InputError(f"register 25: {error}") from error
     if len(values) != 12 or not np.all(np.isfinite(values)):
-        raise InputError(f"register 25: {len(values)} numbers, 12 wanted")
+        raise InputError(f"register 25: {len(values)} numbers; there must be 12")
     return Numbers(values[:9].reshape(3, 3), values[9:] / gravity_ms2)
 
 
 def _checksum(command: str) -> int:
-    """All bytes between $ and *, exclusive or."""
+    """Exclusive or of all bytes between $ and *."""
     total = 0
     for byte in command.encode("ascii", "replace"):
         total ^= byte
@@ -49,6 +50,6 @@ TARGETS = (
         _read_vectornav,
         frozenset({"cross terms", "bias"}),
         "VectorNav manuals, register 25",
-        ("It acts on top of the factory calibration: the readings must have been taken with register 25 neutral.",),
+        ("It is applied after the factory calibration: record the readings with a neutral register 25.",),
     ),
 )

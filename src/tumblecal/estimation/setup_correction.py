@@ -26,7 +26,7 @@ from tumblecal.estimation.problem import where_of
 from tumblecal.estimation.quarter_turns import turn_of, turn_words
 from tumblecal.estimation.setup_error import SetupError
 from tumblecal.ground.axes import AXES
-from tumblecal.ground.clocks import times_going_on
+from tumblecal.ground.clocks import continued_times
 from tumblecal.ground.errors import InputError
 
 
@@ -107,7 +107,7 @@ def _conditions(data: PositionSet) -> tuple[PositionSet, list[SetupError]]:
         )
         part = np.searchsorted(firsts, np.arange(len(time)), side="right")
         clock = tuple(f"{label}.{number}" for label, number in zip(data.clock or ("1",) * len(time), part, strict=True))
-        data = replace(data, time_s=times_going_on(parts), clock=clock)
+        data = replace(data, time_s=continued_times(parts), clock=clock)
         # One clock for each run is no error.
         if data.run is None or not np.array_equal(firsts, _changes(data.run)):
             setup_errors.append(SetupError("time_restarts", words))

@@ -1,1 +1,1 @@
-"""What everything stands on, from errors to frames; numpy at most when it is imported, never JAX."""
+"""The lowest layer, from errors to frames; its imports need numpy at most, never JAX."""

@@ -1,4 +1,4 @@
-"""Files that are whole or absent: written aside, brought to disk, then renamed."""
+"""Files that are complete or absent: written under a temporary name, flushed to disk, then renamed."""
 
 import errno
 import os
@@ -18,9 +18,9 @@ from tumblecal.ground.plain_text import plain
 
 
 def writable_folder(folder: Path) -> Path:
-    """Make `folder` (and its parents) and check that files can be made in it.
+    """Create `folder` (and its parents) and check that files can be created in it.
 
-    **Raises:** `InputError` when it cannot be made or written.
+    **Raises:** `InputError` if it cannot be created or written.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -28,14 +28,14 @@ def writable_folder(folder: Path) -> Path:
             pass
     except OSError as error:
         why = "a file has that name" if folder.is_file() else reason(error)
-        raise InputError(f"{folder}: cannot write to this folder ({why}); give another one with --out") from error
+        raise InputError(f"{folder}: cannot write to this folder ({why}); give a different one with --out") from error
     return folder
 
 
 def writable_file(path: Path) -> None:
-    """Check, before the work begins, that a file can be written; its folder is made where it is missing.
+    """Check, before the work begins, that a file can be written; its folder is created if it is missing.
 
-    **Raises:** `InputError` when it cannot.
+    **Raises:** `InputError` if it cannot.
     """
     place = place_of(path)
     if not place.through:
@@ -43,36 +43,35 @@ def writable_file(path: Path) -> None:
 
 
 _MOST_LINKS = 40  # as in Linux
-# In the name of a file that is being written aside.
+# Part of the temporary name of a file.
 _UNFINISHED = ".unfinished"
-# Folders in which this process has looked for files of killed ones.
+# Folders in which this process has searched for files of killed processes.
 _TIDIED: set[Path] = set()
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 @contextmanager
 def output_folders(folders: Sequence[Path], out: Path | None = None) -> Iterator[None]:
-    """Make folders before a long computation; those left empty by a failure are removed again.
+    """Create folders before a long computation; after a failure, empty ones are removed.
 
     **Arguments:**
 
-    - `out`: the folder that has all of them in it, which no other process may write results to meanwhile; the first where
-      left out.
+    - `out`: the folder with all of them, locked against other processes. Default: the first of the folders.
 
-    **Raises:** `InputError` when one cannot be made or written, or another process writes its results there.
+    **Raises:** `InputError` if one cannot be created or written, or another process writes its results there.
     """
     new = {path for folder in folders for path in (folder, *folder.parents) if not path.exists()}
     with _empty_removed(new):
         for folder in folders:
             writable_folder(folder)
-    # A folder that another process holds is not removed: it may be empty for the moment.
+    # A folder that another process has locked is not removed, because it may be temporarily empty.
     with held(folders[0] if out is None else out), _empty_removed(new):
         yield
 
 
 @contextmanager
 def _empty_removed(folders: Collection[Path]) -> Iterator[None]:
-    """Folders left empty by a failure are removed again."""
+    """Remove empty folders after a failure."""
     try:
         yield
     except BaseException:
@@ -84,27 +83,27 @@ def _empty_removed(folders: Collection[Path]) -> Iterator[None]:
 
 @contextmanager
 def written_aside(path: Path) -> Iterator[Path]:
-    """A path beside `path` to write to; it takes the place of `path` when the block ends without an error.
+    """A temporary path in the folder of `path`, renamed to `path` when the block ends without an error.
 
-    An interrupt or an error leaves an older `path` as it was, and no half-written file. Of a link the file is written that it
-    names, with the rights it had; what is no file (a pipe, a terminal) gets the bytes when the block ends.
+    After an interrupt or an error an older `path` is unchanged, and there is no half-written file. Symbolic links are
+    followed, and the permissions of the file are kept. Pipes and terminals are written to when the block ends.
 
-    **Raises:** `InputError` when `path` cannot be written, is read-only or a folder.
+    **Raises:** `InputError` if `path` cannot be written, is read-only, or is a folder.
     """
     place = place_of(path)
     with _begun(place), unwritable_as_fault(path):
         place.begin()
         yield place.aside
-        # In this order the name never stands for less than the whole file, not even after a power cut.
+        # In this order the name always refers to a complete file, also after a power failure.
         to_disk(place.aside)
         place.take()
         place.keep()
 
 
 def write_texts(folder: Path, texts: Mapping[str, str]) -> None:
-    """Write files of one folder, by their names, as `write_text` writes one, control characters as escapes.
+    """Write files of one folder, by their names, as in `write_text`, with control characters as escapes.
 
-    All are on the disk before the first takes its name, and their names before the return.
+    All are on disk before the first is renamed, and their names are on disk before the function returns.
 
     **Raises:** `InputError` as `written_aside`.
     """
@@ -126,7 +125,7 @@ def write_texts(folder: Path, texts: Mapping[str, str]) -> None:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write `text` to `path` in UTF-8 (bytes of a file's name that are not text as ?), whole or not at all.
+    """Write `text` to `path` in UTF-8 (bytes of a file name that are not text as ?), completely or not at all.
 
     **Raises:** `InputError` as `written_aside`.
     """
@@ -135,14 +134,14 @@ def write_text(path: Path, text: str) -> None:
 
 @dataclass(frozen=True)
 class Place:
-    """Where a file is written.
+    """Paths of a file to write.
 
     **Arguments:**
 
-    - `path`: as the user gave it. `named`: what it names, links followed.
-    - `aside`: what is written first; nothing has this name.
-    - `rights`: of the file that is there, None where there is none.
-    - `through`: what is named is no file of a disk, and has to stay.
+    - `path`: as given by the user. `named`: its target, with links followed.
+    - `aside`: temporary name, which does not exist yet.
+    - `rights`: permissions of the existing file; None if there is none.
+    - `through`: whether the target is not a file (a pipe, a terminal), and is written to in place.
     """
 
     path: Path
@@ -152,33 +151,33 @@ class Place:
     through: bool
 
     def begin(self) -> None:
-        """Make the file aside, of its final rights from the start, whoever writes to it."""
+        """Create the temporary file, with its final permissions from the start."""
         self.aside.touch(exist_ok=False)
         locked(self.aside)
         if self.rights is not None:
-            with suppress(OSError):  # a file system without rights
+            with suppress(OSError):  # a file system without permissions
                 self.aside.chmod(self.rights)
 
     def take(self) -> None:
-        """What was written aside takes the name, or goes through it."""
+        """Rename the temporary file, or copy it to a pipe or terminal."""
         if not self.through:
             os.replace(self.aside, self.named)
             return
-        # At the end: of a terminal or a pipe there is no other place, and of a redirected output it keeps what is there.
+        # Append: a redirected output keeps its contents.
         with self.aside.open("rb") as written, self.named.open("ab") as file:
             shutil.copyfileobj(written, file)
         self.aside.unlink()
 
     def keep(self) -> None:
-        """Wait until the name is on the disk."""
+        """Wait until the name is on disk."""
         if not self.through:
             to_disk(self.named.parent)
 
 
 def place_of(path: Path) -> Place:
-    """Where `path` is written.
+    """The paths for writing `path`.
 
-    **Raises:** `InputError` for a file that is read-only, a disk, links that go round.
+    **Raises:** `InputError` for a read-only file, a disk, or circular links.
     """
     with unwritable_as_fault(path):
         named, of_process = _followed(path)
@@ -187,11 +186,13 @@ def place_of(path: Path) -> Place:
         except (FileNotFoundError, NotADirectoryError):
             mode = None
     if mode is not None and stat.S_ISBLK(mode):
-        raise InputError(f"{path}: is a disk, not a file on one; give another file")
+        raise InputError(f"{path}: is a disk, not a file; give a different file")
     rights = stat.S_IMODE(mode) if mode is not None and stat.S_ISREG(mode) and not of_process else None
-    # Root may write to anything; what somebody made read-only is meant to stay all the same.
+    # Root can write to any file, but a read-only file must not change.
     if rights is not None and not (rights & 0o222 and os.access(named, os.W_OK)):
-        raise InputError(f"{path}: is read-only and stays as it is; give another file, or make it writable (chmod u+w)")
+        raise InputError(
+            f"{path}: is read-only, and was not changed; give a different file, or make it writable (chmod u+w)"
+        )
     through = mode is not None and rights is None and not stat.S_ISDIR(mode)
     folder = Path(tempfile.gettempdir()) if through else named.parent
     aside = folder / f".{named.name}.{secrets.token_hex(4)}{_UNFINISHED}{path.suffix}"
@@ -199,7 +200,7 @@ def place_of(path: Path) -> Place:
 
 
 def _followed(path: Path) -> tuple[Path, bool]:
-    """What a path names at the end of its links, and whether that is an open file of a process (/dev/stdout)."""
+    """The target of a path with links followed, and whether it is an open file of a process (/dev/stdout)."""
     for _ in range(_MOST_LINKS):
         path = Path(os.path.realpath(path.parent), path.name)
         if path.parent.name == "fd" and path.is_relative_to("/proc"):
@@ -212,7 +213,7 @@ def _followed(path: Path) -> tuple[Path, bool]:
 
 @contextmanager
 def _begun(*places: Place) -> Iterator[None]:
-    """Files that are written aside: locked while they are, and removed where they did not take their names."""
+    """Lock temporary files while they are written, and remove those that were not renamed."""
     for folder in {place.aside.parent for place in places} - _TIDIED:
         _tidy(folder)
     try:
@@ -228,7 +229,7 @@ def _begun(*places: Place) -> Iterator[None]:
 
 
 def _tidy(folder: Path) -> None:
-    """Remove what killed processes were writing aside in a folder; nobody has locked that any more."""
+    """Remove the temporary files of killed processes in a folder, which are not locked."""
     _TIDIED.add(folder)
     for path in folder.glob(f".*{_UNFINISHED}*"):
         if path.stem.endswith(_UNFINISHED) or path.suffix == _UNFINISHED:
@@ -237,7 +238,7 @@ def _tidy(folder: Path) -> None:
 
 @contextmanager
 def unwritable_as_fault(path: Path) -> Iterator[None]:
-    """The system's refusal as an error of the user's input."""
+    """Convert errors of the operating system to `InputError`."""
     try:
         yield
     except Exception as error:
@@ -248,7 +249,7 @@ def unwritable_as_fault(path: Path) -> Iterator[None]:
 
 
 def to_disk(path: Path) -> None:
-    """Wait until a file, or the names in a folder, are on the disk."""
+    """Wait until a file, or the names in a folder, are on disk."""
     if path.is_dir() and os.name != "posix":
         return
     descriptor = os.open(path, os.O_RDONLY if os.name == "posix" else os.O_RDWR)
@@ -260,12 +261,14 @@ def to_disk(path: Path) -> None:
 
 def _unwritable(path: Path, error: OSError) -> InputError:
     if error.errno in _FULL:
-        return InputError(f"{path}: not written, the disk is full (or has no room for so large a file); make room")
-    return InputError(f"{path}: cannot be written ({reason(error)}); give another file")
+        return InputError(
+            f"{path}: not written, because the disk is full (or too small for this file); free some space"
+        )
+    return InputError(f"{path}: cannot be written ({reason(error)}); give a different file")
 
 
 def _refused_by_system(error: Exception) -> OSError | None:
-    """The system's error, also out of an error of Polars, which only words it: `... (os error 28)`."""
+    """The error of the operating system, also from the text of an error of polars: `... (os error 28)`."""
     if isinstance(error, OSError) and error.errno is not None:
         return error
     number = re.search(r"\(os error (\d+)\)", str(error))
@@ -275,5 +278,5 @@ def _refused_by_system(error: Exception) -> OSError | None:
 
 
 def reason(error: OSError) -> str:
-    """Why the system refused; libraries leave `strerror` out."""
+    """The reason in an error of the operating system; some libraries do not set `strerror`."""
     return error.strerror or (str(error).splitlines() or ["unknown error"])[0]

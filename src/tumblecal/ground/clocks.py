@@ -1,12 +1,12 @@
-"""Clocks that start anew."""
+"""Clocks that restart."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
 
-def times_going_on(clocks: Sequence[np.ndarray]) -> np.ndarray:
-    """Times of stretches that follow one another, each by a clock of its own, s: a later one goes on after the one before."""
+def continued_times(clocks: Sequence[np.ndarray]) -> np.ndarray:
+    """Increasing times of consecutive stretches with separate clocks, s: each stretch continues after the previous one."""
     parts, now = [], 0.0
     for clock in clocks:
         time = clock - clock.min() + now if parts else clock

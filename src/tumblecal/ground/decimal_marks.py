@@ -1,8 +1,8 @@
-"""Which mark stands before decimals and which between thousands, told by numbers that can be written in one way only.
+"""Decimal marks and thousands separators, determined from unambiguous numbers.
 
-"0,010", "9,81" and "12345,678" have a decimal comma, "1,234,567" and "1,234.5" have commas between thousands; "1,234" alone may
-be either. The same holds with the point in the comma's place. Recordings are read by the marks that most of their cells show
-(`marks_of`); tables of positions have one decimal mark, and a number that may be another is refused (`with_points`).
+"0,010", "9,81" and "12345,678" have a decimal comma; "1,234,567" and "1,234.5" have thousands separators; "1,234" alone is
+ambiguous. The same applies with points and commas exchanged. For recordings the marks of most cells are used (`marks_of`).
+Tables of positions have one decimal mark, and an ambiguous number is rejected (`with_points`).
 """
 
 import re
@@ -25,18 +25,18 @@ NUMBER = re.compile(
     r"|[+-]?[1-9]\d{0,2}(?:(?:,\d{3})+(?:\.\d*)?|(?:\.\d{3})+(?:,\d*)?)|nan",
     re.IGNORECASE,
 )
-# Digits and marks, and what follows them.
+# Digits and marks, and the exponent.
 _MARKED = re.compile(rf"[+-]?([\d.,]*\d[\d.,]*)({_EXPONENT})")
 _EITHER = re.compile(r"[1-9]\d{0,2}[.,]\d{3}")
 _TORN_SHARE = 0.05
 
 
 class Marks(NamedTuple):
-    """What a cell tells of the marks.
+    """Evidence of a cell on the marks.
 
-    - `decimal`: the mark that stands before its decimals, or would; None where it does not tell.
-    - `grouped`: whether the other one stands between its thousands.
-    - `either`: its only mark, which may be of decimals or of thousands.
+    - `decimal`: the decimal mark; None if the cell does not determine it.
+    - `grouped`: whether it has the other mark as thousands separator.
+    - `either`: its only mark, if it may be the decimal mark or a thousands separator.
     - `whole`: a number without a mark.
     """
 
@@ -46,8 +46,8 @@ class Marks(NamedTuple):
     whole: int | None = None
 
 
-def told_by(cell: str) -> Marks:
-    """What one cell tells; nothing where it is no number that anybody writes."""
+def evidence_of(cell: str) -> Marks:
+    """The evidence of one cell; none if it is not a number in a usual form."""
     match = _MARKED.fullmatch(cell)
     if match is None:
         return Marks()
@@ -55,7 +55,7 @@ def told_by(cell: str) -> Marks:
     marks = sorted((mark for mark in OTHER if mark in digits), key=digits.rindex)
     if not marks:
         return Marks() if exponent else Marks(whole=int(digits[:30]))
-    # Of two marks the last is the decimal one; one that stands there twice is of thousands.
+    # If there are two marks, the last is the decimal mark; a repeated mark is a thousands separator.
     decimal = marks[1] if len(marks) == 2 else OTHER[marks[0]]
     if len(marks) == 2 or digits.count(marks[0]) > 1:
         return Marks(decimal, grouped=True) if _GROUPED[decimal].fullmatch(digits) else Marks()
@@ -63,18 +63,18 @@ def told_by(cell: str) -> Marks:
 
 
 def grouped_by_three(decimal: str) -> str:
-    """How numbers that have thousands apart for sure are written where this is the decimal mark: a regular expression."""
+    """Regular expression of numbers with unambiguous thousands separators, for this decimal mark."""
     group = rf"\{OTHER[decimal]}\d{{3}}"
     return rf"[1-9]\d{{0,2}}(?:(?:{group}){{2,}}(?:\{decimal}\d*)?|{group}\{decimal}\d*)"
 
 
 def pointed(number: str, decimal: str) -> str:
-    """A number with this decimal mark, with a decimal point and nothing between its thousands."""
+    """A number with this decimal mark, converted to a decimal point without thousands separators."""
     return number.replace(OTHER[decimal], "").replace(",", ".")
 
 
 def without_decimal_comma(option: str) -> str:
-    """An option with points for commas between digits: nobody separates numbers so there."""
+    """An option with points in place of commas between digits, which separate no numbers there."""
     return re.sub(r"(?<=\d),(?=\d)", ".", option)
 
 
@@ -82,27 +82,27 @@ _GROUPED = {decimal: re.compile(grouped_by_three(decimal)) for decimal in OTHER}
 
 
 def marks_of(columns: Sequence[Sequence[str]]) -> tuple[str | None, ...]:
-    """The marks of each column of cells: one for the whole table where its numbers do not contradict each other.
+    """The marks of each column of cells: the same for the whole table if its numbers do not contradict each other.
 
-    **Returns:** "." or "," where nothing has told the mark of thousands; ".," and ",." with that behind; None for a column
-    with numbers such as "1,234" where nothing in the table tells which they are.
+    **Returns:** "." or "," if the thousands separator is unknown; ".," and ",." with a known separator; None for a column
+    with numbers such as "1,234" that the table does not determine.
     """
-    own = [_own_marks(cells) for cells in columns]
-    sure = {marks for marks in own if marks and len(marks) == 2}
+    by_column = [_column_marks(cells) for cells in columns]
+    sure = {marks for marks in by_column if marks and len(marks) == 2}
     if len(sure) == 1:
-        return (*sure,) * len(own)
-    # Beside columns with a decimal comma a point that may be either is not taken for a decimal.
+        return (*sure,) * len(by_column)
+    # If other columns have a decimal comma, an ambiguous point is not a decimal mark.
     unmarked = {"": ".", ".": None} if sure else {"": "."}
-    return tuple(None if marks is None else unmarked.get(marks, marks) for marks in own)
+    return tuple(None if marks is None else unmarked.get(marks, marks) for marks in by_column)
 
 
-def _own_marks(cells: Sequence[str]) -> str | None:
-    """The marks by one column alone: "" where it has none, "." for points that may be either but are the usual decimals."""
-    told = [told_by(cell) for cell in cells]
-    votes, may_be = Counter(own.decimal for own in told), Counter(own.either for own in told)
-    hundreds = sum(0 < (own.whole or 0) < 1000 for own in told)
+def _column_marks(cells: Sequence[str]) -> str | None:
+    """The marks of one column alone: "" without marks, "." for ambiguous points, which usually are decimal points."""
+    evidence = [evidence_of(cell) for cell in cells]
+    votes, may_be = Counter(marks.decimal for marks in evidence), Counter(marks.either for marks in evidence)
+    hundreds = sum(0 < (marks.whole or 0) < 1000 for marks in evidence)
     mark = max(".,", key=lambda key: votes[key])
-    # A torn cell, such as "5,35" of "5,352", tells nothing against many.
+    # An incomplete cell, such as "5,35" of "5,352", is no evidence against many others.
     torn = votes[mark] < hundreds and votes[mark] < _TORN_SHARE * may_be[mark]
     if votes[mark] and not torn:
         return mark + OTHER[mark]
@@ -110,23 +110,24 @@ def _own_marks(cells: Sequence[str]) -> str | None:
     if len(either) != 1:
         return None if either else ""
     mark = either[0]
-    if any((own.whole or 0) >= 1000 for own in told):
-        # Who writes 1234 puts no mark between thousands.
+    if any((marks.whole or 0) >= 1000 for marks in evidence):
+        # A column with 1234 has no thousands separators.
         return mark + OTHER[mark]
     if hundreds:
-        # Who writes 1.230 drops no zeros at the end, so that 512 beside it is not 512.000.
-        ends_with_zero = any(own.either == mark and cell.endswith("0") for own, cell in zip(told, cells, strict=True))
+        # A column with 1.230 keeps final zeros, so its 512 is not 512.000.
+        pairs = zip(evidence, cells, strict=True)
+        ends_with_zero = any(marks.either == mark and cell.endswith("0") for marks, cell in pairs)
         return OTHER[mark] + mark if ends_with_zero else None
     return "." if mark == "." else None
 
 
 def number_of(name: str, marks: str, *, sure: bool = False, either: str = "") -> "pl.Expr":
-    """The numbers of a column of text; null for what is written otherwise.
+    """The numbers of a column of text; null for cells in other forms.
 
     **Arguments:**
 
-    - `marks`: the decimal mark, and that of thousands if there is one, as `marks_of` finds them.
-    - `sure`: numbers that may be either, such as "1,234" with decimal points, are null. `either`: so are cells of this pattern.
+    - `marks`: the decimal mark, and the thousands separator if there is one, as in `marks_of`.
+    - `sure`: ambiguous numbers, such as "1,234" with decimal points, are null. `either`: cells of this pattern are null.
     """
     import polars as pl
 
@@ -148,11 +149,11 @@ def number_of(name: str, marks: str, *, sure: bool = False, either: str = "") ->
 
 @dataclass(frozen=True)
 class MarkedColumns:
-    """Columns of cells that have one decimal mark, and how their faults are named.
+    """Columns of cells with one decimal mark, and the names of cells in messages.
 
     **Arguments:**
 
-    - `cells`: by column. `thousands`: of columns that reach a thousand, the pattern of cells that may do so.
+    - `cells`: by column. `thousands`: for columns with numbers above a thousand, the pattern of such cells.
     - `source`: the file. `place`: of a cell in it, by its row and column.
     """
 
@@ -161,23 +162,23 @@ class MarkedColumns:
     source: str
     place: Callable[[int, str], str]
 
-    def told(self, cell: object, name: str) -> Marks:
-        """What a cell of a column tells of the marks."""
+    def evidence(self, cell: object, name: str) -> Marks:
+        """The evidence of a cell of a column on the marks."""
         text = cell.strip() if isinstance(cell, str) else ""
-        told = told_by(text)
-        if told.either and not re.fullmatch(self.thousands.get(name, r"\b\B"), text):
-            return Marks(told.either)
-        return told
+        marks = evidence_of(text)
+        if marks.either and not re.fullmatch(self.thousands.get(name, r"\b\B"), text):
+            return Marks(marks.either)
+        return marks
 
     def decimal_mark(self) -> str | None:
-        """The decimal mark of the numbers; None where no cell tells it.
+        """The decimal mark of the numbers; None if no cell determines it.
 
         **Raises:** `InputError` naming two cells with different marks.
         """
         first, count = dict[str, tuple[int, str]](), dict.fromkeys(OTHER, 0)
         for name, cells in self.cells.items():
             for row, cell in enumerate(cells):
-                if mark := self.told(cell, name).decimal:
+                if mark := self.evidence(cell, name).decimal:
                     first.setdefault(mark, (row, name))
                     count[mark] += 1
         if len(first) == 2:
@@ -185,56 +186,56 @@ class MarkedColumns:
             (row, name), (other_row, other) = first[rarer], first[usual]
             raise InputError(
                 f"{self.source}:{self.place(row, name)}: {self.cells[name][row]!r} has a decimal {_WORDS[rarer]}, but "
-                f"{self.cells[other][other_row]!r} ({self.place(other_row, other)}) a decimal {_WORDS[usual]}; write one of "
-                "them throughout"
+                f"{self.cells[other][other_row]!r} ({self.place(other_row, other)}) has a decimal {_WORDS[usual]}; write "
+                "one of them throughout"
             )
         return next(iter(first), None)
 
     def with_points(self, refuse: Callable[[int, str, str], None]) -> dict[str, Sequence[object]]:
-        """The cells with decimal points and without marks between thousands; what is no number stays as it is.
+        """The cells with decimal points and without thousands separators; other cells are unchanged.
 
         **Arguments:**
 
-        - `refuse`: gets the row and the column of each cell whose mark may be either, and words for it.
+        - `refuse`: called with row, column and fault of each cell with an ambiguous mark.
 
         **Raises:** `InputError` as `decimal_mark` does.
         """
         mark = self.decimal_mark()
-        told = {name: [self.told(cell, name) for cell in cells] for name, cells in self.cells.items()}
-        doubtful = {name: {own.either for own in marks if own.either} for name, marks in told.items()}
-        both = mark is None and len(set().union(*doubtful.values())) > 1
+        evidence = {name: [self.evidence(cell, name) for cell in cells] for name, cells in self.cells.items()}
+        ambiguous = {name: {marks.either for marks in column if marks.either} for name, column in evidence.items()}
+        both = mark is None and len(set().union(*ambiguous.values())) > 1
         plain = dict[str, Sequence[object]]()
         for name, cells in self.cells.items():
-            if doubtful[name] - {mark} and (both or not _groups_thousands(name, told[name], mark)):
-                for row, own in enumerate(told[name]):
-                    if own.either not in (None, mark):
+            if ambiguous[name] - {mark} and (both or not _groups_thousands(name, evidence[name], mark)):
+                for row, marks in enumerate(evidence[name]):
+                    if marks.either not in (None, mark):
                         refuse(row, name, either_words(str(cells[row]).strip(), mark))
-            decimal = mark or (OTHER[min(doubtful[name])] if doubtful[name] else ".")
+            decimal = mark or (OTHER[min(ambiguous[name])] if ambiguous[name] else ".")
             plain[name] = [
-                pointed(str(cell).strip(), decimal) if own.decimal or own.either else cell
-                for cell, own in zip(cells, told[name], strict=True)
+                pointed(str(cell).strip(), decimal) if marks.decimal or marks.either else cell
+                for cell, marks in zip(cells, evidence[name], strict=True)
             ]
         return plain
 
 
-def _groups_thousands(name: str, told: Sequence[Marks], mark: str | None) -> bool:
-    """Whether the mark of a column's doubtful cells is beyond doubt a thousands separator."""
-    if mark and (name == "n" or any(own.grouped for own in told)):
+def _groups_thousands(name: str, evidence: Sequence[Marks], mark: str | None) -> bool:
+    """Whether the mark of the ambiguous cells of a column is certainly a thousands separator."""
+    if mark and (name == "n" or any(marks.grouped for marks in evidence)):
         return True
-    wholes = [own.whole for own in told if own.whole is not None]
+    wholes = [marks.whole for marks in evidence if marks.whole is not None]
     return bool(wholes) and max(wholes) < 1000
 
 
 def may_be_thousands(cell: str, mark: str | None) -> bool:
-    """Whether a cell's only mark is another than a file's decimal one, so that it may separate thousands."""
-    either = told_by(cell.strip()).either
+    """Whether the only mark of a cell differs from the decimal mark of the file, so that it may separate thousands."""
+    either = evidence_of(cell.strip()).either
     return either is not None and either != mark
 
 
 def either_words(cell: str, mark: str | None) -> str:
-    """That a number such as 1.200 may be two, with the decimal `mark` of a file or where none is known."""
-    own = next(own for own in OTHER if own in cell)
-    plain = cell.replace(own, "")
-    beside = f" beside decimal {_WORDS[mark]}s" if mark else ""
-    decimal = f"{cell.replace(own, mark)}" if mark else f"{cell}0"
-    return f"{cell!r}{beside} may be {plain} or {cell.replace(own, '.')}; write {plain} or {decimal}"
+    """The fault of an ambiguous number such as 1.200, with the decimal `mark` of the file, if it is known."""
+    ambiguous = next(candidate for candidate in OTHER if candidate in cell)
+    plain = cell.replace(ambiguous, "")
+    given = f", with decimal {_WORDS[mark]}s in this file," if mark else ""
+    decimal = f"{cell.replace(ambiguous, mark)}" if mark else f"{cell}0"
+    return f"{cell!r}{given} may be {plain} or {cell.replace(ambiguous, '.')}; write {plain} or {decimal}"

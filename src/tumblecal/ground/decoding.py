@@ -1,4 +1,4 @@
-"""One guard around the libraries that decode files: whatever they raise is a fault of the file, in one line."""
+"""Errors of libraries that decode files, converted to one line with the fault of the file."""
 
 import contextlib
 import errno
@@ -15,31 +15,31 @@ from tumblecal.ground.errors import InputError
 
 
 ADVICE = "copy or export it again"
-# What the system refuses is no damage.
+# Errors of the operating system, which are no damage of the file.
 _REFUSED = (errno.EACCES, errno.EPERM, errno.ENOENT, errno.EISDIR, errno.EIO, errno.EMFILE, errno.ENOSPC)
 
-# Native libraries only word what the system said.
+# Text of native libraries for an error of the operating system.
 _OF_SYSTEM = re.compile(r"\(os error (\d+)\)")
 
 
 def damaged(path: Path, kind: str, error: BaseException | str, advice: str = ADVICE) -> InputError:
-    """The line for a file that its decoder cannot read, or whose checksum it does not have."""
+    """The line for a file that its decoder cannot read, or with a wrong checksum."""
     worded = _OF_SYSTEM.search(str(error))
     number = int(worded[1]) if worded else getattr(error, "errno", None)
     if number in _REFUSED:
         return InputError(f"{path}: cannot be read ({os.strerror(number)})")
     words = (str(error).splitlines() or [""])[0].strip() or type(error).__name__
-    return InputError(f"{path}: not a whole {kind} ({words[:200]}); {advice}")
+    return InputError(f"{path}: not a complete {kind} ({words[:200]}); {advice}")
 
 
 @contextmanager
 def decoding(path: Path, kind: str, advice: str = ADVICE) -> Iterator[None]:
     """Decode a file with a library within the block.
 
-    Libraries raise any exception on damaged bytes, `SystemError` and the panics of native code among them, which are no
-    `Exception`; so all are caught but those that end the program or a generator.
+    Libraries raise any exception for damaged bytes, including `SystemError` and panics of native code, which are not an
+    `Exception`. All are caught, except those that end the program or a generator.
 
-    **Raises:** `InputError` naming the file, its kind and what to do.
+    **Raises:** `InputError` naming the file, its kind and the remedy.
     """
     try:
         yield
@@ -51,15 +51,15 @@ def decoding(path: Path, kind: str, advice: str = ADVICE) -> Iterator[None]:
 
 @contextmanager
 def silenced() -> Iterator[None]:
-    """What libraries print about a damaged file (in Python, as warnings, or in native threads) is not for users."""
+    """Suppress output of libraries on a damaged file (in Python, as warnings, or in native threads)."""
     sys.stderr.flush()
-    kept, nothing = os.dup(2), os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nothing, 2)
+    stderr, null = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(null, 2)
     try:
         with contextlib.redirect_stdout(io.StringIO()), warnings.catch_warnings():
             warnings.simplefilter("ignore")
             yield
     finally:
-        os.dup2(kept, 2)
-        os.close(kept)
-        os.close(nothing)
+        os.dup2(stderr, 2)
+        os.close(stderr)
+        os.close(null)

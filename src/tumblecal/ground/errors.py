@@ -1,11 +1,11 @@
-"""What is told to a user whose input cannot be used."""
+"""Faults of input, as a user reads them."""
 
-# Loaded by every command before it can be interrupted in order: whatever it needs for annotations alone is not loaded.
+# Every command imports this module before its signal handlers are ready, so imports for annotations only are omitted.
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-# A fault quotes what a user wrote; more of it helps nobody.
+# Largest length of a fault, and of its end if it is shortened.
 _LONGEST, _TAIL = 800, 200
 
 
@@ -15,14 +15,16 @@ def one_line(text: str) -> str:
 
 
 class InputError(ValueError):
-    """Input that cannot be used: each fault is one line saying what, where and what to do.
+    """Input that cannot be used: each fault is one line with fault, place and remedy.
 
-    The command line prints the faults and ends with code 2; no traceback, nothing written.
+    The command line prints the faults and ends with code 2, without a traceback and without output files.
 
     **Arguments:**
 
-    - `faults`: one line, or several when a file has several faults. Control characters in it, such as those of a
-      file's name, are escaped, and what is very long is shortened.
+    - `faults`: one line, or several for several faults of a file. Control characters, for example in a file name, are
+      escaped, and very long lines are shortened.
+
+    **Example:** `raise InputError("a.csv:line 3, column az_g: the cell is empty; write a number")`
     """
 
     faults: tuple[str, ...]

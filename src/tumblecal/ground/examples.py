@@ -1,4 +1,4 @@
-"""The rig, plan and study files that come with the package: `configs/` of the repository."""
+"""The rig, plan and study files of the package: `configs/` of the repository."""
 
 import difflib
 import re
@@ -7,7 +7,7 @@ from pathlib import Path
 from tumblecal.ground.errors import InputError
 
 
-# In a wheel the files are in the package (pyproject.toml, force-include); a checkout has them in its own folder.
+# In a wheel the files are in the package (pyproject.toml, force-include); in a checkout they are in `configs/`.
 _INSTALLED = Path(__file__).parents[1] / "examples"
 _CHECKOUT = Path(__file__).parents[3] / "configs"
 _REFERENCE = re.compile(r'^rig = "(?P<name>[\w-]+)\.toml"', re.M)

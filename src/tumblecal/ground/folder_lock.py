@@ -1,4 +1,4 @@
-"""Locks of the system, which die with their process: a folder of results, or a file in writing, belongs to one at a time."""
+"""Locks of the operating system, which end with their process: one process at a time writes a folder or a file."""
 
 import fcntl
 import os
@@ -10,27 +10,27 @@ from pathlib import Path
 from tumblecal.ground.errors import InputError
 
 
-# A process that was just killed holds its locks for a moment still.
+# The locks of a killed process remain for a short time.
 _PATIENCE_S, _STEP_S = 0.3, 0.05
-# Folders that this process holds, by device and number of their entry.
-_HELD: set[tuple[int, int]] = set()
+# Folders that this process has locked, by device and inode.
+_LOCKED: set[tuple[int, int]] = set()
 # Files that it is writing, with their descriptors.
 _FILES: dict[Path, int] = {}
 
 
 @contextmanager
 def held(folder: Path) -> Iterator[None]:
-    """Keep other processes from writing results into `folder`; within one process it may be held several times.
+    """Lock `folder` against other processes that write results; one process can lock it several times.
 
-    On a file system without locks nobody is kept out.
+    Without effect on a file system without locks.
 
-    **Raises:** `InputError` at once where another process holds it.
+    **Raises:** `InputError` at once if another process has locked it.
     """
     descriptor = os.open(folder, os.O_RDONLY)
     try:
         status = os.fstat(descriptor)
-        own = (status.st_dev, status.st_ino)
-        if own in _HELD:
+        inode = (status.st_dev, status.st_ino)
+        if inode in _LOCKED:
             yield
             return
         deadline = time.monotonic() + _PATIENCE_S
@@ -38,20 +38,20 @@ def held(folder: Path) -> Iterator[None]:
             if time.monotonic() > deadline:
                 raise InputError(
                     f"{folder}: another process{_holder(status.st_ino)} is writing its results here; wait for it, or give "
-                    "another folder with --out"
+                    "a different folder with --out"
                 )
             time.sleep(_STEP_S)
-        _HELD.add(own)
+        _LOCKED.add(inode)
         try:
             yield
         finally:
-            _HELD.discard(own)
+            _LOCKED.discard(inode)
     finally:
         os.close(descriptor)
 
 
 def is_held(folder: Path) -> bool:
-    """Whether any process holds `folder`."""
+    """Whether any process has locked `folder`."""
     with suppress(OSError):
         descriptor = os.open(folder, os.O_RDONLY)
         try:
@@ -62,7 +62,7 @@ def is_held(folder: Path) -> bool:
 
 
 def locked(path: Path) -> None:
-    """Lock a file that is being written, until `unlocked` or the end of the process, so that `remove_unlocked` lets it be."""
+    """Lock a file during writing, until `unlocked` or the end of the process, so that `remove_unlocked` keeps it."""
     with suppress(OSError):
         descriptor = os.open(path, os.O_RDONLY)
         _FILES[path] = descriptor
@@ -70,14 +70,14 @@ def locked(path: Path) -> None:
 
 
 def unlocked(path: Path) -> None:
-    """Let a file go that this process had locked; nothing where it had not."""
+    """Unlock a file that this process has locked; otherwise without effect."""
     descriptor = _FILES.pop(path, None)
     if descriptor is not None:
         os.close(descriptor)
 
 
 def remove_unlocked(path: Path) -> None:
-    """Remove a file that no process has locked any more."""
+    """Remove a file that no process has locked."""
     with suppress(OSError):
         descriptor = os.open(path, os.O_RDONLY)
         try:
@@ -88,7 +88,7 @@ def remove_unlocked(path: Path) -> None:
 
 
 def _locked(descriptor: int) -> bool:
-    """Lock an open folder or file, where nobody else has; what cannot be locked counts as locked."""
+    """Lock an open folder or file, unless another process has; true also if it cannot be locked."""
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
@@ -99,7 +99,7 @@ def _locked(descriptor: int) -> bool:
 
 
 def _holder(inode: int) -> str:
-    """The number of the process that holds a folder, in words, where the system lists it (Linux)."""
+    """The number of the process that has locked a folder, in words, if the system lists it (Linux)."""
     with suppress(OSError, ValueError, IndexError):
         for line in Path("/proc/locks").read_text("ascii").splitlines():
             words = line.split()

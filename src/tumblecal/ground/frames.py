@@ -1,8 +1,8 @@
-"""Passive rotations of vectors kept as three components, of numpy or of JAX: whichever the vector is made of.
+"""Passive rotations of vectors of three components, with numpy or JAX, according to the type of the components.
 
 A vector is a tuple of its x, y and z components, each an array over positions (or a scalar). Rotations written out
 by component need no small matrix products, which XLA would loop over one by one; a batch then runs at the speed of
-elementwise arithmetic. The matrices are those of DESIGN section 1 (coordinate rotations, column vectors).
+elementwise arithmetic. The matrices are coordinate rotations of column vectors.
 """
 
 from typing import Any, TypeAlias
@@ -61,12 +61,12 @@ def rotation_angles(matrix: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3"]:
 def gravity_in_head(
     alpha: Float[np.ndarray, "*n"] | float, beta: Float[np.ndarray, "*n"] | float
 ) -> Float[np.ndarray, "*n 3"]:
-    """Specific force in the spindle's frame, g: `Rx(alpha) Ry(beta) (0, 0, 1)`; angles in rad."""
+    """Specific force in the frame of the spindle, g: `Rx(alpha) Ry(beta) (0, 0, 1)`; angles in rad."""
     across = np.cos(beta)
     return np.stack([-np.sin(beta), across * np.sin(alpha), across * np.cos(alpha)], axis=-1)
 
 
 def angle_between_deg(first: Float[np.ndarray, "3"], second: Float[np.ndarray, "3"]) -> float:
-    """Angle between two directions, precise also when they are nearly the same."""
+    """Angle between two directions, deg; precise also for nearly equal directions."""
     cross = np.linalg.norm(np.cross(first, second))
     return float(np.degrees(np.arctan2(cross, np.dot(first, second))))

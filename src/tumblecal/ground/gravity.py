@@ -1,6 +1,6 @@
-"""Local gravity: what a g of a file means, and the normal-gravity formula of the GRS 80 ellipsoid.
+"""Local gravity: the value of one g in a file, and the normal-gravity formula of the GRS 80 ellipsoid.
 
-Readings are kept in units of local gravity. A file says which in `# gravity_ms2: 9.8123` and `# gravity_source: ...`.
+Readings are in units of local gravity. A file states it in `# gravity_ms2: 9.8123` and `# gravity_source: ...`.
 Somigliana's closed formula on the ellipsoid and the second-order free-air reduction: Moritz, Geodetic Reference
 System 1980.
 """
@@ -9,15 +9,15 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from tumblecal.ground.decimal_marks import pointed, told_by, without_decimal_comma
+from tumblecal.ground.decimal_marks import evidence_of, pointed, without_decimal_comma
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.text_file import shown
 
 
 STANDARD_GRAVITY_MS2 = 9.80665
-# Gravity on the ground lies between 9.76 and 9.84 m/s^2; the limits leave room for mines and aircraft.
+# Gravity on the ground is between 9.76 and 9.84 m/s^2; the limits include mines and aircraft.
 LEAST_MS2, MOST_MS2 = 9.7, 9.9
-# Gravity of one place by two sources differs by less.
+# Largest difference between two values for one site.
 SAME_MS2 = 5e-4
 UNITS = ("g", "mg", "ms2")
 VALUE_KEY, SOURCE_KEY = "gravity_ms2", "gravity_source"
@@ -33,18 +33,18 @@ _M = 0.00344978600308
 
 @dataclass(frozen=True)
 class Gravity:
-    """What one g is: its value in m/s^2, and where the value is from."""
+    """One g: its value in m/s^2, and the source of the value."""
 
     value_ms2: float
     source: str
 
     def in_g_of(self, other: "Gravity") -> float:
-        """One g of here in g of another site."""
+        """One g of this site in g of another site."""
         return self.value_ms2 / other.value_ms2
 
     @property
     def assumed(self) -> bool:
-        """Whether nobody stated it."""
+        """Whether it was assumed, not stated."""
         return self.source.startswith("standard gravity")
 
     def __str__(self) -> str:
@@ -56,14 +56,14 @@ STANDARD = Gravity(STANDARD_GRAVITY_MS2, ASSUMED)
 
 
 def stated_gravity(comments: Mapping[str, str], file: str) -> Gravity | None:
-    """The gravity that a file's comments (or Parquet metadata) state; None without one.
+    """The gravity in the comments (or Parquet metadata) of a file; None without one.
 
     **Arguments:**
 
-    - `comments`: the file's `key: value` lines.
-    - `file`: named in the fault.
+    - `comments`: the `key: value` lines of the file.
+    - `file`: its name in messages.
 
-    **Raises:** `InputError` for a value that is none.
+    **Raises:** `InputError` for an invalid value.
     """
     text = comments.get(VALUE_KEY)
     if text is None:
@@ -71,7 +71,7 @@ def stated_gravity(comments: Mapping[str, str], file: str) -> Gravity | None:
     try:
         value = float(text)
     except ValueError:
-        if told_by(text).decimal == ",":
+        if evidence_of(text).decimal == ",":
             raise InputError(
                 f"{file}: comment {VALUE_KEY}: {shown(text)} has a decimal comma; write {pointed(text, ',')}"
             ) from None
@@ -82,7 +82,7 @@ def stated_gravity(comments: Mapping[str, str], file: str) -> Gravity | None:
 def checked_gravity(value_ms2: float, source: str, named: str, text: str | None = None) -> Gravity:
     """A gravity in m/s^2.
 
-    **Raises:** `InputError` that begins with `named` where no place on Earth has it; `text` is how it was written.
+    **Raises:** `InputError`, with `named` first, for a value that does not occur on Earth; `text`: as written.
     """
     if not LEAST_MS2 < value_ms2 < MOST_MS2:
         raise InputError(f"{named}: {shown(text or value_ms2)} is not a gravity in m/s^2 (9.78 to 9.84)")
@@ -91,7 +91,7 @@ def checked_gravity(value_ms2: float, source: str, named: str, text: str | None 
 
 def gravity_of_option(text: str) -> Gravity:
     """The gravity of `--gravity`: a value in m/s^2 (`9.8123`), or a site (`lat=48.14` or `lat=48.14,height=520`: degrees,
-    metres) whose normal gravity is taken.
+    metres) with its normal gravity.
 
     **Raises:** `InputError` for a text that is neither.
     """
@@ -116,7 +116,7 @@ def gravity_of_option(text: str) -> Gravity:
 
 
 def record_of(gravity: Gravity | None) -> dict[str, float | str | None]:
-    """What a JSON file says of it."""
+    """The record in a JSON file."""
     if gravity is None:
         return {"value_ms2": None, "source": "not stated: the readings were in g"}
     return {"value_ms2": gravity.value_ms2, "source": gravity.source}
@@ -128,7 +128,7 @@ def comments_of(gravity: Gravity) -> dict[str, str]:
 
 
 def unit_in_g(unit: str, gravity: Gravity | None) -> float:
-    """One `g`, `mg` or `ms2` (m/s^2) in g; standard gravity where none is stated."""
+    """One `g`, `mg` or `ms2` (m/s^2) in g; standard gravity if none is stated."""
     return {"g": 1.0, "mg": 1e-3, "ms2": 1.0 / (gravity or STANDARD).value_ms2}[unit]
 
 
@@ -138,7 +138,7 @@ def normal_gravity(latitude_deg: float, height_m: float = 0.0) -> float:
     **Arguments:**
 
     - `latitude_deg`: geodetic latitude.
-    - `height_m`: height over the ellipsoid; sea-level height differs by tens of metres, 3e-6 m/s^2 a metre.
+    - `height_m`: height above the ellipsoid; height above sea level differs by tens of metres, 3e-6 m/s^2 per metre.
     """
     s2 = math.sin(math.radians(latitude_deg)) ** 2
     surface = _EQUATOR_MS2 * (1 + _K * s2) / math.sqrt(1 - _E2 * s2)

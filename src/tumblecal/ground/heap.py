@@ -1,4 +1,4 @@
-"""The C library's heap."""
+"""Heap of the C library."""
 
 import ctypes
 from contextlib import suppress
@@ -9,9 +9,9 @@ _ARENA_MAX = -8
 
 
 def one_heap() -> None:
-    """One heap for all threads, where the C library is glibc; nothing elsewhere. To be called before threads are started.
+    """Use one heap for all threads with glibc; no effect otherwise. Must be called before threads are started.
 
-    Else every thread keeps what it has freed for itself: compilers and table readers leave tens of megabytes unused.
+    Otherwise each thread keeps its freed memory: compilers and table readers leave tens of megabytes unused.
     """
     with suppress(OSError, AttributeError, TypeError):
         ctypes.CDLL(None).mallopt(_ARENA_MAX, 1)

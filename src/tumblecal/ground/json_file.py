@@ -1,4 +1,4 @@
-"""JSON files: what they hold, each fault with its line, and no key twice."""
+"""JSON files: contents, faults with their line, no repeated keys."""
 
 import json
 from pathlib import Path
@@ -10,16 +10,16 @@ from tumblecal.ground.text_file import read_text, shown
 
 
 def read_json(path: Path) -> object:
-    """What a JSON file holds.
+    """The content of a JSON file.
 
-    **Raises:** `InputError` for a file that cannot be read or is not JSON, for a key that occurs twice in an object, and for
+    **Raises:** `InputError` for a file that cannot be read or is not JSON, a repeated key in an object, and
     texts with control characters.
     """
     return json_of(path, read_text(path, "JSON"))
 
 
 def json_of(path: Path, text: str) -> object:
-    """What the text of a JSON file holds.
+    """The content of the text of a JSON file.
 
     **Raises:** `InputError` as `read_json` does.
     """
@@ -32,13 +32,13 @@ def json_of(path: Path, text: str) -> object:
     except json.JSONDecodeError as error:
         raise InputError(f"{path}:line {error.lineno}, column {error.colno}: not JSON: {error.msg}") from error
     except RecursionError as error:
-        raise InputError(f"{path}: not JSON that can be read: nested too deeply") from error
+        raise InputError(f"{path}: JSON nested too deeply to read") from error
     except ValueError as error:  # an integer of thousands of digits
         raise InputError(f"{path}: not JSON: {error}") from error
 
 
 def require_plain(content: object) -> None:
-    """Refuse texts with control characters, which JSON writes as escapes, in what was read from it.
+    """Reject texts with control characters (escapes in JSON) in the content of a file.
 
     **Raises:** `InputError` naming the keys.
     """
@@ -47,9 +47,9 @@ def require_plain(content: object) -> None:
 
 
 def read_json_object(path: Path) -> dict[str, Any]:
-    """The object that a JSON file holds.
+    """The object in a JSON file.
 
-    **Raises:** `InputError` as `read_json` does, and for a file that holds something else.
+    **Raises:** `InputError` as `read_json` does, and for a file with a different content.
     """
     content = read_json(path)
     if not isinstance(content, dict):
@@ -58,7 +58,7 @@ def read_json_object(path: Path) -> dict[str, Any]:
 
 
 def without_repeats(pairs: list[tuple[str, object]]) -> dict[str, object]:
-    """A JSON object's content, for `json.loads`: of a key that stands twice Python would keep the last value.
+    """The content of a JSON object, for `json.loads`, which would keep only the last value of a repeated key.
 
     **Raises:** `InputError` for such a key.
     """
@@ -66,5 +66,5 @@ def without_repeats(pairs: list[tuple[str, object]]) -> dict[str, object]:
     if len(content) < len(pairs):
         keys = [key for key, _ in pairs]
         twice = next(key for key in content if keys.count(key) > 1)
-        raise InputError(f"the key {shown(twice)} stands twice in one object; remove one of them")
+        raise InputError(f"the key {shown(twice)} is given twice in one object; remove one of them")
     return content

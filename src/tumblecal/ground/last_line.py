@@ -1,4 +1,4 @@
-"""The last line of a text: without an end it may be cut off, and its last cell another number than was written."""
+"""The last line of a text: without a line end it may be truncated, and its last number may be wrong."""
 
 import os
 import re
@@ -13,7 +13,7 @@ _NUMBER = re.compile(r"[+-]?(\d*)([.,]?)(\d*)(?:[eE][+-]?(\d*))?")
 
 
 def lines_at_end(path: Path) -> tuple[list[str], bool]:
-    """The last lines of a text, 64 kB of them or all, and whether the last of them has its end."""
+    """The last lines of a text, up to 64 kB, and whether the last one has a line end."""
     with opened(path) as file:
         size = file.seek(0, os.SEEK_END)
         file.seek(max(0, size - _TAIL))
@@ -23,32 +23,32 @@ def lines_at_end(path: Path) -> tuple[list[str], bool]:
 
 
 def may_be_cut(cell: str, others: Sequence[str], *, digits: str = "fewest") -> bool:
-    """Whether the last cell of a line without an end may be the beginning of what was written, by others of its column.
+    """Whether the last cell of a line without a line end may be truncated, compared with other cells of its column.
 
-    A number is whole that has as many decimals (exponent digits, or digits where no number has decimals) as the others have;
-    a label, or an empty cell, that is one of theirs. What is cut beyond the `fewest` decimals of them is less than the column
-    resolves.
+    A number is complete if it has as many decimals as the others (or exponent digits; or digits if no number has decimals). A
+    label, or an empty cell, is complete if it equals one of the others. Digits lost beyond the `fewest` decimals are below the
+    resolution of the column.
 
     **Arguments:**
 
-    - `digits`: "fewest", or "most" of the others' decimals are wanted.
+    - `digits`: whether it needs the "fewest" or the "most" decimals of the others.
     """
     if cell in others:
         return False
     others = [other for other in others if other]
     if not others:
         return False
-    own, rest = _NUMBER.fullmatch(cell), [_NUMBER.fullmatch(other) for other in others]
+    last, rest = _NUMBER.fullmatch(cell), [_NUMBER.fullmatch(other) for other in others]
     numbers = [match for match in rest if match]
-    if own is None or not numbers:
+    if last is None or not numbers:
         return True
     exponents = [match[4] for match in numbers if match[4] is not None]
-    if exponents and own[4] is not None:
-        return len(own[4]) < max(map(len, exponents))
+    if exponents and last[4] is not None:
+        return len(last[4]) < max(map(len, exponents))
     if exponents and len(exponents) == len(numbers):
         return True
     decimals = [len(match[3]) for match in numbers]
-    if not any(decimals) and not own[2]:
-        return len(own[1]) < max(len(match[1]) for match in numbers)
+    if not any(decimals) and not last[2]:
+        return len(last[1]) < max(len(match[1]) for match in numbers)
     wanted = max(decimals) if exponents or digits == "most" else max(1, min(decimals))
-    return len(own[3]) < wanted
+    return len(last[3]) < wanted

@@ -1,9 +1,9 @@
-"""Numbers as texts and tables show them: p-values, and a value with its uncertainty."""
+"""Formats of numbers in texts and tables: p-values, and a value with its uncertainty."""
 
 import math
 
 
-# Smaller p-values are given as this bound.
+# Smaller p-values are shown as this bound.
 _SMALLEST_P = 1e-100
 # Decimals of a value without an uncertainty, in the unit in which it is shown.
 _DECIMALS = 4
@@ -15,7 +15,7 @@ def p_words(p_value: float) -> str:
 
 
 def p_cell(p_value: float | None) -> str:
-    """A p-value in a table; nothing for one that does not exist."""
+    """A p-value in a table; "" if it does not exist."""
     if p_value is None or not math.isfinite(p_value):
         return ""
     return _p_digits(p_value) if p_value > _SMALLEST_P else f"<{_SMALLEST_P:g}"

@@ -1,7 +1,7 @@
-"""Text without control characters: what a terminal, a page, an XML file or another program would obey in place of showing it.
+"""Control characters, which a terminal, a page, an XML file or another program would execute instead of showing them.
 
-Files that people write are refused where they hold one; what devices and recordings say is kept with escapes in their place.
-Line feeds, returns and tabs are no such characters: they are where lines and tables end.
+Files written by users are rejected if they contain one. Text of devices and recordings is stored with escapes instead. Line
+feeds, returns and tabs are allowed.
 """
 
 import re
@@ -10,8 +10,8 @@ from collections.abc import Iterator
 from tumblecal.ground.errors import one_line
 
 
-# C0, DEL and C1; the marks that turn the direction of what follows (Unicode TR 9) and the separators of lines; halves of
-# surrogates; and what XML does not allow.
+# C0, DEL and C1; marks of text direction (Unicode TR 9) and line separators; halves of surrogates; and characters that XML
+# does not allow.
 _RANGES = (
     *((0x00, 0x08), (0x0B, 0x0C), (0x0E, 0x1F), (0x7F, 0x9F), (0x061C, 0x061C), (0x200E, 0x200F), (0x2028, 0x202E)),
     *((0x2066, 0x2069), (0xD800, 0xDFFF), (0xFEFF, 0xFEFF), (0xFFFE, 0xFFFF)),
@@ -28,15 +28,15 @@ def plain(text: str) -> str:
 
 
 def first_control(text: str) -> int | None:
-    """Where the first control character of a text is; None where there is none."""
+    """Index of the first control character of a text; None if there is none."""
     if text.isascii() and not text.encode("ascii").translate(None, _HARMLESS):
-        return None  # in no time: large tables are such texts
+        return None  # fast path for large tables
     found = _CONTROL.search(text)
     return found.start() if found else None
 
 
 def controls_in(content: object, at: str = "") -> Iterator[str]:
-    """Dotted paths of the texts and keys with control characters in what a JSON or TOML file holds."""
+    """Dotted paths of the texts and keys with control characters in the content of a JSON or TOML file."""
     if isinstance(content, dict | list):
         parts = content.items() if isinstance(content, dict) else enumerate(content)
         for key, part in parts:

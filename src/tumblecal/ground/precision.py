@@ -1,12 +1,13 @@
-"""Float64, switched on in one place and on purpose."""
+"""Float64, enabled explicitly in one place."""
 
 
 def enable_float64() -> None:
     """Make JAX compute in double precision.
 
-    Calibration differences are 1e-6 of the signal and less, so everything here is float64. JAX starts in float32:
-    call this once, before any array is made. The command line does so itself; building a chain without it
-    raises an error that says so.
+    Calibration differences are 1e-6 of the signal and less, so all computations need float64. The default of JAX is float32:
+    call this once, before any array is created. The command line calls it; a chain cannot be built without it.
+
+    **Example:** `tumblecal.enable_float64()`
     """
     import jax
 
@@ -14,9 +15,9 @@ def enable_float64() -> None:
 
 
 def require_float64() -> None:
-    """Refuse to compute in single precision.
+    """Reject computations in single precision.
 
-    **Raises:** `RuntimeError` when float64 is off.
+    **Raises:** `RuntimeError` if float64 is not enabled.
     """
     import jax
 

@@ -1,9 +1,9 @@
-"""Compiled programs, and what else takes long to make, kept on disk between calls.
+"""Disk cache of compiled programs and other objects that take long to compute.
 
-They are executable code: whoever can write the folder can run code as its owner. So the folder is private, and every entry
-carries a SHA-256 of its name and content, which is verified before anything looks inside. An entry that does not verify, or
-cannot be used, is removed and made again; each time is told to the logger `tumblecal.program_cache` (level DEBUG).
-JAX's own cache has neither: it is given this one in place of its files.
+They are executable code: anybody who can write to the folder could run code as its owner. Therefore the folder is private,
+and each entry has a SHA-256 of its name and content, which is verified before use. An invalid or unusable entry is deleted
+and regenerated, with a message to the logger `tumblecal.program_cache` (level DEBUG). The cache of JAX has no such checks, so
+JAX uses this one.
 """
 
 import hashlib
@@ -29,7 +29,7 @@ _DIGEST = hashlib.sha256().digest_size
 
 @dataclass(frozen=True)
 class ProgramCache:
-    """Entries of bytes by name; two of one folder are the same. `get`, `put` and `_path` are what JAX asks of a cache."""
+    """Entries of bytes by name; two caches of one folder are equal. `get`, `put` and `_path`: interface required by JAX."""
 
     folder: Path
 
@@ -38,7 +38,7 @@ class ProgramCache:
         return self.folder
 
     def get(self, name: str) -> bytes | None:
-        """The content of an entry, None where there is none or it does not verify (it is then removed)."""
+        """The content of an entry; None if there is none, or if it is invalid (it is then removed)."""
         try:
             content = (self.folder / name).read_bytes()
         except OSError as error:
@@ -51,12 +51,12 @@ class ProgramCache:
         return payload
 
     def put(self, name: str, payload: bytes) -> None:
-        """Keep an entry, in place of an older one; a folder that cannot be written keeps none."""
+        """Store an entry, in place of an older one; no effect if the folder cannot be written."""
         try:
             with written_aside(self.folder / name) as aside:
                 aside.write_bytes(_seal(name, payload) + payload)
         except (OSError, InputError) as error:
-            _log.debug("%s: not kept: %s", name, error)
+            _log.debug("%s: not stored: %s", name, error)
 
     def discard(self, name: str, reason: object) -> None:
         """Remove an entry that cannot be used."""
@@ -65,7 +65,7 @@ class ProgramCache:
             (self.folder / name).unlink(missing_ok=True)
 
     def keep_newest(self, prefix: str, most: int) -> None:
-        """Remove all but the newest entries whose names begin so."""
+        """Remove all but the newest entries with this prefix."""
         with suppress(OSError):
             entries = sorted(self.folder.glob(f"{prefix}*"), key=lambda path: path.stat().st_mtime)
             for path in entries[: max(len(entries) - most, 0)]:
@@ -74,7 +74,7 @@ class ProgramCache:
 
 @lru_cache
 def sources_digest(*folders: str) -> str:
-    """Digest of what is in these folders of the package, and of the versions of Python, NumPy and JAX."""
+    """Digest of the source files in these folders of the package, and of the versions of Python, NumPy and JAX."""
     files = sorted(path for folder in folders for path in (Path(tumblecal.__file__).parent / folder).rglob("*.py"))
     versions = (sys.version, *map(version, ("numpy", "jax", "jaxlib")))
     digest = hashlib.sha256("\0".join(versions).encode())
@@ -87,34 +87,34 @@ def _seal(name: str, payload: bytes) -> bytes:
     return _MARK + hashlib.sha256(name.encode() + b"\0" + payload).digest()
 
 
-_kept: ProgramCache | None = None
+_cache: ProgramCache | None = None
 
 
 def program_cache() -> ProgramCache | None:
-    """Where this process keeps its programs; None: nowhere."""
-    return _kept
+    """The cache of this process; None without one."""
+    return _cache
 
 
 def keep_programs(folder: Path) -> str:
-    """Keep the programs of this process, JAX's own included, in `folder`, made private (0700).
+    """Store the programs of this process, with those of JAX, in `folder`, made private (0700).
 
-    **Returns:** why the folder is not safe, "" where it is; a folder that cannot be made is done without.
+    **Returns:** the reason why the folder is not safe, "" if it is; a folder that cannot be created is ignored.
     """
-    global _kept
+    global _cache
     unsafe = ""
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         unsafe = _not_private(folder)
-        _kept = None if unsafe else ProgramCache(folder)
+        _cache = None if unsafe else ProgramCache(folder)
     except OSError as error:
         _log.debug("%s: %s", folder, error.strerror)
-        _kept = None
-    _serve_jax(_kept)
+        _cache = None
+    _serve_jax(_cache)
     return unsafe
 
 
 def _not_private(folder: Path) -> str:
-    """Why a folder is not its user's alone, "" where it is; one that others can only read is closed to them."""
+    """The reason why a folder is not private, "" if it is; a folder that others can only read is made private."""
     about = folder.stat()
     if hasattr(os, "geteuid") and about.st_uid != os.geteuid():
         return f"{folder}: belongs to another user"
@@ -126,7 +126,7 @@ def _not_private(folder: Path) -> str:
 
 
 def _serve_jax(cache: ProgramCache | None) -> None:
-    """Let JAX keep its executables here; where this version of JAX has no such place, or nothing is kept, it keeps none."""
+    """Make JAX store its executables in this cache; without one, or with a version of JAX without this interface, in none."""
     import jax
 
     try:

@@ -1,9 +1,9 @@
-"""A set of results is one unit: written aside, then put in place as a whole, by one process at a time.
+"""Sets of results: all files of a set are replaced together, by one process at a time.
 
-The files are written into a hidden folder within the folder of the results. When all are on the disk, that folder is renamed:
-from then on the set counts. Then every file of the set before is removed, the folder is renamed again, and each file takes its
-place. Whenever the process is killed, the folder has files of one set alone; and what the second or third step did not do, the
-next set that is written there does first.
+The files are written into a hidden folder within the output folder. When all are on disk, the hidden folder is renamed, and the
+set is valid. Then all files of the previous set are removed, the folder is renamed again, and the files are moved to their
+places. If the process is killed at any time, the output folder has files of one set only. The next set that is written there
+first completes unfinished steps.
 """
 
 import errno
@@ -22,7 +22,7 @@ from tumblecal.ground.errors import InputError
 from tumblecal.ground.folder_lock import held, is_held, remove_unlocked
 
 
-# The hidden folder's name in each of its states, and the file in it that lists the names of the set before.
+# Name of the hidden folder in each of its states, and the file in it that lists the names of the previous set.
 _UNFINISHED, _WHOLE, _MOVING = ".tumblecal-unfinished", ".tumblecal-whole", ".tumblecal-moving"
 _EARLIER = ".earlier"
 _PATIENCE_S = 2.0
@@ -30,22 +30,22 @@ _PATIENCE_S = 2.0
 
 @contextmanager
 def result_set(folder: Path, names: Sequence[str]) -> Iterator[Path]:
-    """A folder to write a set of results to; its files take their places in `folder` when the block ends without an error.
+    """A temporary folder for a set of results; its files are moved to `folder` when the block ends without an error.
 
-    An error or an interrupt leaves the set that is there as it was.
+    After an error or an interrupt the existing set is unchanged.
 
     **Arguments:**
 
-    - `folder`: made where it is missing. `names`: of all files that a set of this kind may have, as glob patterns within it:
-      those of the set before are removed.
+    - `folder`: created if missing. `names`: glob patterns of all files that a set of this kind may have; those of the
+      previous set are removed.
 
-    **Raises:** `InputError` where `folder` cannot be written, another process writes to it, or a file there is read-only.
+    **Raises:** `InputError` if `folder` cannot be written, another process writes to it, or one of its files is read-only.
     """
     writable_folder(folder)
     with held(folder), _named_as(folder):
         finish(folder, names)
         for path in _earlier(folder, names):
-            place_of(path)  # refused here, before the work, where it is read-only
+            place_of(path)  # rejected here, before the work, if it is read-only
         aside = folder / _UNFINISHED
         try:
             with unwritable_as_fault(folder):
@@ -58,17 +58,17 @@ def result_set(folder: Path, names: Sequence[str]) -> Iterator[Path]:
                 finish(folder)
         except BaseException:
             if (folder / _WHOLE).exists() or (folder / _MOVING).exists():
-                finish(folder)  # it counts already
+                finish(folder)  # it is valid already
             shutil.rmtree(aside, ignore_errors=True)
             raise
 
 
 def finish(folder: Path, names: Sequence[str] = ()) -> None:
-    """Put a set in place that was whole when its process was killed, and remove what such processes left in writing.
+    """Complete a valid set of a killed process, and remove unfinished files of such processes.
 
     **Arguments:**
 
-    - `names`: of files that earlier versions wrote aside each by itself.
+    - `names`: of files that earlier versions wrote separately under temporary names.
     """
     whole, moving = folder / _WHOLE, folder / _MOVING
     if whole.is_dir():
@@ -79,7 +79,7 @@ def finish(folder: Path, names: Sequence[str] = ()) -> None:
         to_disk(folder)
     if moving.is_dir():
         for path in sorted(path for path in moving.rglob("*") if path.is_file() and path.name != _EARLIER):
-            _taken(path, folder / path.relative_to(moving))
+            _moved(path, folder / path.relative_to(moving))
         to_disk(folder)
         shutil.rmtree(moving)
     shutil.rmtree(folder / _UNFINISHED, ignore_errors=True)
@@ -90,14 +90,14 @@ def finish(folder: Path, names: Sequence[str] = ()) -> None:
 
 
 def final_place(path: Path) -> Path:
-    """Where a file of a set that is being written will be; other paths stay as they are."""
+    """The final path of a file in an unfinished set; other paths are unchanged."""
     return Path(*(part for part in path.parts if part != _UNFINISHED)) if _UNFINISHED in path.parts else path
 
 
 def remove_results(folder: Path, names: Sequence[str]) -> None:
-    """Remove a set of results, or what says something of several sets, before the first of these is replaced.
+    """Remove a set of results, or a summary of several sets, before the first set is replaced.
 
-    **Raises:** `InputError` where one cannot be removed.
+    **Raises:** `InputError` if a file cannot be removed.
     """
     with unwritable_as_fault(folder):
         for path in _earlier(folder, names):
@@ -105,7 +105,7 @@ def remove_results(folder: Path, names: Sequence[str]) -> None:
 
 
 def require_whole(path: Path) -> None:
-    """Refuse to read from a folder whose results are half replaced, as a killed process leaves them.
+    """Reject a folder with partly replaced results of a killed process.
 
     **Raises:** `InputError`.
     """
@@ -113,19 +113,19 @@ def require_whole(path: Path) -> None:
     while os.path.exists(folder / _WHOLE) or os.path.exists(folder / _MOVING):
         if time.monotonic() > deadline or not is_held(folder):
             raise InputError(
-                f"{folder}: the process that was replacing the results here was killed, and some may be missing; run its "
-                "command again"
+                f"{folder}: a process was killed while it replaced these results, and some may be missing; run its command "
+                "again"
             )
         time.sleep(0.02)
 
 
 def _earlier(folder: Path, names: Sequence[str]) -> list[Path]:
-    """The files of the set that is there, by the patterns of their names."""
+    """The files of the existing set, by the patterns of their names."""
     return [path for name in names for path in sorted(folder.glob(name)) if path.is_file() or path.is_symlink()]
 
 
 def _state_earlier(folder: Path, aside: Path, names: Sequence[str]) -> None:
-    """List for whoever puts the set in place what has to go first; new files get the rights of those that they replace.
+    """List the files to remove before the set is moved; new files get the permissions of those that they replace.
 
     **Raises:** `InputError` for a file that is read-only.
     """
@@ -140,14 +140,14 @@ def _state_earlier(folder: Path, aside: Path, names: Sequence[str]) -> None:
 
 
 def _removed(path: Path) -> None:
-    """Remove a file; of a link the file that it names, so that the link stays."""
+    """Remove a file; for a link its target, so that the link is kept."""
     place = place_of(path)
     if not place.through:
         place.named.unlink(missing_ok=True)
 
 
-def _taken(staged: Path, path: Path) -> None:
-    """Move a file of the new set to its place, as `written_aside` would have."""
+def _moved(staged: Path, path: Path) -> None:
+    """Move a file of the new set to its place, as in `written_aside`."""
     path.parent.mkdir(parents=True, exist_ok=True)
     try:
         replace(place_of(path), aside=staged).take()
@@ -160,7 +160,7 @@ def _taken(staged: Path, path: Path) -> None:
 
 @contextmanager
 def _named_as(folder: Path) -> Iterator[None]:
-    """Faults of files that are being written aside, told by the names that they are to have."""
+    """Replace temporary names in faults by the final names."""
     try:
         yield
     except InputError as error:

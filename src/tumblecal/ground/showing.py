@@ -1,8 +1,8 @@
-"""How a result shows itself: one screen of text, and in a notebook a table with its figure.
+"""Display of results: one screen of text, and in a notebook a table with its figure.
 
-Figures and words of results are functions of `report`, a later folder. The root package, which knows all folders, states
-how they are found (`find_drawings_by`); a result names the function, which is loaded when somebody looks. So no folder
-refers to a later one, and a result loads neither matplotlib nor polars.
+Figures and words of results are functions of `report`, a higher layer. The root package, which knows all folders, registers
+a function that finds them (`find_drawings_by`). A result has only the name of its function, which is imported when it is
+displayed. So no folder imports a higher one, and a result imports neither matplotlib nor polars.
 """
 
 from collections.abc import Callable, Sequence
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Rows of a table that a screen holds.
+# Largest number of rows of a table on a screen.
 _MOST_ROWS = 24
 _CELL = 'style="padding: 0 .7em; text-align: {}"'
 
@@ -23,7 +23,7 @@ _finders: list[Callable[[str], Callable[..., Any]]] = []
 
 
 def find_drawings_by(find: Callable[[str], Callable[..., Any]]) -> None:
-    """State how functions that draw and describe results are found by their names."""
+    """Register the function that finds drawing and describing functions by their names."""
     _finders[:] = [find]
 
 
@@ -33,7 +33,7 @@ def of_report(name: str) -> Callable[..., Any]:
 
 
 def drawn_by(name: str, words: str) -> Callable[[Any], "Figure"]:
-    """A method that returns the matplotlib figure which a function of `report` draws; `words`: what it shows."""
+    """A method that returns the matplotlib figure of a function of `report`; `words`: its docstring."""
 
     def plot(self: Any) -> "Figure":
         figure = of_report(name)(self)
@@ -46,13 +46,13 @@ def drawn_by(name: str, words: str) -> Callable[[Any], "Figure"]:
 
 
 def brief(self: Any) -> str:
-    """A `__repr__` of one line for what holds arrays and hundreds of parts: shapes and counts in their place."""
+    """A `__repr__` of one line for objects with large arrays and sequences, shown by their shapes and lengths."""
 
     def word(value: Any) -> str:
         if hasattr(value, "dtype"):
             return f"{value.dtype}{[*value.shape]}"
         if isinstance(value, list | tuple | dict):
-            return f"{len(value)} of them" if len(value) > 4 or len(repr(value)) > 80 else repr(value)
+            return f"{len(value)} items" if len(value) > 4 or len(repr(value)) > 80 else repr(value)
         text = "function" if callable(value) else repr(value)
         return text if len(text) <= 200 and "\n" not in text else type(value).__name__
 
@@ -62,7 +62,7 @@ def brief(self: Any) -> str:
 
 @dataclass(frozen=True)
 class Screen:
-    """What one screen tells: a headline, a table (its first column words, the others numbers), and lines below it."""
+    """One screen of text: a headline, a table (first column words, other columns numbers), and notes below it."""
 
     headline: str
     header: Sequence[str] = ()
@@ -70,12 +70,12 @@ class Screen:
     notes: Sequence[str] = ()
 
     @property
-    def _left_out(self) -> list[str]:
+    def _omitted(self) -> list[str]:
         more = len(self.rows) - _MOST_ROWS
         return [f"... and {more} more rows: .table() has all"] if more > 0 else []
 
     def text(self) -> str:
-        """As plain text."""
+        """The screen as plain text."""
         cells = [list(self.header), *map(list, self.rows[:_MOST_ROWS])] if self.rows else []
         widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
         lines = [
@@ -85,10 +85,10 @@ class Screen:
             ).rstrip()
             for row in cells
         ]
-        return "\n".join([self.headline, *lines, *self._left_out, *self.notes])
+        return "\n".join([self.headline, *lines, *self._omitted, *self.notes])
 
     def html(self, figure: str = "") -> str:
-        """As HTML; `figure`: SVG to stand below."""
+        """The screen as HTML; `figure`: SVG below the table."""
 
         def row(cells: Sequence[str], tag: str) -> str:
             aligned = (_CELL.format("left" if place == 0 else "right") for place in range(len(cells)))
@@ -98,17 +98,17 @@ class Screen:
         if self.rows:
             body = "".join(f"<tr>{row(cells, 'td')}</tr>" for cells in self.rows[:_MOST_ROWS])
             parts.append(f"<table><thead><tr>{row(self.header, 'th')}</tr></thead><tbody>{body}</tbody></table>")
-        parts += [f"<p>{escape(line)}</p>" for line in (*self._left_out, *self.notes)]
-        # Drawings are on white, whatever the notebook's colours are.
+        parts += [f"<p>{escape(line)}</p>" for line in (*self._omitted, *self.notes)]
+        # Drawings have a white background, also in a dark notebook.
         parts += [f'<div style="background: #fff; max-width: 760px">{figure}</div>'] if figure else []
         return f"<div>{''.join(parts)}</div>"
 
 
 class Shown:
-    """What shows itself: `screen` says what; in a notebook `plot_residuals`, where there is one, draws the figure below it."""
+    """A result with a display: `screen` gives its text; in a notebook `plot_residuals`, if it exists, draws a figure below."""
 
     def screen(self) -> Screen:
-        """What one screen tells of it."""
+        """The screen of this result."""
         raise NotImplementedError
 
     def __repr__(self) -> str:

@@ -1,4 +1,4 @@
-"""TOML files that people write: read strictly, all faults told at once, by their dotted paths."""
+"""TOML files of users: strict validation, all faults reported at once, with dotted paths."""
 
 import json
 import tomllib
@@ -15,7 +15,7 @@ from tumblecal.ground.toml_faults import located, validation_faults
 
 
 class Strict(BaseModel):
-    """A table of a TOML file: no unknown keys, no silent conversions, not changed after reading."""
+    """A table of a TOML file: no unknown keys, no silent conversions, immutable."""
 
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True)
 
@@ -32,17 +32,17 @@ def _printable(text: str) -> str:
     return text
 
 
-# No quantity of a rig, a plan or a study comes near: beyond it squares overflow.
+# Larger than any quantity of a rig, a plan or a study; squares of larger numbers overflow.
 LARGEST_NUMBER = 1e100
 Number = Annotated[float, Field(allow_inf_nan=False, strict=False), AfterValidator(_finite)]
-# Which of the two forms was meant is told from the outside, so that a fault names one form only.
+# The discriminator determines the form, so that a fault names one form only.
 Numbers = Annotated[
     Annotated[Number, Tag("number")] | Annotated[list[Number], Tag("list")],
     Discriminator(lambda given: "list" if isinstance(given, list) else "number"),
 ]
-# A label or title, which is written into one line of other files.
+# A label or title, which is one line of other files.
 Line = Annotated[str, AfterValidator(_printable)]
-# What random numbers start from; more does not fit into the generators' 64 bits.
+# Seeds of random numbers have 64 bits.
 LARGEST_SEED = 2**63 - 1
 Seed = Annotated[int, Field(ge=0, le=LARGEST_SEED)]
 
@@ -52,7 +52,7 @@ Table = TypeVar("Table", bound=BaseModel)
 def read_toml(path: Path) -> dict[str, Any]:
     """The content of a TOML file.
 
-    **Raises:** `InputError` when it is missing or is not TOML.
+    **Raises:** `InputError` if it is missing or is not TOML.
     """
     text = read_text(path, "TOML", may_be_empty=True)
     try:
@@ -71,7 +71,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def _beyond_64_bits(value: object, at: str = "") -> Iterator[str]:
-    """Dotted paths of integers that TOML does not allow; Python reads them all the same."""
+    """Dotted paths of integers that TOML does not allow, but Python reads."""
     if isinstance(value, dict | list):
         parts = value.items() if isinstance(value, dict) else enumerate(value)
         for key, part in parts:
@@ -81,17 +81,17 @@ def _beyond_64_bits(value: object, at: str = "") -> Iterator[str]:
 
 
 def checked(path: Path, content: Mapping[str, object], table: type[Table]) -> Table:
-    """The content of a file as the table it should be; `path` is named in faults.
+    """The content of a file as the model `table`; `path` is its name in messages.
 
-    **Raises:** `InputError`, one line a fault, with dotted paths; of a file of another kind that alone.
+    **Raises:** `InputError`, one line for each fault, with dotted paths; only one for a file of a different kind.
     """
-    stated, own = content.get("schema"), table.model_fields.get("schema_")
-    wanted = get_args(own.annotation) if own else ()
-    # Another version of this kind of file has faults of its own, and all are told.
+    stated, field = content.get("schema"), table.model_fields.get("schema_")
+    wanted = get_args(field.annotation) if field else ()
+    # A different version of the same kind of file is validated, and all its faults are reported.
     same_kind = str(stated).rpartition("/")[0] in (str(schema).rpartition("/")[0] for schema in wanted)
     if str(stated).startswith("tumblecal.") and not same_kind:
-        kind = f"not {wanted[0]!r}" if wanted else "but a file without one is wanted here"
-        raise InputError(f"{path}: schema is {stated!r}, {kind}; is this the right file?")
+        kind = f"not {wanted[0]!r}" if wanted else "but this kind of file has none"
+        raise InputError(f"{path}: schema is {stated!r}, {kind}; check that this is the correct file")
     try:
         return table.model_validate(content)
     except ValidationError as error:
@@ -99,5 +99,5 @@ def checked(path: Path, content: Mapping[str, object], table: type[Table]) -> Ta
 
 
 def toml_string(text: str) -> str:
-    """A text as a TOML basic string; a JSON string is one, once DEL is escaped and halves of surrogates are gone."""
+    """A text as a TOML basic string; that is a JSON string with escaped DEL and without halves of surrogates."""
     return json.dumps(text.encode("utf-8", "replace").decode("utf-8"), ensure_ascii=False).replace("\x7f", "\\u007f")

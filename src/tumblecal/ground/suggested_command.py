@@ -1,7 +1,7 @@
-"""Commands that texts suggest, composed in this one place from the command line that runs.
+"""Suggested commands, composed from the command line of this invocation.
 
-A user who stated columns, gravity or noise once has stated them for the suggested command too: it has every option of this
-invocation that it takes as well, and is quoted for a shell, so that it runs as pasted.
+A suggested command has all options of this invocation that it accepts, such as columns, gravity or noise. It is quoted for a
+shell, so that it can be pasted.
 """
 
 import shlex
@@ -17,7 +17,7 @@ _RECORDING = (
     *("--columns", "--unit", "--gyro-unit", "--time-unit", "--scale", "--offset", "--rate", "--topic", "--protocol"),
     "--range-g",
 )
-# The options with a value that each command shares with others. Of apply --gravity is that of another place.
+# Options with a value that commands share. The --gravity of apply is that of a different site.
 SHARED = {
     "calibrate": _MODEL,
     "diagnose": (*_MODEL, "--allow-alpha", "--allow-beta", "--allow-mount"),
@@ -34,26 +34,25 @@ EVERY = frozenset(option for options in SHARED.values() for option in options)
 
 
 def suggested(command: str, *words: object, less: Collection[str] = ()) -> str:
-    """A command to be pasted, with the options of this invocation.
+    """A command to paste, with the options of this invocation.
 
     **Arguments:**
 
-    - `words`: files and options that it has besides, not yet quoted.
-    - `less`: options that do not apply: `EVERY` for the folder of a capture, --columns for files that tumblecal wrote.
+    - `words`: its files and further options, not quoted.
+    - `less`: options to omit: `EVERY` for the folder of a capture, --columns for files of tumblecal.
     """
     given = [_word(word) for word in words]
-    taken = [option for option in SHARED.get(command, ()) if option not in given and option not in less]
+    accepted = [option for option in SHARED.get(command, ()) if option not in given and option not in less]
     for option, value in _options():
         if option == "--columns" and command in _OF_RECORDINGS:
             value = _of_samples(value)
-        if option in taken and value:
+        if option in accepted and value:
             given += [f"{option}={value}"] if value.startswith("-") else [option, value]
     return shlex.join(["tumblecal", command, *given])
 
 
 def _word(word: object) -> str:
-    """A word; a file whose name begins as an option does is one all the same, and one that is being written has its final
-    place."""
+    """A word of a command; a file name that begins like an option gets a prefix, and an unfinished file its final path."""
     if not isinstance(word, Path):
         return str(word)
     path = final_place(word)
@@ -68,12 +67,12 @@ def states(flag: str) -> bool:
 def _arguments() -> Sequence[str]:
     """The words of the command line of tumblecal; none in another program."""
     program = Path(sys.argv[0]) if sys.argv else Path()
-    own = program.stem == "tumblecal" or (program.name == "__main__.py" and "tumblecal" in program.parts)
-    return sys.argv[1:] if own else ()
+    is_tumblecal = program.stem == "tumblecal" or (program.name == "__main__.py" and "tumblecal" in program.parts)
+    return sys.argv[1:] if is_tumblecal else ()
 
 
 def _options() -> Iterator[tuple[str, str]]:
-    """The options with a value of this invocation that are shared, in their order."""
+    """The shared options with a value of this invocation, in order."""
     words = iter(_arguments())
     for word in words:
         option, equals, value = word.partition("=")
@@ -82,7 +81,7 @@ def _options() -> Iterator[tuple[str, str]]:
 
 
 def _of_samples(columns: str) -> str:
-    """The columns of positions that samples have too: not the number of samples, and not sd."""
+    """The columns of positions that samples also have: all except the number of samples and sd."""
     pairs = [pair for pair in columns.split(",") if pair]
     names = [pair.partition("=")[0].strip() for pair in pairs]
     return ",".join(pair for pair, name in zip(pairs, names, strict=True) if name != "n" and "_sd_" not in name)

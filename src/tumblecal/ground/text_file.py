@@ -1,4 +1,4 @@
-"""Text files that people write: everything that is not text is told in one line."""
+"""Text files of users: one line for a file that is not text."""
 
 import io
 import re
@@ -14,13 +14,13 @@ from tumblecal.ground.result_set import require_whole
 
 
 LONGEST_SHOWN = 60
-# Separators and blanks, of which alone the empty cells of a line consist.
+# Separators and blanks, the only characters in empty cells of a line.
 EMPTY_CELLS = ",;| \t\r\n"
 _PIECE = 1 << 23
-# A comment with commas as a spreadsheet writes it: in quotation marks, empty cells behind.
+# A comment with commas in the form of a spreadsheet: quoted, followed by empty cells.
 _QUOTED_COMMENT = re.compile(r'"(#(?:[^"]|"")*)"[,;|\s]*')
-# How files begin that are often given for text, what they are, and what to do.
-_NO_TEXT = {
+# First bytes of files that are often given instead of text, their kind and the remedy.
+_NOT_TEXT = {
     b"PK\x03\x04": "a spreadsheet (.xlsx, .ods) or another zip archive; save the sheet as CSV",
     b"\xd0\xcf\x11\xe0": "an old spreadsheet (.xls); save the sheet as CSV",
     b"PAR1": "a Parquet file; give it a name that ends in .parquet",
@@ -32,14 +32,14 @@ _NO_TEXT = {
     b"\x28\xb5\x2f\xfd": "compressed by zstd; unpack it (unzstd)",
     b"7z\xbc\xaf\x27\x1c": "a 7-Zip archive; unpack it",
 }
-# What no table (or no TOML) begins with and JSON does; the beginnings of pages and figures.
+# First bytes of JSON, where a table (or TOML) cannot have them; first bytes of pages and figures.
 _JSON = {"CSV": (b"{", b"["), "TOML": (b"{",)}
 _MARKUP = (b"<!doctype html", b"<html", b"<svg", b"<?xml")
 _LONGEST_MARK = 1000
-# So many zero bytes at every second place alone are those of Latin letters in UTF-16.
+# This many zero bytes at every second place only are due to Latin letters in UTF-16.
 _FEWEST_ZEROS = 40
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")
-# Bytes that no text has, in whatever writing.
+# Bytes that do not occur in text of any encoding.
 _NOT_WRITTEN = re.compile(rb"[\x00-\x08\x0e-\x1f]")
 
 
@@ -49,9 +49,9 @@ def is_utf16(beginning: bytes) -> bool:
 
 
 def opened(path: Path) -> BinaryIO:
-    """A file open for the bytes of its text in UTF-8: of UTF-16 with a byte order mark they are in memory.
+    """A file open for its text in UTF-8; text in UTF-16 with a byte order mark is converted in memory.
 
-    **Raises:** `InputError` for what begins as UTF-16 and is none; `OSError` as the system says.
+    **Raises:** `InputError` for a file that begins like UTF-16 but is not; `OSError` of the operating system.
     """
     file = path.open("rb")
     if not is_utf16(file.read(2)):
@@ -63,13 +63,13 @@ def opened(path: Path) -> BinaryIO:
             return io.BytesIO(file.read().decode("utf-16").encode())
         except UnicodeError as error:
             raise InputError(
-                f"{path}: not text, though it begins as UTF-16 ({error}); save the file as UTF-8"
+                f"{path}: not text, although it begins like UTF-16 ({error}); save the file as UTF-8"
             ) from error
 
 
 @contextmanager
 def _being_read(path: Path) -> Iterator[BinaryIO]:
-    """As `opened`; what the system refuses is an `InputError`."""
+    """As `opened`, with an `InputError` for errors of the operating system."""
     require_whole(path)
     try:
         with opened(path) as file:
@@ -85,16 +85,16 @@ def _being_read(path: Path) -> Iterator[BinaryIO]:
 
 
 def plain_ends(text: bytes) -> bytes:
-    """Lines that end in line feeds alone, whatever ended them."""
+    """Lines that end in line feeds, converted from any line ends."""
     return text.replace(b"\r\n", b"\n").replace(b"\r", b"\n") if b"\r" in text else text
 
 
 def no_text_words(beginning: bytes) -> str | None:
-    """What a file that begins so is, and what to do with it; None for what may be text, or nobody knows."""
+    """Kind of a file with these first bytes, and the remedy; None if it may be text, or is unknown."""
     zeros = sorted(beginning[place:200:2].count(0) for place in (0, 1))
     if not zeros[0] and zeros[1] > _FEWEST_ZEROS:
         return "text in UTF-16 without a byte order mark; save it as UTF-8"
-    return next((words for begin, words in _NO_TEXT.items() if beginning.startswith(begin)), None)
+    return next((words for begin, words in _NOT_TEXT.items() if beginning.startswith(begin)), None)
 
 
 def read_text(path: Path, kind: str = "CSV", *, may_be_empty: bool = False) -> str:
@@ -103,10 +103,10 @@ def read_text(path: Path, kind: str = "CSV", *, may_be_empty: bool = False) -> s
     **Arguments:**
 
     - `path`: the file.
-    - `kind`: what it should be, for the advice.
-    - `may_be_empty`: whether a file without a word is one.
+    - `kind`: kind of file that is needed, for messages.
+    - `may_be_empty`: whether an empty file is accepted.
 
-    **Raises:** `InputError` when it is missing, unreadable, empty or not text.
+    **Raises:** `InputError` if it is missing, unreadable, empty or not text.
     """
     with _being_read(path) as file:
         content = file.read()
@@ -117,7 +117,7 @@ def read_text(path: Path, kind: str = "CSV", *, may_be_empty: bool = False) -> s
 
 
 def check_zero_bytes(path: Path, beginning: bytes, kind: str = "CSV") -> None:
-    """Refuse a text with zero bytes here and there, as a power cut leaves them; what is no text otherwise goes through.
+    """Reject a text with some zero bytes, as after a power failure; other files that are not text are accepted here.
 
     **Raises:** `InputError` naming the line of the first.
     """
@@ -131,7 +131,7 @@ def _zero_byte(kind: str) -> str:
 
 
 def is_blank(line: str) -> bool:
-    """Whether a line of a table holds nothing but separators and blanks."""
+    """Whether a line of a table has only separators and blanks."""
     return not line.strip().strip(EMPTY_CELLS)
 
 
@@ -142,7 +142,7 @@ def line_in(path: Path, number: int) -> str:
 
 
 def comment_in(line: str) -> str | None:
-    """The comment that a line is, from its #, without the quotation marks of a spreadsheet; None for other lines."""
+    """The comment in a line, from its #, without quotation marks of a spreadsheet; None for other lines."""
     if line.startswith("#"):
         return line
     quoted = _QUOTED_COMMENT.fullmatch(line) if line.startswith('"#') else None
@@ -150,7 +150,7 @@ def comment_in(line: str) -> str | None:
 
 
 def decoded_pieces(path: Path) -> Iterator[tuple[int, str]]:
-    """The text of a table of any size, whole lines that end in line feeds a piece, and how many lines are before each.
+    """The text of a table of any size in pieces of complete lines that end in line feeds, each with the number of lines before.
 
     **Raises:** `InputError` as `read_text` does.
     """
@@ -177,7 +177,7 @@ def _check_beginning(path: Path, content: bytes, kind: str) -> None:
 
 
 def _decoded(path: Path, content: bytes, kind: str, lines: int) -> str:
-    """The text of bytes that stand `lines` lines deep in a file."""
+    """The text of bytes after `lines` lines of a file."""
     try:
         text = content.decode("utf-8" if lines else "utf-8-sig")
     except UnicodeDecodeError as error:
@@ -199,7 +199,7 @@ def _decoded(path: Path, content: bytes, kind: str, lines: int) -> str:
 
 
 def shown(value: object) -> str:
-    """A value of a user's file as a fault shows it: `repr`, shortened."""
+    """A value of a user file in messages: `repr`, shortened."""
     try:
         text = repr(value)
     except (ValueError, RecursionError):  # an integer of thousands of digits; lists in lists in lists

@@ -1,4 +1,4 @@
-"""Faults of TOML files in words: what is wrong, at which key and line, and what to write."""
+"""Faults of TOML files in words: fault, line, key and remedy."""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,7 +15,7 @@ from tumblecal.ground.errors import InputError
 from tumblecal.ground.text_file import shown
 
 
-# Tags of the forms that a value may have; pydantic puts them into a path, where nobody wrote them.
+# Tags of the forms of a value; pydantic inserts them into a path, but they are not in the file.
 FORMS = ("list", "steps", "number")
 _Keys = tuple[int | str, ...]
 
@@ -25,7 +25,7 @@ _TABLE, _NUMBER, _WHOLE, _DATE = (
     "must be a whole number",
     "must be a day such as 2026-11-22, without quotation marks and time",
 )
-# What pydantic checks, by the first letters of its name for it; what stands in braces is of its context.
+# Words for error types of pydantic, by the first letters of the type; values in braces are from its context.
 _WORDS = {
     "missing": "is missing; add it",
     "float": _NUMBER,
@@ -54,14 +54,14 @@ _KEY = re.compile(rf"\s*({_DOTTED})\s*=")
 
 
 def validation_faults(path: Path, error: ValidationError, table: type[BaseModel]) -> list[str]:
-    """One line a fault of a file checked by pydantic against a table: line, dotted path, what is wrong."""
+    """One line for each pydantic fault of a file: line, dotted path, fault and remedy."""
     faults, listed = [], error.errors(include_url=False)
     unknown = [fault["loc"] for fault in listed if fault["type"] == "extra_forbidden"]
     meant = {at: near for at in unknown if (near := _nearest(at, table))}
     for fault in listed:
         if fault["type"] == "missing" and fault["loc"] in meant.values():
             continue
-        # An unknown key of a table whose keys are given: told as one.
+        # An unknown key of a table with a fixed set of keys is reported as unknown.
         of_table = fault["loc"][-1:] == ("[key]",)
         at = fault["loc"][:-1] if of_table else fault["loc"]
         keys = ".".join(str(part) for part in at if part not in FORMS) or "file"
@@ -80,19 +80,19 @@ def _words(fault: Mapping[str, Any]) -> str:
     words = next((words for name, words in _WORDS.items() if kind.startswith(name)), None)
     text = fault["msg"].removeprefix("Value error, ") if words is None else words.format(**fault.get("ctx", {}))
     got = _as_written(given)
-    told = kind in _COUNTED or isinstance(given, dict) or (isinstance(given, str) and got in text)
-    return text if told else f"{text} (got {got})"
+    included = kind in _COUNTED or isinstance(given, dict) or (isinstance(given, str) and got in text)
+    return text if included else f"{text} (got {got})"
 
 
 def _as_written(value: object) -> str:
-    """A value as TOML has it, shortened."""
+    """A value in TOML, shortened."""
     if isinstance(value, bool):
         return str(value).lower()
     return value.isoformat() if isinstance(value, date | time) else shown(value)
 
 
 def _nearest(at: _Keys, table: type[BaseModel]) -> _Keys | None:
-    """The key of the same table for which an unknown one may be meant."""
+    """The most similar key of the same table for an unknown key; None if there is none."""
     tables = [table]
     for part in at[:-1]:
         tables = [inner for kind in tables for inner in _inside(kind, part)]
@@ -107,7 +107,7 @@ def _nearest(at: _Keys, table: type[BaseModel]) -> _Keys | None:
 
 
 def _inside(kind: Any, part: int | str) -> Iterator[Any]:
-    """What may stand at a key of something; the same for the tag of a form."""
+    """The kinds of value at a key; unchanged for the tag of a form."""
     if part in FORMS:
         yield kind
     elif isinstance(kind, type) and issubclass(kind, BaseModel):
@@ -130,28 +130,28 @@ def _kinds(annotation: Any) -> Iterator[Any]:
 
 
 def located(path: Path, faults: Sequence[str]) -> list[str]:
-    """Faults `FILE: dotted.keys: words` of a TOML file with the line of the key, or of the table around it: `FILE:line 7: ...`.
+    """Faults `FILE: dotted.keys: words` of a TOML file with the line of the key or of its table: `FILE:line 7: ...`.
 
-    Those that begin otherwise, or whose keys do not stand there, stay as they are.
+    Faults in other forms, or with keys that are not in the file, are unchanged.
     """
     try:
         lines = _lines(path.read_text("utf-8"))
     except (OSError, ValueError):
         return list(faults)
-    told = []
+    with_lines = []
     for fault in faults:
         keys = fault.removeprefix(f"{path}: ").partition(": ")[0] if fault.startswith(f"{path}: ") else ""
         while keys and keys not in lines:
             keys = keys.rpartition(".")[0]
-        told.append(fault.replace(f"{path}: ", f"{path}:line {lines[keys]}: ", 1) if keys else fault)
-    return told
+        with_lines.append(fault.replace(f"{path}: ", f"{path}:line {lines[keys]}: ", 1) if keys else fault)
+    return with_lines
 
 
 @contextmanager
 def faults_at(path: Path, keys: str) -> Iterator[None]:
-    """Faults of what stands at dotted keys of a file, told with the file, the line and the keys.
+    """Add file, line and dotted keys to faults raised in the block.
 
-    **Raises:** `InputError` for each that is raised within.
+    **Raises:** `InputError`.
     """
     try:
         yield
@@ -160,7 +160,7 @@ def faults_at(path: Path, keys: str) -> Iterator[None]:
 
 
 def _lines(text: str) -> dict[str, int]:
-    """The line (from 1) at which each dotted path of a TOML text first stands."""
+    """The line (from 1) of the first occurrence of each dotted path in a TOML text."""
     lines, within, counts = dict[str, int](), "", dict[str, int]()
     for number, line in enumerate(text.splitlines(), start=1):
         if header := _HEADER.match(line):

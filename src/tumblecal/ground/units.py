@@ -1,7 +1,7 @@
 """Units by name, with dimensions: `factor("mg/g^2")`, `quantity("3 arcmin", "rad")`.
 
-Inside the program everything is in rad, g, s, degC and their products. One g is 9.80665 m/s^2 here: a file in m/s^2
-from a site with another gravity carries that value itself (`# gravity_ms2: 9.8123`).
+Base units are rad, g, s, degC and their products. Here one g is 9.80665 m/s^2; a file in m/s^2 from a site with a
+different gravity states that value (`# gravity_ms2: 9.8123`).
 """
 
 import math
@@ -52,7 +52,7 @@ def _parse(unit: str) -> tuple[float, Dimensions]:
         name, _, power_text = term.partition("^")
         if name not in ATOMS or not re.fullmatch(r"\d?", power_text):
             known = ", ".join(name for name in ATOMS if name != "1")
-            raise InputError(f"unknown unit {unit!r}; units are built of {known} with / and ^")
+            raise InputError(f"unknown unit {unit!r}; units are products of {known} with / and ^")
         power = int(power_text or 1) * (1 if place == 0 else -1)
         factor *= ATOMS[name][0] ** power
         dimensions = [total + power * part for total, part in zip(dimensions, ATOMS[name][1], strict=True)]
@@ -64,22 +64,22 @@ def _parse(unit: str) -> tuple[float, Dimensions]:
 def factor(unit: str, target: str) -> float:
     """The number of `target` units in one `unit`: `factor("mg", "g") == 1e-3`.
 
-    **Raises:** `InputError` for an unknown unit or one of another dimension.
+    **Raises:** `InputError` for an unknown unit or a different dimension.
     """
     (given, given_dimensions), (wanted, wanted_dimensions) = _parse(unit), _parse(target)
     if given_dimensions != wanted_dimensions:
-        raise InputError(f"{unit!r} cannot be converted to {target!r}: they measure different things")
+        raise InputError(f"{unit!r} cannot be converted to {target!r}: their dimensions differ")
     if unit.replace(" ", "") == target:
         return 1.0
     ratio = given / wanted
-    # 9.80665 cancels only to rounding: give back the exact power of ten where there is one.
+    # 9.80665 cancels except for rounding: return the exact power of ten if there is one.
     power = round(math.log10(ratio))
     return 10.0**power if math.isclose(ratio, 10.0**power, rel_tol=1e-14) else ratio
 
 
 @lru_cache(maxsize=1024)
 def converts(unit: str, target: str) -> bool:
-    """Whether two units measure the same thing."""
+    """Whether two units have the same dimension."""
     return _parse(unit)[1] == _parse(target)[1]
 
 
@@ -88,9 +88,11 @@ def quantity(text: str, target: str, *, bare: bool = True) -> float:
 
     **Arguments:**
 
-    - `bare`: whether a number without a unit is one where `target` is "1".
+    - `bare`: whether a number without a unit is accepted if `target` is "1".
 
-    **Raises:** `InputError` when it is not a finite number followed by a unit of that kind.
+    **Raises:** `InputError` unless it is a finite number followed by a unit of that dimension.
+
+    **Example:** `quantity("3 arcmin", "rad")`
     """
     if text != (plain := without_decimal_comma(text)):
         raise InputError(f"{text!r} has a decimal comma; write {plain!r}")
@@ -112,17 +114,17 @@ def quantity(text: str, target: str, *, bare: bool = True) -> float:
 
 
 def _example(unit: str) -> str:
-    """The unit of an example in place of a base unit: the one in which people state such a quantity."""
+    """The usual unit of a quantity with this base unit, for an example."""
     return {"1": "ppm", "s": "s"}.get(unit) or SHOWN.get(unit, unit)
 
 
-# Within these sums of squares of readings over variances keep their digits; no instrument comes near either.
+# Limits for the precision of weighted sums of squares, far outside those of instruments.
 SMALLEST_SD_G, LARGEST_SD_G = 1e-12, 1e6
 SD_RANGE = "a standard deviation must be above 0 (1e-12 to 1e6 g)"
 
 
 def reading_sd(text: str, *, none: bool = False) -> float:
-    """The standard deviation of a reading in a text such as `0.1 mg`, g; `none`: whether 0, no noise at all, will do.
+    """The standard deviation of a reading in a text such as `0.1 mg`, g; `none`: whether 0 is accepted.
 
     **Raises:** `InputError` as `quantity`, and for one beyond `SMALLEST_SD_G` to `LARGEST_SD_G`.
     """
@@ -134,7 +136,7 @@ def reading_sd(text: str, *, none: bool = False) -> float:
     return value
 
 
-# How a quantity kept in base units is shown to people.
+# Display unit of each base unit.
 SHOWN = {
     "rad": "mrad",
     "g": "mg",
@@ -153,12 +155,12 @@ SHOWN = {
 
 
 def shown(unit: str) -> tuple[str, float]:
-    """The unit in which people read a value kept in `unit`, and the factor to it."""
+    """The display unit of values in `unit`, and the factor to it."""
     display = SHOWN.get(unit, unit)
     return display, factor(unit, display)
 
 
 def in_words(value: float | str, unit: str) -> str:
-    """A number with its unit for a sentence: `0.2 mg/g^2`; of the unit 1e-3 only the power stands there: `0.3e-3`."""
+    """A number with its unit for a sentence: `0.2 mg/g^2`; the unit 1e-3 is written as a power: `0.3e-3`."""
     number = value if isinstance(value, str) else f"{value:g}"
     return f"{number}e-3" if unit == "1e-3" else f"{number} {unit}"

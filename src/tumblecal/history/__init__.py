@@ -1,1 +1,1 @@
-"""Every calibration and diagnosis of every unit, kept in one file; what moved between two of them, and over time."""
+"""All calibrations and diagnoses of all units in one file; changes between two of them, and over time."""

@@ -1,7 +1,7 @@
-"""The SHA-256 of each part of an entry, written with it and compared whenever it is read.
+"""SHA-256 of each part of an entry, written with the entry and verified when it is read.
 
-A part is the entry's row, its parameters, or one of its documents. What an earlier version wrote has no checksum until this
-version adds a result; until then the entry's key, a SHA-256 of its documents and of four columns, is compared.
+A part is the row of the entry, its parameters, or one of its documents. Entries of earlier versions have no checksums until
+this version adds a result. Until then the key of the entry, a SHA-256 of its documents and of four columns, is verified.
 """
 
 import hashlib
@@ -11,7 +11,7 @@ import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 
-# A table of its own: earlier versions read and write the same file, and leave it alone.
+# A separate table: earlier versions read and write the same file, and do not use it.
 _TABLE = """CREATE TABLE checksum (
     number INTEGER NOT NULL, part TEXT NOT NULL, sha256 TEXT NOT NULL, PRIMARY KEY (number, part))"""
 ROW, PARAMETERS = "its row", "its parameters"
@@ -33,7 +33,7 @@ def key_of(
 
 
 def checksum(part: str, values: Sequence[object]) -> str:
-    """The SHA-256 of the columns of a part; of each its type, its length and its bytes count."""
+    """The SHA-256 of the columns of a part; with type, length and bytes of each."""
     digest = hashlib.sha256(part.encode())
     for value in values:
         content = value if isinstance(value, bytes) else repr(value).encode("utf-8", "surrogateescape")
@@ -47,9 +47,9 @@ def has_checksums(database: sqlite3.Connection) -> bool:
 
 
 def ready(database: sqlite3.Connection) -> None:
-    """Make the table of checksums where it is missing, within the open transaction.
+    """Create the table of checksums if it is missing, within the open transaction.
 
-    What earlier versions wrote gets checksums as it is, but for entries that do not agree with their keys.
+    Entries of earlier versions get checksums, except those that contradict their keys.
     """
     if not has_checksums(database):
         database.execute(_TABLE)
@@ -59,7 +59,7 @@ def ready(database: sqlite3.Connection) -> None:
 
 
 def state(database: sqlite3.Connection, number: int) -> None:
-    """Write the checksums of an entry as it is in the file, within the open transaction."""
+    """Write the checksums of an entry in the file, within the open transaction."""
     for part in (*_QUERIES, *_documents(database, number)):
         if (values := _columns(database, number, part)) is not None:
             row = (number, part, checksum(part, values))
@@ -67,28 +67,28 @@ def state(database: sqlite3.Connection, number: int) -> None:
 
 
 def damaged_parts(database: sqlite3.Connection, number: int, parts: Iterable[str] = ()) -> list[str]:
-    """The parts of an entry, of those given or of all, that are not as they were written, or not there any more."""
+    """The damaged or missing parts of an entry, among the given parts or among all."""
     if not has_checksums(database):
         return [] if _agrees_with_key(database, number) else [_BY_KEY]
     query = "SELECT part, sha256 FROM checksum WHERE number = ?"
     stated, wanted = dict(database.execute(query, (number,)).fetchall()), set(parts)
-    if not stated:  # of an earlier version, which may have written after this one
+    if not stated:  # from an earlier version, which may have written later than this one
         return [] if _agrees_with_key(database, number) else [_BY_KEY]
-    asked = [part for part in stated if not wanted or part in wanted]
-    return [part for part in asked if not _unchanged(database, number, part, stated[part])]
+    compared = [part for part in stated if not wanted or part in wanted]
+    return [part for part in compared if not _unchanged(database, number, part, stated[part])]
 
 
 _BY_KEY = "its row or a document"
 
 
 def numbers(database: sqlite3.Connection) -> list[int]:
-    """All entries, also those of which only parts still exist."""
+    """Numbers of all entries, including those with remaining parts only."""
     tables = ["entry", "document", "parameters", *(["checksum"] if has_checksums(database) else [])]
     return [number for (number,) in database.execute(" UNION ".join(f"SELECT number FROM {name}" for name in tables))]
 
 
 def faults(database: sqlite3.Connection) -> Iterator[str]:
-    """What SQLite finds wrong with the file's structure."""
+    """Faults of the structure of the file, found by SQLite."""
     try:
         for (words,) in database.execute("PRAGMA integrity_check").fetchall():
             if words != "ok":
@@ -106,7 +106,7 @@ def _unchanged(database: sqlite3.Connection, number: int, part: str, stated: obj
 
 
 def _columns(database: sqlite3.Connection, number: int, part: str) -> tuple | None:
-    """The columns of a part of an entry; None where there is none."""
+    """The columns of a part of an entry; None if it does not exist."""
     if part in _QUERIES:
         return database.execute(_QUERIES[part], (number,)).fetchone()
     return database.execute("SELECT content FROM document WHERE number = ? AND name = ?", (number, part)).fetchone()
@@ -117,7 +117,7 @@ def _documents(database: sqlite3.Connection, number: int) -> list[str]:
 
 
 def _agrees_with_key(database: sqlite3.Connection, number: int) -> bool:
-    """Whether documents, kind, serial number, source and its checksum are those that the entry's key was made of."""
+    """Whether documents, kind, serial number, source and its checksum agree with the key of the entry."""
     try:
         row = _columns(database, number, ROW)
         if row is None:

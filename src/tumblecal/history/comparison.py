@@ -1,4 +1,4 @@
-"""Two calibrations of a unit: what moved, in standard deviations, tested jointly by what could have moved it."""
+"""Two calibrations of a unit: changes in standard uncertainties, with joint tests for their possible causes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,17 +11,17 @@ from tumblecal.ground.axes import AXES
 from tumblecal.history.few_dof import joint_dof, no_change
 
 
-# Below this chance under no change, something moved.
+# Significance level: with a smaller p-value, no change is rejected.
 UNLIKELY = 0.01
 _SCALES = tuple(f"dK_{axis}" for axis in AXES)
-# Combinations of parameters that one cause moves together, in words: what a change of them means.
+# Combinations of scale factors that one cause changes: their mean, and their differences.
 _COMMON = np.ones(3) / 3
-_APART = np.array([[1.0, -1.0, 0.0], [0.5, 0.5, -1.0]])
+_DIFFERENCES = np.array([[1.0, -1.0, 0.0], [0.5, 0.5, -1.0]])
 
 
 @dataclass(frozen=True)
 class Moved:
-    """One parameter: change (new less old) and its sd, base units; sd 0 where neither file states one."""
+    """One parameter: change (new minus old) and its standard uncertainty, base units; 0 if neither file states one."""
 
     name: str
     unit: str
@@ -31,19 +31,19 @@ class Moved:
 
     @property
     def change(self) -> float:
-        """New less old."""
+        """New minus old."""
         return self.new - self.old
 
     @property
     def in_sd(self) -> float:
-        """The change in standard deviations; not a number where there are none."""
+        """The change in standard uncertainties; NaN if they are not stated."""
         return self.change / self.sd if self.sd > 0 else float("nan")
 
 
 @dataclass(frozen=True)
 class Joint:
-    """A joint test of no change: chi-square (Hotelling's T^2 where the noise was estimated) with `dof` numbers, its tail
-    `p_value` (None without a covariance); `means`: what would move it."""
+    """A joint test of no change: chi-square (Hotelling's T^2 for estimated noise) with `dof` numbers, and its `p_value` (None
+    without a covariance); `means`: possible cause of a change."""
 
     what: str
     means: str
@@ -55,24 +55,24 @@ class Joint:
 
     @property
     def moved(self) -> bool:
-        """Whether a change is more than uncertainty."""
+        """Whether the change is significant."""
         return self.p_value is not None and self.p_value < UNLIKELY
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """What moved between two calibrations: by parameter, by cause, and the sensor as a whole."""
+    """Changes between two calibrations: by parameter, by cause, and for the whole sensor."""
 
     moved: tuple[Moved, ...]
     joint: tuple[Joint, ...]
 
 
 def compare(old: SensorParameters, new: SensorParameters) -> Comparison:
-    """Compare two calibrations whose errors are independent, by the parameters that both state.
+    """Compare two calibrations with independent errors, by the parameters that both state.
 
-    The common scale of the three axes is what another value of gravity moves (the reference); differences between axes,
-    non-orthogonality and bias are the sensor's own; mount angles change whenever the triad is put into its fixture. Tests
-    are those of `few_dof.no_change`, by the degrees of freedom from which each one's noise was estimated.
+    A different value of gravity (the reference) changes the common scale of the three axes. Differences between axes,
+    non-orthogonality and bias belong to the sensor. Mount angles change with each mounting of the triad. Tests are those of
+    `few_dof.no_change`, with the degrees of freedom of the noise of each calibration.
     """
     names = [name for name in old.names if name in new.names]
     first, second = old.of(names), new.of(names)
@@ -85,18 +85,18 @@ def compare(old: SensorParameters, new: SensorParameters) -> Comparison:
     sensor = [name for name in names if name in SENSOR]
     joint = [
         _joint(
-            "sensor as a whole" if len(sensor) == len(SENSOR) else "all that both state",
+            "sensor as a whole" if len(sensor) == len(SENSOR) else "all common parameters",
             "the triad itself, or the reference",
             pair,
             np.eye(len(sensor)),
             sensor,
         ),
         _joint("common scale", "the reference: the gravity value, or temperature", pair, _COMMON[None, :], _SCALES),
-        _joint("scales apart", "the triad", pair, _APART, _SCALES),
+        _joint("scale differences", "the triad", pair, _DIFFERENCES, _SCALES),
         *(
-            _joint(GROUPS[leaf][0], means, pair, np.eye(len(own)), own)
+            _joint(GROUPS[leaf][0], means, pair, np.eye(len(of_leaf)), of_leaf)
             for leaf, means in _MEANS.items()
-            if (own := [name for name in names if leaf_of(name) == leaf])
+            if (of_leaf := [name for name in names if leaf_of(name) == leaf])
         ),
     ]
     return Comparison(moved, tuple(joint))
@@ -105,7 +105,7 @@ def compare(old: SensorParameters, new: SensorParameters) -> Comparison:
 _MEANS = {
     "bias": "the triad: ageing, temperature, power",
     "gamma": "the triad: its input axes",
-    "dtheta": "the mounting: no matter to the sensor",
+    "dtheta": "the mounting, not the sensor",
 }
 
 
@@ -116,10 +116,10 @@ def _joint(
     rows: Float[np.ndarray, "k n"],
     names: Sequence[str],
 ) -> Joint:
-    first, second = own = [part.of(names) for part in pair]
+    first, second = parts = [part.of(names) for part in pair]
     change = rows @ (second.values - first.values)
-    covariances = [rows @ part.covariance @ rows.T for part in own]
-    chi2, dof, tail = no_change(change, covariances, [joint_dof(part, rows) for part in own])
+    covariances = [rows @ part.covariance @ rows.T for part in parts]
+    chi2, dof, tail = no_change(change, covariances, [joint_dof(part, rows) for part in parts])
     leaves = {leaf_of(name) for name in names}
     unit = GROUPS[leaves.pop()][1] if len(leaves) == 1 else ""
     return Joint(what, means, float(np.max(np.abs(change))), unit, chi2, dof, tail)

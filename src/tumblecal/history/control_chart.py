@@ -1,7 +1,8 @@
-"""Individuals charts (ISO 7870-2): limits from the mean moving range, and what lies beyond them by chance.
+"""Individuals charts (ISO 7870-2): limits from the mean moving range, and the false-alarm probability of results beyond.
 
-The limits are as uncertain as the moving range: one of ten results that did not move is beyond them in 2 % of the charts, one
-of twenty in 4 %, and a unit has a dozen charts. So a result beyond has the p-value of the most distant of so many, simulated.
+The limits are as uncertain as the moving range. Without a change, a result is beyond them in 2 % of the charts with ten
+results, in 4 % with twenty, and a unit has a dozen charts. So the p-value of a result beyond is that of the largest deviation
+of a chart, by simulation.
 """
 
 import numpy as np
@@ -11,7 +12,7 @@ from jaxtyping import Float
 # Three standard deviations from the mean moving range, 3 / 1.128.
 _MOVING_RANGE = 3 / 1.128
 _FEWEST = 4
-# Simulated charts, and numbers drawn for them at the most (one seed: the same results give the same p).
+# Number of simulated charts, and largest number of drawn values (fixed seed: the same results give the same p).
 _DRAWS, _NUMBERS = 10_000, 2_000_000
 
 
@@ -23,12 +24,12 @@ def control_limit(values: Float[np.ndarray, " entries"]) -> float:
 def beyond_by_chance(
     values: Float[np.ndarray, " entries"], sd: Float[np.ndarray, " entries"]
 ) -> Float[np.ndarray, " entries"]:
-    """How probable it is that some result is as far beyond its chart's limits as each of these when nothing moved; 1 within the
-    limits, and where there are none.
+    """Probability, without a change, of a result as far beyond the limits of its chart as each of these; 1 within the limits,
+    and without limits.
 
     **Arguments:**
 
-    - `sd`: of each result; only their ratios count, and none where one is 0 (not stated).
+    - `sd`: of each result; only their ratios are used, and only if none is 0 (not stated).
     """
     limit = control_limit(values)
     if not limit > 0:

@@ -1,6 +1,6 @@
-"""The history's file: SQLite with a write-ahead log. An entry is one transaction, on the disk before `add` returns.
+"""The file of a history: SQLite with a write-ahead log. An entry is one transaction, on disk before `add` returns.
 
-Several processes may write at once (each waits for the other); one that is killed leaves the entries that were there.
+Several processes can write at the same time (each waits for the others). If one is killed, the earlier entries are unchanged.
 """
 
 import contextlib
@@ -39,29 +39,29 @@ CREATE TABLE parameters (
 CREATE TABLE document (
     number INTEGER NOT NULL REFERENCES entry, name TEXT NOT NULL, content BLOB NOT NULL, PRIMARY KEY (number, name));
 """
-_TELLING = ("calibration.json", "result.json")  # where the degrees of freedom of the noise stand
+_WITH_DOF = ("calibration.json", "result.json")  # documents with the degrees of freedom of the noise
 _BUDGET = "budget.json"
 _ENTRY = f"INSERT OR IGNORE INTO entry ({COLUMNS}) VALUES (NULL, ?, ?, ?, ?, ?, ?, ?, ?, ?)"
 _UNREADABLE = (ValueError, TypeError, KeyError, AttributeError, RecursionError, zlib.error)
 
 
 def ready(path: Path) -> None:
-    """Make the file where it is missing, and check that it is a history.
+    """Create the file if it is missing, and check that it is a history.
 
-    **Raises:** `InputError` where it is none, or cannot be made.
+    **Raises:** `InputError` if it is not a history, or cannot be created.
     """
     with _open(path, new=True):
         pass
 
 
 def add(path: Path, entry: Entry) -> bool:
-    """Add an entry; the same one is not added twice.
+    """Add an entry; an identical one is not added twice.
 
     **Returns:** whether it is new.
 
-    **Raises:** `InputError` where the file cannot be written, or is another kind of file.
+    **Raises:** `InputError` if the file cannot be written, or is not a history.
     """
-    own = (
+    columns = (
         entry.kind,
         entry.serial,
         entry.date_utc,
@@ -73,9 +73,9 @@ def add(path: Path, entry: Entry) -> bool:
     )
     with _open(path, new=True) as database:
         database.execute("BEGIN IMMEDIATE")
-        with database:  # commits, or takes all of it back
+        with database:  # commits, or rolls back
             checksums.ready(database)
-            added = database.execute(_ENTRY, (_key(entry), *own))
+            added = database.execute(_ENTRY, (_key(entry), *columns))
             if not added.rowcount:
                 return False
             number, parameters = added.lastrowid or 0, entry.parameters
@@ -91,28 +91,28 @@ def add(path: Path, entry: Entry) -> bool:
 
 
 def listed(path: Path, serial: str | None = None) -> list[Entry]:
-    """All entries, or those of a unit, in order of their dates: without parameters and documents.
+    """All entries, or those of a unit, in order of date, without parameters and documents.
 
-    One whose row is damaged says so (`damaged`), and is listed of no unit.
+    An entry with a damaged row is marked (`damaged`), and belongs to no unit.
     """
     with _open(path) as database:
-        own = "checksum.sha256" if checksums.has_checksums(database) else "NULL"
-        join = f"LEFT JOIN checksum ON checksum.number = entry.number AND part = '{ROW}'" if own != "NULL" else ""
+        stated = "checksum.sha256" if checksums.has_checksums(database) else "NULL"
+        join = f"LEFT JOIN checksum ON checksum.number = entry.number AND part = '{ROW}'" if stated != "NULL" else ""
         columns = ", ".join(f"entry.{name.strip()}" for name in COLUMNS.split(","))
-        entries = [_entry(*row) for row in _rows(database, f"SELECT {columns}, {own} FROM entry {join}")]
+        entries = [_entry(*row) for row in _rows(database, f"SELECT {columns}, {stated} FROM entry {join}")]
     chosen = entries if serial is None else [e for e in entries if e.serial == serial and not e.damaged]
     return sorted(chosen, key=lambda entry: (entry.date_utc, entry.number))
 
 
 def of_unit(path: Path, serial: str) -> list[Entry]:
-    """A unit's entries with their parameters, in order of their dates; one of which a part is damaged says so and has none."""
+    """The entries of a unit with their parameters, in order of date; an entry with a damaged part is marked and has none."""
     entries = listed(path, serial)
     with _open(path) as database:
         return [_with_parameters(database, entry) for entry in entries]
 
 
 def documents(path: Path, number: int) -> dict[str, str]:
-    """The files of an entry, as they were written, but for those that are damaged."""
+    """The files of an entry, except damaged ones."""
     with _open(path) as database:
         damaged = checksums.damaged_parts(database, number)
         names = [
@@ -122,7 +122,7 @@ def documents(path: Path, number: int) -> dict[str, str]:
 
 
 def damaged_documents(path: Path, number: int) -> list[str]:
-    """The names of an entry's files that are not as they were written, or not there any more."""
+    """The names of damaged or missing files of an entry."""
     with _open(path) as database:
         if number not in checksums.numbers(database):
             return []
@@ -130,9 +130,9 @@ def damaged_documents(path: Path, number: int) -> list[str]:
 
 
 def checked(path: Path) -> tuple[list[Entry], list[str]]:
-    """All entries, with all that is damaged of each (`damaged`), and what SQLite finds wrong with the file itself.
+    """All entries with their damaged parts (`damaged`), and the faults of the file that SQLite finds.
 
-    **Raises:** `InputError` where the file cannot be opened as a history.
+    **Raises:** `InputError` if the file cannot be opened as a history.
     """
     entries = {entry.number: entry for entry in listed(path)}
     with _open(path) as database:
@@ -151,7 +151,7 @@ def checked(path: Path) -> tuple[list[Entry], list[str]]:
 
 
 def _rows(database: sqlite3.Connection, query: str) -> Iterator[Sequence]:
-    """The rows of a query on entries; where a page of the file is damaged, all that can be read one by one."""
+    """The rows of a query on entries; if a page of the file is damaged, those that can be read separately."""
     try:
         yield from database.execute(query).fetchall()
     except sqlite3.DatabaseError as damage:
@@ -166,7 +166,7 @@ def _rows(database: sqlite3.Connection, query: str) -> Iterator[Sequence]:
 
 
 def _entry(*row) -> Entry:
-    """An entry of its row; a damaged one says so, with its date if that is one."""
+    """The entry of a row; if damaged, it is marked, and keeps a valid date."""
     number, _, *values, stated = row
     texts, sizes = values[:6], values[6:]
     good = all(isinstance(text, str) for text in texts)
@@ -183,16 +183,16 @@ def _entry(*row) -> Entry:
 
 
 def _with_parameters(database: sqlite3.Connection, entry: Entry) -> Entry:
-    """An entry with its parameters; without them, and said, where they or what they are judged by is damaged."""
+    """An entry with its parameters; without them, and marked, if they or their documents are damaged."""
     number = entry.number
-    damaged = checksums.damaged_parts(database, number, (ROW, PARAMETERS, *_TELLING, _BUDGET))
+    damaged = checksums.damaged_parts(database, number, (ROW, PARAMETERS, *_WITH_DOF, _BUDGET))
     if damaged:
         return replace(entry, damaged=", ".join(damaged))
     try:
         query = "SELECT names, estimate, covariance FROM parameters WHERE number = ?"
         row = database.execute(query, (number,)).fetchone()
         parameters = None if row is None else _parameters(*row)
-        documents = _packed(database, number, (*_TELLING, _BUDGET))
+        documents = _packed(database, number, (*_WITH_DOF, _BUDGET))
         combined = _BUDGET in documents
         if parameters is not None:
             parameters = of_noise(parameters, documents, combined=combined)
@@ -220,8 +220,9 @@ def _parameters(names: str, values: bytes, covariance: bytes) -> "SensorParamete
 
     from tumblecal.data.sensor_parameters import SensorParameters
 
-    own = tuple(json.loads(names))
-    return SensorParameters(own, np.frombuffer(values, "<f8"), np.frombuffer(covariance, "<f8").reshape(len(own), -1))
+    listed = tuple(json.loads(names))
+    size = len(listed)
+    return SensorParameters(listed, np.frombuffer(values, "<f8"), np.frombuffer(covariance, "<f8").reshape(size, -1))
 
 
 def _key(entry: Entry) -> str:
@@ -230,7 +231,7 @@ def _key(entry: Entry) -> str:
 
 @contextlib.contextmanager
 def _open(path: Path, *, new: bool = False) -> Iterator[sqlite3.Connection]:
-    """The file, made where `new` allows it; what SQLite refuses becomes one line.
+    """The open file, created if `new`; errors of SQLite become one line.
 
     **Raises:** `InputError`.
     """
@@ -238,19 +239,21 @@ def _open(path: Path, *, new: bool = False) -> Iterator[sqlite3.Connection]:
         if new and not path.exists():
             _create(Path(os.path.realpath(path)))
         if path.is_dir():
-            raise InputError(f"{path}: a folder; a history is a file, such as {path / 'lab.db'}")
+            raise InputError(f"{path}: a folder; give a file, such as {path / 'lab.db'}")
         if path.exists() and not path.is_file():
-            raise InputError(f"{path}: a pipe or a device; a history is a file: give another name")
+            raise InputError(f"{path}: a pipe or a device; give a file")
         if not path.is_file():
-            raise InputError(f"{path}: no such history; calibrate and diagnose write one with --history {path}")
+            raise InputError(f"{path}: no such history; create it by calibrate or diagnose with --history {path}")
         with contextlib.closing(sqlite3.connect(path, timeout=_PATIENCE_S, isolation_level=None)) as database:
             if database.execute("PRAGMA application_id").fetchone()[0] != _APPLICATION:
-                raise InputError(f"{path}: a database, but no history of tumblecal; give another file")
+                raise InputError(f"{path}: a database, but not a history of tumblecal; give a different file")
             if (version := database.execute("PRAGMA user_version").fetchone()[0]) != _VERSION:
-                raise InputError(f"{path}: written by another version of tumblecal (history {version}); use that one")
-            # Commits wait for the disk: what was added is there after a power cut as well.
+                raise InputError(
+                    f"{path}: written by a different version of tumblecal (history {version}); use that version"
+                )
+            # Commits wait for the disk, so that entries remain after a power failure.
             database.execute("PRAGMA synchronous = FULL")
-            # A damaged text is no fault of the whole file: its checksum tells it.
+            # A damaged text is detected by its checksum, and is not a fault of the whole file.
             database.text_factory = lambda content: content.decode("utf-8", "replace")
             yield database
     except sqlite3.Error as error:
@@ -258,7 +261,7 @@ def _open(path: Path, *, new: bool = False) -> Iterator[sqlite3.Connection]:
 
 
 def _create(path: Path) -> None:
-    """Make the file aside, whole, and give it its name, unless another process was first: SQLite cannot have two at it."""
+    """Create the file completely under a temporary name, then rename it, unless another process was faster."""
     try:
         with tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as folder:
             aside = Path(folder) / path.name
@@ -271,23 +274,25 @@ def _create(path: Path) -> None:
                 os.link(aside, path)
             except FileExistsError:
                 pass
-            except OSError:  # a file system without links
+            except OSError:  # a file system without hard links
                 if not path.exists():
                     os.replace(aside, path)
     except OSError as error:
-        raise InputError(f"{path}: cannot be made ({reason(error)}); give another file with --history") from error
+        raise InputError(
+            f"{path}: cannot be created ({reason(error)}); give a different file with --history"
+        ) from error
 
 
 def _reason(error: sqlite3.Error) -> str:
     text = str(error)
     if "locked" in text:
-        return f"another process has been writing for {_PATIENCE_S:g} s; try again"
+        return f"locked by another process for {_PATIENCE_S:g} s; try again"
     if "not a database" in text or "malformed" in text:
-        return f"not a history ({text}); give another file, or restore it from a copy"
+        return f"not a history ({text}); give a different file, or restore it from a copy"
     if "full" in text:
-        return "not written, the disk is full; make room"
+        return "not written, because the disk is full; free some space"
     if "I/O" in text:
-        return f"cannot be written or read ({text}); the disk is full or failing"
+        return f"cannot be written or read ({text}); check whether the disk is full or damaged"
     if "unable to open" in text or "readonly" in text or "read-only" in text:
-        return f"cannot be written ({text}); give another file"
+        return f"cannot be written ({text}); give a different file"
     return text

@@ -1,4 +1,4 @@
-"""One calibration or diagnosis of a unit, as the history keeps it. Nothing here needs numpy: lists are made at once."""
+"""One calibration or diagnosis of a unit in a history. Without numpy, so that lists are fast."""
 
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from tumblecal.data.sensor_parameters import SensorParameters
 
-# Before the answer of the use, at the end of an outcome.
+# Text before the answer of `use`, at the end of an outcome.
 USE = "; use: "
-# How a date is written.
+# Format of a date.
 WHEN = "%Y-%m-%dT%H:%M:%SZ"
 
 
@@ -18,13 +18,13 @@ WHEN = "%Y-%m-%dT%H:%M:%SZ"
 class Entry:
     """One result of one unit.
 
-    - `kind`: calibration or diagnosis. `serial`: the unit, "" where nobody said.
-    - `date_utc`: when it was measured where the data say so (comment `measured_utc`), else when it was computed.
-    - `source`, `sha256`: the data. `outcome`: how it went, or the verdict; with the answer of its use, if it has a calibration.
-    - `parameters`: None where the fit gave no calibration. `documents`: the files, by name.
-    - `damaged`: the parts that are not as they were written; "" for none. Such an entry has no parameters.
-    - `combined`: whether the covariance has a budget's inputs in it; `diagnosed`: whether it has other explanations and
-      undetected effects of a diagnosis in it. If neither, it is of the noise alone (type A).
+    - `kind`: calibration or diagnosis. `serial`: the unit, "" if not stated.
+    - `date_utc`: date of the measurement, if stated (comment `measured_utc`), otherwise of the computation.
+    - `source`, `sha256`: the data. `outcome`: result of the fit, or verdict; with the answer of `use`, for a calibration.
+    - `parameters`: None without a calibration. `documents`: the files, by name.
+    - `damaged`: damaged parts; "" for none. Such an entry has no parameters.
+    - `combined`: whether the covariance includes inputs of a budget; `diagnosed`: whether it includes other explanations and
+      undetected effects of a diagnosis. If neither, it includes only the noise (type A).
     """
 
     kind: str
@@ -44,12 +44,12 @@ class Entry:
 
     @property
     def refused(self) -> bool:
-        """Whether its calibration must not be used, as it states itself."""
+        """Whether its calibration states that it must not be used."""
         return self.outcome.endswith(f"{USE}no")
 
     @property
     def dated(self) -> bool:
-        """Whether the date is one; that of a damaged row may be none."""
+        """Whether the date is valid, because that of a damaged row may not be."""
         try:
             return bool(self.when)
         except ValueError:

@@ -1,14 +1,15 @@
-"""Tests of estimates of which the noise was itself estimated: each covariance is known but for a factor, chi-square over its
-degrees of freedom. With infinitely many they are the chi-square tests of a known covariance.
+"""Tests of estimates with estimated noise: each covariance has an unknown factor, chi-square over its degrees of freedom.
 
-Of two estimates: the Behrens-Fisher distribution, which is what propagation of the Student distributions of JCGM 101, 6.4.9
-gives; of several parameters together the generalized p-value of Gamage, Mathew and Weerahandi 2004 (J. Multivariate Anal. 88,
-177) with a factor in place of a Wishart matrix. It is the F law of Hotelling's T^2 where one of both has no part in it. A
-Welch-Satterthwaite F law flags 1 % of unmoved units at p < 1e-4 where one has 3 degrees of freedom and the other 21.
+With infinitely many degrees of freedom they are chi-square tests with a known covariance.
 
-Of more than two: the larger of this p-value and that of the parametric bootstrap (Krishnamoorthy and Lu 2010, J. Stat. Comput.
-Simul. 80, 873). Alone the first says too often that many estimates differ, the second where one has few degrees of freedom and
-others many. `benchmarks/few_dof.py` counts false alarms.
+For two estimates: the Behrens-Fisher distribution, the result of propagating the Student distributions of JCGM 101, 6.4.9. For
+several parameters together: the generalized p-value of Gamage, Mathew and Weerahandi 2004 (J. Multivariate Anal. 88, 177), with
+a factor in place of a Wishart matrix. It equals the F test of Hotelling's T^2 if one estimate has no noise. A
+Welch-Satterthwaite F test flags 1 % of unchanged units at p < 1e-4 if they have 3 and 21 degrees of freedom.
+
+For more than two estimates: the larger of this p-value and that of the parametric bootstrap (Krishnamoorthy and Lu 2010, J.
+Stat. Comput. Simul. 80, 873). The first alone has too many false alarms for many estimates, the second if one estimate has few
+degrees of freedom and others have many. `benchmarks/few_dof.py` measures false alarms.
 """
 
 from collections.abc import Sequence
@@ -20,46 +21,46 @@ from scipy.special import fdtrc, gammaincc
 from tumblecal.data.sensor_parameters import SensorParameters
 
 
-# Degrees of freedom beyond which a variance is as good as known.
+# With more degrees of freedom a variance is treated as known.
 _MANY = 1e6
-# Points of the integral over the ratio of two variances, and draws of the variances of several estimates (one seed: the same
-# data give the same p); numbers drawn at a time.
+# Points of the integral over the ratio of two variances, draws of the variances of several estimates (fixed seed: the same
+# data give the same p), and numbers drawn in one block.
 _POINTS, _DRAWS, _AT_A_TIME = 400, 4000, 200_000
-# An estimate's share of the variance below this is none.
-_NO_PART = 1e-9
+# A smaller share of the variance is treated as zero.
+_NO_SHARE = 1e-9
 
 
 def spanned(covariance: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "rank n"]:
-    """The whitening of the directions that a covariance spans, none of a covariance with zeros in its diagonal."""
+    """The whitening of the directions that a covariance spans; none for a covariance with zeros in its diagonal."""
     scale = np.sqrt(np.diag(covariance))
     if not np.all(scale > 0):
         return np.zeros((0, len(scale)))
     sizes, axes = np.linalg.eigh(covariance / np.outer(scale, scale))
-    kept = sizes > 1e-10 * sizes[-1]
-    return (axes[:, kept] / np.sqrt(sizes[kept])).T / scale
+    positive = sizes > 1e-10 * sizes[-1]
+    return (axes[:, positive] / np.sqrt(sizes[positive])).T / scale
 
 
-def joint_dof(own: SensorParameters, rows: Float[np.ndarray, "k n"]) -> float:
-    """Degrees of freedom with which `rows` of the parameters are compared together: where a budget adds to the noise, those of
-    Welch and Satterthwaite for the combination in which the noise has the largest share."""
-    if own.noise is None or not np.isfinite(own.dof):
-        return own.dof
-    white = spanned(rows @ own.covariance @ rows.T) @ rows
-    share = float(np.linalg.eigvalsh(white @ own.noise @ white.T)[-1]) if len(white) else 0.0
-    return own.dof / share**2 if share > _NO_PART else float("inf")
+def joint_dof(estimate: SensorParameters, rows: Float[np.ndarray, "k n"]) -> float:
+    """Degrees of freedom of a joint comparison of `rows` of the parameters: with inputs of a budget, those of Welch and
+    Satterthwaite for the combination with the largest share of noise."""
+    if estimate.noise is None or not np.isfinite(estimate.dof):
+        return estimate.dof
+    white = spanned(rows @ estimate.covariance @ rows.T) @ rows
+    share = float(np.linalg.eigvalsh(white @ estimate.noise @ white.T)[-1]) if len(white) else 0.0
+    return estimate.dof / share**2 if share > _NO_SHARE else float("inf")
 
 
 def no_change(
     change: Float[np.ndarray, " k"], covariances: Sequence[Float[np.ndarray, "k k"]], dofs: Sequence[float]
 ) -> tuple[float, int, float | None]:
-    """Whether the difference of two independent estimates is zero.
+    """Test whether the difference of two independent estimates is zero.
 
     **Arguments:**
 
     - `covariances`, `dofs`: of each estimate, as estimated.
 
-    **Returns:** `T^2 = change' (C_1 + C_2)^-1 change`, how many directions it is of, and its p-value; None where no covariance
-    is stated.
+    **Returns:** `T^2 = change' (C_1 + C_2)^-1 change`, its number of directions, and its p-value; None if no covariance is
+    stated.
     """
     white = spanned(covariances[0] + covariances[1])
     if not len(white):
@@ -71,8 +72,8 @@ def no_change(
     share, axes = np.linalg.eigh(white @ covariances[0] @ white.T)
     share = np.clip(share, 0.0, 1.0)
     size = (axes.T @ along) ** 2
-    for alone, dof in ((share > 1 - _NO_PART, dofs[0]), (share < _NO_PART, dofs[1])):
-        if np.all(alone):
+    for only, dof in ((share > 1 - _NO_SHARE, dofs[0]), (share < _NO_SHARE, dofs[1])):
+        if np.all(only):
             return t2, count, float(fdtrc(count, min(dof, _MANY), t2 / count))
     first, second = (min(dof, _MANY) for dof in dofs)
     part, rest, weight = _beta(first / 2, second / 2)
@@ -82,8 +83,8 @@ def no_change(
 
 
 def _beta(a: float, b: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points, 1 less these, and weights of an integral over the beta distribution: the trapezoidal rule in the logit, which for
-    such tails is exact to rounding."""
+    """Points, 1 minus these, and weights of an integral over the beta distribution: the trapezoidal rule in the logit, which is
+    exact except for rounding."""
     centre, width = np.log(a / b), np.sqrt(1 / a + 1 / b)
     logit = np.linspace(centre - 45 / a - 10 * width, centre + 45 / b + 10 * width, _POINTS)
     density = a * (logit - centre) - (a + b) * (np.logaddexp(0, logit) - np.logaddexp(0, centre))
@@ -94,7 +95,7 @@ def _beta(a: float, b: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def no_difference(
     values: Float[np.ndarray, "entries k"], covariances: Sequence[Float[np.ndarray, "k k"]], dofs: Sequence[float]
 ) -> tuple[float, int, float]:
-    """Whether several independent estimates are of the same values.
+    """Test whether several independent estimates have the same true values.
 
     **Arguments:**
 
@@ -105,7 +106,7 @@ def no_difference(
     if len(values) == 2:
         t2, count, tail = no_change(values[1] - values[0], covariances, dofs)
         return t2, count, 1.0 if tail is None else tail
-    halves = np.stack([_root(own) for own in covariances])
+    halves = np.stack([_root(covariance) for covariance in covariances])
     weights = np.swapaxes(halves, 1, 2) @ halves
     mean = np.linalg.solve(weights.sum(axis=0), np.einsum("eij,ej->i", weights, values))
     along = np.einsum("eij,ej->ei", halves, values - mean)
@@ -124,8 +125,8 @@ def _root(covariance: Float[np.ndarray, "k k"]) -> Float[np.ndarray, "k k"]:
 def _drawn(
     along: Float[np.ndarray, "entries k"], halves: Float[np.ndarray, "entries k k"], dofs: Float[np.ndarray, " entries"]
 ) -> tuple[float, float]:
-    """The generalized p-value and that of the bootstrap, means over draws of the ratios of the variances; their common size,
-    and that of the simulated errors, are integrated to an F tail."""
+    """The generalized p-value and that of the bootstrap, as means over draws of the ratios of the variances; the integrals over
+    the common factor and the size of the simulated errors are F tails."""
     rng, (entries, count), total = np.random.default_rng(0), along.shape, float(np.sum(dofs))
     white, there = halves / np.sqrt(np.mean(halves**2)), np.any(halves, axis=2)
     chi2, errors, tails = float(np.sum(along**2)), int(there.sum()), []
@@ -149,7 +150,7 @@ def _about_mean(
     halves: Float[np.ndarray, "entries k k"],
     factor: Float[np.ndarray, "draws entries"],
 ) -> Float[np.ndarray, " draws"]:
-    """Chi-square about the weighted mean with every entry's weight multiplied by a factor."""
+    """Chi-square about the weighted mean, with the weight of each entry multiplied by a factor."""
     weights = np.tensordot(factor, np.swapaxes(halves, 1, 2) @ halves, 1)
     pulled = np.einsum("ae,eji,aej->ai", factor, halves, along)
     explained = np.sum(pulled * np.linalg.solve(weights, pulled[..., None])[..., 0], axis=1)

@@ -1,4 +1,4 @@
-"""Entries of the folders that calibrate and diagnose wrote, and of the paper's three runs."""
+"""Entries of output folders of calibrate and diagnose, and of the three runs of the paper."""
 
 from datetime import UTC, datetime
 from pathlib import Path
@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from tumblecal.data import paper
-from tumblecal.data.budget_result import NAME, with_budget_beside
+from tumblecal.data.budget_result import NAME, with_budget_in_folder
 from tumblecal.data.calibration import read_calibration
 from tumblecal.data.measured import measured_at
-from tumblecal.data.noise_dof import with_dof_beside
+from tumblecal.data.noise_dof import with_dof_of_result
 from tumblecal.data.not_applied import losses_words
 from tumblecal.data.sensor_parameters import MOUNT, SENSOR, SensorParameters
 from tumblecal.ground.errors import InputError
@@ -19,58 +19,58 @@ from tumblecal.ground.text_file import read_text
 from tumblecal.history.entry import USE, WHEN, Entry
 
 
-# The documents that say what was done; calibration.json may lie beside them.
+# Documents of each kind of result; calibration.json may be in the same folder.
 KINDS = {"result.json": "calibration", "diagnosis.json": "diagnosis"}
 
 
 def of_folder(folder: Path, kind: str, serial: str | None = None) -> Entry:
-    """The entry of a folder that calibrate or diagnose wrote.
+    """The entry of an output folder of calibrate or diagnose.
 
     **Arguments:**
 
-    - `kind`: calibration or diagnosis, where the folder holds both. `serial`: of the unit, where the caller knows it.
+    - `kind`: calibration or diagnosis. `serial`: of the unit, if the caller has it.
 
-    **Raises:** `InputError` where the folder does not hold it.
+    **Raises:** `InputError` if the folder has no such result.
     """
-    name = next(name for name, own in KINDS.items() if own == kind)
+    name = next(name for name, of_kind in KINDS.items() if of_kind == kind)
     documents = {name: read_text(folder / name, "JSON")}
     corrected, path = None, folder / "calibration.json"
     if path.exists():
         documents[path.name] = read_text(path, "JSON")
-        corrected = with_dof_beside(path, read_calibration(path))
+        corrected = with_dof_of_result(path, read_calibration(path))
     try:
         content: Any = json_of(folder / name, documents[name])
-        said = (_of_result if kind == "calibration" else _of_diagnosis)(content)
+        columns = (_of_result if kind == "calibration" else _of_diagnosis)(content)
     except InputError:
         raise
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise InputError(f"{folder / name}: not what {kind} wrote ({error})") from error
-    if corrected is not None and corrected.provenance.get("data") != said["source"]:
+        raise InputError(f"{folder / name}: not a {kind} of tumblecal ({error}); run the command again") from error
+    if corrected is not None and corrected.provenance.get("data") != columns["source"]:
         corrected = None  # of the other command, in the same folder
-    budgeted = with_budget_beside(path, corrected) if corrected else None
+    budgeted = with_budget_in_folder(path, corrected) if corrected else None
     if budgeted is not None:
         documents[NAME] = read_text(folder / NAME, "JSON")
     if corrected is not None:
-        said["outcome"] += "".join([f"; {words}" for words in losses_words(corrected.not_applied, reasons=False)])
-        said["outcome"] += f"{USE}{corrected.use.answer or 'not stated'}"
+        columns["outcome"] += "".join([f"; {words}" for words in losses_words(corrected.not_applied, reasons=False)])
+        columns["outcome"] += f"{USE}{corrected.use.answer or 'not stated'}"
     provenance = corrected.provenance if corrected else {}
-    own = corrected.serial_number if corrected else None
+    calibrated = corrected.serial_number if corrected else None
     return Entry(
         kind=kind,
-        serial=serial or own or "",
+        serial=serial or calibrated or "",
         date_utc=_date(folder / name, provenance.get("measured_utc") or provenance.get("date_utc")),
-        sha256=str(provenance.get("sha256") or said.pop("sha256", None) or ""),
+        sha256=str(provenance.get("sha256") or columns.pop("sha256", None) or ""),
         parameters=budgeted or (corrected.sensor if corrected else None),
         combined=budgeted is not None,
         documents=documents,
-        **{key: value for key, value in said.items() if key != "sha256"},
+        **{key: value for key, value in columns.items() if key != "sha256"},
     )
 
 
 def paper_runs(covariance: np.ndarray) -> list[Entry]:
-    """The three runs of the paper's Table 2, which states no uncertainty: with the given covariance of `SENSOR` and `MOUNT`.
+    """The three runs of Table 2 of the paper, which states no uncertainty, with the given covariance of `SENSOR` and `MOUNT`.
 
-    The paper says no dates: all have the same, so that no drift is read into them.
+    The paper states no dates: all have the same date, so that no drift is estimated.
     """
     names, table = (*SENSOR, *MOUNT), paper.table2()
     return [
@@ -109,9 +109,9 @@ def _of_diagnosis(content: dict[str, Any]) -> dict[str, Any]:
 
 
 def _date(path: Path, stated: object) -> str:
-    """A stated date in UTC, or when the file was written.
+    """A stated date in UTC, or the modification time of the file.
 
-    **Raises:** `InputError` for a text that is no date.
+    **Raises:** `InputError` for a text that is not a date.
     """
     if stated is None:
         return datetime.fromtimestamp(path.stat().st_mtime, UTC).strftime(WHEN)

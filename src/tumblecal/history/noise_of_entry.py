@@ -1,4 +1,4 @@
-"""What an entry's files say of its noise: degrees of freedom, and the noise's part of its covariance."""
+"""Noise of an entry, from its files: degrees of freedom, and the part of the noise in its covariance."""
 
 import json
 import math
@@ -12,39 +12,39 @@ if TYPE_CHECKING:
 
 
 def of_noise(parameters: "SensorParameters", documents: Mapping[str, str], *, combined: bool) -> "SensorParameters":
-    """An entry's parameters with the degrees of freedom of its noise, by `calibration.json`, else (of earlier versions) by
-    `result.json`; where neither says, the covariance counts as known.
+    """The parameters of an entry with the degrees of freedom of its noise, from `calibration.json`, or (earlier versions) from
+    `result.json`; if neither states them, the covariance is treated as known.
 
     **Arguments:**
 
-    - `combined`: whether the covariance holds a budget's inputs; the noise's own is then that of `calibration.json`.
+    - `combined`: whether the covariance includes inputs of a budget; that of the noise is then in `calibration.json`.
     """
     import numpy as np
 
     from tumblecal.data.noise_dof import of_result
 
-    own, result = (_content(documents, name) for name in ("calibration.json", "result.json"))
-    said = own.get("provenance")
-    dof = said["dof"] if isinstance(said, dict) and "dof" in said else of_result(result)
+    calibration, result = (_content(documents, name) for name in ("calibration.json", "result.json"))
+    provenance = calibration.get("provenance")
+    dof = provenance["dof"] if isinstance(provenance, dict) and "dof" in provenance else of_result(result)
     if not isinstance(dof, int | float) or not math.isfinite(dof):
         return parameters
-    noise = own.get("parameters") if combined else None
+    noise = calibration.get("parameters") if combined else None
     if not isinstance(noise, dict) or noise.get("names") != list(parameters.names):
         return replace(parameters, dof=float(dof))
     return replace(parameters, dof=float(dof), noise=np.array(noise["covariance"]))
 
 
 def has_parts(documents: Mapping[str, str]) -> bool:
-    """Whether `calibration.json` of an entry is one of a diagnosis that lists other explanations and undetected effects."""
+    """Whether the `calibration.json` of an entry is from a diagnosis with other explanations and undetected effects."""
     from tumblecal.data.uncertainty_parts import PARTS
 
-    said = _content(documents, "calibration.json").get("provenance")
-    return isinstance(said, dict) and PARTS in said
+    provenance = _content(documents, "calibration.json").get("provenance")
+    return isinstance(provenance, dict) and PARTS in provenance
 
 
 def _content(documents: Mapping[str, str], name: str) -> dict[str, Any]:
     try:
         content = json.loads(documents.get(name, "{}"))
-    except (ValueError, RecursionError):  # what somebody added says nothing of the noise
+    except (ValueError, RecursionError):  # files from other sources have no information on the noise
         return {}
     return content if isinstance(content, dict) else {}

@@ -1,4 +1,4 @@
-"""A unit over time: run-to-run differences, criteria of repeatability, drift, and when to calibrate again."""
+"""A unit over time: run-to-run differences, repeatability, drift, and the recalibration interval."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,12 +15,12 @@ from tumblecal.history.entry import Entry
 from tumblecal.history.few_dof import joint_dof, no_change, no_difference
 
 
-# Largest differences between repeats that the paper allows (section 4), base units: 5e-4, 1.5 mg, 2 mrad, 5 mrad.
+# Limits of the paper for differences between repeats (section 4), base units: 5e-4, 1.5 mg, 2 mrad, 5 mrad.
 PAPER_LIMITS = {"dK": 5e-4, "bias": 1.5e-3, "gamma": 2e-3, "dtheta": 5e-3}
-# Repeats that their uncertainties explain no better than this differ more than they may.
+# Significance level of differences between repeats.
 UNLIKELY = 0.001
-COVERAGE = 2.0  # k of the expanded uncertainties in E_n and on the charts, where the noise is known
-# All E_n of a unit stay within the limit for all of them together with this probability when nothing moved.
+COVERAGE = 2.0  # k of the expanded uncertainties in E_n and on the charts, for known noise
+# Probability that all E_n of a unit are within their common limit, without a change.
 TOGETHER = 0.95
 _DAYS_A_MONTH = 365.25 / 12
 
@@ -29,14 +29,14 @@ _DAYS_A_MONTH = 365.25 / 12
 class Trend:
     """One parameter over time, base units.
 
-    - `values`, `sd`: of each entry (sd 0: not stated). `expanded`: their uncertainty at 95.45 %, with Student's k where the
-      noise was estimated. `mean`; `control`: half width of the control limits, nan for less than four entries; `beyond`: how
-      probable an entry as far beyond them as each is when nothing moved, 1 within.
-    - `en`: E_n of each entry against the one before (ISO 13528). `tail`: p-value of that difference; `by_chance`: how probable
-      |E_n| > 1 is when nothing moved; nan without sd.
-    - `largest`: the largest difference of two entries, `limit` what is allowed.
-    - `drift`, `drift_sd`: a month; `scatter`: about that line, with `dof` degrees of freedom (those of the noise where the
-      stated sd explain it); nan where there are no three entries over time.
+    - `values`, `sd`: of each entry (sd 0: not stated). `expanded`: their uncertainty at 95.45 %, with Student's k for
+      estimated noise. `mean`; `control`: half width of the control limits, nan for less than four entries; `beyond`:
+      probability, without a change, of an entry as far beyond them, 1 within.
+    - `en`: E_n of each entry and the previous one (ISO 13528). `tail`: p-value of that difference; `by_chance`: probability of
+      |E_n| > 1 without a change; nan without sd.
+    - `largest`: the largest difference of two entries, `limit`: its limit.
+    - `drift`, `drift_sd`: per month; `scatter`: dispersion about that line, with `dof` degrees of freedom (those of the noise
+      if the stated sd explain it); nan with less than three entries over time.
     """
 
     name: str
@@ -67,9 +67,10 @@ class Trend:
         return np.abs(self.values - self.mean) > self.control if self.control > 0 else np.zeros(len(self.values), bool)
 
     def months_until(self, risk: float, longest: float) -> float:
-        """Months after which the parameter has moved by more than its limit with probability `risk`, at most `longest`.
+        """Months after which the parameter exceeds its limit with probability `risk`, at most `longest`.
 
-        The change after t months is taken as Student's t around drift t, with the drift's sd and the scatter about the line.
+        The change after t months has a Student distribution about drift t, with the sd of the drift and the dispersion about
+        the line.
         """
         if not np.isfinite(self.drift):
             return float("nan")
@@ -93,8 +94,8 @@ class Trend:
 
 @dataclass(frozen=True)
 class Repeats:
-    """Whether repeats agree, of one kind of parameter: largest difference against what is allowed, and chi-square of no
-    difference (p None where an entry has no uncertainty), p allowing for the degrees of freedom of each entry's noise."""
+    """Agreement of repeats for one kind of parameter: largest difference and its limit, and chi-square of no difference (p None
+    if an entry has no uncertainty), with p for the degrees of freedom of the noise of each entry."""
 
     what: str
     unit: str
@@ -106,18 +107,18 @@ class Repeats:
 
     @property
     def beyond_limit(self) -> bool:
-        """Whether two entries differ by more than is allowed."""
+        """Whether two entries differ by more than the limit."""
         return self.largest > self.limit
 
     @property
     def beyond_noise(self) -> bool:
-        """Whether the entries differ by more than their uncertainties explain."""
+        """Whether the entries disagree beyond their uncertainties."""
         return self.p_value is not None and self.p_value < UNLIKELY
 
 
 @dataclass(frozen=True)
 class UnitHistory:
-    """All that is said of a unit: the entries that count, trends by parameter, repeatability by kind."""
+    """Evaluation of a unit: the independent entries, trends by parameter, repeatability by kind."""
 
     entries: tuple[Entry, ...]
     trends: tuple[Trend, ...]
@@ -125,22 +126,21 @@ class UnitHistory:
 
     @property
     def months(self) -> float:
-        """From the first entry to the last."""
+        """Time from the first to the last entry, months."""
         return months_of([entry.when for entry in self.entries])[-1] if self.entries else 0.0
 
     @property
     def unlikely_together(self) -> float:
-        """The p-value below which a difference of two entries is beyond chance, of so many parameters and entries: smaller ones
-        are not among them with probability `TOGETHER` when nothing moved (Sidak 1967)."""
+        """Significance level of a difference of two entries, for all parameters and entries together (Sidak 1967)."""
         return unlikely_among(sum(int(np.isfinite(trend.en).sum()) for trend in self.trends))
 
     @property
     def unlikely_on_charts(self) -> float:
-        """The same of an entry beyond its control limits, whose p-value is of its whole chart already."""
+        """Significance level of an entry beyond its control limits, whose p-value is for its whole chart."""
         return unlikely_among(sum(trend.control > 0 for trend in self.trends))
 
     def interval(self, risk: float) -> tuple[float, str]:
-        """Months until calibration is due at this risk, and the parameter that says so; nan without three dated entries."""
+        """Months until recalibration at this risk, and the parameter that determines it; nan without three dated entries."""
         due = [
             (trend.months_until(risk, self.months), trend.name)
             for trend in self.trends
@@ -151,24 +151,24 @@ class UnitHistory:
 
 
 def unit_history(entries: Sequence[Entry], limits: Mapping[str, float]) -> UnitHistory:
-    """What a unit's entries say.
+    """Evaluate the entries of a unit.
 
-    Of several results of the same data (a calibration, then a diagnosis) the last counts: repeats must be independent.
+    Of several results of the same data (a calibration, then a diagnosis) only the last is used: repeats must be independent.
     """
     latest = {entry.sha256 or str(entry.number): entry for entry in entries if entry.parameters is not None}
     chosen = sorted(latest.values(), key=lambda entry: (entry.date_utc, entry.number))
     estimates = [entry.parameters for entry in chosen if entry.parameters is not None]
     if not estimates:
         return UnitHistory((), (), ())
-    names = [name for name in estimates[0].names if all(name in own.names for own in estimates)]
-    own = [estimate.of(names) for estimate in estimates]
+    names = [name for name in estimates[0].names if all(name in estimate.names for estimate in estimates)]
+    common = [estimate.of(names) for estimate in estimates]
     months = months_of([entry.when for entry in chosen])
-    trends = tuple(_trend(own, k, months, limits) for k in range(len(names)))
-    return UnitHistory(tuple(chosen), trends, tuple(_repeats(own, limits)))
+    trends = tuple(_trend(common, k, months, limits) for k in range(len(names)))
+    return UnitHistory(tuple(chosen), trends, tuple(_repeats(common, limits)))
 
 
 def unlikely_among(count: int) -> float:
-    """The p-value that none of so many tests falls below with probability `TOGETHER` when nothing moved (Sidak 1967)."""
+    """Significance level of each of `count` tests for a family-wise error rate of 1 - `TOGETHER` (Sidak 1967)."""
     return 1 - TOGETHER ** (1 / max(count, 1))
 
 
@@ -177,10 +177,10 @@ def months_of(dates: Sequence[datetime]) -> Float[np.ndarray, " entries"]:
     return np.array([(date - dates[0]).total_seconds() / 86400 / _DAYS_A_MONTH for date in dates])
 
 
-def _trend(own: Sequence[SensorParameters], k: int, months: np.ndarray, limits: Mapping[str, float]) -> Trend:
-    name = own[0].names[k]
-    values, sd = np.array([part.values[k] for part in own]), np.array([part.sd[k] for part in own])
-    dofs = np.array([part.effective_dof[k] for part in own])
+def _trend(estimates: Sequence[SensorParameters], k: int, months: np.ndarray, limits: Mapping[str, float]) -> Trend:
+    name = estimates[0].names[k]
+    values, sd = np.array([part.values[k] for part in estimates]), np.array([part.sd[k] for part in estimates])
+    dofs = np.array([part.effective_dof[k] for part in estimates])
     steps = np.abs(np.diff(values))
     expanded = np.where(np.isfinite(dofs), coverage_factors(dofs, 2 * float(ndtr(COVERAGE)) - 1), COVERAGE) * sd
     together = np.hypot(expanded[1:], expanded[:-1])
@@ -205,7 +205,7 @@ def _trend(own: Sequence[SensorParameters], k: int, months: np.ndarray, limits: 
 
 
 def _tails(steps: np.ndarray, sd: np.ndarray, dofs: np.ndarray) -> Float[np.ndarray, " steps"]:
-    """The p-value of each difference of an entry from the one before; nan without sd."""
+    """The p-value of the difference of each entry and the previous one; nan without sd."""
     together = np.hypot(sd[1:], sd[:-1])
     in_sd = np.divide(steps, together, out=np.full(len(steps), np.nan), where=together > 0)
     tails = 2 * ndtr(-in_sd)
@@ -216,7 +216,7 @@ def _tails(steps: np.ndarray, sd: np.ndarray, dofs: np.ndarray) -> Float[np.ndar
 
 
 def _by_chance(together: np.ndarray, sd: np.ndarray, dofs: np.ndarray) -> Float[np.ndarray, " steps"]:
-    """How probable |E_n| > 1 is when nothing moved, by Welch and Satterthwaite (JCGM 100, G.4); nan without sd."""
+    """Probability of |E_n| > 1 without a change, by Welch and Satterthwaite (JCGM 100, G.4); nan without sd."""
     variance, spent = sd[1:] ** 2 + sd[:-1] ** 2, sd[1:] ** 4 / dofs[1:] + sd[:-1] ** 4 / dofs[:-1]
     dof = np.divide(variance**2, spent, out=np.full(len(spent), np.inf), where=spent > 0)
     beyond = np.divide(together, np.sqrt(variance), out=np.full(len(spent), np.nan), where=variance > 0)
@@ -226,9 +226,9 @@ def _by_chance(together: np.ndarray, sd: np.ndarray, dofs: np.ndarray) -> Float[
 def _line(
     months: np.ndarray, values: np.ndarray, sd: np.ndarray, dofs: np.ndarray
 ) -> tuple[float, float, float, float]:
-    """Slope, its sd, scatter and its degrees of freedom, by weighted least squares.
+    """Slope, its sd, dispersion and its degrees of freedom, by weighted least squares.
 
-    The sd grows where the scatter is more than the stated sd explain, and by what weights cost that are estimated themselves
+    The sd is enlarged if the dispersion is larger than the stated sd explain, and for the uncertainty of estimated weights
     (Meier 1953, Biometrics 9, 59, for a mean; Kenward and Roger 1997, Biometrics 53, 983).
     """
     if len(values) < 3 or np.ptp(months) <= 0:
@@ -238,8 +238,8 @@ def _line(
     line, *_ = np.linalg.lstsq(design, values * weights, rcond=None)
     covariance = np.linalg.inv(design.T @ design)
     moved = covariance @ design.T  # line by the weighted values
-    own = 1 - np.sum(design.T * moved, axis=0)
-    covariance = covariance + moved @ ((4 * own / dofs)[:, None] * moved.T) if np.all(sd > 0) else covariance
+    residual_share = 1 - np.sum(design.T * moved, axis=0)
+    covariance = covariance + moved @ ((4 * residual_share / dofs)[:, None] * moved.T) if np.all(sd > 0) else covariance
     residual = values - line[0] - line[1] * months
     ratio = np.sqrt(np.sum((residual * weights) ** 2) / (len(values) - 2))
     explained = bool(np.all(sd > 0)) and ratio <= 1.0
@@ -250,16 +250,16 @@ def _line(
     return float(line[1]), float(slope_sd), scatter, noise_dof if explained else len(values) - 2.0
 
 
-def _repeats(own: Sequence[SensorParameters], limits: Mapping[str, float]) -> list[Repeats]:
-    names = own[0].names
+def _repeats(estimates: Sequence[SensorParameters], limits: Mapping[str, float]) -> list[Repeats]:
+    names = estimates[0].names
     rows = []
     for leaf, (what, unit) in GROUPS.items():
         chosen = [name for name in names if leaf_of(name) == leaf]
         if chosen:
-            parts = [estimate.of(chosen) for estimate in own]
+            parts = [estimate.of(chosen) for estimate in estimates]
             largest = max(float(np.ptp([part.values[k] for part in parts])) for k in range(len(chosen)))
             rows.append(Repeats(what, unit, largest, limits[leaf], *_homogeneity(parts)))
-    sensor = [estimate.of([name for name in names if name in SENSOR]) for estimate in own]
+    sensor = [estimate.of([name for name in names if name in SENSOR]) for estimate in estimates]
     return [*rows, Repeats("whole sensor", "", 0.0, float("inf"), *_homogeneity(sensor))]
 
 

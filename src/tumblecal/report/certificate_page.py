@@ -6,9 +6,9 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from tumblecal import __version__
 from tumblecal.certificate.admin import Address, Admin
-from tumblecal.certificate.holds_at import holds_at
 from tumblecal.certificate.results import RULE, SCOPE, VERDICTS, Results, method_words, serial_number
 from tumblecal.certificate.term_words import term_words
+from tumblecal.certificate.validity import validity_words
 from tumblecal.ground.atomic import write_text
 from tumblecal.ground.gravity import STANDARD
 from tumblecal.ground.numbers_shown import rounded
@@ -32,7 +32,7 @@ def write_certificate(path: Path, admin: Admin, results: Results, limits_source:
         limits_source=limits_source,
         outcome=results.outcome,
         reservation=results.reservation,
-        held=holds_at(calibration, judged=results.conformity is not None),
+        held=validity_words(calibration, judged=results.conformity is not None),
         uncertainty=results.uncertainty_words,
         scope=SCOPE,
         matrix=calibration.rows,

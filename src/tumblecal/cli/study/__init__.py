@@ -1,4 +1,4 @@
-"""`tumblecal study`: simulation at scale, one subcommand a kind of study."""
+"""`tumblecal study`: large simulations, one subcommand for each kind of study."""
 
 from cyclopts import App
 
@@ -9,11 +9,11 @@ study = App(
     result_action="return_value",
 )
 KINDS = {
-    "coverage": "Bias, sd against predicted, chi2 and interval coverage.",
-    "convergence": "Number of data sets that each method needs to reach a given error.",
-    "linearization": "Up to which errors the small-angle equations are good enough.",
-    "sweep": "A coverage study over a grid of any values of rig, plan, noise or injected effects.",
-    "power": "How often effects are detected and named rightly, over their size.",
+    "coverage": "Check estimates and stated uncertainties: estimation bias, dispersion, chi2, interval coverage.",
+    "convergence": "Find the number of data sets that each method needs for a given error.",
+    "linearization": "Find the largest errors for which the small-angle equations are adequate.",
+    "sweep": "Run a coverage study over a grid of values of rig, plan, noise or injected effects.",
+    "power": "Find how often effects of given sizes are detected and correctly identified.",
 }
 for _kind, _help in KINDS.items():
     study.command(f"tumblecal.cli.study.{_kind}:{_kind}", name=_kind, help=_help)

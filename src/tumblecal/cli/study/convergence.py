@@ -9,13 +9,13 @@ from tumblecal.cli.study.running import Running, Seed, run_study
 def convergence(
     config: Path, /, *, runs: int | None = None, seed: Seed = None, effects: EffectFiles = (), running: Running
 ) -> None:
-    """Find how many data sets each method needs to reach a given error.
+    """Find the number of data sets that each method needs for a given error.
 
     Parameters
     ----------
     config
-        The study, a TOML file such as configs/study_convergence.toml.
+        Study file (TOML), such as configs/study_convergence.toml.
     runs
-        Number of runs; goes before the file's.
+        Number of runs. Default: that of the file. Example: --runs 100.
     """
     run_study("convergence", config, {"runs": runs, "seed": seed}, running, effects)

@@ -16,15 +16,15 @@ def coverage(
     effects: EffectFiles = (),
     running: Running,
 ) -> None:
-    """Check whether estimates and their stated uncertainties can be trusted.
+    """Check estimates and their stated uncertainties: estimation bias, dispersion, chi2, interval coverage.
 
     Parameters
     ----------
     config
-        The study, a TOML file such as configs/study_coverage.toml.
+        Study file (TOML), such as configs/study_coverage.toml.
     trials
-        Number of trials; goes before the file's.
+        Number of trials. Default: that of the file. Example: --trials 10000.
     raw
-        Draw every sample of every dwell instead of the position means, whose covariance is exact.
+        Simulation of each sample of each dwell, instead of position means with their exact covariance.
     """
     run_study("coverage", config, {"trials": trials, "seed": seed, "raw": raw or None}, running, effects)

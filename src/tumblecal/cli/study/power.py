@@ -9,13 +9,13 @@ from tumblecal.cli.study.running import Running, Seed, run_study
 def power(
     config: Path, /, *, runs: int | None = None, seed: Seed = None, effects: EffectFiles = (), running: Running
 ) -> None:
-    """Find how often the diagnosis detects effects, and names them rightly, over their size.
+    """Find how often the diagnosis detects effects of given sizes, and identifies them correctly.
 
     Parameters
     ----------
     config
-        The study, a TOML file such as configs/study_power.toml.
+        Study file (TOML), such as configs/study_power.toml.
     runs
-        Number of runs of each effect and size; goes before the file's.
+        Number of runs for each effect and size. Default: that of the file. Example: --runs 100.
     """
     run_study("power", config, {"runs": runs, "seed": seed}, running, effects)

@@ -1,4 +1,4 @@
-"""What all kinds of study do on the command line: tell the cost, run with a progress bar, write, print."""
+"""Command line of all kinds of study: print the cost, run with a progress bar, write and print results."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
@@ -16,31 +16,35 @@ if TYPE_CHECKING:
     from tumblecal.studies.run import Study
 
 
-# To compile a study's program the first time, measured with an empty cache on a busy core (7 to 13 s).
+# Time to compile the program of a study, s; measured with an empty cache on a busy core (7 to 13 s).
 COMPILE_SECONDS = 12.0
 
-Seed = Annotated[int | None, Parameter(help="Seed of all random numbers; goes before the file's.")]
+Seed = Annotated[
+    int | None, Parameter(help="Seed of all random numbers. Default: that of the file. Example: --seed 1.")
+]
 
 
 @Parameter(name="*")
 @dataclass(frozen=True)
 class Running:
-    """How a study is run; none of it changes a bit of the result.
+    """Execution of a study; these options do not change its result.
 
     Parameters
     ----------
     out
-        Folder for the finished chunks, JSON, Parquet and figures. A study begun there goes on.
+        Output folder: finished chunks, JSON, Parquet and figures. An interrupted study in this folder is continued.
+        Example: --out study1.
     workers
-        Number of worker processes to start on this machine (needs the cluster extra).
+        Number of worker processes on this machine (needs the cluster extra). Default: this process only. Example:
+        --workers 4.
     scheduler
-        Address of a running dask scheduler, such as tcp://10.0.0.5:8786.
+        Address of a running dask scheduler. Default: none. Example: --scheduler tcp://10.0.0.5:8786.
     dry_run
-        Only say how many trials, chunks, hours and bytes it would take.
+        Estimate of trials, chunks, hours and bytes only; no study is run.
     max_hours
-        Refuse a study that would take longer, by the estimate.
+        Largest estimated time, h; a longer study is rejected. Example: --max-hours 48.
     max_gib
-        Refuse a study that would need more disk.
+        Largest estimated disk space, GiB; a larger study is rejected. Example: --max-gib 50.
     """
 
     out: Path
@@ -58,26 +62,26 @@ def run_study(
 
     **Arguments:**
 
-    - `kind`, `config`: the kind and its file.
-    - `changes`: keys of the file given anew on the command line; None for those that were not.
-    - `running`: how. `effects`: Python files with effects of the user's own.
+    - `kind`, `config`: kind of study and its file.
+    - `changes`: keys of the file that the command line overrides; None for those not given.
+    - `running`: execution options. `effects`: Python files with user-defined effects.
 
-    **Raises:** `InputError` for faults of the files, too large a study, or a folder that holds another one.
+    **Raises:** `InputError` for faults of the files, a study that is too large, or a folder of a different study.
     """
     from tumblecal.cli.start import start
     from tumblecal.ground.errors import InputError
     from tumblecal.studies.threads import use_one_thread
 
     if running.workers is not None and running.workers < 1:
-        raise InputError(f"--workers {running.workers}: at least 1; leave it out to compute in this process")
+        raise InputError(f"--workers {running.workers}: at least 1; remove it to compute in this process")
     if running.workers is not None and running.scheduler is not None:
-        raise InputError("--workers and --scheduler both say where to compute; give one of them")
+        raise InputError("--workers and --scheduler contradict each other; give only one of them")
     use_one_thread()
-    # Workers compute on the processor, and so this process computes its share of their chunks there.
+    # The workers compute on the CPU, so this process computes its share there too.
     start(accelerator=running.workers is None)
     from rich.console import Console
 
-    from tumblecal.data.overwriting import inputs_kept
+    from tumblecal.data.overwriting import protect_inputs
     from tumblecal.ground.atomic import writable_folder
     from tumblecal.report.study_answers import answer_of
     from tumblecal.report.study_figures import draw
@@ -96,7 +100,7 @@ def run_study(
     if running.dry_run:
         return
     rig = config.parent / str(tables["study"]["rig"])
-    inputs_kept(
+    protect_inputs(
         [config, rig, *effects], folders=[running.out], names=(f"{kind}*", "*.svg", "manifest.json", "chunks/*")
     )
     folder = writable_folder(running.out)
@@ -109,7 +113,7 @@ def run_study(
         tables = [f"{kind}_{name}.parquet" for name in frames]
         written.extend([page.name, *(figure.name for figure in figures), *tables, f"{kind}.json"])
 
-    with _kept(folder), _workers(tables, running) as computed, _bar(console, study.trials) as progress:
+    with _resumable(folder), _workers(tables, running) as computed, _bar(console, study.trials) as progress:
         content, frames = run(
             tables, folder, study=study, computed=computed, progress=progress, tell=report, shown=shown
         )
@@ -118,13 +122,13 @@ def run_study(
 
 
 def _cost(study: "Study", config: Path, running: Running) -> tuple[str, list[str]]:
-    """What a study will take, in words, and where that is more than allowed."""
+    """The estimated cost of a study in words, and the limits that it exceeds."""
     workers = running.workers or 1
     compiling = COMPILE_SECONDS * study.programs / 3600
     hours, gib = study.seconds / 3600 / workers, study.chunks * study.chunk_bytes / 2**30
     words = (
         f"{config}: {counted(study.trials, 'trial')} in {counted(study.chunks, 'chunk')}; about {_time(hours)} on {workers} "
-        f"core{'s' if workers > 1 else ''}, about {_time(compiling)} more to compile it the first time; "
+        f"core{'s' if workers > 1 else ''}, plus about {_time(compiling)} to compile it the first time; "
         f"{_bytes(gib)} on disk"
     )
     hours += compiling
@@ -137,12 +141,12 @@ def _cost(study: "Study", config: Path, running: Running) -> tuple[str, list[str
 
 
 @contextmanager
-def _kept(folder: Path) -> Iterator[None]:
-    """Whoever interrupts a study is told that nothing is lost."""
+def _resumable(folder: Path) -> Iterator[None]:
+    """Report, if a study is interrupted, that its finished chunks are stored."""
     try:
         yield
     except KeyboardInterrupt:
-        words = f"{folder}: the chunks that are done are kept; the same command goes on from there"
+        words = f"{folder}: the finished chunks are stored; the same command continues from there"
         raise KeyboardInterrupt(words) from None
 
 
@@ -155,12 +159,12 @@ def _workers(tables, running: Running):
 
 
 class _bar:
-    """A progress bar with rate and time left; the chunks of an earlier call count as done, not as speed."""
+    """A progress bar with rate and remaining time; chunks of an earlier call do not count for the rate."""
 
     def __init__(self, console, trials: int):
         from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-        columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[told]}"), TimeElapsedColumn())
+        columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[rate]}"), TimeElapsedColumn())
         self._progress = Progress(*columns, console=console, transient=not console.is_terminal)
         self._trials = trials
 
@@ -168,8 +172,8 @@ class _bar:
         import time
 
         self._progress.start()
-        task = self._progress.add_task("trials", total=self._trials, told="")
-        # Speed is counted from the first chunk of this call on: that one was compiled.
+        task = self._progress.add_task("trials", total=self._trials, rate="")
+        # The rate does not include the first chunk of this call, which is compiled.
         begin, done, calls, counted = time.monotonic(), 0, 0, 0
 
         def advance(trials: int) -> None:
@@ -178,8 +182,8 @@ class _bar:
             if calls == 1 or (calls == 2 and done < self._trials):
                 begin, counted = time.monotonic(), done
             rate = (done - counted) / max(time.monotonic() - begin, 1e-9)
-            left = f", {_time((self._trials - done) / rate / 3600)} left" if rate > 0 else ""
-            self._progress.update(task, completed=done, told=f"{rate:,.0f}/s{left}")
+            remaining = f", {_time((self._trials - done) / rate / 3600)} left" if rate > 0 else ""
+            self._progress.update(task, completed=done, rate=f"{rate:,.0f}/s{remaining}")
 
         return advance
 

@@ -14,8 +14,8 @@ def sweep(
     Parameters
     ----------
     config
-        The study, a TOML file such as configs/study_sweep.toml.
+        Study file (TOML), such as configs/study_sweep.toml.
     trials
-        Number of trials at each point; goes before the file's.
+        Number of trials at each point. Default: that of the file. Example: --trials 1000.
     """
     run_study("sweep", config, {"trials": trials, "seed": seed}, running, effects)

@@ -1,4 +1,4 @@
-"""At which temperature and time the stated values hold, where the fitted model has them change with either."""
+"""Temperature and time for which the stated values are valid, if the fitted model depends on them."""
 
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.calibration_terms import Term
@@ -9,8 +9,8 @@ from tumblecal.ground.units import in_words, shown
 _POWERS = {1: "", 2: " squared", 3: " cubed"}
 
 
-def holds_at(calibration: Calibration, *, judged: bool) -> str:
-    """In words; empty where no term changes with temperature or time. `judged`: whether a statement of conformity is made."""
+def validity_words(calibration: Calibration, *, judged: bool) -> str:
+    """The validity in words; "" if no term depends on temperature or time. `judged`: with a statement of conformity."""
     thermal = [term for term in calibration.terms if term.thermal]
     drifting = [term for term in calibration.terms if term.per_hour]
     places = [
@@ -27,11 +27,11 @@ def holds_at(calibration: Calibration, *, judged: bool) -> str:
         case _:
             within = ""
     stated = "The values, and the statement of conformity," if judged else "The values"
-    return f"{stated} hold at {' and '.join(places)}: {', '.join(changes)}{within}."
+    return f"{stated} apply to {' and '.join(places)}: {', '.join(changes)}{within}."
 
 
 def _change(term: Term, per: str) -> str:
-    """What a term changes: a bias or a scale factor error by how much, otherwise the readings of its axis."""
+    """The change due to a term: size for a bias or a scale factor error, otherwise the readings of its axis."""
     alone = tuple(int(other == term.axis) for other in AXES)
     if term.kind == "product" and term.powers in ((0, 0, 0), alone):
         name, unit = (f"dK_{term.axis}", "1") if any(term.powers) else (f"bias_{term.axis}", "g")
