@@ -175,7 +175,7 @@ def test_json(tmp_path, name):
 def test_json_without_samples_is_a_line(tmp_path):
     with pytest.raises(InputError, match="JSON without samples; they are read from an object in each line"):
         imported(tmp_path / "log.json", '{"a": {"b": 1}, "c": [\n]}')
-    with pytest.raises(InputError, match="not a whole JSON file"):
+    with pytest.raises(InputError, match="not a complete JSON file"):
         imported(tmp_path / "log.json", '[{"a": 1,\n "b"')
 
 

@@ -93,7 +93,7 @@ def test_mistakes_are_one_line(tumblecal, tmp_path, calibrated, admin, configs):
     limits = tmp_path / "limits.toml"
     for own, words in (
         ('dB = "1 mg"', "limits.dB: no parameter"),
-        ('bias = "1 mrad"', "measure different"),
+        ('bias = "1 mrad"', "their dimensions differ"),
         ('dK = "0"', "above 0"),
     ):
         limits.write_text(f'schema = "tumblecal.limits/1"\nsource = "s"\n[limits]\n{own}\n')

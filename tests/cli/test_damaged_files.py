@@ -93,7 +93,7 @@ def test_what_has_not_its_checksum_is_refused(tmp_path, tumblecal, name):
     path.write_bytes(content)
     told = tumblecal("import", path, "--out", tmp_path / "damaged.parquet")
     assert told.code == 2 and len(told.lines) == 1, told
-    assert told.lines[0].startswith(f"tumblecal: {path}: not a whole "), told.lines
+    assert told.lines[0].startswith(f"tumblecal: {path}: not a complete "), told.lines
     assert any(word in told.lines[0] for word in words.split("|")), told.lines
     assert not (tmp_path / "damaged.parquet").exists()
 
@@ -110,7 +110,11 @@ def test_a_flipped_bit_of_a_parquet_file_of_ours_is_refused(tmp_path, tumblecal)
         damaged[at] ^= 1 << bit
         path.write_bytes(damaged)
         told = tumblecal("import", path, "--out", tmp_path / "again.parquet")
-        assert told.code == 2 and len(told.lines) == 1 and "not a whole Parquet file" in told.lines[0], (at, bit, told)
+        assert told.code == 2 and len(told.lines) == 1 and "not a complete Parquet file" in told.lines[0], (
+            at,
+            bit,
+            told,
+        )
     # Another program that rewrites the table keeps the metadata: the checksum is no longer that of the file.
     path.write_bytes(content.replace(b"Polars", b"others").replace(b"imported_from", b"edited_by_all"))
     assert tumblecal("import", path, "--out", tmp_path / "again.parquet").code == 0

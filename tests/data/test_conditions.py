@@ -23,10 +23,10 @@ COUNTS = 2231.0 + 3 * STEPS
 def test_raw_counts_are_no_temperatures(tmp_path):
     told = faults(file_with(tmp_path, "temperature_degc", COUNTS))
     assert ":line 2, column temperature_degc: 2231 degC is not a possible temperature of a triad" in told[0]
-    assert "raw counts or another unit, write degC" in told[0] and told[-1].endswith("and 21 more rows like these")
+    assert "raw counts or a different unit, write degC" in told[0] and told[-1].endswith("and 21 more rows like these")
     one = np.where(STEPS == 4, 999.0, 23.0)
     (told,) = faults(file_with(tmp_path, "temperature_degc", one))
-    assert ":line 6, column temperature_degc: 999 degC is no" in told
+    assert ":line 6, column temperature_degc: 999 degC is not" in told
 
 
 @pytest.mark.parametrize("usual", [-60 + STEPS, 150 + 3 * STEPS, 273.15 + 3 * STEPS, 0 * STEPS])
@@ -39,7 +39,7 @@ def test_temperatures_of_ovens_and_kelvin_are_read(tmp_path, usual):
 @pytest.mark.parametrize(
     ("times", "told"),
     [
-        (45000 + STEPS * 120 / 86400, "these look like days, as a spreadsheet counts dates: write seconds"),
+        (45000 + STEPS * 120 / 86400, "these look like days, as a spreadsheet counts dates; write seconds"),
         (np.round(45000 + STEPS * 600 / 86400, 1), "these look like days, as a spreadsheet counts dates"),
         (0.4 + STEPS * 120 / 86400, "a head cannot be set in 0.0014 s, so these look like hours or days"),
         (STEPS * 120 / 3600, "a head cannot be set in 0.033 s, so these look like hours or days; write seconds"),

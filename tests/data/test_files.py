@@ -224,7 +224,7 @@ def test_files_that_are_no_table(tmp_path):
     assert "no header line" in faults(written(tmp_path / "comments.csv", "# only: this"))[0]
     assert "no rows below the header" in faults(written(tmp_path / "header.csv", HEADER))[0]
     (tmp_path / "no.parquet").write_bytes(b"PAR1 not really")
-    assert "not a whole Parquet file" in faults(tmp_path / "no.parquet")[0]
+    assert "not a complete Parquet file" in faults(tmp_path / "no.parquet")[0]
     assert "no such file" in faults(tmp_path / "none.parquet")[0]
 
 

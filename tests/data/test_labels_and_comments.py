@@ -222,12 +222,12 @@ def test_empty_columns_without_a_name_are_none(tmp_path):
 def test_a_title_above_the_header_is_told_once(tmp_path, above, line):
     (fault,) = faults(written(tmp_path / "a.csv", *above, HEADER, *ROWS * 10))
     assert f"a.csv:line 1: '{above[0].rstrip(',')}' is not a header: line {line} names the columns" in fault
-    assert fault.endswith("put # before line 1")
+    assert fault.endswith("write # before line 1")
     assert len(read_positions(written(tmp_path / "a.csv", "# " + above[0], *above[1:], HEADER, *ROWS))) == 3
 
 
 @pytest.mark.parametrize(
-    ("row", "words"), [(HEADER, "the names of the columns again"), ("-,deg,deg,g,g,g", "a line of units, no row")]
+    ("row", "words"), [(HEADER, "the names of the columns again"), ("-,deg,deg,g,g,g", "a line of units, not a row")]
 )
 def test_a_line_of_names_or_units_is_told_once(tmp_path, row, words):
     (fault,) = faults(written(tmp_path / "a.csv", HEADER, ROWS[0], row, *ROWS[1:]))

@@ -337,7 +337,7 @@ def test_mistakes_are_one_line(tumblecal, tmp_path):
         (["A-17", "--limit", "bias"], "write NAME=SIZE"),
         (["A-17", "--limit", "bias=0 mg"], "must be above 0"),
         (["A-17", "--risk", "2"], "a probability"),
-        (["--out", tmp_path], "the page is of one unit"),
+        (["--out", tmp_path], "a page is for one unit"),
         (["A-17", "--out", path], "cannot write to this folder (a file has that name)"),
         (["A-17", "--files", "2", "--out", tmp_path / "f"], "--files 2: not a result of unit A-17; its results are 1"),
     ):
