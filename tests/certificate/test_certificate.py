@@ -258,11 +258,11 @@ def test_a_bias_that_moves_with_temperature_is_stated_with_the_temperature(tumbl
     content["provenance"]["temperature_range_degc"] = [10.0, 50.04]
     given = ["certificate", calibrated, "--admin", admin]
     for terms, said in (
-        ([bias], "apply to 25 degC: bias_z changes by 0.02 mg per degC (the data: 10 to 50 degC)."),
+        ([bias], "are valid at 25 degC: bias_z changes by 0.02 mg per degC (the data: 10 to 50 degC)."),
         (
             [{**cross, "effect": "of_user"}, drift],
-            "apply to 25 degC and time_s = 1800 s: the readings of axis y change (of_user) per degC, dK_x changes by -0.003e-3 "
-            "per hour (the data: 10 to 50 degC).",
+            "are valid at 25 degC and time_s = 1800 s: the readings of axis y change (of_user) per degC, dK_x changes by "
+            "-0.003e-3 per hour (the data: 10 to 50 degC).",
         ),
     ):
         path.write_text(json.dumps(content | {"temperature_degc": 30.0, "terms": terms}))

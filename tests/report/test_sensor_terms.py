@@ -185,7 +185,7 @@ def test_budget_certificate_comparison_and_history_take_such_files(tumblecal, tm
     assert tumblecal("budget", data, considered, *stated, "--out", out).code == 0
     assert tumblecal("certificate", out, "--admin", configs / "certificate_lab.toml", "--out", tmp_path / "c").code == 0
     page = " ".join(re.sub(r"<[^>]+>", " ", (tmp_path / "c" / "certificate.html").read_text()).split())
-    assert "The values hold at 25 degC: dK_y changes by" in page and "calibration.json has nonlinear" in page
+    assert "The values are valid at 25 degC: dK_y changes by" in page and "calibration.json has nonlinear" in page
     compared = tumblecal("compare", out / "calibration.json", out / "calibration.json")
     assert compared.code == 0 and "nonlinear and thermal terms are not compared" in " ".join(
         [compared.out, *compared.lines]

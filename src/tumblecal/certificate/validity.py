@@ -27,7 +27,7 @@ def validity_words(calibration: Calibration, *, judged: bool) -> str:
         case _:
             within = ""
     stated = "The values, and the statement of conformity," if judged else "The values"
-    return f"{stated} apply to {' and '.join(places)}: {', '.join(changes)}{within}."
+    return f"{stated} are valid at {' and '.join(places)}: {', '.join(changes)}{within}."
 
 
 def _change(term: Term, per: str) -> str:

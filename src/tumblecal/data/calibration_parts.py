@@ -1,4 +1,4 @@
-"""The numbers of a calibration file, and of a budget of one, checked: each fault names the file and the key."""
+"""Checks of the numbers in a calibration file and in its budget: each fault names the file and the key."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,9 +12,9 @@ from tumblecal.ground.errors import InputError
 from tumblecal.ground.text_file import shown
 
 
-# Numbers beyond are none of a sensor, and would overflow.
+# Larger numbers are not those of a sensor, and would overflow.
 LARGEST = 1e12
-# A triad's matrix is near 1; even readings in the wrong unit come to no more than a thousand.
+# The matrix of a triad is near 1; readings in a wrong unit give at most a thousand.
 MOST_SCALE = 2e3
 ROUNDING = 1e-9
 # Matrix and bias may differ by this much (1, g) from what the parameters say: more than any rounding, float32 included, and
@@ -34,7 +34,7 @@ def numbers(path: Path, content: dict[str, Any], key: str, shape: tuple[int, ...
 
     **Arguments:**
 
-    - `within`: the dotted path of what `content` is, for faults.
+    - `within`: the dotted path of `content` in the file, for messages.
 
     **Raises:** `InputError` if it is missing, has a wrong shape, or an entry that is not a number.
     """
@@ -54,7 +54,7 @@ def numbers(path: Path, content: dict[str, Any], key: str, shape: tuple[int, ...
 
 
 def _no_numbers(table: object, depth: int, at: str = "") -> Iterator[tuple[str, object]]:
-    """The cells of a table that numpy would take for numbers, or refuse without their place."""
+    """Cells that are not numbers, with their place; numpy would convert them, or reject them without their place."""
     if depth and isinstance(table, list):
         for place, cell in enumerate(table):
             yield from _no_numbers(cell, depth - 1, f"{at}.{place}")
@@ -65,7 +65,7 @@ def _no_numbers(table: object, depth: int, at: str = "") -> Iterator[tuple[str, 
 def checked_matrix(matrix: Float[np.ndarray, "3 3"], file: Path) -> Float[np.ndarray, "3 3"]:
     """A matrix of finite numbers.
 
-    **Raises:** `InputError` where no triad has it.
+    **Raises:** `InputError` for a matrix that cannot be that of a triad.
     """
     scales = np.linalg.svd(matrix, compute_uv=False)
     if not 1 / MOST_SCALE < scales[-1] <= scales[0] < MOST_SCALE:
@@ -76,9 +76,9 @@ def checked_matrix(matrix: Float[np.ndarray, "3 3"], file: Path) -> Float[np.nda
 
 
 def covariance(path: Path, content: dict[str, Any], size: int, within: str = "", key: str = "covariance") -> np.ndarray:
-    """The covariance of so many numbers under a key.
+    """The covariance of `size` numbers under a key.
 
-    **Raises:** `InputError` for a table that is none.
+    **Raises:** `InputError` for an invalid covariance.
     """
     table = numbers(path, content, key, (size, size), within)
     largest = float(np.max(np.abs(table)))
@@ -98,7 +98,7 @@ def parameters(path: Path, stated: dict[str, Any]) -> SensorParameters:
     if not (isinstance(names, list) and all(isinstance(name, str) for name in names) and len(set(names)) == len(names)):
         raise InputError(f"{path}: parameters: names must be different texts")
     faults = [
-        f"{path}: parameters.names: no parameter {shown(name)} of a triad or its mountings; there are {', '.join(SENSOR)}, "
+        f"{path}: parameters.names: no parameter {shown(name)} of a triad or its mountings; parameters: {', '.join(SENSOR)}, "
         "dtheta_x, dtheta_y, dtheta_z"
         for name in names
         if name not in SENSOR and leaf_of(name) != "dtheta"
@@ -122,23 +122,23 @@ def parameters(path: Path, stated: dict[str, Any]) -> SensorParameters:
 def agreeing(
     path: Path, matrix: Float[np.ndarray, "3 3"], bias: Float[np.ndarray, "3"], own: SensorParameters
 ) -> SensorParameters:
-    """Parameters that say the same as matrix and bias.
+    """Parameters that agree with matrix and bias.
 
-    **Raises:** `InputError` where they contradict each other: somebody changed one of them by hand.
+    **Raises:** `InputError` if they contradict each other, as after a manual change of one of them.
     """
     sensor = own.of(SENSOR).values
     triad = triad_of(sensor)
     far = np.flatnonzero(np.abs(bias - sensor[3:6]) > _SAME * max(1.0, float(np.max(np.abs(bias)))))
-    said = [f"bias.{k}: {bias[k]:.9g} g, but parameters say {sensor[3 + k]:.9g}" for k in far]
+    faults = [f"bias.{k}: {bias[k]:.9g} g, but parameters say {sensor[3 + k]:.9g}" for k in far]
     # The matrix undoes the triad of the parameters: their product is 1 whatever unit the readings are in.
     if np.any(np.abs(matrix @ triad - np.eye(3)) > _SAME):
         made = np.linalg.inv(matrix)
         row, column = np.unravel_index(np.argmax(np.abs(made - triad)), (3, 3))
-        said.append(
+        faults.append(
             f"matrix: its inverse has {made[row, column]:.9g} in row {row + 1}, column {column + 1}, but dK and gamma in "
             f"parameters make {triad[row, column]:.9g}"
         )
-    if said:
-        advice = "the file contradicts itself, as after a change by hand; take the one that calibrate wrote"
-        raise InputError([f"{path}: {fault}: {advice}" for fault in said])
+    if faults:
+        advice = "the file contradicts itself, as after a manual change; use the file of calibrate"
+        raise InputError([f"{path}: {fault}: {advice}" for fault in faults])
     return own
