@@ -11,7 +11,7 @@ import pytest
 import gimbal_bounds as gimbal
 from tumblecal import InputError
 from tumblecal.budget.budget import budget_of
-from tumblecal.budget.columns import gain
+from tumblecal.budget.columns import sensitivity_to_readings
 from tumblecal.budget.monte_carlo import monte_carlo
 from tumblecal.chain.considered import Considered
 from tumblecal.data import PositionSet, write_positions
@@ -108,7 +108,7 @@ def test_readings_of_correlated_noise_have_their_own_gain(table1):
     changed = table1.readings.copy()
     changed[5, 1] += 1e-5
     moved = exact.fit(replace(problem, readings=changed)).values - fit.values
-    np.testing.assert_allclose(gain(fit)[:, 5, 1] * 1e-5, moved, atol=1e-9)
+    np.testing.assert_allclose(sensitivity_to_readings(fit)[:, 5, 1] * 1e-5, moved, atol=1e-9)
 
 
 def test_combined_expanded_and_degrees_of_freedom_by_hand(table1):
@@ -203,9 +203,12 @@ def test_a_leaf_that_is_kept_is_considered(table1):
         ('a = { adds_to = "dK", size = "10" }', "a: '10' has no unit; write for example '10 ppm'"),
         (
             'a = { what = "gravity_value", size = "1e300 ppm" }',
-            r"a: size '1e300 ppm' makes a standard .* look to its unit",
+            r"a: size '1e300 ppm' makes a standard .* check its unit",
         ),
-        ('a = { adds_to = "bias", size = "1 g", coverage = 1e-90 }', "none of a calibration; look to its unit and its"),
+        (
+            'a = { adds_to = "bias", size = "1 g", coverage = 1e-90 }',
+            "implausible for a calibration; check its unit and its",
+        ),
         ('a = { what = "dbeta", size = "1 mrad" }', "dbeta is fitted"),
         ('a = { adds_to = "gain", size = "1 mg" }', "no fitted parameter"),
         ('a = { what = "bias_drift", size = "1 mg/h" }', "bias_drift.x: the data have no column time_s"),

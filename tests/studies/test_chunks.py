@@ -93,7 +93,7 @@ def test_chunks_of_another_seed_are_not_used_when_the_manifest_is_gone(tmp_path,
     (tmp_path / "manifest.json").unlink()
     total, computed, told = outcome(tables(2), tmp_path)
     assert (total, computed) == (29.0, [0, 1, 2])
-    assert told == [f"{chunk_path(tmp_path, 0)} and 2 more: not used, computed again: another study or seed"]
+    assert told == [f"{chunk_path(tmp_path, 0)} and 2 more: not used, computed again: different study or seed"]
     (tmp_path / "manifest.json").unlink()
     assert outcome(tables(2), tmp_path) == (29.0, [], [])
 

@@ -133,7 +133,7 @@ def test_a_chunk_of_a_foreign_worker_that_came_later_is_refused(tmp_path, study,
             assert unpacked(content, statement(study_hash(study), chunk))["chunk"] == chunk
         with (
             worker(address, "changed", changed, folder),
-            pytest.raises(InputError, match=r"worker tcp://\S+ refused: chunk \d: tumblecal \S+ against "),
+            pytest.raises(InputError, match=r"worker tcp://\S+ rejected: chunk \d: tumblecal \S+ against "),
         ):
             list(chunks)
 
@@ -171,7 +171,7 @@ def test_a_worker_that_returns_one_and_a_half_times_the_sums_is_refused_by_name(
     with scheduler(tmp_path) as (address, _), worker(address, "bad", tmp_path):
         wait_for(address, 1)
         for factor, fault in (
-            ("1.5", r"refused: chunk \d: it counts 15 trials, 10 were"),
+            ("1.5", r"rejected: chunk \d: it counts 15 trials, 10 were"),
             ("1.0", r": chunk \d, computed"),
         ):
             compute = work(tmp_path, f"bad_work_{factor[0]}{factor[2]}", text.replace("FACTOR", factor))
@@ -209,7 +209,7 @@ def test_a_stopped_and_a_killed_worker_are_told_and_the_study_ends(tmp_path, stu
 
         def tell(line):
             told.append(line)
-            if "no sign of life for 3 s" in line:
+            if "has not responded for 3 s" in line:
                 os.kill(stopped.pid, signal.SIGCONT)
 
         with cluster(study, scheduler=address, compute=compute) as computed:
@@ -217,7 +217,7 @@ def test_a_stopped_and_a_killed_worker_are_told_and_the_study_ends(tmp_path, stu
                 study, tmp_path / "out", study=Numbers(30), computed=computed, progress=progress, tell=tell
             )
     assert content["sum"] == sum(range(30))
-    assert [sum(words in line for line in told) for words in ("is gone", "no sign of life", "answers again")] == [
+    assert [sum(words in line for line in told) for words in ("is gone", "has not responded", "answers again")] == [
         1,
         1,
         1,

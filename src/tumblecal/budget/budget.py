@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.budget.columns import Input, gain, inputs_of, shifts, signals
+from tumblecal.budget.columns import Input, inputs_of, sensitivity_to_readings, shifts, signals
 from tumblecal.chain import Chain
 from tumblecal.chain.considered import Considered
 from tumblecal.data.coverage_factor import coverage_factors, effective_dof
@@ -22,12 +22,12 @@ from tumblecal.estimation.fit import Fit
 class Budget:
     """The uncertainty of a fit's parameters.
 
-    - `fit`: with its own covariance (type A). `inputs`: what is considered in addition, `shifts` of each: what its components
-      do to the parameters at one standard uncertainty, base units.
+    - `fit`: with its covariance (type A). `inputs`: considered in addition; `shifts` of each: change of the parameters by its
+      components at one standard uncertainty, base units.
     - `chain`, `derivatives`: the fitted chain with the inputs in it, and the readings' derivatives by their names.
     - `level`: of the expanded uncertainty.
-    - `diagnosis_parts`: standard uncertainties by what a diagnosis adds to the noise, by label; the fit's covariance
-      includes them, and they share the noise's degrees of freedom. `own_dof`: these; None: those of the fit.
+    - `diagnosis_parts`: standard uncertainties that a diagnosis adds to the noise, by label; the fit's covariance
+      includes them, and they share the degrees of freedom of the noise. `noise_dof`: these; None: those of the fit.
     """
 
     fit: Fit
@@ -37,7 +37,7 @@ class Budget:
     derivatives: Mapping[str, Float[np.ndarray, "positions 3"]]
     level: float
     diagnosis_parts: Mapping[str, Float[np.ndarray, " free"]] = field(default_factory=dict)
-    own_dof: float | None = None
+    noise_dof: float | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -46,7 +46,7 @@ class Budget:
 
     @property
     def type_a(self) -> Float[np.ndarray, " free"]:
-        """Standard uncertainty by the data's own noise."""
+        """Standard uncertainty from the noise of the data (type A)."""
         return np.sqrt(np.maximum(self.fit.sd**2 - sum(size**2 for size in self.diagnosis_parts.values()), 0.0))
 
     @property
@@ -96,7 +96,7 @@ class Budget:
         return self.coverage * self.combined
 
     def without(self, number: int) -> Float[np.ndarray, " free"]:
-        """Expanded uncertainties if a contribution were nothing: 0 is the data's noise, then `labels` in turn."""
+        """Expanded uncertainties without one contribution: 0 is the noise of the data, then `labels` in turn."""
         sizes, dofs = self._terms(number)
         combined = np.sqrt(np.sum(sizes**2, axis=0))
         return coverage_factors(effective_dof(sizes, dofs), self.level) * combined
@@ -112,10 +112,10 @@ class Budget:
         if left_out is not None:
             sizes[left_out] = 0.0
         first = 1 + len(self.diagnosis_parts)
-        own = self.fit.dof if self.fit.noise == "estimated" else np.inf
-        own = own if self.own_dof is None else self.own_dof
+        of_noise = self.fit.dof if self.fit.noise == "estimated" else np.inf
+        of_noise = of_noise if self.noise_dof is None else self.noise_dof
         terms = np.vstack([np.linalg.norm(sizes[:first], axis=0), sizes[first:]])
-        return terms, np.array([own, *(given.stated.freedom for given in self.inputs)])
+        return terms, np.array([of_noise, *(given.stated.freedom for given in self.inputs)])
 
 
 def budget_of(
@@ -128,10 +128,10 @@ def budget_of(
     - `considered`: inputs by label. `entries`: the catalogue that they may name. `file`: named in faults.
     - `level`: of the expanded uncertainties.
 
-    **Raises:** `InputError` for an input that is not understood, or is fitted.
+    **Raises:** `InputError` for an input that is unknown or fitted.
     """
     inputs = inputs_of(considered, fit, entries, file)
     chain, derivatives = signals(fit, inputs)
-    by_reading = gain(fit)
+    by_reading = sensitivity_to_readings(fit)
     moved = tuple(shifts(fit, given, derivatives, by_reading) for given in inputs)
     return Budget(fit, tuple(inputs), moved, chain, derivatives, level)

@@ -1,4 +1,4 @@
-"""How considered inputs move the readings, and through the fit the parameters."""
+"""Effect of considered inputs on the readings, and through the fit on the parameters."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -27,12 +27,12 @@ def _everywhere(_, where: Where):
 
 
 _ANGLE = {"unit": "mrad", "typical": 0.1, "physics": "a constant", "cause": "the angle is set or read with an error"}
-# What readings leave of a shift when they cancel to so much of what they add up to is rounding.
+# If contributions of readings cancel to less than this share of their sum of sizes, the result is rounding.
 _ROUNDING = 1e-10
-# No input is as uncertain as this (g, rad, 1): its variance would be beyond what calibration files hold.
+# Largest standard uncertainty of an input (g, rad, 1): larger variances exceed the range of calibration files.
 _LARGEST = 1e5
-# Inputs that are no cause of their own, because the fit absorbs them where they are the same at all positions.
-OWN = {
+# Inputs that are not catalogue effects, because the fit absorbs them if they are equal at all positions.
+BUDGET_INPUTS = {
     "spindle_angle": angle_effect("spindle_angle", "alpha", _everywhere, **_ANGLE),
     "pitch_angle": angle_effect("pitch_angle", "beta", _everywhere, **_ANGLE),
     **{
@@ -43,7 +43,7 @@ OWN = {
             unit="mg",
             typical=0.1,
             physics="a constant",
-            cause="the mean does not settle to less than this",
+            cause="the mean settles no closer than this",
         )
         for axis in AXES
     },
@@ -52,11 +52,11 @@ OWN = {
 
 @dataclass(frozen=True)
 class Input:
-    """A considered input, ready to be carried through.
+    """A considered input, ready for propagation.
 
     - `names`: the coefficients of its links, or fitted parameters that it is added to (`direct`).
-    - `u`: standard uncertainty of each, base units. `stated`: as the file has it.
-    - `links`: what makes its signal; none of a leaf of the chain, or of what is added directly.
+    - `u`: standard uncertainty of each, base units. `stated`: as in the file.
+    - `links`: the links of its signal; none for a leaf of the chain, or for an input added directly.
     """
 
     label: str
@@ -70,7 +70,7 @@ class Input:
 def inputs_of(considered: Mapping[str, Considered], fit: Fit, entries: Catalogue, file: str) -> list[Input]:
     """The considered inputs of a fit.
 
-    **Raises:** `InputError`, one line a fault, for what is unknown, is fitted already, or has no such unit.
+    **Raises:** `InputError`, one line a fault, for an input that is unknown, already fitted, or has the wrong unit.
     """
     inputs, faults = [], []
     for label, stated in considered.items():
@@ -78,9 +78,9 @@ def inputs_of(considered: Mapping[str, Considered], fit: Fit, entries: Catalogue
             inputs.append(_input(label, stated, fit, entries))
         except InputError as error:
             faults += [f"{file}: considered.{label}: {fault}" for fault in error.faults]
-    taken = [(name, given.stated.per) for given in inputs if not given.direct for name in given.names]
-    if twice := sorted({name for name, per in taken if taken.count((name, per)) > 1}):
-        faults.append(f"{file}: considered: {', '.join(twice)} twice; put them into one input")
+    used = [(name, given.stated.per) for given in inputs if not given.direct for name in given.names]
+    if twice := sorted({name for name, per in used if used.count((name, per)) > 1}):
+        faults.append(f"{file}: considered: {', '.join(twice)} stated twice; combine them in one input")
     if faults:
         raise InputError(located(Path(file), faults))
     return inputs
@@ -90,15 +90,17 @@ def _input(label: str, stated: Considered, fit: Fit, entries: Catalogue) -> Inpu
     if stated.adds_to:
         return _added(label, stated, fit)
     chain, where = fit.problem.chain, fit.problem.where
-    kept = [leaf for leaf in chain.parameters if leaf.name == stated.what]
-    if any(leaf.free for leaf in kept):
+    leaves_of_chain = [leaf for leaf in chain.parameters if leaf.name == stated.what]
+    if any(leaf.free for leaf in leaves_of_chain):
         raise InputError(f"{stated.what} is fitted; its uncertainty is of type A, so leave it out or fix it (--fix)")
-    if kept:
-        return _sized(label, stated, kept, ())
-    ids = [id for id in (stated.what, *(f"{stated.what}.{axis}" for axis in AXES)) if id in OWN or id in entries]
+    if leaves_of_chain:
+        return _sized(label, stated, leaves_of_chain, ())
+    ids = [
+        id for id in (stated.what, *(f"{stated.what}.{axis}" for axis in AXES)) if id in BUDGET_INPUTS or id in entries
+    ]
     if not ids:
-        entry(entries, stated.what)  # says what is near
-    links = tuple(first_link(OWN[id] if id in OWN else entries[id], where) for id in ids)
+        entry(entries, stated.what)  # its error lists similar ids
+    links = tuple(first_link(BUDGET_INPUTS[id] if id in BUDGET_INPUTS else entries[id], where) for id in ids)
     leaves = [leaf for leaf in Chain(links).parameters if leaf.free]
     if common := {leaf.name for leaf in leaves} & {leaf.name for leaf in chain.parameters if leaf.free}:
         raise InputError(f"{', '.join(sorted(common))} is fitted; its uncertainty is of type A, so leave it out")
@@ -113,7 +115,7 @@ def _sized(label: str, stated: Considered, leaves: Sequence[Parameter], links: t
 def _standard(stated: Considered, unit: str) -> float:
     """The standard uncertainty that is stated, in base units.
 
-    **Raises:** `InputError` for a size without its unit, one that is not above 0, or one beyond any sensor's.
+    **Raises:** `InputError` for a size without its unit, not above 0, or beyond any sensor.
     """
     size = quantity(stated.size, unit, bare=False)
     if not size > 0:
@@ -121,8 +123,8 @@ def _standard(stated: Considered, unit: str) -> float:
     u = size * stated.standard
     if not u <= _LARGEST:
         raise InputError(
-            f"size {stated.size!r} makes a standard uncertainty of {u:.3g} (unit {unit}), which is none of a calibration; look "
-            "to its unit and its coverage"
+            f"size {stated.size!r} makes a standard uncertainty of {u:.3g} (unit {unit}), implausible for a calibration; check "
+            "its unit and its coverage"
         )
     return u
 
@@ -131,14 +133,15 @@ def _added(label: str, stated: Considered, fit: Fit) -> Input:
     leaves = {leaf.name: (leaf.names, leaf.unit) for leaf in fit.problem.chain.free}
     single = {name: ((name,), unit) for name, unit in zip(fit.names, fit.units, strict=True)}
     if stated.adds_to not in leaves | single:
-        raise InputError(f"adds_to: no fitted parameter {stated.adds_to!r}; there are {', '.join([*leaves, *single])}")
+        raise InputError(
+            f"adds_to: no fitted parameter {stated.adds_to!r}; the parameters are {', '.join([*leaves, *single])}"
+        )
     names, unit = (leaves | single)[stated.adds_to]
     return Input(label, stated, names, _standard(stated, unit), direct=True)
 
 
 def signals(fit: Fit, inputs: Sequence[Input]) -> tuple[Chain, dict[str, Float[np.ndarray, "positions 3"]]]:
-    """The chain with all inputs in it, free where they were kept, and the readings' derivative by each of their names, at
-    the fit."""
+    """The chain with all inputs as free parameters, and the derivative of the readings (positions, 3) by each, at the fit."""
     chain = with_inputs(fit, inputs)
     names = list(dict.fromkeys(name for given in inputs if not given.direct for name in given.names))
     tangents = np.eye(len(chain.names))[[chain.names.index(name) for name in names]]
@@ -164,7 +167,7 @@ def with_inputs(fit: Fit, inputs: Sequence[Input]) -> Chain:
     return with_parameters(chain, lambda leaf: replace(leaf, free=True) if wanted & {*leaf.names} else leaf)
 
 
-def gain(fit: Fit) -> Float[np.ndarray, "free positions 3"]:
+def sensitivity_to_readings(fit: Fit) -> Float[np.ndarray, "free positions 3"]:
     """Change of each fitted parameter with each reading: `(J'J)^-1 J' W`, in base units."""
     count, whitening = fit.problem.readings.size, np.asarray(fit.problem.whitening)
     white = np.linalg.pinv(fit.jacobian)[:, :count] * fit.problem.scales[:, None]
@@ -180,8 +183,8 @@ def gain(fit: Fit) -> Float[np.ndarray, "free positions 3"]:
 def shifts(
     fit: Fit, given: Input, derivatives: Mapping[str, np.ndarray], by_reading: Float[np.ndarray, "free positions 3"]
 ) -> Float[np.ndarray, "free components"]:
-    """What one standard uncertainty of each independent component of an input does to the fitted parameters; exactly nothing
-    where that is rounding."""
+    """Change of the fitted parameters by one standard uncertainty of each independent component of an input; exactly zero if
+    that is rounding."""
     if given.direct:
         return given.u * np.eye(len(fit.names))[:, [fit.names.index(name) for name in given.names]]
     groups, columns = groups_of(fit, given), []
@@ -194,7 +197,7 @@ def shifts(
 
 
 def groups_of(fit: Fit, given: Input) -> Int[np.ndarray, " positions"]:
-    """Which component of an input each position has."""
+    """Number of the independent component of an input at each position."""
     if given.stated.per is None:
         return np.zeros(fit.problem.readings.shape[0], int)
     return np.asarray(fit.problem.where.index(given.stated.per))

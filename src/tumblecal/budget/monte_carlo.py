@@ -1,4 +1,4 @@
-"""A budget checked by drawing its inputs and fitting again (JCGM 101): no linearisation, no normal distribution assumed."""
+"""Monte Carlo check of a budget: inputs are drawn and each trial is fitted (JCGM 101), without linearisation or normality."""
 
 from dataclasses import dataclass, replace
 from functools import partial
@@ -20,8 +20,8 @@ _BLOCK = 1000
 
 @dataclass(frozen=True)
 class MonteCarlo:
-    """What the trials say of each parameter: mean shift, sd, half width of the shortest symmetric interval at the budget's
-    level, and the share of trials whose error is within U; `failed` trials had no fit and count in none of these."""
+    """Statistics of each parameter over the trials: mean shift, sd, half width of the symmetric interval at the budget's level,
+    and the share of trials whose error is within U. `failed` trials had no fit and are not included."""
 
     trials: int
     failed: int
@@ -32,10 +32,10 @@ class MonteCarlo:
 
 
 def monte_carlo(budget: Budget, trials: int, seed: int = 0) -> MonteCarlo:
-    """Draw noise and inputs, fit each trial, compare with what was put in.
+    """Draw noise and inputs, fit each trial, compare with the input values.
 
-    Inputs that are the same at all positions go through the exact chain; those of each position by their derivatives.
-    The noise is drawn from the covariance that the fit counts with, correlations between positions among them.
+    Inputs that are equal at all positions act through the exact chain; separate ones for each position by their derivatives.
+    The noise is drawn from the covariance of the fit, including correlations between positions.
     """
     problem = replace(budget.fit.problem, chain=budget.fit.chain)
     quick = compiler_options()
@@ -56,7 +56,7 @@ def monte_carlo(budget: Budget, trials: int, seed: int = 0) -> MonteCarlo:
 
 
 def _drawn(budget: Budget, rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Parameter vectors of the chain with its inputs, what is added to readings beside, and to estimates directly."""
+    """Parameter vectors of the chain with its inputs, and additions to readings and to estimates."""
     chain, fit = budget.chain, budget.fit
     vectors = np.tile(chain.vector, (count, 1))
     added, direct = np.zeros((count, *fit.problem.readings.shape)), np.zeros((count, len(fit.names)))
@@ -88,7 +88,7 @@ def _standard(rng: np.random.Generator, given: Input, size: tuple[int, ...]) -> 
 
 
 def _noise(budget: Budget, rng: np.random.Generator, count: int) -> np.ndarray:
-    """Noise of the readings, g; of an estimated sd as uncertain as that is."""
+    """Noise of the readings, g; for an estimated sd with its uncertainty."""
     fit = budget.fit
     noise = fit.problem.noise.sample(rng, count).T.reshape(count, *fit.problem.readings.shape)
     if fit.noise == "estimated":

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from tumblecal.budget.budget import Budget
-from tumblecal.budget.columns import OWN, Input
+from tumblecal.budget.columns import BUDGET_INPUTS, Input
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.uncertainty_parts import UncertaintyParts, uncertainty_parts
 from tumblecal.effects.catalogue import Catalogue
@@ -20,14 +20,14 @@ from tumblecal.ground.errors import InputError
 
 
 def require_same_data(path: Path, calibration: Calibration, sha256: str | None, serial_number: str | None) -> None:
-    """Check that a calibration is of the budget's data.
+    """Check that a calibration is from the budget's data.
 
     **Raises:** `InputError` if file digest or serial number differ.
     """
-    own, theirs = serial_number, calibration.serial_number
-    if own and theirs and own != theirs:
+    theirs = calibration.serial_number
+    if serial_number and theirs and serial_number != theirs:
         raise InputError(
-            f"{path}: a diagnosis of unit {theirs}, but the data are of unit {own}; diagnose the same file"
+            f"{path}: a diagnosis of unit {theirs}, but the data are of unit {serial_number}; diagnose the same file"
         )
     if sha256 and calibration.provenance.get("sha256") not in (None, sha256):
         raise InputError(f"{path}: a diagnosis of other data than the budget; diagnose the same file")
@@ -42,9 +42,10 @@ def of_diagnosis(
 
     - `path`: of the calibration, `file`: of the inputs, for faults.
 
-    **Returns:** it, and in words which inputs are effects that the diagnosis counts already as undetected.
+    **Returns:** the budget, and notes on inputs that the diagnosis already includes as undetected effects.
 
-    **Raises:** `InputError` for a file that is none of such a diagnosis, and for an input that is an effect of its explanation.
+    **Raises:** `InputError` for a file that is not from such a diagnosis, and for an input that is an effect of its
+    explanation.
     """
     parts = uncertainty_parts(path, calibration)
     names = parts.parameters.names
@@ -65,12 +66,14 @@ def of_diagnosis(
         unidentifiable=np.zeros((0, 0)),
     )
     shifts = tuple(shift[places] for shift in budget.shifts)
-    made = replace(budget, fit=fit, shifts=shifts, diagnosis_parts=parts.diagnosis_parts, own_dof=parts.parameters.dof)
+    made = replace(
+        budget, fit=fit, shifts=shifts, diagnosis_parts=parts.diagnosis_parts, noise_dof=parts.parameters.dof
+    )
     return made, list(_counted_twice(budget, parts, entries))
 
 
 def ids_of(given: Input) -> set[str]:
-    """The effects that an input is, with and without its axis."""
+    """The effect ids of an input, with and without its axis."""
     return {given.stated.what, *(f"{given.stated.what}.{axis}" for axis in AXES)} if given.links else set()
 
 
@@ -92,8 +95,8 @@ def _require_new(path: Path, budget: Budget, parts: UncertaintyParts, file: str)
 
 def _counted_twice(budget: Budget, parts: UncertaintyParts, entries: Catalogue) -> Iterator[str]:
     for given in budget.inputs:
-        own = {id for id in ids_of(given) if id in entries and id not in OWN}
-        both = own if parts.undetected is None else own & parts.undetected
+        effects = {id for id in ids_of(given) if id in entries and id not in BUDGET_INPUTS}
+        both = effects if parts.undetected is None else effects & parts.undetected
         if both:
             yield (
                 f"input {given.label} ({given.stated.what}) is also among the undetected effects of the diagnosis. Both "

@@ -41,20 +41,20 @@ def averaging_factors(n: int, per_octave: int = 2, fewest: int = 3) -> NDArray[n
     return np.unique(np.rint(2.0 ** np.arange(0, octaves + 1e-9, 1 / per_octave)).astype(np.int64))
 
 
-def _squared_differences(total: NDArray[np.float64], factor: int, kept: NDArray[np.float64]) -> tuple[float, int]:
-    """Sum of squared second differences of a running sum, and their number: what pools over stretches.
+def _squared_differences(total: NDArray[np.float64], factor: int, room: NDArray[np.float64]) -> tuple[float, int]:
+    """Sum of squared second differences of a running sum, and their number; both are pooled over stretches.
 
     **Arguments:**
 
-    - `total`: running sum of a stretch, from 0. `factor`: samples in an average. `kept`: room for as many numbers.
+    - `total`: running sum of a stretch, from 0. `factor`: samples in an average. `room`: memory for as many numbers.
     """
     n = len(total) - 2 * factor
     if n < 1:
         return 0.0, 0
-    difference = np.subtract(total[2 * factor :], total[factor:-factor], out=kept[:n])
+    difference = np.subtract(total[2 * factor :], total[factor:-factor], out=room[:n])
     difference -= total[factor:-factor]
     difference += total[:n]
-    # Not by @: threads of the linear algebra would wait for each other.
+    # Not by @: the threads of the linear algebra library would wait for each other.
     return float(np.einsum("i,i", difference, difference)), n
 
 
@@ -77,24 +77,24 @@ def overlapping_allan(
     totals = [np.concatenate([[0.0], np.cumsum(s - s.mean())]) for s in stretches]
     room = np.empty(longest + 1)
     variance, dof = [], []
-    kept = []
+    used_factors = []
     for factor in factors.tolist():
         parts = [_squared_differences(total, factor, room) for total in totals]
         count = sum(c for _, c in parts)
         if not count:
             continue
-        kept.append(factor)
+        used_factors.append(factor)
         variance.append(sum(total for total, _ in parts) / (2.0 * factor**2 * count))
     variance_of = np.array(variance)
-    slopes = _slopes(np.array(kept), variance_of)
-    for factor, slope in zip(kept, slopes, strict=True):
+    slopes = _slopes(np.array(used_factors), variance_of)
+    for factor, slope in zip(used_factors, slopes, strict=True):
         lengths = [len(s) for s in stretches if len(s) >= 2 * factor]
         dof.append(sum(degrees_of_freedom(n, factor, slope) for n in lengths))
     freedom = np.array(dof)
     tail = (1 - _CONFIDENCE) / 2
     deviation = np.sqrt(variance_of)
     return AllanDeviation(
-        tau_s=np.array(kept) / rate_hz,
+        tau_s=np.array(used_factors) / rate_hz,
         deviation=deviation,
         low=deviation * np.sqrt(freedom / chdtri(freedom, tail)),
         high=deviation * np.sqrt(freedom / chdtri(freedom, 1 - tail)),
@@ -109,8 +109,8 @@ def _slopes(factors: NDArray[np.int64], variance: NDArray[np.float64]) -> NDArra
     slope = np.gradient(np.log(variance), np.log(factors))
     padded = np.concatenate([slope[:1], slope, slope[-1:]])
     smooth = (padded[:-2] + padded[1:-1] + padded[2:]) / 3
-    # Quantisation noise rules at short times only: a steep slope behind a flatter one is chance, and its many degrees of
-    # freedom would not be there.
+    # Quantisation noise dominates only at short times: a steep slope after a flatter one is chance, and its many degrees of
+    # freedom would be wrong.
     return np.where(np.maximum.accumulate(smooth) < _QUANTISED, smooth, np.maximum(smooth, _QUANTISED))
 
 

@@ -1,4 +1,4 @@
-"""A noise model from what is known of an instrument: figures of its data sheet, or a static record."""
+"""A noise model from the figures of a data sheet, or from a static record."""
 
 from collections.abc import Sequence
 
@@ -10,21 +10,21 @@ from tumblecal.noise.allan import AllanDeviation, averaging_factors, overlapping
 from tumblecal.noise.parts import Flicker, Noise, Part, Quantisation, RandomWalk, White
 
 
-# Quantisation noise must lower chi-squared by this much to be believed; neighbouring points of an overlapping Allan deviation
-# are correlated, so this is more than independent points would ask for.
-_BELIEVED = 15.0
+# Quantisation noise is accepted if it reduces chi-squared by this much. Neighbouring points of an overlapping Allan
+# deviation are correlated, so the value is larger than for independent points.
+_ACCEPTED = 15.0
 
 
 def quantisation_and_misfit(allan: AllanDeviation, noise: Noise, axis: int) -> dict[str, float]:
-    """Quantisation noise beside a noise model, and how well both describe a measured Allan deviation.
+    """Quantisation noise in addition to a noise model, and the misfit of both to a measured Allan deviation.
 
     **Arguments:**
 
     - `allan`: of one axis, g. `noise`: the model. `axis`: its index.
 
     **Returns:** `quantisation_g_s`: Q of the Allan variance `3 Q^2 / tau^2` (IEEE Std 952, C.1.5), 0 where it is not
-    needed; `white_g_per_rthz`: of the white noise beside it; `reduced_chi2`: chi-squared over the number of averaging
-    times, each Allan variance with the sd that its degrees of freedom give; about 1 where the model holds.
+    needed; `white_g_per_rthz`: of the white noise with it; `reduced_chi2`: chi-squared over the number of averaging times, each
+    Allan variance with the sd from its degrees of freedom; about 1 for a correct model.
     """
     measured, tau = allan.deviation**2, allan.tau_s
     known = noise.allan_deviation(tau)[:, axis] ** 2
@@ -34,26 +34,26 @@ def quantisation_and_misfit(allan: AllanDeviation, noise: Noise, axis: int) -> d
 
     white = noise.coefficients()[axis]["white_g_per_rthz"]
     slow = known - white**2 / tau
-    # White noise is fitted anew, since steps from sample to sample hold quantisation noise as well.
+    # White noise is fitted again, because steps between samples also contain quantisation noise.
     columns = np.stack([3 / tau**2, 1 / tau], axis=1)
     weights = np.sqrt(allan.dof / 2) / np.maximum(measured, 1e-300)
     squared, alone = (
         _non_negative(columns[:, first:] * weights[:, None], np.maximum(measured - slow, 0.0) * weights)
         for first in (0, 1)
     )
-    beside, without = misfits(columns @ squared + slow), misfits(columns[:, 1:] @ alone + slow)
-    if beside @ beside + _BELIEVED > without @ without:
-        squared, beside = np.array([0.0, white**2]), misfits(known)
+    with_quantisation, without = misfits(columns @ squared + slow), misfits(columns[:, 1:] @ alone + slow)
+    if with_quantisation @ with_quantisation + _ACCEPTED > without @ without:
+        squared, with_quantisation = np.array([0.0, white**2]), misfits(known)
     return {
         "quantisation_g_s": float(np.sqrt(squared[0])),
         "white_g_per_rthz": float(np.sqrt(squared[1])),
-        "reduced_chi2": float(beside @ beside) / len(tau),
+        "reduced_chi2": float(with_quantisation @ with_quantisation) / len(tau),
     }
 
 
 def _non_negative(columns: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     """Least squares with coefficients of zero or more."""
-    from scipy.optimize import nnls  # half a second, which most commands that simulate noise can do without
+    from scipy.optimize import nnls  # takes half a second, and most commands that simulate noise do not need it
 
     return nnls(columns, wanted)[0]
 
@@ -64,9 +64,9 @@ def from_figures(figures: Sequence[tuple[float, float]], *, period_s: float = 0.
     **Arguments:**
 
     - `figures`: pairs of averaging time (s) and sd of means over it (g); the paper: (1, 1.2e-3), (100, 0.7e-3).
-    - `period_s`: sample period. `quantisation`: resolution of the output, g; its share is taken off first.
+    - `period_s`: sample period. `quantisation`: resolution of the output, g; its contribution is subtracted first.
 
-    **Raises:** `InputError` when no such sum of parts has these figures within 10 %.
+    **Raises:** `InputError` if no such sum of parts has these figures within 10 %.
     """
     if len(figures) < 2:
         raise InputError("a noise model needs the sd at two averaging times or more, such as 1 s and 100 s")
@@ -90,8 +90,10 @@ def from_record(samples: Float[np.ndarray, "samples 3"], period_s: float, *, qua
     """
     if len(samples) < 16:
         raise InputError(f"{len(samples)} samples are too few for an Allan deviation; record 16 or more")
-    allan = [overlapping_allan([own], 1.0 / period_s, averaging_factors(len(samples), 1, 4)) for own in samples.T]
-    target = np.stack([own.deviation**2 for own in allan], axis=1)
+    allan = [
+        overlapping_allan([of_axis], 1.0 / period_s, averaging_factors(len(samples), 1, 4)) for of_axis in samples.T
+    ]
+    target = np.stack([of_axis.deviation**2 for of_axis in allan], axis=1)
     kinds = ("white", "flicker", "walk")
     return _fitted(
         allan[0].tau_s, target, kinds, np.sqrt(len(samples) * period_s / allan[0].tau_s - 1), period_s, quantisation

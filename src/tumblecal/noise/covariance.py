@@ -1,7 +1,7 @@
-"""A covariance in the form that suits it, and rows made white by it.
+"""A covariance in a compact form, and white rows by it.
 
-Rows are positions times axes, the axis running fastest. Rows behind them (those of priors) have variance one and are left
-alone. White rows, determinant and draws come from the lower Cholesky factor (Golub and Van Loan 2013, section 4.2.5).
+Rows are positions times axes; the axis varies fastest. Further rows (those of priors) have variance one and are
+unchanged. White rows, determinant and draws use the lower Cholesky factor (Golub and Van Loan 2013, section 4.2.5).
 """
 
 from collections.abc import Callable
@@ -16,7 +16,7 @@ from jaxtyping import Float
 class Covariance:
     """A covariance of `count` rows.
 
-    `values` has one of five forms, told apart by `form`: `"rows"` (rows): a diagonal; `"between"` (positions,
+    `values` has one of five forms, stated by `form`: `"rows"` (rows): a diagonal; `"between"` (positions,
     positions): the same for the three axes; `"by_axis"` (3, positions, positions): the axes independent; `"blocks"`
     (positions, 3, 3): the positions independent; `"full"` (rows, rows).
     """
@@ -50,7 +50,7 @@ class Covariance:
     def _by_form(
         self, operate: Callable[[np.ndarray], np.ndarray], rows: Float[np.ndarray, "rows columns"]
     ) -> Float[np.ndarray, "rows columns"]:
-        """What an operation makes of rows that are laid out as the form's matrices take them."""
+        """The result of an operation on rows in the layout of the form's matrices."""
         if self.form == "by_axis":
             by_axis = rows.reshape(self.count // 3, 3, -1).swapaxes(0, 1)
             return operate(by_axis).swapaxes(0, 1).reshape(rows.shape)
@@ -67,7 +67,7 @@ class Covariance:
         return np.concatenate([white.reshape(self.count, *rows.shape[1:]), rows[self.count :]])
 
     def times(self, rows: Float[np.ndarray, "rows columns"]) -> Float[np.ndarray, "rows columns"]:
-        """The covariance times the rows, its whole matrix never made."""
+        """The covariance times the rows, without its full matrix."""
         if self.form == "rows":
             return self.values[:, None] * rows
         return self._by_form(lambda parts: self.values @ parts, rows)
@@ -87,8 +87,8 @@ class Covariance:
 
     @cached_property
     def inverse_root(self) -> np.ndarray:
-        """What makes rows white by multiplication: 1/sd (rows,), or lower triangles, (3, positions, positions) for
-        independent axes, else (rows, rows)."""
+        """The factor that makes rows white by multiplication: 1/sd (rows,), or lower triangles, (3, positions, positions) for
+        independent axes, otherwise (rows, rows)."""
         if self.form == "rows":
             return 1.0 / self.root
         if self.form == "by_axis":

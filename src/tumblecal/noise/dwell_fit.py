@@ -1,14 +1,14 @@
 """The noise of a recording in dwells, averaged over every model that its samples allow.
 
-Each dwell is cut into blocks. The contrasts of its block means (what is left beside the dwell's own mean) are Gaussian with
-the closed-form covariance of `parts`; their exact likelihood, pooled over dwells, weighs the models: white noise with
-flicker, with random walk, or with Gauss-Markov noise of any time between a fraction of a block and the whole measurement.
-No instrument is exactly white, so none is without a slow part; its sd at the length of a dwell, over that of the white
-noise, is half-Cauchy of scale 1 (Gelman 2006): dwells are about as long as averaging helps, and small and large ratios are
-as probable. The contrasts hold what the Allan variances hold at long averaging times, with the exact distribution in place
-of an equivalent number of degrees of freedom. The scale is integrated out analytically (Jeffreys' prior; Gelman et al.
-2013, section 14.2). The average of a covariance over models is that of the mean squared coefficients (Hoeting et al. 1999),
-so the answer is again one sum of parts.
+Each dwell is divided into blocks. The contrasts of its block means (without the mean of the dwell) are Gaussian with the
+closed-form covariance of `parts`. Their exact likelihood, pooled over dwells, weights the models: white noise with
+flicker, with random walk, or with Gauss-Markov noise of any time between a fraction of a block and the whole
+measurement. No instrument is exactly white, so every model has a slow part. Its sd at the length of a dwell, over
+that of the white noise, is half-Cauchy of scale 1 (Gelman 2006): dwells are about as long as averaging helps, and
+small and large ratios are equally probable. The contrasts contain the information of the Allan variances at long
+averaging times, with the exact distribution in place of an equivalent number of degrees of freedom. The scale is
+integrated out analytically (Jeffreys' prior; Gelman et al. 2013, section 14.2). The average of a covariance over
+models is that of the mean squared coefficients (Hoeting et al. 1999), so the result is one sum of parts.
 """
 
 from collections.abc import Sequence
@@ -21,24 +21,24 @@ from scipy.special import logsumexp, softmax
 from tumblecal.noise.parts import Dwells, Flicker, GaussMarkov, Noise, Part, RandomWalk, White
 
 
-# Block means that a dwell is cut into.
+# Number of blocks of a dwell.
 _BLOCKS = 32
-# Prior of the slow parts: a dwell cannot tell a walk from Gauss-Markov noise that is slower than it.
+# Prior of the slow parts: within a dwell a walk and slower Gauss-Markov noise are indistinguishable.
 _PRIOR = {"flicker": 0.2, "walk": 0.4, "markov": 0.4}
 # Allan variances at the length of a dwell, over that of white noise, that are tried for each: uniform in the logarithm.
 _RATIOS = np.geomspace(1e-3, 1e5, 33)
 # The ratios of the three axes differ by about this much, in natural logarithms: a factor of two.
-_AXES_ALIKE = np.log(2.0)
+_AXES_SPREAD = np.log(2.0)
 _MARKOV_TIMES = 28
 # Shortest in blocks; longest in dwells, or the whole measurement.
 _SHORTEST_MARKOV, _LONGEST_MARKOV = 0.2, 10.0
-# Slowest flicker that is counted, in lengths of the whole measurement: slower is constant, and the bias takes it up.
+# Slowest flicker in the model, in lengths of the whole measurement: slower flicker is constant and absorbed by the bias.
 _SLOWEST = 10.0
-# Parts of the average that add less than this share of the variance at the length of a dwell are left out.
+# Parts of the average that add less than this share of the variance at the length of a dwell are omitted.
 _SHARE = 1e-3
-# A dwell whose samples step this much more than those of the others says nothing of the instrument.
+# A dwell whose sample steps are this much larger than in the others is not used for the noise of the instrument.
 _SHAKEN = 1.5
-# Samples that do not move at all (coarse quantisation) still have some noise.
+# Samples that do not change at all (coarse quantisation) still have some noise.
 LEAST_G = 1e-9
 
 
@@ -57,7 +57,7 @@ def ordinary_dwells(
     """The dwells whose noise is like that of the others on all axes."""
     steps = np.array([np.std(np.diff(dwell, axis=0), axis=0) for dwell in dwells])
     calm = np.all(steps <= _SHAKEN * np.median(steps, axis=0), axis=1)
-    return [dwell for dwell, kept in zip(dwells, calm, strict=True) if kept] or list(dwells)
+    return [dwell for dwell, ordinary in zip(dwells, calm, strict=True) if ordinary] or list(dwells)
 
 
 def fit_dwells(dwells: Sequence[Float[np.ndarray, "samples 3"]], rate_hz: float, whole_s: float) -> Noise:
@@ -78,9 +78,9 @@ def fit_dwells(dwells: Sequence[Float[np.ndarray, "samples 3"]], rate_hz: float,
     slow = _slow_parts(1 / rate_hz, _SHORTEST_MARKOV * block_s, typical_s, whole_s)
     white, squared = _averaged(_contrasts(dwells, size), slow, size, 1 / rate_hz)
     parts: list[Part] = [White(np.sqrt(np.maximum(white, LEAST_G**2 * typical_s)))]
-    for part, own in zip(slow, squared, strict=True):
-        if np.any(own > _SHARE * white):
-            parts.append(_scaled(part, np.sqrt(own)))
+    for part, squared_size in zip(slow, squared, strict=True):
+        if np.any(squared_size > _SHARE * white):
+            parts.append(_scaled(part, np.sqrt(squared_size)))
     return Noise(tuple(parts))
 
 
@@ -113,12 +113,12 @@ def _contrasts(dwells: Sequence[Float[np.ndarray, "samples 3"]], size: int) -> l
             means.setdefault(count, []).append(blocks)
     groups = []
     for count, listed in means.items():
-        rows = np.einsum("cb,dba->adc", _beside_the_mean(count), np.array(listed))
+        rows = np.einsum("cb,dba->adc", _contrast_matrix(count), np.array(listed))
         groups.append(_Contrasts(count, len(listed), np.einsum("adc,ade->ace", rows, rows)))
     return groups
 
 
-def _beside_the_mean(count: int) -> Float[np.ndarray, "contrasts blocks"]:
+def _contrast_matrix(count: int) -> Float[np.ndarray, "contrasts blocks"]:
     """Orthonormal contrasts of blocks (Helmert)."""
     return np.linalg.qr(np.eye(count) - 1.0 / count)[0].T[: count - 1]
 
@@ -128,7 +128,7 @@ def _averaged(
 ) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "parts 3"]]:
     """Posterior means of N^2 and of the slow parts' ratios times N^2, by axis.
 
-    The slow part is the same for the three axes; its size is each axis's own, alike within `_AXES_ALIKE`.
+    The slow part is the same for the three axes; its size is each axis's own, equal within `_AXES_SPREAD`.
     """
     rows = sum(group.dwells * (group.blocks - 1) for group in groups)
     near, common_prior = _near(), _half_cauchy()
@@ -163,9 +163,9 @@ def _half_cauchy() -> Float[np.ndarray, " sizes"]:
 
 
 def _near() -> Float[np.ndarray, "sizes sizes"]:
-    """Probability of an axis's own size (columns) where this (rows) is that of the triad: log-normal about it."""
+    """Probability of the size of an axis (columns) given the size of the triad (rows): log-normal about it."""
     size = np.log(_RATIOS)
-    density = np.exp(-0.5 * ((size[:, None] - size) / _AXES_ALIKE) ** 2)
+    density = np.exp(-0.5 * ((size[:, None] - size) / _AXES_SPREAD) ** 2)
     return density / np.sum(density, axis=1, keepdims=True)
 
 
@@ -174,5 +174,5 @@ def _unit_covariance(
 ) -> Float[np.ndarray, "contrasts contrasts"]:
     """Covariance of the contrasts under a slow part of ratio 1."""
     dwell = Dwells(np.arange(group.blocks) * size * period_s, size, period_s)
-    beside = _beside_the_mean(group.blocks)
-    return beside @ part.mean_covariance(dwell)[0] @ beside.T
+    contrasts = _contrast_matrix(group.blocks)
+    return contrasts @ part.mean_covariance(dwell)[0] @ contrasts.T

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from tumblecal.noise.recorded import RecordedNoise
 
 
-# A dwell this much noisier (sd of its samples) than the others goes by its own scatter.
+# For a dwell this much noisier (sd of its samples) than the others, the sd is estimated from that dwell.
 _NOISIER = 1.5
 _BATCHES = 10
 
@@ -16,17 +16,17 @@ _BATCHES = 10
 def sd_of_means(
     recorded: RecordedNoise, dwells: Sequence[Float[np.ndarray, "samples 3"]], middle_s: Float[np.ndarray, " positions"]
 ) -> Float[np.ndarray, "positions 3"]:
-    """Sd of each mean against its neighbours, g.
+    """Sd of each mean relative to its neighbours, g.
 
-    A dwell that is noisier than the others goes by its own scatter and batch means where they say more.
+    For a dwell that is noisier than the others, the sd of its samples and batch means is used if it is larger.
     """
     counts = np.array([len(dwell) for dwell in dwells])
     expected = recorded.sd_of_means(middle_s, counts)
-    own = np.stack([white_sd(dwell) for dwell in dwells])
-    spread = own * np.sqrt(counts)[:, None]
+    of_dwell = np.stack([white_sd(dwell) for dwell in dwells])
+    spread = of_dwell * np.sqrt(counts)[:, None]
     noisier = spread > _NOISIER * np.median(spread, axis=0)
     batches = np.stack([batch_means_sd(dwell) for dwell in dwells])
-    return np.where(noisier, np.fmax(np.maximum(expected, own), batches), expected)
+    return np.where(noisier, np.fmax(np.maximum(expected, of_dwell), batches), expected)
 
 
 def white_sd(dwell: Float[np.ndarray, "samples 3"]) -> Float[np.ndarray, "3"]:
@@ -35,7 +35,7 @@ def white_sd(dwell: Float[np.ndarray, "samples 3"]) -> Float[np.ndarray, "3"]:
 
 
 def batch_means_sd(dwell: Float[np.ndarray, "samples 3"]) -> Float[np.ndarray, "3"]:
-    """Sd of the mean from the scatter of a few long batches; honest while they are longer than the correlation."""
+    """Sd of the mean from a few long batches; correct if the batches are longer than the correlation time."""
     size = len(dwell) // _BATCHES
     if size < 1:
         return np.full(3, np.nan)

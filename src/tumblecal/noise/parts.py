@@ -15,9 +15,9 @@ from jaxtyping import Float, Int
 
 PerAxis: TypeAlias = Float[np.ndarray, "3"]
 
-# Gauss-Markov terms that stand for one decade of a flicker spectrum: three leave a ripple of 0.1 %.
+# Gauss-Markov terms for one decade of a flicker spectrum: three leave a ripple of 0.1 %.
 TERMS_PER_DECADE = 3
-# Slow parts below this share of the Allan variance at the length of a dwell are not worth a word.
+# Slow parts below this share of the Allan variance at the length of a dwell are not reported.
 MATTERS = 0.05
 
 
@@ -46,7 +46,7 @@ def regular_dwells(positions: int, dwell_s: float, move_s: float, rate_hz: float
     """Positions measured one after the other, `dwell_s` each, with `move_s` between them."""
     samples = round(dwell_s * rate_hz)
     if samples < 1:
-        raise ValueError(f"a dwell of {dwell_s:g} s holds no sample at {rate_hz:g} Hz")
+        raise ValueError(f"a dwell of {dwell_s:g} s contains no sample at {rate_hz:g} Hz")
     return Dwells(np.arange(positions) * (samples / rate_hz + move_s), samples, 1.0 / rate_hz)
 
 
@@ -103,8 +103,10 @@ class GaussMarkov:
         n, step = dwells.counts, dwells.period_s / self.time_s
         fading = -np.expm1(-step)  # 1 - phi
         reach = -np.expm1(-n * step) / fading  # sum of phi^j over a dwell
-        apart = np.abs(np.subtract.outer(dwells.start_s, dwells.start_s)) / self.time_s
-        between = np.exp(np.minimum((dwells.earlier_counts - 1) * step - apart, 0.0)) * np.outer(reach / n, reach / n)
+        separation = np.abs(np.subtract.outer(dwells.start_s, dwells.start_s)) / self.time_s
+        between = np.exp(np.minimum((dwells.earlier_counts - 1) * step - separation, 0.0)) * np.outer(
+            reach / n, reach / n
+        )
         # One dwell: [n (1 + phi)/(1 - phi) - 2 phi reach/(1 - phi)] / n^2; to first order where that cancels.
         exact = (n * (2 - fading) - 2 * (1 - fading) * reach) / fading / n**2
         np.fill_diagonal(between, np.where(n * step < 1e-4, 1.0 - step * (n**2 - 1) / (3 * n), exact))
@@ -205,12 +207,12 @@ class Noise:
         return np.sqrt(sum((getattr(p, symbol) ** 2 for p in self.parts if isinstance(p, kind)), np.zeros(3)))
 
     def words(self, dwell_s: float) -> list[str]:
-        """What the noise consists of, by axis: white noise, and the slow parts that matter to means over a dwell."""
+        """Components of the noise, by axis: white noise, and the slow parts that are significant for means over a dwell."""
         tau = np.array([dwell_s])
         total = self.allan_deviation(tau)[0] ** 2
         kinds = (White, Flicker, GaussMarkov, RandomWalk)
         shares = [Noise(tuple(p for p in self.parts if isinstance(p, kind))).allan_deviation(tau)[0] for kind in kinds]
-        said = []
+        lines = []
         for axis, size in enumerate(self.coefficients()):
             texts = (
                 f"white {size['white_g_per_rthz'] * 1e6:.3g} ug/sqrt(Hz)",
@@ -219,5 +221,5 @@ class Noise:
                 f"random walk {size['walk_g_per_rts'] * 1e6:.3g} ug/sqrt(s)",
             )
             matter = [True, *(share[axis] ** 2 > MATTERS * total[axis] for share in shares[1:])]
-            said.append(", ".join(text for text, there in zip(texts, matter, strict=True) if there))
-        return said
+            lines.append(", ".join(text for text, there in zip(texts, matter, strict=True) if there))
+        return lines

@@ -1,8 +1,8 @@
-"""The noise that a file of position means states beside them: a comment `noise_model`, and the covariance that follows from it.
+"""The noise that a file of position means states: a comment `noise_model`, and the covariance that follows from it.
 
 `# noise_model: {"rate_hz": ..., "recording": ..., "sample_sd_g": [x, y, z], "parts": [{"white_g_per_rthz": [x, y, z]},
 {"flicker_g": ..., "shortest_s": ..., "longest_s": ...}, {"walk_g_per_rts": ...}, {"markov_sd_g": ..., "markov_time_s": ...}]}`
-holds the parts of the noise, in g, s and Hz, for the three axes; with the times (column `time_s`, the middle of each dwell)
+contains the parts of the noise, in g, s and Hz, for the three axes. With the times (column `time_s`, the middle of each dwell)
 and lengths (column `n`) of the dwells they give the covariance of all means in closed form.
 """
 
@@ -20,9 +20,9 @@ from tumblecal.noise.dwell_fit import fit_dwells
 from tumblecal.noise.parts import Dwells, Flicker, GaussMarkov, Noise, RandomWalk, White
 
 
-# The comment that holds the noise.
+# The comment with the noise.
 NOISE_MODEL = "noise_model"
-# A stated sd this much above that of the parts is the dwell's own, of a noisier dwell.
+# A stated sd this much above that of the parts belongs to a noisier dwell.
 _NOISIER = 1.2
 _MOST_PARTS = 64
 
@@ -33,8 +33,8 @@ class RecordedNoise:
 
     **Arguments:**
 
-    - `noise`: its parts. `rate_hz`: of the samples. `sample_sd` (3): sd of a sample without what is slow in it, g.
-    - `recording`: what tells it from other recordings.
+    - `noise`: its parts. `rate_hz`: of the samples. `sample_sd` (3): sd of a sample without its slow part, g.
+    - `recording`: name that distinguishes it from other recordings.
     """
 
     noise: Noise
@@ -52,12 +52,12 @@ class RecordedNoise:
 
     @property
     def reported(self) -> Noise:
-        """The parts, the white one that of the samples: the average over models has a share of slow noise in it."""
+        """The parts, with the white part from the samples, because that of the model average includes some slow noise."""
         slow = (part for part in self.noise.parts if not isinstance(part, White))
         return Noise((White(self.sample_sd / np.sqrt(self.rate_hz)), *slow))
 
     def text(self) -> str:
-        """As the comment holds it."""
+        """The text of the comment."""
         parts = [_written(part) for part in self.noise.parts]
         content = {"rate_hz": self.rate_hz, "recording": self.recording, "sample_sd_g": self.sample_sd.tolist()}
         return json.dumps({**content, "parts": parts})
@@ -73,7 +73,7 @@ class RecordedNoise:
     def sd_of_means(
         self, time_s: Float[np.ndarray, " positions"], counts: Float[np.ndarray, " positions"]
     ) -> Float[np.ndarray, "positions 3"]:
-        """Sd of each mean against those measured next to it, g: without the wander that they have in common.
+        """Sd of each mean relative to its neighbours in time, g: without their common slow variation.
 
         A mean alone has the Allan deviation at the length of its dwell.
         """
@@ -88,9 +88,9 @@ def against_neighbours(
     """Half the variance of the difference of positions that follow each other in time, the mean of both sides."""
     order = np.argsort(time_s, kind="stable")
     local = np.zeros((len(time_s), 3))
-    for axis, own in enumerate(covariance):
-        diagonal = np.diag(own)[order]
-        common = own[order[1:], order[:-1]]
+    for axis, of_recording in enumerate(covariance):
+        diagonal = np.diag(of_recording)[order]
+        common = of_recording[order[1:], order[:-1]]
         steps = np.maximum(diagonal[1:] + diagonal[:-1] - 2 * common, 0.0) / 2
         sides = np.concatenate([steps[:1], steps]) + np.concatenate([steps, steps[-1:]])
         local[order, axis] = sides / 2
@@ -100,39 +100,41 @@ def against_neighbours(
 def recordings(data: PositionSet) -> list[tuple[Bool[np.ndarray, " positions"], RecordedNoise]]:
     """The rows of each recording of a position set that states its noise.
 
-    **Raises:** `InputError` when a comment cannot be read.
+    **Raises:** `InputError` if a comment cannot be read.
     """
     stated = data.recorded_noise or ()
     texts = [text for text in dict.fromkeys(stated) if text]
-    return [(np.array([own == text for own in stated]), read_noise(text, data.source)) for text in texts]
+    return [
+        (np.array([of_recording == text for of_recording in stated]), read_noise(text, data.source)) for text in texts
+    ]
 
 
 def recorded_covariance(data: PositionSet) -> Float[np.ndarray, "3 positions positions"] | None:
-    """Covariance of the means of a position set, g^2, as its recordings state it; None where none does, or the times or
-    numbers of samples are not there.
+    """Covariance of the means of a position set, g^2, as its recordings state it; None if none does, or if times or numbers of
+    samples are missing.
 
-    Recordings are independent of each other. A position whose sd column is well above what the parts say (a dwell noisier
-    than the others) has the difference added; positions of a recording that states no noise count by their sd columns.
+    Recordings are independent of each other. If the sd column of a position is well above that of the parts (a noisier dwell),
+    the difference is added. For positions of a recording without stated noise the sd columns are used.
 
-    **Raises:** `InputError` when a comment cannot be read.
+    **Raises:** `InputError` if a comment cannot be read.
     """
     listed = recordings(data)
     if not listed or data.time_s is None or data.n is None or data.sd is None:
         return None
-    total = np.array([np.diag(own) for own in data.sd.T**2])
+    total = np.array([np.diag(of_recording) for of_recording in data.sd.T**2])
     for rows, recorded in listed:
         time_s, counts = data.time_s[rows], data.n[rows]
         local, stated = recorded.sd_of_means(time_s, counts) ** 2, data.sd[rows] ** 2
         extra = np.where(stated > _NOISIER**2 * local, stated - local, 0.0)
-        own = recorded.covariance(time_s, counts) + np.array([np.diag(variances) for variances in extra.T])
-        total[np.ix_(np.ones(3, bool), rows, rows)] = own
+        of_recording = recorded.covariance(time_s, counts) + np.array([np.diag(variances) for variances in extra.T])
+        total[np.ix_(np.ones(3, bool), rows, rows)] = of_recording
     return total
 
 
 def read_noise(text: str, source: str) -> RecordedNoise:
     """The noise of a comment.
 
-    **Raises:** `InputError` when it is not what `RecordedNoise.text` writes.
+    **Raises:** `InputError` if it does not have the form of `RecordedNoise.text`.
     """
     try:
         content = json.loads(text)
@@ -146,7 +148,7 @@ def read_noise(text: str, source: str) -> RecordedNoise:
     except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError) as error:
         raise InputError(
             f"{source}: comment noise_model: not a noise model ({type(error).__name__}: {str(error)[:80]}); run tumblecal "
-            "reduce again, or delete the line to have the sd columns count alone"
+            "reduce again, or delete the line to use the sd columns alone"
         ) from None
 
 

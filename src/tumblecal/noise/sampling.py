@@ -1,4 +1,4 @@
-"""Raw samples of a noise model: of the virtual instrument, of `--raw` studies, and what closed forms are checked against.
+"""Raw samples of a noise model: for the virtual instrument, for `--raw` studies, and as a check of closed forms.
 
 Plain numpy.
 """
@@ -12,7 +12,7 @@ from tumblecal.noise.parts import Dwells, GaussMarkov, Noise, Quantisation, Rand
 
 
 class SampleStream:
-    """Samples of a noise model, one stretch after the other; what is correlated goes on through the gaps in between.
+    """Samples of a noise model, one stretch after the other; correlated parts continue through the gaps.
 
     **Arguments:**
 
@@ -51,8 +51,8 @@ class SampleStream:
         driven = np.sqrt(-np.expm1(-2 * step)) * part.sd * fresh
         driven[0] = part.sd * fresh[0]
         if number in self._last:
-            kept = gap_s / part.time_s
-            driven[0] = self._last[number] * np.exp(-kept) + np.sqrt(-np.expm1(-2 * kept)) * driven[0]
+            gap = gap_s / part.time_s
+            driven[0] = self._last[number] * np.exp(-gap) + np.sqrt(-np.expm1(-2 * gap)) * driven[0]
         return np.asarray(lfilter([1.0], [1.0, -np.exp(-step)], driven, axis=0))
 
     def _walk(self, part: RandomWalk, number: int, gap_s: float, fresh: np.ndarray) -> np.ndarray:
@@ -71,7 +71,7 @@ def dwell_records(
 
     **Arguments:**
 
-    - `noise`, `dwells`: the model and the schedule; correlated parts go on through the moves in between.
+    - `noise`, `dwells`: the model and the schedule; correlated parts continue through the moves.
     - `seed`: of the random numbers.
     - `signal`: true reading of each position, added before rounding.
     """

@@ -1,11 +1,10 @@
-"""Changes within dwells that all dwells have in common: with the temperature, or with the time since the dwell began.
+"""Changes within dwells that are common to all dwells: with the temperature, or with the time since the start of the dwell.
 
-Such a change is no noise: it comes back in every dwell. It is looked for before the noise is estimated, with the dwell as the
-unit. Each dwell gives one number for each axis: its block means along the course of the temperature (or of the time) in the
-dwell, the course at unit norm. A change in common makes these numbers grow with the size of the course, by one coefficient
-(what the bias follows) and one that goes with the reading (what the scale factor follows). That is tested by the F statistic of
-the regression through the origin: what the numbers leave is the scatter from dwell to dwell, so the test holds for noise of
-any colour that dwells do not share.
+Such a change is not noise, because it is repeated in every dwell. It is estimated before the noise, with the dwell as the unit.
+Each dwell gives one number for each axis: its block means projected on the course of the temperature (or time) in the dwell, at
+unit norm. With a common change these numbers are proportional to the size of the course, with one coefficient for the bias and
+one, times the reading, for the scale factor. The test is the F statistic of the regression through the origin. Its
+residuals are the dispersion between dwells, so the test is valid for noise of any colour that dwells do not share.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -25,16 +24,16 @@ from tumblecal.ground.numbers_shown import p_words
 _P_VALUE = 5e-4
 # Block means of a dwell, and the fewest samples in each.
 _BLOCKS, _FEWEST = 16, 4
-# Dwells in which a variable changes by less than this share of its largest change say nothing of its coefficient.
+# Dwells in which a variable changes by less than this share of its largest change are not used for its coefficient.
 _LEAST_COURSE = 0.2
-# Fewest dwells that must show a change; from this many on, the scale factor may follow as well.
+# Smallest number of dwells with a change; from the second number on, a change of the scale factor is also fitted.
 _LEAST_DWELLS, _WITH_SCALE = 3, 8
 # A course of the temperature of less than this, degC from the first to the last block, is that of its sensor's noise.
 _LEAST_DEGC = 0.05
-# Two courses count as one where their directions in the dwells agree to this.
-_ALIKE = 0.95
+# Two courses count as equal if the cosine between them exceeds this.
+_SAME_COURSE = 0.95
 
-# A part that goes with the reading is put into words where it is more than this share of the rest at 1 g.
+# A part proportional to the reading is reported if it exceeds this share of the rest at 1 g.
 _LEAST_SHARE = 0.02
 TEMPERATURE, TIME = "temperature", "time"
 _UNITS = {TEMPERATURE: ("mg/degC", 1e3), TIME: ("mg/min", 6e4)}
@@ -42,7 +41,7 @@ _UNITS = {TEMPERATURE: ("mg/degC", 1e3), TIME: ("mg/min", 6e4)}
 
 @dataclass(frozen=True)
 class WithinDwells:
-    """A change within dwells, in common to them.
+    """A change within dwells that is common to them.
 
     - `variable`: `temperature` (degC) or `time` (s) that it follows. `axes`: which axes show it.
     - `bias` (3): g per unit of the variable; `scale` (3): the same per g of the dwell's mean reading. Zero for other axes.
@@ -89,11 +88,13 @@ class WithinDwells:
         if self.variable == TEMPERATURE:
             follows = f"the temperature, which changes by up to {self.course:.3g} degC in a dwell"
             other = " (or the time: both have the same course)" if self.confounded else ""
-            means = "Each mean holds for the mean temperature of its dwell"
+            means = "Each mean is valid for the mean temperature of its dwell"
         else:
             follows = f"the time since the dwell began, up to {self.course:.3g} s"
             other = " (or the temperature: both have the same course)" if self.confounded else ""
-            means = "Each mean holds for the middle of its dwell, and for its length: let the instrument settle longer"
+            means = (
+                "Each mean is valid for the middle of its dwell, and for its length: let the instrument settle longer"
+            )
         return (
             f"The readings change within {self.dwells} dwells, following {follows}{other}: {'; '.join(listed)} "
             f"({p_words(least)}). The change is not counted as noise. {means}."
@@ -130,7 +131,7 @@ def without_common_change(
     rate_hz: float,
     temperatures: Sequence[Float[np.ndarray, " samples"]] | None = None,
 ) -> tuple[list[Float[np.ndarray, "samples 3"]], tuple[WithinDwells, ...]]:
-    """The samples of dwells without the change that all have in common, each dwell's mean kept; and that change.
+    """The samples of dwells without their common change, with the mean of each dwell unchanged; and that change.
 
     **Arguments:**
 
@@ -146,11 +147,11 @@ def without_common_change(
         if not shown:
             break
         # The one with the smaller residuals, and the temperature if both have the same course; then the other one as well.
-        alike = len(courses) > 1 and _agree(*courses.values())
+        same_course = len(courses) > 1 and _agree(*courses.values())
         best = min(shown, key=lambda name: float(np.sum(np.log(shown[name].residual_square))))
-        best = TEMPERATURE if alike and TEMPERATURE in shown else best
+        best = TEMPERATURE if same_course and TEMPERATURE in shown else best
         change, course = shown[best].change, courses.pop(best)
-        found.append(replace(change, confounded=alike))
+        found.append(replace(change, confounded=same_course))
         for number, own in enumerate(course):
             slopes = change.bias + change.scale * dwells[number].mean(axis=0)
             samples[number] = samples[number] - own[:, None] * slopes
@@ -191,7 +192,7 @@ def _agree(first: Sequence[np.ndarray], second: Sequence[np.ndarray]) -> bool:
     """Whether two courses are the same up to one factor."""
     one, other = (np.concatenate([_blocks(own) for own in course]) for course in (first, second))
     size = float(np.linalg.norm(one) * np.linalg.norm(other))
-    return size > 0 and abs(float(one @ other)) > _ALIKE * size
+    return size > 0 and abs(float(one @ other)) > _SAME_COURSE * size
 
 
 @dataclass(frozen=True)
@@ -204,7 +205,7 @@ class _Shown:
 
 @dataclass(frozen=True)
 class _Scores:
-    """What each dwell says of a change with a course.
+    """The projections of each dwell on a course.
 
     - `along` (dwells, 3): block means along the course at unit norm, g. `size`: norm of the course; `range`: from its first to
       its last sample. `reading` (dwells, 3): mean readings, g.
@@ -239,7 +240,7 @@ class _Scores:
             return None
         size, bias, scale, p_value, residual_square = self.size[used], np.zeros(3), np.zeros(3), np.ones(3), np.zeros(3)
         for axis in range(3):
-            # Dwells of one course each weigh alike; what a longer course adds stays in its size.
+            # All dwells have equal weight; the length of the course is in its size.
             along, reading = self.along[used, axis], self.reading[used, axis]
             # A scale factor only where the readings differ.
             several = count >= _WITH_SCALE and np.ptp(reading) > 0.5

@@ -1,1 +1,1 @@
-"""What simulates: experiments, position means, batched fits."""
+"""Simulation: experiments, position means, batched fits."""

@@ -43,7 +43,7 @@ class ChainFits(NamedTuple):
 
 
 class Expansion(eqx.Module):
-    """What all trials share: the expansion about a problem's own parameters, in coordinates where N_0 = 1.
+    """Common to all trials: the expansion about the parameters of a problem, in coordinates with N_0 = 1.
 
     `to_values` turns such coordinates into parameters, `gain` (J_0 in them, transposed) a residual into a gradient;
     `slope[i, j, l]` is the change of N_ij with coordinate l.
@@ -123,7 +123,7 @@ def fit_chain(problem: Problem, shared: Expansion, readings: Float[Array, "lanes
 
 
 def _again(problem: Problem, readings: Array, found: ChainFits) -> ChainFits:
-    """Plain Gauss-Newton, with a Jacobian for each trial and step, for lanes that the shared one did not bring home.
+    """Plain Gauss-Newton, with a Jacobian for each trial and step, for lanes that did not converge with the shared one.
 
     Runs only for batches that have such lanes; the others' values stay as they are.
     """

@@ -42,7 +42,7 @@ class Experiment(eqx.Module):
 
     - `truth`: free parameters of the fitted chain at their true values; `spread`: sd of a random instrument about it.
     - `problem`: the fit, its chain at the truth. `simulated`: the chain that makes the readings, injected effects included.
-    - `readings`: its readings at the truth, g; `beyond`: what they hold beyond their harmonics, None when nothing.
+    - `readings`: its readings at the truth, g; `beyond`: their part beyond the harmonics, None if zero.
     - `factor`: square root of the noise's covariance over positions, one per axis, or None for white noise.
     - `sd`: the stated sd of a reading, g: of the white noise, of the weights and of the predicted covariance.
     - `covariance`: predicted, of the estimates.
@@ -101,7 +101,7 @@ class Experiment(eqx.Module):
         return jax.vmap(lambda vector: self.simulated.at(vector)(self.problem.where), in_axes=1, out_axes=2)(truth)
 
     def _by_harmonics(self, truth: Array, noise: Array) -> tuple[Array, Array, Array]:
-        """Fit the harmonics; what they leave of the readings is the rest of the sum of squares."""
+        """Fit the harmonics; the remainder of the readings completes the sum of squares."""
         plan = self.plan
         assert plan is not None
         beyond = None if self.beyond is None else jnp.asarray(self.beyond)[:, :, None]
@@ -117,8 +117,8 @@ class Experiment(eqx.Module):
         of_noise = plan.harmonics(noise)
         fits = fit_harmonics(of_truth + of_noise, plan.pitch, plan.angles)
         explained = jnp.sum(of_noise**2 * plan.weights[None, :, None, None], axis=(0, 1, 2))
-        left = noise if beyond is None else noise + beyond
-        rest = jnp.sum(left**2, axis=(0, 1)) - explained
+        remainder = noise if beyond is None else noise + beyond
+        rest = jnp.sum(remainder**2, axis=(0, 1)) - explained
         return fits.values, (fits.sum_of_squares + rest) / self.sd**2, fits.converged
 
     def _by_chain(self, truth: Array, noise: Array) -> tuple[Array, Array, Array]:
@@ -129,7 +129,7 @@ class Experiment(eqx.Module):
 
 
 def _packed(truth: Array, values: Array, chi2: Array, converged: Array) -> Trials:
-    """The block as it is handed on; failed lanes hold finite numbers that mean nothing."""
+    """The block as returned; failed lanes contain finite numbers without meaning."""
     rows = jnp.concatenate([values, chi2[None], jnp.asarray(converged, values.dtype)[None]])
     rows = materialised(jnp.where(jnp.isfinite(rows), rows, 0.0))
     return Trials(truth, rows[:-2], rows[-2], rows[-1] > 0.5)
@@ -165,17 +165,17 @@ def experiment(
     - `injected`: links with their coefficients, in the simulated chain only.
     - `spread`: sd of the truth about the chain's values by leaf or parameter name (a new instrument every trial).
     - `priors`: of the fit, (mean, sd) by name.
-    - `covariance`: of the position means' noise, per axis, g^2; white with `sd` where left out.
+    - `covariance`: of the position means' noise, per axis, g^2; white with `sd` if omitted.
     - `path`: `"auto"`, `"harmonic"` or `"chain"`.
 
-    **Raises:** `InputError` for unknown names or a plan that leaves parameters undetermined; `ValueError` when the
-    harmonic path is demanded and does not hold.
+    **Raises:** `InputError` for unknown names or a plan that leaves parameters undetermined; `ValueError` if the
+    harmonic path is requested but does not apply.
     """
     problem = problem_for(chain, where, sd, priors)
     plan = harmonic_path(problem)
     if path == "harmonic" and isinstance(plan, str):
-        raise ValueError(f"the harmonic path does not hold: {plan}")
-    reason = plan if isinstance(plan, str) else ("asked for" if path == "chain" else "")
+        raise ValueError(f"the harmonic path does not apply: {plan}")
+    reason = plan if isinstance(plan, str) else ("requested" if path == "chain" else "")
     chosen = None if isinstance(plan, str) or path == "chain" else plan
     simulated = chain
     for link in injected:
@@ -221,7 +221,7 @@ def _predicted_covariance(problem: Problem) -> np.ndarray:
 
 
 def _beyond(plan: UniformPlan, readings: np.ndarray) -> np.ndarray:
-    """What readings hold beyond their mean, sine and cosine."""
+    """The part of readings beyond mean, sine and cosine."""
     return readings - np.asarray(plan.synthesis(plan.harmonics(jnp.asarray(readings)[:, :, None])))[..., 0]
 
 

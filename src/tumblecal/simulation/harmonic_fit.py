@@ -1,8 +1,7 @@
 """Thousands of exact fits of the nominal chain at once, from the harmonics of a uniform plan.
 
 For equally spaced spindle angles and equal weights the mean, sine and cosine of each axis at each pitch setting are
-exact sufficient statistics (DESIGN section 1, fact b), and for given pitch angles B = beta + dbeta the chain is affine
-in them (fact a): axis a at setting k has
+exact sufficient statistics, and for given pitch angles B = beta + dbeta the chain is affine in them: axis a at setting k has
 
     mean   m_ak = bias_a - M_a0 sin B_k        sine  M_a1 cos B_k        cosine  M_a2 cos B_k
 
@@ -226,7 +225,7 @@ def nominal_harmonics(
 
 
 def _split(M: list[list[Lane]], bias: list[Lane]) -> tuple[list[Lane], Bool[Array, " lanes"]]:
-    """`M = diag(1 + dK) T R` taken apart (see `closed_form.split`): dK, bias, dtheta, gamma; and whether det M > 0."""
+    """The factors of `M = diag(1 + dK) T R` (see `closed_form.split`): dK, bias, dtheta, gamma; and whether det M > 0."""
 
     def dot(a, b):
         return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

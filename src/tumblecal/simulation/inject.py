@@ -11,7 +11,7 @@ from tumblecal.ground.errors import InputError
 
 
 def with_sizes(link: Link, values: Sequence[float] | np.ndarray) -> Link:
-    """`link` with its free numbers (base units) set, in their order; one value stands for all of them."""
+    """`link` with its free numbers (base units) set, in their order; a single value applies to all."""
     leaves = [leaf for leaf in parameters_of(link) if leaf.free]
     count = sum(leaf.value.size for leaf in leaves)
     numbers = np.full(count, values[0]) if len(values) == 1 else np.asarray(values, float)

@@ -13,23 +13,23 @@ from tumblecal.simulation.position_means import simulated
 
 
 def simulated_after(rig: Rig, plan: CapturePlan, source: Path, seed: int, noise_sd: float | None = None) -> PositionSet:
-    """The positions of a plan alone, measured after those of the rig's: its drifts go on, in the same mounting and run.
+    """The positions of a plan alone, measured after those of the rig: its drifts continue, in the same mounting and run.
 
     **Arguments:**
 
-    - `rig`: the instrument, with the first plan. `plan`: of the second measurement, with its conditions; where it states none,
-      directly after the first, at the temperature of its end. `source`: the plan's file, named in faults.
+    - `rig`: the instrument, with the first plan. `plan`: of the second measurement, with its conditions; if it states none,
+      directly after the first, at its final temperature. `source`: the plan's file, named in faults.
     - `seed`, `noise_sd` (g): as of `simulated`.
 
     **Raises:** `InputError` for positions at a pitch angle, in a mounting or in a run that the rig does not have.
     """
     first, steps, given = rig.plan, plan.steps, plan.conditions
-    for what, own, there in (
+    for what, wanted, there in (
         ("pitch angle", {step.beta_deg for step in steps}, first.beta_deg),
         ("mount", {plan.session.mount}, first.mounts),
         ("run", {plan.session.run}, first.runs),
     ):
-        if unknown := sorted(own - {*there}):
+        if unknown := sorted(wanted - {*there}):
             listed = ", ".join(f"{value:g}" if isinstance(value, float) else str(value) for value in unknown)
             raise InputError(f"{source}: {what} {listed} is not in {rig.source}, so its truth is unknown; use others")
     count = len(steps)

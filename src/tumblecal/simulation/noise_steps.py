@@ -18,7 +18,7 @@ FORGOTTEN = 1e-9
 
 
 class NoiseSteps(eqx.Module):
-    """Recursion of S states a axis: `x' = keep x + a e1`, mean `= reach x + b e1 + c e2`, e1 and e2 white.
+    """Recursion of S states for each axis: `x' = keep x + a e1`, mean `= reach x + b e1 + c e2`, e1 and e2 white.
 
     `start` is the sd of the states before the first dwell, `white` the sd of what dwells do not share, g.
     """
@@ -27,7 +27,7 @@ class NoiseSteps(eqx.Module):
     reach: Float[np.ndarray, " states"]
     step: Float[np.ndarray, "states 3"]
     along: Float[np.ndarray, "states 3"]
-    beside: Float[np.ndarray, "states 3"]
+    independent: Float[np.ndarray, "states 3"]
     start: Float[np.ndarray, "states 3"]
     white: Float[np.ndarray, "3"]
 
@@ -49,7 +49,7 @@ class NoiseSteps(eqx.Module):
         def one(state, key):
             drawn = jax.random.normal(key, (2, *state.shape))
             mean = self.reach[:, None, None] * state + self.along[:, :, None] * drawn[0]
-            mean = jnp.sum(mean + self.beside[:, :, None] * drawn[1], axis=0)
+            mean = jnp.sum(mean + self.independent[:, :, None] * drawn[1], axis=0)
             return self.keep[:, None, None] * state + self.step[:, :, None] * drawn[0], mean
 
         state, means = jax.lax.scan(one, state, jax.random.split(jax.random.fold_in(key, 1), positions))
@@ -67,24 +67,24 @@ def noise_steps(noise: Noise, dwells: Dwells) -> NoiseSteps:
     one, rows = Dwells(np.zeros(1), dwells.samples, dwells.period_s), []
     white = np.zeros(3)
     for part in noise.processes:
-        own = part.mean_covariance(one)[:, 0, 0]
+        variance_of_mean = part.mean_covariance(one)[:, 0, 0]
         if isinstance(part, GaussMarkov) and apart[0] / part.time_s < -np.log(FORGOTTEN):
-            rows.append(_exponential(part, dwells, apart[0], own))
+            rows.append(_exponential(part, dwells, apart[0], variance_of_mean))
         elif isinstance(part, RandomWalk):
-            rows.append(_walk(part, dwells, apart[0], own))
+            rows.append(_walk(part, dwells, apart[0], variance_of_mean))
         else:
-            white += own
+            white += variance_of_mean
     keep, reach, covariance, start = (np.array(column) for column in zip(*rows, strict=True)) if rows else _NOTHING
     step = np.sqrt(covariance[:, 0])
     along = np.divide(covariance[:, 1], step, out=np.zeros_like(step), where=step > 0)
-    beside = np.sqrt(np.maximum(covariance[:, 2] - along**2, 0.0))
-    return NoiseSteps(keep, reach, step, along, beside, start, np.sqrt(white))
+    independent = np.sqrt(np.maximum(covariance[:, 2] - along**2, 0.0))
+    return NoiseSteps(keep, reach, step, along, independent, start, np.sqrt(white))
 
 
 _NOTHING = np.zeros(0), np.zeros(0), np.zeros((0, 3, 3)), np.zeros((0, 3))
 
 
-def _exponential(part: GaussMarkov, dwells: Dwells, apart_s: float, own: np.ndarray):
+def _exponential(part: GaussMarkov, dwells: Dwells, apart_s: float, variance_of_mean: np.ndarray):
     n, step = dwells.samples, dwells.period_s / part.time_s
     reach = np.expm1(-n * step) / np.expm1(-step) / n
     keep = np.exp(-apart_s / part.time_s)
@@ -92,9 +92,9 @@ def _exponential(part: GaussMarkov, dwells: Dwells, apart_s: float, own: np.ndar
     forward = np.exp(-(apart_s / part.time_s - (n - 1) * step)) * reach
     variance = part.sd**2
     rows = [-np.expm1(-2 * apart_s / part.time_s) * variance, (forward - reach * keep) * variance]
-    return keep, reach, [*rows, own - reach**2 * variance], part.sd
+    return keep, reach, [*rows, variance_of_mean - reach**2 * variance], part.sd
 
 
-def _walk(part: RandomWalk, dwells: Dwells, apart_s: float, own: np.ndarray):
+def _walk(part: RandomWalk, dwells: Dwells, apart_s: float, variance_of_mean: np.ndarray):
     middle = (dwells.samples - 1) / 2 * dwells.period_s
-    return 1.0, 1.0, [part.K**2 * apart_s, part.K**2 * middle, own], np.zeros(3)
+    return 1.0, 1.0, [part.K**2 * apart_s, part.K**2 * middle, variance_of_mean], np.zeros(3)

@@ -38,9 +38,9 @@ def simulated(rig: Rig, seed: int, noise_sd: float | None = None) -> PositionSet
 
     - `rig`: plan, links, truth, noise.
     - `seed`: of the noise; the same seed gives the same bits.
-    - `noise_sd`: goes before the rig's own, g.
+    - `noise_sd`: takes precedence over that of the rig, g.
 
-    **Raises:** `InputError` when neither states the noise.
+    **Raises:** `InputError` if neither states the noise.
     """
     noise_sd = rig.noise_sd_g if noise_sd is None else noise_sd
     if noise_sd is None:

@@ -1,4 +1,4 @@
-"""Plans whose harmonics say everything: the same number of equally spaced spindle angles at every pitch setting."""
+"""Plans whose harmonics are sufficient: the same number of equally spaced spindle angles at every pitch setting."""
 
 from dataclasses import dataclass
 
@@ -30,7 +30,7 @@ class UniformPlan:
 
     @property
     def weights(self) -> Float[np.ndarray, "3"]:
-        """What the squares of mean, sine and cosine weigh in a sum of squares over the positions."""
+        """Weights of the squares of mean, sine and cosine in a sum of squares over the positions."""
         return self.angles * np.array([1.0, 0.5, 0.5])
 
     def harmonics(self, readings: Float[Array, "positions axes lanes"]) -> Float[Array, "settings 3 axes lanes"]:
@@ -86,7 +86,7 @@ def required_path(problem: Problem, needed: str) -> UniformPlan:
 
 
 def harmonic_path(problem: Problem) -> UniformPlan | str:
-    """The harmonic analysis when the fast path holds exactly for `problem`, else the reason why it does not."""
+    """The harmonic analysis if the fast path is exact for `problem`, otherwise the reason why it does not apply."""
     if not closed_form.applies(problem.chain):
         return "the chain has more than the nominal links and leaves"
     if np.ptp(np.asarray(problem.whitening)) > 0.0:

@@ -1,7 +1,7 @@
 """A finished chunk of a study: arrays, what made them, and a checksum over both.
 
 The bytes are those of an `.npz` file whose zip comment is the SHA-256 of all bytes before it. Workers send them and
-files hold them, so that whatever is summed up has been checked by `unpacked`.
+files contain them, so that `unpacked` checks all data before they are summed.
 """
 
 import hashlib
@@ -31,9 +31,9 @@ class NotThisChunk(ValueError):
 
 @lru_cache
 def maker() -> dict[str, Any]:
-    """What decides the bits of this process's chunks besides the study: `versions` by name, `device`.
+    """The properties of this process that determine the bits of its chunks: `versions` by name, `device`.
 
-    The version of tumblecal holds a digest of its files: a changed working copy is another version.
+    The version of tumblecal includes a digest of its files: a changed working copy is another version.
     """
     import tumblecal
 
@@ -42,12 +42,15 @@ def maker() -> dict[str, Any]:
     for path in sorted(package.rglob("*")):
         if path.is_file() and path.suffix not in (".pyc", ".pyo"):
             digest.update(f"{path.relative_to(package)}\0{path.stat().st_size}\0".encode() + path.read_bytes())
-    own = f"{version('tumblecal')}+{digest.hexdigest()[:12]}"
-    return {"versions": {"tumblecal": own} | {name: version(name) for name in COMPUTING}, "device": _device()}
+    package_version = f"{version('tumblecal')}+{digest.hexdigest()[:12]}"
+    return {
+        "versions": {"tumblecal": package_version} | {name: version(name) for name in COMPUTING},
+        "device": _device(),
+    }
 
 
 def _device() -> str:
-    """The device that computes; of a processor, what its last digits depend on."""
+    """The device; for a processor, the properties on which its last digits depend."""
     import jax
 
     device = jax.devices()[0]
@@ -64,7 +67,7 @@ def _device() -> str:
 
 
 def tables_of(study: Mapping[str, Any]) -> dict[str, Any]:
-    """What of the tables from `read_study` decides the bits."""
+    """The part of the tables from `read_study` that determines the bits."""
     tables = {name: study[name] for name in TABLES if name in study}
     if "effects" in study:
         tables["effects"] = [entry["text"] for entry in study["effects"]]
@@ -77,26 +80,26 @@ def study_hash(study: Mapping[str, Any]) -> str:
 
 
 def statement(study: str, chunk: int) -> dict[str, Any]:
-    """What a chunk made here states of itself; `study` from `study_hash`."""
+    """The statement of a chunk made here; `study` from `study_hash`."""
     return {"schema": "tumblecal.chunk/1", "study": study, "chunk": chunk, **maker()}
 
 
 def differences(stated: Mapping[str, Any], wanted: Mapping[str, Any]) -> list[str]:
-    """What `stated` says of study, chunk, versions and device against what is wanted, in words."""
+    """Differences of study, chunk, versions and device between a statement and the wanted one, in words."""
     versions = stated.get("versions")
     versions = versions if isinstance(versions, Mapping) else {}
-    told = [
-        f"{name} {versions.get(name, 'of no stated version')} against {own}"
-        for name, own in wanted["versions"].items()
-        if versions.get(name) != own
+    different = [
+        f"{name} {versions.get(name, 'of no stated version')} against {expected}"
+        for name, expected in wanted["versions"].items()
+        if versions.get(name) != expected
     ]
     if stated.get("device") != wanted["device"]:
-        told.append(f"device {stated.get('device', 'not stated')} against {wanted['device']}")
+        different.append(f"device {stated.get('device', 'not stated')} against {wanted['device']}")
     if stated.get("study") != wanted.get("study"):
-        told.append("another study or seed")
+        different.append("different study or seed")
     if stated.get("chunk") != wanted.get("chunk"):
-        told.append(f"chunk {stated.get('chunk')} against {wanted.get('chunk')}")
-    return told
+        different.append(f"chunk {stated.get('chunk')} against {wanted.get('chunk')}")
+    return different
 
 
 def packed(states: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> bytes:
@@ -112,7 +115,7 @@ def packed(states: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> bytes
 def unpacked(content: bytes, wanted: Mapping[str, Any]) -> dict[str, np.ndarray]:
     """The arrays of the chunk that states what is `wanted`.
 
-    **Raises:** `NotThisChunk` when the bytes are damaged, or another's.
+    **Raises:** `NotThisChunk` if the bytes are damaged, or belong to another chunk.
     """
     body, digest = content[:-_DIGEST], content[-_DIGEST:]
     if hashlib.sha256(body).hexdigest().encode() != digest:
@@ -123,6 +126,6 @@ def unpacked(content: bytes, wanted: Mapping[str, Any]) -> dict[str, np.ndarray]
         stated = json.loads(arrays.pop("statement").tobytes())
     except (BadZipFile, EOFError, KeyError, OSError, ValueError) as error:
         raise NotThisChunk("it is not a chunk") from error
-    if told := differences(stated, wanted):
-        raise NotThisChunk(", ".join(told))
+    if different := differences(stated, wanted):
+        raise NotThisChunk(", ".join(different))
     return arrays

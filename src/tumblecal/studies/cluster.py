@@ -24,7 +24,7 @@ ComputeChunk: TypeAlias = Callable[[str, int], dict[str, np.ndarray]]
 
 # Tries of a chunk before it is given up: a worker may die under it that many times.
 TRIES = 10
-# Chunks handed out at a time, for each worker: enough that none waits, few enough that little is lost or held.
+# Chunks in progress for each worker: enough that none waits, few enough that little is lost or stored.
 AHEAD = 2
 # Seconds without a worker, or without the scheduler, before a study gives up; a worker that died is back sooner.
 PATIENCE = 15.0
@@ -61,7 +61,7 @@ def cluster(
         raise InputError(
             "workers need dask.distributed: install tumblecal[cluster], or leave out --workers and --scheduler"
         ) from error
-    # What dask writes of lost connections and of tasks that failed is told in a line of our own.
+    # Lost connections and failed tasks are reported in one line here instead of dask's messages.
     for name in ("client", "core", "scheduler", "nanny", "comm", "batched", "protocol.pickle"):
         logging.getLogger(f"distributed.{name}").setLevel(logging.CRITICAL)
     if scheduler is None:
@@ -126,7 +126,7 @@ class _Cluster:
                     yield chunk, *self._content(task, chunk, check)
         except (CancelledError, OSError) as error:
             raise InputError(
-                f"{self._name}: the scheduler is gone; finished chunks are kept, give the same command to go on"
+                f"{self._name}: the scheduler is gone; finished chunks are stored; run the same command again to resume"
             ) from error
 
     def _workers(self) -> dict[str, Any]:
@@ -163,18 +163,18 @@ class _Cluster:
         faults = []
         for address, answer in self._client.run(eval, _MAKER, on_error="return").items():
             if isinstance(answer, Mapping):
-                told = ", ".join(differences(answer, maker()))
+                fault = ", ".join(differences(answer, maker()))
             elif isinstance(answer, ModuleNotFoundError) and answer.name == "tumblecal":
-                told = "it has no tumblecal"
+                fault = "it has no tumblecal"
             else:
-                told = f"it has another tumblecal ({type(answer).__name__}: {answer})"
-            if told:
-                faults.append(self._refused(address, told))
+                fault = f"it has another tumblecal ({type(answer).__name__}: {answer})"
+            if fault:
+                faults.append(self._refused(address, fault))
         if faults:
             raise InputError(faults)
 
-    def _refused(self, worker: str, told: str) -> str:
-        return f"{self._name}: worker {worker} refused: {told}; a study needs the same versions and device everywhere"
+    def _refused(self, worker: str, fault: str) -> str:
+        return f"{self._name}: worker {worker} rejected: {fault}; a study needs the same versions and device everywhere"
 
     def _content(self, task, chunk: int, check: Check) -> tuple[bytes, str]:
         """The bytes of a chunk and the worker that computed it."""
@@ -193,14 +193,14 @@ class _Cluster:
         worker = ", ".join(holders) or "(gone)"
         try:
             if not isinstance(content, bytes):
-                raise NotThisChunk("it does not say what made it")
+                raise NotThisChunk("it does not state its origin")
             arrays = unpacked(content, statement(self._study, chunk))
         except NotThisChunk as error:
             raise Distrusted(worker, self._refused(worker, f"chunk {chunk}: {error}")) from error
         try:
             check(chunk, arrays)
         except NotThisChunk as error:
-            fault = f"{self._name}: worker {worker} refused: chunk {chunk}: {error}; nothing of its results is kept"
+            fault = f"{self._name}: worker {worker} rejected: chunk {chunk}: {error}; its results are discarded"
             raise Distrusted(worker, fault) from error
         return content, worker
 

@@ -23,7 +23,7 @@ CHUNK = 64 * BLOCK
 RAW_CHUNK = 16
 # Time to draw one raw sample of one axis and part, us.
 RAW_MICROSECONDS = 0.02
-# Time of a trial on one core, us, for what is told before a study starts: 24 positions and 15 parameters.
+# Time of a trial on one core, us, for the estimate before a study starts: 24 positions and 15 parameters.
 MICROSECONDS = {"harmonic": 3.0, "chain": 20.0}
 
 

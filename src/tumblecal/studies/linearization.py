@@ -1,7 +1,7 @@
 """Linearisation: bias of the small-angle equations against the exact chain, over the size of the errors.
 
 Readings without noise of random instruments whose errors have a given sd are calibrated by the paper's linear equations
-and by least squares over the chain with a first-order mount; what is left is bias. It grows with the square of the
+and by least squares over the chain with a first-order mount; the remaining error is bias. It grows with the square of the
 size. Where it exceeds the sd of the mean of N data sets the equations are the larger error.
 """
 

@@ -1,4 +1,4 @@
-"""What the paper's own numbers say about each other, computed (DESIGN section 3)."""
+"""Consistency of the paper's published numbers."""
 
 from dataclasses import dataclass
 
@@ -34,7 +34,7 @@ class NoiseAudit:
     """The residual noise of Table 1 against what the stated noise implies for the mean of a 20-minute dwell.
 
     `white_g`: if the noise averaged down as white noise from 100 s on, the most that the stated figures allow;
-    `flicker_g`: if the 100 s figure holds a floor. `p_value`: probability of residuals this small under `white_g`.
+    `flicker_g`: if the 100 s figure includes a floor. `p_value`: probability of residuals this small under `white_g`.
     """
 
     observed_g: float

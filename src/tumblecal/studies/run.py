@@ -22,7 +22,7 @@ from tumblecal.studies.verification import Distrusted, check_counts, recheck_wor
 
 
 class Study(Protocol):
-    """What a kind of study provides.
+    """The interface of a kind of study.
 
     - `trials`: of all chunks. `chunk_bytes`: size of a finished chunk on disk, `seconds`: time on one core, about.
     - `programs`: how many are compiled for it.
@@ -79,7 +79,7 @@ Check = Callable[[int, Mapping[str, np.ndarray]], None]
 
 
 class Elsewhere(Protocol):
-    """Computes the missing chunks in any order; checks each, and is given lines to tell."""
+    """Computes the missing chunks in any order, checks each, and reports lines by `tell`."""
 
     def __call__(self, missing: list[int], /, check: Check, tell: Callable[[str], object]) -> Computed:
         """The chunks as they come."""
@@ -88,9 +88,9 @@ class Elsewhere(Protocol):
 
 def in_this_process(study: Study, tables: Mapping[str, Any], missing: list[int]) -> Computed:
     """Compute chunks in this process."""
-    own = study_hash(tables)
+    digest = study_hash(tables)
     for chunk in missing:
-        yield chunk, packed(statement(own, chunk), study.compute(chunk)), None
+        yield chunk, packed(statement(digest, chunk), study.compute(chunk)), None
 
 
 def run(
@@ -103,13 +103,13 @@ def run(
     tell: Callable[[str], object] | None = None,
     shown: Callable[[Path, Content, Frames], object] | None = None,
 ) -> tuple[dict[str, Any], dict[str, pl.DataFrame]]:
-    """Run a study, or what is left of it, and write its results.
+    """Run a study, or the rest of it, and write its results.
 
     **Arguments:**
 
     - `tables`: from `read_study`.
-    - `folder`: for chunks and results; a study begun there goes on.
-    - `study`: the study made of `tables`, where there is one already.
+    - `folder`: for chunks and results; an interrupted study in it is resumed.
+    - `study`: the study made of `tables`, if there is one already.
     - `computed`: computes the missing chunks in any order; this process if omitted. One random chunk of each worker is computed
       again here and compared.
     - `progress`: called with the number of trials after each chunk, the finished ones of an earlier call first.
@@ -119,8 +119,8 @@ def run(
 
     **Returns:** the content of the JSON file, and the tables written as Parquet.
 
-    **Raises:** `InputError` when the folder holds another study, a chunk changes before it is summed up, or a worker's chunk is
-    wrong: the chunks of that worker are then removed.
+    **Raises:** `InputError` if the folder contains another study, a chunk changes before it is summed up, or a
+    worker's chunk is wrong: the chunks of that worker are then removed.
     """
     study = study or study_of(tables)
     check = partial(check_counts, study)

@@ -1,4 +1,4 @@
-"""Where a study's finished chunks are kept, so that it can be stopped at any moment and go on."""
+"""Storage of a study's finished chunks, so that it can be interrupted at any time and resumed."""
 
 import fcntl
 import hashlib
@@ -27,25 +27,25 @@ from tumblecal.studies.chunk import (
 
 
 def identity(study: Mapping[str, Any]) -> dict[str, Any]:
-    """What decides the bits of a study: its tables, the versions that compute them, the kind of device."""
+    """The properties that determine the bits of a study: its tables, versions, and kind of device."""
     return {**tables_of(study), **maker()}
 
 
 def _changed_tables(recorded: Mapping[str, Any], wanted: Mapping[str, Any]) -> list[str]:
     """The keys of a study's tables that are not the same, with their values where these are short."""
-    told = []
+    changed = []
     for name in TABLES:
         old, new = recorded.get(name), wanted.get(name)
         if not (isinstance(old, Mapping) and isinstance(new, Mapping)):
-            told += [name] * (old != new)
+            changed += [name] * (old != new)
             continue
         for key in dict.fromkeys((*old, *new)):
             if key in old and key in new and old[key] == new[key]:
                 continue
             short = not any(isinstance(table.get(key), Mapping | list) for table in (old, new))
             before, now = (shown(table[key]) if key in table else "not stated" for table in (old, new))
-            told.append(f"{name}.{key}{f' {before} against {now}' * short}")
-    return told
+            changed.append(f"{name}.{key}{f' {before} against {now}' * short}")
+    return changed
 
 
 class Store:
@@ -58,9 +58,9 @@ class Store:
         chunks: int,
         check: Callable[[int, Mapping[str, np.ndarray]], None] = lambda chunk, arrays: None,
     ):
-        """Open the folder, or make it; `check` raises `NotThisChunk` for arrays that cannot be the chunk's.
+        """Open the folder, or make it; `check` raises `NotThisChunk` for arrays that cannot belong to the chunk.
 
-        **Raises:** `InputError` when it holds another study, one that other versions began, or one that is running.
+        **Raises:** `InputError` if it contains another study, one that other versions began, or one that is running.
         """
         self.folder, self.chunks, self._check = folder, chunks, check
         self._workers = folder / "chunks" / "unverified.txt"
@@ -89,9 +89,9 @@ class Store:
             raise InputError(
                 f"{self.folder}: another process is running this study; wait for it or give another --out"
             ) from error
-        # What a killed process was writing.
-        for left in (self.folder / "chunks").glob(".*.npz"):
-            left.unlink()
+        # Unfinished files of a killed process.
+        for unfinished in (self.folder / "chunks").glob(".*.npz"):
+            unfinished.unlink()
         return lock
 
     def close(self) -> None:
@@ -112,11 +112,11 @@ class Store:
         except (ValueError, KeyError, TypeError, AttributeError) as error:
             raise InputError(
                 f"{self._manifest}: damaged, or not a study's manifest; give another --out, or remove this file: each "
-                f"chunk is then judged by what it states itself"
+                f"chunk is then checked by its statement"
             ) from error
         raise InputError(
-            f"{self.folder}: holds another study (different: {', '.join(changed)}); give another --out, or remove "
-            f"that folder to start anew"
+            f"{self.folder}: contains another study (different: {', '.join(changed)}); give another --out, or remove "
+            f"that folder to start again"
         )
 
     def _path(self, chunk: int) -> Path:
@@ -144,7 +144,7 @@ class Store:
         return arrays
 
     def put(self, chunk: int, content: bytes, worker: str | None = None) -> None:
-        """Keep the bytes of a finished chunk: whole or not at all. Which `worker` computed it is noted first."""
+        """Store the bytes of a finished chunk completely or not at all. The `worker` that computed it is recorded first."""
         if worker is not None or self._workers.exists():
             with self._workers.open("a", encoding="utf-8") as file:
                 file.write(json.dumps([chunk, worker]) + "\n")
@@ -160,7 +160,7 @@ class Store:
             return self._arrays(chunk)
         except (NotThisChunk, OSError) as error:
             path = self._path(chunk)
-            raise InputError(f"{path}: {error}; give the same command again, which computes it again") from error
+            raise InputError(f"{path}: {error}; run the same command again to compute it again") from error
 
     def unverified(self) -> dict[str, list[int]]:
         """Chunks that workers computed and that no chunk of theirs vouches for yet, by worker; those of an earlier call too."""
@@ -170,11 +170,11 @@ class Store:
                 with suppress(ValueError, TypeError):  # cut off by a kill
                     number, worker = json.loads(line)
                     makers[int(number)] = worker
-        kept: dict[str, list[int]] = {}
+        by_worker: dict[str, list[int]] = {}
         for number, worker in sorted(makers.items()):
             if worker is not None and self._path(number).is_file():
-                kept.setdefault(worker, []).append(number)
-        return kept
+                by_worker.setdefault(worker, []).append(number)
+        return by_worker
 
     def remove_of(self, worker: str) -> None:
         """Remove the chunks of a worker that are not verified."""

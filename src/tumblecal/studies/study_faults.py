@@ -1,4 +1,4 @@
-"""Faults of study files that no table of its own can tell: effects that there are not, options in place of keys."""
+"""Faults of study files that a table alone cannot detect: unknown effects, options in place of keys."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -22,6 +22,6 @@ def unknown_effects(content: Mapping[str, Any], path: Path, entries: Catalogue) 
 
 
 def of_options(faults: Sequence[str], path: Path, changes: Mapping[str, object]) -> list[str]:
-    """Faults of what the command line gave in place of a file's keys are the options', not the file's."""
+    """Faults of keys that the command line replaced, attributed to the options and not to the file."""
     begin = re.compile(rf"{re.escape(str(path))}(?::line \d+)?: ({'|'.join(changes)}): ")
     return [begin.sub(r"--\1: ", fault) for fault in faults] if changes else list(faults)

@@ -1,4 +1,4 @@
-"""Study files: TOML checked strictly; every fault is told at once, by its dotted path."""
+"""Study files: TOML checked strictly; all faults are reported together, with their dotted paths."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -123,7 +123,7 @@ def unit_of(name: str) -> str:
 
 
 class _StudyKeys(Strict):
-    """What every study has."""
+    """Keys of every study."""
 
     title: str = ""
     rig: str
@@ -208,10 +208,10 @@ def read_study(
 
     **Arguments:**
 
-    - `path`: the TOML file; its `rig` is found beside it.
+    - `path`: the TOML file; its `rig` is in the same folder.
     - `kind`: `coverage`, `sweep`, `convergence` or `linearization`.
-    - `changes`: keys that the command line gives anew (`trials`, `runs`, `seed`).
-    - `effects`: Python files with effects of the user's own; their text becomes part of the study.
+    - `changes`: keys that the command line replaces (`trials`, `runs`, `seed`).
+    - `effects`: Python files with user effects; their text becomes part of the study.
 
     **Returns:** `{"kind", "study", "rig", "source"}`, of JSON types only: what a worker needs, and what is hashed; `effects`
     too, where there are any.
@@ -224,10 +224,10 @@ def read_study(
     faults = table_faults(kind, content, path) or unknown_effects(content, path, entries)
     rig: dict[str, Any] = {}
     if isinstance(name := content.get("rig"), str):
-        beside = path.parent / name
+        rig_path = path.parent / name
         try:
-            rig = read_toml(beside)
-            rig_of(rig, beside, *links_and_units(entries))
+            rig = read_toml(rig_path)
+            rig_of(rig, rig_path, *links_and_units(entries))
         except InputError as error:
             faults += error.faults
     if content.get("raw") and not {"figures", "white", "bias_instability", "random_walk"} & set(

@@ -1,4 +1,4 @@
-"""What a study keeps of its trials: sums, from which every statistic follows, whatever the number of trials.
+"""Sums over the trials of a study, from which every statistic follows, independent of the number of trials.
 
 Sums over the lanes of a block are taken by halving, so that their bits do not depend on threads.
 """
@@ -22,7 +22,7 @@ CHI2_BINS = 20
 class Sums(NamedTuple):
     """Sums over converged trials; errors are estimate minus truth in predicted standard deviations.
 
-    `covered`: trials whose interval holds the truth, by level, with stated and with estimated noise. `below`: trials
+    `covered`: trials whose interval contains the true value, by level, with stated and with estimated noise. `below`: trials
     whose sum of squares is below each inner edge of `CHI2_BINS` bins of equal probability.
     """
 
@@ -52,7 +52,7 @@ def sums_of(trials: Trials, experiment: Experiment, wanted: Bool[Array, " lanes"
     good = trials.converged & wanted
     sd = np.sqrt(np.diag(experiment.covariance))
     dof = experiment.dof
-    # A failed lane may hold NaN: replace, not multiply.
+    # A failed lane may contain NaN: replace, not multiply.
     error = materialised(jnp.where(good[None], (trials.values - trials.truth) / sd[:, None], 0.0))
     chi2 = jnp.where(good, trials.chi2, 0.0)
     whitening = np.linalg.inv(np.linalg.cholesky(experiment.covariance / np.outer(sd, sd)))

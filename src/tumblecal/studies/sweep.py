@@ -33,7 +33,7 @@ class Sweep:
         self.seconds = seconds * len(self.points)
 
     def _coverage(self, point: int) -> Coverage:
-        """The coverage study of a point; the last one is kept, its program compiled once."""
+        """The coverage study of a point; the last one is cached, with its compiled program."""
         if self._current is None or self._current[0] != point:
             try:
                 self._current = point, Coverage(self.points[point][1])
@@ -51,8 +51,8 @@ class Sweep:
 
     def compute(self, chunk: int) -> dict[str, np.ndarray]:
         """The sums of one chunk of one point."""
-        point, own = divmod(chunk, self._of_point)
-        return self._coverage(point).compute(own)
+        point, chunk_of_point = divmod(chunk, self._of_point)
+        return self._coverage(point).compute(chunk_of_point)
 
     def summary(self, chunks: Iterable[Mapping[str, np.ndarray]]) -> tuple[dict[str, Any], dict[str, pl.DataFrame]]:
         """Statistics of all points.
@@ -64,13 +64,13 @@ class Sweep:
             coverage = self._coverage(number)
             total = total_of(itertools.islice(chunks, self._of_point))
             result, tables = summary_of(coverage.experiment, total)
-            points.append({"values": values, **{name: result[name] for name in _KEPT}})
-            told = [pl.lit(_shown(value)).alias(name) for name, value in values.items()]
-            frames.append(tables["parameters"].select(pl.lit(number).alias("point"), *told, pl.all()))
+            points.append({"values": values, **{name: result[name] for name in _OF_RESULT}})
+            values_of_point = [pl.lit(_shown(value)).alias(name) for name, value in values.items()]
+            frames.append(tables["parameters"].select(pl.lit(number).alias("point"), *values_of_point, pl.all()))
         return {"grid": self.grid, "points": points}, {"parameters": pl.concat(frames)}
 
 
-_KEPT = ("path", "path_reason", "trials", "failed", "sd_g", "dof", "chi2_mean", "chi2_variance", "nees_mean")
+_OF_RESULT = ("path", "path_reason", "trials", "failed", "sd_g", "dof", "chi2_mean", "chi2_variance", "nees_mean")
 
 
 def _shown(value: object) -> str | float:
@@ -89,7 +89,7 @@ def points_of(study: Mapping[str, Any]) -> list[tuple[dict[str, Any], dict[str, 
         points.append((chosen, tables))
         if not wrong:
             continue
-        # Study and rig are sound by themselves: a value that is at fault alone is named alone.
+        # Study and rig are valid without the grid, so a value that is invalid alone is reported alone.
         alone = [
             f"{study['source']}: grid.{path} = {shown(value)}: {fault}"
             for path, value in chosen.items()
@@ -124,18 +124,18 @@ def _point(study: Mapping[str, Any], chosen: Mapping[str, object]) -> tuple[dict
 
 
 def _put(tables: dict[str, Any], path: str, value: object) -> None:
-    """Set the value at a dotted path; a key with dots in it (an effect's id) is what is left of the path."""
+    """Set the value at a dotted path; a key with dots in it (an effect's id) is the rest of the path."""
     root, _, rest = path.partition(".")
     if root not in ("rig", "study") or not rest:
         raise InputError("a path starts with rig. or study., such as rig.noise.sd")
     table = tables[root]
     while "." in rest:
-        key, _, left = rest.partition(".")
+        key, _, remaining = rest.partition(".")
         if key == "inject":
-            table, rest = table.setdefault(key, {}), left
+            table, rest = table.setdefault(key, {}), remaining
             break
         following = table.setdefault(key, {}) if isinstance(table, dict) else None
         if not isinstance(following, dict):
-            raise InputError(f"{key!r} holds no tables")
-        table, rest = following, left
+            raise InputError(f"{key!r} contains no tables")
+        table, rest = following, remaining
     table[rest] = value

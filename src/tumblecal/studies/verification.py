@@ -1,4 +1,4 @@
-"""What is checked of chunks before they are summed up: the trials they count, and one chunk of each worker again."""
+"""Checks of chunks before they are summed: their number of trials, and one recomputed chunk of each worker."""
 
 from collections.abc import Mapping
 from typing import Any, Protocol
@@ -12,7 +12,7 @@ from tumblecal.studies.store import Store
 
 
 class Countable(Protocol):
-    """A study whose chunks say how many trials they are the sums of."""
+    """A study whose chunks state their number of trials."""
 
     def trials_of(self, chunk: int) -> int:
         """Trials that are wanted in a chunk."""
@@ -28,7 +28,7 @@ class Countable(Protocol):
 
 
 class Distrusted(InputError):
-    """A worker returned a chunk that is wrong; nothing of its results is kept."""
+    """A worker returned a wrong chunk; all its results are discarded."""
 
     def __init__(self, worker: str, fault: str):
         self.worker = worker

@@ -1,4 +1,4 @@
-"""Workers of a cluster without a sign of life, reported while a study waits for them."""
+"""Reports on workers of a cluster that do not respond while a study waits for them."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -38,8 +38,8 @@ class WorkerWatch:
             elif now - known[1] > SILENT_S and address not in self._silent:
                 self._silent.add(address)
                 self._tell(
-                    f"{self._cluster}: worker {address} gives no sign of life for {SILENT_S:.0f} s; the chunks it holds wait. "
-                    "Let it go on, or end it: other workers then compute them"
+                    f"{self._cluster}: worker {address} has not responded for {SILENT_S:.0f} s; its chunks wait. "
+                    "Let it continue, or end it: other workers then compute them"
                 )
         for address in [address for address in self._heard if address not in workers]:
             del self._heard[address]
