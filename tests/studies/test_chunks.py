@@ -100,7 +100,7 @@ def test_chunks_of_another_seed_are_not_used_when_the_manifest_is_gone(tmp_path,
 
 def test_a_folder_of_another_study_says_what_differs_and_nothing_else(tmp_path, tables):
     outcome(tables(1), tmp_path)
-    with pytest.raises(InputError, match=r"holds another study \(different: study.seed 1 against 2\)"):
+    with pytest.raises(InputError, match=r"contains another study \(different: study.seed 1 against 2\)"):
         outcome(tables(2), tmp_path)
     manifest = tmp_path / "manifest.json"
     content = json.loads(manifest.read_text(encoding="utf-8"))
