@@ -179,9 +179,9 @@ BAD_HEADS = {
     "not positive": ({"covariance": "[[1e-4, 1.0], [1.0, 1e-2]]"}, "covariance: not symmetric and positive definite"),
     "twice": ({"parameters": '["index_gain", "index_gain"]'}, "parameters: a name is repeated"),
     "too few sds": ({"sd": "[0.01]"}, "sd: 1 entries for 2 parameters"),
-    "no pitch setting": ({"parameters": '["index_gain", "dbeta@x"]'}, "parameters: 'dbeta@x' names no pitch setting"),
-    "a setting by number": ({"parameters": '["index_gain", "dbeta_1"]'}, "'dbeta_1' names no pitch setting; write its"),
-    "an angle spelt otherwise": ({"parameters": '["index_gain", "dbeta@45.0"]'}, "'dbeta@45.0' names no pitch setting"),
+    "no pitch setting": ({"parameters": '["index_gain", "dbeta@x"]'}, "parameters: 'dbeta@x' is not the name"),
+    "a setting by number": ({"parameters": '["index_gain", "dbeta_1"]'}, "'dbeta_1' is not the name of a pitch"),
+    "an angle spelt otherwise": ({"parameters": '["index_gain", "dbeta@45.0"]'}, "'dbeta@45.0' is not the name"),
     "another sd": ({"sd": "[0.01, 2.5]"}, "sd.1: 2.5, but the covariance gives 0.1; correct the wrong one"),
     "not finite": ({"values": "[nan, 1.0]"}, "values.0: "),
     # It was taken for none, and the head said to have been counted with.
