@@ -47,7 +47,7 @@ def test_summaries_and_subfolders_of_several_files_too(tumblecal, tmp_path, tabl
         assert (
             outcome.code == 2
             and len(outcome.lines) == 1
-            and "of tumblecal calibrate; diagnose writes" in outcome.lines[0]
+            and "of tumblecal calibrate, and diagnose would overwrite" in outcome.lines[0]
         )
         assert contents(out) == before
     assert "summary.csv of tumblecal calibrate" in outcome.lines[0]
