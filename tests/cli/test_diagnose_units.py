@@ -191,7 +191,7 @@ BAD_HEADS = {
             "parameters": '["index_eccentricity_c", "dbeta@45"]',
             "units": '["mrad", "mrad"]',
         },
-        "of index_eccentricity no parameter 'index_eccentricity_c'; it has index_eccentricity_cos, index_eccentricity_sin",
+        "index_eccentricity has no parameter 'index_eccentricity_c'; give index_eccentricity_cos, index_eccentricity_sin",
     ),
     "an effect without one": ({"effects": '["index_gain", "base_levelling"]'}, "of base_levelling none stands there"),
 }
