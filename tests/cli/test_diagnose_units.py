@@ -193,7 +193,7 @@ BAD_HEADS = {
         },
         "index_eccentricity has no parameter 'index_eccentricity_c'; give index_eccentricity_cos, index_eccentricity_sin",
     ),
-    "an effect without one": ({"effects": '["index_gain", "base_levelling"]'}, "of base_levelling none stands there"),
+    "an effect without one": ({"effects": '["index_gain", "base_levelling"]'}, "base_levelling is missing"),
 }
 
 
