@@ -122,7 +122,7 @@ def carlsson(data: Path, out: Path) -> Iterator[Line]:
                 f"carlsson {name} {imu}: intervals of 10 s and more", len(read_positions(folder / "positions.csv")), 20
             )
         outside = 4 + (83 if name == "exp_1" else 6)
-        words = f" {outside} of {source.stat().st_size} bytes are outside whole frames"
+        words = f" {outside} of {source.stat().st_size} bytes are outside complete frames"
         yield f"carlsson {name}: all bytes but {outside} are whole frames", words in said
 
 

@@ -55,7 +55,7 @@ def test_an_axis_with_one_reading_is_named(attitudes, axis, noise):
         return
     # Of two axes that do not change, gravity may not have reached one: noise hides which.
     named = "axes .*y.* do" if noise and not np.ptp(attitudes[:, 1]) else f"axis {'xyz'[axis]} does"
-    with pytest.raises(InputError, match=f"log.csv: {named} not answer: the same reading in all attitudes"):
+    with pytest.raises(InputError, match=f"log.csv: {named} not respond: the same reading in all attitudes"):
         require_axes_answer("log.csv", made_of)
 
 

@@ -85,12 +85,12 @@ def meet_a(rig: Rig, tmp_path: Path, name: str, feed: float = 0.0) -> None:
 
 
 def test_silence_in_one_line(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="silence, not one byte in 4 s: power, cable"):
+    with pytest.raises(InputError, match="no data in 4 s: check power and cable"):
         meet_a(Rig(tmp_path), tmp_path, "stim300")
 
 
 def test_wrong_protocol_in_one_line(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="the device speaks stim300, not xsens"):
+    with pytest.raises(InputError, match="the device sends stim300, not xsens"):
         meet_a(Rig(tmp_path), tmp_path, "xsens", feed=0.5)
 
 
@@ -99,21 +99,21 @@ def test_a_device_that_does_not_tell_its_range(tmp_path: Path, monkeypatch: pyte
     monkeypatch.setattr(meeting, "WAITS_S", (0.5, 0.7))
     rig = Rig(tmp_path)
     rig.instrument.device.command = lambda data: None  # type: ignore[method-assign]
-    with pytest.raises(InputError, match="does not tell its range when asked"):
+    with pytest.raises(InputError, match="does not state its range when asked"):
         meet_a(rig, tmp_path, "stim300", feed=0.5)
 
 
 def test_wrong_baud_and_nonsense() -> None:
     noise = np.random.default_rng(0).integers(0, 256, 8000, dtype=np.uint8).tobytes()
-    assert "wrong baud rate?" in described(noise, "stim300")
-    assert "text arrives that holds no specific force" in described(b"U-Boot 2024.01\r\nlogin: \r\n" * 100, "stim300")
+    assert "check the baud rate" in described(noise, "stim300")
+    assert "text without a specific force arrives" in described(b"U-Boot 2024.01\r\nlogin: \r\n" * 100, "stim300")
 
 
 def test_a_device_that_sends_no_specific_force() -> None:
     body = b"VNYIA,-170.94,+007.34,+000.70,+00.085,+00.005,-09.847,+0.0003,-0.0012,-0.0001"
     data = b"$%s*%02X\r\n" % (body, exclusive_or(body)) * 40
-    assert described(data, "vectornav").startswith("VNYIA holds acceleration along the axes of the Earth")
-    assert "the device speaks vectornav" in described(data, "text")
+    assert described(data, "vectornav").startswith("VNYIA has acceleration along the axes of the Earth")
+    assert "the device sends vectornav" in described(data, "text")
 
 
 @pytest.mark.parametrize("name", sorted(protocols()))
@@ -137,7 +137,7 @@ def test_a_folder_that_holds_a_capture_is_kept(tmp_path: Path) -> None:
     (tmp_path / "plan.toml").write_text(GOOD)
     with begin(tmp_path / "plan.toml", tmp_path / "out") as run:
         run.journal.write("device", serial_number="N1", events=[], log_position=0)
-    with pytest.raises(InputError, match="holds a capture already"):
+    with pytest.raises(InputError, match="contains a capture already"):
         begin(tmp_path / "plan.toml", tmp_path / "out")
 
 
@@ -152,17 +152,16 @@ def test_capture_needs_no_jax() -> None:
 
 def test_a_plan_and_a_virtual_instrument_are_told_apart(tumblecal, tmp_path, configs):
     plan, instrument = configs / "capture_demo.toml", configs / "capture_emulator.toml"
-    wanted = "wanted here is {}, as tumblecal {} takes it"
     for arguments, said in (
         (
             ["emulate", plan, "--port", tmp_path / "imu"],
-            f"{plan}: the plan of a capture (it has session, port, positions, dwell), which tumblecal capture takes; "
-            + wanted.format("the description of a virtual instrument", "emulate"),
+            f"{plan}: the plan of a capture for tumblecal capture (it has session, port, positions, dwell); tumblecal emulate "
+            "needs the description of a virtual instrument",
         ),
         (
             ["capture", instrument, "--out", tmp_path / "out"],
-            f"{instrument}: the description of a virtual instrument (it has instrument, rig, effects, noise, head), which "
-            "tumblecal emulate takes; " + wanted.format("the plan of a capture", "capture"),
+            f"{instrument}: the description of a virtual instrument for tumblecal emulate (it has instrument, rig, effects, "
+            "noise, head); tumblecal capture needs the plan of a capture",
         ),
     ):
         outcome = tumblecal(*arguments)

@@ -81,12 +81,12 @@ def test_dataflash_bytes_in_no_message_are_reported_and_the_rest_is_read(tmp_pat
     contents, force, _ = imported(tmp_path / "log.bin", tmp_path / "out.parquet")
     np.testing.assert_array_equal(force, rows[:-1, 3:])
     at = len(b"".join(messages[:104]))
-    assert contents.damage.lines == [f"29 bytes in no message, the first at byte {at}: messages there are lost"]
+    assert contents.damage.lines == [f"29 bytes outside messages, the first at byte {at}: messages there are lost"]
 
 
 def test_dataflash_without_accelerations_says_what_is_there(tmp_path, rows):
     (tmp_path / "log.bin").write_bytes(b"".join(dataflash(rows, instances=0)))
-    with pytest.raises(InputError, match=r"no message with AccX, AccY, AccZ; it holds MSG \(1\)"):
+    with pytest.raises(InputError, match=r"no message has AccX, AccY, AccZ; it has MSG \(1\)"):
         imported(tmp_path / "log.bin", tmp_path / "out.parquet")
 
 
@@ -130,7 +130,7 @@ def test_an_mtb_file_with_a_wrong_sum(tmp_path, rows):
     contents = write_samples(tmp_path / "log.mtb", tmp_path / "out.parquet", RecordingOptions())
     assert contents.rows == 199
     (line,) = contents.damage.lines
-    assert line.startswith(f"{len(broken)} bytes in no message with a right sum")
+    assert line.startswith(f"{len(broken)} bytes outside messages with a correct sum")
 
 
 def test_an_mtb_file_without_specific_force_says_what_it_holds(tmp_path, rows):

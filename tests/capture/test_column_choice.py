@@ -242,7 +242,7 @@ def test_a_guess_is_printed_before_the_fault_that_may_follow(tmp_path, moved, tu
     outcome = tumblecal("reduce", path, "--out", tmp_path / "out")
     assert outcome.code == 2
     assert "accelerations: columns 2, 3, 4 as x, y, z, by their values" in outcome.lines[0]
-    assert "how are its positions told apart" in outcome.lines[-1]
+    assert "state how to find its positions" in outcome.lines[-1]
 
 
 @pytest.mark.parametrize(

@@ -122,7 +122,7 @@ def test_counts_become_g_under_that_name_and_all_else_stays(tumblecal, tmp_path)
     np.testing.assert_allclose(got, (counts / 1000 - BIAS) @ MATRIX.T, rtol=1e-14, atol=1e-15)
     (tmp_path / "log.csv").write_text("ax_g,X,Y,Z\n0,100,0,1000\n0,100,0,1001\n")
     outcome = tumblecal("apply", tmp_path / "cal.json", tmp_path / "log.csv", *options)
-    assert outcome.code == 2 and "column ax_g is there already, beside X, Y, Z" in outcome.lines[0]
+    assert outcome.code == 2 and "column ax_g exists already, but the corrected readings of X, Y, Z" in outcome.lines[0]
     assert not (tmp_path / "log_corrected.csv").exists()
 
 

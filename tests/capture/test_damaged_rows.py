@@ -209,7 +209,8 @@ def test_repeats_change_neither_means_nor_their_uncertainty(tmp_path, tumblecal)
     content = json.loads((tmp_path / "r" / "reduction.json").read_text())
     np.testing.assert_allclose([own["mean_g"] for own in content["positions"]], one.table.data.readings, atol=1e-12)
     np.testing.assert_allclose([own["sd_of_mean_g"] for own in content["positions"]], one.table.sd_of_mean, rtol=1e-3)
-    words = "each sample is written 7 times: the sensor gives 25 samples a second, the file has 175 rows: one of each is kept"
+    rates = "the sensor gives 25 samples a second, the file has 175 rows"
+    words = f"each sample is written 7 times: {rates}: one row of each is retained"
     assert told.code == 0 and told.lines == [f"WARNING: {paths[1]}: {words}"]
     assert content["damage"] == [words]
     (record,) = content["damage_records"]
@@ -321,7 +322,7 @@ def test_apply_leaves_erased_rows_out_and_reports_other_damage(tmp_path, tumblec
         )
         np.testing.assert_allclose(got[:, 1:], truth[order, 1:], atol=1e-9, err_msg=what)
         words = "each sample is written 2 times" if what == "repeats" else f"{moved} row"
-        assert any(words in line and "the rows stay as they are" in line for line in outcome.lines), (
+        assert any(words in line and "the rows are not changed" in line for line in outcome.lines), (
             what,
             outcome.lines,
         )

@@ -45,7 +45,7 @@ def test_the_alarm_of_a_lost_device_outlasts_the_samples_of_the_same_poll(tmp_pa
     guide.take(arrived(20))
     guide.take(arrived(40, "port_lost"))
     for _ in range(2):
-        assert view_of(guide).alarm.startswith("the device is gone: plug it in again")
+        assert view_of(guide).alarm.startswith("the device is disconnected: plug it in again")
         guide.take(arrived(40))
     guide.take(arrived(20, "reopened"))
     assert view_of(guide).alarm == ""

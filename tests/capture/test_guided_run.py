@@ -217,7 +217,7 @@ def test_changed_raw_data_are_refused(finished: Path, tmp_path: Path) -> None:
     attempt = replayed(read_journal(tmp_path)).accepted[0]
     raw[(attempt.log_start + attempt.log_stop) // 2] ^= 1
     (tmp_path / RAW_NAME).write_bytes(raw)
-    with pytest.raises(InputError, match="was changed since it was recorded"):
+    with pytest.raises(InputError, match="were changed after recording"):
         reduce(tmp_path)
 
 
@@ -226,7 +226,7 @@ def test_resume_refuses_a_changed_plan(finished: Path, tmp_path: Path) -> None:
 
     (tmp_path / JOURNAL_NAME).write_bytes((finished / JOURNAL_NAME).read_bytes())
     (tmp_path / "plan.toml").write_text(ONE + "# changed\n")
-    with pytest.raises(InputError, match="was changed since the capture began"):
+    with pytest.raises(InputError, match="was changed after the capture began"):
         resume(tmp_path)
 
 

@@ -201,7 +201,7 @@ def test_vectornav_refuses_what_is_no_specific_force(name: str) -> None:
     found = decode_all(protocol("vectornav").decoder(), 5 * line)
     assert len(found.samples) == 0 and found.counts.special == 5 and found.counts.discarded == 0
     (refused,) = found.events
-    assert refused.kind == "refused" and refused.content["text"].startswith(f"{name} holds ")
+    assert refused.kind == "refused" and refused.content["text"].startswith(f"{name} has ")
     assert "VNIMU" in refused.content["text"]
 
 

@@ -42,7 +42,7 @@ def test_rate_from_a_comment(tmp_path):
     [
         ({"header": "time_s,ax_mg,ay_mg,az_mg"}, "column position is missing"),
         ({"header": "position,ax_mg,ay_mg,az_mg"}, "the sample rate is not known"),
-        ({"header": "position,ax_mg,ay_mg,az_mg", "comment": "# rate_hz: fast"}, "no sample rate"),
+        ({"header": "position,ax_mg,ay_mg,az_mg", "comment": "# rate_hz: fast"}, "not a sample rate"),
         ({"count": 5}, "too few samples at position a \\(5\\), b \\(5\\)"),
         ({"step": 0.0}, "must increase"),
         ({"header": "position,time_s,ax_mg,ay_mg"}, "missing"),

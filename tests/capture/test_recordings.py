@@ -174,7 +174,7 @@ def test_a_text_of_which_much_cannot_be_read_is_a_line(tmp_path, s, tumblecal):
     path.write_text("\n".join(line if k % 3 else "something else" for k, line in enumerate(lines, start=1)))
     line = tumblecal("import", path, "--out", tmp_path / "out.parquet").lines[-1]
     assert "other.csv:line 3" in line
-    assert "another layout; give --columns" in line
+    assert "Give the columns of the quantities by --columns" in line
     assert not (tmp_path / "out.parquet").exists()
 
 
@@ -182,8 +182,8 @@ def test_a_text_of_which_much_cannot_be_read_is_a_line(tmp_path, s, tumblecal):
     ("changed", "asked", "said"),
     [
         ({"acc_x": None}, {}, "ax not found among the columns"),
-        ({"acc_x": 3.0, "acc_y": 3.0, "acc_z": 3.0}, {}, "neither g, mg, m/s^2 nor usual counts; say the unit"),
-        ({"time": 1e-9}, {}, "no sample times in s, ms, us or ns; give --time-unit"),
+        ({"acc_x": 3.0, "acc_y": 3.0, "acc_z": 3.0}, {}, "neither g, mg, m/s^2 nor usual counts; give the unit"),
+        ({"time": 1e-9}, {}, "not sample times in s, ms, us or ns; give --time-unit"),
         ({}, {"columns": "ax=nothing"}, "no such column"),
         ({}, {"columns": "bx=1"}, "no such quantity"),
         ({}, {"unit": "furlongs"}, "--unit furlongs: not a unit"),
@@ -200,7 +200,7 @@ def test_what_cannot_be_read_is_a_line(tmp_path, s, changed, options, said):
 
 
 def test_a_bag_without_an_imu_lists_what_is_there(tmp_path, s):
-    with pytest.raises(InputError, match=r"no accelerations; it holds /chatter \(std_msgs/msg/String\)"):
+    with pytest.raises(InputError, match=r"no accelerations; the file has /chatter \(std_msgs/msg/String\)"):
         reduce_recording(ros2_bag(tmp_path / "bag", s, mcap=True, with_imu=False), KnownContext(static=True))
 
 
@@ -280,11 +280,11 @@ def test_sniff_says_something_of_any_bytes(tmp_path, s, tumblecal):
     (tmp_path / "frames.bin").write_bytes(frames)
     (tmp_path / "noise.bin").write_bytes(rng.integers(0, 256, 20000, dtype=np.uint8).tobytes())
     (line,) = tumblecal("sniff", tmp_path / "frames.bin").lines
-    assert "repeat every 21, as frames of that length do; 2 of them never change (FA 10)" in line
+    assert "repeat every 21 bytes, like frames of that length; 2 of them never change (FA 10)" in line
     (line,) = tumblecal("sniff", tmp_path / "noise.bin").lines
-    assert "compressed data, or of a wrong baud rate" in line
+    assert "compressed data, or a wrong baud rate" in line
     (line,) = tumblecal("import", tmp_path / "noise.bin").lines
-    assert "no format explains it" in line
+    assert "no format recognises it" in line
 
 
 def test_numbers_beyond_any_reading_are_a_line_without_a_warning(tmp_path, tumblecal):

@@ -106,7 +106,7 @@ def test_the_rate_may_be_stated_and_angles_unknown(tmp_path, white):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda told: told.pop("alpha_deg"), "column alpha_deg is missing; write each sample's angles"),
+        (lambda told: told.pop("alpha_deg"), "column alpha_deg is missing; write the angles"),
         (lambda told: told.pop("time_s"), "the sample rate is not known; add a column time_s or a comment"),
         (lambda told: told.update(time_s=told["time_s"] * 0), "column time_s must increase"),
         (lambda told: told.update(position=np.arange(24 * COUNT)), "too few samples at position 0 \\(1\\), 1 \\(1\\)"),

@@ -144,10 +144,10 @@ def test_some_positions_of_a_grid(names, expected, grid):
 @pytest.mark.parametrize(
     ("names", "words"),
     [
-        (["alpha0_beta0.csv", "alpha45_beta0.csv", "spare.csv"], "spare.csv: no position follows"),
+        (["alpha0_beta0.csv", "alpha45_beta0.csv", "spare.csv"], "spare.csv: the name gives no position"),
         (["alpha-45_beta-30.csv", "alpha-90_beta-30.csv"], "every angle follows a dash"),
-        (["alpha0.csv", "alpha45.csv"], "no position follows"),
-        (["a0_a45_b30.csv", "a0_b30.csv"], "no position follows"),
+        (["alpha0.csv", "alpha45.csv"], "the name gives no position"),
+        (["a0_a45_b30.csv", "a0_b30.csv"], "the name gives no position"),
     ],
 )
 def test_unclear_names_are_a_question_with_the_option(names, words):
@@ -332,7 +332,7 @@ def test_a_file_without_a_still_part_is_reported_and_the_others_count(tmp_path, 
     assert len(found.table.data) == 5
     ((file, words),) = found.doubts
     assert file.endswith("z_up.csv")
-    assert "no still part" in words
+    assert "no interval at rest" in words
 
 
 def test_the_unit_of_counts_is_judged_over_all_files(tmp_path, six):
@@ -352,7 +352,7 @@ def test_positions_that_are_alike_to_gravity_are_a_question(tmp_path):
     path.write_text("[positions]\nalpha_deg = [0, 90, 180, 270]\nbeta_deg = [0, 90]\n")
     for name, up in zip("abcde", ((0, 0, 1), (0, 1, 0), (0, 0, -1), (0, -1, 0), (-1, 0, 0)), strict=True):
         write(tmp_path / "f" / f"log{name}.csv", up)
-    with pytest.raises(InputError, match="gravity cannot tell position 5 of the plan from 6, 7, 8"):
+    with pytest.raises(InputError, match="gravity cannot separate position 5 of the plan from 6, 7, 8"):
         reduced(recording_files([tmp_path / "f"]), read_plan(path))
 
 

@@ -51,7 +51,7 @@ def test_a_signal_restores_the_terminal_and_is_written_down(tmp_path: Path, numb
     # What 80 columns and 24 lines show: the last whole screen has its counters and its keys.
     screens = re.sub(rb"\x1b\[[0-9;?]*[a-zA-Z]|\a", b"\f", capture.raw).decode().split("RECORDING ")
     shown = [s for s in screens if "good samples" in s][-2]
-    for words in ("frames ", "bad checks", "lost >=", "q: stop for", "r: this position again", "expected mg"):
+    for words in ("frames ", "bad checks", "lost >=", "q: interrupt", "r: repeat this position", "expected mg"):
         assert words in " ".join(shown.replace("\f", "").split()), shown
     assert shown.count("\n") <= 24
 

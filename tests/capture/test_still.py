@@ -192,7 +192,7 @@ def test_nothing_still_is_a_line_and_a_figure(tmp_path, tumblecal):
     assert result.code == 2
     *guesses, line = result.lines
     assert all("guessed" in own or "not known" in own for own in guesses)
-    assert "nothing lies still" in line
+    assert "no interval at rest" in line
     assert "intervals.svg shows it" in line
     assert (tmp_path / "out" / "intervals.svg").exists()
     assert not (tmp_path / "out" / "positions.csv").exists()
@@ -240,7 +240,7 @@ def test_a_recording_that_is_too_short_is_a_line(tmp_path):
     s = made()
     path = tmp_path / "short.parquet"
     pl.DataFrame(imu_columns(s)).head(120).write_parquet(path)
-    with pytest.raises(NothingStill, match="too short"):
+    with pytest.raises(NothingStill, match="too few"):
         reduce_recording(path, HAND_HELD)
 
 
@@ -250,7 +250,7 @@ def test_how_positions_are_told_apart_is_asked(tmp_path, tumblecal):
     assert result.code == 2
     *guesses, line = result.lines
     assert all("guessed" in own or "not known" in own for own in guesses)
-    assert "--static finds still intervals" in line
+    assert "--static finds intervals at rest" in line
     assert not (tmp_path / "out").exists()
     with pytest.raises(InputError, match="no such column"):
         reduce_recording(path, KnownContext(by="part"))

@@ -173,7 +173,7 @@ def test_json(tmp_path, name):
 
 
 def test_json_without_samples_is_a_line(tmp_path):
-    with pytest.raises(InputError, match="JSON without samples; they are read from an object in each line"):
+    with pytest.raises(InputError, match="JSON without samples; samples are read from one object a line"):
         imported(tmp_path / "log.json", '{"a": {"b": 1}, "c": [\n]}')
     with pytest.raises(InputError, match="not a complete JSON file"):
         imported(tmp_path / "log.json", '[{"a": 1,\n "b"')

@@ -89,7 +89,9 @@ def test_what_may_be_thousands_or_decimals_is_refused_with_its_place(tmp_path, t
     (tmp_path / "log.txt").write_text("time_ms\tax\tay\taz\n" + rows)
     outcome = tumblecal("import", tmp_path / "log.txt", "--out", tmp_path / "out.csv")
     (line,) = outcome.lines
-    assert "log.txt:line 2, column ax: '-5,599' is -5599, or -5.599: nothing tells thousands from decimals" in line
+    assert (
+        "log.txt:line 2, column ax: '-5,599' is -5599, or -5.599: the mark may separate thousands or decimals" in line
+    )
     assert not (tmp_path / "out.csv").exists()
 
 
@@ -131,12 +133,12 @@ def test_a_quotation_mark_too_many_costs_its_own_line_alone(tmp_path):
         (
             "time,ax,ay,az",
             "0,{k:02d},0,10,0,20,0,97",
-            "line 1: names 4 columns, but the rows have 8 cells: commas between",
+            "line 1: names 4 columns, but the rows have 8 cells; commas between",
         ),
         (
             "ax,ay,az,temp",
             "{k},0.1,0.2,0.97,25.0",
-            "line 1: names 4 columns, but the rows have 5 cells: mend the header",
+            "line 1: names 4 columns, but the rows have 5 cells; correct the header",
         ),
     ],
 )
@@ -167,7 +169,9 @@ def test_marks_of_one_column_are_never_the_wrong_ones(values, digits, marks, shr
 def test_decimal_commas_between_commas_are_refused_without_names_too(tmp_path):
     rows = "".join(",".join(written(v, 4, ",") for v in (k / 100, *FORCE[k])) + "\n" for k in range(400))
     (tmp_path / "log.csv").write_text(rows)
-    with pytest.raises(InputError, match="line 1: '0,0000,1,0000,0,0000,0,0000': commas between cells cannot be told"):
+    with pytest.raises(
+        InputError, match="line 1: '0,0000,1,0000,0,0000,0,0000': commas between cells are indistinguishable"
+    ):
         imported(tmp_path / "log.csv")
 
 
@@ -176,7 +180,7 @@ def test_marks_far_behind_whole_numbers_are_not_taken_for_decimals(tmp_path):
     rows = [f"{k};{k % 7};3;998\n" for k in range(60000)]
     rows[20000:20040] = [f"{k};{k % 7};3;1.0{k % 90 + 10}\n" for k in range(20000, 20040)]
     (tmp_path / "log.csv").write_text("time_ms;ax_mg;ay_mg;az_mg\n" + "".join(rows))
-    with pytest.raises(InputError, match=r"line 20002, column az_mg: '1.030' is 1030, or 1.030: nothing tells"):
+    with pytest.raises(InputError, match=r"line 20002, column az_mg: '1.030' is 1030, or 1.030: the mark may separate"):
         imported(tmp_path / "log.csv")
 
 

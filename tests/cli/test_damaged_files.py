@@ -30,7 +30,7 @@ def test_a_cut_ulog_is_read_to_its_last_whole_message_and_reported(tmp_path, ulo
     path.write_bytes(ulog[:CUT_AT])
     whole = (CUT_AT - before) // MESSAGE
     told = tumblecal("import", path, "--out", tmp_path / "out.parquet")
-    words = f"it ends within a message (byte {before + whole * MESSAGE} of {CUT_AT}): what came after it is missing"
+    words = f"the file ends within a message (byte {before + whole * MESSAGE} of {CUT_AT}): data after it are missing"
     assert told.code == 0 and told.lines == [f"WARNING: {path}: {words}"]
     force = np.stack([made.samples()[f"acc_{axis}"] for axis in "xyz"], axis=1)[:whole]
     read = pl.read_parquet(tmp_path / "out.parquet").select("ax_ms2", "ay_ms2", "az_ms2").to_numpy()
@@ -54,7 +54,7 @@ def test_a_ulog_of_a_moment_is_a_line(tmp_path, ulog, tumblecal):
     path = tmp_path / "log.ulg"
     path.write_bytes(ulog[: len(ulog) - 597 * MESSAGE])
     told = tumblecal("reduce", path, "--static", "--no-figures", "--out", tmp_path / "r")
-    assert told.code == 2 and len(told.lines) == 1 and "3 samples are too short" in told.lines[0]
+    assert told.code == 2 and len(told.lines) == 1 and "3 samples are too few" in told.lines[0]
 
 
 def _mcap_chunk(content: bytes) -> int:
@@ -183,7 +183,7 @@ def test_the_cut_last_line_of_a_recording_is_left_out_and_reported(tmp_path, tum
     path.write_bytes(content[:-lost])
     told = tumblecal("import", path, "--out", tmp_path / "out.parquet")
     assert told.code == 0
-    assert told.lines == [f"WARNING: {path}: line 601 has no end and may be cut off: left out"]
+    assert told.lines == [f"WARNING: {path}: line 601 has no end and may be truncated: left out"]
     assert "1 line left out, without a whole reading: 601" in told.out
     time = pl.read_parquet(tmp_path / "out.parquet")["time_s"].to_numpy()
     np.testing.assert_array_equal(time, made.samples()["time"][:599])
@@ -206,7 +206,7 @@ def test_a_damaged_journal_is_reported_and_a_changed_plan_refused(tmp_path, tumb
     plan = (tmp_path / PLAN_NAME).read_text()
     (tmp_path / PLAN_NAME).write_text(plan.replace("45", "44"))
     (line,) = tumblecal("reduce", tmp_path).lines
-    assert line.endswith("plan.toml: was changed since the capture began; put back the original")
+    assert line.endswith("plan.toml: this file was changed after the capture began; restore the original")
 
 
 def test_a_line_of_a_megabyte_is_no_table(tmp_path, tumblecal):

@@ -101,7 +101,7 @@ BAD = {
     ),
     "standard gravity for local": (
         lambda t: t.with_columns(pl.col("ax_g", "ay_g", "az_g") * 1.003),
-        "where they are in m/s^2 a comment `# gravity_ms2: 9.8123`",
+        "for readings in m/s^2 a comment `# gravity_ms2: 9.8123`",
     ),
     "empty names": (
         lambda t: t.with_columns(position=pl.when(pl.col("position") != 3).then("position")),

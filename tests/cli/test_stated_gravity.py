@@ -139,8 +139,8 @@ def test_help_says_when_gravity_counts_and_how_it_is_written(tumblecal, command)
     for words in (
         "such as 9.8123",
         "lat=48.14,height=520",
-        "It counts where readings are in m/s^2",
-        "changes no number",
+        "reduce divides readings in m/s^2 by it",
+        "Readings in g, mg or counts do not change",
     ):
         assert words in told, told
 

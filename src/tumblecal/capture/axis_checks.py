@@ -1,4 +1,4 @@
-"""Axes that do not answer to gravity: the same reading in all attitudes, or that of another axis."""
+"""Check for axes that do not respond to gravity: one reading in all attitudes, or the readings of another axis."""
 
 from collections.abc import Sequence
 from itertools import combinations
@@ -10,25 +10,26 @@ from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
 
 
-# Fewer attitudes say nothing, nor do those in which no axis changes by so much, in g.
+# Fewest attitudes for the check, and smallest change of some axis between them, g.
 _FEWEST, _TURNED_G = 4, 0.5
-# An axis that changes by less than this share of the others has the same reading everywhere.
+# An axis that changes by less than this share of the others has one reading in all attitudes.
 _SAME = 0.02
-# Gravity that stays in a plane has one size there, within this share (unequal scales, misalignment); two intervals may differ.
+# Gravity in a plane has a constant size, within this share (unequal scales, misalignment); two intervals may differ.
 _ONE_SIZE, _OTHERS = 0.15, 2
 
 
 def require_axes_answer(source: str, dwells: Sequence[NDArray[np.float64]] | NDArray[np.float64]) -> None:
-    """Refuse axes that do not answer although the triad is turned.
+    """Check that all axes respond to gravity when the triad is turned.
 
-    An axis across which gravity never comes does not change either; the other two then see all of gravity: their readings lie
-    on a circle. An axis is dead if they do not, or if it has one reading to the last digit while the others show noise.
+    An axis along which gravity is always zero does not change either; the other two axes then sense all of gravity, and their
+    readings are on a circle. An axis is dead if they are not, or if its reading is exactly constant while the others show
+    noise.
 
     **Arguments:**
 
-    - `source`: for the fault. `dwells`: samples of each attitude in g, shape (n, 3); a mean alone is one sample.
+    - `source`: name for the fault. `dwells`: samples of each attitude in g, shape (n, 3); a mean alone is one sample.
 
-    **Raises:** `InputError` naming the axes.
+    **Raises:** `InputError` with the axes.
     """
     means = np.array([dwell.mean(0) for dwell in dwells]).reshape(-1, 3)
     moved = np.ptp(means, axis=0) if len(means) else np.zeros(3)
@@ -42,11 +43,11 @@ def require_axes_answer(source: str, dwells: Sequence[NDArray[np.float64]] | NDA
             stuck.append(axis)
         elif not _on_circle(means[:, others]):
             silent.append(axis)
-    # Of two that do not change, gravity may not have reached one.
+    # If two axes do not change, one of them may be without gravity.
     if dead := stuck or silent:
         names, do = ", ".join(AXES[axis] for axis in dead), "axis {} does" if len(dead) == 1 else "axes {} do"
         raise InputError(
-            f"{source}: {do.format(names)} not answer: the same reading in all attitudes ({1e3 * means[0, dead[0]]:.4g} mg in "
+            f"{source}: {do.format(names)} not respond: the same reading in all attitudes ({1e3 * means[0, dead[0]]:.4g} mg in "
             f"all {len(means)}; others change by up to {moved.max():.3g} g); check the channel and the column"
         )
     for first, second in combinations(range(3), 2):
@@ -62,8 +63,8 @@ def require_axes_answer(source: str, dwells: Sequence[NDArray[np.float64]] | NDA
 
 
 def _on_circle(points: NDArray[np.float64]) -> bool:
-    """Whether points (n, 2) lie about on a circle: least squares of |p|² = 2 c p + k, less their mean; if they lie on a line,
-    whether they are the two ends of it."""
+    """Whether points (n, 2) are approximately on a circle, by least squares of |p|² = 2 c p + k after their mean; for points on
+    a line, whether they are its two ends."""
     points = points - points.mean(0)
     left, size, _ = np.linalg.svd(points, full_matrices=False)
     if size[1] < _SAME * size[0]:

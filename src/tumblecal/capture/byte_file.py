@@ -1,4 +1,4 @@
-"""Byte logs made elsewhere: which protocol, what is in them, and the samples as a table, in pieces of any file size."""
+"""Byte logs from other programs: protocol, contents, and the samples as a table, read in pieces for files of any size."""
 
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -24,13 +24,13 @@ _KEPT_EVENTS = 8
 
 
 def pieces_of(path: Path, faults: list[str] | None = None) -> Iterator[bytes]:
-    """The bytes of a file as they came from the port, or of the raw log of a capture, a megabyte at a time.
+    """The bytes of a file as received from the port, or of the raw log of a capture, a megabyte at a time.
 
     **Arguments:**
 
-    - `faults`: gets a line for each stretch of a raw log that holds no record.
+    - `faults`: receives a line for each stretch of a raw log without a record.
 
-    **Raises:** `InputError` when the file cannot be read.
+    **Raises:** `InputError` if the file cannot be read.
     """
     try:
         with path.open("rb") as file:
@@ -61,9 +61,9 @@ def pieces_of(path: Path, faults: list[str] | None = None) -> Iterator[bytes]:
 
 @dataclass(frozen=True)
 class _Known:
-    """What must be known of a stream before the first row is written; the stream may tell it late.
+    """Properties of a stream that are needed before the first row is written; the stream may state them late.
 
-    `columns`: of the table so far; None when none is written.
+    `columns`: columns of the table so far; None if no table is written.
     """
 
     settings: Settings | None
@@ -72,7 +72,7 @@ class _Known:
 
 
 class _Again(Exception):
-    """The stream told something that the rows before it should have known."""
+    """The stream stated a property that the rows before it need."""
 
     def __init__(self, known: _Known):
         self.known = known
@@ -80,10 +80,10 @@ class _Again(Exception):
 
 @dataclass
 class FileContents:
-    """What a byte log holds, added up piece by piece.
+    """The contents of a byte log, accumulated piece by piece.
 
-    `events`: the first of each kind; `told`: how many there were. `samples`: how many. `of_log`: what holds no record in a
-    capture's raw log.
+    `events`: the first of each kind; `event_counts`: number of events. `samples`: number of samples. `of_log`: stretches
+    without a record in a capture's raw log.
     """
 
     protocol: Protocol
@@ -115,7 +115,7 @@ class FileContents:
         n = len(force)
         if not n:
             return
-        # Means and squares of two stretches together: Chan, Golub & LeVeque 1983.
+        # Combined means and squares of two stretches: Chan, Golub & LeVeque 1983.
         with np.errstate(over="ignore", invalid="ignore"):
             mean = force.mean(0)
             change, total = mean - self._mean, self.good + n
@@ -132,24 +132,24 @@ class FileContents:
             if counter.ticks_per_s and self.rate_hz:
                 step = max(1, round(counter.ticks_per_s / self.rate_hz))
             self._frames = FrameNumbers(counter.modulus, step)
-        # A file has no stamps: only what the counter itself shows can be counted.
+        # A file has no stamps: only losses that the counter shows can be counted.
         replies = [event.stop for event in piece.events if event.counted]
         places = np.searchsorted(samples.stop, np.array(replies, np.int64))
         self._frames.take(samples.counter, samples.content, replies=places)
 
     def faults(self) -> Iterator[str]:
-        """What could not be read, a line each."""
+        """Unreadable parts, one line each."""
         yield from self.of_log
         if self.counts.discarded or self.counts.check_failures:
             yield (
-                f"{self.counts.discarded} of {self.size} bytes are outside whole frames, and "
+                f"{self.counts.discarded} of {self.size} bytes are outside complete frames, and "
                 f"{counted(self.counts.check_failures, 'frame')} with a wrong check: left out"
             )
         if flagged := self.samples - self.good:
-            yield f"{counted(flagged, 'sample')} that the device marks as faulty, or without a number: left out"
+            yield f"{counted(flagged, 'sample')} marked as faulty by the device, or without a number: left out"
 
     def losses(self) -> str:
-        """A line on lost samples; empty when there is no counter."""
+        """A line on lost samples; empty if there is no counter."""
         counter = self.protocol.counter
         found = self._frames
         if counter is None or found is None or self.samples < 3:
@@ -161,7 +161,7 @@ class FileContents:
         """Means and standard deviations of the good samples."""
         if not self.good:
             return (
-                "no specific force in g: the stream does not tell the range; "
+                "no specific force in g: the stream does not state the range; "
                 "give --range-g (it is set in the device, do not guess)"
             )
         mean = " ".join(f"{v:+.6f}" for v in self._mean)
@@ -177,29 +177,29 @@ def decode_file(
     stated: Stated = Stated(),
     progress: Callable[[int], None] = lambda size: None,
 ) -> FileContents:
-    """Decode a whole file in pieces, and write its samples if asked; nothing is written when there are none.
+    """Decode a whole file in pieces, and write its samples if `out` is given; without samples no file is written.
 
     **Arguments:**
 
-    - `path`: bytes as they came, or the raw log of a capture.
-    - `name`: protocol; guessed when None.
-    - `out`: table to write, .csv or .parquet, whole or not at all.
-    - `stated`: of what the stream does not tell.
-    - `progress`: told how many bytes are done.
+    - `path`: bytes as received, or the raw log of a capture.
+    - `name`: protocol; guessed if None.
+    - `out`: table to write, .csv or .parquet, complete or not at all.
+    - `stated`: settings that the stream does not state.
+    - `progress`: called with the number of finished bytes.
 
-    **Raises:** `InputError` when a file cannot be read or written or no protocol fits.
+    **Raises:** `InputError` if a file cannot be read or written, or no protocol fits.
     """
     if out is not None and out.suffix not in (".csv", ".parquet"):
         raise InputError(f"{out}: must end in .csv or .parquet")
     start = next(pieces_of(path), b"")
     if not start:
-        raise InputError(f"{path}: is empty")
+        raise InputError(f"{path}: the file is empty")
     spoken = protocol(name) if name is not None else _guessed(path, start)
     options = spoken.decoder_options(stated.columns, stated.unit, whole=True)
     ignored = [f"--{name}" for name in ("columns", "unit") if getattr(stated, name) and name not in options]
     if ignored:
         raise InputError(
-            f"{path}: {spoken.title} says by itself what its columns are; leave out {' and '.join(ignored)}, which lines of "
+            f"{path}: {spoken.title} states its columns itself; remove {' and '.join(ignored)}, which only lines of "
             "text take (or give another --protocol)"
         )
     known = _Known(_settings(spoken, stated), stated.rate_hz, None if out is None else frozenset())
@@ -220,7 +220,7 @@ def decode_file(
 def _samples(
     path: Path, decoder: Decoder, known: _Known, contents: FileContents, progress: Callable[[int], None]
 ) -> Iterator[Samples]:
-    """Samples piece by piece. **Raises:** `_Again` when a piece tells what the rows before it should have known."""
+    """Samples piece by piece. **Raises:** `_Again` if a piece states a property that the rows before it need."""
 
     def counted(piece: Decoded) -> Samples:
         learned = _learned(known, piece)
@@ -250,7 +250,7 @@ def _guessed(path: Path, data: bytes) -> Protocol:
     if ranked[0].explained < ENOUGH or not ranked[0].frames + ranked[0].special:
         seen = ", ".join(f"{g.name} {g.explained:.0%}" for g in ranked if g.explained > 0.01) or "nothing"
         raise InputError(
-            f"{path}: no protocol explains these bytes (seen: {seen}); give --protocol to read it all the same"
+            f"{path}: no protocol fits these bytes (recognised: {seen}); to read them anyway, give --protocol"
         )
     return protocol(ranked[0].name)
 
@@ -260,5 +260,5 @@ def _settings(spoken: Protocol, stated: Stated) -> Settings | None:
         return Settings(rate_hz=stated.rate_hz) if stated.rate_hz and not spoken.range_from_stream else None
     if stated.range_g not in spoken.ranges_g:
         known = ", ".join(f"{r:g}" for r in spoken.ranges_g) or "none: its output is scaled already"
-        raise InputError(f"--range-g {stated.range_g:g}: ranges of {spoken.name}: {known}")
+        raise InputError(f"--range-g {stated.range_g:g}: not a range of {spoken.name}; its ranges: {known}")
     return spoken.with_range(Settings(rate_hz=stated.rate_hz), stated.range_g)

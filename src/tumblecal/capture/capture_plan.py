@@ -1,4 +1,4 @@
-"""The plan of a capture: a TOML file with the positions, the port, how long to dwell, and who measures what where."""
+"""The plan of a capture: a TOML file with positions, port, dwell time, and the data of the session."""
 
 from functools import cached_property
 from itertools import product
@@ -16,7 +16,7 @@ from tumblecal.ground.strict_toml import Line, Number, Strict, checked, read_tom
 
 
 class Session(Strict):
-    """Who measures what, with what."""
+    """The data of a session: operator, instrument and equipment."""
 
     title: Line = ""
     operator: Line = ""
@@ -28,7 +28,7 @@ class Session(Strict):
 
 
 class PortTable(Strict):
-    """Where the device is and how it talks."""
+    """Port and protocol of the device."""
 
     url: str = ""
     baud: int | None = Field(default=None, gt=0)
@@ -42,7 +42,7 @@ class PortTable(Strict):
 
 
 class Site(Strict):
-    """Where on earth: gives local gravity, unless measured."""
+    """The site, which gives local gravity unless it was measured."""
 
     latitude_deg: Number | None = Field(default=None, ge=-90, le=90)
     height_m: Number = 0.0
@@ -50,7 +50,7 @@ class Site(Strict):
 
     @property
     def gravity(self) -> Gravity:
-        """Local gravity: as given, by the normal-gravity formula, or standard gravity when nothing is known."""
+        """Local gravity: as stated, by the normal-gravity formula, or standard gravity if nothing is stated."""
         if self.gravity_ms2 is not None:
             return Gravity(self.gravity_ms2, "given")
         if self.latitude_deg is not None:
@@ -84,7 +84,7 @@ class PositionsTable(Strict):
 
 
 class DwellTable(Strict):
-    """How long: seconds of the device's time."""
+    """Dwell times, in seconds of the device's time."""
 
     seconds: Number = Field(default=1200.0, gt=0)
     settle_s: Number = Field(default=30.0, ge=0)
@@ -92,8 +92,8 @@ class DwellTable(Strict):
 
 
 class PlannedConditions(Strict):
-    """The conditions that a proposed plan supposes: the time from the last position measured before to the first of these, from
-    one to the next, and the temperature."""
+    """The conditions that a proposed plan assumes: times from the last measured position to the first of these, and from one
+    to the next, and the temperature."""
 
     after_s: Number | None = Field(default=None, ge=0)
     step_s: Number | None = Field(default=None, ge=0)
@@ -101,7 +101,7 @@ class PlannedConditions(Strict):
 
 
 class LimitsTable(Strict):
-    """When a dwell is good."""
+    """Limits for a good dwell."""
 
     lost_fraction: Number = Field(default=0.01, ge=0, le=1)
     flagged_fraction: Number = Field(default=0.01, ge=0, le=1)
@@ -146,7 +146,7 @@ class CapturePlan(Strict):
 
     @cached_property
     def tolerance_deg(self) -> float:
-        """How far off a position is still that position: half the smallest separation, at most 10 degrees."""
+        """Tolerance of a position: half the smallest separation, at most 10 degrees."""
         if self.limits.position_deg is not None:
             return self.limits.position_deg
         forces = np.array([self.expected(k) for k in range(len(self.steps))])
@@ -158,7 +158,7 @@ class CapturePlan(Strict):
 def read_plan(path: Path) -> CapturePlan:
     """Read and check a plan.
 
-    **Raises:** `InputError` listing all faults at once; of the file of a virtual instrument that alone.
+    **Raises:** `InputError` with all faults; for the file of a virtual instrument, with this fault only.
     """
     content = read_toml(path)
     check_kind(path, content, PLAN)

@@ -34,7 +34,7 @@ def _crc32_columns(length: int, padding: int) -> tuple[NDArray[np.uint32], np.ui
     for j in range(length + padding - 2, -1, -1):
         after = columns[j + 1]
         columns[j] = (after << np.uint32(8)) ^ table[after >> np.uint32(24)]
-    # All-ones as initial register equals inverting the first four bytes.
+    # An initial register of ones equals inverting the first four bytes.
     initial = np.bitwise_xor.reduce([columns[j][0xFF] for j in range(4)])
     return columns[:length], np.uint32(initial)
 
@@ -63,7 +63,7 @@ def crc32_mpeg2(
 
 
 def crc32_mpeg2_rows(rows: NDArray[np.uint8], padding: int = 0) -> NDArray[np.uint32]:
-    """The same for the rows of a (n, length) array, which may be a strided view: the quick way for a run of frames."""
+    """The same for the rows of a (n, length) array, which may be a strided view: faster for a run of frames."""
     columns, initial = _crc32_columns(rows.shape[1], padding)
     check = np.full(rows.shape[0], initial, np.uint32)
     for j in range(rows.shape[1]):

@@ -1,4 +1,4 @@
-"""A text table with its readings replaced: every other byte, comments and ends of lines included, stays as it was."""
+"""A text table with its readings replaced; all other bytes, including comments and line ends, are unchanged."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -22,20 +22,20 @@ if TYPE_CHECKING:
 _PIECE = 1 << 23
 _END = re.compile("(\r\n|\n|\r)")
 _UTF8_MARK = b"\xef\xbb\xbf".decode("latin-1")
-# A byte is one letter here (Latin-1). Letters beyond these stand for a separator and for ends of lines within quotation
-# marks, and for the beginning of a word where blanks are between the cells.
+# A byte is one letter here (Latin-1). Letters beyond Latin-1 replace separators and line ends within quotation marks, and
+# mark the start of a word if blanks separate the cells.
 _SEPARATOR, _LINE_FEED, _RETURN, _WORD = "\ue000", "\ue001", "\ue002", "\ue003"
-# What is kept around a number: blanks, quotation marks, the mark of a comment before a header.
+# Characters around a number that do not change: blanks, quotation marks, the mark of a comment before a header.
 _BEFORE, _BEHIND = r'^([ \t"#]*)', r'([ \t"]*)$'
 
 
 @dataclass(frozen=True)
 class TextCells:
-    """Where the readings of a text table are.
+    """Places of the readings in a text table.
 
     **Arguments:**
 
-    - `layout`: that of the text. `places`: the cells of the three axes in a row, from 0, once they are known.
+    - `layout`: layout of the text. `places`: the cells of the three axes in a row, from 0, when they are known.
     - `decimal`: the mark of the numbers.
     """
 
@@ -46,12 +46,12 @@ class TextCells:
 
 @dataclass(frozen=True)
 class HeaderChanges:
-    """How a corrected text differs outside its rows.
+    """Changes of a corrected text outside its rows.
 
     **Arguments:**
 
-    - `added`: comments, above the header. `removed`: comments that state one of these keys are left out.
-    - `names`: of the three columns; empty where they stay.
+    - `added`: comments above the header. `removed`: comments with one of these keys are removed.
+    - `names`: new names of the three columns; empty for no change.
     """
 
     added: Sequence[str]
@@ -62,13 +62,13 @@ class HeaderChanges:
 def replaced_text(
     path: Path, cells: TextCells, readings: Iterator[Float[np.ndarray, "rows 3"]], changes: HeaderChanges
 ) -> Iterator[bytes]:
-    """The bytes of a text table with other readings, a piece at a time.
+    """The bytes of a text table with replaced readings, in pieces.
 
     **Arguments:**
 
-    - `readings`: of all rows in order, in pieces of any length; rows of NaN are left out of the text.
+    - `readings`: readings of all rows in order, in pieces of any length; rows of NaN are removed from the text.
 
-    **Raises:** `InputError` where the text has more rows than readings, or fewer.
+    **Raises:** `InputError` if the numbers of rows and of readings differ.
     """
     new, before, layout = _Queue(readings), 0, cells.layout
     for lines, ends in _lines(path, layout):
@@ -94,11 +94,11 @@ def replaced_text(
 
 
 def _uncertain(path: Path) -> InputError:
-    return InputError(f"{path}: a quotation mark opens a cell and none closes it; check the quotation marks")
+    return InputError(f"{path}: a quotation mark opens a cell without a closing one; check the quotation marks")
 
 
 class _Queue:
-    """Rows of numbers that come in pieces and are taken in others."""
+    """Rows of numbers, received in pieces and returned in pieces of other lengths."""
 
     def __init__(self, pieces: Iterator[Float[np.ndarray, "rows 3"]]):
         self._pieces = pieces
@@ -113,7 +113,7 @@ class _Queue:
 
 
 def _lines(path: Path, layout: TextLayout) -> Iterator[tuple[list[str], list[str]]]:
-    """Lines of a text and their ends, some megabytes at a time; a cell over several lines is in its first, the others empty."""
+    """Lines of a text and their ends, some megabytes at a time; a cell of several lines is in the first; others are empty."""
     rest, before = "", 0
     with opened(path) as file:
         while piece := file.read(_PIECE) + file.readline():
@@ -134,7 +134,7 @@ def _lines(path: Path, layout: TextLayout) -> Iterator[tuple[list[str], list[str
 
 
 def _parted(text: str) -> tuple[list[str], list[str]]:
-    """The lines of a text, and what ends each."""
+    """The lines of a text, and the end of each."""
     returns = text.count("\r")
     end = "\r\n" if returns and returns == text.count("\r\n") == text.count("\n") else "\n"
     if end == "\n" and returns:
@@ -153,7 +153,7 @@ def _joined(lines: list[str], ends: list[str]) -> str:
 
 
 def _hold(lines: list[str], ends: list[str], layout: TextLayout, first: int) -> int:
-    """Hold separators and ends of lines within quotation marks, in place; where a cell begins that goes on behind them."""
+    """Replace separators and line ends within quotation marks, in place; the start of a cell that extends beyond the text."""
     plain = [line.encode("latin-1") for line in lines[first:]]
     spans, begun = spans_of(plain, layout.separator, len(layout.names))
     for start, end in ((first + start, first + end) for start, end in spans):
@@ -184,13 +184,13 @@ def _texts(values: Float[np.ndarray, "rows 3"], decimal: str) -> list["pl.Series
 
 
 def _with_cells(lines: list[str], cells: TextCells, texts: Sequence["pl.Series"]) -> list[str]:
-    """Lines with other texts in the three cells; blanks and quotation marks around a cell stay."""
+    """Lines with new texts in the three cells; blanks and quotation marks around a cell do not change."""
     import polars as pl
 
     mark, shift, between = cells.layout.separator, 0, cells.layout.separator
     own = pl.Series("line", lines, dtype=pl.String)
     if mark == " ":
-        # A cell is a word with the blanks behind it; the first one is the blanks before all words.
+        # A cell is a word with the following blanks; the first cell is the blanks before all words.
         own = own.str.replace_all(r"(^|[ \t])([^ \t])", f"${{1}}{_WORD}$2")
         mark, shift, between = _WORD, 1, ""
     count = max(cells.places) + shift + 2
@@ -206,7 +206,7 @@ def _with_cells(lines: list[str], cells: TextCells, texts: Sequence["pl.Series"]
 
 
 def _change(lines: list[str], ends: list[str], before: int, cells: TextCells, changes: HeaderChanges) -> None:
-    """Change the header and the comments among some lines, in place; `before` lines stand ahead of them."""
+    """Change the header and the comments among some lines, in place; `before` lines precede them."""
     import polars as pl
 
     for k, line in enumerate(lines):

@@ -1,4 +1,4 @@
-"""Readings of any source corrected by a calibration and written, a piece at a time: memory does not grow with them."""
+"""Correction of readings of any source by a calibration, written in pieces with constant memory."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -26,21 +26,21 @@ if TYPE_CHECKING:
     import polars as pl
 
 
-# The comment that says which rows of the source hold no reading and are not in the corrected file.
+# The comment with the rows of the source that have no reading and are not in the corrected file.
 LEFT_OUT = "left_out"
 TEMPERATURE = "temperature_degc"
-# So far beyond the temperatures for which thermal terms were fitted they still hold.
+# Thermal terms are valid this far beyond the temperatures for which they were fitted.
 _WARMER_DEGC = 1.0
 
 
 @dataclass(frozen=True)
 class Correction:
-    """What corrects readings.
+    """A calibration for the correction of readings.
 
     **Arguments:**
 
-    - `calibration` was read from `path`. `local`: gravity where the device is used; readings in g are then written in g of
-      there.
+    - `calibration` was read from `path`. `local`: gravity at the place of use; readings in g are then written in g of that
+      place.
     - `other_unit`: correct readings of another serial number.
     """
 
@@ -53,13 +53,13 @@ class Correction:
 def write_corrected(out: Path, source: Uncorrected, correction: Correction) -> tuple[ReadingChecks, Gravity | None]:
     """Write a source with its readings replaced by corrected ones.
 
-    A table of text or Parquet keeps all else: in its own format text is the same byte for byte, and readings stay in their
-    unit under their names. In another format, or where they were counts, they are named `ax_g, ay_g, az_g` (or `_mg`,
-    `_ms2`). Of other recordings the sample table is written.
+    A table of text or Parquet retains all other content: in the same format, text is unchanged byte for byte, and readings
+    retain unit and names. In a different format, or for counts, the readings are named `ax_g, ay_g, az_g` (or `_mg`,
+    `_ms2`). For other recordings the sample table is written.
 
-    **Returns:** what was counted, and what one g of readings in m/s^2 is (None for others).
+    **Returns:** counts of the checks, and one g in m/s^2 for readings in m/s^2 (None for others).
 
-    **Raises:** `InputError` where rows cannot be corrected, or are another unit's; nothing is written then.
+    **Raises:** `InputError` if rows cannot be corrected, or are from a different unit; nothing is written then.
     """
     import polars as pl
 
@@ -108,8 +108,8 @@ def write_corrected(out: Path, source: Uncorrected, correction: Correction) -> t
 
 
 def _temperatures(calibration: Calibration) -> tuple[Sequence[float], float]:
-    """The temperatures within which a calibration holds, and how far beyond it holds as well: those of its use, otherwise those
-    of its data. For a file that does not state its use these count if it has thermal terms."""
+    """The temperatures within which a calibration is valid, and its margin beyond: those of its use, otherwise those of its
+    data. For a file that does not state its use, the latter apply if it has thermal terms."""
     if calibration.use.temperature_degc is not None:
         return calibration.use.temperature_degc, 0.0
     counts = calibration.use.answer is not None or TEMPERATURE in calibration.columns_needed
@@ -117,22 +117,22 @@ def _temperatures(calibration: Calibration) -> tuple[Sequence[float], float]:
 
 
 def _check_names(source: Uncorrected, own: Sequence[str], names: Sequence[str]) -> None:
-    """Refuse names for the corrected readings, in `own` columns, that other columns have.
+    """Check that no other column has one of the names of the corrected readings in the `own` columns.
 
-    **Raises:** `InputError` naming the first.
+    **Raises:** `InputError` with the first such name.
     """
     others = set(source.schema or ()) - set(own)
     if twice := [name for name in names if name in others]:
         raise InputError(
-            f"{source.header.path}: column {twice[0]} is there already, beside {', '.join(own)}, whose corrected readings "
-            "get that name; rename it"
+            f"{source.header.path}: column {twice[0]} exists already, but the corrected readings of {', '.join(own)} get "
+            "this name; rename the column"
         )
 
 
 def _with_force(
     frame: "pl.DataFrame", corrected: Callable[["pl.DataFrame"], np.ndarray], renamed: Mapping[str, str]
 ) -> "pl.DataFrame":
-    """The whole rows of a piece, as in the source, with corrected readings in these columns under new names."""
+    """The complete rows of a piece, as in the source, with corrected readings in these columns under new names."""
     import polars as pl
 
     frame = frame.filter(WHOLE) if WHOLE in frame.columns else frame
@@ -143,7 +143,7 @@ def _with_force(
 
 
 def _written_unit_g(header: Raw, gravity: Gravity | None, local: Gravity | None) -> float:
-    """One unit of the columns written, in g of the calibration: that of the readings, or, of columns in g, that of `local`."""
+    """One unit of the written columns, in g of the calibration: that of the readings or, for columns in g, that of `local`."""
     if local is None or gravity is None:
         return header.to_g
     return unit_in_g(header.unit, None) * local.in_g_of(gravity)
@@ -152,22 +152,22 @@ def _written_unit_g(header: Raw, gravity: Gravity | None, local: Gravity | None)
 def _comments(
     header: Raw, correction: Correction, local: Gravity | None, left_out: str
 ) -> tuple[dict[str, str], list[str]]:
-    """The comments of the corrected table, and the lines of those that are new."""
+    """The comments of the corrected table, and the lines of the new ones."""
     more = (comments_of(local) if local else {}) | {CORRECTED_BY: one_line(str(correction.path))}
     more |= {LEFT_OUT: left_out} if left_out else {}
     return header.comments | more, [f"# {key}: {value}" for key, value in more.items()]
 
 
 def _own_lines(header: Raw, notes: Sequence[str], local: Gravity | None) -> list[str]:
-    """The lines before a CSV table of a source that is no text: what it states, less what `notes` state anew."""
+    """The comment lines before a CSV table of a source that is not text, without the keys that `notes` replace."""
     new = stated(notes).keys() | ({VALUE_KEY, SOURCE_KEY} if local else set())
     return [f"# {key}: {value}" for key, value in header.comments.items() if key not in new]
 
 
 def _same_unit(correction: Correction, header: Raw) -> None:
-    """Refuse readings of another unit.
+    """Raise for readings of a different unit.
 
-    **Raises:** `InputError` where the serial numbers differ and nobody insisted.
+    **Raises:** `InputError` if the serial numbers differ, unless `other_unit` is set.
     """
     own, theirs = correction.calibration.serial_number, serial_number_of(header.comments)
     if own and theirs and theirs != own and not correction.other_unit:
@@ -183,6 +183,6 @@ def _check_needs(correction: Correction, header: Raw) -> None:
         kind = {"temperature_degc": "temperature", "time_s": "drift"}[lacking[0]]
         role = lacking[0].partition("_")[0]
         raise InputError(
-            f"{header.path}: no column {lacking[0]}, but {correction.path} has {kind} terms; say which it is "
+            f"{header.path}: no column {lacking[0]}, but {correction.path} has {kind} terms; give it "
             f"(--columns {role}=...), or give a calibration without them"
         )

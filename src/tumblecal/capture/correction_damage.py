@@ -1,7 +1,7 @@
-"""Damage of readings that are to be corrected, found by the rules by which `reduce` repairs recordings.
+"""Damage of readings before correction, found by the rules by which `reduce` repairs recordings.
 
-Rows of erased memory hold no reading and are left out. Rows out of order, or that repeat a sample, hold one: they are reported
-and stay as they are, with all else that is in them.
+Rows of erased memory have no reading and are left out. Rows out of order, and rows that repeat a sample, have a reading: they
+are reported and not changed.
 """
 
 import re
@@ -41,8 +41,8 @@ class RowDamage:
 
     **Arguments:**
 
-    - `erased` (rows,): which rows hold no reading. `damage`: its records. `all_usable`: whether all rows hold one.
-    - `wraps`: how numbers that left the range of their type come back into it, if only later rows show it.
+    - `erased` (rows,): mask of rows without a reading. `damage`: its records. `all_usable`: whether all rows have a reading.
+    - `wraps`: corrections of numbers outside the range of their type, if only later rows show it.
     """
 
     erased: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
@@ -51,7 +51,7 @@ class RowDamage:
     wraps: Mapping[str, Wrap] = field(default_factory=dict)
 
     def marked(self, frames: Iterator["pl.DataFrame"]) -> Iterator["pl.DataFrame"]:
-        """Frames of all rows; in those with erased rows `WHOLE` says which are none, and `ROW` where each is in the source."""
+        """Frames of all rows; if rows are erased, `WHOLE` marks the others, and `ROW` is the place of each in the source."""
         import polars as pl
 
         first = 0
@@ -72,8 +72,8 @@ def row_damage(
 
     **Arguments:**
 
-    - `header`: what it states. `frames`: all its rows, of which those that are not `WHOLE` are passed over.
-    - `columns`: the accelerations in the source. `contents`: of a recording, which counts the frames; None for a table in known
+    - `header`: its columns and comments. `frames`: all its rows; rows that are not `WHOLE` are skipped.
+    - `columns`: the accelerations in the source. `contents`: counts the frames of a recording; None for a table in known
       units, whose numbers have no type.
     """
     look = RangeCheck(columns if contents else ())
@@ -108,7 +108,7 @@ def row_damage(
 
 
 def _schema(header: Raw) -> "pl.Schema":
-    """The columns in which damage shows: accelerations, rates, times."""
+    """The columns that show damage: accelerations, rates, times."""
     import polars as pl
 
     rates = [name for name in header.frame.columns if _RATE.fullmatch(name)]
@@ -117,7 +117,7 @@ def _schema(header: Raw) -> "pl.Schema":
 
 
 def _sound_rows(header: Raw) -> int:
-    """The number of rows of a Parquet file whose readings are all numbers, which need not be written again; 0 for others."""
+    """The number of rows of a Parquet file whose readings are all numbers and need not be written again; 0 for others."""
     import polars as pl
 
     if header.path.suffix != ".parquet" or not all(header.frame[name].dtype.is_numeric() for name in _schema(header)):
@@ -131,8 +131,8 @@ def _sound_rows(header: Raw) -> int:
 def _write_numbers(
     path: Path, header: Raw, frames: Iterator["pl.DataFrame"]
 ) -> tuple["pl.Schema", NDArray[np.bool_], NDArray[np.bool_]]:
-    """Write the readings and times of the rows with usable readings as Parquet; the columns, which rows these are, and which
-    have no number throughout."""
+    """Write the readings and times of the usable rows as Parquet; return the columns, the mask of these rows, and the mask of
+    rows without any number."""
     import polars as pl
 
     schema = _schema(header)
@@ -145,7 +145,7 @@ def _write_numbers(
             whole = frame[WHOLE].to_numpy() if WHOLE in frame.columns else np.ones(len(frame), bool)
             usual = force.select(pl.all_horizontal(pl.all().abs() < LARGEST_NUMBER).fill_null(value=False)).to_series()
             usable.append(usual.to_numpy() & whole)
-            # Of a recording, rows without a number are counted where it is read.
+            # The reader of a recording counts rows without a number.
             blank.append(whole & blank_rows(force) if not usual.all() else np.zeros(len(frame), bool))
             yield table.filter(pl.Series(usable[-1]))
 
@@ -154,7 +154,7 @@ def _write_numbers(
 
 
 def left_out_words(row_word: str, frames: Iterator["pl.DataFrame"]) -> str:
-    """Which rows of a source are not `WHOLE`, such as `lines 52 to 71, 300`; empty for none."""
+    """The rows of a source that are not `WHOLE`, such as `lines 52 to 71, 300`; empty for none."""
     parts = [np.zeros(0, int)]
     for frame in frames:
         if WHOLE in frame.columns:

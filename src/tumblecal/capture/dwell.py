@@ -1,4 +1,4 @@
-"""One attempt at one position: the samples as they come in, what they say so far, and the summary at the end."""
+"""One attempt at one position: the samples as they arrive, intermediate statistics, and the summary at the end."""
 
 from dataclasses import dataclass, field
 
@@ -13,7 +13,7 @@ from tumblecal.capture.samples import Samples, Status
 from tumblecal.capture.stationarity import Block, Blocks, stationarity
 
 
-# Half a wrap of the STIM300's counter: shorter pauses hide no whole wrap.
+# Half a wrap of the STIM300's counter: shorter pauses cannot contain a whole wrap.
 _PAUSE_S = 0.06
 
 
@@ -23,8 +23,8 @@ class Dwell:
 
     **Arguments:**
 
-    - `number`: which attempt. `needed`: good samples wanted. `block`: samples in a block of about a second.
-    - `to_local_g`: standard g to local g. `before`: what came just before it: a late frame may belong there.
+    - `number`: number of the attempt. `needed`: required good samples. `block`: samples in a block of about a second.
+    - `to_local_g`: factor from standard g to local g. `before`: the samples just before it: a late frame may belong there.
     """
 
     number: int
@@ -45,7 +45,7 @@ class Dwell:
         self._first: NDArray[np.float64] | None = None
 
     def take(self, part: Arrived) -> None:
-        """Add new samples; those with a status bit are counted, not used."""
+        """Add new samples; samples with a status bit are counted but not used."""
         if not len(part.samples):
             return
         self.parts.append(part)
@@ -74,23 +74,23 @@ class Dwell:
 
     @property
     def log_range(self) -> tuple[int, int]:
-        """The records of the raw log that hold this attempt."""
+        """The records of the raw log with this attempt."""
         return int(self.parts[0].log_start[0]), int(self.parts[-1].log_stop[-1])
 
     @property
     def log_before(self) -> int:
-        """Where in the raw log the records begin that came just before this attempt."""
+        """Start of the records in the raw log that came just before this attempt."""
         before = self.before
         return int(before.log_start[0]) if before is not None and len(before.samples) else self.log_range[0]
 
     def paused_lately(self, seconds: float) -> bool:
-        """Whether nothing arrived for a while near the end, so that what follows must say how much was lost."""
+        """Whether nothing arrived for a while near the end, so that later samples must show the loss."""
         stamps = np.concatenate([p.host_s for p in self.parts])
         late = stamps[stamps > stamps[-1] - seconds]
         return len(late) > 1 and float(np.diff(late).max()) > _PAUSE_S
 
     def losses(self, protocol: Protocol, rate_hz: float | None, after: list[Arrived]) -> Losses:
-        """Samples lost during the attempt; `after` is what came behind it, which resolves a late gap."""
+        """Samples lost during the attempt; `after` are the samples after it, which resolve a late gap."""
         before = [self.before] if self.before is not None else []
         samples, host_s = collected([*before, *self.parts, *after])
         start = sum(len(p.samples) for p in before)
@@ -99,7 +99,7 @@ class Dwell:
         return losses_of(protocol, samples, host_s, rate_hz, own, specials)
 
     def summary(self, losses: Losses) -> dict:
-        """For the journal."""
+        """The summary for the journal."""
         still = stationarity(self.blocks)
         return {
             "mean_g": self.mean.tolist(),
@@ -133,7 +133,7 @@ def losses_of(
     own: range,
     special_stops: list[int],
 ) -> Losses:
-    """Losses among the `own` samples, by the counter where there is one, otherwise by time; the others are context."""
+    """Losses among the samples of `own`, by the counter if there is one, otherwise by time; the others are context."""
     counter = protocol.counter
     if counter is None or not len(samples) or samples.counter[0] < 0:
         return losses_from_time(host_s[own.start : own.stop], None)

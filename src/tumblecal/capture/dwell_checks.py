@@ -1,4 +1,4 @@
-"""What may be wrong with one dwell: warm-up, trend, outliers, spectral lines, quantisation, saturation, losses."""
+"""Checks of one dwell: warm-up, trend, outliers, spectral lines, quantisation, saturation, losses."""
 
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
@@ -22,7 +22,7 @@ _LOCAL = 31
 
 @dataclass(frozen=True)
 class Line:
-    """A spectral line of one axis: frequency as seen, amplitude, and what it may be."""
+    """A spectral line of one axis: observed frequency, amplitude, and possible cause."""
 
     axis: str
     frequency_hz: float
@@ -32,7 +32,7 @@ class Line:
 
 @dataclass(frozen=True)
 class DwellChecks:
-    """Findings on one dwell; `warnings` says them in words, empty for a good one."""
+    """Findings on one dwell; `warnings` are the findings in words, empty for a good dwell."""
 
     warm_up_g: list[float]
     warm_up_time_s: float
@@ -48,7 +48,7 @@ class DwellChecks:
     warnings: list[str]
 
     def as_dict(self) -> dict:
-        """For a file."""
+        """The findings as keys and values of a file."""
         return asdict(self)
 
 
@@ -61,13 +61,13 @@ def check_dwell(
     lost: int = 0,
     lost_unresolved: int = 0,
 ) -> DwellChecks:
-    """Look at the samples of one dwell.
+    """Check the samples of one dwell.
 
     **Arguments:**
 
     - `force`: g, shape (n, 3). `rate_hz`: sample rate.
-    - `mean_sd`: sd of the mean per axis from the coloured noise; sets what a trend has to beat.
-    - `saturated`, `lost`, `lost_unresolved`: counted elsewhere.
+    - `mean_sd`: standard deviation of the mean per axis from the coloured noise; it sets the limit for a trend.
+    - `saturated`, `lost`, `lost_unresolved`: counts from other checks.
     """
     times, blocks = _block_means(force, rate_hz)
     amplitude, tau, p = _warm_up(times, blocks)
@@ -89,7 +89,7 @@ def check_dwell(
 
 def _drift_words(amplitude: np.ndarray, tau: float, p: float, slope: np.ndarray, t: np.ndarray) -> Iterator[str]:
     if p < _WARM_UP_P:
-        yield f"warm-up: {np.abs(amplitude).max() * 1e6:.0f} ug, dying out with {tau:.0f} s"
+        yield f"warm-up: {np.abs(amplitude).max() * 1e6:.0f} ug, time constant {tau:.0f} s"
     elif (np.abs(t) > _TREND_T).any():
         axis = int(np.argmax(np.abs(t)))
         yield f"trend: axis {AXES[axis]} {slope[axis] * 1e6:+.0f} ug/h ({abs(t[axis]):.0f} sd)"
@@ -127,11 +127,11 @@ def _block_means(force: NDArray[np.float64], rate_hz: float) -> tuple[NDArray[np
 
 
 def _warm_up(times: NDArray[np.float64], blocks: NDArray[np.float64]) -> tuple[NDArray[np.float64], float, float]:
-    """Amplitude per axis, time constant and probability of a decaying exponential beside a straight line."""
+    """Amplitude per axis, time constant and probability of a decaying exponential in addition to a straight line."""
     k, duration = len(times), times[-1] + times[0]
     line, rest, decays, shares = _decays(k)
     straight = blocks - line @ (line.T @ blocks)
-    # An axis that never changes is left with what rounding makes of it, which is no warm-up.
+    # An axis that never changes has only rounding residuals, which are not a warm-up.
     rounding = k * (1e-14 * np.abs(blocks).max()) ** 2 + 1e-30
     without = (straight**2).sum(0) + rounding
     explained = decays.T @ straight
@@ -148,8 +148,8 @@ def _warm_up(times: NDArray[np.float64], blocks: NDArray[np.float64]) -> tuple[N
 def _decays(
     count: int,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """For so many blocks: an orthonormal basis of straight lines (blocks, 2); of the exponentials what no line explains, its
-    norm (constants,) and direction (blocks, constants); their time constants as shares of the duration."""
+    """For this many blocks: an orthonormal basis of straight lines (blocks, 2); the component of the exponentials orthogonal to
+    lines, as norm (constants,) and direction (blocks, constants); their time constants as shares of the duration."""
     shares = np.geomspace(1 / 30, 1 / 3, 20)
     times = (np.arange(count) + 0.5) / count
     line, _ = np.linalg.qr(np.stack([np.ones(count), times], axis=1))
@@ -162,9 +162,9 @@ def _decays(
 def _trend(
     times: NDArray[np.float64], blocks: NDArray[np.float64], mean_sd: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Slope in g/h per axis, and how many sd the change over the dwell is.
+    """Slope in g/h per axis, and the change over the dwell in standard deviations.
 
-    A slope over white noise of mean sd s has end-to-end sd sqrt(12) s.
+    The change of a slope over white noise whose mean has standard deviation s has standard deviation sqrt(12) s.
     """
     slope = np.polyfit(times, blocks, 1)[0]
     return slope * 3600, slope * (times[-1] + times[0]) / (np.sqrt(12) * np.maximum(mean_sd, 1e-12))
@@ -176,7 +176,7 @@ def _lines(force: NDArray[np.float64], rate_hz: float) -> list[Line]:
     if len(force) < 4 * segment:
         return []
     averages = 2 * len(force) // segment - 1
-    # A trend of the whole dwell is taken off once; what is left of it in a segment stays within the bins that are cut.
+    # A trend of the whole dwell is removed once; its residual in a segment stays within the bins that are cut.
     straight = signal.detrend(force, axis=0)
     _, density = signal.welch(straight, rate_hz, "hann", segment, detrend=False, axis=0)  # type: ignore[arg-type]
     density, bin_hz = density[3:-1], rate_hz / segment
@@ -196,7 +196,7 @@ def _lines(force: NDArray[np.float64], rate_hz: float) -> list[Line]:
 
 
 def _mains(frequency: float, bin_hz: float, rate_hz: float) -> str:
-    """Whether a frequency is that of the mains, a harmonic, or what sampling makes of it."""
+    """Whether a frequency is that of the mains, a harmonic, or an alias of one."""
     for mains in _MAINS_HZ:
         alias = abs((mains + rate_hz / 2) % rate_hz - rate_hz / 2)
         if abs(frequency - alias) < 2 * bin_hz:
@@ -205,6 +205,6 @@ def _mains(frequency: float, bin_hz: float, rate_hz: float) -> str:
 
 
 def _smallest_step(values: NDArray[np.float64]) -> float:
-    """The smallest difference between values that occur; 0 when there is only one value."""
+    """The smallest difference between distinct values; 0 if there is only one value."""
     distinct = np.unique(values[:200000])
     return float(np.diff(distinct).min()) if len(distinct) > 1 else 0.0

@@ -1,4 +1,4 @@
-"""What a plan's limits say of an attempt: warnings while it is recorded, and why it is not accepted."""
+"""Checks of an attempt against the limits of a plan: warnings while it is recorded, and reasons to reject it."""
 
 from tumblecal.capture.capture_plan import LimitsTable
 from tumblecal.capture.dwell import Dwell
@@ -11,10 +11,10 @@ _LONG_ENOUGH_S = 20.0
 
 
 def warning(dwell: Dwell, seen: Stationarity, limits: LimitsTable) -> str:
-    """What goes wrong in a dwell so far; empty when nothing does."""
+    """Faults of a dwell so far, in words; empty for none."""
     words = []
     if seen.knocks:
-        words.append(f"knock: {len(seen.knocks)} block(s) stand out")
+        words.append(f"knock: {len(seen.knocks)} outlier block(s)")
     if seen.creep and not seen.knocks:
         words.append(f"creeping: {seen.tilt_arcsec:.0f} arcsec or {abs(seen.drift_g).max() * 1e6:.0f} ug so far")
     if dwell.flagged > max(limits.flagged_fraction * dwell.needed, 1):
@@ -25,14 +25,14 @@ def warning(dwell: Dwell, seen: Stationarity, limits: LimitsTable) -> str:
 
 
 def rate_warning(measured_hz: float, samples: int, wanted_hz: float) -> str:
-    """A line too slow for the configured rate makes a device skip samples without a word; rates by the host's clock."""
+    """A warning if the rate by the host's clock is too low: a device skips samples silently if the line is too slow."""
     if samples / wanted_hz <= _LONG_ENOUGH_S or abs(measured_hz / wanted_hz - 1) <= 0.01:
         return ""
     return f"the device sends {measured_hz:.2f} samples/s, {wanted_hz:g} are configured: baud rate too low?"
 
 
 def refusal(dwell: Dwell, losses: Losses, limits: LimitsTable) -> str:
-    """Why an attempt is to be repeated; empty when it is good."""
+    """Why an attempt must be repeated; empty if it is good."""
     if losses.lost > limits.lost_fraction * dwell.needed:
         sent = dwell.good + dwell.flagged + losses.lost
         return (

@@ -1,4 +1,4 @@
-"""The live estimate in a thread of its own: it may take seconds, or fail, and neither stops a capture."""
+"""The live estimate in a separate thread: it may take seconds or fail without stopping a capture."""
 
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -17,12 +17,12 @@ Estimate = Callable[[list[Measured]], list[Shown]]
 
 
 class EstimateWorker:
-    """Runs an estimate when asked; `rows` holds the last one that was finished.
+    """Runs an estimate on request; `rows` is the last finished one.
 
     **Arguments:**
 
     - `estimate`: the function; None for no live estimate.
-    - `failed`: told when it fails.
+    - `failed`: called if it fails.
     """
 
     def __init__(self, estimate: Estimate | None, failed: Callable[[str], object]):
@@ -54,5 +54,5 @@ class EstimateWorker:
         self._pending = None
 
     def close(self) -> None:
-        """Wait for nothing; the thread ends with the program."""
+        """Return without waiting; the thread ends with the program."""
         self._thread.shutdown(wait=False, cancel_futures=True)

@@ -1,4 +1,4 @@
-"""Does the measured specific force fit the prompted position: which mistake does it look like, if not."""
+"""Comparison of the measured specific force with the prompted position, and the probable mistake if they differ."""
 
 from dataclasses import dataclass
 from enum import Enum
@@ -11,7 +11,7 @@ from tumblecal.ground.frames import angle_between_deg
 
 
 class Fault(Enum):
-    """What may be wrong with a position."""
+    """Possible faults of a position."""
 
     NOT_TURNED = "not turned"
     OTHER_POSITION = "other position"
@@ -22,12 +22,12 @@ class Fault(Enum):
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a mean looks like.
+    """The result for a mean.
 
     **Arguments:**
 
-    - `fault`: None when it fits.
-    - `text`: for the operator; empty when it fits.
+    - `fault`: None if it fits.
+    - `text`: message for the operator; empty if it fits.
     - `off_deg`: angle between the measured and the expected direction.
     """
 
@@ -42,14 +42,14 @@ def judge(plan: CapturePlan, position: int, mean_g: NDArray[np.float64], previou
     **Arguments:**
 
     - `plan`: the positions.
-    - `position`: the prompted one. `previous`: the one measured before it.
+    - `position`: the prompted position. `previous`: the position measured before.
     - `mean_g`: mean specific force in units of local gravity, shape (3,).
     """
     expected = plan.expected(position)
     size = float(np.linalg.norm(mean_g))
     off = angle_between_deg(mean_g, expected)
     if abs(size - 1) > plan.limits.magnitude:
-        text = f"the readings add up to {size:.3f} g, not 1 g: wrong range or unit? (range {_range_hint(size)})"
+        text = f"the size of the readings is {size:.3f} g, not 1 g: check range and unit (range {_range_hint(size)})"
         return Verdict(Fault.MAGNITUDE, text, off)
     if off <= plan.tolerance_deg:
         return Verdict(None, "", off)
@@ -57,7 +57,7 @@ def judge(plan: CapturePlan, position: int, mean_g: NDArray[np.float64], previou
     wanted = f"alpha {step.alpha_deg:g}, beta {step.beta_deg:g}"
     if previous is not None and angle_between_deg(mean_g, plan.expected(previous)) <= plan.tolerance_deg:
         like = plan.steps[previous]
-        text = f"still at alpha {like.alpha_deg:g}, beta {like.beta_deg:g}: not turned? Wanted is {wanted}"
+        text = f"still at alpha {like.alpha_deg:g}, beta {like.beta_deg:g}: turn to {wanted}"
         return Verdict(Fault.NOT_TURNED, text, off)
     others = [(angle_between_deg(mean_g, plan.expected(k)), k) for k in range(len(plan.steps))]
     nearest, which = min(others)
@@ -74,7 +74,7 @@ def judge(plan: CapturePlan, position: int, mean_g: NDArray[np.float64], previou
 
 
 def angles_of(plan: CapturePlan, mean_g: NDArray[np.float64]) -> tuple[float, float]:
-    """The angles at which an ideal instrument would show this direction, deg, alpha in [0, 360)."""
+    """The angles at which an ideal instrument has this direction, deg, alpha in [0, 360)."""
     force = mean_g if plan.mount is None else plan.mount.T @ mean_g
     force = force / np.linalg.norm(force)
     beta = -np.degrees(np.arcsin(np.clip(force[0], -1, 1)))
@@ -101,5 +101,5 @@ def _swapped(mean_g: NDArray[np.float64], expected: NDArray[np.float64], toleran
 def _range_hint(size: float) -> str:
     for factor in (0.5, 2.0, 3.0, 6.0, 8.0, 1 / 3, 1 / 6, 1 / 8, 4.0, 0.25, 16.0):
         if abs(size / factor - 1) < 0.05:
-            return f"off by a factor {factor:.3g}"
+            return f"in error by a factor {factor:.3g}"
     return "check range and unit"

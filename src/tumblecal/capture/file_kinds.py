@@ -1,4 +1,4 @@
-"""Plans of captures and files of virtual instruments: TOML without a schema, told apart by their tables."""
+"""Plans of captures and files of virtual instruments: TOML without a schema, recognised by their tables."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,14 +9,14 @@ from tumblecal.ground.errors import InputError
 
 @dataclass(frozen=True)
 class FileKind:
-    """What a file is, the command that takes it, and the keys that it alone may have."""
+    """A kind of file: its name in words, its command, and the keys that no other kind has."""
 
     what: str
     command: str
     keys: tuple[str, ...]
 
 
-PLAN = FileKind("the plan of a capture", "capture", ("session", "port", "positions", "dwell", "limits"))
+PLAN = FileKind("the plan of a capture", "capture", ("session", "port", "positions", "dwell", "limits", "conditions"))
 INSTRUMENT = FileKind(
     "the description of a virtual instrument",
     "emulate",
@@ -25,14 +25,13 @@ INSTRUMENT = FileKind(
 
 
 def check_kind(path: Path, content: Mapping[str, object], wanted: FileKind) -> None:
-    """Refuse a file of the other kind, `wanted` being one of `PLAN` and `INSTRUMENT`; one that has keys of both, or none, is
-    left to its table.
+    """Raise for a file of the other kind; `wanted` is `PLAN` or `INSTRUMENT`. Files with keys of both, or of none, pass.
 
-    **Raises:** `InputError` naming what the file is and the command that takes it.
+    **Raises:** `InputError` with the kind of the file and its command.
     """
     other = INSTRUMENT if wanted is PLAN else PLAN
     if (found := [key for key in other.keys if key in content]) and not any(key in content for key in wanted.keys):
         raise InputError(
-            f"{path}: {other.what} (it has {', '.join(found)}), which tumblecal {other.command} takes; wanted here is "
-            f"{wanted.what}, as tumblecal {wanted.command} takes it"
+            f"{path}: {other.what} for tumblecal {other.command} (it has {', '.join(found)}); tumblecal {wanted.command} needs "
+            f"{wanted.what}"
         )

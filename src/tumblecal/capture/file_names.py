@@ -1,4 +1,4 @@
-"""What names of files say of the positions recorded in them: angles, faces, names and numbers of a plan's positions."""
+"""Positions from the names of files: angles, faces, and names and numbers of a plan's positions."""
 
 import re
 from collections.abc import Callable, Sequence
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from tumblecal.capture.capture_plan import CapturePlan
 
 
-# Angles that differ by less are the same, deg; a face of a cube is the position of a plan within this of it, deg.
+# Angles that differ by less are equal, deg; a face of a cube is the position of a plan within this angle, deg.
 _SAME_DEG, _FACE_DEG = 0.01, 20.0
 _SIGN = r"(minus|neg|plus|pos|[-−+mnp])?"
 _ANGLE = re.compile(rf"(?:(?<![a-z])|(?<=deg))(alpha|beta|a|b)[ _=]*{_SIGN}[ _]*(\d+(?:[.,]\d+)?)")
@@ -26,9 +26,9 @@ _DOWN = ("d", "n", "m", "-", "−")
 
 @dataclass(frozen=True)
 class Meaning:
-    """How names are understood: `by`, in words; the index of each file's position in the plan, or its angles (files, 2), deg.
+    """An interpretation of names: `by`, in words; the index of each file's position in the plan, or its angles (files, 2), deg.
 
-    `sure`: whether the names state the position itself; a count of files alone does not.
+    `sure`: whether the names state the position itself; a count of files does not.
     """
 
     by: str
@@ -38,12 +38,12 @@ class Meaning:
 
     @property
     def known(self) -> list[bool]:
-        """Of which files the position follows."""
+        """Mask of the files with a position."""
         return [own is not None for own in self.steps or self.angles]
 
 
 def stems_of(files: Sequence[Path]) -> list[str]:
-    """What the files' names are beyond the folders that all have in common, without the ends that tell formats."""
+    """The files' names below their common folder, without suffixes of formats."""
     paths = [path.absolute() for path in files]
     common = Path(commonpath([path.parent for path in paths]))
     stems = [path.relative_to(common).with_suffix("").as_posix() for path in paths]
@@ -51,7 +51,7 @@ def stems_of(files: Sequence[Path]) -> list[str]:
 
 
 def meanings(files: Sequence[Path], plan: CapturePlan | None) -> list[Meaning]:
-    """All ways to understand the names by which at least one file has a position; complete ones first."""
+    """All interpretations of the names that give at least one file a position; complete ones first."""
     stems = [stem.lower() for stem in stems_of(files)]
     if plan is None:
         return [_by_angles(stems)] if any(map(_angles_of, stems)) else []
@@ -65,7 +65,7 @@ def meanings(files: Sequence[Path], plan: CapturePlan | None) -> list[Meaning]:
 
 
 def dashes_are_unclear(files: Sequence[Path]) -> bool:
-    """Whether every angle follows a dash: it may be a minus, or part the words."""
+    """Whether every angle follows a dash, which may be a minus sign or a separator."""
     found = [match for stem in stems_of(files) for match in _ANGLE.finditer(stem.lower()) if float(_plain(match[3]))]
     return len(found) > 1 and all(match[2] == "-" for match in found)
 
@@ -75,7 +75,7 @@ def _plain(text: str) -> str:
 
 
 def _angles_of(stem: str, *, unsigned: bool = False) -> dict[str, float] | None:
-    """Angles by the letters `a` and `b`, deg; None where a letter has two values."""
+    """Angles by the letters `a` and `b`, deg; None if a letter has two values."""
     found: dict[str, float] = {}
     for label, sign, digits in _ANGLE.findall(stem):
         value = float(_plain(digits)) * (-1 if sign and sign[0] in _DOWN and not (unsigned and sign == "-") else 1)
@@ -92,9 +92,9 @@ def _by_angles(stems: Sequence[str]) -> Meaning:
 
 
 def _by_angles_in_plan(stems: Sequence[str], plan: CapturePlan, *, unsigned: bool = False) -> Meaning:
-    """Positions of the plan with the angles in the names; `unsigned`: a dash is no minus."""
+    """Positions of the plan with the angles in the names; `unsigned`: a dash is not a minus sign."""
     found = [_angles_of(stem, unsigned=unsigned) for stem in stems]
-    dash = " (a dash is no minus)" if unsigned else ""
+    dash = " (a dash is not a minus sign)" if unsigned else ""
     return Meaning(f"the angles in the names{dash}", _each(found, lambda own: _steps_at(own, plan), plan))
 
 
@@ -111,7 +111,7 @@ def _steps_at(angles: dict[str, float] | None, plan: CapturePlan) -> list[int]:
 
 
 def _each(found: Sequence, steps_of: Callable[..., list[int]], plan: CapturePlan) -> tuple[int | None, ...]:
-    """The position of each file, None where several fit; those that the plan lists more than once are taken in turn."""
+    """The position of each file, None if several fit; positions that the plan lists more than once are assigned in turn."""
     taken: dict[tuple[int, ...], int] = {}
     steps: list[int | None] = []
     for own in (tuple(steps_of(each)) for each in found):
@@ -136,7 +136,7 @@ def _by_faces(stems: Sequence[str], plan: CapturePlan) -> Meaning:
 
 
 def _face(stem: str) -> NDArray[np.float64] | None:
-    """The direction that points up, by a name such as `x_up`, `+x` or `z-`; None without one, or with two."""
+    """The direction that points up, from a name such as `x_up`, `+x` or `z-`; None for no direction or two."""
     found = {(axis, end[0] in _DOWN) for axis, end in _FACES[0].findall(stem)}
     found |= {(axis, end[0] in _DOWN) for end, axis in _FACES[1].findall(stem)}
     if len(found) != 1:
@@ -150,7 +150,7 @@ def _tokens(text: str) -> list[str]:
 
 
 def _by_names(stems: Sequence[str], plan: CapturePlan) -> Meaning:
-    """Positions whose name is in a file's name, the longest of these; not names that are numbers alone."""
+    """Positions whose name is in a file's name (the longest such name), except names that are only numbers."""
     names = [_tokens(str(step.name)) for step in plan.steps]
 
     def steps_of(words: list[str]) -> list[int]:
@@ -165,14 +165,14 @@ def _by_names(stems: Sequence[str], plan: CapturePlan) -> Meaning:
 
 
 def _by_numbers(stems: Sequence[str], plan: CapturePlan) -> list[Meaning]:
-    """Positions by the one number in which the names differ: named by it, or counted from 0 or 1, or in the plan's order."""
+    """Positions by the only number in which the names differ: as name, counted from 0 or 1, or in the plan's order."""
     parts = [re.split(r"(\d+)", stem) for stem in stems]
     if len({tuple(own[::2]) for own in parts}) != 1 or len(parts[0]) < 3:
         return []
     numbers = np.array([[int(digits) for digits in own[1::2]] for own in parts], object)
     varies = np.flatnonzero([len(set(column)) > 1 for column in numbers.T])
     keys = [tuple(row) for row in numbers[:, varies]]
-    # Several numbers make one only as date and time do, which no other words part.
+    # Several numbers form one only if they are date and time, without other words between.
     between = parts[0][2 * varies[0] + 2 : 2 * varies[-1] + 1 : 2] if len(varies) else ["?"]
     if len(set(keys)) != len(keys) or not all(re.fullmatch("[-_ .:t]*", text) for text in between):
         return []

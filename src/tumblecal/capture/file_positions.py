@@ -1,4 +1,4 @@
-"""Which position each of several files of one recording is of: by a table, or by the names of the files."""
+"""Positions of several files of one recording: from a table, or from the names of the files."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -21,7 +21,7 @@ _OPTION = "give a table of the files, --table files.csv, with the columns file, 
 
 @dataclass(frozen=True)
 class FilePosition:
-    """The position of a file: its name, its angles, deg (None: not known), labels of run and mounting, the plan's index."""
+    """The position of a file: its name, its angles, deg (None if unknown), labels of run and mounting, the plan's index."""
 
     file: Path
     name: str
@@ -34,15 +34,15 @@ class FilePosition:
 
     @property
     def known(self) -> bool:
-        """Whether its angles are."""
+        """Whether its angles are known."""
         return self.alpha_deg is not None
 
 
 @dataclass(frozen=True)
 class FilePositions:
-    """The positions of all files and `by` which they are known, in words ("" where the files' own columns say it).
+    """The positions of all files and their evidence `by`, in words ("" if it is columns of the files).
 
-    `fault`: why they cannot be used, with the option that settles it; "" where they can. `sure`: whether names or a table
+    `fault`: why they cannot be used, with the option that resolves it; "" if they can. `sure`: whether names or a table
     state each position; the order of numbers in names does not.
     """
 
@@ -77,9 +77,9 @@ def _angle_words(own: FilePosition) -> tuple[str, ...]:
 
 
 def positions_by_names(files: Sequence[Path], plan: CapturePlan | None, *, hand_held: bool) -> FilePositions:
-    """The positions of files by their names; without angles and a plan, attitudes are unknown and each file names its own.
+    """The positions of files by their names; without angles and a plan, attitudes are unknown and each file is a position.
 
-    Names that can be understood in two ways, and those of which only some state a position, are a fault.
+    Names with two interpretations, and names of which only some state a position, are a fault.
     """
     named = tuple(FilePosition(file, stem) for file, stem in zip(files, stems_of(files), strict=True))
     ways = [] if hand_held else meanings(files, plan)
@@ -91,15 +91,15 @@ def positions_by_names(files: Sequence[Path], plan: CapturePlan | None, *, hand_
     first, by = found[0], (whole or ways)[0].by
     if whole and any(own != first for own in found[1:]):
         others = " or ".join(way.by for way in whole)
-        return FilePositions(named, by, f"the names can be understood in {len(whole)} ways: {others}; {_OPTION}")
+        return FilePositions(named, by, f"the names have {len(whole)} interpretations: {others}; {_OPTION}")
     if not whole:
         lacking = [own.file.name for own in first if not own.known]
         more = f" and {len(lacking) - _MOST} more" if len(lacking) > _MOST else ""
-        fault = f"{', '.join(lacking[:_MOST])}{more}: no position follows from the name, by {by}"
-        held = "" if plan else "; --static takes the attitudes of all as unknown"
-        return FilePositions(first, by, f"{fault}; rename, leave out, or {_OPTION}{held}")
+        fault = f"{', '.join(lacking[:_MOST])}{more}: the name gives no position by {by}"
+        held = "" if plan else "; for unknown attitudes of all files: --static"
+        return FilePositions(first, by, f"{fault}; rename or remove these files, or {_OPTION}{held}")
     if plan is None and dashes_are_unclear(files):
-        return FilePositions(first, by, f"every angle follows a dash, which may be a minus or not; {_OPTION}")
+        return FilePositions(first, by, f"every angle follows a dash, which may be a minus sign; {_OPTION}")
     return FilePositions(first, by, sure=whole[0].sure)
 
 
@@ -123,8 +123,8 @@ def at_step(own: FilePosition, plan: CapturePlan, step: int) -> FilePosition:
 def positions_by_table(files: Sequence[Path], path: Path, plan: CapturePlan | None) -> FilePositions:
     """The positions of files by a table.
 
-    **Raises:** `InputError` for a table without them, for files that it does not list, or lists twice, and cells that are no
-    angles, or no positions of the plan.
+    **Raises:** `InputError` for a table without them, for files that it does not list, or lists twice, and for cells that are
+    not angles, or not positions of the plan.
     """
     table = csv_table(path).with_points()
     names = next((name for name in ("position", "name") if name in table.columns), None)
@@ -136,13 +136,13 @@ def positions_by_table(files: Sequence[Path], path: Path, plan: CapturePlan | No
         raise InputError(f"{path}: column {' and '.join(lacking)} is missing; write a row for each file")
     rows = {row: file for file in files for row in [_row_of(table, file)]}
     if twice := [file for file in files if rows[_row_of(table, file)] != file]:
-        raise InputError(f"{path}: {twice[0]} and another file are in one row; write a row for each, with its folder")
+        raise InputError(f"{path}: one row fits {twice[0]} and a second file; write one row for each, with its folder")
     read = {file: _at_row(table, row, file, names, angles, plan) for row, file in rows.items()}
     return FilePositions(tuple(read[file] for file in files), f"the table {path}")
 
 
 def _row_of(table: Table, file: Path) -> int:
-    """The row of a file: the longest end of its path that is listed, with or without the end that tells the format."""
+    """The row of a file: the longest listed end of its path, with or without the suffix of the format."""
     listed = [Path(text.replace("\\", "/")) for text in labels_in(table.columns["file"])]
 
     def fits(own: Path) -> bool:
@@ -156,7 +156,7 @@ def _row_of(table: Table, file: Path) -> int:
     if len(rows) == 1:
         return rows[0]
     if not rows:
-        raise InputError(f"{table.source}: column file does not list {file}; add its row, or leave the file out")
+        raise InputError(f"{table.source}: column file does not list {file}; add its row, or remove the file")
     lines = " and ".join(str(table.lines[row]) for row in rows)
     raise InputError(f"{table.source}: lines {lines} both fit {file}; keep one")
 
@@ -182,5 +182,5 @@ def _at_row(
     steps = [k for k, step in enumerate(plan.steps) if str(step.name) == name]
     if not steps:
         there = ", ".join(str(step.name) for step in plan.steps[:8])
-        raise InputError(f"{table.place(row, names or '')}: {shown(name)} is no position of the plan: {there} ...")
+        raise InputError(f"{table.place(row, names or '')}: {shown(name)} is not a position of the plan: {there} ...")
     return at_step(own, plan, steps[0])

@@ -1,4 +1,4 @@
-"""The samples of several files of one recording as one table, in the order of their clocks where these can be compared."""
+"""The samples of several files of one recording as one table, in the order of their clocks if these are comparable."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -24,17 +24,17 @@ from tumblecal.ground.errors import InputError
 if TYPE_CHECKING:
     import polars as pl
 
-# Between files the time of the one table goes on by so much, s: a gap, over which no interval goes.
+# Step of the table's time between files, s: a gap, so that no interval extends across it.
 _APART_S = 1.0
 _LARGEST_RATE_RATIO = 1.2
-# Sizes of gravity in two attitudes that differ by more are in different units.
+# If sizes of gravity in two attitudes differ by more than this factor, their units differ.
 _LARGEST_SIZE_RATIO = 2.5
 _SAME_IN_ALL = ("serial_number", "gravity_ms2")
 
 
 @dataclass(frozen=True)
 class FilePart:
-    """Rows `start` to `stop` of the one table, from a file; its own time zero is at `base_s` there."""
+    """Rows `start` to `stop` of the table, from a file whose time zero is at `base_s` of the table."""
 
     file: Path
     contents: Contents
@@ -45,7 +45,7 @@ class FilePart:
 
 @dataclass(frozen=True)
 class _Written:
-    """The samples of a file, as a table of their own."""
+    """The samples of a file, as a separate table."""
 
     file: Path
     contents: Contents
@@ -60,10 +60,10 @@ def write_files(
 ) -> tuple[Path, list[FilePart]]:
     """Write the samples of all files as one Parquet table in a folder, with the file's number in the column `time_clock`.
 
-    **Returns:** the table, and its parts in its order: that of the files' clocks where these can be compared, or as given.
+    **Returns:** the table, and its parts in order: by the files' clocks if these are comparable, otherwise as given.
 
     **Raises:** `InputError` with the faults of all files that cannot be read, and for files that are not of one recording:
-    other units, counts, rates, serial numbers or gravity.
+    different units, counts, rates, serial numbers or gravity.
     """
     import polars as pl
 
@@ -90,7 +90,7 @@ def write_files(
 
 
 def guesses_of(files: Sequence[Contents]) -> list[str]:
-    """What was guessed of the files, each line once."""
+    """The guesses about the files, each line once."""
     return list(dict.fromkeys(line for own in files for line in own.layout.said))
 
 
@@ -111,9 +111,9 @@ def _written(files: Sequence[Path], folder: Path, options: RecordingOptions, by:
 
 
 def _unit_of_all(files: Sequence[Path], options: RecordingOptions, by: str) -> str:
-    """The unit of accelerations that no file states, by their median size; "" if that settles none, or a file cannot be read.
+    """The unit of accelerations that no file states, by their median size; "" if it is ambiguous, or a file cannot be read.
 
-    In one attitude a bias may make half or one and a half of gravity; over several it is less.
+    In one attitude a bias may change the size to 0.5 or 1.5 g; over several attitudes its effect is smaller.
     """
     try:
         layouts = [sample_stream(file, options, by=by).contents.layout for file in files]
@@ -128,13 +128,13 @@ def _unit_of_all(files: Sequence[Path], options: RecordingOptions, by: str) -> s
 
 
 def _in_time(written: list[_Written]) -> list[_Written]:
-    """The files in the order of their clocks, if no file begins before the end of another by these; or as they are."""
+    """The files in the order of their clocks if they do not overlap by these; otherwise in the given order."""
     order = sorted(written, key=lambda own: own.contents.begin_s)
     return order if _go_on([own.contents for own in order]) else written
 
 
 def _go_on(files: Sequence[Contents]) -> bool:
-    """Whether the times of files that follow one another are by one clock: dates, or a device's clock that went on."""
+    """Whether the times of consecutive files are by one clock: dates, or a device's clock that continued."""
     begins, lasts = (np.array([getattr(own, name) for own in files]) for name in ("begin_s", "last_s"))
     dated = {TIME_ZERO in own.clock_comments for own in files}
     return len(dated) == 1 and bool(np.isfinite(begins).all() and (begins[1:] > begins[:-1] + lasts[:-1]).all())
@@ -163,7 +163,7 @@ def _frames(written: Sequence[_Written], columns: list[str], parts: list[FilePar
 def _check_alike(written: Sequence[_Written]) -> None:
     """Check that the files can be of one recording of one sensor.
 
-    **Raises:** `InputError` naming the first that differs, and by what.
+    **Raises:** `InputError` with the first file that differs, and the difference.
     """
     one, first = written[0], written[0].file
     for other in written:
@@ -175,7 +175,7 @@ def _check_alike(written: Sequence[_Written]) -> None:
             )
         if ("time_s" in other.columns) != ("time_s" in one.columns):
             lacking, having = (first, file) if "time_s" in other.columns else (file, first)
-            raise InputError(f"{lacking}: no column of times, but {having} has one; name it: --columns time=...")
+            raise InputError(f"{lacking}: no column of times, but {having} has one; give it by --columns time=...")
         if other.contents.rate_hz is None:
             raise InputError(f"{file}: the sample rate is not known; give --rate 100 (Hz), or --columns time=...")
         names = [[layout.columns[role].name for role in FORCE] for layout in (own, usual)]
@@ -206,16 +206,16 @@ def _unit_words(layout) -> str:
 
 
 def rate_of_files(parts: Sequence[FilePart]) -> float:
-    """The rate of all, Hz: by the time that their samples take together."""
+    """The common rate, Hz, by the total time of their samples."""
     rows = [(part.stop - part.start, part.contents.rate_hz) for part in parts if part.contents.rate_hz]
     return sum(count for count, _ in rows) / sum(count / rate for count, rate in rows if rate)
 
 
 def with_clocks(data: PositionSet, parts: Sequence[FilePart]) -> tuple[PositionSet, str]:
-    """Positions with their times by one clock for all files, if there is one; and how the clocks go together, in words.
+    """Positions with their times by one clock for all files, if there is one; and the relation of the clocks, in words.
 
-    Otherwise the pauses between files are of unknown length: each file has a clock of its own (`PositionSet.clock`), and where
-    none has two positions, there are no times.
+    Otherwise the pauses between files have unknown lengths: each file has a separate clock (`PositionSet.clock`), and if none
+    has two positions, there are no times.
 
     **Arguments:**
 
@@ -225,7 +225,9 @@ def with_clocks(data: PositionSet, parts: Sequence[FilePart]) -> tuple[PositionS
         return replace(data, clock=None), ""
     contents = [part.contents for part in parts]
     if not _go_on(contents):
-        words = "pauses between the files are unknown, as their clocks start again: no drift is judged across them"
+        words = (
+            "the pauses between the files are unknown, because their clocks restart: drift is not tested across them"
+        )
         timed = len(set(data.clock)) < len(data)
         return (data if timed else replace(data, time_s=None, clock=None)), words
     shift = np.array(
@@ -234,5 +236,5 @@ def with_clocks(data: PositionSet, parts: Sequence[FilePart]) -> tuple[PositionS
     assert data.time_s is not None
     time = data.time_s + shift[[int(own) - 1 for own in data.clock]]
     comments = contents[0].clock_comments
-    words = f"one clock for all files: their {'dates' if TIME_ZERO in comments else 'times'} go on from file to file"
+    words = f"one clock for all files: their {'dates' if TIME_ZERO in comments else 'times'} continue from file to file"
     return replace(data, time_s=time, clock=None, comments=data.comments | comments), words

@@ -1,4 +1,4 @@
-"""Frames that say themselves what they hold: all of one layout are decoded together; what is not read is said."""
+"""Self-describing frames: all frames of one layout are decoded together; unread frames are reported."""
 
 from collections.abc import Callable
 from typing import TypeVar
@@ -20,13 +20,13 @@ def decoded_by_layout(
     layout_of: Callable[[bytes], tuple[_Layout, list[int]]],
     decode: Callable[[NDArray[np.int64], int, _Layout], Samples | None],
 ) -> Samples:
-    """Samples of frames that say themselves what they hold: those of one layout are decoded together.
+    """Samples of self-describing frames; frames of one layout are decoded together.
 
     **Arguments:**
 
     - `data`, `found`, `offset`: the frames, and the place of `data[0]` in the stream.
-    - `layout_of`: of a whole frame what it holds, and the places in it of the bytes that say so.
-    - `decode`: of frames of one layout (starts, size of each, layout) their samples; None when they hold none.
+    - `layout_of`: the layout of a complete frame, and the places in it of the bytes that state the layout.
+    - `decode`: the samples of frames of one layout (starts, size of each, layout); None if they have none.
     """
     parts: list[tuple[NDArray[np.int64], Samples]] = []
     rest = np.arange(len(found.starts))
@@ -48,13 +48,13 @@ def decoded_by_layout(
 
 
 class Refusals:
-    """What a decoder does not read although it is whole and right, each said once."""
+    """Complete and valid frames that a decoder does not read, each kind reported once."""
 
     def __init__(self) -> None:
         self._said: set[str] = set()
 
     def event(self, stop: int, text: str) -> list[Event]:
-        """The event that says it; none when it was said before."""
+        """The event that reports it; none if it was reported before."""
         if text in self._said:
             return []
         self._said.add(text)

@@ -1,7 +1,7 @@
-"""Numbers of frames in the order in which they were sent, from a counter that wraps and a stream that may reorder.
+"""Numbers of frames in the order of sending, from a counter that wraps and a stream that may reorder.
 
-A frame whose number is still missing among the last few is a late one; a frame with the content of one of the last few
-is a repeat. Every other step of the counter counts forward (modular arithmetic); whole wraps need the host's stamps
+A frame whose number is missing among the last few is a late one; a frame with the content of one of the last few
+is a repeat. Every other step of the counter is forward (modular arithmetic); whole wraps need the host's stamps
 (`losses`).
 """
 
@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-# What frames contain in addition to their counter, of a slice of a piece: shape (n, k).
+# Contents of frames without their counter, for a slice of a piece: shape (n, k).
 Content = Callable[[slice], NDArray]
 
-# How many later frames may arrive before a frame that they overtook.
+# Number of later frames that may arrive before a frame that they overtook.
 WINDOW = 8
-# A counter that would go forward by more was set back: those of 64 bits do not wrap.
+# A counter with a larger forward step was reset: counters of 64 bits do not wrap.
 _MOST_TICKS = 1 << 53
 
 
@@ -27,7 +27,8 @@ class Numbered:
 
     **Arguments:**
 
-    - `number`: by the device's order of sending, from 0 at the first that arrived; late ones are below the one before.
+    - `number`: in the device's order of sending, from 0 for the first that arrived; late frames have smaller numbers than
+      the frame before.
     - `ticks`: the same in ticks of the counter, unwrapped.
     - `repeated`: whether the same frame had arrived before.
     """
@@ -42,10 +43,10 @@ class FrameNumbers:
 
     **Arguments:**
 
-    - `modulus`: where the counter wraps. `step`: ticks from one frame to the next.
+    - `modulus`: value at which the counter wraps. `step`: ticks from one frame to the next.
 
-    `lost` frames are those missing so far between the first and the last number, in `gaps` gaps; a late frame makes both
-    smaller again. `repeats` are frames that arrived before, `replaced` those that the device left out to send a reply.
+    `lost`: frames missing so far between the first and the last number, in `gaps` gaps; a late frame reduces both again.
+    `repeats`: frames that arrived before; `replaced`: frames that the device replaced by a reply.
     """
 
     def __init__(self, modulus: int, step: int):
@@ -69,12 +70,12 @@ class FrameNumbers:
     ) -> Numbered:
         """Number the next frames.
 
-        **Arguments:**
+            **Arguments:**
 
-        - `counter`: as the device sent it, shape (n,).
-        - `content`: gives what else is in the frames of a slice, by which a repeat is known; without it there is none.
-        - `restarted`: whether the device started its counter again before this frame, shape (n,).
-        - `replies`: for each reply the frame of this piece that follows it, n for one behind all.
+            - `counter`: as the device sent it, shape (n,).
+            - `content`: returns the contents of the frames of a slice, to recognise repeats; without it there are none.
+        - `restarted`: whether the device restarted its counter before this frame, shape (n,).
+        - `replies`: for each reply, the frame of this piece that follows it; n after the last frame.
         """
         n = len(counter)
         number, ticks, repeated = np.empty(n, np.int64), np.empty(n, np.int64), np.zeros(n, bool)
@@ -115,7 +116,7 @@ class FrameNumbers:
         return bool(self._recent) and self._last == self._top and len(self._recent) > self.window
 
     def _advance(self, number, ticks, counter, content) -> None:
-        """Take a run of frames in order, of which these are the last."""
+        """Register a run of frames in order, of which these are the last."""
         self._top, self._top_ticks, self._top_counter = int(number[-1]), int(ticks[-1]), int(counter[-1])
         self._last = self._top
         rows = [None] * len(number) if content is None else content
@@ -156,7 +157,7 @@ class FrameNumbers:
         return self._highest(ahead, forward, counter, content, replies)
 
     def _begun_again(self, counter: int, content) -> tuple[int, int, bool]:
-        """The first frame of a counter that started again."""
+        """The first frame after a restart of the counter."""
         self._recent.clear()
         self._floor = self._top + 1
         return self._highest(1, self._step, counter, content, 0)

@@ -1,7 +1,7 @@
-"""From a stream of bytes to whole frames: incremental, resynchronising, the same result however the stream is cut.
+"""Complete frames from a stream of bytes: incremental, resynchronising, with a result that does not depend on the pieces.
 
-A protocol says where frames may begin and which of those are whole and right; this file keeps the unfinished tail,
-decides when to believe an 8-bit check, and counts what was left over.
+A protocol finds the possible starts of frames and checks them; this module stores the unfinished tail, decides when to accept
+an 8-bit check, and counts the remaining bytes.
 """
 
 from dataclasses import dataclass
@@ -18,10 +18,9 @@ if TYPE_CHECKING:
 
 
 class Found(NamedTuple):
-    """Whole frames in a stretch of bytes, in order and not overlapping.
+    """Complete frames in a stretch of bytes, in order and not overlapping.
 
-    `starts` and `sizes`: shape (n,); `limit`: how far the stretch is decided (a frame that may begin at `limit` is
-    not complete yet).
+    `starts` and `sizes`: shape (n,); `limit`: end of the decided part (a frame that may begin at `limit` is not complete yet).
     """
 
     starts: NDArray[np.int64]
@@ -30,21 +29,21 @@ class Found(NamedTuple):
 
 
 class Framing(Protocol):
-    """What a binary protocol says about its frames.
+    """The frames of a binary protocol.
 
-    `lock_after`: this many frames must follow each other before the first is believed (1 for a strong check, 3 for
-    8-bit checks). `between`: bytes that may stand between two frames without being an error.
+    `lock_after`: number of contiguous frames before the first is accepted (1 for a strong checksum, 3 for 8-bit checksums).
+    `between`: bytes that may be between two frames without an error.
     """
 
     lock_after: int
     between: bytes
 
     def find(self, data: NDArray[np.uint8], final: bool) -> Found:
-        """All whole frames of `data`; `final` says that nothing more will come."""
+        """All complete frames of `data`; `final`: no further data will come."""
         ...
 
     def begins(self, data: NDArray[np.uint8], offset: int) -> bool:
-        """Whether a frame seems to begin at `offset`."""
+        """Whether a frame may begin at `offset`."""
         ...
 
     def parse(self, data: NDArray[np.uint8], found: Found, offset: int, final: bool) -> tuple[Samples, list[Event]]:
@@ -53,7 +52,7 @@ class Framing(Protocol):
 
 
 def places_of(data: NDArray[np.uint8], preamble: bytes) -> NDArray[np.int64]:
-    """Where `preamble` begins in `data`, in order; a beginning that `data` cuts off does not count."""
+    """Places of `preamble` in `data`, in order, without one that is cut off at the end."""
     last = len(data) - len(preamble) + 1
     if last <= 0:
         return np.zeros(0, np.int64)
@@ -64,7 +63,7 @@ def places_of(data: NDArray[np.uint8], preamble: bytes) -> NDArray[np.int64]:
 
 
 def cut_header(data: NDArray[np.uint8], preamble: bytes, header: int, final: bool) -> int:
-    """How far frames can be decided when a header of `header` bytes beginning with `preamble` may be cut off."""
+    """End of the decidable part if a header of `header` bytes that begins with `preamble` may be cut off."""
     if final:
         return len(data)
     for offset in range(max(0, len(data) - header + 1), len(data)):
@@ -90,10 +89,10 @@ def select(
     final: bool,
     limit: int | None = None,
 ) -> Found:
-    """Of candidates in order, take the first good one, then the first good one after its end, and so on.
+    """Select the first good candidate in order, then the first good one after its end, and so on.
 
-    A candidate that reaches beyond `length` and is not covered by a good frame ends the search unless `final`: what
-    follows it cannot be decided yet. `limit` is where a header that is cut off begins, if there is one.
+    A candidate that extends beyond `length` and is not covered by a good frame ends the search unless `final`: later data
+    cannot be decided yet. `limit`: start of a header that is cut off, if there is one.
     """
     limit = length if limit is None else limit
     unfinished = starts + sizes > length
@@ -125,12 +124,12 @@ class _Lock:
     held: bool = False
 
 
-# An 8-bit check is believed without company only this close behind a believed frame.
+# An isolated frame with an 8-bit check is accepted only this close after an accepted frame.
 _LOCK_REACH_BYTES = 512
 
 
 class FrameDecoder:
-    """Bytes in, samples out, for one binary protocol.
+    """Decodes the bytes of one binary protocol to samples.
 
     **Arguments:**
 
@@ -151,7 +150,7 @@ class FrameDecoder:
         return self._advance(data, final=False)
 
     def finish(self) -> Decoded:
-        """Decode what is left; incomplete frames become discarded bytes."""
+        """Decode the remaining bytes; incomplete frames become discarded bytes."""
         return self._advance(b"", final=True)
 
     def _advance(self, data: bytes, final: bool) -> Decoded:
@@ -164,14 +163,14 @@ class FrameDecoder:
             found = self._believed(found, final)
         counts = self._count(buffer, found)
         with np.errstate(over="ignore", invalid="ignore"):
-            # A right check does not make right numbers: what is not finite is flagged.
+            # A correct check does not imply correct numbers: numbers that are not finite are flagged.
             samples, events = self._framing.parse(buffer, found, self._offset, final)
         counts.frames, counts.special = len(samples), len(found.starts) - len(samples)
         self._keep_tail(buffer, found, final, counts)
         return Decoded(samples, events, counts)
 
     def _believed(self, found: Found, final: bool) -> Found:
-        """Drop frames that stand alone while the boundary is not known."""
+        """Drop isolated frames while the frame boundary is unknown."""
         starts, ends = found.starts, found.starts + found.sizes
         if not len(starts):
             return found
@@ -237,7 +236,7 @@ class FrameDecoder:
 
 
 def decode_all(decoder: "Decoder", data: bytes, chunk: int = 1 << 22) -> Decoded:
-    """Decode a whole byte log in pieces that fit the memory."""
+    """Decode a whole byte log in pieces that fit into memory."""
     parts, events, counts = [], [], Counts()
     for start in range(0, len(data), chunk):
         piece = decoder.feed(data[start : start + chunk])

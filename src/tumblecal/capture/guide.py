@@ -1,4 +1,4 @@
-"""The guided run: prompts, waits for stillness, records, judges, and writes every step into the journal first."""
+"""The guided run: prompts, waits for rest, records, checks, and writes every step into the journal first."""
 
 import time
 from collections.abc import Callable
@@ -24,14 +24,14 @@ from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 
 _DRAIN_S = 2.2
 _LINE_ALARMS = {
-    "port_lost": "the device is gone: plug it in again; the run goes on by itself",
-    "silence": "no data for a second: power? cable?",
-    "other_device": "another device was plugged in: plug in the one this run began with",
+    "port_lost": "the device is disconnected: plug it in again; the run resumes automatically",
+    "silence": "no data for a second: check power and cable",
+    "other_device": "a different device was plugged in: plug in the device of this run",
 }
 
 
 class Phase(Enum):
-    """What the guide waits for."""
+    """States of the guide."""
 
     TURN = "TURN"
     SETTLING = "SETTLING"
@@ -41,17 +41,17 @@ class Phase(Enum):
 
 
 class Guide:
-    """Walks through the plan.
+    """Guides the operator through the plan.
 
     **Arguments:**
 
-    - `run`: what is wanted, where steps are written, what is done already.
+    - `run`: the plan, the journal for the steps, and the finished positions.
     - `stream`: the live samples.
     - `rate_hz`: the device's sample rate.
     - `estimate`: called after each accepted position; None for no live estimate.
-    - `bell`: rings.
-    - `identity`: knows whether the instrument is the one that the run began with; None to leave that open.
-    - `trust`: the operator's word that it is.
+    - `bell`: sounds the bell.
+    - `identity`: checks whether the instrument is the one with which the run began; None for no check.
+    - `trust`: the operator states that it is.
     """
 
     def __init__(
@@ -90,11 +90,11 @@ class Guide:
 
     @property
     def alarm(self) -> str:
-        """What is wrong now: first the line, until it is well again, then the position; empty when nothing is."""
+        """The present fault: of the line until it is repaired, then of the position; empty for none."""
         return self._line_alarm or self._alarm
 
     def press(self, key: str) -> None:
-        """Obey a key."""
+        """Act on a key."""
         match key:
             case "\n" | "\r" if self.phase == Phase.TURN:
                 self._take_as_is()
@@ -111,7 +111,7 @@ class Guide:
                 self.phase = Phase.FINISHED
 
     def take(self, part: Arrived) -> None:
-        """Go on with new samples."""
+        """Continue with new samples."""
         for notice in part.notices:
             self._noticed(notice)
         if self.doubt.hear(part.events, self.position):
@@ -130,7 +130,7 @@ class Guide:
                 self._recording(part, fresh > 0)
 
     def interrupt(self, why: str) -> None:
-        """An unfinished attempt is rejected, everything else stays."""
+        """Reject an unfinished attempt; the other attempts do not change."""
         if self.dwell is not None and self.phase in (Phase.RECORDING, Phase.CLOSING):
             self._journal.write("rejected", position=self.position, attempt=self.dwell.number, reason=why)
         self.dwell = None
@@ -151,7 +151,7 @@ class Guide:
         self.rejected = ""
         self.watch.moved = self._forced = False
         self._alarm, self.settled = "", 0
-        # Where gravity looks the same as before the head must be seen to turn (or Enter says so).
+        # If gravity has the same direction as before, a turn of the head must be observed (or confirmed by Enter).
         before = self.plan.expected(self._previous) if self._previous is not None else None
         self.must_move = (
             before is not None
@@ -225,7 +225,7 @@ class Guide:
             self._close_at = time.monotonic() + (_DRAIN_S if wait else 0.0)
 
     def _warn(self, dwell: Dwell) -> None:
-        """Tell at once what goes wrong while recording."""
+        """Show faults during the recording at once."""
         moved = np.abs(dwell.blocks[-1].mean - dwell.blocks[0].mean).max()
         if moved > max(5 * self.plan.limits.still_mg * 1e-3, 0.01) and not self._forced:
             self._reject("the head moved while recording")
@@ -242,7 +242,7 @@ class Guide:
         self._bell()
 
     def _closing(self, part: Arrived) -> None:
-        """Wait a little for what resolves gaps near the end, then accept or reject."""
+        """Wait shortly for data that resolve gaps near the end, then accept or reject."""
         self._after.append(part)
         if time.monotonic() < self._close_at or self.doubt.asking:
             return
@@ -294,7 +294,7 @@ class Guide:
         self._alarm = f"again: {why}" if why != "operator" else ""
 
     def _prompt_again(self) -> None:
-        """Prompt for the finished position that is to be compared, or for the next one if that is no longer needed."""
+        """Prompt for the finished position of a comparison, or for the next one if it is no longer needed."""
         self.interrupt("identity not confirmed" if self.doubt.comparing else "the instrument stated its serial number")
         self.dwell, self._previous = None, None
         if self.doubt.comparing is not None:
@@ -310,7 +310,7 @@ class Guide:
         self._next()
 
     def _withdraw(self, position: int) -> None:
-        self.interrupt("redo of the position before")
+        self.interrupt("repeat of the previous position")
         self._journal.write("withdrawn", position=position)
         self.standing.accepted.pop(position, None)
         self._previous = None
@@ -333,6 +333,6 @@ class Guide:
                 self.doubt.interrupted(notice, self.plan.port.speed)
             case "suspended":
                 if self.dwell is not None:
-                    self._reject("the computer slept: this position begins again")
+                    self._reject("the computer slept: this position restarts")
             case "clock_jump":
-                self._warned(f"the computer's clock jumped by {notice['seconds']:.1f} s; no stamp is touched by that")
+                self._warned(f"the computer's clock jumped by {notice['seconds']:.1f} s; the stamps are not affected")

@@ -1,4 +1,4 @@
-"""What the screen shows of a guided run."""
+"""The screen of a guided run."""
 
 import numpy as np
 
@@ -6,11 +6,11 @@ from tumblecal.capture.guide import Guide, Phase
 from tumblecal.capture.terminal_screen import View
 
 
-KEYS = "Enter: take it as it is   r: this position again   b: redo the one before   s: skip   q: stop for now"
+KEYS = "Enter: accept as it is   r: repeat this position   b: repeat the previous one   s: skip   q: interrupt"
 
 
 def view_of(guide: Guide) -> View:
-    """The screen's content now."""
+    """The present content of the screen."""
     guide.worker.look()
     plan, dwell, accepted = guide.plan, guide.dwell, guide.standing.accepted
     steps, position = plan.steps, max(guide.position, 0)
@@ -50,7 +50,7 @@ def _note(guide: Guide) -> str:
             if not guide.watch.still and guide.watch.moved:
                 return "moving"
             seen = " (gravity looks the same as before: turn it, or press Enter)" if guide.must_move else ""
-            return f"turn the head there and let go{seen}"
+            return f"turn the head there and take your hands away{seen}"
         case Phase.SETTLING:
             left = guide.plan.dwell.settle_s - guide.settled / guide.rate_hz
             return f"hands off: {max(left, 0) / guide.plan.port.speed:.0f} s until recording"

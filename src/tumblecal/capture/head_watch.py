@@ -1,4 +1,4 @@
-"""Does the head rest or turn: from block means of the specific force, and from the angular rate where there is one."""
+"""Whether the head rests or turns, from block means of the specific force, and from the angular rate if there is one."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +16,10 @@ class HeadWatch:
 
     **Arguments:**
 
-    - `block`: samples in a block of about a second. `to_local_g`: standard g to local g. `still_g`: limit of stillness.
+    - `block`: samples in a block of about a second. `to_local_g`: factor from standard g to local g. `still_g`: limit
+      for rest.
 
-    `moved` says whether the head was seen to move since it was last set to False.
+    `moved`: whether the head moved since this was last set to False.
     """
 
     def __init__(self, block: int, to_local_g: float, still_g: float):
@@ -35,7 +36,7 @@ class HeadWatch:
 
     @property
     def still(self) -> bool:
-        """Whether the head rests now."""
+        """Whether the head is at rest."""
         return len(self.blocks) >= 2 and is_still(self.blocks[-2:], self._still_g)
 
     def take(self, part: Arrived) -> int:
@@ -53,7 +54,7 @@ class HeadWatch:
         self._cutter.clear()
 
     def _watch_rotation(self, rate: NDArray[np.float64]) -> None:
-        """A turn that gravity cannot show (about the vertical) shows in the angular rate."""
+        """Detect by the angular rate a turn without effect on gravity (about the vertical)."""
         if len(rate) < 8 or not np.isfinite(rate).all():
             return
         eighth = len(rate) // 8

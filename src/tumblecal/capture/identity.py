@@ -1,6 +1,6 @@
-"""Is it still the same instrument: questions with growing waits, answers heard at any time.
+"""Check that the instrument is still the same: questions with growing waits, answers at any time.
 
-No answer is not another instrument: the receive line may not be connected, or the answer comes late.
+A missing answer does not mean a different instrument: the receive line may not be connected, or the answer may be late.
 """
 
 import time
@@ -15,7 +15,7 @@ WAITS_S = (1.0, 2.0, 3.0, 4.0, 6.0)
 
 
 class Answer(Enum):
-    """What is known of the instrument on the line."""
+    """Identity of the instrument on the line."""
 
     CONFIRMED = "confirmed"
     ASKED = "asked"
@@ -25,12 +25,12 @@ class Answer(Enum):
 
 
 class Identity:
-    """The instrument that a run began with, against the one on the line.
+    """Comparison of the instrument of a run with the one on the line.
 
     **Arguments:**
 
     - `send`: sends a command to the instrument. `queries`: commands that make it state its serial number and settings.
-    - `serial_number`: of the instrument that the run began with; None if it never stated one.
+    - `serial_number`: serial number of the run's instrument; None if it never stated one.
     - `configuration`: its settings as it stated them; None if it did not.
     - `confirmed`: whether the instrument now on the line has stated that serial number.
 
@@ -55,17 +55,17 @@ class Identity:
 
     @property
     def tries(self) -> int:
-        """How often the instrument was asked since the line was interrupted."""
+        """Number of queries since the line was interrupted."""
         return self._tries
 
     def interrupted(self) -> None:
-        """The line was interrupted: ask who is there now."""
+        """Query the instrument after an interruption of the line."""
         self._tries, self.heard = 0, None
         self.answer = Answer.ASKED
         self._ask()
 
     def look(self, events: list[Event]) -> Answer:
-        """Hear what was stated, and ask again when it is time."""
+        """Evaluate answers, and repeat the query when it is due."""
         for event in events:
             if event.kind == "serial_number":
                 self.heard = str(event.content["serial_number"])

@@ -1,4 +1,4 @@
-"""How far a run's instrument was confirmed, for the results: the serial number of unconfirmed data is not written as theirs."""
+"""Confirmation of a run's instrument, for the results: unconfirmed data are written without a serial number."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -8,11 +8,11 @@ from tumblecal.data.positions import NOT_CONFIRMED
 
 
 def unconfirmed(standing: Standing, attempts: Sequence[Attempt]) -> list[int]:
-    """Which of the accepted attempts were recorded with an instrument whose serial number was not stated, by place."""
+    """Places of the accepted attempts whose instrument did not state its serial number."""
     since = min((entry["wall_ns"] for entry in standing.doubts), default=None)
     if standing.serial_number is not None:
         return [place for place, attempt in enumerate(attempts) if attempt.serial_number is None]
-    # An instrument that never states one: those after the line was interrupted.
+    # If the instrument never states one: the attempts after an interruption of the line.
     return [place for place, attempt in enumerate(attempts) if since is not None and attempt.wall_ns > since]
 
 

@@ -1,7 +1,7 @@
-"""What a run does about an instrument that does not state who it is: it says so, and compares a finished position.
+"""Handling of an instrument that does not state its serial number: a message, and the comparison of a finished position.
 
-Whenever the line was interrupted and the instrument does not state the serial number that the run began with, the position
-that was finished last is measured again; the run goes on if both dwells agree within their noise, and stops otherwise.
+If the line was interrupted and the instrument does not state the serial number of the run, the position finished last is
+measured again. The run continues if both dwells agree within their noise, and stops otherwise.
 """
 
 import numpy as np
@@ -15,22 +15,22 @@ from tumblecal.capture.samples import Event
 from tumblecal.ground.errors import InputError
 
 
-# Seconds of good samples that are compared with a finished position.
+# Seconds of good samples for the comparison with a finished position.
 COMPARED_S = 60.0
-# Nobody exchanges an instrument behind the same adapter faster than that.
+# Shortest time in which an instrument can be exchanged behind the same adapter, s.
 _EXCHANGE_S = 3.0
 
 
 class InstrumentDoubt:
-    """Whether the instrument on the line is the one that the run began with.
+    """Checks whether the instrument on the line is the one with which the run began.
 
     **Arguments:**
 
-    - `identity`: asks it; None to leave that open.
-    - `standing`, `journal`: of the run; what is found is written into both.
-    - `trust`: the operator's word that it is the same instrument.
+    - `identity`: queries it; None for no check.
+    - `standing`, `journal`: state and journal of the run; results are written into both.
+    - `trust`: the operator states that it is the same instrument.
 
-    `comparing` is the finished position that is being measured again; None otherwise.
+    `comparing`: the finished position that is being measured again; None otherwise.
     """
 
     def __init__(self, identity: Identity | None, standing: Standing, journal: Journal, *, trust: bool):
@@ -50,35 +50,35 @@ class InstrumentDoubt:
 
     @property
     def text(self) -> str:
-        """For the screen; empty if there is no doubt."""
+        """Message for the screen; empty if there is no doubt."""
         identity = self._identity
         if identity is None or identity.answer == Answer.CONFIRMED:
             return ""
         if identity.answer == Answer.ASKED:
-            return f"asking the instrument for its serial number, try {identity.tries}"
+            return f"querying the serial number of the instrument, attempt {identity.tries}"
         if not self._standing.doubts:
             return ""
-        again = ", a finished position is measured again before the run goes on" if self.comparing else ""
+        again = "; a finished position is measured again before the run continues" if self.comparing else ""
         return f"identity not confirmed: the instrument does not state its serial number{again}"
 
     def begin(self, position: int) -> bool:
-        """At the start of a sitting; whether a position is to be compared first."""
+        """Start or resume a run; return whether a position must be compared first."""
         identity = self._identity
         if identity is not None and identity.answer == Answer.NONE and identity.serial_number is not None:
             return self._not_confirmed(position)
         return self._standing.to_compare and self._to_compare()
 
     def interrupted(self, notice: dict, speed: float) -> None:
-        """The line was interrupted: the instrument behind it may be another one, unless it was for a moment only."""
+        """Register an interruption of the line: the instrument may be a different one, unless the interruption was short."""
         reopened = notice["event"] == "reopened"
         if self._identity is not None and (reopened or notice.get("after_s", 0.0) * speed > _EXCHANGE_S):
             self._interrupted = True
             self._identity.interrupted()
 
     def hear(self, events: list[Event], position: int) -> bool:
-        """Hear whether the instrument states who it is; True if the guide must prompt again.
+        """Evaluate answers of the instrument; True if the guide must prompt again.
 
-        **Raises:** `InputError` when it is another one, or is set otherwise.
+        **Raises:** `InputError` if it is a different instrument, or has different settings.
         """
         if self._identity is None:
             return False
@@ -117,7 +117,7 @@ class InstrumentDoubt:
         )
         if not found.agrees:
             raise InputError(
-                f"position {name} measured again {found.text}: this is another instrument, or it was changed or moved. Connect "
+                f"position {name} measured again {found.text}: the instrument is different, was changed or moved. Connect "
                 "the first one and --resume; if you know that it is the same one, --resume with --trust-instrument"
             )
         self.comparing = None
@@ -125,7 +125,7 @@ class InstrumentDoubt:
     def _not_confirmed(self, position: int) -> bool:
         assert self._identity is not None
         tries = self._identity.tries
-        asked = f"asked {tries} times" if tries else "it is of a kind that states none"
+        asked = f"asked {tries} times" if tries else "this kind of instrument states none"
         text = f"identity not confirmed: no serial number stated since the line was connected ({asked})"
         began = self._identity.serial_number
         self._note("identity_not_confirmed", position=position, serial_number=began, asked=tries, text=text)

@@ -1,4 +1,4 @@
-"""An interval of a recording in which a triad may have been still."""
+"""An interval of a recording in which a triad may have been at rest."""
 
 from dataclasses import asdict, dataclass
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 class Interval:
     """Rows `start` to `stop` of a recording, without those of `knocks` (pairs of rows).
 
-    `reason` says why it is not used; empty where it is. `mean` (3): of the accelerations, in the recording's unit.
+    `reason`: why it is not used; empty if it is. `mean` (3): mean accelerations, in the recording's unit.
     """
 
     start: int
@@ -22,6 +22,6 @@ class Interval:
     reason: str = ""
 
     def as_dict(self) -> dict:
-        """For a file."""
+        """The interval as keys and values of a file."""
         record = asdict(self) | {"mean": self.mean.tolist(), "knocks": [list(pair) for pair in self.knocks]}
         return record | {"used": not self.reason}

@@ -1,7 +1,7 @@
-"""Intervals judged by one another: stuck or saturated axes, means that wander, sizes that are not gravity's.
+"""Checks of intervals against each other: stuck or saturated axes, wandering means, sizes different from gravity.
 
-No judgement assumes a sensor without bias. Sizes are those about the rough ellipsoid of all intervals, and are not judged where
-these are too few to tell it.
+No check assumes a sensor without bias. Sizes are relative to the rough ellipsoid of all intervals, and are not checked if there
+are too few intervals to determine it.
 """
 
 from dataclasses import replace
@@ -16,16 +16,17 @@ from tumblecal.capture.still_windows import Windows
 from tumblecal.ground.axes import AXES
 
 
-# The size of readings at rest, less the rough bias, is gravity within this share of it, and within so many of its u.
+# The size of readings at rest, after the rough bias, is gravity within this share, and within this many standard
+# uncertainties.
 _ODD_SIZE, _ODD_U = 0.3, 5.0
-# Noise of so many steps of the numbers is resolved: it cannot vanish, nor can more than this share of samples be the largest.
+# Noise of this many steps of the numbers is resolved: it cannot vanish, and at most this share of samples can be the largest.
 _RESOLVED, _SHARE_AT_END = 1.0, 0.5
-# Means of half seconds wander by more than they do in other intervals by this factor, and by this share of gravity.
+# Wandering means of half seconds exceed those of other intervals by this factor, and this share of gravity.
 _WANDER, _WANDER_SHARE, _FEWEST = 4.0, 0.03, 3
 
 
 def judged(intervals: list[Interval], blocks: Blocks, windows: Windows) -> tuple[list[Interval], bool]:
-    """Intervals with the reasons why some are not used, and whether there were attitudes enough to judge sizes."""
+    """Intervals with the reasons why some are not used, and whether the attitudes sufficed to check sizes."""
     rows = [_blocks_of(interval, blocks) for interval in intervals]
     for reasons in (_saturation(rows, blocks, windows), _wandering(rows, intervals, blocks, windows)):
         intervals = [replace(own, reason=own.reason or reason) for own, reason in zip(intervals, reasons, strict=True)]
@@ -42,8 +43,8 @@ def _blocks_of(interval: Interval, blocks: Blocks) -> NDArray[np.int64]:
 
 
 def _saturation(rows: list[NDArray[np.int64]], blocks: Blocks, windows: Windows) -> list[str]:
-    """Axes most samples of which are one number, the largest or smallest in the interval, although their noise is more than the
-    steps of the numbers: at the end of all readings they are saturated, elsewhere stuck. Coarse steps alone are neither."""
+    """Check for axes where most samples are one number, the largest or smallest in the interval, although their noise exceeds
+    the steps of the numbers. At the end of the range they are saturated, otherwise stuck; coarse steps alone are neither."""
     resolved = (windows.noise[:3] > _RESOLVED * blocks.quantum[:3]) & (blocks.quantum[:3] > 0)
     reasons = []
     for own in rows:
@@ -60,8 +61,8 @@ def _saturation(rows: list[NDArray[np.int64]], blocks: Blocks, windows: Windows)
 
 
 def _wandering(rows: list[NDArray[np.int64]], intervals: list[Interval], blocks: Blocks, windows: Windows) -> list[str]:
-    """Intervals whose means of half seconds scatter much more than those of the others. A hand that wanders by a degree, and a
-    sensor that is heated in one attitude, are good."""
+    """Check for intervals whose means of half seconds scatter much more than those of the others. A hand that wanders by a
+    degree, and a sensor that is heated in one attitude, pass."""
     half = windows.length // 2
     sds = np.full((len(rows), 3), np.nan)
     for k, own in enumerate(rows):
@@ -85,7 +86,7 @@ def _wandering(rows: list[NDArray[np.int64]], intervals: list[Interval], blocks:
 
 
 def _of_odd_size(intervals: list[Interval]) -> tuple[list[Interval], bool]:
-    """Intervals in which the readings' size is not that of gravity are not still, whatever their noise."""
+    """Check for intervals in which the size of the readings is not gravity: they are not at rest, whatever their noise."""
     means = np.array([interval.mean for interval in intervals]).reshape(-1, 3)
     used = np.array([not interval.reason for interval in intervals], bool)
     sensor = rough_sensor(means[used])

@@ -1,4 +1,4 @@
-"""The journal: append-only, the only truth about a capture. Where a run stands is worked out by reading it again.
+"""The journal of a capture: append-only, and the only record of its state, which is recovered by reading the journal again.
 
 A position is prompted, settles, is recorded, and is accepted or rejected; an accepted one may be withdrawn (redo).
 Attempts are numbered and never overwritten.
@@ -25,12 +25,12 @@ class Attempt:
 
     **Arguments:**
 
-    - `position`: index in the plan. `number`: which attempt.
-    - `log_start`, `log_stop`: its records in the raw log. `sha256`: of these bytes. `log_before`: where the records just
-      before it begin.
+    - `position`: index in the plan. `number`: number of the attempt.
+    - `log_start`, `log_stop`: its records in the raw log. `sha256`: SHA-256 of these bytes. `log_before`: start of the records
+      just before it.
     - `summary`: means and checks as shown to the operator.
-    - `wall_ns`: when it ended. `clocks`: the machine's clocks then, as of `recorder.clocks`; older journals lack them.
-    - `serial_number`: of the instrument, if it had stated it since its line was connected; otherwise None.
+    - `wall_ns`: time of its end. `clocks`: the machine's clocks at this time, by `recorder.clocks`; missing in older journals.
+    - `serial_number`: serial number of the instrument, if stated since its line was connected; otherwise None.
     """
 
     position: int
@@ -51,13 +51,13 @@ class Standing:
 
     **Arguments:**
 
-    - `accepted`: the attempt that counts, per position.
-    - `attempts`: attempts begun, per position.
-    - `skipped`: positions put off.
+    - `accepted`: the valid attempt, per position.
+    - `attempts`: number of attempts, per position.
+    - `skipped`: postponed positions.
     - `session`: the entry that began the run. `device`: the last one about the device;
-      `devices`: all of them, one each time the recording was begun.
+      `devices`: all of them, one for each start of the recording.
     - `finished`: whether the run was ended.
-    - `to_compare`: whether the instrument may be another one, so that a finished position is measured again first.
+    - `to_compare`: whether the instrument may be different, so that a finished position is measured again first.
     - `doubts`: entries on an instrument that was not confirmed, and on the comparisons made for it.
     """
 
@@ -74,7 +74,7 @@ class Standing:
 
     @property
     def serial_number(self) -> str | None:
-        """The serial number that the run's instrument stated first; None if it never did."""
+        """The first serial number that the run's instrument stated; None if it never did."""
         met = [*self.devices, self.device]
         return next((device["serial_number"] for device in met if device.get("serial_number")), None)
 
@@ -98,12 +98,12 @@ class Standing:
 
 
 def replayed(entries: list[dict]) -> Standing:
-    """The standing after these entries."""
+    """The state of the run after these entries."""
     standing = Standing()
     for entry in entries:
         position = entry.get("position", -1)  # only the entries about a position have one
         match entry["entry"]:
-            case "session":  # begun again after a run that met no device
+            case "session":  # restarted after a run without a device
                 standing = Standing(session=entry)
             case "device":
                 standing.device = entry
@@ -145,9 +145,9 @@ def read_journal(folder: Path, faults: list[str] | None = None) -> list[dict]:
 
     **Arguments:**
 
-    - `faults`: gets a line for each stretch of the journal that holds no entry.
+    - `faults`: receives a line for each stretch of the journal without an entry.
 
-    **Raises:** `InputError` when there is none.
+    **Raises:** `InputError` if there is no journal.
     """
     path = folder / JOURNAL_NAME
     if not path.is_file():
@@ -156,33 +156,33 @@ def read_journal(folder: Path, faults: list[str] | None = None) -> list[dict]:
         )
     entries = [record.content() for record in read_log(path, faults=faults) if record.kind == Kind.JOURNAL]
     if not entries or entries[0]["entry"] != "session":
-        raise InputError(f"{path}: holds no capture; it may have been ended before it began")
+        raise InputError(f"{path}: contains no capture; it may have been ended before the first entry")
     return entries
 
 
 class Journal:
-    """Writes entries; each is on the disk before the call returns. While it is open no other process can open it.
+    """Writes entries, each to the disk before the call returns. While it is open, no other process can open it.
 
     **Arguments:**
 
     - `folder`: the capture's folder.
 
-    **Raises:** `InputError` when another capture has it open.
+    **Raises:** `InputError` if another capture has it open.
     """
 
     def __init__(self, folder: Path):
         self._writer = LogWriter(folder / JOURNAL_NAME)
 
     def entries(self, faults: list[str] | None = None) -> list[dict]:
-        """All entries there are; `faults` gets a line for each stretch that holds none."""
+        """All entries; `faults` receives a line for each stretch without an entry."""
         return [
             record.content() for record in read_log(self._writer.path, faults=faults) if record.kind == Kind.JOURNAL
         ]
 
     def write(self, entry: str, **content: object) -> dict:
-        """Add an entry; returns it with its time.
+        """Add an entry and return it with its time.
 
-        **Raises:** `InputError` when the disk is full or fails, or the journal is no longer where it was.
+        **Raises:** `InputError` if the disk is full or fails, or the journal was deleted or moved.
         """
         full = {"entry": entry, "wall_ns": time.time_ns(), **content}
         path = self._writer.path
@@ -190,22 +190,22 @@ class Journal:
             self._writer.append_json(Kind.JOURNAL, full, time.monotonic_ns())
         except DiskFull as error:
             raise InputError(
-                f"{path}: the disk is full; nothing that was accepted is lost. Make room, then --resume"
+                f"{path}: the disk is full; all accepted positions are stored. Make room, then --resume"
             ) from error
         except OSError as error:
             raise InputError(
-                f"{path}: cannot be written any more ({error.strerror}); what was accepted before is kept. "
+                f"{path}: cannot be written any more ({error.strerror}); the positions accepted before are stored. "
                 "Check the disk, then --resume"
             ) from error
         self.check()
         return full
 
     def check(self) -> None:
-        """Raise `InputError` when the journal was deleted or moved, or its folder can no longer be written."""
+        """Raise `InputError` if the journal was deleted or moved, or its folder can no longer be written."""
         self._writer.check()
 
     def close(self) -> None:
-        """Let others write."""
+        """Release the journal for other processes."""
         with contextlib.suppress(OSError):
             self._writer.close()
 
@@ -213,7 +213,7 @@ class Journal:
 def sha256_of(path: Path, start: int, stop: int) -> str:
     """SHA-256 of a stretch of a file.
 
-    **Raises:** `InputError` when it cannot be read.
+    **Raises:** `InputError` if it cannot be read.
     """
     digest = hashlib.sha256()
     try:

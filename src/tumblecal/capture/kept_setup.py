@@ -1,4 +1,4 @@
-"""What a plan of more positions takes over from the capture before: a comment of its position means, and tables of a plan."""
+"""The set-up that a plan of further positions copies from the capture before: a comment of the means, and tables of a plan."""
 
 import json
 from collections.abc import Iterator
@@ -10,12 +10,12 @@ from tumblecal.ground.strict_toml import Number, Strict, toml_string
 
 
 SETUP = "capture_setup"
-# Of these the next plan has its own.
+# The next plan has different ones of these.
 _OWN = {"session": {"title", "mount", "run", "notes"}, "port": {"serial_number"}}
 
 
 class KeptSetup(Strict):
-    """How a capture was set up: who and with what, the port, how long, when a dwell is good, how the triad was turned (deg)."""
+    """The set-up of a capture: session, port, dwell times, limits, and the rotation of the triad (deg)."""
 
     session: Session = Session()
     port: PortTable = PortTable()
@@ -25,7 +25,7 @@ class KeptSetup(Strict):
 
     @classmethod
     def of(cls, plan: CapturePlan) -> "KeptSetup":
-        """That of a plan."""
+        """The set-up of a plan."""
         return cls(
             session=plan.session,
             port=plan.port,
@@ -36,19 +36,19 @@ class KeptSetup(Strict):
 
     @property
     def text(self) -> str:
-        """One line, for a comment: what the plan states, and all of the dwell."""
+        """One line for a comment: the stated keys of the plan, and all of the dwell."""
         content = self.model_dump(exclude_unset=True, exclude=_OWN) | {"dwell": self.dwell.model_dump()}
         return json.dumps({name: value for name, value in content.items() if value not in ({}, None)})
 
     def lines(self, table: str) -> Iterator[str]:
-        """The keys of one of its tables that are stated, as a plan has them; of the dwell all."""
+        """The stated keys of one of its tables, as in a plan; all keys of the dwell."""
         own = getattr(self, table)
         for key, value in own.model_dump(exclude_unset=table != "dwell", exclude=_OWN.get(table)).items():
             yield f"{key} = {toml_string(value) if isinstance(value, str) else repr(value)}"
 
 
 def kept_setup(text: str | None) -> KeptSetup | None:
-    """The setup in a comment; None where there is none, or somebody changed it to what is none."""
+    """The set-up from a comment; None if there is none, or it is not valid."""
     if not text:
         return None
     try:

@@ -1,4 +1,4 @@
-"""One key at a time from a terminal, without waiting; lines from anything else."""
+"""Single keys from a terminal, without waiting; characters from other inputs."""
 
 import contextlib
 import os
@@ -10,9 +10,9 @@ from types import TracebackType
 
 
 class Keyboard:
-    """Keys pressed since the last look.
+    """Keys pressed since the last call.
 
-    On a terminal each key counts by itself; from a pipe, each character of what arrives.
+    On a terminal each key is read separately; from a pipe, each character is a key.
     """
 
     def __init__(self) -> None:
@@ -28,7 +28,7 @@ class Keyboard:
 
     def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
         if self._saved is not None:
-            with contextlib.suppress(termios.error):  # the terminal may be gone
+            with contextlib.suppress(termios.error):  # the terminal may be closed
                 termios.tcsetattr(sys.stdin.fileno(), termios.TCSADRAIN, self._saved)
 
     def pressed(self) -> str:
@@ -36,7 +36,7 @@ class Keyboard:
         keys = ""
         while self._open and select.select([sys.stdin], [], [], 0)[0]:
             data = b""
-            with contextlib.suppress(OSError):  # the terminal is gone
+            with contextlib.suppress(OSError):  # the terminal is closed
                 data = os.read(sys.stdin.fileno(), 1024)
             if not data:
                 self._open = False

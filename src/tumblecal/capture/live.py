@@ -1,4 +1,4 @@
-"""The stream as the guide sees it: new samples with their stamps and places in the log, and everything that goes wrong."""
+"""The stream for the guide: new samples with their stamps and places in the log, and all faults."""
 
 from collections import Counter
 from dataclasses import dataclass, field
@@ -14,7 +14,7 @@ from tumblecal.capture.recording import Recording
 from tumblecal.capture.samples import Counts, Event, Samples, Settings, Status, joined
 
 
-# Samples from which the step of the counter is taken.
+# Number of samples from which the step of the counter is estimated.
 _ENOUGH_FOR_STEP = 8
 
 
@@ -32,7 +32,7 @@ class Arrived:
 
 @dataclass
 class Tally:
-    """What is counted live, all shown."""
+    """The live counts, all of them shown."""
 
     counts: Counts = field(default_factory=Counts)
     lost_at_least: int = 0
@@ -46,7 +46,7 @@ class Tally:
     bytes: int = 0
 
     def line(self) -> str:
-        """For the screen."""
+        """The counts as text for the screen."""
         c, flags = self.counts, "".join(f", {name} {n}" for name, n in self.status.items())
         return (
             f"frames {c.frames}, bad checks {c.check_failures}, resyncs {c.resyncs}, "
@@ -54,7 +54,7 @@ class Tally:
         )
 
     def as_dict(self) -> dict:
-        """For the journal."""
+        """The counts for the journal."""
         return {
             **vars(self.counts),
             "lost_at_least": self.lost_at_least,
@@ -73,9 +73,9 @@ class LiveStream:
 
     **Arguments:**
 
-    - `recording`: the recorder at work.
-    - `protocol`: how the device talks.
-    - `settings`: range and rate where the stream does not tell them.
+    - `recording`: the running recorder.
+    - `protocol`: protocol of the device.
+    - `settings`: range and rate, if the stream does not state them.
     - `options`: further arguments of the decoder.
     """
 
@@ -93,11 +93,11 @@ class LiveStream:
         self._starting = False
 
     def poll(self) -> Arrived:
-        """What has arrived since the last call."""
+        """The samples since the last call."""
         return self._arrived(self.recording.poll())
 
     def stop(self) -> Arrived:
-        """End the recorder and take what is left."""
+        """End the recorder and return the remaining samples."""
         return self._arrived(self.recording.stop())
 
     def _arrived(self, records: list) -> Arrived:

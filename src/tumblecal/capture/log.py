@@ -1,4 +1,4 @@
-"""The append-only record log: raw bytes, events and the journal are all kept in this one format.
+"""The append-only record log, the common format of raw bytes, events and the journal.
 
 A record is: magic (4 bytes), kind (4), payload length (4), host stamp in ns (8), CRC-32 (4) over kind to
 stamp and the payload, payload; little-endian. A crash can only leave an unfinished record at the end; the next
@@ -31,7 +31,7 @@ _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 class Kind(IntEnum):
-    """What a record holds: bytes as read from the port, an event (JSON), or a journal entry (JSON)."""
+    """Contents of a record: bytes as read from the port, an event (JSON), or a journal entry (JSON)."""
 
     BYTES = 1
     EVENT = 2
@@ -53,7 +53,7 @@ class Record(NamedTuple):
 
 
 class DiskFull(OSError):
-    """No room for the next record. Everything before it is whole and on the disk."""
+    """No room for the next record. All records before it are complete and on the disk."""
 
 
 def _packed(kind: int, stamp_ns: int, payload: bytes) -> bytes:
@@ -62,7 +62,7 @@ def _packed(kind: int, stamp_ns: int, payload: bytes) -> bytes:
 
 
 def _record_at(data: bytes | memoryview, at: int, base: int) -> Record | None:
-    """The record at `at`; None when there is no whole and right one."""
+    """The record at `at`; None if there is no complete and valid one."""
     if at + HEADER_SIZE > len(data):
         return None
     magic, kind, length, stamp, check = _HEADER.unpack_from(data, at)
@@ -81,9 +81,9 @@ class LogReader:
     **Arguments:**
 
     - `path`: the log.
-    - `start`: where to begin.
+    - `start`: first byte.
 
-    `position` is how far whole records were read; `damaged` lists stretches (start, stop) that hold no record.
+    `position`: end of the complete records read so far; `damaged`: stretches (start, stop) without a record.
     """
 
     def __init__(self, path: Path, start: int = 0):
@@ -97,11 +97,11 @@ class LogReader:
         self._file.close()
 
     def stat(self) -> os.stat_result:
-        """Which file it is."""
+        """Identity of the file: device and inode."""
         return os.fstat(self._file.fileno())
 
     def sync(self) -> None:
-        """Put on the disk what a writer has appended so far."""
+        """Write the data appended so far to the disk."""
         os.fdatasync(self._file.fileno())
 
     def __enter__(self) -> "LogReader":
@@ -111,14 +111,14 @@ class LogReader:
         self.close()
 
     def faults(self) -> Iterator[str]:
-        """What holds no record, in words, once all are read: stretches within, and an unfinished record at the end."""
+        """Parts without a record, in words, after all are read: stretches within, and an unfinished record at the end."""
         for start, stop in self.damaged:
-            yield f"bytes {start} to {stop} are damaged; what was recorded there is lost"
+            yield f"bytes {start} to {stop} are damaged; the data there are lost"
         if (size := self.stat().st_size) > self.position:
-            yield f"it ends within a record: {size - self.position} bytes from byte {self.position} on are no whole one"
+            yield f"the file ends within a record: {size - self.position} bytes from byte {self.position} on are incomplete"
 
     def records(self, stop: int | None = None) -> Iterator[Record]:
-        """All whole records from `position` on (to `stop`), as many as there are now."""
+        """All complete records from `position` on (to `stop`) that exist now."""
         size = _BLOCK
         while True:
             self._file.seek(self.position)
@@ -135,7 +135,7 @@ class LogReader:
             size = 2 * _LARGEST_PAYLOAD if at == 0 else _BLOCK
 
     def _skip_damage(self, stop: int | None) -> bool:
-        """Go on at the next whole record behind `position`; False when there is none (yet)."""
+        """Continue at the next complete record after `position`; False if there is none (yet)."""
         self._file.seek(self.position)
         rest = self._file.read(2 * _LARGEST_PAYLOAD if stop is None else max(stop - self.position, 0))
         if _record_at(rest, 0, 0) is not None:
@@ -151,9 +151,9 @@ class LogReader:
 
 
 def read_log(path: Path, start: int = 0, stop: int | None = None, faults: list[str] | None = None) -> list[Record]:
-    """All whole records of a log, or of a stretch of it; `faults` gets a line for what holds none.
+    """All complete records of a log, or of a stretch of it; `faults` receives a line for each part without a record.
 
-    **Raises:** `InputError` when the file cannot be read.
+    **Raises:** `InputError` if the file cannot be read.
     """
     try:
         with LogReader(path, start) as reader:
@@ -170,12 +170,12 @@ class LogWriter:
 
     **Arguments:**
 
-    - `path`: the log, made if it is not there.
-    - `patience_s`: how long to wait for another writer that is just ending.
+    - `path`: the log; created if it does not exist.
+    - `patience_s`: time to wait for another writer that is ending, s.
 
-    `cut` is the number of bytes cut off; `position` the end of the log.
+    `cut`: number of bytes cut off; `position`: end of the log.
 
-    **Raises:** `InputError` when another process writes this log, or the file cannot be made.
+    **Raises:** `InputError` if another process writes this log, or the file cannot be created.
     """
 
     def __init__(self, path: Path, patience_s: float = 0.0):
@@ -195,7 +195,7 @@ class LogWriter:
         os.close(folder)
 
     def _lock(self, deadline_s: float) -> None:
-        """Take the lock of the kernel, which ends with the process that holds it, however it ends."""
+        """Take the lock of the kernel, which is released when its process ends for any reason."""
         while True:
             try:
                 return fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -247,15 +247,15 @@ class LogWriter:
         return stop
 
     def sync(self) -> None:
-        """Put everything on the disk. A failure is not tried again: the kernel may have dropped the data."""
+        """Write everything to the disk. A failure is not retried: the kernel may have dropped the data."""
         os.fdatasync(self._descriptor)
 
     def check(self) -> None:
-        """Make sure that this log still stands where it was made: writing into a deleted file raises no error.
+        """Check that this log still exists at its path: writing into a deleted file raises no error.
 
-        **Raises:** `InputError` when it was deleted or moved, or its folder can no longer be written.
+        **Raises:** `InputError` if it was deleted or moved, or its folder can no longer be written.
         """
-        # Asked first: a log that is deleted between the two questions was not made read-only.
+        # This check comes first: a log deleted between the two checks was not made read-only.
         writable = os.access(self.path.parent, os.W_OK) and os.access(self.path, os.W_OK)
         try:
             in_place = os.path.samestat(os.stat(self.path), os.fstat(self._descriptor))
@@ -273,11 +273,11 @@ class LogWriter:
         moved = Path(f"/proc/self/fd/{self._descriptor}")
         if os.fstat(self._descriptor).st_nlink and moved.exists():
             folder = moved.resolve().parent
-            return f"was moved while capturing; recording stopped, everything before is kept: --resume {folder}"
-        return "was deleted while capturing; recording stopped, and what this file held is lost. Begin a new run"
+            return f"was moved while capturing; recording stopped, all data before are stored: --resume {folder}"
+        return "was deleted while capturing; recording stopped, and the contents of this file are lost. Begin a new run"
 
     def close(self) -> None:
-        """Put everything on the disk and let others write."""
+        """Write everything to the disk and release the log for other writers."""
         try:
             os.fsync(self._descriptor)
         finally:

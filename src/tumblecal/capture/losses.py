@@ -1,9 +1,9 @@
 """Lost samples, counted exactly from the device's counter and the host's stamps.
 
-A counter that wraps (STIM300: every 128 ms) leaves the number of whole wraps in a gap open. Host stamps are late by a
+A counter that wraps (STIM300: every 128 ms) does not determine the number of whole wraps in a gap. Host stamps are late by a
 varying delay but never early, so the lower envelope of (host time - device time) is steady; it steps up by one wrap
-for each wrap that the unwrapped counter misses. The steps are resolved one after the other from the lowest delay
-before and after; where too little data follow, the gap is called unresolved instead of being guessed.
+for each wrap that the unwrapped counter misses. The steps are resolved in order from the lowest delay before and after; if
+too few data follow, the gap is reported as unresolved instead of being guessed.
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from tumblecal.capture.frame_numbers import Content, FrameNumbers
 
 
-# How long before and after a gap the lowest delay is looked for.
+# Time before and after a gap in which the lowest delay is searched, s.
 _WINDOW_S = 2.0
 _FEWEST_STAMPS = 10
 _LATE_READ_S = 0.025
@@ -32,17 +32,17 @@ class Gap:
 
 @dataclass(frozen=True)
 class Losses:
-    """What is missing between the first and the last sample.
+    """Losses between the first and the last sample.
 
     **Arguments:**
 
     - `lost`: samples lost, all gaps together (unresolved ones with their best guess).
-    - `unresolved`: number of gaps whose size is not certain.
-    - `replaced`: samples that the device left out on purpose, to send a reply instead.
-    - `duplicates`: samples that had arrived before.
+    - `unresolved`: number of gaps of uncertain size.
+    - `replaced`: samples that the device replaced by a reply.
+    - `duplicates`: samples that arrived before.
     - `gaps`: each gap.
     - `rate_hz`: sample rate by the host's clock; NaN for fewer than two stamps.
-    - `counted`: False when there is no counter, so that `lost` is an estimate from time.
+    - `counted`: False without a counter; `lost` is then an estimate from time.
     """
 
     lost: int
@@ -111,16 +111,16 @@ def _steps(
     """Steps of the lower envelope by whole wraps, one after the other."""
     wrap_s = modulus * tick_s
     if wrap_s < _SHORTEST_WRAP_S:
-        # Reads are as late as a wrap is long (only when a virtual instrument runs far faster than real).
+        # Reads are late by the length of a wrap (only if a virtual instrument runs much faster than real time).
         return []
     delay = host_s - ticks * tick_s
-    # Whole wraps go missing only while nothing arrives for that long, and longer than a read may be late.
+    # Whole wraps are lost only if nothing arrives for that long, and for longer than a read may be late.
     silence_s = max(0.5 * wrap_s, _LATE_READ_S)
     late = np.flatnonzero((np.diff(delay) > 0.3 * wrap_s) & (np.diff(host_s) > silence_s)) + 1
     steps = []
     fixed, floor = -_FEWEST_STAMPS, np.inf
     for i in late.tolist():
-        # A few stamps between two steps may all be late: then the floor before the first step still counts.
+        # A few stamps between two steps may all be late: then the floor before the first step is still used.
         if i - fixed >= _FEWEST_STAMPS:
             oldest = min(int(np.searchsorted(host_s, host_s[i - 1] - _WINDOW_S)), i - 3 * _FEWEST_STAMPS)
             floor = delay[max(oldest, 0) : i].min()
@@ -146,17 +146,17 @@ def count_losses(
 ) -> Losses:
     """Count the samples lost between the first and the last.
 
-    A late sample fills its place, and a repeat is no sample more (`FrameNumbers`).
+    A late sample fills its place, and a repeat is not an additional sample (`FrameNumbers`).
 
     **Arguments:**
 
     - `counter`: as the device sent it, shape (n,).
     - `host_s`: stamp of the read that completed each sample, shape (n,), not decreasing.
-    - `modulus`: where the counter wraps.
-    - `step`: ticks from one sample to the next; the commonest difference when None.
-    - `special_after`: for each special frame the sample it follows; a gap there is a reply, not a loss.
-    - `restarts`: samples after which the device started anew; nothing can be counted across.
-    - `content`: gives what else is in the samples of a slice, by which repeats are known.
+    - `modulus`: value at which the counter wraps.
+    - `step`: ticks from one sample to the next; the most frequent difference if None.
+    - `special_after`: for each special frame the sample before it; a gap there is a reply, not a loss.
+    - `restarts`: samples after which the device restarted; losses across a restart cannot be counted.
+    - `content`: returns the contents of the samples of a slice, by which repeats are recognised.
     """
     n = len(counter)
     if n < 2:
@@ -168,7 +168,7 @@ def count_losses(
         step = commonest_step(counter, modulus, restarted[1:])
     frames = FrameNumbers(modulus, step)
     numbered = frames.take(counter, content, restarted)
-    # Where each sample is in the order of sending; a repeat is where the sample is that it repeats.
+    # Place of each sample in the order of sending; a repeat has the place of the sample that it repeats.
     order = np.argsort(np.where(numbered.repeated, numbered.number[0] - n, numbered.number), kind="stable")
     order = order[np.count_nonzero(numbered.repeated) :]
     sent = numbered.number[order]
@@ -184,7 +184,7 @@ def count_losses(
     place = np.zeros(n, np.int64)
     place[order] = np.arange(len(order))
     for stamp, count, certain in wraps:
-        # The gap lies between the last sample of the stamp before and the first that has the odd difference.
+        # The gap is between the last sample of the stamp before and the first with a different step.
         first, last = int(last_of_stamp[stamp - 1]), int(last_of_stamp[stamp])
         odd = np.flatnonzero(np.diff(highest[first : last + 1]) != 1)
         at = first + int(odd[0]) if len(odd) else first
@@ -207,11 +207,11 @@ def count_losses(
 
 
 def commonest_step(counter: NDArray[np.int64], modulus: int, restarted: NDArray[np.bool_] | None = None) -> int:
-    """The ordinary step of a counter: exact where it counts samples, the median where it is a clock."""
+    """The usual step of a counter: exact if it counts samples, the median if it is a clock."""
     difference = np.diff(counter) % modulus
     if restarted is not None:
         difference = difference[~restarted]
-    # Steps of more than half the counter are back.
+    # Steps of more than half the counter are backwards.
     positive = difference[(difference > 0) & (difference <= modulus // 2)]
     if not len(positive):
         return 1
@@ -222,7 +222,7 @@ def commonest_step(counter: NDArray[np.int64], modulus: int, restarted: NDArray[
 def _replaced(
     missing: NDArray[np.int64], order: NDArray[np.int64], special_after: NDArray[np.int64] | None, window: int
 ) -> NDArray[np.int64]:
-    """How many samples of each gap were left out for a reply: of the gap where it arrived, or one within the window."""
+    """Number of samples of each gap replaced by replies: of the gap where the reply arrived, or one within the window."""
     replaced = np.zeros_like(missing)
     if special_after is None:
         return replaced
@@ -238,12 +238,12 @@ def _replaced(
 
 
 def losses_from_time(host_s: NDArray[np.float64], rate_hz: float | None) -> Losses:
-    """An estimate for a stream without counter: pauses of the stamps that no later burst makes up for.
+    """An estimate for a stream without counter: pauses of the stamps that no later burst compensates.
 
     **Arguments:**
 
     - `host_s`: stamp of each sample, shape (n,).
-    - `rate_hz`: the device's rate; taken from the stream when None.
+    - `rate_hz`: the device's rate; estimated from the stream if None.
     """
     n = len(host_s)
     last = np.flatnonzero(np.concatenate([host_s[1:] != host_s[:-1], [True]])) if n else np.zeros(0, int)

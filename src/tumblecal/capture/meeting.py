@@ -1,4 +1,4 @@
-"""Meeting the device: waiting for its port, asking who it is, and knowing it again."""
+"""Contact with the device: wait for its port, query its identity, and check that it is the same."""
 
 import time
 from collections.abc import Callable
@@ -17,18 +17,18 @@ from tumblecal.ground.errors import InputError
 _FIRST_DATA_S = 4.0
 
 _FEWEST_FRAMES = 20
-OTHER_UNIT = "this run began with serial number {began}, now there is {seen}: connect the first one, or begin a new run"
+OTHER_UNIT = "this run began with serial number {began}, but {seen} is connected: connect {began}, or begin a new run"
 OTHER_SETTINGS = (
-    "the instrument is set otherwise than when this run began: set it back, then --resume, or begin a new run"
+    "the settings of the instrument differ from those of this run: restore them, then --resume, or begin a new run"
 )
 
-# Sleeps for some seconds; may raise to end what waits.
+# Sleeps for some seconds; may raise to end the wait.
 Pause = Callable[[float], None]
 
 
 @dataclass(frozen=True)
 class Device:
-    """The device as it presented itself: serial number, settings, and the sample rate to count with."""
+    """The device as it identified itself: serial number, settings, and the sample rate for counting."""
 
     serial_number: str | None
     settings: Settings | None
@@ -37,11 +37,11 @@ class Device:
 
 
 def await_port(url: str, limit_s: float, pause: Pause = time.sleep) -> None:
-    """Give a port that is not there yet some time to appear; opening it tells when it did not."""
+    """Wait some time for a port that does not exist yet; opening it raises if it did not appear."""
     deadline = time.monotonic() + limit_s
     if "://" in url or Path(url).exists() or limit_s <= 0:
         return
-    print(f"port {url}: not there yet; waiting up to {limit_s:g} s for it")
+    print(f"port {url}: not available yet; waiting up to {limit_s:g} s")
     while not Path(url).exists() and time.monotonic() < deadline:
         pause(0.05)
 
@@ -53,18 +53,18 @@ def meet(
     pause: Pause = time.sleep,
     standing: Standing | None = None,
 ) -> Device:
-    """Ask the device who it is, again with growing waits (`identity.WAITS_S`), and wait for its first samples.
+    """Query the identity of the device, with growing waits (`identity.WAITS_S`), and wait for its first samples.
 
-    `standing`: of the run that is taken up again: its settings hold if the device does not state them now.
+    `standing`: state of a resumed run: its settings are used if the device does not state them now.
 
-    **Raises:** `InputError` in one line for silence, a wrong protocol, a wrong baud rate, nonsense.
+    **Raises:** `InputError` in one line for silence, a wrong protocol, a wrong baud rate, or unreadable data.
     """
     name, url = stream.protocol, plan.port.url
     expected = standing.serial_number if standing is not None else None
     wanted = (
         {"configuration", "serial_number"} if name.range_from_stream else {"serial_number"} if name.queries else set()
     )
-    # An instrument that has stated its serial number once can do so: its answer may only be late.
+    # An instrument that stated its serial number before can do so again: its answer may only be late.
     waits = WAITS_S if name.range_from_stream or expected is not None else WAITS_S[:1]
     events: list[Event] = []
     frames = tries = 0
@@ -92,7 +92,7 @@ def meet(
     known = standing is not None and standing.configuration is not None
     if name.range_from_stream and "range_g" not in content and plan.port.range_g is None and not known:
         raise InputError(
-            f"port {url}: the {name.title} does not tell its range when asked; "
+            f"port {url}: the {name.title} does not state its range when asked; "
             "connect its receive line, or set port.range_g in the plan"
         )
     serial = content.get("serial_number")
@@ -110,15 +110,15 @@ def _why_no_samples(stream: LiveStream, plan: CapturePlan) -> str:
     received = stream.tally.bytes
     if received == 0:
         return (
-            f"{port}: silence, not one byte in {_FIRST_DATA_S:g} s: power, cable, or a device that waits for a command"
+            f"{port}: no data in {_FIRST_DATA_S:g} s: check power and cable, and whether the device waits for a command"
         )
     if received < 40:
-        return f"{port}: only {received} bytes in {_FIRST_DATA_S:g} s: wrong baud rate, or the device is set to a very low rate"
+        return f"{port}: only {received} bytes in {_FIRST_DATA_S:g} s: wrong baud rate, or a very low sample rate of the device"
     return f"{port}: {described(stream.recent, plan.port.protocol)}"
 
 
 def _rate_of(stream: LiveStream, speed: float, pause: Pause) -> float:
-    """The sample rate by the host's clock, when neither device nor plan tell it: counted over three seconds."""
+    """The sample rate by the host's clock, counted over three seconds, if neither device nor plan state it."""
     start, first = time.monotonic(), stream.tally.counts.frames
     while time.monotonic() - start < 3.0:
         stream.poll()
@@ -130,14 +130,14 @@ def _rate_of(stream: LiveStream, speed: float, pause: Pause) -> float:
 
 
 def check_same_device(standing: Standing, device: Device) -> None:
-    """Refuse another unit, or one that was set otherwise since the run began.
+    """Raise for a different unit, or for different settings from those at the start of the run.
 
     **Raises:** `InputError`.
     """
     if not standing.device:
         return
     began, seen = standing.serial_number, device.serial_number
-    # No answer is not another instrument: the guide compares what it shows with a finished position.
+    # A missing answer does not mean a different instrument: the guide compares its readings with a finished position.
     if began is not None and seen is not None and began != seen:
         raise InputError(OTHER_UNIT.format(began=began, seen=seen))
     settings = standing.configuration

@@ -1,4 +1,4 @@
-"""Which still interval is which position of a plan: by the direction of gravity, in the plan's order or in any."""
+"""Assignment of intervals at rest to positions of a plan, by the direction of gravity, in the plan's order or in any order."""
 
 from dataclasses import dataclass
 
@@ -10,25 +10,25 @@ from tumblecal.capture.reduce_table import names_of
 from tumblecal.capture.rough_sensor import rough_sensor
 
 
-# Half the distance to the next direction, at most this, counts as a position before bias and scale are known.
+# Tolerance of a position before bias and scale are known: half the distance to the next direction, at most this.
 _FAR_DEG = 30.0
-# Directions this near are the same to gravity (all alpha at beta 90, say).
+# Directions closer than this are equal for gravity (for example all alpha at beta 90).
 _SAME_DEG = 1.0
-# What leaving out costs in the plan's order, in squared tolerances: an interval, a position; and a position once more.
+# Costs in the plan's order, in squared tolerances, of a skipped interval, a skipped position, and a repeated position.
 _SURPLUS, _MISSING, _AGAIN = 1.5, 1.0, 0.3
-# Bias and scale are taken off before the second look where so many intervals were recognised.
+# Bias and scale are removed before the second pass if at least this many intervals were recognised.
 _FEWEST_FOR_BIAS = 6
 _FEWEST_FOR_CENTRE = 5
 
 
 @dataclass(frozen=True)
 class PlanMatch:
-    """Which position each interval is.
+    """The position of each interval.
 
     **Arguments:**
 
-    - `positions`: index in the plan, by interval; -1 for one that is none (surplus). `names`: of the plan's.
-    - `angle_deg`: between it and the nearest direction of the plan. `in_order`: whether the plan's order was kept.
+    - `positions`: index in the plan, by interval; -1 for none (surplus). `names`: names of the plan's positions.
+    - `angle_deg`: angle to the nearest direction of the plan. `in_order`: whether the intervals are in the plan's order.
     """
 
     positions: NDArray[np.int64]
@@ -38,18 +38,18 @@ class PlanMatch:
 
     @property
     def missing(self) -> list[str]:
-        """Positions of the plan that no interval is."""
+        """Positions of the plan without an interval."""
         return [name for k, name in enumerate(self.names) if k not in self.positions]
 
     @property
     def repeated(self) -> list[str]:
-        """Positions that several intervals are."""
+        """Positions with several intervals."""
         own, counts = np.unique(self.positions[self.positions >= 0], return_counts=True)
         return [self.names[k] for k in own[counts > 1]]
 
     @property
     def surplus(self) -> list[int]:
-        """Intervals that are no position of the plan."""
+        """Intervals that are not positions of the plan."""
         return np.flatnonzero(self.positions < 0).tolist()
 
     def as_dict(self) -> dict[str, object]:
@@ -58,14 +58,14 @@ class PlanMatch:
         return listed | {"in_order": self.in_order}
 
     def words(self) -> list[str]:
-        """What is missing or repeated, a line each."""
-        said = [] if self.in_order else ["the intervals are not in the plan's order: recognised by direction alone"]
+        """Missing and repeated positions, one line each."""
+        said = [] if self.in_order else ["the intervals are not in the plan's order: recognised only by direction"]
         said += [f"missing: {', '.join(self.missing)}"] if self.missing else []
         return said + ([f"measured again: {', '.join(self.repeated)}"] if self.repeated else [])
 
 
 def matched(readings: NDArray[np.float64], plan: CapturePlan) -> PlanMatch:
-    """Recognise intervals: in the plan's order where that explains as many of them as any order does.
+    """Recognise intervals: in the plan's order if this explains as many of them as any order does.
 
     **Arguments:**
 
@@ -86,8 +86,8 @@ def matched(readings: NDArray[np.float64], plan: CapturePlan) -> PlanMatch:
 
 
 def _centres(readings: NDArray[np.float64]) -> list[NDArray[np.float64]]:
-    """What the axes may read at 0: nothing; the middle of what each reads; the centres of a sphere and of an ellipsoid through
-    them. Offsets of 0.25 to 0.6 g, common in cheap sensors, turn directions by up to 30 degrees."""
+    """Candidate biases of the axes: zero; the middle of each axis' readings; the centres of a sphere and an ellipsoid through
+    the readings. Offsets of 0.25 to 0.6 g, common in cheap sensors, turn directions by up to 30 degrees."""
     if len(readings) < _FEWEST_FOR_CENTRE:
         return [np.zeros(3)]
     centres = [np.zeros(3), (readings.max(0) + readings.min(0)) / 2]
@@ -120,7 +120,7 @@ def _angles(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float6
 
 
 def _in_order(angles: NDArray[np.float64], tolerance_deg: float) -> NDArray[np.int64]:
-    """The alignment of intervals (rows) with the plan (columns) that costs least, by dynamic programming."""
+    """The alignment of intervals (rows) with the plan (columns) of lowest cost, by dynamic programming."""
     n, m = angles.shape
     cost = np.where(angles < tolerance_deg, (angles / tolerance_deg) ** 2, np.inf)
     total = np.full((n + 1, m + 1), np.inf)
@@ -137,7 +137,7 @@ def _in_order(angles: NDArray[np.float64], tolerance_deg: float) -> NDArray[np.i
         move[i] = choices.argmin(0)
         total[i] = choices.min(0)
         for j in range(1, m + 1):
-            # Of positions that look the same the earlier one.
+            # The earlier of positions with equal directions.
             if total[i, j - 1] + _MISSING < total[i, j] + 1e-6:
                 total[i, j], move[i, j] = total[i, j - 1] + _MISSING, 3
     positions = np.full(n, -1)
@@ -160,7 +160,7 @@ def _just_matched(moves: NDArray[np.int8]) -> NDArray[np.bool_]:
 def _in_any_order(
     angles: NDArray[np.float64], expected: NDArray[np.float64], tolerance_deg: float
 ) -> NDArray[np.int64]:
-    """The nearest direction of each interval; positions that look the same to gravity in the order in which they come."""
+    """The nearest direction of each interval; positions with equal directions are assigned in order."""
     same = _angles(expected, expected) < _SAME_DEG
     taken: set[int] = set()
     positions = np.full(len(angles), -1)
@@ -178,7 +178,7 @@ def _in_any_order(
 def _without_bias(
     readings: NDArray[np.float64], expected: NDArray[np.float64], match: PlanMatch
 ) -> NDArray[np.float64] | None:
-    """The readings in the plan's axes, by the affine map that the recognised ones give; None where these tell none."""
+    """The readings in the plan's axes, by the affine map from the recognised intervals; None if they do not determine it."""
     own = match.positions >= 0
     design = np.column_stack([expected[match.positions[own]], np.ones(int(own.sum()))])
     if len(set(match.positions[own].tolist())) < _FEWEST_FOR_BIAS or np.linalg.cond(design) > 100:
@@ -190,7 +190,7 @@ def _without_bias(
 
 
 def in_plan(match: PlanMatch, plan: CapturePlan) -> tuple[tuple[str, ...], NDArray, NDArray, NDArray | None]:
-    """Names, alpha and beta (deg) and, where the plan has it, approach of the intervals that are positions of the plan."""
+    """Names, alpha and beta (deg) and, if the plan has it, approach of the intervals that are positions of the plan."""
     steps = [plan.steps[k] for k in match.positions if k >= 0]
     approach = None
     if all(step.approach is not None for step in steps):

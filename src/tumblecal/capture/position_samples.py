@@ -22,8 +22,8 @@ class PositionSamples:
 
     **Arguments:**
 
-    - `force`: by position name, g, shape (n, 3) each, without the change within dwells that all have in
-      common. `middle_s`: middle of each dwell, s; empty where not recorded.
+    - `force`: by position name, g, shape (n, 3) each, without the change within dwells that all
+      share. `middle_s`: middle of each dwell, s; empty if not recorded.
     - `rate_hz`: sample rate. `source`: where they were read from.
     """
 
@@ -47,7 +47,7 @@ def read_position_samples(path: Path) -> PositionSamples:
       `_mg`, `_ms2`) and `time_s`; without `time_s` a comment `# rate_hz: 100` gives the sample rate. With `_ms2` a comment
       `# gravity_ms2: 9.8123` gives local gravity.
 
-    **Raises:** `InputError` when there are no such samples, or too few.
+    **Raises:** `InputError` if there are no such samples, or too few.
     """
     return _captured(path) if path.is_dir() else _table(path)
 
@@ -69,7 +69,9 @@ def _captured(folder: Path) -> PositionSamples:
 def _table(path: Path) -> PositionSamples:
     raw = read_raw(path)
     if "position" not in raw.frame.columns:
-        raise InputError(f"{path}: column position is missing; write at each sample the name of its position")
+        raise InputError(
+            f"{path}: column position is missing; write the name of the position in the row of each sample"
+        )
     label = labels_of(path, raw.frame["position"].to_list(), "position")
     names = list(dict.fromkeys(label.tolist()))
     force = {name: raw.readings[label == name] for name in names}
@@ -93,7 +95,7 @@ def _table(path: Path) -> PositionSamples:
 
 
 def labels_of(path: Path, cells: list, column: str) -> NDArray[np.str_]:
-    """Labels of the samples (of their positions, say), as `labels_in` takes them.
+    """Labels of the samples (for example of their positions), as for `labels_in`.
 
     **Raises:** `InputError` for empty cells.
     """
@@ -102,9 +104,7 @@ def labels_of(path: Path, cells: list, column: str) -> NDArray[np.str_]:
     names = labels_in(cells)
     empty = sum(not name for name in names)
     if empty:
-        raise InputError(
-            f"{path}: column {column}: {empty} empty cells; write at each sample the {column} it belongs to"
-        )
+        raise InputError(f"{path}: column {column}: {empty} empty cells; write the {column} in the row of each sample")
     return np.array(names)
 
 
@@ -123,7 +123,7 @@ def rate_of(path: Path, dwells: list[NDArray[np.float64]]) -> float:
 def stated_rate(path: Path, comments: dict[str, str]) -> float:
     """The sample rate of the comment `# rate_hz: 100`, Hz.
 
-    **Raises:** `InputError` without one, or for what is no rate.
+    **Raises:** `InputError` without this comment, or for an invalid rate.
     """
     text = comments.get("rate_hz")
     if text is None:
@@ -131,4 +131,6 @@ def stated_rate(path: Path, comments: dict[str, str]) -> float:
     rate, _ = number_in(text)
     if np.isfinite(rate) and rate > 0:
         return rate
-    raise InputError(f"{path}: comment rate_hz: {text!r} is no sample rate in Hz")
+    raise InputError(
+        f"{path}: comment rate_hz: {text!r} is not a sample rate in Hz; write for example `# rate_hz: 100`"
+    )

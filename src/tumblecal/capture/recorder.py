@@ -1,8 +1,8 @@
 """The recorder: its own small process between the port and the raw log.
 
-It stamps what it reads, appends it to the log, and only then does anybody else see it. It knows no protocol, so
-nothing that decoding, plotting or estimating does can stall it. Commands come as JSON lines on its input; what
-has safely reached the disk is told on its output. When its input ends (the guide was killed) it finishes cleanly.
+It stamps the bytes that it reads and appends them to the log; other processes read them from there. It has no protocol, so
+decoding, plotting and estimation cannot stall it. Commands are JSON lines on its input; it reports on its output how much
+is safely on the disk. When its input ends (the guide was killed), it finishes cleanly.
 """
 
 import contextlib
@@ -30,7 +30,7 @@ CANNOT_RECORD, DISK_FULL, DISK_FAILED = 2, 3, 4
 
 
 def clocks() -> dict[str, int]:
-    """The three clocks at one moment: stamps are monotonic, the others tell when that was."""
+    """The three clocks at one moment: stamps are monotonic, the others give the date."""
     return {
         "monotonic_ns": time.monotonic_ns(),
         "wall_ns": time.time_ns(),
@@ -39,17 +39,17 @@ def clocks() -> dict[str, int]:
 
 
 def tell(**content: object) -> None:
-    """One JSON line to the parent process; it may be gone."""
+    """Write one JSON line to the parent process, which may have ended."""
     with contextlib.suppress(OSError):
         os.write(1, (json.dumps(content) + "\n").encode())
 
 
 class Recorder:
-    """Port to log, until told to stop.
+    """Records a port into a log until it receives a stop command.
 
     **Arguments:**
 
-    - `log`: where to.
+    - `log`: the log.
     - `url`, `baud`: the port.
     """
 
@@ -71,7 +71,7 @@ class Recorder:
         self._log.append_json(Kind.EVENT, {"event": what, **content}, time.monotonic_ns())
 
     def run(self) -> None:
-        """Record until the input ends or says stop."""
+        """Record until the input ends or contains the stop command."""
         self.event(
             "started",
             pid=os.getpid(),
@@ -98,7 +98,7 @@ class Recorder:
         self._take()
         self.event("stopped", line_errors=self._port.line_errors() if self._port else None, **clocks())
         if self._port:
-            # Before the log is given up: who then gets the log finds the port free.
+            # The port is closed before the log is released: the next process with the log finds the port free.
             self._port.close()
         tell(synced=self._log.position)
 
@@ -154,7 +154,7 @@ class Recorder:
         self.event("reopened", gap_s=(now - self._lost_at_ns) * 1e-9, identity=port.identity.as_dict())
 
     def _url_now(self) -> str:
-        """Where the same USB unit is now: its name may have changed when it was plugged in again."""
+        """The present path of the same USB unit: its name may have changed when it was plugged in again."""
         assert self._identity is not None
         if self._identity.vendor is not None:
             for found in available():
@@ -163,7 +163,7 @@ class Recorder:
         return self._url
 
     def _obey(self) -> bool:
-        """Do what the parent says; False when it says stop or is gone, or a signal asked for the end."""
+        """Execute commands of the parent; False after a stop command, the end of the parent, or a signal."""
         if self._ending:
             return False
         while select.select([0], [], [], 0)[0]:
@@ -211,8 +211,8 @@ def _boot_id() -> str:
 
 
 def main(path: str, url: str, baud: str) -> int:
-    """Record `url` into the log `path`; the exit code says why it ended."""
-    # Ctrl-C and a closed terminal are the guide's business: it says when to stop.
+    """Record `url` into the log `path`; the exit code gives the reason for the end."""
+    # The guide handles Ctrl-C and a closed terminal: it sends the stop command.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
@@ -232,7 +232,7 @@ def main(path: str, url: str, baud: str) -> int:
     except DiskFull:
         with contextlib.suppress(OSError):
             log.sync()
-        tell(error=f"{path}: the disk is full; recording stopped, everything before is kept. Make room, then --resume")
+        tell(error=f"{path}: the disk is full; recording stopped, all data before are stored. Make room, then --resume")
         return DISK_FULL
     except OSError as error:
         tell(error=f"{path}: the disk failed ({error.strerror}); recording stopped. Check the disk, then --resume")

@@ -1,4 +1,4 @@
-"""The guide's side of the recorder: starts the process, follows its log, passes commands, starts it again if it dies."""
+"""The guide's side of the recorder: starts the process, follows its log, passes commands, and restarts it if it dies."""
 
 import contextlib
 import json
@@ -18,16 +18,16 @@ _STOP_S = 5.0
 
 
 class Recording:
-    """A recorder at work.
+    """A running recorder.
 
     **Arguments:**
 
     - `log`: the raw log; followed from its end.
     - `url`, `baud`: the port.
 
-    `synced` is how much of the log is known to be on the disk.
+    `synced`: end of the part of the log that is on the disk.
 
-    **Raises:** `InputError` when the port or the log cannot be opened.
+    **Raises:** `InputError` if the port or the log cannot be opened.
     """
 
     def __init__(self, log: Path, url: str, baud: int):
@@ -53,7 +53,7 @@ class Recording:
 
     @property
     def position(self) -> int:
-        """Place in the log up to which records were taken."""
+        """Place in the log up to which records were read."""
         return self._reader.position if self._reader else self._start
 
     def _launch(self) -> None:
@@ -75,7 +75,7 @@ class Recording:
                 break
             time.sleep(0.01)
         self.stop()
-        raise InputError(f"{self.log}: the recorder did not start; see whether {sys.executable} can run")
+        raise InputError(f"{self.log}: the recorder did not start; check whether {sys.executable} can run")
 
     def _opened_log(self) -> LogReader:
         try:
@@ -95,9 +95,9 @@ class Recording:
         return messages
 
     def poll(self) -> list[Record]:
-        """New records; starts the recorder again if it died.
+        """New records; restarts the recorder if it died.
 
-        **Raises:** `InputError` when the disk is full or failed, or the port cannot be had again.
+        **Raises:** `InputError` if the disk is full or failed, or the port cannot be reopened.
         """
         assert self._process is not None and self._reader is not None
         error = next((m["error"] for m in self._messages() if "error" in m), None)
@@ -112,9 +112,9 @@ class Recording:
         return records
 
     def sync(self) -> None:
-        """Put what was read from the log on the disk: nothing may be called accepted before.
+        """Write the data read from the log to the disk: a position may be accepted only after this.
 
-        **Raises:** `InputError` when the disk fails.
+        **Raises:** `InputError` if the disk fails.
         """
         assert self._reader is not None
         try:

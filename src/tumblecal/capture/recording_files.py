@@ -1,4 +1,4 @@
-"""The files of one recording: folders and patterns as the files in them, in natural order (2 before 10)."""
+"""The files of one recording: folders and patterns replaced by their files, in natural order (2 before 10)."""
 
 import glob
 import re
@@ -8,26 +8,26 @@ from pathlib import Path
 from tumblecal.ground.errors import InputError
 
 
-# In a folder, files with these ends are recordings; it may also hold plans, pages and figures.
+# In a folder, files with these suffixes are recordings; it may also contain plans, pages and figures.
 _TEXTS = (".csv", ".tsv", ".txt", ".dat", ".log", ".asc", ".jsonl", ".xlsx")
 _OTHERS = (".parquet", ".mat", ".h5", ".hdf5", ".bag", ".db3", ".mcap", ".ulg", ".bin", ".mtb", ".raw")
-# Folders with one of these are one recording themselves.
+# A folder with one of these files is a single recording.
 _WHOLE = ("journal.log", "raw.log", "metadata.yaml")
-# Files of results, and files that folders of results have.
+# Files of results, and files in folders of results.
 _RESULTS = ("positions.csv", "positions.parquet")
 _OF_RESULTS = ("reduction.json", "calibration.json")
 
 
 def recording_files(given: Sequence[Path], others: Sequence[Path | None] = ()) -> list[Path]:
-    """The files that are given: folders and patterns replaced by the recordings in them; a recording that is a folder stays.
+    """The given files, with folders and patterns replaced by their recordings; a recording that is a folder is not replaced.
 
-    Files keep the order in which they are given, unless that is the alphabet's, as of a shell's pattern.
+    Files are in the given order, unless it is alphabetical, as from a shell's pattern.
 
     **Arguments:**
 
-    - `others`: files that are no recordings although they lie in such a folder.
+    - `others`: files that are not recordings although they are in such a folder.
 
-    **Raises:** `InputError` for a pattern, or several folders, without any.
+    **Raises:** `InputError` for a pattern, or several folders, without a recording.
     """
     left_out = {path.resolve() for path in others if path is not None}
     files: list[Path] = []
@@ -43,7 +43,7 @@ def recording_files(given: Sequence[Path], others: Sequence[Path | None] = ()) -
 
 
 def natural(path: Path) -> list:
-    """What paths are sorted by where numbers in them count as numbers."""
+    """The sort key of paths in natural order."""
     return [(own.isdecimal(), int(own) if own.isdecimal() else own) for own in re.split(r"(\d+)", str(path)) if own]
 
 

@@ -1,4 +1,4 @@
-"""From a capture's folder to position means: decode, check, average."""
+"""Reduction of a capture's folder to position means: decode, check, average."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -41,7 +41,7 @@ _AFTER_BYTES = 1 << 20
 @dataclass(frozen=True)
 class _Accepted:
     """One position: `force`: good samples in local g, shape (n, 3), `warmth`: their temperatures,
-    degC; `time_s`: its middle; how many samples were `flagged`, and what was `counted` for `check_dwell`."""
+    degC; `time_s`: its middle; the number of `flagged` samples, and the counts (`counted`) for `check_dwell`."""
 
     force: NDArray[np.float64]
     warmth: NDArray[np.float64]
@@ -56,16 +56,16 @@ def reduce(folder: Path, said: Callable[[str], None] = lambda text: None) -> Red
 
     **Arguments:**
 
-    - `folder`: of `tumblecal capture`.
-    - `said`: told what is going on.
+    - `folder`: the folder of `tumblecal capture`.
+    - `said`: called with messages of progress.
 
-    **Raises:** `InputError` when the folder holds no capture, nothing was accepted, or the raw log was changed.
+    **Raises:** `InputError` if the folder contains no capture, no position was accepted, or the raw log was changed.
     """
     faults = list[str]()
     standing = replayed(read_journal(folder, faults))
     if not standing.accepted:
         raise InputError(
-            f"{folder}: no position was accepted yet; go on with: {suggested('capture', '--resume', folder)}"
+            f"{folder}: no position was accepted yet; to resume: {suggested('capture', '--resume', folder)}"
         )
     if not standing.device:
         raise InputError(f"{folder / JOURNAL_NAME}: the entry of the device is damaged; restore the file from a copy")
@@ -79,7 +79,7 @@ def reduce(folder: Path, said: Callable[[str], None] = lambda text: None) -> Red
         name = plan.steps[attempt.position].name
         said(f"position {name}")
         if sha256_of(raw, attempt.log_start, attempt.log_stop) != attempt.sha256:
-            raise InputError(f"{raw}: position {name} was changed since it was recorded; restore the file")
+            raise InputError(f"{raw}: the bytes of position {name} were changed after recording; restore the file")
         accepted.append(_accepted(raw, attempt, plan, spoken, rate, standing))
     return reduction_of(
         _position_set(folder, attempts, accepted, plan, standing),
@@ -102,21 +102,21 @@ def reduce(folder: Path, said: Callable[[str], None] = lambda text: None) -> Red
 
 
 def _plan(folder: Path, standing: Standing) -> CapturePlan:
-    """The plan that the capture began with.
+    """The plan with which the capture began.
 
-    **Raises:** `InputError` where it was changed: angles and gravity of the positions are in it.
+    **Raises:** `InputError` if it was changed: it contains the angles and gravity of the positions.
     """
     path = folder / PLAN_NAME
     plan = read_plan(path)
     if standing.session.get("plan_sha256") not in (None, sha256_of(path, 0, path.stat().st_size)):
-        raise InputError(f"{path}: was changed since the capture began; put back the original")
+        raise InputError(f"{path}: this file was changed after the capture began; restore the original")
     return plan
 
 
 def decoded_stretch(
     raw: Path, attempt: Attempt, spoken: Protocol, settings: Settings | None, options: dict
 ) -> tuple[Samples, NDArray[np.float64], range, list[int]]:
-    """Samples of an attempt, a little before and a little after it: with stamps, which belong to it, and where replies are."""
+    """Samples of an attempt and shortly before and after it: with stamps, mask of the attempt, and places of replies."""
     records = [r for r in read_log(raw, attempt.log_before, attempt.log_stop + _AFTER_BYTES) if r.kind == Kind.BYTES]
     decoder = spoken.decoder(settings, **options)
     decoded = decode_all(decoder, b"".join(r.payload for r in records))
@@ -126,7 +126,7 @@ def decoded_stretch(
     first = sum(r.offset < attempt.log_start for r in records)
     last = sum(r.stop <= attempt.log_stop for r in records) - 1
     own = range(*map(int, np.searchsorted(which, [first, last + 1])))
-    # After a restart of the recorder the stamps may jump back (another boot): only what is in order is used.
+    # After a restart of the recorder the stamps may jump back (a new boot): only samples in order are used.
     host_s = stamps[which]
     ordered = own.stop + int(np.argmax(np.append(np.diff(host_s[own.stop - 1 :]) < 0, True))) if own else 0
     specials = [event.stop for event in decoded.events if event.counted]
@@ -134,7 +134,7 @@ def decoded_stretch(
 
 
 def device_settings(standing: Standing, plan: CapturePlan, spoken: Protocol) -> Settings | None:
-    """Range and rate: as the device told when the run began, else as the plan says."""
+    """Range and rate: as the device stated when the run began, otherwise from the plan."""
     stated = standing.configuration
     if stated is not None and "range_g" in stated:
         return settings_of(stated)
@@ -155,7 +155,9 @@ def _accepted(
     inside = samples[own.start + guard : own.stop - guard]
     use = (inside.status == 0) & np.isfinite(inside.force).all(1)
     if use.sum() < 8:
-        raise InputError(f"{raw}: position {plan.steps[attempt.position].name}: only {use.sum()} good samples; redo it")
+        raise InputError(
+            f"{raw}: position {plan.steps[attempt.position].name}: only {use.sum()} good samples; repeat it"
+        )
     force = inside.force[use] * (STANDARD_GRAVITY_MS2 / plan.site.gravity.value_ms2)
     full = settings.range_g if settings and settings.range_g else (np.inf,) * 3
     near_full = (np.abs(inside.force) > _NEAR_FULL_SCALE * np.array(full)).any(1)
@@ -174,9 +176,9 @@ def _accepted(
 
 
 def _wall_s(host_s: NDArray[np.float64], attempt: Attempt, standing: Standing) -> float:
-    """Middle of the attempt in s since the session began, by the monotonic clock of the recording it belongs to.
+    """Middle of the attempt in s since the session began, by the monotonic clock of its recording.
 
-    That clock stops while the machine sleeps: the time asleep is added, from the clock that goes on.
+    That clock stops while the machine sleeps: the sleeping time is added, from the clock that continues.
     """
     begun = [d for d in standing.devices if d["log_position"] <= attempt.log_start] or [standing.device]
     clock = begun[-1]["clocks"]
@@ -186,14 +188,14 @@ def _wall_s(host_s: NDArray[np.float64], attempt: Attempt, standing: Standing) -
 
 
 def _asleep_ns(before: Mapping[str, int], after: Mapping[str, int]) -> int:
-    """How long the machine slept between two readings of its clocks, where these show it, ns."""
+    """Sleeping time of the machine between two readings of its clocks, if they show it, ns."""
     if not (before.get("boot_ns") and after.get("boot_ns")):
         return 0
     return (after["boot_ns"] - before["boot_ns"]) - (after["monotonic_ns"] - before["monotonic_ns"])
 
 
 def _clock_comments(standing: Standing, speed: float) -> dict[str, str]:
-    """When the times of a capture were zero, as `data.joined_clocks` reads it."""
+    """Comments that state when the times of a capture were zero, for `data.joined_clocks`."""
     zero = {TIME_ZERO: moment(standing.devices[0]["clocks"]["wall_ns"] * 1e-9)}
     return zero | ({TIME_SPEED: f"{speed:g}"} if speed != 1 else {})
 
@@ -201,7 +203,7 @@ def _clock_comments(standing: Standing, speed: float) -> dict[str, str]:
 def _position_set(
     folder: Path, attempts: Sequence[Attempt], accepted: Sequence[_Accepted], plan: CapturePlan, standing: Standing
 ) -> PositionSet:
-    """The means, without their sd."""
+    """The means, without their standard deviations."""
     steps = [plan.steps[attempt.position] for attempt in attempts]
     temperatures = [own.temperature_degc for own in accepted]
     approaches = [step.approach for step in steps]

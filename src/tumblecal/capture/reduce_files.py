@@ -1,4 +1,4 @@
-"""From several files of one recording, one for each position or face, to position means."""
+"""Reduction of several files of one recording, one for each position or face, to position means."""
 
 import hashlib
 from collections.abc import Mapping, Sequence
@@ -45,18 +45,18 @@ from tumblecal.ground.frames import gravity_in_head
 from tumblecal.ground.gravity import stated_gravity, unit_in_g
 
 
-# Directions this near are the same to gravity.
+# Directions closer than this are equal for gravity.
 _SAME_DEG = 1.0
-# Readings explain the angles of their files by scale, axes and bias to so much of a g, or the files are mixed up.
+# If readings contradict the angles of their files by more than this (g), after scale, axes and bias, files are exchanged.
 _LARGEST_MISFIT = 0.15
 _FEWEST_FOR_MISFIT = 6
 
 
 @dataclass(frozen=True)
 class FilesReduction:
-    """A reduction of several files: their `parts` of the samples, the `positions` that they are of, what lies still.
+    """A reduction of several files: their `parts` of the samples, their `positions`, the intervals at rest.
 
-    `clock_words`: how their clocks go together. `doubts`: what is to be checked, by file.
+    `clock_words`: relation of their clocks. `doubts`: files to be checked, with reasons.
     """
 
     table: Reduction
@@ -74,12 +74,12 @@ class FilesReduction:
 
     @property
     def warnings(self) -> list[tuple[str, list[str]]]:
-        """What must not go unread of each file, and of all."""
+        """Warnings for each file, and for all."""
         lines = [(file, contents.damage.lines) for file, contents in self.read]
         return [*lines, *((file, [line]) for file, line in self.doubts)]
 
     def as_dict(self) -> Mapping[str, object]:
-        """What reduction.json says of the files and of the intervals."""
+        """Files and intervals for reduction.json."""
         told: dict[str, object] = {"files": [self._of_file(part) for part in self.parts], "clocks": self.clock_words}
         return told if self.stillness is None else told | self.stillness.as_dict()
 
@@ -109,10 +109,11 @@ def reduce_files(
 
     **Arguments:**
 
-    - `positions`: of the files; where none has angles and there is a `plan`, they follow from gravity.
-    - others: as of `reduce_recording`.
+    - `positions`: positions of the files; if none has angles and there is a `plan`, they follow from gravity.
+    - others: as for `reduce_recording`.
 
-    **Raises:** `InputError` for files that cannot be read or are not of one recording; `NothingStill` where nothing lies still.
+    **Raises:** `InputError` for files that cannot be read or are not of one recording; `NothingStill` without an interval at
+    rest.
     """
     files = [own.file for own in positions.files]
     source = Path(f"{files[0]} and {len(files) - 1} more")
@@ -203,7 +204,7 @@ def _angles(placed: Sequence[FilePosition]) -> tuple[NDArray[np.float64], NDArra
 def _labels(
     placed: Sequence[FilePosition], context: KnownContext, plan: CapturePlan | None
 ) -> dict[str, tuple[str, ...] | None]:
-    """Run and mount of each row: the file's, or those of all."""
+    """Run and mount of each row: from its file, or common to all."""
     usual = run_and_mount(context, plan, len(placed))
     labels = {}
     for name in ("run", "mount"):
@@ -215,7 +216,7 @@ def _labels(
 
 def _only(stillness: Stillness, kept: Sequence[bool]) -> Stillness:
     reasons = {
-        own.start: "surplus: no position of the plan" for own, k in zip(stillness.used, kept, strict=True) if not k
+        own.start: "surplus: not a position of the plan" for own, k in zip(stillness.used, kept, strict=True) if not k
     }
     return refused(stillness, reasons)
 
@@ -223,7 +224,7 @@ def _only(stillness: Stillness, kept: Sequence[bool]) -> Stillness:
 def _by_gravity(
     stillness: Stillness, rows: Sequence[int], of_part: list[FilePosition], plan: CapturePlan
 ) -> tuple[list[FilePosition], list[tuple[str, str]]]:
-    """The plan's position of each file, by the longest still interval of each."""
+    """The plan's position of each file, by its longest interval at rest."""
     longest: dict[int, Interval] = {}
     for interval, number in zip(stillness.used, rows, strict=True):
         if number not in longest or interval.stop - interval.start > longest[number].stop - longest[number].start:
@@ -233,16 +234,16 @@ def _by_gravity(
     _check_told_apart(plan, {k: of_part[own].file for own, k in found.items() if k >= 0})
     placed = [at_step(own, plan, found[k]) if found.get(k, -1) >= 0 else own for k, own in enumerate(of_part)]
     surplus = [str(own.file) for k, own in enumerate(placed) if k in found and not own.known]
-    words = [(file, "no position of the plan, by the direction of gravity") for file in surplus]
+    words = [(file, "not a position of the plan, by the direction of gravity") for file in surplus]
     if match.missing:
         words.append((str(placed[0].file), f"and the other files lack position {', '.join(match.missing)} of the plan"))
     return placed, words
 
 
 def _check_told_apart(plan: CapturePlan, files: Mapping[int, Path]) -> None:
-    """Check that gravity tells the position of each file: all alpha at beta 90 are one direction.
+    """Check that gravity determines the position of each file: all alpha at beta 90 are one direction.
 
-    **Raises:** `InputError` for a file that may be of several positions.
+    **Raises:** `InputError` for a file that fits several positions.
     """
     expected = np.array([plan.expected(k) for k in range(len(plan.steps))])
     angles = [(step.alpha_deg, step.beta_deg) for step in plan.steps]
@@ -251,8 +252,8 @@ def _check_told_apart(plan: CapturePlan, files: Mapping[int, Path]) -> None:
         others = [str(plan.steps[k].name) for k in alike if angles[k] != angles[step]]
         if others:
             raise InputError(
-                f"{file}: gravity cannot tell position {plan.steps[step].name} of the plan from {', '.join(others[:4])}; put "
-                "angles or names into the names of the files, or give --table files.csv"
+                f"{file}: gravity cannot separate position {plan.steps[step].name} of the plan from {', '.join(others[:4])}; "
+                "put angles or names into the names of the files, or give --table files.csv"
             )
 
 
@@ -262,9 +263,10 @@ def _check_mix_up(
     positions: FilePositions,
     doubts: list[tuple[str, str]],
 ) -> None:
-    """Compare the readings with the angles of their files: scale factors, axes and biases explain them, if no file is mixed up.
+    """Compare the readings with the angles of their files: scale factors, axes and biases explain them, unless files are
+    exchanged.
 
-    **Raises:** `InputError` where the positions are only guessed from the order of numbers; otherwise it is a doubt.
+    **Raises:** `InputError` if the positions are only guessed from the order of numbers; otherwise a doubt is added.
     """
     if len(placed) < _FEWEST_FOR_MISFIT:
         return
@@ -279,7 +281,7 @@ def _check_mix_up(
         return
     worst = placed[int(misfit.argmax())].file
     how = "mirrored" if turned else f"in error by up to {misfit.max():.2f} g ({worst})"
-    words = f"gravity contradicts the positions by {positions.by}: readings {how}; are files mixed up?"
+    words = f"gravity contradicts the positions by {positions.by}: readings {how}; check whether files are exchanged."
     if not positions.sure:
         raise InputError(f"{worst}: {words} State the positions: --table files.csv")
     doubts.append((str(worst), words))

@@ -1,4 +1,4 @@
-"""From a recording made elsewhere to position means: by its still intervals, in a plan or hand-held, or by a column."""
+"""Reduction of a recording to position means: by its intervals at rest, with a plan or hand-held, or by a column."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -29,7 +29,7 @@ from tumblecal.ground.gravity import STANDARD, comments_of, stated_gravity, unit
 
 @dataclass(frozen=True)
 class RecordingReduction:
-    """A reduction, with what was read; where intervals were looked for, what lies still, and what a plan says of it."""
+    """A reduction, with the contents of the source; with intervals at rest and their match to a plan, if these were used."""
 
     table: Reduction
     contents: Contents
@@ -43,11 +43,11 @@ class RecordingReduction:
 
     @property
     def warnings(self) -> list[tuple[str, list[str]]]:
-        """What must not go unread of the source."""
+        """Warnings for the source."""
         return [(self.table.data.source, self.contents.damage.lines)]
 
     def as_dict(self) -> Mapping[str, object]:
-        """What reduction.json says of rows that are not there, of damage, and of the intervals."""
+        """Missing rows, damage and intervals for reduction.json."""
         left_out = {"rows": self.contents.unreadable, "first": self.contents.places}
         damage = self.contents.damage
         records = [record.as_dict() for record in damage.records]
@@ -59,7 +59,7 @@ class RecordingReduction:
 
 
 class NothingStill(InputError):
-    """No interval that can be used; `stillness` says what was seen."""
+    """No usable interval; `stillness` has the intervals found."""
 
     def __init__(self, fault: str, stillness: Stillness | None = None):
         super().__init__(fault)
@@ -79,11 +79,11 @@ def reduce_recording(
 
     **Arguments:**
 
-    - `path`: the recording. `context`: what is known of it; `options`: of its columns and units.
-    - `criterion`: when an interval is still.
+    - `path`: the recording. `context`: its positions, run and mounting; `options`: its columns and units.
+    - `criterion`: the criterion for an interval at rest.
 
-    **Raises:** `InputError` for a recording that cannot be read, or from which no positions follow; `NothingStill` where
-    nothing in it lies still.
+    **Raises:** `InputError` for a recording that cannot be read, or from which no positions follow; `NothingStill` without an
+    interval at rest.
     """
     with TemporaryDirectory() as folder:
         samples = Path(folder) / "samples.parquet"
@@ -97,7 +97,7 @@ def reduce_recording(
                 )
             if plan is None and not context.static:
                 raise InputError(
-                    f"{path}: how are its positions told apart? --static finds still intervals of unknown attitudes "
+                    f"{path}: state how to find its positions: --static finds intervals at rest with unknown attitudes "
                     "(hand-held), --plan PLAN.toml those of a plan, --by COLUMN goes by a column; --means takes each row for "
                     "a mean"
                 )
@@ -105,7 +105,7 @@ def reduce_recording(
 
 
 def stated_comments(samples: Path, path: Path, plan: CapturePlan | None, *, hand_held: bool) -> dict[str, str]:
-    """The comments of the positions; gravity as stated, else as the plan says, else standard for m/s^2."""
+    """The comments of the positions; gravity as stated, otherwise from the plan, otherwise standard for m/s^2."""
     table, _, kept = scan_parquet(samples, check=False)
     in_ms2 = "ax_ms2" in table.collect_schema()
     gravity = plan.site.gravity if plan and not plan.site.gravity.assumed else None
@@ -118,7 +118,7 @@ def stated_comments(samples: Path, path: Path, plan: CapturePlan | None, *, hand
 def reduce_by_name(
     path: Path, samples: Path, context: KnownContext, plan: CapturePlan | None, clock: Mapping[str, str]
 ) -> Reduction:
-    """Dwells by the column that names them; their angles by the plan's names, where there is one. `clock`: its comments."""
+    """Dwells by the column that names them, with the angles of a plan, if given, by name. `clock`: comments of the clock."""
     import polars as pl
 
     comments = stated_comments(samples, path, plan, hand_held=context.static and plan is None) | dict(clock)
@@ -130,7 +130,7 @@ def reduce_by_name(
         frame = frame.drop(angles).join(steps, on="position", how="inner", maintain_order="left")
         if not len(frame):
             names = ", ".join(name for name, *_ in rows[:8])
-            raise InputError(f"{path}: none of its positions is named as one of {context.plan}: {names} ...")
+            raise InputError(f"{path}: none of its position names is in {context.plan}: {names} ...")
     labels = {name: label for name, label in (("run", context.run), ("mount", context.mount)) if label}
     rate = {key: value for key, value in kept.items() if key == "rate_hz"}
     frame.with_columns(pl.lit(label).alias(name) for name, label in labels.items()).write_parquet(
@@ -181,7 +181,7 @@ def _by_stillness(
 
 
 def run_and_mount(context: KnownContext, plan: CapturePlan | None, count: int) -> dict[str, tuple[str, ...] | None]:
-    """Run and mount of all rows: as asked, else as the plan says."""
+    """Run and mount of all rows: from the options, otherwise from the plan."""
     session = plan.session if plan else None
     own = {
         "run": context.run or (session.run if session else "1"),
@@ -193,7 +193,7 @@ def run_and_mount(context: KnownContext, plan: CapturePlan | None, count: int) -
 def _named_set(
     path: Path, readings: NDArray[np.float64], match: PlanMatch | None, plan: CapturePlan | None
 ) -> PositionSet:
-    """Readings with the names and angles of the plan's positions; numbered, with those they suggest, without one."""
+    """Readings with the names and angles of the plan's positions; without a plan, numbered and with suggested angles."""
     if plan is None or match is None:
         alpha, beta = attitudes_of(readings)
         return PositionSet(tuple(f"p{k + 1}" for k in range(len(readings))), alpha, beta, readings, source=str(path))
@@ -202,37 +202,39 @@ def _named_set(
 
 
 def check_still(path: Path, stillness: Stillness, to_g: float) -> None:
-    """Check that something in a recording lies still.
+    """Check that a recording has a usable interval at rest.
 
     **Raises:** `NothingStill`, with the quietest second or the reasons against the intervals.
     """
     if not len(stillness.noise):
         raise NothingStill(
-            f"{path}: {stillness.blocks.rows} samples are too short to tell what is still (a table of means: --means)"
+            f"{path}: {stillness.blocks.rows} samples are too few to find intervals at rest (for a table of means: --means)"
         )
     if not stillness.dof.any():
         noise_mg = float(stillness.noise[:3].max()) * to_g * 1e3
         raise NothingStill(
-            f"{path}: nothing lies still: even in its quietest second the accelerations scatter by {noise_mg:.0f} mg",
+            f"{path}: no interval at rest: even in the quietest second the accelerations scatter by {noise_mg:.0f} mg",
             stillness,
         )
     if not stillness.used:
         reasons = "; ".join(f"{interval.start_s:.1f} s: {interval.reason}" for interval in stillness.intervals[:3])
         raise NothingStill(
-            f"{path}: no interval lies still long enough ({reasons or 'all moves'}); see --least-s", stillness
+            f"{path}: no interval at rest is long enough ({reasons or 'all moves'}); see --least-s", stillness
         )
 
 
 def _without_surplus(path: Path, stillness: Stillness, match: PlanMatch) -> Stillness:
-    """The intervals that are no position of the plan, refused with their angle to the nearest."""
+    """Reject the intervals that are not positions of the plan, with their angle to the nearest."""
     if len(match.surplus) == len(stillness.used):
         raise NothingStill(
-            f"{path}: none of {len(stillness.used)} still intervals looks like a position of the plan (nearest: "
-            f"{match.angle_deg.min():.0f} deg off); is mount_rotation_deg of the plan right?",
+            f"{path}: none of {len(stillness.used)} intervals at rest fits a position of the plan (nearest: "
+            f"{match.angle_deg.min():.0f} deg away); check mount_rotation_deg of the plan",
             stillness,
         )
     reasons = {
-        stillness.used[k].start: f"surplus: no position of the plan, the nearest is {match.angle_deg[k]:.0f} deg off"
+        stillness.used[
+            k
+        ].start: f"surplus: not a position of the plan, {match.angle_deg[k]:.0f} deg from the nearest one"
         for k in match.surplus
     }
     told = [replace(own, reason=own.reason or reasons.get(own.start, "")) for own in stillness.intervals]
@@ -242,7 +244,7 @@ def _without_surplus(path: Path, stillness: Stillness, match: PlanMatch) -> Stil
 def still_samples(
     samples: Path, stillness: Stillness, columns: list[str]
 ) -> tuple[list[NDArray[np.float64]], list[NDArray[np.float64]] | None]:
-    """The accelerations (n, 3) of each interval used, without knocks and outliers, and their temperatures."""
+    """The accelerations (n, 3) of each used interval, without knocks and outliers, and their temperatures."""
     parts: list[list[NDArray[np.float64]]] = [[] for _ in stillness.used]
     alone = stillness.blocks.outliers
     for first, table in pieces_of(samples, columns):
@@ -261,7 +263,7 @@ def still_samples(
 
 
 def mean_temperatures(temperatures: list[NDArray[np.float64]] | None) -> NDArray[np.float64] | None:
-    """The mean temperature of each interval; None where one has none."""
+    """The mean temperature of each interval; None if an interval has none."""
     context = [own[np.isfinite(own)] for own in temperatures or []]
     return np.array([own.mean() for own in context]) if context and all(map(len, context)) else None
 
@@ -269,11 +271,11 @@ def mean_temperatures(temperatures: list[NDArray[np.float64]] | None) -> NDArray
 def means_of(
     path: Path, context: KnownContext, options: RecordingOptions = RecordingOptions()
 ) -> tuple[PositionSet, Contents]:
-    """A table that holds a mean a row: spreadsheets, .mat files and text of any layout.
+    """The positions of a table with one mean in each row: spreadsheets, .mat files and text of any layout.
 
-    **Returns:** the positions, and what was read and left out.
+    **Returns:** the positions, and the contents of the table.
 
-    **Raises:** `InputError` for a table without accelerations, or with positions that the plan does not know.
+    **Raises:** `InputError` for a table without accelerations, or with positions that are not in the plan.
     """
     with TemporaryDirectory() as folder:
         samples = Path(folder) / "means.parquet"
@@ -297,7 +299,7 @@ def means_of(
 
 
 def _match_of(path: Path, names: tuple[str, ...] | None, raw: Raw, plan: CapturePlan | None) -> PlanMatch | None:
-    """The plan's positions of means, by their names or else by their directions."""
+    """The plan's positions of means, by their names or otherwise by their directions."""
     if plan is None:
         return None
     match = matched(raw.readings, plan)
@@ -306,6 +308,6 @@ def _match_of(path: Path, names: tuple[str, ...] | None, raw: Raw, plan: Capture
         match = replace(match, positions=np.array([by_name.get(name, -1) for name in names]))
     if match.surplus:
         raise InputError(
-            f"{path}: row {match.surplus[0] + 1}: no position of the plan ({len(match.surplus)} such rows); remove them"
+            f"{path}: row {match.surplus[0] + 1}: not a position of the plan ({len(match.surplus)} such rows); remove them"
         )
     return match

@@ -1,6 +1,6 @@
-"""From a table of raw samples to position means: any table with a row a sample, its position and angles beside it.
+"""Reduction of a table of raw samples to position means: one row for each sample, with its position and angles.
 
-The same means, sd and checks as of a capture's folder (`capture.reduce`), without its journal.
+Means, standard deviations and checks are those of a capture's folder (`capture.reduce`), without a journal.
 """
 
 from collections.abc import Sequence
@@ -28,16 +28,16 @@ _SHOWN = 6
 def reduce_table(path: Path, source: Path | None = None) -> Reduction:
     """Reduce a table of samples.
 
-    A dwell is a stretch of rows of the same position, angles, run and mount that follow one another; a position that comes
-    again is a second dwell of it.
+    A dwell is a stretch of consecutive rows with the same position, angles, run and mount; a position that occurs again is a
+    second dwell.
 
     **Arguments:**
 
     - `path`: CSV or Parquet with columns `ax_g, ay_g, az_g` (or `_mg`, `_ms2`), `position` or angles, and `time_s` or the
       comment `# rate_hz: 100`. `temperature_degc` is averaged.
-    - `source`: what it was made of, to be named in faults and results.
+    - `source`: name of the original file in faults and results.
 
-    **Raises:** `InputError` for a table that lacks these, or dwells with too few samples.
+    **Raises:** `InputError` for a table without these columns, or with too few samples in a dwell.
     """
     raw = read_raw(path, source)
     hashed = raw.path if raw.path.is_file() else path
@@ -66,9 +66,9 @@ def reduce_table(path: Path, source: Path | None = None) -> Reduction:
 
 
 def enough_samples(path: Path, names: Sequence[str], dwells: Sequence[NDArray]) -> None:
-    """Check that a mean can be taken of every dwell.
+    """Check that every dwell has enough samples for a mean.
 
-    **Raises:** `InputError` naming those with too few samples.
+    **Raises:** `InputError` with the dwells that have too few samples.
     """
     few = [f"{name} ({len(rows)})" for name, rows in zip(names, dwells, strict=True) if len(rows) < FEWEST]
     if few:
@@ -80,10 +80,10 @@ def enough_samples(path: Path, names: Sequence[str], dwells: Sequence[NDArray]) 
 
 
 def _columns(path: Path, raw: Raw, *, hand_held: bool) -> dict[str, NDArray]:
-    """What tells the dwells apart, a cell a sample."""
+    """The columns that separate the dwells, one cell for each sample."""
     there = raw.frame.columns
     cells = {name: raw.frame[name].to_list() for name in _LABELS if name in there}
-    # A column of runs or mountings that is empty throughout is as if it were not there.
+    # A column of runs or mountings that is empty in all rows is ignored.
     columns: dict[str, NDArray] = {
         name: labels_of(path, own, name) for name, own in cells.items() if name == "position" or any(labels_in(own))
     }
@@ -91,16 +91,18 @@ def _columns(path: Path, raw: Raw, *, hand_held: bool) -> dict[str, NDArray]:
     angles = [name for name in ("alpha_deg", "beta_deg") if name not in columns]
     if angles and not hand_held:
         raise InputError(
-            f"{path}: column {' and '.join(angles)} is missing; write each sample's angles beside it (or the comment "
+            f"{path}: column {' and '.join(angles)} is missing; write the angles in the row of each sample (or the comment "
             f"`# {ATTITUDES}: {UNKNOWN}` for a hand-held set), or have them found: --plan PLAN.toml, or --static"
         )
     if "position" not in columns and hand_held:
-        raise InputError(f"{path}: column position is missing; write at each sample the name of its position")
+        raise InputError(
+            f"{path}: column position is missing; write the name of the position in the row of each sample"
+        )
     return columns
 
 
 def names_of(names: Sequence[str]) -> tuple[str, ...]:
-    """Names of dwells: the position's, numbered where it comes again."""
+    """Names of dwells: the name of the position, numbered if it occurs again."""
     counts: dict[str, int] = {}
     numbered = []
     for name in names:

@@ -1,7 +1,7 @@
-"""Means of dwells with their sd, checks and noise, whatever they were reduced from, and the files of them.
+"""Means of dwells with standard deviations, checks and noise, for every kind of source, and their files.
 
-The sd of a mean comes from the coloured noise: an average over the noise models that the dwells allow, and its closed
-form of the means over them. sd / sqrt(n) would be too small. What neighbouring means have in common is written beside it.
+The standard deviation of a mean comes from the coloured noise: an average over the noise models that the dwells allow, with
+the closed form for means. sd / sqrt(n) would be too small. The noise that neighbouring means share is written with it.
 """
 
 import json
@@ -28,10 +28,10 @@ from tumblecal.noise.within_dwells import WithinDwells, within_dwells_comments, 
 
 @dataclass(frozen=True)
 class Reduction:
-    """Means of dwells, with the samples and the checks of each, and the noise that their sd come from.
+    """Means of dwells, with the samples and the checks of each, and the noise that gives their standard deviations.
 
-    `said` and `said_of_dwells` are what reduction.json says beside them, of all and of each. `within`: changes that all dwells
-    have in common; `noise_samples`: the samples of each dwell without them, its mean kept.
+    `said` and `said_of_dwells` are further entries of reduction.json, for all dwells and for each. `within`: changes that all
+    dwells share; `noise_samples`: the samples of each dwell without these changes, with the same mean.
     """
 
     data: PositionSet
@@ -47,7 +47,7 @@ class Reduction:
 
     @property
     def damage(self) -> list[str]:
-        """What the source shows to be missing or changed in it, a line each."""
+        """Missing or changed parts of the source, one line each."""
         found = self.said.get("damage")
         return list(map(str, found)) if isinstance(found, list) else []
 
@@ -63,21 +63,21 @@ def reduction_of(
     counted: Sequence[Mapping[str, int]] = (),
     temperatures: Sequence[NDArray[np.float64]] | None = None,
 ) -> Reduction:
-    """Means with their sd, noise and checks.
+    """Means with their standard deviations, noise and checks.
 
     **Arguments:**
 
-    - `data`: the positions as they are known, with the middle of each dwell as time; sd and noise are added to it.
-    - `dwells`: the samples of each, g, shape (n, 3). `recording`: what tells it from others.
-    - `said`, `said_of_dwells`: as of `Reduction`; the source alone where left out.
-    - `counted`: of each dwell what `check_dwell` is told of samples that are not there.
-    - `temperatures`: of each dwell's samples, degC, where recorded.
+    - `data`: the positions, with the middle of each dwell as time; standard deviations and noise are added to it.
+    - `dwells`: the samples of each dwell, g, shape (n, 3). `recording`: identifier of the recording.
+    - `said`, `said_of_dwells`: as for `Reduction`; by default only the source.
+    - `counted`: counts of missing samples of each dwell, for `check_dwell`.
+    - `temperatures`: temperatures of each dwell's samples, degC, if recorded.
 
-    **Raises:** `InputError` for an axis that does not answer to gravity.
+    **Raises:** `InputError` for an axis that does not respond to gravity.
     """
     assert data.time_s is not None
     require_axes_answer(data.source, dwells)
-    # What all dwells have in common is no noise: it is taken out before the noise is estimated.
+    # A change that all dwells share is not noise: it is removed before the noise is estimated.
     quiet, within = without_common_change(dwells, rate_hz, temperatures)
     recorded = RecordedNoise.of(quiet, rate_hz, float(np.ptp(data.time_s)), recording)
     sd = sd_of_means(recorded, quiet, data.time_s)
@@ -135,7 +135,7 @@ def _axes(reduction: Reduction) -> dict:
 
 
 def _of_dwell(force: NDArray[np.float64], sd: NDArray[np.float64], checks: DwellChecks) -> dict:
-    """Mean, its sd three ways, and the checks of a dwell, for a file."""
+    """Mean, its standard deviation in three ways, and the checks of a dwell, for a file."""
     return {
         "n": len(force),
         "mean_g": force.mean(0).tolist(),

@@ -1,6 +1,6 @@
-"""Rough bias and scale of a triad, from its still intervals alone: an axis-aligned ellipsoid that most of them lie on.
+"""Rough bias and scale of a triad from its intervals at rest: an axis-aligned ellipsoid through most of them.
 
-Cheap sensors have offsets of 0.25 to 0.6 g: before these are taken off, size and direction of their readings say little.
+Cheap sensors have offsets of 0.25 to 0.6 g: before these are removed, size and direction of their readings show little.
 """
 
 from dataclasses import dataclass
@@ -9,20 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-# So many attitudes give the six numbers of an ellipsoid and a test of it; nearer ones than this (in g) are one.
+# Fewest attitudes for the six parameters of an ellipsoid and a test of it; attitudes closer than this (g) are equal.
 _FEWEST, _SAME_G = 9, 0.17
-# Subsets of six from which one without outliers is found: of intervals a third of which are false, all 400 have some in 1e-16.
+# Number of random subsets of six: with one third false intervals, all 400 have a false one with probability 1e-16.
 _SUBSETS = 400
-# Readings this near to an ellipsoid (in its radius) lie on it: non-orthogonal axes and nonlinearity bend it.
+# Readings this close to an ellipsoid (relative to its radius) are on it: non-orthogonal axes and nonlinearity distort it.
 _NEAR = 0.08
-# No triad has a larger bias (in g), or axes of more unequal scale.
+# Largest plausible bias of a triad (g), and largest ratio of its scales.
 _LARGEST_BIAS, _LARGEST_RATIO = 0.9, 1.35
 
 
 @dataclass(frozen=True)
 class RoughSensor:
-    """`centre` and `radii` (3): what the axes read at 0, and their change at 1 g. `covariance` (6, 6): of the coefficients in
-    units of the readings' scatter, for readings less `origin[0]`, divided by `origin[1]`."""
+    """`centre` and `radii` (3): readings of the axes at 0 g, and their change at 1 g. `covariance` (6, 6): covariance of the
+    coefficients in units of the readings' scatter, for readings minus `origin[0]`, divided by `origin[1]`."""
 
     centre: NDArray[np.float64]
     radii: NDArray[np.float64]
@@ -34,16 +34,16 @@ class RoughSensor:
         return (readings - self.centre) / self.radii
 
     def u_of_size(self, readings: NDArray[np.float64]) -> NDArray[np.float64]:
-        """How well the size of readings (n, 3) is known, in g: far from those that it came from it is not."""
+        """Standard uncertainty of the size of readings (n, 3), g: it is large far from the fitted readings."""
         design = _design((readings - self.origin[0]) / self.origin[1])
         return _NEAR / 2 * np.sqrt(1 + np.einsum("ni,ij,nj->n", design, self.covariance, design))
 
 
 def rough_sensor(readings: NDArray[np.float64]) -> RoughSensor | None:
-    """The ellipsoid that most of the readings lie on; None where they are too few or too much alike to tell it.
+    """The ellipsoid through most of the readings; None if they are too few or too similar to determine it.
 
-    Least squares on a x² + b y² + c z² + d x + e y + f z = 1 from subsets of six; the one that most others agree with is fitted
-    again to these.
+    Least squares on a x² + b y² + c z² + d x + e y + f z = 1 from subsets of six; the ellipsoid with most agreeing readings is
+    fitted again to these.
 
     **Arguments:**
 
@@ -87,7 +87,7 @@ def _design(readings: NDArray[np.float64]) -> NDArray[np.float64]:
 def _shape(
     solution: NDArray[np.float64], zero: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-    """Centre and radii of an ellipsoid; None where it is none, or that of no sensor."""
+    """Centre and radii of an ellipsoid; None if it is not one, or implausible for a sensor."""
     square, line = solution[:3], solution[3:]
     if (square <= 0).any():
         return None
@@ -98,7 +98,7 @@ def _shape(
 
 
 def _near(solution: NDArray[np.float64], design: NDArray[np.float64], zero: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Which readings lie near the ellipsoid; none where it is that of no sensor."""
+    """Mask of readings near the ellipsoid; empty if it is implausible for a sensor."""
     shape = _shape(solution, zero)
     if shape is None:
         return np.zeros(len(design), bool)
@@ -106,7 +106,7 @@ def _near(solution: NDArray[np.float64], design: NDArray[np.float64], zero: NDAr
 
 
 def _attitudes(readings: NDArray[np.float64]) -> int:
-    """How many different attitudes there are among readings in g, about."""
+    """Approximate number of different attitudes among readings in g."""
     kept = np.zeros((0, 3))
     for own in readings:
         if not len(kept) or np.linalg.norm(kept - own, axis=1).min() > _SAME_G:

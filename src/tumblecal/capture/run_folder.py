@@ -1,4 +1,4 @@
-"""The folder of a capture, held by one process at a time: begun, or taken up again."""
+"""The folder of a capture, locked by one process at a time: a new run, or a resumed one."""
 
 import platform
 import shutil
@@ -18,13 +18,13 @@ from tumblecal.ground.toml_faults import faults_at
 
 @dataclass
 class RunFolder:
-    """A capture's folder while this process holds it: the open journal is the lock, and it dies with the process.
+    """A capture's folder, locked by this process: the open journal is the lock, which ends with the process.
 
     **Arguments:**
 
-    - `folder`: where. `plan`: what is wanted.
-    - `standing`: what is done already.
-    - `journal`: open for writing. `damage`: a line for each stretch of it that holds no entry.
+    - `folder`: the folder. `plan`: the plan.
+    - `standing`: state of the run.
+    - `journal`: open for writing. `damage`: a line for each stretch of it without an entry.
     """
 
     folder: Path
@@ -41,15 +41,15 @@ class RunFolder:
 
 
 def begin(plan_path: Path, folder: Path, port: str | None = None) -> RunFolder:
-    """Hold a folder and begin a capture there, with its own copy of the plan.
+    """Lock a folder and begin a capture there, with a copy of the plan.
 
-    A run that met no device is begun again: its entries stay, and a new session follows them.
+    A run that found no device is begun again: its entries remain, and a new session follows them.
 
     **Arguments:**
 
-    - `plan_path`: the plan. `folder`: made if it is not there. `port`: in place of the plan's.
+    - `plan_path`: the plan. `folder`: created if it does not exist. `port`: replaces the port of the plan.
 
-    **Raises:** `InputError` when the plan is faulty, another process holds the folder, it holds a capture already,
+    **Raises:** `InputError` if the plan is faulty, another process has locked the folder, it contains a capture already,
     or the disk is too small.
     """
     plan = _with_port(read_plan(plan_path), port)
@@ -60,7 +60,9 @@ def begin(plan_path: Path, folder: Path, port: str | None = None) -> RunFolder:
 
     def start(journal: Journal) -> RunFolder:
         if any(entry["entry"] == "device" for entry in journal.entries()):
-            raise InputError(f"{folder}: holds a capture already; go on with --resume {folder}, or give another folder")
+            raise InputError(
+                f"{folder}: contains a capture already; resume it by --resume {folder}, or give another folder"
+            )
         copy = folder / PLAN_NAME
         with written_aside(copy) as aside:
             aside.write_bytes(plan_path.read_bytes())
@@ -83,9 +85,9 @@ def begin(plan_path: Path, folder: Path, port: str | None = None) -> RunFolder:
 
 
 def resume(folder: Path, port: str | None = None) -> RunFolder:
-    """Hold the folder of a capture that was stopped.
+    """Lock the folder of an interrupted capture.
 
-    **Raises:** `InputError` when there is none, another process holds it, or its plan was changed.
+    **Raises:** `InputError` if there is none, another process has locked it, or its plan was changed.
     """
     read_journal(folder)
 
@@ -94,16 +96,16 @@ def resume(folder: Path, port: str | None = None) -> RunFolder:
         standing = replayed(journal.entries(damage))
         path = folder / PLAN_NAME
         if not path.is_file():
-            raise InputError(f"{path}: is missing; put back the plan this capture began with")
+            raise InputError(f"{path}: this file is missing; restore the plan of this capture")
         if sha256_of(path, 0, path.stat().st_size) != standing.session["plan_sha256"]:
-            raise InputError(f"{path}: was changed since the capture began; put back the original")
+            raise InputError(f"{path}: this file was changed after the capture began; restore the original")
         return RunFolder(folder, _with_port(read_plan(path), port), standing, journal, tuple(damage))
 
     return _held(folder, take_up)
 
 
 def _held(folder: Path, use: Callable[[Journal], RunFolder]) -> RunFolder:
-    """What `use` makes of the folder's journal, which nobody else can have open; closed again when it fails."""
+    """The result of `use` for the folder's journal, which is opened exclusively, and closed if `use` fails."""
     journal = Journal(folder)
     try:
         return use(journal)

@@ -1,7 +1,8 @@
-"""Does an instrument show the same at the same position as before: two dwells compared within their noise.
+"""Comparison of two dwells of an instrument at the same position, within their noise.
 
 The size of the specific force does not depend on how exactly the head returns to a position; its direction does, by the
-repeatability of the head. Slow noise between two dwells is taken from how the means of stretches within them differ.
+repeatability of the head. Slow noise between two dwells is estimated from the differences between means of stretches within
+them.
 """
 
 from dataclasses import dataclass
@@ -13,7 +14,7 @@ from scipy.special import chdtrc
 from tumblecal.capture.stationarity import Block
 
 
-# A disagreement by chance once in a million comparisons.
+# One false disagreement in a million comparisons.
 LEAST_P = 1e-6
 # Standard uncertainty of returning to a position: optical dividing heads repeat to some arc seconds.
 REPEATABILITY_RAD = np.radians(10.0 / 3600)
@@ -41,7 +42,7 @@ class Comparison:
 
     @property
     def text(self) -> str:
-        """The finding in words."""
+        """The result in words."""
         axis = int(np.argmax(np.abs(self.difference_g) / self.u_g))
         size = float(self.difference_g[axis])
         return (
@@ -51,8 +52,8 @@ class Comparison:
 
 
 def mean_variance(blocks: list[Block]) -> NDArray[np.float64]:
-    """Variance of a dwell's mean per axis: of its white noise, and of the slow noise between stretches of it, which no
-    averaging over one dwell makes smaller."""
+    """Variance of a dwell's mean per axis: from its white noise, and from the slow noise between stretches of it, which
+    averaging over one dwell does not reduce."""
     n = sum(block.n for block in blocks)
     white = np.mean([block.sd**2 for block in blocks], axis=0)
     means = np.array([block.mean for block in blocks])
@@ -64,7 +65,7 @@ def mean_variance(blocks: list[Block]) -> NDArray[np.float64]:
 
 
 def compare(before_g: NDArray[np.float64], before_variance: NDArray[np.float64], blocks: list[Block]) -> Comparison:
-    """Compare the mean of an earlier dwell and its variance per axis with a dwell now."""
+    """Compare the mean of an earlier dwell and its variance per axis with a new dwell."""
     mean = np.average([block.mean for block in blocks], axis=0, weights=[block.n for block in blocks])
     difference = mean - before_g
     direction = before_g / np.linalg.norm(before_g)

@@ -1,4 +1,4 @@
-"""Whether raw samples are those that position means were made of."""
+"""Check that raw samples are those of the position means."""
 
 import numpy as np
 
@@ -8,25 +8,25 @@ from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
 
 
-# Means further than this from the samples' own (sd of the mean, and g) are means of something else.
+# Means that differ more from those of the samples (standard deviations of the mean, and g) are not of these samples.
 _FAR_SD, _FAR_G = 30.0, 2e-3
 _SHOWN = 4
-# Local gravity differs from standard gravity by less than this share of it.
+# Local gravity differs from standard gravity by less than this share.
 _GRAVITY_SHARE = 6e-3
 
 
 def require_samples_of(samples: PositionSamples, data: PositionSet) -> None:
-    """Refuse samples of other positions.
+    """Raise for samples of other positions.
 
-    **Raises:** `InputError` when a position has no samples, or its mean is not theirs.
+    **Raises:** `InputError` if a position has no samples, or their mean is different.
     """
     absent = [name for name in data.names if name not in samples.force]
-    # Joined files put their own name before a position's that others have as well.
+    # Joined files prefix a position's name with the name of the file if several files have it.
     own = [name.partition(":")[2] for name in absent]
     repeated = [name for name in own if name in samples.force] or [n for n in data.names if data.names.count(n) > 1]
     if repeated:
         raise InputError(
-            f"{data.source}: several positions are named {repeated[0]}, so their samples cannot be told apart in "
+            f"{data.source}: several positions are named {repeated[0]}, so their samples are indistinguishable in "
             f"{samples.source}; give each position a name of its own in both"
         )
     if absent:
@@ -50,7 +50,7 @@ def require_samples_of(samples: PositionSamples, data: PositionSet) -> None:
 
 
 def _gravity_words(force: np.ndarray, mean: np.ndarray) -> str:
-    """What to do where a mean differs as local gravity does from standard gravity."""
+    """The remedy if a mean differs like local gravity from standard gravity."""
     ratio = float(np.linalg.norm(force.mean(0)) / np.linalg.norm(mean))
     like_gravity = abs(ratio - 1) < _GRAVITY_SHARE and np.linalg.norm(force.mean(0) - ratio * mean) < _FAR_G
-    return ", and where they are in m/s^2 a comment `# gravity_ms2: 9.8123` with local gravity" if like_gravity else ""
+    return ", and for readings in m/s^2 a comment `# gravity_ms2: 9.8123` with local gravity" if like_gravity else ""

@@ -1,4 +1,4 @@
-"""Samples as a table on disk, written piece by piece: CSV, or Parquet by row groups; whole or absent."""
+"""Samples as a table on disk, written in pieces: CSV, or Parquet by row groups; the file is complete or absent."""
 
 import os
 import re
@@ -23,7 +23,7 @@ _Piece = TypeVar("_Piece")
 
 
 def columns_of(samples: Samples) -> frozenset[str]:
-    """Which parts of samples are known and get columns of their own; "force" always."""
+    """The parts of samples that are known and become columns; always includes "force"."""
     known = {"force"}
     if np.isfinite(samples.rate).any():
         known.add("rate")
@@ -35,7 +35,7 @@ def columns_of(samples: Samples) -> frozenset[str]:
 def write_pieces(path: Path, pieces: Iterator[Samples], columns: frozenset[str], rate_hz: float | None) -> None:
     """Write samples as .csv or .parquet: ax_g .., gx_dps .., temperature_degc, counter, status, time_s if known.
 
-    **Raises:** `InputError` when it cannot be written; what `pieces` raises goes through, and nothing is left.
+    **Raises:** `InputError` if it cannot be written; exceptions of `pieces` are passed on, and no file remains.
     """
     import polars as pl
 
@@ -55,13 +55,13 @@ def write_frames(
     comments: Mapping[str, str] | None = None,
     lines: Sequence[str] | None = None,
 ) -> None:
-    """Write a table piece by piece, .parquet (comments as metadata) or CSV by the name; whole or absent.
+    """Write a table in pieces, .parquet (comments as metadata) or CSV by the name; the file is complete or absent.
 
     **Arguments:**
 
-    - `lines`: the comments as they stand before a CSV table, where they are more than `# key: value`.
+    - `lines`: the comment lines before a CSV table, if they are not `# key: value`.
 
-    **Raises:** `InputError` when it cannot be written; what `frames` raises goes through, and nothing is left.
+    **Raises:** `InputError` if it cannot be written; exceptions of `frames` are passed on, and no file remains.
     """
     import polars as pl
     from polars.io.plugins import register_io_source
@@ -84,9 +84,9 @@ def write_frames(
 
 
 def write_bytes(path: Path, pieces: Iterator[bytes]) -> None:
-    """Write bytes piece by piece; whole or absent.
+    """Write bytes in pieces; the file is complete or absent.
 
-    **Raises:** `InputError` when they cannot be written; what `pieces` raises goes through, and nothing is left.
+    **Raises:** `InputError` if they cannot be written; exceptions of `pieces` are passed on, and no file remains.
     """
     with written_aside(path) as aside:
         try:
@@ -98,7 +98,7 @@ def write_bytes(path: Path, pieces: Iterator[bytes]) -> None:
 
 
 def _made_ahead(pieces: Iterator[_Piece]) -> Iterator[_Piece]:
-    """Pieces of which the next is made while the last is written."""
+    """Pieces, the next of which is computed while the last is written."""
     with ThreadPoolExecutor(1) as maker:
         following = maker.submit(next, pieces, None)
         while (piece := following.result()) is not None:
@@ -119,6 +119,6 @@ def _table(samples: Samples, columns: frozenset[str], rate_hz: float | None, fir
 
 
 def _reason(error: Exception) -> str:
-    """What the system said: the table's writer gives only its number, in a sentence."""
+    """The system's message: the table's writer gives only its number, in a sentence."""
     number = re.search(r"os error (\d+)", str(error))
     return os.strerror(int(number[1])) if number else getattr(error, "strerror", None) or str(error).splitlines()[0]

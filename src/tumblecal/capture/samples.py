@@ -1,4 +1,4 @@
-"""What every protocol decodes to: samples in stream order, events beside them, and counts of what went wrong."""
+"""The output of every decoder: samples in stream order, events, and counts of faults."""
 
 from dataclasses import dataclass, field, fields
 from enum import IntFlag
@@ -10,7 +10,7 @@ from tumblecal.ground.plain_text import plain
 
 
 class Status(IntFlag):
-    """What a device says about one sample; zero means good."""
+    """Status of one sample as the device states it; zero means good."""
 
     STARTING = 1
     OVERLOAD = 2
@@ -26,10 +26,10 @@ class Samples:
     **Arguments:**
 
     - `stop`: place in the byte stream just after the frame, shape (n,).
-    - `force`: specific force in standard g (9.80665 m/s^2), shape (n, 3); NaN while the device's range is not known.
-    - `rate`: angular rate in deg/s, shape (n, 3); NaN where not sent.
-    - `temperature`: degC, shape (n,); NaN where not sent.
-    - `counter`: the device's own counter as sent, shape (n,); -1 where there is none.
+    - `force`: specific force in standard g (9.80665 m/s^2), shape (n, 3); NaN while the device's range is unknown.
+    - `rate`: angular rate in deg/s, shape (n, 3); NaN if not sent.
+    - `temperature`: degC, shape (n,); NaN if not sent.
+    - `counter`: the device's counter as sent, shape (n,); -1 if there is none.
     - `status`: `Status` bits, shape (n,).
     """
 
@@ -44,7 +44,7 @@ class Samples:
         return len(self.stop)
 
     def content(self, rows: slice) -> NDArray[np.float64]:
-        """All that frames contain in addition to their counter, shape (n, 8): with the same counter it makes the same frame."""
+        """The contents of frames without their counter, shape (n, 8): frames with equal contents and counter are equal."""
         of = self[rows]
         return np.column_stack([of.force, of.rate, of.temperature, of.status.astype(np.float64)])
 
@@ -58,7 +58,7 @@ def not_a_number(force: NDArray[np.float64]) -> NDArray[np.uint8]:
 
 
 def blank(n: int) -> Samples:
-    """`n` samples with nothing known: NaN values, no counter, status zero."""
+    """`n` empty samples: NaN values, no counter, status zero."""
     return Samples(
         stop=np.zeros(n, np.int64),
         force=np.full((n, 3), np.nan),
@@ -70,7 +70,7 @@ def blank(n: int) -> Samples:
 
 
 def joined(parts: list[Samples]) -> Samples:
-    """One after the other."""
+    """Concatenate samples."""
     if not parts:
         return blank(0)
     if len(parts) == 1:
@@ -85,9 +85,9 @@ class Event:
     **Arguments:**
 
     - `stop`: place in the byte stream just after it.
-    - `kind`: "serial_number", "part_number", "configuration", "error", "layout", "reply"; "other_message": no sample, but
-      it takes a number of the counter; "refused": whole and right, but not read, as its text says.
-    - `content`: what it says.
+    - `kind`: "serial_number", "part_number", "configuration", "error", "layout", "reply"; "other_message": not a sample, but it
+      uses a number of the counter; "refused": complete and valid, but not read, with the reason in its text.
+    - `content`: its contents.
     """
 
     stop: int
@@ -95,22 +95,22 @@ class Event:
     content: dict
 
     def __post_init__(self) -> None:
-        # A device may say anything, and all of it is shown and written down.
+        # A device may send any text, and all of it is shown and recorded.
         texts = {key: plain(value) for key, value in self.content.items() if isinstance(value, str)}
         object.__setattr__(self, "content", self.content | texts)
 
     @property
     def counted(self) -> bool:
-        """Whether it took a number of the device's counter in place of a sample."""
+        """Whether it used a number of the device's counter instead of a sample."""
         return self.kind not in ("layout", "refused", "reply")
 
 
 @dataclass
 class Counts:
-    """What a decoder met: all of it is shown, nothing is dropped silently.
+    """Counts of a decoder: all of them are shown, nothing is dropped silently.
 
-    `frames` whole frames with samples; `special` whole frames without; `check_failures` frames in their place whose
-    check is wrong; `resyncs` times the frame boundary was lost and found; `discarded` bytes outside whole frames.
+    `frames`: complete frames with samples; `special`: complete frames without; `check_failures`: frames in their place with a
+    wrong checksum; `resyncs`: losses and recoveries of the frame boundary; `discarded`: bytes outside complete frames.
     """
 
     frames: int = 0
@@ -136,18 +136,18 @@ class Decoded:
 
 @dataclass(frozen=True)
 class Stated:
-    """What a user says of a stream that does not tell it.
+    """Settings of a device that its stream does not state.
 
     Parameters
     ----------
     range_g
-        Full scale in g, where the stream does not tell it.
+        Full scale in g, if the stream does not state it.
     rate_hz
-        Sample rate in Hz, where the stream does not tell it; gives the time column.
+        Sample rate in Hz, if the stream does not state it; needed for the time column.
     columns
-        For text lines: role of each column (ax, ay, az, gx, gy, gz, t, counter, time, or - for one not used).
+        For text lines: quantity of each column (ax, ay, az, gx, gy, gz, t, counter, time, or - for an unused column).
     unit
-        For text lines: g, mg, m/s2 or e.g. "LSB 16384/g".
+        For text lines: unit of the accelerations: g, mg, m/s2, or for example "LSB 16384/g".
     """
 
     range_g: float | None = None
@@ -158,14 +158,14 @@ class Stated:
 
 @dataclass(frozen=True)
 class Settings:
-    """What must be known of a device to scale its output, and cannot be seen in the samples themselves.
+    """Settings of a device that are needed to scale its output and are not in the samples.
 
     **Arguments:**
 
-    - `range_g`: full scale of the accelerometers in g, per axis; None when not known.
+    - `range_g`: full scale of the accelerometers in g, per axis; None if unknown.
     - `output`: "acceleration" (g or m/s^2), "increment" (velocity a sample), "average" or "integrated".
-    - `rate_hz`: configured sample rate; None when the stream must tell it.
-    - `lsb_g`: smallest step per axis in g; None when not known.
+    - `rate_hz`: configured sample rate; None if the stream must state it.
+    - `lsb_g`: smallest step per axis in g; None if unknown.
     """
 
     range_g: tuple[float, float, float] | None = None

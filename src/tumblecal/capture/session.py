@@ -1,4 +1,4 @@
-"""The guided run on a folder that is held: recorder, device, guide, screen and keys together."""
+"""The guided run on a locked folder: recorder, device, guide, screen and keys together."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -39,15 +39,15 @@ def capture(
 
     **Arguments:**
 
-    - `run`: from `begin` or `resume`; its standing is kept up to date.
+    - `run`: from `begin` or `resume`; its state is updated.
     - `estimate`: live estimate of the parameters, or None.
     - `plain`: lines instead of a redrawn screen.
-    - `wait_s`: how long to wait for a port that is not there yet.
-    - `confirm`: asked on resuming whether the instrument is still mounted as before.
-    - `trust`: the operator's word that it is the same instrument, also when it does not state its serial number.
+    - `wait_s`: time to wait for a port that does not exist yet, s.
+    - `confirm`: called on resuming: whether the instrument is still mounted as before.
+    - `trust`: the operator states that it is the same instrument, also if it does not state its serial number.
 
-    **Raises:** `InputError` in one line for whatever ends the run; `Stopped` after Ctrl-C, SIGTERM or SIGHUP. Both
-    leave an entry "stopped" in the journal, and everything accepted before.
+    **Raises:** `InputError` in one line for any fault that ends the run; `Stopped` after Ctrl-C, SIGTERM or SIGHUP. After
+    both, the journal has an entry "stopped" and all accepted positions.
     """
     plan, journal = run.plan, run.journal
     spoken = protocol(plan.port.protocol)
@@ -55,7 +55,7 @@ def capture(
         still = confirm()
         journal.write("resumed", still_mounted=still, clocks=clocks())
         if not still:
-            raise InputError("the instrument was taken off: its angles to the head are new; begin a new run")
+            raise InputError("the instrument was removed, so its angles to the head are new; begin a new run")
     with StopSignals() as signals:
         with _end_told(journal, None):
             await_port(plan.port.url, wait_s, signals.pause)
@@ -74,7 +74,7 @@ def capture(
 
 @contextmanager
 def _end_told(journal: Journal, stream: LiveStream | None, guide: Guide | None = None) -> Iterator[None]:
-    """What ends the run is written into the journal, as far as there is still a disk to write on."""
+    """Write the end of the run into the journal, if the disk can be written."""
     try:
         yield
     except (InputError, Stopped) as end:
@@ -86,9 +86,9 @@ def _end_told(journal: Journal, stream: LiveStream | None, guide: Guide | None =
 
 
 def _met(run: RunFolder, stream: LiveStream, pause: Pause, trust: bool) -> Device:
-    """The device, written into the journal.
+    """Query the device and write it into the journal.
 
-    **Raises:** `InputError` when it is not the one that is wanted.
+    **Raises:** `InputError` if it is not the one of the plan.
     """
     device = meet(stream, run.plan, print, pause, run.standing)
     wanted = run.plan.port.serial_number
@@ -142,7 +142,7 @@ def _walk(
 
 
 def _identity(run: RunFolder, stream: LiveStream, device: Device) -> Identity:
-    """The instrument that the run began with, this one if it begins now."""
+    """The instrument with which the run began; the present one for a new run."""
     configuration = run.standing.configuration or next((e for e in device.events if e["kind"] == "configuration"), {})
     began = run.standing.serial_number or device.serial_number
     confirmed = device.serial_number is not None

@@ -1,4 +1,4 @@
-"""Is the head still, and did it stay still: block means against a robust baseline, and a CUSUM for creep."""
+"""Test whether the head is at rest and stays at rest: block means against a robust baseline, and a CUSUM for creep."""
 
 from dataclasses import dataclass
 
@@ -15,7 +15,7 @@ _ARCSEC_PER_RAD = 180 / np.pi * 3600
 
 @dataclass(frozen=True)
 class Block:
-    """About a second of samples: means and standard deviations per axis in g, and how many were good."""
+    """About a second of samples: means and standard deviations per axis in g, and the number of good samples."""
 
     mean: NDArray[np.float64]
     sd: NDArray[np.float64]
@@ -48,7 +48,7 @@ class Blocks:
 
 
 def is_still(blocks: list[Block], limit_g: float) -> bool:
-    """Whether these blocks show a head at rest: steady means, and no more noise than the quietest block explains.
+    """Whether the head is at rest in these blocks: steady means, and no more noise than the quietest block explains.
 
     **Arguments:**
 
@@ -67,13 +67,13 @@ def is_still(blocks: list[Block], limit_g: float) -> bool:
 
 @dataclass(frozen=True)
 class Stationarity:
-    """How still a dwell was.
+    """Stationarity of a dwell.
 
     **Arguments:**
 
-    - `knocks`: blocks that stand out from the baseline. `creep`: blocks from which on the CUSUM says that the mean moved.
+    - `knocks`: blocks that are outliers from the baseline. `creep`: blocks from which on the CUSUM shows a moved mean.
     - `drift_g`: end minus beginning of a straight line through the block means, per axis.
-    - `tilt_arcsec`: what that drift would be as a tilt (of the axes that see it well).
+    - `tilt_arcsec`: the tilt that would cause that drift (by the axes that are sensitive to it).
     """
 
     knocks: list[int]
@@ -83,7 +83,7 @@ class Stationarity:
 
     @property
     def good(self) -> bool:
-        """Nothing was found."""
+        """Whether nothing was found."""
         return not self.knocks and not self.creep
 
 
@@ -91,7 +91,7 @@ def stationarity(blocks: list[Block]) -> Stationarity:
     """Judge the blocks of one dwell.
 
     The baseline of each axis is the median and the median absolute deviation of the block means; with fewer than ten
-    blocks the samples' own noise is used.
+    blocks the noise of the samples is used.
     """
     means = np.array([b.mean for b in blocks]).reshape(-1, 3)
     n = len(means)
@@ -113,7 +113,7 @@ def stationarity(blocks: list[Block]) -> Stationarity:
 
 
 def _cusum(z: NDArray[np.float64]) -> list[int]:
-    """Blocks at which a two-sided CUSUM of any axis leaves its limit; it begins anew after each."""
+    """Blocks at which a two-sided CUSUM of any axis exceeds its limit; it restarts after each."""
     found = []
     high = low = np.zeros(z.shape[1])
     for k, row in enumerate(np.clip(z, -4, 4)):

@@ -1,4 +1,4 @@
-"""The still intervals of a recording: runs of still windows, joined over knocks, and why others are refused."""
+"""The intervals at rest of a recording: runs of still windows, joined over knocks, and reasons against other intervals."""
 
 from dataclasses import asdict, dataclass
 from itertools import pairwise
@@ -15,13 +15,13 @@ from tumblecal.capture.still_windows import Windows, trimmed, windows_of
 from tumblecal.ground.gravity import STANDARD, unit_in_g
 
 
-# A knock of so many blocks with the same mean before and after it parts no interval.
+# A knock of up to this many blocks, with the same mean before and after it, does not split an interval.
 _KNOCK_BLOCKS = 3
-# A stretch that never gets quieter than so many times the still sd is a movement, not a refused interval.
+# A stretch that is never quieter than this many times the standard deviation at rest is a movement, not a rejected interval.
 _RESTLESS = 3.0
-# A jump is so many times the median step in the rest of its run: one hand trembles more than the others do.
+# A jump is at least this many times the median step in the rest of its run, since the tremble of hands differs.
 _OWN_STEPS = 8.0
-# Means within so many windows on both sides of a jump differ by so much of it; after a swing they do not.
+# Means within this many windows on both sides of a jump differ by this share of it; after a swing they do not.
 _BESIDE_JUMP, _LASTING = 3, 0.5
 _LEAST_FOR_LISTING = 0.3
 _ONE_ATTITUDE_DEG = 10.0
@@ -29,15 +29,15 @@ _ONE_ATTITUDE_DEG = 10.0
 
 @dataclass(frozen=True)
 class Stillness:
-    """What lies still in a recording.
+    """The intervals at rest of a recording.
 
     **Arguments:**
 
-    - `intervals`: all, in order; those with a `reason` are not used.
-    - `noise` (channels): sd of a sample within still windows; of the quietest where none is. `dof`: the variances' degrees of
-      freedom, 0 where nothing is still.
-    - `blocks`: what they were found in. `joins`: at how many places intervals follow one another without movement between.
-    - `size_judged`: whether there were attitudes enough to judge their sizes.
+    - `intervals`: all, in order; intervals with a `reason` are not used.
+    - `noise` (channels): standard deviation of a sample within still windows, or in the quietest window if none is still.
+      `dof`: degrees of freedom of the variances, 0 if nothing is still.
+    - `blocks`: the blocks of the recording. `joins`: number of places where intervals follow each other without movement.
+    - `size_judged`: whether the attitudes sufficed to check their sizes.
     """
 
     criterion: Criterion
@@ -50,11 +50,11 @@ class Stillness:
 
     @property
     def used(self) -> list[Interval]:
-        """Those that are used."""
+        """The used intervals."""
         return [interval for interval in self.intervals if not interval.reason]
 
     def as_dict(self) -> dict:
-        """For a file."""
+        """The intervals as keys and values of a file."""
         noise = {"noise": self.noise.tolist(), "dof": self.dof.tolist(), "coarse_steps": self.coarse}
         judged = {"joins": self.joins, "size_judged": self.size_judged}
         intervals = [interval.as_dict() for interval in self.intervals]
@@ -62,24 +62,24 @@ class Stillness:
 
     @property
     def one_attitude(self) -> bool:
-        """Whether all of them show gravity from about the same side, by the differences of their means: a bias is in none."""
+        """Whether all of them have about the same attitude, by the differences of their means, which no bias affects."""
         means = np.array([interval.mean for interval in self.used])
         far = 2 * np.sin(np.radians(_ONE_ATTITUDE_DEG) / 2) / unit_in_g(self.blocks.unit, STANDARD)
         return bool((np.linalg.norm(means - means[0], axis=1) < far).all())
 
     @property
     def coarse(self) -> dict[str, float]:
-        """The steps of the readings, in their unit, by axis, where they are wider than twice the noise."""
+        """The steps of the readings, in their unit, for the axes with steps wider than twice the noise."""
         steps = zip("xyz", self.blocks.quantum, self.noise, strict=False)
         return {axis: float(step) for axis, step, noise in steps if step > 2 * noise}
 
 
 def still_intervals(blocks: Blocks, criterion: Criterion = Criterion()) -> Stillness:
-    """The still intervals of a recording.
+    """Find the intervals at rest of a recording.
 
     **Arguments:**
 
-    - `blocks`: of the recording, accelerations first.
+    - `blocks`: blocks of the recording, accelerations first.
     """
     length = max(4, 2 * round(min(1.0, criterion.least_s) * blocks.rate_hz / blocks.size / 2))
     if len(blocks) < 2 * length:
@@ -97,7 +97,7 @@ def still_intervals(blocks: Blocks, criterion: Criterion = Criterion()) -> Still
 
 
 def _runs(blocks: Blocks, windows: Windows, false_alarm: float) -> list[list[tuple[int, int]]]:
-    """Runs (start, stop) of blocks each two neighbours of which lie in one still window; parted where the mean jumps."""
+    """Runs (start, stop) of blocks in which each two neighbours are in one still window; split where the mean jumps."""
     still, linked = (_covered(windows.still, windows.length, len(blocks), inner) for inner in (0, 1))
     begins = still & ~(linked & np.concatenate([[False], still[:-1]]))
     starts = np.flatnonzero(begins)
@@ -111,7 +111,7 @@ def _runs(blocks: Blocks, windows: Windows, false_alarm: float) -> list[list[tup
 
 
 def _covered(still: NDArray[np.bool_], length: int, count: int, inner: int) -> NDArray[np.bool_]:
-    """Which blocks lie in a still window, but for its first `inner`."""
+    """Mask of blocks in a still window, except its first `inner` blocks."""
     edges = np.zeros(count + 1, int)
     first = np.flatnonzero(still)
     np.add.at(edges, first + inner, 1)
@@ -120,8 +120,8 @@ def _covered(still: NDArray[np.bool_], length: int, count: int, inner: int) -> N
 
 
 def _parted(run: tuple[int, int], blocks: Blocks, windows: Windows) -> list[tuple[int, int]]:
-    """A run, parted where the step between the halves of a window is beyond the limit and lasts: slow drift makes no such step,
-    a swing none that lasts."""
+    """Split a run where the step between the halves of a window exceeds the limit and lasts: slow drift has no such step, and
+    that of a swing does not last."""
     start, stop = run
     half = windows.length // 2
     jump = windows.jump[start : max(start, stop - windows.length + 1)]
@@ -140,7 +140,7 @@ def _parted(run: tuple[int, int], blocks: Blocks, windows: Windows) -> list[tupl
 
 
 def _joined(runs: list[list[tuple[int, int]]], blocks: Blocks, windows: Windows) -> list[list[tuple[int, int]]]:
-    """Runs that only a knock parts, as one."""
+    """Join runs that only a knock separates."""
     joined: list[list[tuple[int, int]]] = []
     beside = _BESIDE_JUMP * windows.length
     for run in runs:
@@ -159,8 +159,8 @@ def _joined(runs: list[list[tuple[int, int]]], blocks: Blocks, windows: Windows)
 
 
 def _interval(run: list[tuple[int, int]], blocks: Blocks, criterion: Criterion, *, moving: bool) -> Interval:
-    """A run as an interval. The guard keeps off movement: where the recording is cut there is none, unless a longer one was
-    stated; at its ends there is one, if there is any movement in it."""
+    """A run as an interval. A guard excludes movement: at a cut of the recording there is no guard, unless a longer one was
+    stated; at the ends of the recording there is one if the recording has any movement."""
     stated = criterion.guard_s if criterion.guard_s > Criterion.guard_s else 0.0
     first, last = run[0][0], run[-1][1] - 1
     cut = blocks.broken[first] or (first == 0 and not moving)
@@ -178,7 +178,7 @@ def _interval(run: list[tuple[int, int]], blocks: Blocks, criterion: Criterion, 
 
 
 def _restless(intervals: list[Interval], blocks: Blocks, windows: Windows, criterion: Criterion) -> list[Interval]:
-    """Stretches between the intervals that nearly are still, with what speaks against them."""
+    """Stretches between the intervals that are nearly at rest, with the reasons against them."""
     edges = [
         0,
         *(int(np.searchsorted(blocks.row, edge)) for own in intervals for edge in (own.start, own.stop)),

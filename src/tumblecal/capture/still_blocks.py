@@ -1,7 +1,7 @@
-"""A recording in blocks of a tenth of a second: means, scatter, single outliers; memory grows with the blocks only.
+"""A recording in blocks of a tenth of a second: means, scatter, single outliers; memory grows only with the blocks.
 
-Blocks begin again wherever the recording is cut: at a gap of its times, and at a join, where recordings made at rest follow one
-another without the movement between them. At a join the mean jumps from one sample to the next and is steady on both sides.
+Blocks restart at each cut of the recording: at a gap of its times, and at a join, where recordings at rest follow each other
+without the movement between them. At a join the mean jumps from one sample to the next and is steady on both sides.
 """
 
 from collections.abc import Iterator
@@ -15,34 +15,34 @@ from scipy import ndimage
 from tumblecal.data.parquet import scan_parquet
 
 
-# A longer step of time, or one backwards, is a gap: no interval goes across it.
+# A longer step of time, or one backwards, is a gap: no interval extends across it.
 LONGEST_STEP_S = 0.5
 _PIECE_ROWS = 1 << 18
-# A sample this many sd beside the median of itself and its neighbours is an outlier of its own.
+# A sample that differs by this many standard deviations from the median of itself and its neighbours is a single outlier.
 _OUTLIER_SD = 10.0
-# Lower quartile of |x - median of three| of white noise of sd 1, of those that are not zero.
+# Lower quartile of the non-zero |x - median of three| of white noise with standard deviation 1.
 _QUARTILE = 0.32
 # No accelerometer has coarser steps than this share of gravity (8 bits, 16 g).
 _COARSEST = 0.15
-# A join: the means of so many samples before and after it differ by so many sd of a sample, and by this share of that from one
-# sample to the next.
+# A join: the means of this many samples before and after it differ by this many standard deviations of a sample, and by this
+# share of it from one sample to the next.
 _JOIN_SAMPLES, _JOIN_SD, _AT_ONCE = (8, 16), 5.0, 0.5
-# So many rows of a piece tell its steps and its noise.
+# Number of rows of a piece from which its steps and its noise are estimated.
 _TOLD_ROWS = 50000
 
 
 @dataclass(frozen=True)
 class Blocks:
-    """Blocks of `size` samples of the accelerations and, where there are any, the angular rates.
+    """Blocks of `size` samples of the accelerations and of the angular rates, if there are any.
 
     **Arguments:**
 
     - `mean`, `squares` (blocks, channels): mean, and sum of the squared deviations from it; outliers replaced.
     - `row`, `start_s` (blocks): number and time of the first sample. `broken` (blocks): whether the recording is cut just
-      before it; `cuts`: the rows at which it is, and its end.
-    - `quantum` (channels): smallest step of the numbers. `outliers`: rows of the samples that stand alone.
-    - `ends` (2, blocks, 3): largest and smallest acceleration of each, in `unit` (g, mg or ms2). `at_ends` (2, blocks, 3): how
-      many samples have it.
+      before it; `cuts`: the rows of the cuts, and the end of the recording.
+    - `quantum` (channels): smallest step of the numbers. `outliers`: rows of single outliers.
+    - `ends` (2, blocks, 3): largest and smallest acceleration of each block, in `unit` (g, mg or ms2). `at_ends`
+      (2, blocks, 3): number of samples with this value.
     """
 
     size: int
@@ -64,7 +64,7 @@ class Blocks:
         return len(self.mean)
 
     def stop_row(self, block: int) -> int:
-        """The row behind a block; of the last one before a cut, that of the cut."""
+        """The row after a block; for the last block before a cut, the row of the cut."""
         if block + 1 < len(self) and not self.broken[block + 1]:
             return int(self.row[block + 1])
         return int(self.cuts[np.searchsorted(self.cuts, self.row[block], side="right")])
@@ -90,7 +90,7 @@ def blocks_of(path: Path, channels: list[str], rate_hz: float, *, timed: bool) -
     outliers: list[NDArray[np.int64]] = []
     cuts: list[NDArray[np.int64]] = []
     quantum, rows = np.full(len(channels), np.inf), scan_parquet(path, check=False)[1]
-    # Rows that wait for those after them: from `base` on; blocks are made up to `begin`, where a cut may be.
+    # Rows from `base` on wait for later rows; blocks are complete up to `begin`, where a cut may be.
     waiting, base, begin, cut = np.zeros((0, len(channels) + timed)), 0, 0, False
     for first, piece in pieces_of(path, [*channels, *(["time_s"] if timed else [])]):
         table = np.concatenate([waiting, piece])
@@ -137,13 +137,13 @@ def blocks_of(path: Path, channels: list[str], rate_hz: float, *, timed: bool) -
 
 
 def _block_starts(starts: NDArray, lengths: NDArray, size: int) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Rows at which blocks begin, in stretches from `starts` on of `lengths` blocks each; whether they are the first of one."""
+    """First rows of blocks, in stretches from `starts` on of `lengths` blocks each; whether a block is the first of one."""
     number = np.arange(lengths.sum()) - np.repeat(np.cumsum(lengths) - lengths, lengths)
     return np.repeat(starts, lengths) + size * number, number == 0
 
 
 def _block_values(signal: NDArray[np.float64], at: NDArray[np.int64], size: int) -> tuple[NDArray, ...]:
-    """Means, squares, ends and how many samples are at these, of blocks that begin at some rows."""
+    """Means, squares, ends and numbers of samples at the ends, for blocks that begin at some rows."""
     whole = len(at) and at[-1] - at[0] == size * (len(at) - 1)
     cut = signal[at[0] : at[-1] + size].reshape(len(at), size, -1) if whole else signal[at[:, None] + np.arange(size)]
     mean = cut.mean(1)
@@ -174,7 +174,7 @@ def _joins(force: NDArray[np.float64], quantum: float, beside: int) -> NDArray[n
 
 
 def _smallest_steps(signal: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The smallest difference between values that occur, by channel."""
+    """The smallest difference between distinct values, by channel."""
     steps = []
     for column in signal[:_TOLD_ROWS].T:
         between = np.diff(np.unique(column))
@@ -183,8 +183,8 @@ def _smallest_steps(signal: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _quantum(steps: NDArray[np.float64], readings: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The smallest step of the numbers, by channel: of the accelerations, and of the rates, one step, since few numbers of one
-    axis may occur; 0 where it is not known, because too few occur at all."""
+    """The smallest step of the numbers, by channel: one step for the accelerations, and one for the rates, since one axis may
+    have few distinct numbers; 0 if unknown because there are too few."""
     size = np.median(np.linalg.norm(readings[:_TOLD_ROWS, :3], axis=1)) if len(readings) else 0.0
     force, rate = steps[:3].min(), steps[3:].min(initial=np.inf)
     force = force if force < _COARSEST * size else 0.0
@@ -192,7 +192,7 @@ def _quantum(steps: NDArray[np.float64], readings: NDArray[np.float64]) -> NDArr
 
 
 def _without_outliers(signal: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """The signal with samples that stand alone put to the median of three, and which rows these are."""
+    """The signal with single outliers replaced by the median of three, and their rows."""
     alone = np.zeros(len(signal), bool)
     if len(signal) < 3:
         return signal, alone

@@ -1,4 +1,4 @@
-"""The still intervals of several files of one recording, file by file."""
+"""The intervals at rest of several files of one recording, file by file."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -11,7 +11,7 @@ from tumblecal.capture.still import Interval, Stillness
 from tumblecal.ground.errors import InputError
 
 
-# Still intervals of a file whose attitude differs by more from its longest one are of another position, deg.
+# Intervals of a file whose attitude differs by more than this from its longest one are of a different position, deg.
 _OTHER_ATTITUDE_DEG = 10.0
 
 
@@ -20,26 +20,26 @@ def _length_s(part: FilePart) -> float:
 
 
 def check_lengths(parts: Sequence[FilePart], criterion: Criterion) -> None:
-    """Check that a file can hold a still interval.
+    """Check that a file is long enough for an interval at rest.
 
-    **Raises:** `InputError` where all are too short.
+    **Raises:** `InputError` if all files are too short.
     """
     longest = max(parts, key=_length_s)
     if _length_s(longest) < criterion.least_s:
         raise InputError(
-            f"{longest.file}: the longest of {len(parts)} files lasts {_length_s(longest):.2g} s; a still interval takes "
+            f"{longest.file}: the longest of {len(parts)} files lasts {_length_s(longest):.2g} s; an interval at rest needs "
             f"{criterion.least_s:.2g} s: lower --least-s {criterion.least_s:g}"
         )
 
 
 def part_of(interval: Interval, parts: Sequence[FilePart]) -> int:
-    """The number of the part that an interval is of."""
+    """The number of an interval's part."""
     middle = (interval.start + interval.stop) // 2
     return next(k for k, part in enumerate(parts) if middle < part.stop)
 
 
 def within_files(stillness: Stillness, parts: Sequence[FilePart]) -> Stillness:
-    """The intervals without rows of the file before or after, which a block at the boundary may hold."""
+    """The intervals without rows of the file before or after, which a block at the boundary may include."""
     cut = []
     for own in stillness.intervals:
         part = parts[part_of(own, parts)]
@@ -48,13 +48,13 @@ def within_files(stillness: Stillness, parts: Sequence[FilePart]) -> Stillness:
 
 
 def refused(stillness: Stillness, reasons: Mapping[int, str]) -> Stillness:
-    """With reasons against some of the intervals used, by their first row."""
+    """The intervals with reasons against some used ones, by their first row."""
     told = [replace(own, reason=own.reason or reasons.get(own.start, "")) for own in stillness.intervals]
     return replace(stillness, intervals=told)
 
 
 def one_attitude_each(stillness: Stillness, parts: Sequence[FilePart]) -> Stillness:
-    """Of each file the longest interval and those at its attitude: a file is of one position."""
+    """The longest interval of each file, and those with its attitude, since a file has one position."""
     reasons = {}
     for number, part in enumerate(parts):
         own = [interval for interval in stillness.used if part_of(interval, parts) == number]
@@ -65,13 +65,13 @@ def one_attitude_each(stillness: Stillness, parts: Sequence[FilePart]) -> Stilln
             apart = float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
             if apart > _OTHER_ATTITUDE_DEG:
                 reasons[interval.start] = (
-                    f"attitude: {apart:.0f} deg from the longest still interval of {part.file.name}"
+                    f"attitude: {apart:.0f} deg from the longest interval at rest of {part.file.name}"
                 )
     return refused(stillness, reasons)
 
 
 def without_still(stillness: Stillness, parts: Sequence[FilePart]) -> list[tuple[str, str]]:
-    """A line for each file without a still part."""
+    """A line for each file without an interval at rest."""
     having = {part_of(interval, parts) for interval in stillness.used}
     lines = []
     for number, part in enumerate(parts):
@@ -79,6 +79,6 @@ def without_still(stillness: Stillness, parts: Sequence[FilePart]) -> list[tuple
             own = [interval for interval in stillness.intervals if part_of(interval, parts) == number]
             longest = max(own, key=lambda interval: interval.stop - interval.start, default=None)
             reason = longest.reason if longest else f"all of its {_length_s(part):.2g} s move"
-            line = f"no still part ({reason}); its position is missing: see --least-s, or record it again"
+            line = f"no interval at rest ({reason}), so its position is missing; reduce --least-s, or record it again"
             lines.append((str(part.file), line))
     return lines

@@ -1,13 +1,13 @@
-"""When a second is still, by the recording's own noise.
+"""Criterion for a second at rest, by the noise of the recording.
 
-A sliding window of a second has, on each axis, a variance, and a step between the means of its halves. Calm windows (sd below
-3 % of gravity) say what both are like while nothing moves, each run of them with one vote: the median variance and, from the
-spread of its logarithm, the degrees of freedom nu that it really has (white noise: samples less one; a hand, a filter, a
-coarse quantisation: fewer). A window is still below the chi-squared quantile of nu and with a step below Student's t of nu, so
-`false_alarm` is the probability that a still window is refused on one axis; since a hand is steadier at one time than at
-another, 1.5 times these limits in sd are allowed. Angular rates, where there are any, are judged alike, by their variance and
-their mean against the common bias, with an allowance of 4: they tremble long before the mean force moves. The unit of the
-numbers makes no difference.
+A sliding window of a second has, on each axis, a variance, and a step between the means of its halves. Calm windows (standard
+deviation below 3 % of gravity) show both at rest, and each run of them has one vote: the median variance and, from the spread
+of its logarithm, its effective degrees of freedom nu (white noise: samples minus one; fewer for a hand, a filter, or coarse
+quantisation). A window is still if its variance is below the chi-squared quantile of nu and its step is below Student's t of
+nu, so `false_alarm` is the probability that a still window is rejected on one axis. Since the steadiness of a hand varies, 1.5
+times these limits in standard deviation are allowed. Angular rates, if there are any, are checked in the same way, by their
+variance and their mean against the common bias, with a factor of 4: they tremble long before the mean force moves. The unit
+of the numbers has no influence.
 """
 
 from dataclasses import dataclass
@@ -20,25 +20,25 @@ from tumblecal.capture.recordings.options import Criterion
 from tumblecal.capture.still_blocks import Blocks
 
 
-# A window is calm where its sd is below this share of gravity, or a step of the numbers: they tell what still ones are like.
+# A window is calm if its standard deviation is below this share of gravity, or a step of the numbers.
 _CALM = 0.03
-# Less than this share of gravity is rounding, not noise.
+# A smaller share of gravity is rounding, not noise.
 _FINEST = 1e-9
-# Fewest degrees of freedom that the spread of the variances may give.
+# Lower limit of the degrees of freedom from the spread of the variances.
 _FEWEST_DOF = 1.0
-# How many times the limits in sd are allowed: of the accelerations, of the angular rates.
+# Allowed multiple of the limits in standard deviation, for accelerations and for angular rates.
 _ALLOWANCE, _RATE_ALLOWANCE = 1.5, 4.0
 
 
 @dataclass(frozen=True)
 class Windows:
-    """Windows of `length` blocks, one begun at each block.
+    """Windows of `length` blocks, one from each block on.
 
     **Arguments:**
 
-    - `excess` (windows, channels): squared sizes, 1 at the limit. `noise`, `dof` (channels): sd and degrees of freedom of still
-      windows. Of the accelerations: `step_limit`, and `quantum`, the smallest step of the numbers (3); `log_variance`, `step`
-      (windows, 3).
+    - `excess` (windows, channels): squared sizes, 1 at the limit. `noise`, `dof` (channels): standard deviation and degrees of
+      freedom of still windows. For the accelerations: `step_limit`, and `quantum`, the smallest step of the numbers (3);
+      `log_variance`, `step` (windows, 3).
     """
 
     length: int
@@ -52,23 +52,23 @@ class Windows:
 
     @property
     def still(self) -> NDArray[np.bool_]:
-        """Which windows are still."""
+        """Mask of still windows."""
         return np.asarray((self.excess <= 1).all(1))
 
     @property
     def jump(self) -> NDArray[np.float64]:
-        """The steps between the halves of windows, in limits (windows)."""
+        """The steps between the halves of windows, relative to the limit (windows)."""
         return (np.abs(self.step) / (_ALLOWANCE * self.step_limit)).max(1)
 
 
 def _sliding(values: NDArray, length: int) -> NDArray:
-    """Sums over `length` rows that follow one another."""
+    """Sums over `length` consecutive rows."""
     total = np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)])
     return total[length:] - total[:-length]
 
 
 def windows_of(blocks: Blocks, criterion: Criterion, length: int) -> Windows:
-    """The windows of `length` blocks, with what is still among them."""
+    """The windows of `length` blocks, with the limits for rest."""
     centred = blocks.mean - np.median(blocks.mean, axis=0)
     mean = _sliding(centred, length) / length
     between = blocks.size * np.maximum(_sliding(centred**2, length) - length * mean**2, 0)
@@ -112,8 +112,8 @@ def windows_of(blocks: Blocks, criterion: Criterion, length: int) -> Windows:
 
 
 def _by_run(calm: NDArray[np.bool_], fewest: int, edge: int) -> NDArray[np.float64]:
-    """Weights of the calm windows, alike for each run of at least `fewest`: a table says nothing of the hand after it. Where a
-    run begins and ends, windows reach into the movement: `edge` are left out if enough remain."""
+    """Weights of the calm windows, with equal sums for all runs of at least `fewest`: noise on a table does not show that of a
+    hand. At its ends, windows of a run include movement: `edge` windows are excluded if enough remain."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], calm, [False]]).astype(int)))
     weights = np.zeros(len(calm))
     for start, stop in edges.reshape(-1, 2):
@@ -140,8 +140,8 @@ def _excess(
     dofs: tuple[float, float],
     quantum: NDArray[np.float64],
 ) -> tuple[NDArray, NDArray, NDArray, NDArray]:
-    """How far windows are beyond the limits that those with a weight set: squared sizes, 1 at the limit; median log variance,
-    degrees of freedom, and the limit of the offset."""
+    """Excess of windows over the limits from the weighted windows: squared sizes, 1 at the limit; median log variance, degrees
+    of freedom, and the limit of the offset."""
     own, taken = weights[weights > 0], weights > 0
     base = _weighted_median(log_variance[taken], own)
     spread = 1.4826 * np.maximum(
@@ -151,17 +151,17 @@ def _excess(
     # The variance of the logarithm of chi-squared / nu is the trigamma function of nu / 2.
     dof = np.clip(2 * _inverse_trigamma(spread**2), *dofs)
     variance_limit = np.log(special.chdtri(dof, false_alarm) / special.chdtri(dof, 0.5))
-    # Readings between two neighbouring numbers are as still as coarse steps show, whatever share of them is the larger one.
+    # Readings that alternate between two neighbouring numbers are at rest as far as coarse steps show, whatever their shares.
     variance_limit = np.maximum(variance_limit, np.log(np.maximum(quantum, 1e-150) / 2) * 2 - base)
     size = 1.4826 * _weighted_median(np.abs(offset[taken]), own)
-    # Not finer than white noise of that variance lets the difference of two half windows be seen.
+    # The resolution of the difference of two half windows is limited by white noise of that variance.
     size = np.maximum(size, np.exp(base / 2) * 2 / np.sqrt(dofs[1] + 1))
     limit = np.maximum(size * -special.stdtrit(dof, false_alarm / 2), quantum)
     return np.maximum(np.exp(log_variance - base - variance_limit), (offset / limit) ** 2), base, dof, limit
 
 
 def _inverse_trigamma(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Newton's method on 1 / trigamma, which is nearly straight (Smyth 2004)."""
+    """Newton's method on 1 / trigamma, which is nearly linear (Smyth 2004)."""
     values = np.maximum(values, 1e-8)
     x = 0.5 + 1 / values
     for _ in range(10):
@@ -171,8 +171,8 @@ def _inverse_trigamma(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def trimmed(run: tuple[int, int], windows: Windows, false_alarm: float, samples: int) -> tuple[int, int]:
-    """A run without the windows at its ends that are beyond its own limits: where others tremble more, a quiet run would else
-    reach into the movement."""
+    """A run without the windows at its ends that exceed its individual limits; otherwise a quiet run would extend into the
+    movement if other runs tremble more."""
     start, stop = run
     own = slice(start, max(start, stop - windows.length) + 1)
     log_variance, step = windows.log_variance[own], windows.step[own]

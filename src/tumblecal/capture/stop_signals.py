@@ -1,4 +1,4 @@
-"""Ctrl-C, SIGTERM and SIGHUP during a run: remembered, and obeyed at a moment when nothing is half done."""
+"""Ctrl-C, SIGTERM and SIGHUP during a run: remembered, and handled when no step is incomplete."""
 
 import signal
 import threading
@@ -7,7 +7,7 @@ from types import FrameType
 
 
 class Stopped(Exception):
-    """A signal asked for the end; `number` is that signal."""
+    """A signal requested the end; `number` is that signal."""
 
     def __init__(self, number: int):
         self.number = signal.Signals(number)
@@ -15,7 +15,7 @@ class Stopped(Exception):
 
 
 class StopSignals:
-    """While entered, these signals set `received` (else None) in place of ending the process anywhere.
+    """While entered, these signals set `received` (otherwise None) instead of ending the process at any place.
 
     A signal that was ignored before (`nohup`) stays ignored.
     """
@@ -41,7 +41,7 @@ class StopSignals:
     def pause(self, seconds: float) -> None:
         """Sleep.
 
-        **Raises:** `Stopped` when a signal came, now or since the last pause.
+        **Raises:** `Stopped` if a signal came, now or since the last pause.
         """
         if self.received is None:
             time.sleep(seconds)

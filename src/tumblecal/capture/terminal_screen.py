@@ -1,4 +1,4 @@
-"""What the operator sees, in letters that can be read from three metres, and hears."""
+"""The operator's screen, in letters that are readable from three metres, and the bell."""
 
 import os
 import sys
@@ -37,7 +37,7 @@ _GLYPHS = {
 
 
 def big(text: str) -> str:
-    """Text in letters five lines high; characters without a glyph are left out."""
+    """Text in letters five lines high; characters without a glyph are skipped."""
     rows = ["  ".join(_GLYPHS[c][row] for c in text if c in _GLYPHS) for row in range(5)]
     return "\n".join(rows)
 
@@ -51,17 +51,17 @@ def clock(seconds: float) -> str:
 
 @dataclass
 class View:
-    """Everything that is on the screen.
+    """The contents of the screen.
 
     **Arguments:**
 
-    - `phase`: "TURN", "SETTLING", "RECORDING", "FINISHED" or another word in large letters' place.
+    - `phase`: "TURN", "SETTLING", "RECORDING", "FINISHED" or a different word.
     - `alpha_deg`, `beta_deg`: the prompted position; `place`: e.g. "position 3 of 24".
-    - `alarm`: what is wrong now; empty when nothing is. `note`: what is going on.
-    - `rejected`: why the last attempt at this position was not accepted; empty when none was rejected.
-    - `doubt`: what is not known of the instrument; empty when it is known.
-    - `done`, `needed`: good samples. `left_s`: of this position; `run_left_s`: of the run.
-    - `mean_g`, `sd_g`, `expected_g`: per axis, NaN before there is anything.
+    - `alarm`: present fault; empty for none. `note`: present activity.
+    - `rejected`: why the last attempt at this position was rejected; empty if none was.
+    - `doubt`: doubt about the instrument; empty for none.
+    - `done`, `needed`: good samples. `left_s`: remaining time of this position; `run_left_s`: of the run.
+    - `mean_g`, `sd_g`, `expected_g`: per axis, NaN before the first value.
     """
 
     phase: str = ""
@@ -88,12 +88,12 @@ class View:
 _STYLES = {"TURN": "bold yellow", "SETTLING": "bold cyan", "RECORDING": "bold green", "FINISHED": "bold white"}
 
 
-# What a low terminal shows smaller or not at all, the least important first; all else always stays.
+# Parts that a low terminal shows smaller or not at all, the least important first; all other parts are always shown.
 _LEAST_FIRST = ("above", "between", "below", "estimate", "clock", "axes", "angles")
 
 
 def rendered(view: View, console: Console) -> RenderableType:
-    """The screen, no higher than the terminal: phase, alarm, rejection, progress, counters and keys are never cut off."""
+    """The screen, no higher than the terminal: phase, alarm, rejection, progress, counters and keys are always visible."""
     style = _STYLES.get(view.phase, "bold")
     angles = f"α {view.alpha_deg:g}°  β {view.beta_deg:g}°"
     parts: dict[str, RenderableType] = {
@@ -154,12 +154,12 @@ def _axes(view: View) -> Table:
 
 
 def _estimate(rows: list[tuple[str, float, float, str]], over: int = 0) -> RenderableType:
-    """The parameters in two columns, `over` lines fewer than they need; nothing where that leaves none."""
+    """The parameters in two columns, with `over` lines fewer than needed; nothing if no line remains."""
     half = (len(rows) + 1) // 2
     shown = half - over
     if shown <= 0:
         return Group()
-    title = "estimate so far" + (f", {2 * shown} of {len(rows)}: a higher window shows all" if over else "")
+    title = "estimate so far" + (f", {2 * shown} of {len(rows)}: enlarge the window to see all" if over else "")
     table = Table(box=box.SIMPLE, pad_edge=False, title=title, title_justify="left")
     for _ in range(2):
         for name in ("parameter", "value", "sd", "unit"):
@@ -173,7 +173,7 @@ def _estimate(rows: list[tuple[str, float, float, str]], over: int = 0) -> Rende
 
 
 class Screen:
-    """Shows a view: redrawn in place on a terminal, a line for each change elsewhere."""
+    """Shows a view: redrawn in place on a terminal, otherwise one line for each change."""
 
     def __init__(self, plain: bool = False):
         self._console = Console(highlight=False)
@@ -216,7 +216,7 @@ class Screen:
 
     @contextmanager
     def _terminal_may_be_gone(self) -> Iterator[None]:
-        """A closed terminal must not end a recording: what would be shown goes nowhere from then on."""
+        """A closed terminal must not end a recording: later output is discarded."""
         try:
             yield
         except OSError:

@@ -1,6 +1,6 @@
-"""The serial port, hidden behind a few functions; the only file that knows pyserial.
+"""The serial port behind a few functions; the only module that uses pyserial.
 
-Reads never wait: one read takes what is there, so nothing is lost when it fails, and the reader decides how often.
+Reads never wait: one read returns the available bytes, so nothing is lost if it fails, and the reader decides how often.
 """
 
 import contextlib
@@ -26,7 +26,7 @@ _TIOCGICOUNT = 0x545D
 
 @dataclass(frozen=True)
 class Identity:
-    """What tells one device from another: USB ids where there are any, else the path it was opened by."""
+    """The identity of a device: USB ids if there are any, otherwise the path by which it was opened."""
 
     url: str
     vendor: int | None = None
@@ -35,13 +35,13 @@ class Identity:
     description: str | None = None
 
     def __post_init__(self) -> None:
-        # What a device says of itself on the bus is shown and written down.
+        # The description of a device on the bus is shown and recorded.
         for name in ("serial_number", "description"):
             if value := getattr(self, name):
                 object.__setattr__(self, name, plain(value))
 
     def same_unit(self, other: "Identity") -> bool:
-        """Whether both are the same adapter; the ids decide where both have them, else the path."""
+        """Whether both are the same adapter: by the ids if both have them, otherwise by the path."""
         if self.vendor is not None and other.vendor is not None:
             return (self.vendor, self.product, self.serial_number) == (
                 other.vendor,
@@ -51,12 +51,12 @@ class Identity:
         return self.url == other.url
 
     def as_dict(self) -> dict:
-        """For the log."""
+        """The identity for the log."""
         return asdict(self)
 
 
 def available() -> list[Identity]:
-    """All serial devices of this machine, by stable name where there is one."""
+    """All serial devices of this machine, by stable name if there is one."""
     stable = {str(p.resolve()): str(p) for p in Path("/dev/serial/by-id").glob("*")}
     return [
         Identity(stable.get(p.device, p.device), p.vid, p.pid, p.serial_number, p.description)
@@ -80,7 +80,7 @@ class Port:
     - `url`: device path, or any address pyserial understands (`socket://host:port`).
     - `baud`: bits per second.
 
-    **Raises:** `InputError` saying in one line why the port cannot be opened.
+    **Raises:** `InputError` with the reason in one line if the port cannot be opened.
     """
 
     def __init__(self, url: str, baud: int):
@@ -97,8 +97,8 @@ class Port:
             raise InputError(_why_not(url, baud, error)) from error
         self.identity = _identity_of(url)
         if native:
-            # The kernel forgets this mark at the last close. A virtual port's other end keeps it open, so the mark
-            # would stay when its recorder is gone; there the lock of the file has to do.
+            # The kernel removes this mark at the last close. The other end of a virtual port keeps it open, so the mark
+            # would remain after its recorder ended; there the lock of the file is used instead.
             if not os.path.realpath(url).startswith("/dev/pts/"):
                 with contextlib.suppress(OSError):
                     fcntl.ioctl(self._serial.fileno(), termios.TIOCEXCL)
@@ -106,9 +106,9 @@ class Port:
                 self._serial.set_low_latency_mode(True)
 
     def read(self) -> bytes:
-        """What has arrived, at once; empty when nothing has.
+        """The bytes that have arrived, without waiting; empty for none.
 
-        **Raises:** `OSError` when the device is gone.
+        **Raises:** `OSError` if the device is disconnected.
         """
         try:
             return self._serial.read(_READ_BYTES)
@@ -118,12 +118,12 @@ class Port:
     def write(self, data: bytes) -> None:
         """Send a command.
 
-        **Raises:** `OSError` when the device is gone or takes nothing for a second.
+        **Raises:** `OSError` if the device is disconnected or accepts nothing for a second.
         """
         self._serial.write(data)
 
     def line_errors(self) -> dict[str, int] | None:
-        """The kernel's counts of framing, overrun and parity errors, where the driver has them."""
+        """The kernel's counts of framing, overrun and parity errors, if the driver has them."""
         try:
             raw = fcntl.ioctl(self._serial.fileno(), _TIOCGICOUNT, bytes(80))
         except (OSError, ValueError, AttributeError):
@@ -132,7 +132,7 @@ class Port:
         return dict(zip(("frame", "overrun", "parity", "break", "buffer_overrun"), words[6:11], strict=True))
 
     def close(self) -> None:
-        """Close; also when the device is already gone."""
+        """Close, even if the device is already disconnected."""
         with contextlib.suppress(OSError, TypeError):
             self._serial.close()
 
@@ -143,7 +143,7 @@ def _why_not(url: str, baud: int, error: Exception) -> str:
     path = Path(url)
     if not path.exists():
         names = ", ".join(i.url for i in available()) or "none found"
-        return f"port {url}: there is no such device; plug it in, or take one of: {names} (`tumblecal ports`)"
+        return f"port {url}: there is no such device; plug it in, or use one of: {names} (`tumblecal ports`)"
     if not stat.S_ISCHR(path.stat().st_mode):
         return f"port {url}: this is not a serial device"
     number = getattr(error, "errno", None)
@@ -157,7 +157,7 @@ def _why_not(url: str, baud: int, error: Exception) -> str:
         holder = holder_of(path)
         return f"port {url}: in use{f' by {holder}' if holder else ' by another program'}; end it first"
     if isinstance(error, ValueError):
-        return f"port {url}: the driver does not take {baud} baud ({error})"
+        return f"port {url}: the driver does not support {baud} baud ({error})"
     return f"port {url}: cannot be opened ({error})"
 
 
@@ -170,7 +170,7 @@ def _group_of(path: Path) -> str:
 
 
 def _terminal_of(path: Path) -> str | None:
-    """Program and process number of who has this device as its controlling terminal (proc(5): stat, tty_nr)."""
+    """Program and process number of the process with this device as its controlling terminal (proc(5): stat, tty_nr)."""
     with contextlib.suppress(OSError):
         device = path.stat()
         if not stat.S_ISCHR(device.st_mode):
@@ -188,7 +188,7 @@ def _terminal_of(path: Path) -> str | None:
 
 
 def holder_of(path: Path) -> str | None:
-    """Program and process number of who has locked the device, else of who has it open, as far as this user may see."""
+    """Program and process number of the process that locked the device, or has it open, if visible to this user."""
     real, openers = os.path.realpath(path), []
     for process in Path("/proc").glob("[0-9]*"):
         if int(process.name) == os.getpid():
@@ -204,7 +204,7 @@ def holder_of(path: Path) -> str | None:
 
 
 def _lockers_of(path: Path) -> set[int]:
-    """Numbers of the processes that hold a lock on a file (proc(5): locks)."""
+    """Numbers of the processes with a lock on a file (proc(5): locks)."""
     lockers = set()
     with contextlib.suppress(OSError):
         inode = path.stat().st_ino

@@ -1,4 +1,4 @@
-"""Readings that are to be corrected: tables as they are, or recordings of any format, and the damage of their rows."""
+"""Readings before correction: tables or recordings of any format, and the damage of their rows."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -25,9 +25,9 @@ from tumblecal.ground.errors import InputError
 if TYPE_CHECKING:
     import polars as pl
 
-# The comment that says what makes counts of readings; corrected ones are in g.
+# The comment with the scale of counts; corrected readings are in g.
 COUNTS = "counts_per_g"
-# So many rows tell the decimal mark of a table.
+# Number of rows from which the decimal mark of a table is found.
 _SEEN_ROWS = 1000
 
 
@@ -37,12 +37,12 @@ class Uncorrected:
 
     **Arguments:**
 
-    - `header`: what it states, without rows; its columns are those that a correction takes.
-    - `frames`: rows a piece at a time. With True the pieces of a table that is kept (`schema`) have its own columns too.
-    - `schema`: the own columns of a table that is kept, None for other recordings; `names` are those of its readings.
-    - `text`: where the readings of a text table are. `contents`: what a recording holds. `damage`: of its rows.
-    - `left_out`: which rows hold no reading and are left out, in words; empty for none.
-    - `new_unit`: whether the readings are in a unit of their own (counts, scaled), so that corrected ones are in another.
+    - `header`: its columns and comments, without rows; the columns are those for a correction.
+    - `frames`: rows in pieces. With True, the pieces of a table that retains its columns (`schema`) include these.
+    - `schema`: the columns of a table that retains them, None for other recordings; `names`: names of its readings.
+    - `text`: places of the readings in a text table. `contents`: contents of a recording. `damage`: damage of its rows.
+    - `left_out`: the rows without a reading, which are left out, in words; empty for none.
+    - `new_unit`: whether the readings are in counts or scaled, so that corrected readings have a different unit.
     """
 
     header: Raw
@@ -56,22 +56,22 @@ class Uncorrected:
     new_unit: bool = False
 
     def out_beside(self, path: Path) -> Path:
-        """The name of the corrected file where none is given: of the same format, where that can be written."""
+        """The default name of the corrected file: with the same format, if it can be written."""
         suffix = path.suffix if self.text or path.suffix == ".parquet" else ".parquet"
         return path.with_name(f"{path.stem}_corrected{suffix}")
 
     def same_format(self, out: Path) -> bool:
-        """Whether a file to be written has the format of the source."""
+        """Whether an output file has the format of the source."""
         return self.text is not None if out.suffix != ".parquet" else self.header.path.suffix == ".parquet"
 
 
 def uncorrected(
     source: Path, options: RecordingOptions = RecordingOptions(), calibration: Calibration | None = None
 ) -> Uncorrected:
-    """A table with columns `ax_g, ay_g, az_g` (or `_mg`, `_ms2`) as it stands, or a recording of any format; of a table
-    whose columns are kept, those that the calibration does not need may hold anything.
+    """A table with columns `ax_g, ay_g, az_g` (or `_mg`, `_ms2`), unchanged, or a recording of any format. Columns of a table
+    that the calibration does not need may have any content.
 
-    **Raises:** `InputError` for a source that cannot be read, holds no readings, or corrected ones.
+    **Raises:** `InputError` for a source that cannot be read, has no readings, or has corrected ones.
     """
     if options == RecordingOptions() and source.is_file():
         names = column_names(source)
@@ -92,7 +92,7 @@ def uncorrected(
 
 
 def _recording(source: Path, options: RecordingOptions, needed: Sequence[str]) -> Uncorrected:
-    """A recording of any format, of which these quantities are needed beside the accelerations."""
+    """A recording of any format; these quantities are needed in addition to the accelerations."""
     found = _damage_of(source, options, needed)
 
     def stream() -> SampleStream:
@@ -126,7 +126,7 @@ def _recording(source: Path, options: RecordingOptions, needed: Sequence[str]) -
 
 
 def _damage_of(source: Path, options: RecordingOptions, needed: Sequence[str]) -> RowDamage:
-    """The damage of a recording's rows, by its times and rates too if these can be read."""
+    """The damage of a recording's rows, also by its times and rates if these can be read."""
 
     def found(roles: Sequence[str], wraps: Mapping[str, Wrap] = MappingProxyType({})) -> RowDamage:
         stream = sample_stream(source, options, in_force_units=True, needed=roles, wraps=wraps)
@@ -142,7 +142,7 @@ def _damage_of(source: Path, options: RecordingOptions, needed: Sequence[str]) -
 
 
 def _cells_of(header: Raw, frames: Callable[[], Iterator["pl.DataFrame"]]) -> TextCells | None:
-    """Where a table of text has its readings; its decimal mark is that of other columns if theirs does not show it."""
+    """Places of the readings in a text table; the decimal mark is that of other columns if the readings do not show it."""
     if header.layout is None:
         return None
     decimal = header.decimal

@@ -1,4 +1,4 @@
-"""What a virtual instrument is: a TOML file."""
+"""The description of a virtual instrument: a TOML file."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from tumblecal.noise import Flicker, GaussMarkov, Noise, RandomWalk, White
 
 
 class Instrument(Strict):
-    """The device: protocol, serial number, range, rate; whether it answers commands, and how many of them it misses first."""
+    """The device: protocol, serial number, range, rate; whether it answers commands, and how many it misses first."""
 
     protocol: str = "stim300"
     serial_number: str = "N25581846020020"
@@ -80,7 +80,7 @@ class Mistake(Strict):
 
 
 class Emulation(Strict):
-    """A virtual instrument on a dividing head; `rig` is a rig file whose truth it has, None an ideal one.
+    """A virtual instrument on a dividing head; `rig`: a rig file with its true parameters; None for an ideal one.
 
     `effects`: coefficients of effects of the catalogue by id, in the catalogue's units (only with a rig).
     """
@@ -98,7 +98,7 @@ class Emulation(Strict):
 def read_emulation(path: Path) -> Emulation:
     """Read and check a virtual instrument.
 
-    **Raises:** `InputError` listing all faults at once; of the plan of a capture that alone.
+    **Raises:** `InputError` with all faults; for the plan of a capture, with this fault only.
     """
     content = read_toml(path)
     check_kind(path, content, INSTRUMENT)

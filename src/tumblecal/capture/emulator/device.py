@@ -1,4 +1,4 @@
-"""The virtual device: samples at its own clock, encoded, damaged on request, with a ledger of what really happened."""
+"""The virtual device: samples at the device's clock, encoded, damaged on request, with a ledger of the true events."""
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
@@ -15,7 +15,7 @@ from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 from tumblecal.noise.sampling import SampleStream
 
 
-# How often the truth at rest is worked out anew, for effects that drift.
+# Interval at which the true output at rest is recomputed, for effects that drift.
 _REFRESH_S = 5.0
 _KEPT_UP_S = 1.0
 
@@ -28,10 +28,10 @@ RateFunction = Callable[[NDArray[np.int64]], NDArray[np.float64]]
 
 @dataclass
 class Ledger:
-    """What really happened to the device's samples, by number.
+    """The true events of the device's samples, by number.
 
-    `latest_ms`: how late the emulator was at most, by the host's clock. `behind_s`: how far it is behind now,
-    `longest_behind_s` at most, in the device's time, since a busy computer did not let it make its samples in time.
+    `latest_ms`: largest delay of the emulator, by the host's clock. `behind_s`: present delay, `longest_behind_s`: largest
+    delay, in the device's time, if a busy computer prevents samples in time.
     """
 
     generated: int = 0
@@ -51,11 +51,11 @@ class Ledger:
     longest_behind_s: float = 0.0
 
     def as_dict(self) -> dict[str, float | str]:
-        """For a file."""
+        """The ledger as keys and values of a file."""
         return asdict(self) | {"warning": self.warning()}
 
     def warning(self) -> str:
-        """What a late emulator did to the data; empty when it kept up."""
+        """The effect of a late emulator on the data; empty if it was in time."""
         if self.longest_behind_s <= _KEPT_UP_S:
             return ""
         return (
@@ -64,7 +64,7 @@ class Ledger:
         )
 
     def lost(self) -> int:
-        """Samples the device made, and did not leave out to reply, that cannot arrive."""
+        """Samples that the device made, except those replaced by replies, that cannot arrive."""
         return self.damaged + self.missing + self.unplugged + self.overrun
 
 
@@ -78,9 +78,9 @@ class VirtualDevice:
 
     **Arguments:**
 
-    - `config`: what it is.
-    - `truth`: what it shows at rest; an ideal instrument's output without.
-    - `rates`: angular rates in deg/s of the samples with these numbers; noise without.
+    - `config`: its description.
+    - `truth`: its output at rest; by default that of an ideal instrument.
+    - `rates`: angular rates in deg/s of the samples with these numbers; by default noise.
     """
 
     def __init__(self, config: Emulation, truth: TruthFunction = ideal, rates: RateFunction | None = None):
@@ -106,18 +106,18 @@ class VirtualDevice:
 
     @property
     def time_s(self) -> float:
-        """The device's own time."""
+        """The device's time, s."""
         return self.ledger.generated / self.config.instrument.rate_hz
 
     def restart(self) -> None:
-        """Power off and on: the counter begins anew, the start-up messages are sent."""
+        """Power off and on: the counter restarts, and the start-up messages are sent."""
         self.ledger.restarts += 1
         self._counter_offset = self.ledger.generated
         self._starting_until_s = self.time_s + self.config.instrument.start_up_s
         self.command(b"N\rI\rC\r")
 
     def command(self, data: bytes) -> None:
-        """Take commands; the replies go out in place of the next samples."""
+        """Receive commands; the replies are sent instead of the next samples."""
         *commands, self._input = (self._input + data).replace(b"\n", b"\r").split(b"\r")
         for command in commands:
             if not self.config.instrument.answers:
@@ -150,7 +150,7 @@ class VirtualDevice:
         middle = float(times[n // 2])
         samples = blank(n)
         temperature = self.config.instrument.temperature_degc
-        # A late emulator makes its samples when they are read: what drifts has gone on meanwhile.
+        # A late emulator makes its samples when they are read: drifts have continued meanwhile.
         resting = self._at_rest(middle, temperature, self.ledger.behind_s)
         samples.force[:] = resting * self._site_gravity
         samples.force[:] += self._noise.take(n) + self.head.shaking(times, self._random)
@@ -172,7 +172,7 @@ class VirtualDevice:
         return samples
 
     def _at_rest(self, now_s: float, temperature: float, behind_s: float = 0.0) -> NDArray[np.float64]:
-        """The truth, worked out anew when the head moves and every few seconds (effects that drift)."""
+        """The true output, recomputed when the head moves and every few seconds (effects that drift)."""
         drifted_s = now_s + behind_s
         key = (*self.head.angles(now_s), int(drifted_s / _REFRESH_S))
         if self._known is None or self._known[0] != key:
@@ -231,7 +231,7 @@ class VirtualDevice:
         return bytes(out)
 
     def _frames(self, samples: Samples) -> list[bytes]:
-        """Each sample's own bytes; encoded together where all are equally long."""
+        """The bytes of each sample; encoded together if all are equally long."""
         data, n = self.protocol.encode(samples, self.settings), len(samples)
         first = self.protocol.encode(samples[:1], self.settings)
         if len(first) * n == len(data):

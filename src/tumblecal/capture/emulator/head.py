@@ -1,4 +1,4 @@
-"""The dividing head under a hand: turned on request, it moves for a while, shakes and comes to rest."""
+"""The dividing head, turned by hand: on request it moves for a while, shakes and comes to rest."""
 
 from dataclasses import dataclass
 
@@ -24,9 +24,9 @@ class DividingHead:
 
     **Arguments:**
 
-    - `alpha_deg`, `beta_deg`: where it begins.
-    - `turn_s`: how long a turn takes.
-    - `knock_g`: shaking while it turns and just after.
+    - `alpha_deg`, `beta_deg`: initial position, deg.
+    - `turn_s`: duration of a turn, s.
+    - `knock_g`: shaking during a turn and just after, g.
     """
 
     def __init__(self, alpha_deg: float = 0.0, beta_deg: float = 0.0, turn_s: float = 2.0, knock_g: float = 0.02):
@@ -64,7 +64,7 @@ class DividingHead:
         return np.array([alpha, beta * np.cos(turned), -beta * np.sin(turned)])
 
     def shaking(self, times_s: NDArray[np.float64], random: np.random.Generator) -> NDArray[np.float64]:
-        """What the shaking adds to the specific force, g, shape (n, 3)."""
+        """The specific force of the shaking, g, shape (n, 3)."""
         size = np.where((times_s >= self._motion.start_s) & (times_s < self._motion.stop_s), self._knock_g, 0.0)
         for stop in (self._motion.stop_s, *self._knocks):
             since = times_s - stop

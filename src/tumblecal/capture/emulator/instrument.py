@@ -1,4 +1,4 @@
-"""A virtual instrument at work: device time follows the host's clock, faults happen, the head is turned."""
+"""A running virtual instrument: device time follows the host's clock, faults occur, the head is turned."""
 
 import json
 import math
@@ -16,7 +16,7 @@ from tumblecal.ground.atomic import write_text
 _TICK_S = 0.004
 _LONGEST_STEP_S = 0.25
 
-# Asked every tick with the device; may turn the head, knock it, or return False to end.
+# Called at every tick with the device; may turn the head, knock it, or return False to end.
 Operator = Callable[[VirtualDevice], bool]
 
 
@@ -28,8 +28,8 @@ class VirtualInstrument:
     - `device`: the device, with its noise and faults.
     - `link`: name of the port.
     - `speed`: device seconds per second.
-    - `operator`: turns the head; None leaves it alone.
-    - `ledger`: file that gets what really happened, once a second and at the end.
+    - `operator`: turns the head; None for no turns.
+    - `ledger`: file for the true events, written once a second and at the end.
     """
 
     def __init__(
@@ -51,13 +51,13 @@ class VirtualInstrument:
         self._held = b""
 
     def run(self, seconds: float | None = None) -> None:
-        """Run for that many seconds of device time, or until the operator ends it."""
+        """Run for this many seconds of device time, or until the operator ends it."""
         start, rate = time.monotonic(), self._config.instrument.rate_hz
         next_note = start + 1.0
         try:
             while seconds is None or self.device.time_s < seconds:
                 due = int((time.monotonic() - start) * self._speed * rate) - self.device.ledger.generated
-                # A late computer sends in pieces, as a device would have done meanwhile.
+                # A late computer sends in pieces, as the device would have done meanwhile.
                 count = min(due, math.ceil(_LONGEST_STEP_S * rate))
                 self._note_lag(due, due - count)
                 self.step(count)
@@ -72,7 +72,7 @@ class VirtualInstrument:
             self.port.close()
 
     def step(self, n: int) -> None:
-        """Let the device make `n` samples and send them, with what goes wrong in between."""
+        """Let the device make `n` samples and send them, with the faults in between."""
         self._cable()
         if self.port.plugged:
             self.device.command(self.port.read())
@@ -100,7 +100,7 @@ class VirtualInstrument:
             self.device.plugged = True
 
     def _stalled(self, data: bytes, n: int) -> bytes:
-        """Hold the bytes back for a while now and then, and send them late: nothing is lost."""
+        """Delay the bytes occasionally and send them late: nothing is lost."""
         faults, now = self._config.faults, self.device.time_s
         if now < self._held_until_s:
             self._held += data
@@ -112,7 +112,7 @@ class VirtualInstrument:
         return data
 
     def _note_lag(self, due: int, left: int) -> None:
-        """How many samples are due now, and how many will still be left after this step."""
+        """Number of samples due now, and number remaining after this step."""
         ledger, rate = self.device.ledger, self._config.instrument.rate_hz
         ledger.latest_ms = max(ledger.latest_ms, 1e3 * due / rate / self._speed)
         ledger.behind_s = left / rate

@@ -1,4 +1,4 @@
-"""Hands for the virtual head: typed commands, or somebody who reads a capture's journal and does what it asks."""
+"""Operators of the virtual head: typed commands, or an operator who follows the prompts in a capture's journal."""
 
 import contextlib
 import os
@@ -13,17 +13,17 @@ from tumblecal.capture.log import Kind, LogReader
 
 
 class Typist:
-    """Turns the head when `ALPHA BETA` is typed; `knock` bumps it, `restart` and `quit` do what they say."""
+    """Turns the head when `ALPHA BETA` is typed; `knock` bumps it, `restart` restarts the device, `quit` ends."""
 
     def __init__(self) -> None:
         self._text = ""
 
     def __call__(self, device: VirtualDevice) -> bool:
-        """Obey what was typed since the last call; False to end."""
+        """Execute the commands typed since the last call; False to end."""
         if not select.select([sys.stdin], [], [], 0)[0]:
             return True
         data = b""
-        with contextlib.suppress(OSError):  # the terminal is gone
+        with contextlib.suppress(OSError):  # the terminal is closed
             data = os.read(sys.stdin.fileno(), 4096)
         *lines, self._text = (self._text + data.decode(errors="replace")).split("\n")
         return all([self._obey(line.split(), device) for line in lines])
@@ -51,11 +51,11 @@ class Typist:
 
 
 class Follower:
-    """Reads the journal of a capture and turns the head to what it asks for, with the mistakes it was told to make.
+    """Reads the journal of a capture and turns the head to the prompted positions, with the configured mistakes.
 
     **Arguments:**
 
-    - `folder`: the capture's folder; it need not exist yet.
+    - `folder`: the capture's folder, which need not exist yet.
     - `config`: reaction time and mistakes.
     """
 
@@ -69,7 +69,7 @@ class Follower:
         self._target: tuple[float, float] | None = None
 
     def __call__(self, device: VirtualDevice) -> bool:
-        """Do what is due; False when the capture has finished."""
+        """Execute the due actions; False when the capture has finished."""
         self._open_newest()
         if self._reader is None:
             return True
@@ -95,7 +95,7 @@ class Follower:
         return True
 
     def _open_newest(self) -> None:
-        """The journal that stands there now: the folder of a failed capture may be deleted and made again."""
+        """The present journal: the folder of a failed capture may be deleted and created again."""
         try:
             newest = os.stat(self._path)
             if self._reader is None or not os.path.samestat(newest, self._reader.stat()):

@@ -1,4 +1,4 @@
-"""The virtual cable: a pseudo-terminal behind a fixed name, which can be pulled and plugged in again."""
+"""The virtual cable: a pseudo-terminal with a fixed name, which can be unplugged and plugged in again."""
 
 import contextlib
 import os
@@ -9,7 +9,7 @@ from pathlib import Path
 from tumblecal.ground.errors import InputError
 
 
-# A real driver's buffer; what does not fit is lost there, and so it is here.
+# Size of a real driver's buffer; bytes that do not fit are lost, as in reality.
 _BUFFER_BYTES = 1 << 20
 _UNREAD_S = 1.0
 
@@ -19,9 +19,9 @@ class VirtualPort:
 
     **Arguments:**
 
-    - `link`: a name in the file system; made, and moved when the port is plugged in again.
+    - `link`: a name in the file system; created, and moved when the port is plugged in again.
 
-    **Raises:** `InputError` when `link` is something else already.
+    **Raises:** `InputError` if `link` is a different file already.
     """
 
     def __init__(self, link: Path):
@@ -47,7 +47,7 @@ class VirtualPort:
             raise InputError(f"{self.link}: cannot be made ({error.strerror}); give another name") from error
 
     def unplug(self) -> None:
-        """Pull the cable: the name is gone, readers get an error."""
+        """Unplug the cable: the name is removed, and readers get an error."""
         self.link.unlink(missing_ok=True)
         self._waiting.clear()
         for descriptor in (self._master, self._slave):
@@ -57,13 +57,13 @@ class VirtualPort:
 
     @property
     def plugged(self) -> bool:
-        """Whether the cable is in."""
+        """Whether the cable is plugged in."""
         return self._master >= 0
 
     def write(self, data: bytes) -> int:
-        """Send what the terminal takes now, keep the rest for later; returns the bytes that no longer fitted."""
+        """Send the bytes that the terminal accepts now, and store the rest; returns the number of bytes that did not fit."""
         if self._waiting and time.monotonic() - self._taken_at > _UNREAD_S:
-            # Nobody reads: a port keeps nothing for a reader that comes later.
+            # Without a reader, a port stores nothing for a later one.
             self._waiting.clear()
         overrun = max(0, len(self._waiting) + len(data) - _BUFFER_BYTES)
         self._waiting += data[: len(data) - overrun]
@@ -75,13 +75,13 @@ class VirtualPort:
         return overrun
 
     def read(self) -> bytes:
-        """Commands that were sent to the device."""
+        """The commands sent to the device."""
         try:
             return os.read(self._master, 4096)
         except (BlockingIOError, OSError):
             return b""
 
     def close(self) -> None:
-        """Take the port away."""
+        """Remove the port."""
         if self.plugged:
             self.unplug()

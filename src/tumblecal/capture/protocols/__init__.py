@@ -1,6 +1,6 @@
-"""The serial protocols, one file each; a file put beside these is found, nothing else changes.
+"""The serial protocols: one module for each. A new module in this folder is found automatically.
 
-Each file defines `PROTOCOL`, a `Protocol`.
+Each module defines `PROTOCOL`, a `Protocol`.
 """
 
 from collections.abc import Callable
@@ -16,25 +16,25 @@ from tumblecal.ground.errors import InputError
 
 
 class Decoder(Interface):
-    """Bytes in, samples out; keeps what is unfinished between calls."""
+    """Decodes bytes to samples; stores unfinished bytes between calls."""
 
     def feed(self, data: bytes) -> Decoded:
         """Decode what `data` completes."""
         ...
 
     def finish(self) -> Decoded:
-        """Decode what is left at the end of the stream."""
+        """Decode the remaining bytes at the end of the stream."""
         ...
 
 
 @dataclass(frozen=True)
 class DeviceCounter:
-    """The device's own counter, the time base of a capture.
+    """The device's counter, the time base of a capture.
 
     **Arguments:**
 
-    - `modulus`: it counts 0 .. modulus - 1 and starts again.
-    - `ticks_per_s`: nominal speed; None when it counts samples, whatever their rate.
+    - `modulus`: it counts 0 .. modulus - 1 and restarts.
+    - `ticks_per_s`: nominal speed; None if it counts samples.
     """
 
     modulus: int
@@ -47,20 +47,20 @@ def _set_range(settings: Settings, range_g: float) -> Settings:
 
 @dataclass(frozen=True)
 class Protocol:
-    """One way in which devices talk.
+    """A serial protocol.
 
     **Arguments:**
 
-    - `name`: as on the command line. `title`: for people.
-    - `decoder`: makes a decoder; the settings may be None where the stream tells them or none are needed.
+    - `name`: name on the command line. `title`: name in messages.
+    - `decoder`: makes a decoder; the settings may be None if the stream states them or none are needed.
     - `encode`: samples to bytes, as a device with these settings sends them.
-    - `bauds`: usual speeds, the likeliest first.
-    - `counter`: the device's counter, or None: then losses can only be seen in time.
-    - `queries`: commands that make the device say who it is and how it is set.
-    - `ranges_g`: full scales there are; empty when the output is scaled already.
-    - `range_from_stream`: the stream tells the range when asked, so it must not be assumed.
-    - `checked`: whether frames carry a check.
-    - `answer`: what the device replies to a command.
+    - `bauds`: usual speeds, the most likely first.
+    - `counter`: the device's counter, or None: then losses are only visible in time.
+    - `queries`: commands that make the device state its identity and settings.
+    - `ranges_g`: possible full scales; empty if the output is scaled already.
+    - `range_from_stream`: the stream states the range on request, so it must not be assumed.
+    - `checked`: whether frames have a checksum.
+    - `answer`: the device's reply to a command.
     - `with_range`: settings for a full scale.
     """
 
@@ -81,14 +81,14 @@ class Protocol:
     extra: Any = None
 
     def decoder_options(self, columns: str, unit: str, *, whole: bool = False) -> dict[str, Any]:
-        """Options of the decoder, as far as it has them: the columns of text lines, or that the whole stream is there."""
+        """Those of these options that the decoder has: columns and unit of text lines, and whether the stream is complete."""
         given = {"columns": columns, "unit": unit, "whole": whole}
         return {name: value for name, value in given.items() if value and name in self.options}
 
     def check_range(self, range_g: float, named: str) -> None:
-        """Refuse a full scale that such devices do not have; `named` begins the fault.
+        """Raise for a full scale that such devices do not have; `named` begins the fault.
 
-        **Raises:** `InputError` naming those there are.
+        **Raises:** `InputError` with the possible ones.
         """
         if self.ranges_g and range_g not in self.ranges_g:
             raise InputError(f"{named}: the {self.title} has {', '.join(f'{r:g}' for r in self.ranges_g)}")
@@ -104,7 +104,7 @@ def protocols() -> dict[str, Protocol]:
 def protocol(name: str) -> Protocol:
     """The protocol of that name.
 
-    **Raises:** `InputError` naming the ones there are.
+    **Raises:** `InputError` with all names for an unknown one.
     """
     try:
         return protocols()[name]

@@ -38,11 +38,11 @@ class InertialLabsFraming:
         self._refusals = Refusals()
 
     def begins(self, data: NDArray[np.uint8], offset: int) -> bool:
-        """Whether the preamble stands here."""
+        """Whether the preamble is at this place."""
         return data[offset : offset + 2].tobytes() == _PREAMBLE
 
     def find(self, data: NDArray[np.uint8], final: bool) -> Found:
-        """All messages whose sum is right."""
+        """All messages with a correct checksum."""
         places = places_of(data, _PREAMBLE)
         places = places[places + 6 <= len(data)]
         sizes = data[places + 4].astype(np.int64) + 256 * data[places + 5].astype(np.int64) + 2
@@ -62,7 +62,7 @@ class InertialLabsFraming:
         def decode(starts: NDArray[np.int64], size: int, layout: tuple[dict[int, int], int | None]) -> Samples | None:
             places, hiding = layout
             if hiding is not None:
-                text = f"a field 0x{hiding:02X} of unknown size stands before the specific force 0x23: set that first"
+                text = f"a field 0x{hiding:02X} of unknown size precedes the specific force 0x23: make 0x23 the first field"
                 events.extend(self._refusals.event(int(starts[0]) + size + offset, text))
             return _samples(data, starts, places)
 
@@ -72,7 +72,7 @@ class InertialLabsFraming:
 
 
 def _layout(message: bytes) -> tuple[tuple[dict[int, int], int | None], list[int]]:
-    """Place of each field's data, a field of unknown size that hides the specific force, and where it says so."""
+    """Place of each field's data, a field of unknown size that hides the specific force, and its place."""
     stop = len(message) - 2
     identifiers = message[7 : min(7 + message[6], stop)]
     describing = list(range(6, 7 + len(identifiers)))
@@ -125,5 +125,5 @@ PROTOCOL = Protocol(
     decoder=lambda settings=None: FrameDecoder(InertialLabsFraming()),
     encode=encode,
     bauds=(115200, 460800, 921600),
-    notes="no counter in these fields: a loss shows only in time",
+    notes="no counter in these fields: losses are only visible in time",
 )

@@ -1,4 +1,4 @@
-"""What the columns of text lines mean: given, named by a header line, or learned from the numbers.
+"""Quantities of the columns of text lines: given, named by a header line, or learned from the numbers.
 
 The unit comes from the column names, or from a triple whose length is one g in some usual unit.
 """
@@ -16,7 +16,7 @@ from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 
 
-# How many of one unit make one standard g.
+# Units for one standard g.
 UNITS_PER_G: dict[str, float] = {
     "g": 1.0,
     "mg": 1000.0,
@@ -30,7 +30,7 @@ UNITS_PER_G: dict[str, float] = {
 _LOCK_LINES = 5
 _SURELY_RISING = 12
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$")
-# What boards print in place of a number that they do not have.
+# Words that boards print instead of a missing number.
 _NO_NUMBER = re.compile(r"[+-]?(nan|inf(inity)?|ovf)$", re.IGNORECASE)
 _NUMBER_COMMA = re.compile(r"[+-]?\d+,\d+$")
 _ROLES = {
@@ -48,11 +48,11 @@ _ROLES = {
 
 @dataclass(frozen=True)
 class LineColumns:
-    """How the lines are read.
+    """Layout of the lines.
 
     **Arguments:**
 
-    - `columns`: role of each column: ax, ay, az, gx, gy, gz, t, counter, time, or "-" for one not used.
+    - `columns`: quantity of each column: ax, ay, az, gx, gy, gz, t, counter, time, or "-" for an unused one.
     - `unit`: unit of the specific force, a key of `UNITS_PER_G`.
     - `separator`: between numbers; " " means any white space.
     - `decimal_comma`: 1,5 for 1.5.
@@ -71,15 +71,15 @@ class LineColumns:
         if unknown or missing:
             raise InputError(
                 f"text columns {','.join(self.columns)}: "
-                + (f"{', '.join(unknown)} not known" if unknown else f"{', '.join(missing)} missing")
-                + f"; a list of {', '.join(_ROLES)} or - for a column not used"
+                + (f"{', '.join(unknown)} unknown" if unknown else f"{', '.join(missing)} missing")
+                + f"; give a list of {', '.join(_ROLES)}, or - for an unused column"
             )
         if self.unit not in UNITS_PER_G:
-            raise InputError(f"text unit {self.unit!r}: not known; one of {', '.join(UNITS_PER_G)}")
+            raise InputError(f"text unit {self.unit!r}: unknown; give one of {', '.join(UNITS_PER_G)}")
 
 
 def split_line(text: str, separator: str, decimal_comma: bool) -> list[str]:
-    """The words of a line, a leading name taken off."""
+    """The words of a line, without a leading name."""
     words = text.split() if separator == " " else [w.strip() for w in text.split(separator)]
     if words and not any(pattern.match(words[0]) for pattern in (_NUMBER, _NUMBER_COMMA, _NO_NUMBER)):
         words = words[1:]
@@ -89,7 +89,7 @@ def split_line(text: str, separator: str, decimal_comma: bool) -> list[str]:
 
 
 def _has_decimal_comma(lines: list[str], separator: str) -> bool:
-    """Whether numbers have a decimal comma; boards put no mark between thousands."""
+    """Whether numbers have a decimal comma; boards write no thousands separators."""
     if separator == ",":
         return False
     rows = [split_line(line, separator, False) for line in lines]
@@ -102,7 +102,7 @@ def _has_decimal_comma(lines: list[str], separator: str) -> bool:
 
 
 def names_of(words: list[str]) -> list[str]:
-    """Roles from a header line; "-" where a name says nothing."""
+    """Quantities from a header line; "-" for an unknown name."""
     roles = []
     for word in words:
         name = re.sub(r"[\[(].*", "", word).strip().lower()
@@ -126,11 +126,11 @@ def _unit_of_length(length: float) -> str | None:
 
 @np.errstate(over="ignore", invalid="ignore")
 def learn(lines: list[str], header: list[str] | None = None, checked: bool = False) -> LineColumns | None:
-    """The layout of these lines; None when no specific force can be found in them.
+    """The layout of these lines; None if no specific force is found in them.
 
     **Arguments:**
 
-    - `lines`: lines of numbers, without their check.
+    - `lines`: lines of numbers, without their checksum.
     - `header`: words of a header line seen before.
     """
     if not lines:
@@ -141,7 +141,7 @@ def learn(lines: list[str], header: list[str] | None = None, checked: bool = Fal
     width = max({len(r) for r in rows}, key=lambda n: sum(len(r) == n for r in rows))
     good = [r for r in rows if len(r) == width and all(_NUMBER.match(w) for w in r)]
     if header and len(header) == width + 1:
-        # A leading word, which the rows lost.
+        # A leading word, which was removed from the rows.
         header = header[1:]
     roles = names_of(header) if header and len(header) == width else ["-"] * width
     named = {"ax", "ay", "az"} <= set(roles)
@@ -161,11 +161,11 @@ def learn(lines: list[str], header: list[str] | None = None, checked: bool = Fal
 
 
 def roles_of_values(table: NDArray[np.float64], roles: list[str]) -> list[str]:
-    """Roles from the numbers alone: the first triple of one g is the force, a triple behind it the rate."""
+    """Quantities from the numbers: the first triple of one g is the force, a triple after it the rate."""
     roles = list(roles)
     width = table.shape[1]
     for first in range(width - 2):
-        with np.errstate(over="ignore"):  # of numbers that are no readings
+        with np.errstate(over="ignore"):  # for numbers that are not readings
             length = float(np.median(np.linalg.norm(table[:, first : first + 3], axis=1)))
         moving = np.diff(table[:, first : first + 3], axis=0)
         # A column that only rises is a time or a counter: by steady steps, or over many lines.
@@ -193,7 +193,7 @@ def looks_numeric(raw: bytes) -> bool:
 
 
 def header_words(line: bytes) -> list[str] | None:
-    """The names in a header line; None for a line that does not name the three specific forces."""
+    """The names in a header line; None for a line without the three specific forces."""
     text = line.decode("ascii", "replace").strip()
     if looks_numeric(line) or not re.search(r"[A-Za-z]", text):
         return None
@@ -204,7 +204,7 @@ def header_words(line: bytes) -> list[str] | None:
 
 
 def numbers_of(line: bytes, layout: LineColumns) -> list[float] | None:
-    """The numbers of a line, NaN for nan, inf and ovf; None when it does not have this layout."""
+    """The numbers of a line, NaN for nan, inf and ovf; None if it does not have this layout."""
     try:
         text = line.decode("ascii")
     except UnicodeDecodeError:

@@ -26,11 +26,11 @@ class MipFraming:
     between = b""
 
     def begins(self, data: NDArray[np.uint8], offset: int) -> bool:
-        """Whether the preamble stands here."""
+        """Whether the preamble is at this place."""
         return data[offset : offset + 2].tobytes() == _PREAMBLE
 
     def find(self, data: NDArray[np.uint8], final: bool) -> Found:
-        """All packets whose check is right."""
+        """All packets with a correct checksum."""
         places = places_of(data, _PREAMBLE)
         places = places[places + 4 <= len(data)]
         sizes = data[places + 3].astype(np.int64) + 6
@@ -60,7 +60,7 @@ class MipFraming:
 
 
 def _layout(packet: bytes) -> tuple[dict[int, int], list[int]]:
-    """Place of the data of each field of three numbers, and where the packet says so."""
+    """Place of the data of each field of three numbers, and of the bytes that state it."""
     places, describing, at = {}, [], 4
     stop = len(packet) - 2
     while at + 2 <= stop:
@@ -92,5 +92,5 @@ PROTOCOL = Protocol(
     decoder=lambda settings=None: FrameDecoder(MipFraming()),
     encode=encode,
     bauds=(115200, 921600, 460800, 230400),
-    notes="no counter in these fields: a loss shows only in time",
+    notes="no counter in these fields: losses are only visible in time",
 )

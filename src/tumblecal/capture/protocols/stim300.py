@@ -1,7 +1,7 @@
-"""STIM300 (Safran, formerly Sensonor): binary frames with CRC-32; the datagrams stand in `stim300_datagrams`.
+"""STIM300 (Safran, formerly Sensonor): binary frames with CRC-32; the datagrams are in `stim300_datagrams`.
 
-The frame tells neither the accelerometers' range nor their unit: only the configuration datagram does, so without one
-the specific force stays NaN.
+The frame states neither the range nor the unit of the accelerometers: only the configuration datagram does, so without one
+the specific force is NaN.
 """
 
 from dataclasses import replace
@@ -46,7 +46,7 @@ class Stim300Framing:
 
     **Arguments:**
 
-    - `settings`: range, output and rate when known from elsewhere; a configuration datagram replaces them.
+    - `settings`: range, output and rate from other sources; a configuration datagram replaces them.
     """
 
     lock_after = 1
@@ -61,7 +61,7 @@ class Stim300Framing:
         return offset < len(data) and bool(SIZES[data[offset]])
 
     def find(self, data: NDArray[np.uint8], final: bool) -> Found:
-        """All frames whose CRC is right; runs of equal frames are checked as a block."""
+        """All frames with a correct CRC; runs of equal frames are checked as a block."""
         starts, sizes, offset, n = [], [], 0, len(data)
         while offset < n:
             run, period = self._run(data, offset)
@@ -84,7 +84,7 @@ class Stim300Framing:
         return Found(np.concatenate([none, *starts]), np.concatenate([none, *sizes]), n)
 
     def _run(self, data: NDArray[np.uint8], offset: int) -> tuple[int, int]:
-        """How many right frames of one kind follow each other at `place`, and their distance."""
+        """Number of consecutive valid frames of one kind at `place`, and their distance."""
         size = int(SIZES[data[offset]])
         if not size or offset + size > len(data):
             return 0, size
@@ -109,7 +109,7 @@ class Stim300Framing:
         return done, period
 
     def _among(self, data: NDArray[np.uint8], places: NDArray[np.int64], final: bool) -> Found:
-        """The right frames among candidate places."""
+        """The valid frames among candidate places."""
         identifiers = data[places]
         sizes = SIZES[identifiers]
         whole = places + sizes <= len(data)
@@ -122,7 +122,7 @@ class Stim300Framing:
         return select(places, sizes, good, len(data), final)
 
     def parse(self, data: NDArray[np.uint8], found: Found, offset: int, final: bool) -> tuple[Samples, list[Event]]:
-        """Samples of the normal frames; events of the others, which also set the scale of what follows."""
+        """Samples of the normal frames; events of the others, which also set the scale of later frames."""
         starts, sizes = found.starts, found.sizes
         identifiers = data[starts]
         normal = np.array([i in LAYOUTS for i in range(256)])[identifiers]
@@ -167,7 +167,7 @@ class Stim300Framing:
         out.status[rows] = status
 
     def _force(self, raw: NDArray[np.int32], counter: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Specific force in standard g; NaN when range or unit are not known."""
+        """Specific force in standard g; NaN if range or unit are unknown."""
         settings = self.settings
         if settings is None or settings.range_g is None:
             return np.full(raw.shape, np.nan)
@@ -181,7 +181,7 @@ class Stim300Framing:
         return self._differences(raw.astype(np.int64), counter) * velocity * 2000.0 / STANDARD_GRAVITY_MS2
 
     def _differences(self, raw: NDArray[np.int64], counter: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Change of an integrated 24-bit output per internal tick; it wraps like the counter does."""
+        """Change of an integrated 24-bit output per internal tick; it wraps like the counter."""
         previous = self._integrated
         before = np.vstack([raw[:1] if previous is None else previous[1], raw[:-1]])
         ticks = (counter - np.concatenate([[previous[0] if previous else -1], counter[:-1]])) % 256

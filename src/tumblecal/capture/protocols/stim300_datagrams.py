@@ -1,4 +1,4 @@
-"""STIM300's datagrams after datasheet TS1524: where everything stands, and what the special ones say.
+"""STIM300's datagrams after datasheet TS1524: layout of all frames, and contents of the special ones.
 
 A frame is: identifier; the clusters that are switched on, each three 24-bit values and a status byte (temperatures:
 three 16-bit values and a status byte); with PPS or AUX a 24-bit value and a status byte; a counter of internal
@@ -17,7 +17,7 @@ from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 
 @dataclass(frozen=True)
 class Layout:
-    """One kind of normal frame: which clusters it has, and where they begin."""
+    """One kind of normal frame: its clusters and their places."""
 
     acceleration: int | None = None
     inclination: int | None = None
@@ -62,7 +62,7 @@ LAYOUTS: dict[int, Layout] = {
     for ids, extra in ((_PLAIN, False), (_PPS, True), (_AUX, True))
     for identifier, kind in zip(ids, _KINDS, strict=True)
 }
-# Identifier: (what, size, dummy bytes). The second of each pair is the one with CR LF behind it.
+# Identifier: (what, size, dummy bytes). The second of each pair ends with CR LF.
 SPECIAL_PAIRS = {
     "part_number": (0xB1, 0xB3, 20, 0),
     "serial_number": (0xB5, 0xB7, 20, 0),
@@ -117,7 +117,7 @@ def status_flags(status: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def special_event(identifier: int, frame: bytes, stop: int) -> Event:
-    """What a special frame says; `stop` is the place in the stream just after it."""
+    """The event of a special frame; `stop` is the place in the stream just after it."""
     kind = SPECIALS[identifier][0]
     content: dict = {"raw": frame.hex()}
     if kind == "serial_number":
@@ -130,7 +130,7 @@ def special_event(identifier: int, frame: bytes, stop: int) -> Event:
 
 
 def configuration_of(frame: bytes) -> dict:
-    """What a configuration datagram says, in words and numbers."""
+    """The contents of a configuration datagram, in words and numbers."""
     rate = frame[3] >> 5
     baud = frame[4] >> 4
     unit = frame[8] & 0x0F
@@ -150,7 +150,7 @@ def configuration_of(frame: bytes) -> dict:
 
 
 def settings_of(content: dict) -> Settings:
-    """The scale that a configuration datagram sets."""
+    """The settings of a configuration datagram."""
     ranges = content["range_g"]
     known = tuple(ranges) if all(r is not None for r in ranges) else None
     lsb = tuple(2.0 ** -ACCELERATION_BITS[r] for r in known) if known else None

@@ -1,4 +1,4 @@
-"""What a STIM300 sends, made from samples and settings: for the virtual instrument and the tests."""
+"""The output of a STIM300 from samples and settings, for the virtual instrument and the tests."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from tumblecal.capture.protocols.stim300_datagrams import (
 from tumblecal.capture.samples import Samples, Settings, Status
 
 
-# What the latency field says, and the bits of a configuration with acceleration and inclination.
+# The latency field, and the bits of a configuration with acceleration and inclination.
 _LATENCY_US, _CLUSTERS = 506, 0x06
 
 
@@ -43,10 +43,10 @@ def encode(samples: Samples, settings: Settings, identifier: int = 0x93, crlf: b
 
     **Arguments:**
 
-    - `samples`: what to send; `status` goes into the accelerometers' status byte (the gyros' without them).
+    - `samples`: the samples; `status` goes into the accelerometers' status byte (the gyros' without them).
     - `settings`: the range gives the scale.
     - `identifier`: kind of frame.
-    - `crlf`: CR LF behind every frame.
+    - `crlf`: CR LF after every frame.
     """
     layout = LAYOUTS[identifier]
     n = len(samples)
@@ -73,7 +73,7 @@ def encode(samples: Samples, settings: Settings, identifier: int = 0x93, crlf: b
 
 
 def encode_special(kind: str, body: bytes) -> bytes:
-    """A special frame: `body` fills the bytes after the identifier, with zeros behind it."""
+    """A special frame: `body` fills the bytes after the identifier, followed by zeros."""
     identifier, _, size, padding = SPECIAL_PAIRS[kind]
     row = bytes([identifier]) + body.ljust(size - 5, b"\0")
     return _sealed(np.frombuffer(row, np.uint8)[None, :], padding, crlf=False)
@@ -97,7 +97,7 @@ def encode_configuration(settings: Settings) -> bytes:
 
 
 def answer(command: bytes, settings: Settings, serial: str) -> bytes:
-    """What the device sends back; empty for a command that has no reply."""
+    """The reply of the device; empty for a command without a reply."""
     replies = {
         b"I": lambda: encode_serial_number(serial),
         b"N": lambda: encode_special("part_number", bytes.fromhex("8516710000002600") + b"\x01\x00"),

@@ -1,8 +1,8 @@
-"""Lines of numbers, as boards with a sketch print them: commas, tabs, semicolons or spaces; header line or none.
+"""Lines of numbers, as boards with a sketch print them: commas, tabs, semicolons or spaces; with or without a header line.
 
-The layout is learned from the stream (or given) and shown; a header line that comes later begins another layout, from
-its line on. A `*CC` check (exclusive or, NMEA-like) is verified where there is one and then required. A stream without
-one is unprotected: a lost character makes a plausible wrong number.
+The layout is learned from the stream (or given) and shown; a later header line begins a new layout from its line on. A
+`*CC` checksum (exclusive or, NMEA-like) is verified if there is one, and then required. A stream without checksums is
+unprotected: a lost character makes a plausible wrong number.
 """
 
 import re
@@ -40,12 +40,12 @@ _LONGEST_LINE = 1024
 
 
 class TextDecoder:
-    """Lines in, samples out.
+    """Decodes lines to samples.
 
     **Arguments:**
 
-    - `layout`: how to read them, whatever header lines say; learned from the first lines when None.
-    - `whole`: the first line is complete (a file); otherwise it is dropped, as a port opens anywhere.
+    - `layout`: layout of the lines, which header lines do not change; learned from the first lines if None.
+    - `whole`: the first line is complete (a file); otherwise it is dropped, since a port opens within a line.
     """
 
     def __init__(self, layout: LineColumns | None = None, whole: bool = False):
@@ -81,7 +81,7 @@ class TextDecoder:
         return self._lines(numbered, counts, final=False)
 
     def finish(self) -> Decoded:
-        """Learn from what there is if nothing was learned yet; a last line without end is discarded."""
+        """Learn the layout from the available lines if this was not done yet; a last line without end is discarded."""
         counts = Counts(discarded=len(self._tail))
         self._tail = b""
         return self._lines([], counts, final=True)
@@ -114,7 +114,7 @@ class TextDecoder:
         return Decoded(joined([*parts, self._samples(counts)]), events, counts)
 
     def _checked(self, line: bytes, counts: Counts) -> bytes | None:
-        """The line without its check; None when it is wrong, or missing where lines have one."""
+        """The line without its checksum; None if it is wrong, or missing although lines have one."""
         line = line.rstrip(b"\r")
         body, star, check = line.rpartition(b"*")
         if star and re.fullmatch(rb"[0-9A-Fa-f]{2}", check):
@@ -131,18 +131,18 @@ class TextDecoder:
         return None
 
     def _tell_other_names(self, stop: int, header: list[str] | None, events: list[Event]) -> None:
-        """A header line that says otherwise than the layout given by the user: that one is kept, and it is said."""
+        """Report a header line that contradicts the layout given by the user, which is used."""
         layout = self.layout
         if header is None or layout is None or header == self._header:
             return
         self._header = header
         named = names_of(header)
         if any(name not in ("-", role) for name, role in zip(named, layout.columns, strict=False)):
-            text = f"a header line names the columns {','.join(named)}; read as given: {','.join(layout.columns)}"
+            text = f"a header line names the columns {','.join(named)}; used as given: {','.join(layout.columns)}"
             events.append(Event(stop, "refused", {"text": text}))
 
     def _wait(self, stop: int, body: bytes, counts: Counts, events: list[Event]) -> None:
-        """Keep a line until there are enough to learn from."""
+        """Store a line until there are enough to learn the layout."""
         self._waiting.append((stop, body))
         if looks_numeric(body):
             self._numeric += 1
@@ -152,7 +152,7 @@ class TextDecoder:
             self._learn(counts, events, ended=True)
 
     def _learn(self, counts: Counts, events: list[Event], ended: bool = False) -> None:
-        """Learn the layout of the lines that wait and read them; give them up when their stretch has `ended`."""
+        """Learn the layout of the stored lines and read them; discard them if their stretch has `ended`."""
         if self.layout is not None or not self._waiting:
             return
         numeric = [text.decode("ascii", "replace").strip() for _, text in self._waiting if looks_numeric(text)]
@@ -163,7 +163,7 @@ class TextDecoder:
         if self.layout is None:
             counts.discarded += sum(len(text) + 1 for _, text in waiting)
             if numeric:
-                text = f"no specific force was found in the {len(numeric)} lines of numbers before: left out"
+                text = f"no specific force was found in the preceding {len(numeric)} lines of numbers: left out"
                 events.append(Event(waiting[-1][0], "refused", {"text": text}))
             return
         content = asdict(self.layout) | {"unprotected": not self.layout.checked}
@@ -177,7 +177,7 @@ class TextDecoder:
                 self._rows.append((stop, row))
 
     def _samples(self, counts: Counts) -> Samples:
-        """The rows read since the last call, all of the present layout."""
+        """The rows read since the last call, all with the present layout."""
         rows, self._rows = self._rows, []
         samples = blank(len(rows))
         layout = self.layout
@@ -211,7 +211,7 @@ class TextDecoder:
 
 
 def encode(samples: Samples, settings: Settings) -> bytes:
-    """Lines `$IMU,seq,micros,ax,ay,az,gx,gy,gz,T*CC` with m/s^2 and deg/s: the sketch line that can be trusted."""
+    """Lines `$IMU,seq,micros,ax,ay,az,gx,gy,gz,T*CC` with m/s^2 and deg/s, which have a checksum and a counter."""
     lines = []
     for seq, force, rate, temperature in zip(
         samples.counter.tolist(),
@@ -241,5 +241,5 @@ PROTOCOL = Protocol(
     counter=DeviceCounter(modulus=2**32, ticks_per_s=None),
     checked=False,
     options=("columns", "unit", "whole"),
-    notes="without a *CC check a lost character makes a plausible wrong number; opening the port resets many boards",
+    notes="without a *CC checksum a lost character makes a plausible wrong number; opening the port resets many boards",
 )

@@ -1,8 +1,8 @@
-"""VectorNav: text lines with XOR or CRC-16 check, and binary messages with CRC-16; both may stand in one stream.
+"""VectorNav: text lines with XOR or CRC-16 check, and binary messages with CRC-16; both may be in one stream.
 
 `$VNxxx,...*CC` with two (exclusive or) or four (CRC-16) hexadecimal digits. Binary: 0xFA, a byte of groups, a 16-bit
 word of fields a group, the payload little-endian, and the CRC-16 big-endian. VNIMU and the uncompensated binary
-fields are the ones to calibrate.
+fields are suitable for calibration.
 """
 
 from struct import unpack_from
@@ -19,7 +19,7 @@ from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 
 
 _LONGEST_LINE = 256
-# Bytes of each field, per group number (bit in the group byte), as the vendor's library has them.
+# Bytes of each field, per group number (bit in the group byte), as in the vendor's library.
 _SATELLITES = (8, 8, 2, 1, 1, 24, 24, 12, 12, 12, 4, 4, 2, 28)
 FIELD_SIZES: dict[int, tuple[int, ...]] = {
     0: (8, 8, 8, 12, 16, 12, 24, 12, 12, 24, 20, 28, 2, 4, 8),
@@ -46,9 +46,9 @@ _LINES: dict[str, tuple[int, int | None, int | None]] = {
     "VNQMR": (7, 10, None),
 }
 _INERTIAL = "acceleration along the axes of the Earth, not of the sensor"
-_NO_GRAVITY = "acceleration of the body from which gravity is taken off"
-_ESTIMATED = "the filter's estimate of the acceleration, its biases taken off"
-# Acceleration that is no reading of the accelerometers.
+_NO_GRAVITY = "acceleration of the body, with gravity removed"
+_ESTIMATED = "the filter's estimate of the acceleration, with its biases removed"
+# Accelerations that are not readings of the accelerometers.
 _REFUSED_LINES = {
     "VNYIA": _INERTIAL,
     "VNICM": _INERTIAL,
@@ -69,7 +69,7 @@ _INSTEAD = "not the specific force: set the device's output to VNIMU or to the b
 
 
 def binary_layout(groups: int, words: list[int]) -> tuple[dict[tuple[int, int], int], int] | None:
-    """Place of each field in a binary message's payload, and the payload's size; None for a field not known here."""
+    """Place of each field in a binary message's payload, and the payload's size; None for an unknown field."""
     places, at, k = {}, 0, 0
     for group in range(8):
         if not groups >> group & 1:
@@ -94,13 +94,13 @@ class VectorNavFraming:
         self._refusals = Refusals()
 
     def begins(self, data: NDArray[np.uint8], offset: int) -> bool:
-        """Whether a line or a binary message seems to begin here."""
+        """Whether a line or a binary message may begin at this place."""
         return data[offset : offset + 3].tobytes() == b"$VN" or (
             offset + 1 < len(data) and data[offset] == 0xFA and 0 < data[offset + 1] < 0x80
         )
 
     def find(self, data: NDArray[np.uint8], final: bool) -> Found:
-        """All lines and messages whose check is right."""
+        """All lines and messages with a correct checksum."""
         candidates = [(int(p), *self._line(data, int(p))) for p in places_of(data, b"$VN")]
         candidates += [(int(p), *self._binary(data, int(p))) for p in places_of(data, b"\xfa")]
         candidates = sorted(c for c in candidates if c[1])
@@ -109,7 +109,7 @@ class VectorNavFraming:
         return select(starts, sizes, good.astype(bool), len(data), final, limit)
 
     def _line(self, data: NDArray[np.uint8], offset: int) -> tuple[int, bool]:
-        """Size of the line (0: none) and whether its check is right; a size beyond the end means not complete."""
+        """Size of the line (0: none) and whether its checksum is correct; a size beyond the end means incomplete."""
         text = data[offset : offset + _LONGEST_LINE].tobytes()
         end = text.find(b"\n")
         if end < 0:
@@ -146,7 +146,7 @@ class VectorNavFraming:
             if row is not None:
                 rows.append((stop, *row))
             elif why := _REFUSED_LINES.get(text[1:6]) if text else _refused_field(message):
-                events += self._refusals.event(stop, f"{text[1:6] or 'a binary message'} holds {why}, {_INSTEAD}")
+                events += self._refusals.event(stop, f"{text[1:6] or 'a binary message'} has {why}, {_INSTEAD}")
             elif text:
                 events.append(_event(stop, text))
         samples = blank(len(rows))
@@ -169,7 +169,7 @@ def _event(stop: int, text: str) -> Event:
 
 
 def line_ok(line: bytes) -> bool:
-    """Whether `$...*CC` has the right check, of two or of four digits."""
+    """Whether `$...*CC` has the correct checksum, of two or of four digits."""
     body, star, check = line[1:].rpartition(b"*")
     try:
         value = int(check, 16)
@@ -189,7 +189,7 @@ def _line_row(text: str) -> tuple[list[float], list[float], float, int] | None:
     if places is None:
         return None
     while words and words[-1][:1] in ("I", "S", "T", "V"):
-        # The device may add a count, time or status of its own behind the numbers.
+        # The device may add a count, a time or a status after the numbers.
         words = words[:-1]
     try:
         values = [float(w) for w in words]
@@ -234,7 +234,7 @@ def _binary_row(message: bytes) -> tuple[list[float], list[float], float, int] |
 
 
 def _refused_field(message: bytes) -> str | None:
-    """What a binary message without specific force has that looks like one."""
+    """The field of a binary message without specific force that resembles one."""
     places = _fields(message)
     return next((what for field, what in _REFUSED_FIELDS.items() if field in places), None)
 
@@ -264,5 +264,5 @@ PROTOCOL = Protocol(
     bauds=(115200, 921600, 460800, 230400),
     counter=DeviceCounter(modulus=2**62, ticks_per_s=1e9),
     queries=(b"$VNRRG,03*XX\r\n",),
-    notes="take VNIMU or the uncompensated binary fields; the text lines carry no counter",
+    notes="use VNIMU or the uncompensated binary fields; the text lines have no counter",
 )

@@ -38,11 +38,11 @@ class WitMotionFraming:
         self._pending = blank(0)
 
     def begins(self, data: NDArray[np.uint8], offset: int) -> bool:
-        """Whether the preamble and a known type stand here."""
+        """Whether the preamble and a known type are at this place."""
         return offset + 1 < len(data) and data[offset] == 0x55 and 0x50 <= data[offset + 1] <= _LAST_TYPE
 
     def find(self, data: NDArray[np.uint8], final: bool) -> Found:
-        """All frames whose sum is right."""
+        """All frames with a correct checksum."""
         places = places_of(data, b"\x55")
         places = places[places + 1 < len(data)]
         kinds = data[places + 1]
@@ -68,7 +68,7 @@ class WitMotionFraming:
         owner = np.searchsorted(at, rates) - 1
         samples = joined([self._pending, fresh])
         owner = owner + len(self._pending)
-        # The rate stands directly behind the force of its burst; one that comes before any force belongs to none.
+        # The rate directly follows the force of its burst; a rate before any force belongs to none.
         rates, values, owner = rates[owner >= 0], values[owner >= 0], owner[owner >= 0]
         belongs = found.starts[rates] + offset - samples.stop[owner] < 2 * SIZE
         samples.rate[owner[belongs]] = values[belongs]
@@ -110,6 +110,6 @@ PROTOCOL = Protocol(
     bauds=(115200, 9600, 230400, 921600),
     ranges_g=(2.0, 4.0, 8.0, 16.0),
     with_range=_with_range,
-    notes="no counter: a loss shows only in time; the range register (16 g by default) is not in the stream; "
+    notes="no counter: losses are only visible in time; the range register (16 g by default) is not in the stream; "
     "device-side offsets and filters change the output: set them to zero before calibrating",
 )

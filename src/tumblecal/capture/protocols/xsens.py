@@ -1,7 +1,7 @@
 """Xsens (Movella) MTi, MTData2 messages: big-endian, self-describing fields, 8-bit sum.
 
 0xFA, 0xFF, message 0x36, length, then fields of identifier (2 bytes), size (1) and content; all bytes after the
-preamble add up to 0 modulo 256. The low bits of an identifier tell its number format.
+preamble add up to 0 modulo 256. The low bits of an identifier state its number format.
 """
 
 import numpy as np
@@ -25,7 +25,7 @@ _COUNTER, _FORCE, _FORCE_HIGH_RATE, _RATE, _RATE_HIGH_RATE, _TEMPERATURE, _STATU
     0x0810,
     0xE020,
 )
-# How many numbers the fields hold that are read; all others are skipped by their size.
+# Count of numbers in the fields that are read; all others are skipped by their size.
 _COUNTS = {_COUNTER: 1, _FORCE: 3, _FORCE_HIGH_RATE: 3, _RATE: 3, _RATE_HIGH_RATE: 3, _TEMPERATURE: 1, _STATUS: 1}
 _LARGEST_EXTENDED = 4096
 # Fields of plain integers: type code; all others follow the format bits.
@@ -33,13 +33,13 @@ _INTEGERS = {0x1020: ">u2", 0x1060: ">u4", 0x3010: ">u4", 0xE020: ">u4", 0xE010:
 
 
 _SIZES = (4, 4, 6, 8)
-# Fields of three numbers that look like a specific force and are none.
-_NO_FORCE = {0x4030: "free acceleration (gravity taken off)", 0x4010: "velocity increments"}
+# Fields of three numbers that resemble a specific force.
+_NO_FORCE = {0x4030: "free acceleration (gravity removed)", 0x4010: "velocity increments"}
 _OF_MTW = 0xC810
 
 
 def fits(identifier: int, size: int, count: int) -> bool:
-    """Whether a field of `size` bytes holds `count` numbers of its format."""
+    """Whether a field of `size` bytes has `count` numbers of its format."""
     kind = _INTEGERS.get(identifier & 0xFFF0)
     return size == count * (np.dtype(kind).itemsize if kind else _SIZES[identifier & 3])
 
@@ -89,11 +89,11 @@ class XsensFraming:
         self._refusals = Refusals()
 
     def begins(self, data: NDArray[np.uint8], offset: int) -> bool:
-        """Whether the preamble stands here."""
+        """Whether the preamble is at this place."""
         return data[offset : offset + 2].tobytes() == b"\xfa\xff"
 
     def find(self, data: NDArray[np.uint8], final: bool) -> Found:
-        """All messages whose sum is right."""
+        """All messages with a correct checksum."""
         places = places_of(data, b"\xfa\xff")
         places = places[places + 4 <= len(data)]
         short = data[places + 3].astype(np.int64)
@@ -114,7 +114,7 @@ class XsensFraming:
         return select(places, sizes, good, len(data), final, cut_header(data, b"\xfa\xff", 4, final))
 
     def parse(self, data: NDArray[np.uint8], found: Found, offset: int, final: bool) -> tuple[Samples, list[Event]]:
-        """One sample a message with a specific force; fields not known, or not of their format's size, are skipped."""
+        """One sample a message with a specific force; unknown fields, and fields of a wrong size, are skipped."""
         events: list[Event] = []
 
         def decode(starts: NDArray[np.int64], size: int, layout: list[tuple[int, int, int]]) -> Samples | None:
@@ -124,7 +124,7 @@ class XsensFraming:
             if why := no_force_words(layout):
                 events.extend(self._refusals.event(int(starts[0]) + size + offset, why))
             if any(identifier & 0xFFF0 == _COUNTER for identifier, _, _ in layout):
-                # Such a message (of satellites, say) takes a number of the counter: no sample is lost there.
+                # Such a message (for example of satellites) uses a number of the counter: no sample is lost there.
                 events.extend(Event(int(start) + size + offset, "other_message", {}) for start in starts)
             return None
 
@@ -134,11 +134,11 @@ class XsensFraming:
 
 
 def layout_of(message: bytes) -> tuple[list[tuple[int, int, int]], list[int]]:
-    """Identifier, place and size of the fields of a message, and where it says so."""
+    """Identifier, place and size of the fields of a message, and the places of the bytes that state them."""
     header = 6 if message[3] == 0xFF else 4
     fields = [(identifier, header + at, size) for identifier, at, size in fields_of(message[header:-1])]
     describing = [3, *(at + k for _, at, _ in fields for k in (-3, -2, -1))]
-    # Where the fields end early: the size that does not fit.
+    # If the fields end early: the size that does not fit.
     end = fields[-1][1] + fields[-1][2] if fields else header
     return fields, describing + [at for at in range(end, end + 3) if at < len(message) - 1]
 
@@ -150,18 +150,16 @@ def no_force_words(layout: list[tuple[int, int, int]]) -> str:
             return f"a specific force 0x{identifier:04X} of {size} bytes does not fit its number format: not read"
     for identifier, _, _ in layout:
         if identifier == _OF_MTW:
-            return (
-                "messages hold the increments of an MTw (0xC810), no accelerations: export them as text with MT Manager"
-            )
+            return "messages have increments of an MTw (0xC810), not accelerations: export them as text with MT Manager"
         if name := _NO_FORCE.get(identifier & 0xFFF0):
-            return f"messages hold {name}, not the specific force: switch acceleration 0x4020 on in the device"
+            return f"messages have {name}, not the specific force: enable acceleration 0x4020 in the device"
     return ""
 
 
 def samples_of(
     data: NDArray[np.uint8], starts: NDArray[np.int64], layout: list[tuple[int, int, int]]
 ) -> Samples | None:
-    """Samples of messages of one layout, which begin at `starts`; None where these hold no specific force."""
+    """Samples of messages of one layout, which begin at `starts`; None if these have no specific force."""
     values = {
         identifier & 0xFFF0: numbers(identifier, data[(starts + at)[:, None] + np.arange(size)])
         for identifier, at, size in layout
@@ -216,5 +214,5 @@ PROTOCOL = Protocol(
     encode=encode,
     bauds=(115200, 921600, 2000000, 460800),
     counter=DeviceCounter(modulus=65536, ticks_per_s=None),
-    notes="take acceleration (0x4020) in the sensor frame, not the one after the filter's corrections",
+    notes="use acceleration (0x4020) in the sensor frame, not the one after the filter's corrections",
 )

@@ -1,7 +1,7 @@
-"""Recordings made elsewhere, a format a file; a file put beside these is found, nothing else changes.
+"""Recordings made with other programs: one module for each format. A new module in this folder is found automatically.
 
-Each file of a format defines `READER`, a `Reader`: it recognises a source and gives its tables as they stand there. What
-their columns mean, and in which unit, is settled once for all formats (`roles.py`, `sample_file.py`).
+Each module of a format defines `READER`, a `Reader`, which recognises a source and returns its tables unchanged. Quantities
+and units of the columns are determined by the same code for all formats (`roles.py`, `sample_file.py`).
 """
 
 from functools import cache
@@ -23,15 +23,15 @@ _HEAD = 1 << 16
 
 @cache
 def readers() -> tuple[Reader, ...]:
-    """All formats, found among the files of this folder; those that any file could be come last."""
+    """All formats, found among the modules of this folder. Formats that accept almost any file come last."""
     modules = (import_module(f"{__name__}.{module.name}") for module in iter_modules(__path__))
     return tuple(sorted((m.READER for m in modules if hasattr(m, "READER")), key=lambda reader: reader.rank))
 
 
 def reader_of(path: Path) -> Reader | None:
-    """The format of a source; None where none explains it.
+    """The format of a source, or None if no format recognises it.
 
-    **Raises:** `InputError` for a source that is not there, cannot be read or is empty.
+    **Raises:** `InputError` for a source that does not exist, cannot be read or is empty.
     """
     if not path.exists():
         raise InputError(f"{path}: no such file or folder")
@@ -44,9 +44,10 @@ def reader_of(path: Path) -> Reader | None:
 def source_tables(
     path: Path, options: RecordingOptions = RecordingOptions(), damage: Damage | None = None
 ) -> tuple[Reader, list[SourceTable]]:
-    """The format of a source, and the tables in it; what is damaged in them is reported.
+    """The format of a source and its tables; damage is added to `damage`.
 
-    **Raises:** `InputError` for a source that no format explains, that is damaged, or whose library is not installed.
+    **Raises:** `InputError` for a source that no format recognises or that is damaged, and for a library that is not
+    installed.
     """
     reader = reader_of(path)
     if reader is None:
@@ -55,13 +56,13 @@ def source_tables(
             raise InputError(f"{path}: this is {words}")
         if (path / "journal.log").is_file():
             raise InputError(
-                f"{path}: the folder of a capture; its bytes are a recording, {path / 'raw.log'}; without options of "
-                f"recordings, its means are made by: {suggested('reduce', path, less=EVERY)}"
+                f"{path}: this is the folder of a capture. For its samples, give {path / 'raw.log'}. For its position "
+                f"means, run: {suggested('reduce', path, less=EVERY)}"
             )
         check_zero_bytes(path, head, "text")
         known = "; ".join(reader.title for reader in readers())
         words = f": {unknown_words(head)}" if head else ""
-        raise InputError(f"{path}: no format explains it{words}. Read are {known}")
+        raise InputError(f"{path}: no format recognises it{words}. Supported formats: {known}")
     return reader, reader.read(path, options, damage or Damage())
 
 

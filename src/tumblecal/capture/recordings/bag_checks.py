@@ -1,4 +1,4 @@
-"""What bags have for showing damage and rosbags does not look at: the CRC-32 of MCAP files, the structure of SQLite files."""
+"""Checks of bags that rosbags does not make: the CRC-32 of MCAP files and the structure of SQLite files."""
 
 import contextlib
 import mmap
@@ -16,7 +16,7 @@ _PIECE = 1 << 24
 
 
 def check_bag(path: Path) -> None:
-    """Check the files of a bag: `path` itself, or those in its folder.
+    """Check the files of a bag: `path`, or the files in this folder.
 
     **Raises:** `ValueError` for a file that is damaged.
     """
@@ -31,7 +31,7 @@ def check_bag(path: Path) -> None:
 
 
 def _check_mcap(content: mmap.mmap) -> None:
-    """Compare the CRC-32 of data and summary, where the writer stated them."""
+    """Compare the CRC-32 of data and summary, if the writer stated them."""
     at = len(content) - len(MCAP_MAGIC) - _FOOTER.size
     if at < 0 or content[-len(MCAP_MAGIC) :] != MCAP_MAGIC:
         raise ValueError("the end of the file is missing")
@@ -55,7 +55,7 @@ def _crc32(content: mmap.mmap, start: int, stop: int) -> int:
 
 
 def _check_sqlite(path: Path) -> None:
-    """Compare the tables with their indices, times of messages among them."""
+    """Compare the tables with their indices, including the times of messages."""
     with contextlib.closing(sqlite3.connect(f"{path.absolute().as_uri()}?immutable=1", uri=True)) as database:
         try:
             (found,) = database.execute("PRAGMA integrity_check(1)").fetchone()

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import polars as pl
 
 _COLUMNS = ("time_s", "ax_g", "ay_g", "az_g", "gx_dps", "gy_dps", "gz_dps", "temperature_degc")
-# Text lines are read by `text.py`, whatever their layout, unless they carry a protocol's own checks.
+# `text.py` reads text lines of any layout, except lines with the checksums of a protocol.
 _TEXT_OF_PROTOCOLS = b"$"
 
 
@@ -35,7 +35,7 @@ def _recognised(path: Path, head: bytes) -> bool:
 
 
 def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceTable]:
-    """One table; the log is decoded once to see what is in it, and into a file beside the others when it is read."""
+    """The table of a log: decoded once to count its contents, and again into a temporary file when it is read."""
     stated = Stated(options.range_g, options.rate)
     contents = decode_file(path, options.protocol, stated=stated)
     if not contents.samples:

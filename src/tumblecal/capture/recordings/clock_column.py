@@ -1,6 +1,6 @@
-"""The clock among the columns of a recording, by their names, and by values if no name says time.
+"""The clock among the columns of a recording: by name, or by value if no name is that of a time.
 
-A column `t` or `T` is the time or the temperature: the other columns decide, otherwise its values, otherwise the user.
+A column `t` or `T` is the time or the temperature. The other columns decide, then its values, then the user.
 """
 
 from collections.abc import Mapping
@@ -19,15 +19,15 @@ if TYPE_CHECKING:
     import polars as pl
 
 _COLDEST_DEGC, _WARMEST_DEGC = -60.0, 150.0
-# Of the steps of a clock so many are within half of the usual one.
+# Share of the steps of a clock that differ from the usual step by less than half of it.
 _EQUAL_SHARE, _MOST_BACK = 0.8, 0.01
 _CELLS = 100
 
 
 def settled(named: Mapping[str, Column], first: "pl.DataFrame", path: str) -> tuple[dict[str, Column], list[str]]:
-    """The columns with `t` and `T` put where they belong, and what is to be said of them.
+    """The columns with `t` and `T` assigned to time or temperature, and messages about them.
 
-    **Raises:** `InputError` where nothing tells whether such a column is the time.
+    **Raises:** `InputError` if neither names nor values show whether such a column is the time.
     """
     known = {role: column for role, column in named.items() if role not in EITHER}
     used = {column.name for column in known.values()}
@@ -42,15 +42,15 @@ def settled(named: Mapping[str, Column], first: "pl.DataFrame", path: str) -> tu
             return {kind: column} | known, [f"column {column.name} is the {kind}, by its values"] * (kind not in known)
         words = f"column {column.name} may be the time or the temperature"
         if "time" in known:
-            return known, [f"{words}: left out (--columns temperature={column.name})"]
+            return known, [f"{words}: ignored (to use it: --columns temperature={column.name})"]
         raise InputError(
-            f"{path}: {words}, its values tell neither; give --columns time={column.name} or temperature={column.name}"
+            f"{path}: {words}, and its values do not show which; give --columns time={column.name} or temperature={column.name}"
         )
     return known, []
 
 
 def _kind(first: "pl.DataFrame", column: Column) -> str:
-    """By the values: what rises in nearly equal steps, of a usual rate, is the time; what falls too, or never, is none."""
+    """Time or temperature by the values: a time rises in nearly equal steps at a usual rate; a temperature also falls."""
     if not first[column.name].dtype.is_numeric():
         return "time"
     values = numbers_of(first, column)
@@ -68,7 +68,7 @@ def _kind(first: "pl.DataFrame", column: Column) -> str:
 
 
 def may_be_times(first: "pl.DataFrame", name: str) -> bool:
-    """Whether a column that is named a time can be one: moments, times of day, or numbers that go on."""
+    """Whether a column with the name of a time can be one: dates, times of day, or numbers that increase."""
     import polars as pl
 
     cells = first[name].drop_nulls()
@@ -80,8 +80,8 @@ def may_be_times(first: "pl.DataFrame", name: str) -> bool:
 
 
 def clock_by_name(first: "pl.DataFrame", names: Mapping[str, ColumnName]) -> Column | None:
-    """The clock among columns: of several that are named so, that whose name says least of other things and whose values can be
-    times; None for none."""
+    """The clock among columns, or None. Of several with names of times and values that can be times, the one whose name has
+    the fewest other words."""
     clocks = sorted((name for name, own in names.items() if own.quantity == "time"), key=lambda k: names[k].foreign)
     parted = _parted(first, {name: names[name].unit for name in clocks})
     own = [name for name in clocks if (parted is None or name not in parted.names) and may_be_times(first, name)]
@@ -91,8 +91,8 @@ def clock_by_name(first: "pl.DataFrame", names: Mapping[str, ColumnName]) -> Col
 
 
 def _parted(first: "pl.DataFrame", clocks: Mapping[str, str]) -> Column | None:
-    """A clock of which one column has the whole seconds and another the rest of a second, in ms, us or ns, as these units of
-    the columns say; None for none."""
+    """A clock in two columns, or None: one has whole seconds, the other the fraction of a second in ms, us or ns, by the units
+    of the columns."""
     whole, parts = list[str](), list[Column]()
     for name in clocks if len(clocks) > 1 else ():
         scale = TIME_S.get(clocks[name], 0.0)
@@ -106,10 +106,11 @@ def _parted(first: "pl.DataFrame", clocks: Mapping[str, str]) -> Column | None:
 
 
 def clock_by_values(first: "pl.DataFrame", names: Mapping[str, ColumnName], *, nameless: bool) -> str:
-    """The first column that is a clock by its values, of those whose names do not say time; empty for none.
+    """The first column that is a clock by its values, among columns without the name of a time; empty for none.
 
-    It has moments or times of day, or, if its name says nothing, numbers that only rise: in a file without names any but a
-    count of rows, otherwise in nearly equal steps of an IMU's rate. Whole steps that are nearly all the same may be a count.
+    It has dates or times of day, or, if its name has no known word, numbers that only rise. In a file without names these
+    are any numbers except a count of rows, otherwise nearly equal steps at the rate of an IMU. Integer steps that are nearly
+    all equal may be a count.
     """
     for name in filter(first.columns.__contains__, names):
         if not first[name].dtype.is_numeric():

@@ -1,4 +1,4 @@
-"""Times written as a clock shows them: a date and the time of day, or the time of day alone; in seconds."""
+"""Times written as date and time of day, or as time of day alone, converted to seconds."""
 
 import re
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ _PATTERNS = {
     "d.m.y h:m:s": rf"^\s*{_DAY}\.{_MONTH}\.{_YEAR}{_BETWEEN}{_TIME}",
     "m/d/y h:m:s": rf"^\s*{_MONTH}[/-]{_DAY}[/-]{_YEAR}{_BETWEEN}{_TIME}",
     "d/m/y h:m:s": rf"^\s*{_DAY}[/-]{_MONTH}[/-]{_YEAR}{_BETWEEN}{_TIME}",
-    # Of a date whose day and month may be mixed up the time of day is what is beyond doubt.
+    # If day and month of a date are ambiguous, only the time of day is used.
     "day h:m:s": rf"^\s*\d{{1,2}}[/-]\d{{1,2}}[/-]\d{{2,4}}{_BETWEEN}{_TIME}",
     "h:m:s": rf"^\s*{_TIME}",
 }
@@ -29,7 +29,7 @@ _DAY_S, _HOUR_S, _MINUTE_S = 86400, 3600, 60
 
 
 def form_of(cells: Sequence[str]) -> str | None:
-    """The form, one of `FORMS`, in which these times are written; None for any other."""
+    """The form of these times, one of `FORMS`; None for any other form."""
     for form, pattern in _PATTERNS.items():
         matches = [match for match in (re.match(pattern, cell) for cell in cells) if match]
         if len(matches) <= (1 - _MOST_OTHER) * len(cells):
@@ -43,11 +43,11 @@ def form_of(cells: Sequence[str]) -> str | None:
 
 
 def seconds_of(name: str, form: str, first_day: float = 0.0) -> "pl.Expr":
-    """The times of a column of text, s, from midnight of a day (counted from 1970) on; null for what has another form."""
+    """The times of a column of text, s, from midnight of a day (counted from 1970); null for cells of another form."""
     import polars as pl
 
     def of_groups(groups: pl.Series) -> pl.Series:
-        # Each cell is taken apart once, whatever is made of its parts.
+        # Each cell is split only once.
         return (
             groups.struct.unnest().select(_seconds(dated="<year>" in _PATTERNS[form], first_day=first_day)).to_series()
         )

@@ -1,9 +1,9 @@
-"""Which columns of a table are the accelerations and the rates, and why: by their names; by their values only where these
-say nothing.
+"""The columns of accelerations and angular rates of a table, with the evidence: names first, values only if names have no
+known word.
 
-A triple is three columns whose names have one stem and three axes. The accelerations are the triple that is named so and has
-the size of gravity in the still stretches. Between several of one sensor the least processed counts; between several sensors,
-and wherever the evidence is not enough, the user is asked.
+A triple is three columns whose names have one stem and three axes. The accelerations are the triple with the name of an
+acceleration and the size of gravity at rest. Of several triples of one sensor, the least processed one is used. For several
+sensors, and if the evidence is not sufficient, the user must choose.
 """
 
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
 
 
-# While nothing moves, rates keep to their bias: their means spread by less than this share of all readings.
+# At rest, rates equal their bias: the range of their means is less than this share of the range of all readings.
 _STILL_SHARE = 0.25
 _MOST_COLUMNS, _MOST_NAMED = 14, 4
 _AS_WELL = 4.0
@@ -42,8 +42,8 @@ class Choice:
 
     **Arguments:**
 
-    - `force`: the accelerations; `rate`: the rates, None for none. `why`: the reasons, in words.
-    - `size`: of gravity in the readings, if enough attitudes show it. `said`: what was guessed, and how to override it.
+    - `force`: the accelerations; `rate`: the rates, None for none. `why`, `rate_why`: the evidence, in words.
+    - `size`: of gravity in the readings, if enough attitudes show it. `said`: the guesses, and how to override them.
     """
 
     force: Triple
@@ -55,16 +55,16 @@ class Choice:
 
 
 class Unsettled(InputError):
-    """Columns without names whose values do not show which are the accelerations; more rows may."""
+    """The values of columns without names do not show which are the accelerations; more rows may show it."""
 
     def __reduce__(self) -> tuple:
         return Unsettled, (self.faults,)
 
 
 def chosen(columns: Columns, path: str) -> Choice | None:
-    """The accelerations and the rates; None where names and values show none, so that nothing can be asked about.
+    """The accelerations and the rates; None if neither names nor values give a candidate.
 
-    **Raises:** `InputError` that names the candidates, with the option for each.
+    **Raises:** `InputError` with the candidates and the option for each, if the evidence is not sufficient.
     """
     triples = triples_of(columns.names)
     named = [triple for triple in triples if triple.name.quantity == "acceleration"]
@@ -85,22 +85,22 @@ def chosen(columns: Columns, path: str) -> Choice | None:
 
 
 def _mentioned(triple: Triple) -> bool:
-    """Whether a name has a word for acceleration, which others in it outweigh: `acc_30_orientations[0]`."""
+    """Whether a name has a word for acceleration and other words that outweigh it: `acc_30_orientations[0]`."""
     return any("acceleration" in meanings(word) for word in triple.name.stem)
 
 
 def _ask_for_axes(columns: Columns, accelerations: list[str], path: str) -> None:
-    """Ask which is which, where three columns or more are accelerations of other axes than x, y, z (forwards, up)."""
+    """Raise if three columns or more are accelerations of axes other than x, y, z (forwards, up)."""
     if len(accelerations) >= len(AXES):
         first = Triple(tuple(accelerations[: len(AXES)]), _NAMELESS)  # type: ignore[arg-type]
         raise InputError(
-            f"{path}: {', '.join(accelerations)} are accelerations, but not of axes x, y, z; say which is which, such as: "
+            f"{path}: {', '.join(accelerations)} are accelerations, but not of axes x, y, z; assign the axes, for example: "
             f"{columns.option(first)}"
         )
 
 
 def _named(columns: Columns, named: list[Triple], path: str) -> tuple[Triple, str, list[str]]:
-    """The accelerations among triples that are named so."""
+    """The accelerations among triples with the name of an acceleration."""
     if len(named) == 1:
         return *_only(columns, named[0], path), []
     body = [triple for triple in named if triple.state not in ("free", "world")] or named
@@ -108,17 +108,17 @@ def _named(columns: Columns, named: list[Triple], path: str) -> tuple[Triple, st
     if len(body) == 1:
         return *_only(columns, body[0], path), [f"accelerations: {body[0]}, not {others} (without gravity, by name)"]
     heavy = [triple for triple in body if columns.may_be_gravity(triple)]
-    left = heavy or body
-    if not heavy and all(columns.is_without_gravity(t) for t in left):
-        raise InputError(f"{path}: {_without_gravity(columns, left)}")
-    if len({_sensor(triple) for triple in left}) > 1:
-        raise InputError(f"{path}: {len(left)} accelerometers; choose one: {_options(columns, left)}")
-    force = min(left, key=lambda triple: (_unit_unknown(columns, triple), STATE_ORDER.index(triple.state)))
+    candidates = heavy or body
+    if not heavy and all(columns.is_without_gravity(t) for t in candidates):
+        raise InputError(f"{path}: {_without_gravity(columns, candidates)}")
+    if len({_sensor(triple) for triple in candidates}) > 1:
+        raise InputError(f"{path}: {len(candidates)} accelerometers; choose one: {_options(columns, candidates)}")
+    force = min(candidates, key=lambda triple: (_unit_unknown(columns, triple), STATE_ORDER.index(triple.state)))
     if force.state in ("linear", "free", "world"):
         return *_only(columns, force, path), []
     others = _but(named, [force])
-    why = "name" if len(left) > 1 else "name and size"
-    because = "the least processed" if len(left) > 1 else "the size of gravity while still"
+    why = "name" if len(candidates) > 1 else "name and size"
+    because = "the least processed" if len(candidates) > 1 else "the size of gravity while still"
     other = next(triple for triple in named if triple is not force)
     return force, why, [f"accelerations: {force} ({because}), not {others}; to override: {columns.option(other)}"]
 
@@ -138,9 +138,9 @@ def _unit_unknown(columns: Columns, triple: Triple) -> bool:
 
 
 def _only(columns: Columns, triple: Triple, path: str) -> tuple[Triple, str]:
-    """The one triple of accelerations, which must have gravity in it, along the axes of the sensor.
+    """The only triple of accelerations, which must include gravity and be along the axes of the sensor.
 
-    **Raises:** `InputError` for one that has not.
+    **Raises:** `InputError` for a triple without gravity, or along axes of the Earth.
     """
     if triple.state == "world":
         raise InputError(
@@ -164,7 +164,7 @@ def _without_gravity(columns: Columns, triples: list[Triple]) -> str:
 
 
 def _by_axes(columns: Columns, unnamed: list[Triple], path: str) -> tuple[Triple, str, list[str]] | None:
-    """The accelerations among triples whose names give the axes, and no quantity: those that have the size of gravity."""
+    """The accelerations among triples whose names give axes but no quantity: the triple with the size of gravity."""
     heavy = [triple for triple in unnamed if columns.is_gravity(triple) and not columns.size(triple).is_computed]
     if not heavy and len(unnamed) == 1 and columns.size(unnamed[0]).rests_at_gravity:
         heavy = unnamed
@@ -177,16 +177,16 @@ def _by_axes(columns: Columns, unnamed: list[Triple], path: str) -> tuple[Triple
         "several triples have the size of gravity" if heavy else "too few attitudes at rest, or no gravity in them"
     )
     raise Unsettled(
-        f"{path}: no name says acceleration, and the values do not show which columns are it ({because}); candidates: "
+        f"{path}: no column has the name of an acceleration, and the values do not show it ({because}); candidates: "
         f"{_options(columns, heavy or unnamed)}"
     )
 
 
 def _by_values(columns: Columns, path: str) -> tuple[Triple, str, list[str]] | None:
-    """The accelerations among columns whose names say nothing: the one triple whose still means lie on an ellipsoid of
-    gravity's size, if no other lies on one as well.
+    """The accelerations among columns whose names have no known word: the triple whose means at rest lie on an ellipsoid of
+    the size of gravity, if it is the only one.
 
-    A second ellipsoid of another size is a magnetic field if it comes behind; before the accelerations, nobody knows.
+    A second ellipsoid of a different size is a magnetic field if its columns follow; if they precede, it is ambiguous.
     """
     free = [name for name, own in columns.names.items() if not own.quantity][:_MOST_COLUMNS]
     data = np.stack([columns.values(name, 0) for name in free], axis=1) if free else np.zeros((0, 0))
@@ -202,7 +202,7 @@ def _by_values(columns: Columns, path: str) -> tuple[Triple, str, list[str]] | N
             fits[three] = fit
     heavy = [three for three, fit in fits.items() if fit.usual and usual_unit(fit.size, ALIKE_FITTED)]
     best = min(heavy, key=lambda three: fits[three].dispersion, default=())
-    # Two columns of a triad and a third one may fit by chance, but not so well.
+    # Two columns of a triad and an unrelated one may fit by chance, but less well.
     heavy = [t for t in heavy if fits[t].dispersion <= _AS_WELL * fits[best].dispersion or len({*t, *best}) == 6]
     named = {three: Triple(tuple(free[k] for k in three), _NAMELESS) for three in fits}  # type: ignore[misc]
     if len(heavy) == 1 and not any(three[0] < heavy[0][0] for three in fits):
@@ -226,7 +226,7 @@ def _by_values(columns: Columns, path: str) -> tuple[Triple, str, list[str]] | N
     because = (
         "several fit gravity"
         if len(fits) > 1
-        else f"needed are {FEWEST_ATTITUDES} attitudes at rest, and one triple that fits gravity"
+        else f"{FEWEST_ATTITUDES} attitudes at rest and one triple that fits gravity are needed"
     )
     raise Unsettled(
         f"{path}: no names of columns, and the values do not show which are the accelerations ({because}); candidates: "
@@ -235,7 +235,7 @@ def _by_values(columns: Columns, path: str) -> tuple[Triple, str, list[str]] | N
 
 
 def _options(columns: Columns, triples: list[Triple]) -> str:
-    """Candidates, each with its size and the option to paste."""
+    """The candidates, each with its size and its option."""
     shown = [f"{columns.option(t)} (size {columns.size(t).middle:.4g})" for t in triples[:_MOST_NAMED]]
     more = len(triples) - _MOST_NAMED
     return " or ".join(shown) + (f", or {more} more" if more > 0 else "")
@@ -247,8 +247,8 @@ def _is_clock(values: NDArray[np.float64]) -> bool:
 
 
 def _rate(columns: Columns, triples: list[Triple], force: Triple) -> tuple[Triple | None, str, list[str]]:
-    """The rates: of the triples that are named so the one with most words in common with the accelerations; without names,
-    three columns next to these whose readings keep to one value while nothing moves."""
+    """The rates: the triple named as a rate with most words in common with the accelerations. Without names: three columns next
+    to the accelerations whose readings are constant at rest."""
     named = [triple for triple in triples if triple.name.quantity == "rate"]
     if not named:
         letters = [t for t in triples if t.name.quantity == "letter" and t.name.stem[:1] == ("g",) and t != force]

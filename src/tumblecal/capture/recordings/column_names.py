@@ -1,4 +1,4 @@
-"""What a column's name says: the quantity, the axis, the unit, and what was done to the readings, by its words in any order."""
+"""Quantity, axis, unit and processing state of a column, from the words of its name in any order."""
 
 import re
 from dataclasses import dataclass
@@ -26,22 +26,22 @@ _BRACKETS = re.compile(r"\[([^\]]*)\]|\(((?:[^()]|\([^()]*\))*)\)")
 _SEPARATORS = re.compile(r"[\s_./:,|#%>@\\\-]+")
 _PARTS = re.compile(r"\d+|[^\W\d_]+")
 _CAMEL = re.compile(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+|[^\W\dA-Za-z_]+")
-# Without a unit they may be anything: phones write their own attitude so.
+# Without a unit they are ambiguous: phones write their attitude with these names.
 _ANGLE = re.compile(r"(alpha|beta)[ _]?[\[(]\s*(?:deg|degrees?|°)\s*[\])]")
 _MOST_UNIT_WORDS = 4
 
 
 @dataclass(frozen=True)
 class ColumnName:
-    """What a name says.
+    """Meaning of a name.
 
     **Arguments:**
 
-    - `quantity`: one of `_QUANTITIES`, time, temperature, `other` (not a reading of them), `letter` (g or f alone, which may be
-      a rate, gravity or a force); empty where the name does not say it.
+    - `quantity`: one of `_QUANTITIES`, time, temperature, `other` (none of these), `letter` (g or f alone, which may be
+      a rate, gravity or a force); empty if unknown.
     - `axis`: x, y, z, or a digit; empty for none. `unit`: as in `_UNITS_OF`; empty for none of these.
     - `states`: of `_STATES`. `stem`: all words but the axis and the unit; `sensor`: those without the states.
-    - `foreign`: how many words say nothing of the quantity.
+    - `foreign`: number of words that do not concern the quantity.
     """
 
     quantity: str = ""
@@ -55,7 +55,7 @@ class ColumnName:
 
 @lru_cache(maxsize=4096)
 def parsed(name: str) -> ColumnName:
-    """What a name says, by its words in whatever order, case and between whatever separators."""
+    """Meaning of a name, from its words in any order and case, between any separators."""
     words, units = _words(name)
     unit = next(filter(None, map(unit_of, units)), None)
     if unit is None:
@@ -78,7 +78,7 @@ def parsed(name: str) -> ColumnName:
     stem = tuple(rest)
     own = unit[1] if unit and (unit[0] == quantity or unit[0] == "counts") else ""
     own = own or ("g" if quantity == "acceleration" and {"gf", "gforce"} & set(rest) else "")
-    # A unit alone is no name of a quantity, but of a clock.
+    # A unit alone names no quantity, except a time.
     own = own or (clock[1] if rest and (clock := unit_of(rest[-1])) and clock[0] == "time" else "")
     own = own if own in _UNITS_OF.get(quantity, ()) else ""
     sensor = tuple(word for word in stem if WORDS.get(word) not in _STATES)
@@ -89,7 +89,7 @@ def parsed(name: str) -> ColumnName:
 
 
 def _words(name: str) -> tuple[list[str], list[str]]:
-    """The words of a name in small letters, with an index in brackets as one of them, and what is in its other brackets."""
+    """The words of a name in lower case, including an index in brackets, and the contents of its other brackets."""
     units, words = list[str](), list[str]()
     text = plain_letters(name)
 
@@ -111,7 +111,7 @@ def _words(name: str) -> tuple[list[str], list[str]]:
 
 
 def _letter(word: str) -> list[str]:
-    """`ax` as the letter and the axis; any other word as it is."""
+    """`ax` as letter and axis; any other word unchanged."""
     if len(word) == 2:
         for letter, axis in (word, word[::-1]):
             if letter in LETTERS and axis in "xyz":
@@ -120,7 +120,7 @@ def _letter(word: str) -> list[str]:
 
 
 def _trailing_unit(words: list[str]) -> tuple[list[str], tuple[str, str] | None]:
-    """A unit that is written without brackets, behind the rest or before the index; none that is the only word."""
+    """A unit without brackets, at the end or before the index; none if it is the only word."""
     for end in (len(words), len(words) - 1):
         for start in range(max(1, end - _MOST_UNIT_WORDS), end):
             unit = unit_of("".join(words[start:end]))
@@ -137,13 +137,13 @@ def _trailing_unit(words: list[str]) -> tuple[list[str], tuple[str, str] | None]
 
 
 def _of_letter(unit: list[str], others: list[str]) -> bool:
-    """Whether a unit of one letter belongs to a quantity of one: `a_x_g`, `t / s`."""
+    """Whether a unit of one letter belongs to a quantity of one letter: `a_x_g`, `t / s`."""
     return (unit == ["g"] and "a" in others) or (unit == ["s"] and others == ["t"])
 
 
 def _kinds(word: str, rest: list[str], axis: str) -> list[str]:
     if axis and len(word) == 1 and word in LETTERS:
-        # A letter says what a reading is only where no word does.
+        # A letter gives the quantity only if no word does.
         return (
             []
             if any(meanings(own) for own in rest if len(own) > 1 and WORDS.get(own) not in ("plain", *_STATES))
@@ -153,7 +153,7 @@ def _kinds(word: str, rest: list[str], axis: str) -> list[str]:
 
 
 def _quantity(kinds: list[str], unit: tuple[str, str] | None, axis: str) -> tuple[str, set[str]]:
-    """The quantity of words and a unit, and a state that follows from them together: of several words the last counts."""
+    """The quantity from words and a unit, and the state that they imply. Of several words, the last decides."""
     there, states = set(kinds), set[str]()
     of_axes = [kind for kind in kinds if kind in _QUANTITIES]
     if "other" in there and not ("time" in there and not axis):
@@ -186,12 +186,12 @@ def _quantity(kinds: list[str], unit: tuple[str, str] | None, axis: str) -> tupl
 
 
 def quantity_of_name(name: str) -> str | None:
-    """The role that a name says by itself: ax, gy, time, temperature, position ...; None where it says none."""
+    """The role of a single name: ax, gy, time, temperature, position ...; None for no role."""
     return role_of(name)[0]
 
 
 def role_of(name: str) -> tuple[str | None, str]:
-    """The role and the unit that a name says by itself; an index counts from 0."""
+    """The role and the unit of a single name; an index starts at 0."""
     if name.strip() in EITHER:
         return name.strip(), ""
     exact = exact_role(name.strip().lower())
@@ -211,7 +211,7 @@ def role_of(name: str) -> tuple[str | None, str]:
 
 
 def exact_role(text: str) -> tuple[str | None, str]:
-    """Role and unit of `ax_ms2`, `time`, `temperature_degc` ..., as this program writes them; None for others."""
+    """Role and unit of the names that this program writes: `ax_ms2`, `time`, `temperature_degc` ...; None for others."""
     if text in (*QUANTITIES, *EITHER):
         return text, ""
     role, _, unit = text.rpartition("_")

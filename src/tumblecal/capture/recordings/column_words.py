@@ -1,13 +1,13 @@
-"""The words of column names: quantities, what was done to readings, and units, in the languages that loggers write.
+"""The words of column names: quantities, processing states and units, in the languages that loggers use.
 
-Written without accents, as `plain_letters` makes them.
+They are written without accents, as by `plain_letters`.
 """
 
 import re
 import unicodedata
 
 
-# Quantities, and words that decide between them. `other` is no reading: a count, an uncertainty, a set point.
+# Quantities, and words that decide between them. `other` is not a reading: a count, an uncertainty, a set point.
 _MEANINGS = {
     "acceleration": (
         "ac acc accs accl acce accel accelero accelerometer accelerometers acceleration accelerations gf "
@@ -47,7 +47,7 @@ _MEANINGS = {
         "rc pid debug force torque emg ecg ppg gsr heart altimeter flow date id axisp axisi axisd axisf "
         "displacement norm abs absolute magnitude loop iteration frame index packet dt interval period latency"
     ),
-    # These decide only with another word.
+    # These words decide only together with a second word.
     "angular": "angular ang winkelig angulaire angolare",
     "rotation": "rotation rot rotational turn drehung",
     "rate_of": "rate rates",
@@ -62,7 +62,7 @@ _MEANINGS = {
         "smooth smoothed filt filtered filter lpf lowpass lp cal calib calibrated corrected corr comp "
         "compensated avg average averaged fused est estimated"
     ),
-    # These say nothing of a quantity.
+    # These words do not concern the quantity.
     "plain": (
         "out 轴 軸 方向 richtung direction dir val imu sensor sensors data axis component field header msg "
         "message value values signal body device since start started boot reboot begin unix utc system "
@@ -70,11 +70,11 @@ _MEANINGS = {
         "received measurement motion motionsensor achse eje"
     ),
 }
-# A word that ends so is a time: uptime, systime, Laufzeit, tstamp.
+# A word with one of these ends is a time: uptime, systime, Laufzeit, tstamp.
 _ENDS_OF_TIMES = ("time", "stamp", "zeit", "tijd", "seconds")
-# Both an acceleration and a state of it.
+# Words that are both an acceleration and its state.
 _BOTH = {"la", "lacc", "linacc", "laccel", "ua", "uacc", "useracc"}
-# Short words that are found within a longer one only with an axis alone.
+# Short words that are found within a longer word only if the rest is an axis.
 _SHORTEST_WITHIN = 3
 LETTERS = {
     "a": "acceleration", "w": "rate", "ω": "rate", "g": "letter", "f": "letter", "m": "field", "b": "field", "h": "field",
@@ -108,7 +108,7 @@ _UNITS = {
 
 
 def plain_letters(text: str) -> str:
-    """A text without accents, its raised digits and the like as usual ones, letters as they are."""
+    """A text without accents, with superscript digits and similar forms as usual characters; the letters keep their case."""
     decomposed = unicodedata.normalize("NFKD", text.replace("µ", "μ")).replace("−", "-")
     return "".join(letter for letter in decomposed if not unicodedata.combining(letter))
 
@@ -136,7 +136,7 @@ _UNIT_WORDS = {
 
 
 def unit_of(text: str) -> tuple[str, str] | None:
-    """The quantity that a unit belongs to, and the unit as this program writes it (empty for one it has no use for)."""
+    """The quantity of a unit, and the unit as this program writes it (empty for an unused one)."""
     plain = plain_letters(text).strip().lower()
     for pattern, own in _UNIT_WORDS.items():
         plain = re.sub(pattern, own, plain)
@@ -144,13 +144,13 @@ def unit_of(text: str) -> tuple[str, str] | None:
 
 
 def meanings(word: str) -> list[str]:
-    """What a word says."""
+    """Meanings of a word."""
     kind = WORDS.get(word, "") or ("time" if word.endswith(_ENDS_OF_TIMES) else "")
     return ["acceleration", kind] if word in _BOTH else [kind] if kind else []
 
 
 def split(chunk: str) -> list[str] | None:
-    """The known words, and at most one letter x, y or z, of which letters without a gap are made; None for others."""
+    """The known words, and at most one letter x, y or z, that together form a string of letters; None if they do not."""
     if chunk in WORDS or chunk in ("x", "y", "z"):
         return [chunk]
     if chunk[:-1] in _WITH_AXIS and chunk[-1] in "xyz":

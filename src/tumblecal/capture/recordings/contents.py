@@ -1,4 +1,4 @@
-"""The contents of a recording, added up while it is written: rows, clock, temperature, gaps, damage."""
+"""The contents of a recording, accumulated while it is written: rows, clock, temperature, gaps, damage."""
 
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
@@ -29,18 +29,18 @@ RATE_KEYS = (
     "update_rate",
     "outputrate",
 )
-# Clocks that show more seconds count from 1970: it is later than 2001, and no device has run for so long.
+# Clocks with more seconds count from 1970: the date is after 2001, and no device has run for that long.
 _LEAST_MOMENT_S = 1e9
 
 
 @dataclass
 class Contents:
-    """The contents of a recording, added up while it is written.
+    """The contents of a recording, accumulated while it is written.
 
-    `rate_hz` is None where neither times nor anybody tell it; `unreadable` counts rows left out, `places` says where, and
-    `first_unread` for which column the first was; `damage` is what is missing or changed in it.
-    `begin_s` is what its own clock shows at time zero, s.
-    `gaps` are (time, length) in s of steps of time of more than half a second, or backwards; `equal_times` counts rows with the
+    `rate_hz` is None if neither times nor a statement give it. `unreadable` counts excluded rows, `places` are their places,
+    and `first_unread` names the column of the first; `damage` lists missing and changed rows.
+    `begin_s` is the reading of the clock at time zero, s.
+    `gaps` are (time, length) in s of time steps of more than half a second, or backwards. `equal_times` counts rows with the
     time of the row before. `samples_per_row` is below 1 if the rows of a file without times repeat.
     """
 
@@ -69,7 +69,7 @@ class Contents:
 
     @property
     def rate_hz(self) -> float | None:
-        """Samples a second, gaps left out."""
+        """Samples a second, excluding gaps."""
         if self._sum_s > 0:
             return self._steps / self._sum_s
         stated = self.options.rate or _stated_rate(self.layout.table)
@@ -77,11 +77,11 @@ class Contents:
 
     @property
     def missing(self) -> int:
-        """How many samples a regular clock lacks, in all steps of more than one and a half usual ones."""
+        """Number of missing samples of a regular clock, in all steps of more than 1.5 usual steps."""
         return max(0, self._lost - self.equal_times)
 
     def uncounted(self) -> "Contents":
-        """The same source without what was counted of its rows, to count them again after a repair."""
+        """A copy with all row counts reset, to count again after a repair."""
         known = {
             name: getattr(self, name) for name in ("unreadable", "places", "first_unread", "begin_s", "samples_per_row")
         }
@@ -89,7 +89,7 @@ class Contents:
 
     @property
     def clock_comments(self) -> dict[str, str]:
-        """When its times were zero, as `data.joined_clocks` reads it: a moment where its clock counts from 1970."""
+        """Comments that state when the times were zero, for `data.joined_clocks`: a date if the clock counts from 1970."""
         if not np.isfinite(self.begin_s):
             return {}
         if self.begin_s < _LEAST_MOMENT_S:
@@ -98,7 +98,7 @@ class Contents:
 
     @property
     def mixed_rates(self) -> tuple[float, float] | None:
-        """Lowest and highest rate where they differ by more than a fifth, Hz."""
+        """Lowest and highest rate in Hz, if they differ by more than a fifth."""
         if not self._rates or max(self._rates) < 1.2 * min(self._rates):
             return None
         return min(self._rates), max(self._rates)

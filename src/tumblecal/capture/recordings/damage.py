@@ -1,15 +1,15 @@
-"""Damage of a recording: records of what is missing or changed in it, and what was done about it.
+"""Damage of a recording: records of missing or changed rows, and of their repair.
 
 | kind | meaning | usual action |
 |---|---|---|
 | `format` | the format shows that something is missing or unreadable | reported |
 | `unsigned` | negative numbers written as unsigned ones | corrected |
-| `overflow` | numbers that went beyond their type and came out at the other end of its range | corrected |
+| `overflow` | numbers that exceeded the range of their type and wrapped around | corrected |
 | `erased` | rows of erased or empty memory: the clock and all readings stop | left out |
 | `frozen` | readings that stop while the clock goes on | left out |
-| `disorder` | rows that are not in the order of their clock | sorted, or left out where they have no place |
-| `duplicates` | rows that came twice | left out |
-| `repeats` | each sample several times: the logger was faster than the sensor | one of each kept |
+| `disorder` | rows that are not in the order of their clock | sorted, or left out if they have no place |
+| `duplicates` | rows that occur twice | left out |
+| `repeats` | each sample several times: the logger was faster than the sensor | one row of each sample retained |
 """
 
 from dataclasses import asdict, dataclass, field, replace
@@ -21,9 +21,9 @@ class DamageRecord:
 
     **Arguments:**
 
-    - `kind`: as in the table above. `finding`: for people; with `done`, how it was mended, one line.
-    - `action`: `reported`, `corrected`, `sorted` or `left out`. `rows`: how many it concerns; None if that is not known.
-    - `first_row`: the first of them, from 1, among the rows that are whole. `largest`, `unit`: its largest size, such as the
+    - `kind`: as in the table above. `finding`: description; with `done`, the repair, one line.
+    - `action`: `reported`, `corrected`, `sorted` or `left out`. `rows`: number of rows concerned; None if unknown.
+    - `first_row`: the first of them, from 1, among the complete rows. `largest`, `unit`: its largest size, such as the
       correction in the numbers of the source or the delay in s.
     """
 
@@ -38,15 +38,15 @@ class DamageRecord:
 
     @property
     def words(self) -> str:
-        """For people, one line."""
+        """The record as one line of text."""
         return f"{self.finding}: {self.done}" if self.done else self.finding
 
     def unrepaired(self) -> "DamageRecord":
-        """The same where rows stay as they are."""
-        return replace(self, action="reported", done="the rows stay as they are")
+        """The same record, with rows that do not change."""
+        return replace(self, action="reported", done="the rows are not changed")
 
     def as_dict(self) -> dict[str, object]:
-        """For a file."""
+        """The record as keys and values of a file."""
         content = asdict(self)
         return {"kind": content.pop("kind"), "words": self.words} | {
             key: value for key, value in content.items() if key not in ("finding", "done")
@@ -55,9 +55,9 @@ class DamageRecord:
 
 @dataclass
 class Damage:
-    """The damage of a recording in the order in which it is found; filled while a source is read.
+    """The damage of a recording in the order of discovery; filled while a source is read.
 
-    Damage that leaves no sound rows is no record but an `InputError`.
+    Damage without any sound row is an `InputError` instead of a record.
     """
 
     records: list[DamageRecord] = field(default_factory=list)

@@ -38,7 +38,7 @@ _INSTANCE = "I"
 
 @dataclass(frozen=True)
 class _Kind:
-    """A type of message: its length in bytes with the header, its name, number formats and fields."""
+    """A type of message: its length in bytes including the header, its name, number formats and fields."""
 
     length: int
     name: str
@@ -47,12 +47,12 @@ class _Kind:
 
     @property
     def dtype(self) -> np.dtype:
-        """Of its fields."""
+        """The dtype of its fields."""
         return np.dtype([(name, _FORMATS[code]) for name, code in zip(self.fields, self.formats, strict=True)])
 
     @property
     def sound(self) -> bool:
-        """Whether its formats are known and fill its length."""
+        """Whether its formats are known and agree with its length."""
         known = len(self.fields) == len(self.formats) == len(set(self.fields)) and set(self.formats) <= set(_FORMATS)
         return known and self.dtype.itemsize == self.length - _HEADER
 
@@ -66,7 +66,7 @@ def _kind(content: bytes) -> tuple[int, _Kind]:
 
 
 def _scanned(log: bytes) -> tuple[dict[int, _Kind], dict[int, list[int]], int, int]:
-    """The types, the places of the messages of each, how many bytes begin no message, and the first of these."""
+    """The types, the places of their messages, the number of bytes outside messages, and the first of these bytes."""
     kinds = {
         _FMT: _Kind(_FMT_FIELDS.itemsize + _HEADER, "FMT", "BBnNZ", ("Type", "Length", "Name", "Format", "Columns"))
     }
@@ -104,16 +104,20 @@ def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceT
         for table in _tables(kind, log, np.array(places[number]))
     ]
     if skipped:
-        damage.report(f"{counted(skipped, 'byte')} in no message, the first at byte {first}: messages there are lost")
+        damage.report(
+            f"{counted(skipped, 'byte')} outside messages, the first at byte {first}: messages there are lost"
+        )
     if not tables:
         there = ", ".join(f"{kinds[number].name} ({len(own)})" for number, own in places.items() if number in kinds)
-        raise InputError(f"{path}: no message with AccX, AccY, AccZ; it holds {there or 'none'}. Log IMU: LOG_BITMASK")
+        raise InputError(
+            f"{path}: no message has AccX, AccY, AccZ; it has {there or 'none'}. Set LOG_BITMASK to log IMU"
+        )
     return tables
 
 
 def _tables(kind: _Kind, log: bytes, places: NDArray[np.int64]) -> list[SourceTable]:
-    """A table for each instance of a sensor, `IMU/1`; of older logs, whose messages have a name for each, one."""
-    # The fields as they would begin at every byte: taken at the messages, without an index for each byte.
+    """A table for each instance of a sensor, `IMU/1`; one table for older logs, with a name for each instance."""
+    # A view of the fields at every byte, indexed only at the messages.
     anywhere = np.ndarray((len(log) - kind.length + 1,), kind.dtype, log, _HEADER, (1,))
     values = anywhere[places]
     columns = {

@@ -35,7 +35,7 @@ def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceT
             if set(own) >= _FORCE and (found := {*re.findall(_begin(name, own), piece, re.MULTILINE)}):
                 instances.setdefault(name, set()).update(map(bytes.decode, found))
     if not instances:
-        raise InputError(f"{path}: no accelerations; its messages are {shown(', '.join(fields))}")
+        raise InputError(f"{path}: no accelerations among its messages {shown(', '.join(fields))}")
     return [
         _table(path, name, fields[name], instance, damage)
         for name in fields.keys() & instances.keys()
@@ -44,7 +44,7 @@ def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceT
 
 
 def _begin(name: str, fields: list[str]) -> bytes:
-    """The pattern of how a message begins, its instance as a group."""
+    """The pattern of the start of a message, with its instance as a group."""
     before = rb"(?:[^,\n]*,){%d} *(\d+)," % fields.index("I") if "I" in fields else b"()"
     return b"^%s,%s" % (name.encode(), before)
 

@@ -1,4 +1,4 @@
-"""What was guessed of a recording goes with a fault that may follow from it: the command line prints it before."""
+"""Guesses about a recording are attached to a fault that may follow from them; the command line prints them first."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -8,7 +8,7 @@ from tumblecal.ground.errors import InputError
 
 @contextmanager
 def guessed(lines: Sequence[str]) -> Iterator[None]:
-    """Add lines, as they are when it happens, to an `InputError` as its notes; each once."""
+    """Add the lines to an `InputError` as its notes, each once."""
     try:
         yield
     except InputError as error:

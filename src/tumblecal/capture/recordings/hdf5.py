@@ -12,7 +12,7 @@ from tumblecal.ground.decoding import decoding, silenced
 
 
 def arrays_of(path: Path) -> dict[str, np.ndarray]:
-    """The datasets of a file by their paths; the fields of a table as `table/field`.
+    """The datasets of a file by path; fields of a table are `table/field`.
 
     **Raises:** `InputError` for a damaged file, or without h5py.
     """

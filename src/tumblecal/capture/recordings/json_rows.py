@@ -28,7 +28,7 @@ _MOST_KINDS, _MOST_ITEMS = 12, 32
 _WHOLE_SHARE = 0.8
 
 Row = dict[str, object]
-# The objects with their lines, from the first on at each call; None for a line that is no object.
+# The objects with their lines, from the start at each call; None for a line that is not an object.
 Rows = Callable[[], Iterable[tuple[int, Row | None]]]
 
 
@@ -42,7 +42,7 @@ def _recognised(path: Path, head: bytes) -> bool:
 
 
 def _row(line: str) -> Row | None:
-    """The object of a line, its nested names joined; None for another line, and for an object of lists."""
+    """The object of a line with nested names joined; None for other lines and for an object of lists."""
     try:
         content = json.loads(line)
         row = _flat(content) if isinstance(content, dict) else None
@@ -72,7 +72,7 @@ def _numbered_pieces(path: Path) -> Iterator[tuple[int, bytes]]:
 
 
 def _rows_in(line: int, piece: bytes) -> Iterator[tuple[int, Row | None]]:
-    """The objects in lines, the first of which has this number."""
+    """The objects in lines that are numbered from this number."""
     for number, text in enumerate(piece.removesuffix(b"\n").decode("utf-8", "replace").split("\n"), line):
         if own := text.strip(" \t,[]\ufeff"):
             yield number, _row(own)
@@ -84,11 +84,11 @@ def _rows_of_lines(path: Path) -> Iterator[tuple[int, Row | None]]:
 
 
 def _flat_frame(line: int, piece: bytes, kinds: Mapping[str, bool]) -> "pl.DataFrame | None":
-    """The rows of lines each of which is an object of these keys alone, each once; None where not all are.
+    """The rows of lines, if each is an object with exactly these keys, each once; otherwise None.
 
     **Arguments:**
 
-    - `kinds`: the keys, and whether their values are numbers, otherwise words.
+    - `kinds`: the keys, and whether their values are numbers (otherwise words).
     """
     import polars as pl
 
@@ -123,7 +123,7 @@ def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceT
     if tables := tables_of_arrays(_arrays(content) if isinstance(content, dict) else {}):
         return tables
     raise InputError(
-        f"{path}: JSON without samples; they are read from an object in each line, a list of objects, or an object of lists"
+        f"{path}: JSON without samples; samples are read from one object a line, a list of objects, or an object of lists"
     )
 
 
@@ -142,7 +142,7 @@ def _arrays(content: Mapping[str, object], before: str = "") -> dict[str, np.nda
 
 
 def _tables(seen: Sequence[Row | None], rows: Rows, row_word: str, lines: Path | None = None) -> list[SourceTable]:
-    """A table for each kind of object: of another word in a field such as `sensor`, or of other names.
+    """A table for each kind of object, by the word in a field such as `sensor`, or by the names.
 
     **Arguments:**
 
@@ -164,7 +164,7 @@ def _tables(seen: Sequence[Row | None], rows: Rows, row_word: str, lines: Path |
     for row in whole:
         kinds.setdefault(kind_of(row), []).append(row)
     if not words and any(len(own) == len(set().union(*whole)) for own in whole):
-        # Objects that lack a name are of the same kind as those that have all.
+        # An object without one of the names is of the same kind as an object with all names.
         return [_table("", whole, lambda row: "", rows, row_word, lines)]
     return [_table(kind, own, kind_of, rows, row_word) for kind, own in kinds.items()]
 
@@ -178,7 +178,7 @@ def _table(
     lines: Path | None = None,
 ) -> SourceTable:
     names = tuple(dict.fromkeys(name for row in seen for name in row))
-    # A lone letter of an axis has the word of its kind before it.
+    # A name that is only the letter of an axis gets the word of its kind as a prefix.
     own = {f"{kind}.{name}" if kind and name in ("x", "y", "z") else name: name for name in names}
     numeric = {column for column, name in own.items() if any(isinstance(row.get(name), int | float) for row in seen)}
 

@@ -36,9 +36,9 @@ def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceT
 
 
 def _check_elements(path: Path) -> None:
-    """Check that the elements of a file of version 5 follow one another to its end, and of compressed ones the checksum.
+    """Check that the elements of a file of version 5 are contiguous to its end, and the checksums of compressed elements.
 
-    scipy reads neither: it stops where the numbers are complete. https://www.mathworks.com/help/pdf_doc/matlab/matfile_format.pdf
+    scipy checks neither: it stops when the numbers are complete. https://www.mathworks.com/help/pdf_doc/matlab/matfile_format.pdf
 
     **Raises:** `ValueError` and `zlib.error`.
     """
@@ -48,14 +48,14 @@ def _check_elements(path: Path) -> None:
         kind, size = struct.unpack_from(f"{order}II", content, at)
         stop = at + _TAG_SIZE + size
         if stop > len(content):
-            raise ValueError(f"it ends within the element at byte {at}")
+            raise ValueError(f"the file ends within the element at byte {at}")
         if kind == _COMPRESSED:
             zlib.decompress(content[at + _TAG_SIZE : stop])
         at = stop
 
 
 def _collect(arrays: dict[str, np.ndarray], name: str, value: Any) -> None:
-    """The arrays of a variable; the fields of a struct as `name/field`."""
+    """The arrays of a variable; fields of a struct are `name/field`."""
     if isinstance(value, np.ndarray) and value.dtype.names and value.ndim == 0:
         for field in value.dtype.names:
             _collect(arrays, f"{name}/{field}", value[()][field])

@@ -1,6 +1,6 @@
-"""Byte logs of the MIMU4444 and its kin (Inertial Elements, OpenShoe): several IMUs in one frame, a table an IMU.
+"""Byte logs of the MIMU4444 and similar devices (Inertial Elements, OpenShoe): several IMUs in a frame, one table for each.
 
-A frame is AA, a running number (u16), the length of what follows (u8), ticks of 64 MHz (u32), for each IMU ax ay az gx gy gz
+A frame is AA, a running number (u16), the length of the payload (u8), ticks of 64 MHz (u32), for each IMU ax ay az gx gy gz
 (i16), and the sum of all bytes before it (u16); numbers are big-endian.
 """
 
@@ -21,7 +21,7 @@ _NAMES = [f"{kind}{axis}" for kind in "ag" for axis in "xyz"]
 
 
 def _frame_at(data: bytes, start: int) -> int:
-    """Length of a whole frame that begins here; 0 where none does."""
+    """Length of the complete frame at this place; 0 if there is none."""
     if len(data) < start + 4 or data[start] != 0xAA:
         return 0
     payload = data[start + 3]
@@ -32,7 +32,7 @@ def _frame_at(data: bytes, start: int) -> int:
 
 
 def _first_frame(data: bytes) -> tuple[int, int]:
-    """Start and length of the first frame that is followed by another; zeros where there is none."""
+    """Start and length of the first frame that is followed by a second one; zeros if there is none."""
     for start in range(min(len(data), 4096)):
         length = _frame_at(data, start)
         if length and _frame_at(data, start + length):
@@ -48,7 +48,7 @@ def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceT
     whole, rows = [], 0
     content = np.frombuffer(data, np.uint8)
     while start + length <= len(data):
-        # As many frames at once as stand in line with a right check.
+        # All contiguous frames with a correct checksum are read at once.
         count = min((len(data) - start) // length, 1 << 14)
         frames = content[start : start + count * length].reshape(count, length)
         right = (frames[:, :-2].sum(1, dtype=np.int64) & 0xFFFF) == frames[:, -2].astype(int) * 256 + frames[:, -1]
@@ -59,7 +59,9 @@ def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceT
         start += good * length if good else 1
     frames = np.concatenate(whole)
     if outside := len(data) - rows * length:
-        damage.report(f"{outside} of {len(data)} bytes are outside whole frames with a right checksum and are left out")
+        damage.report(
+            f"{outside} of {len(data)} bytes are outside complete frames with a correct checksum and are left out"
+        )
     ticks = np.ascontiguousarray(frames[:, 4:8]).view(">u4")[:, 0].astype(np.int64)
     time_s = np.concatenate([[0], np.cumsum(np.diff(ticks) % (1 << 32))]) / _TICKS_PER_S
     values = np.ascontiguousarray(frames[:, 8:-2]).view(">i2").reshape(rows, -1, 6)

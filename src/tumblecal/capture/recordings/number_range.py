@@ -1,11 +1,11 @@
-"""Numbers that left the range of their type: negative ones written as unsigned, and values that overflowed.
+"""Numbers outside the range of their type: negative numbers written as unsigned, and overflowed values.
 
-A type of n bits is a circle of 2^n steps, cut at the ends of its range. If the readings of an axis pass that cut, rows jump by
-nearly the full range where the reading changes by little. Two ways to read such numbers are tried: as signed (the upper half
-of the range is negative), and, for each axis, with every step the shorter one around the circle. One is used only if at least
-nine tenths of the jumps of more than half a range disappear and the readings fit gravity at least twice as well (their
-distance from a sphere, or the dispersion of their size). If nothing jumps (one attitude), integers are read as signed only if
-their size is then that of one g in a usual unit, and is not as written.
+A type of n bits is a circle of 2^n steps, cut at the ends of its range. If the readings of an axis cross this cut, the numbers
+jump by nearly the full range although the reading changes little. Two ways to read such numbers are tried: as signed (the
+upper half of the range is negative), and, for each axis, with every step the shorter one around the circle. A way is used only
+if it removes at least nine tenths of the jumps of more than half a range, and the readings then fit gravity at least twice as
+well (their distance from a sphere, or the dispersion of their size). If nothing jumps (one attitude), integers are read as
+signed only if their size is then one g in a usual unit, and as written is not.
 """
 
 from collections.abc import Sequence
@@ -24,11 +24,11 @@ from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 if TYPE_CHECKING:
     from tumblecal.capture.recordings.units import Column
 
-# Bits of the types that sensors and loggers have.
+# Bits of the types of sensors and loggers.
 _BITS = (8, 10, 12, 13, 14, 16, 18, 20, 24, 32)
-# Rows that are fitted, and rows from which the step is estimated.
+# Number of rows for the fit, and of rows from which the step is estimated.
 _FITTED_ROWS, _STEP_ROWS = 20_000, 50_000
-# Overflowed numbers reach the ends of the range within this share of it.
+# Overflowed numbers come this close to the ends of the range, as a share of it.
 _END = 1 / 16
 _BETTER = 0.5
 _USUAL = 1.3
@@ -39,14 +39,14 @@ _WRITTEN_UNITS = np.array([1.0, 1000.0, STANDARD_GRAVITY_MS2, 9.8, 9.81])
 
 @dataclass(frozen=True)
 class Wrap:
-    """How numbers of a column come back into the range: those from `cut` on change by a negative `shift`, those below it by a
-    positive one."""
+    """Correction of the numbers of a column into the range: a negative `shift` is added to numbers from `cut` on, a positive
+    `shift` to numbers below it."""
 
     cut: float
     shift: float
 
     def concerns(self, numbers: NDArray) -> NDArray[np.bool_]:
-        """Which numbers change."""
+        """Mask of the numbers that change."""
         return numbers >= self.cut if self.shift < 0 else numbers < self.cut
 
     def corrected(self, numbers: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -60,15 +60,15 @@ Wraps = tuple[Wrap | None, ...]
 def wraps_of_force(
     numbers: NDArray[np.float64], scale: NDArray[np.float64], per_g: float | None = None
 ) -> Wraps | None:
-    """How accelerations as written (n, 3) come back into the range of their type; None if they are in it.
+    """Corrections of accelerations as written (n, 3) into the range of their type; None if they are in it.
 
     **Arguments:**
 
-    - `numbers`: of the source, in the order of its rows. `scale` (3): a reading is `scale` times a number.
-    - `per_g`: how many units of a reading are one g, where that is known.
+    - `numbers`: numbers of the source, in the order of its rows. `scale` (3): a reading is `scale` times a number.
+    - `per_g`: how many units of a reading are one g, if known.
     """
     numbers = numbers[np.isfinite(numbers).all(1)]
-    # The same number on all axes is no reading but erased memory, or a sensor that does not answer.
+    # Equal numbers on all axes are not a reading but erased memory, or a sensor that does not answer.
     numbers = numbers[~((numbers[:, 0] == numbers[:, 1]) & (numbers[:, 0] == numbers[:, 2]))]
     if len(numbers) < 3:
         return None
@@ -88,14 +88,14 @@ def wraps_of_force(
                 continue
             own = _misfit(corrected, scale)
             if (own < _BETTER * misfit).any():
-                # The range of the numbers' own steps comes first: others must be clearly better.
+                # The range that follows from the step of the numbers comes first: others must be clearly better.
                 best, least = (wraps, own.prod()) if own.prod() < 0.7 * least else (best, least)
                 break
     return best
 
 
 def wraps_of_rates(numbers: NDArray[np.float64]) -> Wraps | None:
-    """The same for angular rates (n, k), which are near zero at rest: by their jumps alone."""
+    """Corrections of angular rates (n, k), which are near zero at rest, by their jumps alone."""
     numbers = numbers[np.isfinite(numbers).all(1)]
     if len(numbers) < 3 or (numbers < 0).any():
         return None
@@ -109,7 +109,7 @@ def wraps_of_rates(numbers: NDArray[np.float64]) -> Wraps | None:
 
 
 def wrapped_record(columns: Sequence["Column"], rows: int, first: int) -> DamageRecord:
-    """The record of numbers that were corrected in columns."""
+    """The damage record of corrected numbers in columns."""
     names, wraps = [column.name for column in columns], [column.wrap for column in columns if column.wrap]
     signed = all(wrap.shift < 0 and wrap.cut == -wrap.shift / 2 for wrap in wraps)
     shifts = sorted({f"{abs(wrap.shift):.9g}" for wrap in wraps})
@@ -117,7 +117,7 @@ def wrapped_record(columns: Sequence["Column"], rows: int, first: int) -> Damage
     words = (
         f"{where}: negative numbers written as unsigned ones; {' or '.join(shifts)} subtracted from the upper half of the range"
         if signed
-        else f"{where}: numbers left the range of their type; changed by {' or '.join(shifts)}, one full range"
+        else f"{where}: numbers outside the range of their type; corrected by {' or '.join(shifts)}, one full range"
     )
     kind, largest = "unsigned" if signed else "overflow", max(abs(wrap.shift) for wrap in wraps)
     return DamageRecord(kind, words, "", "corrected", rows, first, largest, "number of the source")
@@ -145,7 +145,7 @@ def _ways(numbers: NDArray[np.float64], full: float) -> list[Wraps]:
 
 
 def _around_the_circle(numbers: NDArray[np.float64], full: float) -> Wrap | None:
-    """How numbers change if every step is the shorter one around the circle and the range the one nearest to zero."""
+    """Changes of the numbers if every step is the shorter one around the circle and the range is the one nearest to zero."""
     lowest = 0.0 if numbers.min() >= 0 else -full / 2
     ends = numbers.min() - lowest, lowest + full - numbers.max()
     if max(ends) > _END * full:
@@ -158,17 +158,17 @@ def _around_the_circle(numbers: NDArray[np.float64], full: float) -> Wrap | None
         return None
     shift = float(shifts[shifts != 0][0])
     other, own = (numbers[moved != 0], numbers[moved == 0])[:: 1 if shift > 0 else -1]
-    # Those below the cut are moved up, or those above it down.
+    # Numbers below the cut are moved up, or numbers above it down.
     return Wrap((other.max() + own.min()) / 2, shift * full) if other.max() < own.min() else None
 
 
 def _top(numbers: NDArray[np.float64]) -> float:
-    """The least that a full range can be."""
+    """Lower limit of a full range."""
     return float(numbers.max()) if numbers.min() >= 0 else 2 * float(np.abs(numbers).max())
 
 
 def _full_ranges(numbers: NDArray[np.float64], *, nominal: bool) -> list[float]:
-    """Full ranges that a type of these numbers may have: a power of two of their step, then those of usual full scales."""
+    """Possible full ranges of the type of these numbers: a power of two of their step, then those of usual full scales."""
     top = _top(numbers)
     if top <= 0:
         return []
@@ -176,12 +176,12 @@ def _full_ranges(numbers: NDArray[np.float64], *, nominal: bool) -> list[float]:
     step = 1.0 if integers else step_of(numbers)
     ranges = []
     if step:
-        # The largest number of 16 bits is 65535; that of 16 bits with a sign is 32767, the smallest -32768.
+        # The largest number of 16 bits is 65535; with a sign, the largest is 32767 and the smallest -32768.
         bits = (round(top / step) - int(numbers.min() < 0)).bit_length()
         ranges += [step * 2.0**own for own in _BITS if own >= bits][:1]
     if nominal and not integers:
         usual = np.unique(2 * np.outer(_FULL_SCALES_G, _WRITTEN_UNITS))
-        # Over the empty stretch, rounded steps may miscount by one.
+        # Across the empty stretch, the count of rounded steps may differ by one.
         ranges = [
             float(usual[np.argmin(np.abs(usual - own))]) for own in ranges if np.abs(usual - own).min() < 2 * step
         ] or ranges
@@ -190,14 +190,14 @@ def _full_ranges(numbers: NDArray[np.float64], *, nominal: bool) -> list[float]:
 
 
 def step_of(numbers: NDArray[np.float64]) -> float:
-    """The step of which all numbers are multiples, as far as their digits show it; 0 if there is none."""
+    """The step of which all numbers are multiples, to within their digits; 0 if there is none."""
     values = np.unique(numbers[:_STEP_ROWS])
     apart = np.diff(values)
     if not len(apart):
         return 0.0
     apart[apart < 1e-9 * (values[-1] - values[0])] = np.inf
     smallest = apart.min()
-    # Digits that are cut off make equal steps differ.
+    # Truncated digits make equal steps differ.
     step = float(apart[apart < 1.6 * smallest].mean())
     away = np.sort(np.abs(values - values[int(np.argmin(apart))]))[1:]
     reach, residual = 4 * step, 0.0
@@ -212,7 +212,7 @@ def step_of(numbers: NDArray[np.float64]) -> float:
 
 
 def _misfit(numbers: NDArray[np.float64], scale: NDArray[np.float64]) -> NDArray[np.float64]:
-    """How badly readings fit gravity, in their unit: typical distance from a sphere of any centre, dispersion of the size."""
+    """Misfit of readings to gravity, in their unit: typical distance from a sphere of any centre, dispersion of the size."""
     force = (numbers * scale)[:: max(1, len(numbers) // _FITTED_ROWS)]
     squares = (force**2).sum(1)
     unit = float(np.abs(force).max()) or 1.0

@@ -1,4 +1,4 @@
-"""What a user says of a recording: its columns and units, what is known of its positions, when an interval is still."""
+"""Options of recordings: columns and units, positions, and the criterion for intervals at rest."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -6,36 +6,37 @@ from pathlib import Path
 
 @dataclass(frozen=True)
 class RecordingOptions:
-    """What a user says of a recording that it does not tell, or tells wrongly.
+    """Columns, units, rate and gravity of a recording that does not state them, or states them wrongly.
 
     Parameters
     ----------
     columns
-        Which column is what, e.g. ax=AccX,ay=AccY,az=AccZ,gx=...,time=t,temperature=T,position=part;
-        a number counts columns from 1.
+        Column of each quantity, by its name or its number from 1, for example
+        ax=AccX,ay=AccY,az=AccZ,gx=GyrX,time=t,temperature=T,position=part.
     unit
-        Unit of the accelerations: g, mg, m/s2, or counts such as 16384/g; guessed from their size, and said, where left out.
+        Unit of the accelerations: g, mg, m/s2, or counts such as 16384/g. By default it is guessed from their
+        size, and the guess is reported.
     gyro_unit
         Unit of the angular rates: dps, rad/s, or counts such as 131/dps.
     time_unit
-        Unit of the times: s, ms, us or ns; guessed from the rate where left out.
+        Unit of the times: s, ms, us or ns. By default it is guessed from the sample rate.
     scale
-        What readings are multiplied by, less their offset: 0.061, or for each axis ax=0.061,ay=...
+        Factor of the readings after the offset is subtracted: 0.061, or one for each axis: ax=0.061,ay=0.060.
     offset
-        What is subtracted from readings before, in their own unit: 32768, or ax=32768,...
+        Offset, subtracted from the readings in the unit of the file: 32768, or one for each axis: ax=32768,ay=32760.
     rate
-        Sample rate in Hz, where the recording has no times.
+        Sample rate in Hz, for a recording without times.
     topic
-        Which of several tables: a topic, a sheet, a variable.
+        Table to read if there are several: a topic, a sheet or a variable.
     protocol
-        For byte logs: the protocol; guessed where left out.
+        Protocol of a byte log. By default it is guessed.
     gravity
-        Gravity where it was measured: m/s^2, such as 9.8123, or the site, such as lat=48.14,height=520 (degrees, metres). It
-        counts where readings are in m/s^2: reduce divides them by it, import writes it beside them. Of readings in g, mg or
-        counts it changes no number; it is kept with them. Goes before the recording's own; where nobody states one, m/s^2 are
-        divided by 9.80665. Of apply it is gravity where the device is used.
+        Local gravity at the place of measurement: m/s^2, such as 9.8123, or the site, such as lat=48.14,height=520 (degrees,
+        metres). It replaces the value that the recording states. reduce divides readings in m/s^2 by it (by 9.80665 if none is
+        stated); import writes it with the samples. Readings in g, mg or counts do not change. For apply: gravity at the place
+        where the device is used.
     range_g
-        For byte logs: full scale in g, where the stream does not tell it.
+        Full scale in g of the device of a byte log, if the stream does not state it.
     """
 
     columns: str = ""
@@ -53,16 +54,16 @@ class RecordingOptions:
 
 @dataclass(frozen=True)
 class Criterion:
-    """When an interval counts as still.
+    """Criterion for an interval at rest.
 
     Parameters
     ----------
     false_alarm
-        Probability that a still second is taken for a moving one, on one axis.
+        Probability that one second at rest is classified as moving, for each axis.
     least_s
-        Shortest interval, s.
+        Shortest accepted interval, s.
     guard_s
-        Left out at both ends of an interval, s.
+        Time excluded at both ends of an interval, s.
     """
 
     false_alarm: float = 1e-6
@@ -72,25 +73,25 @@ class Criterion:
 
 @dataclass(frozen=True)
 class KnownContext:
-    """What is known of a recording besides its samples.
+    """Positions, run and mounting of a recording.
 
     Parameters
     ----------
     static
-        Find the still intervals; their attitudes are unknown (a hand-held set). intervals.svg shows them over the signal.
+        Find the intervals at rest, with unknown attitudes (a hand-held set). intervals.svg shows them over the signal.
     plan
-        Find the still intervals of this plan (TOML, as of tumblecal capture), in its order or in any.
+        Find the intervals at rest of this plan (TOML, as for tumblecal capture), in the order of the plan or in any order.
     table
-        Table (CSV) of the files of one recording: column file, and position (or name), alpha_deg and beta_deg; optional run,
-        mount. With --plan, position alone is enough.
+        Table (CSV) of the files of one recording, with the columns file, position (or name), alpha_deg, beta_deg; run and
+        mount are optional. With --plan, the columns file and position are enough.
     by
-        Column of the recording that names the position of each sample.
+        Column of the recording with the position of each sample.
     means
-        Each row is the mean of a position already.
+        Each row of the table is the mean of a position.
     run
-        Label of the run, a column of positions.csv.
+        Label of the run for the column run of positions.csv.
     mount
-        Label of the mounting.
+        Label of the mounting for the column mount of positions.csv.
     """
 
     static: bool = False

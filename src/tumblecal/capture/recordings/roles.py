@@ -1,4 +1,4 @@
-"""What the columns of a recording are, and in which units: as asked, as the format says, by their names, or by the numbers."""
+"""Quantities and units of the columns of a recording: by option, by the format, by name, or by value."""
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
@@ -42,21 +42,21 @@ from tumblecal.ground.text_file import shown
 if TYPE_CHECKING:
     import polars as pl
 
-# Of a file without names so many pieces are read until the values show the accelerations.
+# At most this many pieces of a file without names are read until the values show the accelerations.
 _MOST_PIECES = 16
-# Readings whose size is so many times one g are in another unit than their name says.
+# Readings larger than one g by this factor have a different unit from the one in their name.
 _FAR = 3.0
 
 
 @dataclass(frozen=True)
 class Layout:
-    """What is taken of a table.
+    """The columns of a table with their quantities and units.
 
     **Arguments:**
 
-    - `columns`: by quantity (`ax` .. `gz`, `time`, `temperature`, `position` ...).
-    - `per_g`: counts a g, where readings are counts and that is known. `size`: of gravity in them, about.
-    - `said`: what was guessed, in words. `why`: by what evidence each was chosen.
+    - `columns`: columns by quantity (`ax` .. `gz`, `time`, `temperature`, `position` ...).
+    - `per_g`: counts for one g, if readings are counts and it is known. `size`: approximate size of gravity in them.
+    - `said`: the guesses, in words. `why`: evidence for each column.
     """
 
     table: SourceTable
@@ -68,12 +68,12 @@ class Layout:
 
     @property
     def unit(self) -> str:
-        """Of the accelerations: g, mg, ms2 or counts."""
+        """Unit of the accelerations: g, mg, ms2 or counts."""
         return self.columns["ax"].unit
 
 
 def has_force(table: SourceTable, options: RecordingOptions) -> bool:
-    """Whether a table has three accelerations by name, as asked or as its format says."""
+    """Whether a table has three accelerations by option, by its format or by name."""
     given = given_columns(table, options)
     if set(FORCE) <= set(given):
         return True
@@ -87,12 +87,15 @@ def layout_of(
     only: Collection[str] | None = None,
     wraps: Mapping[str, Wrap] = MappingProxyType({}),
 ) -> Layout:
-    """Settle what the columns are; of those that are not asked for, `only` some quantities, where given.
+    """Determine the quantities and units of the columns.
 
-    `wraps`: of numbers that left the range of their type, if that is known.
+    **Arguments:**
 
-    **Raises:** `InputError` when the three accelerations are not among them, or for options that fit nothing. Before it, the
-    command prints what was guessed.
+    - `only`: if given, columns that no option names are restricted to these quantities.
+    - `wraps`: corrections of numbers outside the range of their type, if known.
+
+    **Raises:** `InputError` if the three accelerations are not among them, or for options that fit nothing. The command
+    prints the guesses first.
     """
     given = given_columns(table, options)
     names = _free_names(table, given)
@@ -149,7 +152,7 @@ def _layout(
             said.append(f"time: column {clock}, by its values (it only rises); to override: --columns time=...")
     if only is not None:
         only = {*only, *columns_of_option(table, options)}
-        # A column `t` is told by the time or the temperature beside it.
+        # The other of time and temperature shows the quantity of a column `t`.
         named = _of(named, only | CLOCKS if only & CLOCKS else only)
     named, words = settled(named, first, path)
     named = named if only is None else _of(named, only)
@@ -157,8 +160,8 @@ def _layout(
     lacking = [role for role in FORCE if role not in named]
     if lacking:
         raise InputError(
-            f"{path}: {', '.join(lacking)} not found among the columns {shown(', '.join(table.columns))}; say which they "
-            "are: --columns ax=...,ay=...,az=..."
+            f"{path}: {', '.join(lacking)} not found among the columns {shown(', '.join(table.columns))}; name them: "
+            "--columns ax=...,ay=...,az=..."
         )
     check_units(table, named, options, path)
     named, words = _readable(table, named, options, first, path)
@@ -166,12 +169,14 @@ def _layout(
     named = in_range(table, scaled(named, options), options, first, wraps)
     force = np.stack([numbers_of(first, named[role]) for role in FORCE], axis=1)
     lengths = np.linalg.norm(force, axis=1)
-    # Erased memory and sensors that do not answer have one number on all axes; it says nothing of the unit.
+    # Erased memory and sensors that do not answer have one number on all axes, which does not show the unit.
     if (different := np.ptp(force, axis=1) > 0).any():
         lengths[~different] = np.nan
     if np.isnan(lengths).all():
         there = ", ".join(named[role].name for role in FORCE)
-        raise InputError(f"{path}: no row holds a number in each of {there}; another layout; give --columns")
+        raise InputError(
+            f"{path}: no row has a number in each of {there}; give the columns of the accelerations by --columns"
+        )
     size = float(np.nanmedian(lengths)) if fitted is None or options.scale or options.offset else fitted
     stated = {role: column.unit for role, column in named.items()}
     named, per_g, by_size = force_unit(table, named, options, size)
@@ -189,19 +194,19 @@ def _layout(
 
 
 def _other_unit(named: Mapping[str, Column], options: RecordingOptions, size: float) -> list[str]:
-    """That the unit in the names contradicts the size of the readings, which is one g in another."""
+    """A message if the unit in the names contradicts the size of the readings, which is one g in a different unit."""
     per_g, other = per_g_of(named["ax"].unit), usual_unit(size, ALIKE)
     if options.unit or per_g is None or other is None or 1 / _FAR < size / per_g < _FAR:
         return []
     return [
-        f"unit by name: {named['ax'].unit}, but the readings' size is about {size:.5g}, one g in {other}; --unit sets another"
+        f"unit by name: {named['ax'].unit}, but the readings' size is about {size:.5g}, one g in {other}; to change it: --unit"
     ]
 
 
 def _unit_why(role: str, stated: Mapping[str, str], options: RecordingOptions, by_size: bool) -> str:
-    """By what evidence a quantity has its unit, in words; nothing for one without a unit."""
+    """The evidence for the unit of a quantity, in words; empty for a quantity without a unit."""
     kinds = (
-        (FORCE, options.unit, "by size" if by_size else "as the format says, or not known"),
+        (FORCE, options.unit, "by size" if by_size else "by the format, or not known"),
         (RATE, options.gyro_unit, "not known"),
         (("time",), options.time_unit, "by the rate, or as a clock"),
     )
@@ -219,30 +224,30 @@ def _of(named: Mapping[str, Column], roles: Collection[str]) -> dict[str, Column
 def _readable(
     table: SourceTable, named: dict[str, Column], options: RecordingOptions, first: "pl.DataFrame", path: str
 ) -> tuple[dict[str, Column], list[str]]:
-    """The columns that hold numbers, or should not, and what is to be said of those left out.
+    """The columns that have numbers or need none, and messages about ignored columns.
 
-    **Raises:** `InputError` for accelerations, angles, and columns asked for, that hold none.
+    **Raises:** `InputError` for accelerations, angles, and columns named by an option, without any number.
     """
     numeric = [role for role in (*FORCE, *RATE, "temperature", *NUMBERS) if role in named]
     unreadable = [role for role in numeric if not np.isfinite(numbers_of(first, named[role])).any()]
     said = list[str]()
     for role in unreadable:
-        # What a device does not send stands as empty columns in some formats; of a column of words it is said.
+        # Some formats have empty columns for quantities that the device does not send; only a column of words is reported.
         cell, of_words = first_cell(first, named[role]), not _numeric_or_empty(first, named[role])
         if role in (*FORCE, *columns_of_option(table, options)) or (role in NUMBERS and of_words):
             more = ", or give --columns" if role in FORCE else ""
             raise InputError(f"{path}:{unread(table, first, named[role])}: no number; {advice(cell, role)}{more}")
-        said += [f"{unread(table, first, named[role])}: no number; left out as {role}"] * of_words
+        said += [f"{unread(table, first, named[role])}: no number; ignored as {role}"] * of_words
     return {role: column for role, column in named.items() if role not in unreadable}, said
 
 
 def _needed(table: SourceTable, given: Mapping[str, Column], names: Mapping[str, ColumnName]) -> list[str]:
-    """The columns whose values may decide: where names say acceleration, those that are named as readings or times."""
+    """The columns whose values may be needed: if a name is that of an acceleration, only columns named as readings or times."""
     if not any(triple.name.quantity == "acceleration" for triple in triples_of(names)) and not set(FORCE) <= set(given):
         return list(table.columns)
     read = ("acceleration", "rate", "letter", "time", "temperature")
     if not any(role_of(name)[0] in CLOCKS for name in names):
-        # The clock is sought among those whose names say nothing.
+        # The clock is searched among columns whose names have no known word.
         read = (*read, "", "other")
     taken = {column.name for column in given.values()}
     return [
@@ -255,8 +260,8 @@ def _needed(table: SourceTable, given: Mapping[str, Column], names: Mapping[str,
 def _readings(
     names: Mapping[str, ColumnName], first: "pl.DataFrame", options: RecordingOptions
 ) -> Callable[[str, int], np.ndarray]:
-    """The numbers of a column, with the scale and the offset that a user gives for the axis that it may be; in the range of
-    their type, as the triples of names show it."""
+    """A function for the numbers of a column on an axis, with the scale and the offset from the options, corrected into the
+    range of their type by the triples of names."""
     scale, offset = per_axis(options.scale, "--scale", 1.0), per_axis(options.offset, "--offset", 0.0)
     wraps = dict[str, Wrap]()
     for triple in triples_of({name: own for name, own in names.items() if name in first.columns}):
@@ -274,7 +279,7 @@ def _readings(
 
 
 def _free_names(table: SourceTable, given: Mapping[str, Column]) -> dict[str, ColumnName]:
-    """What the names say of the columns that neither the user nor the format names."""
+    """Meanings of the names of columns that neither an option nor the format assigns."""
     taken = {column.name for column in given.values()}
     return {name: parsed(name) for name in table.columns if name not in taken and name != ROW}
 
@@ -282,8 +287,8 @@ def _free_names(table: SourceTable, given: Mapping[str, Column]) -> dict[str, Co
 def _others(
     table: SourceTable, names: Mapping[str, ColumnName], named: Mapping[str, Column], first: "pl.DataFrame"
 ) -> dict[str, Column]:
-    """Time, temperature, labels, angles, and single axes, by the names of columns that are not taken; of several times the one
-    whose name says least of other things, if its values can be times."""
+    """Time, temperature, labels, angles, and single axes, by the names of unassigned columns. Of several times, the one whose
+    name has the fewest other words, if its values can be times."""
     taken = {column.name for column in named.values()}
     others: dict[str, Column] = {}
     for name in sorted(names, key=lambda name: names[name].foreign):

@@ -1,4 +1,4 @@
-"""ROS 1 and ROS 2 bags and MCAP files, by rosbags: a table a topic with accelerations."""
+"""ROS 1 and ROS 2 bags and MCAP files, by rosbags: a table for each topic with accelerations."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 _BEGINS = (b"#ROSBAG V2.0", MCAP_MAGIC, SQLITE_MAGIC)
 _ADVICE = "copy it again, or repair it: rosbag reindex, ros2 bag reindex, mcap recover"
 _IMU, _TEMPERATURE = "sensor_msgs/msg/Imu", "sensor_msgs/msg/Temperature"
-# Types with a vector of acceleration, m/s^2, and where it stands (REP 103: SI units).
+# Types with a vector of acceleration, m/s^2, and its place (REP 103: SI units).
 _ACCELERATION = {
     _IMU: "linear_acceleration",
     "geometry_msgs/msg/AccelStamped": "accel.linear",
@@ -33,7 +33,7 @@ _ROLES |= {f"angular_velocity.{axis}": f"g{axis}_rads" for axis in "xyz"}
 
 @contextmanager
 def _opened(path: Path) -> Iterator[Any]:
-    """A bag, open; faults of the library are those of the file."""
+    """An open bag; faults of the library become faults of the file."""
     highlevel, typesys = library("rosbags.highlevel", path), library("rosbags.typesys", path)
     known = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
     with decoding(path, "bag", _ADVICE), highlevel.AnyReader([path], default_typestore=known) as bag:
@@ -64,7 +64,7 @@ def _seconds(first_ns: Sequence[int]) -> float:
 
 
 def _pieces(path: Path, table: tuple[str, str, int], warmth: list[str], damage: Damage, first_ns: list[int]):
-    """The rows of a topic, of which name, type and number of messages are stated; `first_ns`: for the time of the first."""
+    """The rows of a topic, given by name, type and number of messages; `first_ns`: receives the time of the first."""
     topic, kind, count = table
 
     def pieces(columns: Sequence[str]) -> Iterator["pl.DataFrame"]:
@@ -78,8 +78,8 @@ def _pieces(path: Path, table: tuple[str, str, int], warmth: list[str], damage: 
                 if connection.topic != topic:
                     temperature = float(message.temperature)
                     continue
-                # A driver without a clock stamps nothing: then the time of reception counts. From the first, as ns since 1970
-                # do not fit a float.
+                # A driver without a clock stamps nothing: then the time of reception is used, relative to the first, as
+                # ns since 1970 do not fit a float.
                 stamp_ns = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec or received_ns
                 if not first_ns:
                     first_ns.append(stamp_ns)
@@ -89,7 +89,7 @@ def _pieces(path: Path, table: tuple[str, str, int], warmth: list[str], damage: 
                     yield pl.DataFrame(rows, schema=list(_ROLES)[: len(rows[0])], orient="row").select(columns)
                     rows = []
             if count and seen != count:
-                damage.report(f"it has {seen} messages of {topic}, but its index states {count}")
+                damage.report(f"the bag has {seen} messages of {topic}, but its index states {count}")
             if rows:
                 yield pl.DataFrame(rows, schema=list(_ROLES)[: len(rows[0])], orient="row").select(columns)
 

@@ -1,9 +1,9 @@
-"""Rows that are not in the order of their clock: their places, if the clock shows them.
+"""Rows that are not in the order of their clock, and their correct places if the clock shows them.
 
-The longest part of the recording whose time never falls is kept as it is: the fewest rows are then displaced. Displaced rows
-go where the clock has room for them: at least half a step from their neighbours, among the others or next to them. A displaced
-stretch that finds no place is a second session if it is long, since its clock began again: the recording is split there and
-nothing is sorted across. If it is short, it is left out.
+The longest part of the recording whose time never falls is not changed, so the number of displaced rows is smallest. Displaced
+rows are moved to gaps of the clock: at least half a step from their neighbours, among the others or next to them. A long
+displaced stretch without such a place is a second session whose clock restarted: the recording is split there, and rows are
+not sorted across the split. A short one is left out.
 """
 
 from bisect import bisect_right
@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 
 # A clock is regular if this share of its steps is within a quarter of the usual one.
 _REGULAR, _REGULAR_WITHIN = 0.8, 0.25
-# From this share of steps backwards on, disorder is the rule; the usual step is then that of the sorted times.
+# With this share of steps backwards or more, the usual step is that of the sorted times.
 _OFTEN = 0.01
-# Displaced stretches that are longer, and have no place, are sessions of their own.
+# Longer displaced stretches without a place are separate sessions.
 _LONGEST_LATE = 50
-# Of a second session, more than this share is closer to other rows than half a step.
+# More than this share of a second session is closer to other rows than half a step.
 _CROWDED = 0.1
-# Next to the others are rows within so many steps.
+# Rows within this many steps are next to the others.
 _NEXT_TO = 3.0
 
 
@@ -31,10 +31,9 @@ class RowOrder:
 
     **Arguments:**
 
-    - `rows`: indices of the rows in order; those left out are not among them.
-    - `moved`: of the rows that were displaced. `unplaced`: of those without a place. `repeated`: of those whose time is there
-      already.
-    - `largest_s`: longest time by which one of them is late or early.
+    - `rows`: indices of the rows in order, without excluded rows.
+    - `moved`: indices of displaced rows. `unplaced`: of rows without a place. `repeated`: of rows whose time occurs already.
+    - `largest_s`: longest time by which a displaced row is late or early, s.
     """
 
     rows: NDArray[np.int64]
@@ -45,7 +44,7 @@ class RowOrder:
 
 
 def usual_step(times: NDArray[np.float64]) -> float:
-    """The usual step of a clock, s; 0 if it is not regular. Rows with the same time count once."""
+    """The usual step of a clock, s; 0 if it is not regular. Rows with equal times count as one."""
     steps = np.diff(times)
     steps = steps[steps != 0]
     ahead = steps[steps > 0]
@@ -106,13 +105,13 @@ def _rows_of(stamps: NDArray[np.int64], starts: NDArray[np.int64], counts: NDArr
 
 
 def _longest_rising(stamps: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Members of a longest subsequence that rises (patience sorting); stamps that fit all others are in it without a search."""
+    """Members of a longest rising subsequence (patience sorting); stamps in order with all others need no search."""
     ahead = np.maximum.accumulate(np.append(-np.inf, stamps))[:-1]
     behind = np.minimum.accumulate(np.append(stamps, np.inf)[::-1])[::-1][1:]
     chosen = (stamps > ahead) & (stamps < behind)
     rows = np.flatnonzero(~chosen)
     values = stamps[rows].tolist()
-    # Of each length the smallest last value of a rising subsequence, where it is, and what comes before each.
+    # For each length: the smallest last value of a rising subsequence, its place, and its predecessor.
     lasts, places, before = list[float](), list[int](), [-1] * len(values)
     for k, value in enumerate(values):
         length = bisect_right(lasts, value)
@@ -134,7 +133,7 @@ def _longest_rising(stamps: NDArray[np.float64]) -> NDArray[np.bool_]:
 def _placed(
     stamps: NDArray[np.float64], displaced: NDArray[np.bool_], step: float
 ) -> tuple[int | None, NDArray[np.bool_], NDArray[np.bool_]]:
-    """Where a second session begins, if there is one; which displaced stamps have no place, and which are there already."""
+    """The start of a second session, if there is one; the displaced stamps without a place, and those that occur already."""
     sorting = np.argsort(stamps, kind="stable")
     sorted_stamps = stamps[sorting]
     apart = np.diff(sorted_stamps, prepend=-np.inf, append=np.inf)

@@ -1,17 +1,17 @@
-"""Rows of a recording that are no samples, are not in the order of their clock, or repeat the sample before.
+"""Repair of rows of a recording that are not samples, are not in the order of their clock, or repeat the sample before.
 
-Each is found in the samples on disk, in this order, and the table is written again only if there is one:
+Each kind is searched in the samples on disk, in this order, and the table is written again only if one is found:
 
 1. *Erased memory.* Rows in which all readings and the clock stop, in a run of 20 or more that is also ten times as long as a
-   usual packet (rows with one time), and twice as long as the longest packet in which readings change; unless the clock makes
-   up for it in as many rows before and after, as for a packet that was late. If there is no clock, or it goes on: 20 rows or
+   usual packet (rows with one time), and twice as long as the longest packet in which readings change; unless the clock
+   catches up in as many rows before and after, as for a late packet. If there is no clock, or it continues: 20 rows or
    more in which nothing changes and all axes have one number whose size is not that of gravity (0, or all bits set).
 2. *Disorder* (`row_order`).
-3. *Repeats.* The logger was k times as fast as the sensor if readings hardly ever change sooner than k rows after the last
-   change, where independent changes would: a quiet sensor with coarse steps changes at any distance. One row of each sample
-   is kept.
-4. *Duplicates.* Rows that equal the row before, time included, if nearly all rows with the time of the row before are of this
-   kind (rows of a packet, or of one ms, differ) and other rows seldom equal the row before.
+3. *Repeats.* The logger was k times as fast as the sensor if readings almost never change sooner than k rows after the last
+   change, although independent changes would (a quiet sensor with coarse steps changes at any distance). One row of each
+   sample is retained.
+4. *Duplicates.* Rows that equal the row before, including the time, if nearly all rows with the time of the row before do so
+   (rows of a packet, or of one ms, differ) and other rows seldom equal the row before.
 """
 
 from collections.abc import Callable, Iterator
@@ -33,21 +33,21 @@ if TYPE_CHECKING:
     import polars as pl
 
 _PACKETS = 10
-# A packet of samples has so many changes of the readings; erased memory after the last row has one.
+# Fewest changes of the readings in a packet of samples; erased memory after the last row has one change.
 _CHANGES = 3
-# Sizes of readings that gravity does not explain, in usual sizes.
+# Readings whose size differs from the usual one by more than this share are not gravity.
 _NO_GRAVITY = 0.5
-# Fewest changes of the readings that show how many rows a sample has, and how many must be expected sooner.
+# Fewest changes of the readings that show the number of rows of a sample, and fewest expected earlier changes.
 _FEWEST_CHANGES, _FEWEST_EXPECTED = 30, 10
 _SELDOM = 0.05
-# Rows that came twice: this share of those with the time of the row before equals it, and at most this share of the others.
+# Duplicates: this share of the rows with the time of the row before equals it, and at most this share of the others.
 _EQUAL, _ALIKE = 0.95, 0.3
 _MOST_REPEATS = 64
 
 
 @dataclass(frozen=True)
 class Repair:
-    """A repair: the `rows` that remain, in order; the records of the damage; `samples_per_row`, below 1 if rows repeat."""
+    """A repair: the remaining `rows`, in order; the records of the damage; `samples_per_row`, below 1 if rows repeat."""
 
     rows: NDArray[np.int64]
     records: tuple[DamageRecord, ...]
@@ -85,7 +85,7 @@ def without_erased(runs: RowRuns) -> Repair | None:
 
 
 def erased_record(rows: int, first: int, why: str) -> DamageRecord:
-    """The record of rows of erased memory, of which `first` is the first, from 1."""
+    """The record of rows of erased memory; `first` is the first of them, from 1."""
     finding = f"{counted(rows, 'row')} of erased memory, first row {first} ({why})"
     return DamageRecord("erased", finding, "left out", "left out", rows, first)
 
@@ -106,7 +106,7 @@ def _stopped(runs: RowRuns) -> list[tuple[int, int]]:
     times = runs.times()
     ahead = np.diff(times)
     step = float(np.median(ahead[ahead > 0])) if (ahead > 0).any() else np.inf
-    # Over as many rows before and after, the clock makes up for a late packet; rows of erased memory are in excess.
+    # The clock catches up a late packet within as many rows before and after; rows of erased memory are in excess.
     first, last = np.maximum(starts - lengths, 0), np.minimum(starts + 2 * lengths, len(times)) - 1
     late = np.abs((times[last] - times[first]) / (step * (last - first)) - 1) < 1 / 6
     return [(int(s), int(n)) for s, n in zip(starts[~late], lengths[~late], strict=True)]
@@ -137,7 +137,7 @@ def _order_records(order: RowOrder) -> Iterator[DamageRecord]:
         yield DamageRecord("disorder", finding, "sorted", "sorted", count, first, order.largest_s, "s")
     for kind, rows, why in (
         ("disorder", order.unplaced, "whose time has no place among the others"),
-        ("duplicates", order.repeated, "whose time is there already"),
+        ("duplicates", order.repeated, "whose time occurs already"),
     ):
         if len(rows):
             finding = f"{counted(len(rows), 'row')} {why}, first row {int(rows.min()) + 1}"
@@ -158,13 +158,13 @@ def one_of_each(runs: RowRuns) -> Repair | None:
     rates = (
         f": the sensor gives {rate_hz / ratio:.4g} samples a second, the file has {rate_hz:.4g} rows" if rate_hz else ""
     )
-    finding, done = f"each sample is written {ratio:.3g} times{rates}", "one of each is kept"
+    finding, done = f"each sample is written {ratio:.3g} times{rates}", "one row of each is retained"
     record = DamageRecord("repeats", finding, done, "left out", len(runs) - len(rows), None, ratio, "rows a sample")
     return Repair(rows, (record,), len(rows) / len(runs))
 
 
 def without_duplicates(runs: RowRuns) -> Repair | None:
-    """The rows without those that came twice in succession."""
+    """The rows without consecutive duplicates."""
     twice = np.flatnonzero(runs.same & runs.same_time)
     if len(twice) < _EQUAL * np.count_nonzero(runs.same_time) or not len(twice):
         return None
@@ -172,13 +172,13 @@ def without_duplicates(runs: RowRuns) -> Repair | None:
     if not others.any() or np.mean(runs.same[1:][others]) > _ALIKE:
         return None
     first = int(twice[0]) + 1
-    finding = f"{counted(len(twice), 'row')} came twice, with the same time and readings, first row {first}"
+    finding = f"{counted(len(twice), 'row')} occur twice, with the same time and readings, first row {first}"
     record = DamageRecord("duplicates", finding, "left out", "left out", len(twice), first)
     return Repair(np.flatnonzero(~(runs.same & runs.same_time)), (record,))
 
 
 def rows_per_sample(lengths: NDArray[np.int64]) -> float | None:
-    """How many rows a sample has, of the lengths of runs of equal readings; None if readings do not repeat regularly."""
+    """Rows for each sample, from the lengths of runs of equal readings; None if readings do not repeat regularly."""
     count = len(lengths)
     if count < _FEWEST_CHANGES:
         return None
@@ -200,7 +200,7 @@ def rows_per_sample(lengths: NDArray[np.int64]) -> float | None:
 
 
 def repaired_frames(path: Path, rows: NDArray[np.int64], begin_s: float = 0.0) -> Iterator["pl.DataFrame"]:
-    """These rows of a table, in this order, a piece at a time, with times from `begin_s` on."""
+    """These rows of a table, in this order and in pieces, with times from `begin_s` on."""
     import polars as pl
 
     table, count, _ = scan_parquet(path, check=False)

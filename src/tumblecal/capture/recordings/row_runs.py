@@ -1,4 +1,4 @@
-"""Runs of equal rows in a recording, found in one pass over its samples on disk: a few bytes a row stay in memory."""
+"""Runs of equal rows in a recording, found in one pass over its samples on disk; memory use is a few bytes a row."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -18,21 +18,21 @@ if TYPE_CHECKING:
 
 
 TIME = "time_s"
-# Rows that are equal in all readings and the clock, or without one, are erased memory from this many on.
+# Fewest rows with equal readings and clock (if there is one) that are erased memory.
 FEWEST_ERASED = 20
 _RISING = 0.9
 
 
 @dataclass(frozen=True)
 class RowRuns:
-    """What rows have in common with the row before.
+    """Comparison of each row with the row before.
 
     **Arguments:**
 
     - `same_force`, `same`, `same_time` (rows): whether the accelerations, all readings, the time equal those of the row before.
     - `path`, `channels`: of the samples, the three accelerations first; `timed`: whether they have times.
-    - `backward`: number of steps of time backwards. `size`: median size of the accelerations, rows alike counted once.
-    - `scale`, `offset`: of numbers of the source, of which a reading is `scale (number - offset)`. `rate_hz`: rows a second.
+    - `backward`: number of steps of time backwards. `size`: median size of the accelerations, equal rows counted once.
+    - `scale`, `offset`: a reading is `scale (number - offset)` for a number of the source. `rate_hz`: rows a second.
     """
 
     path: Path
@@ -71,9 +71,9 @@ def runs_of(flags: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int
 
 
 def without_erased_rows(first: "pl.DataFrame") -> "pl.DataFrame":
-    """The first rows of a source without erased memory, before it is known what its columns are.
+    """The first rows of a source without erased memory, before the quantities of its columns are known.
 
-    Rows in which all columns stop, if a column rises in nearly all others (a clock) or all cells are one number.
+    Erased are rows in which all columns stop, if a column rises in nearly all others (a clock) or all cells are one number.
     """
     import polars as pl
 
@@ -81,7 +81,7 @@ def without_erased_rows(first: "pl.DataFrame") -> "pl.DataFrame":
     numbers = cells.select(pl.all().cast(pl.Float64, strict=False)).to_numpy()
     if len(numbers) < FEWEST_ERASED:
         return first
-    # A clock that goes on says nothing.
+    # A clock that continues shows nothing.
     stays = np.flatnonzero(np.mean(np.diff(numbers, axis=0) > 0, axis=0) <= _RISING)
     cells, numbers = cells[:, stays.tolist()], numbers[:, stays]
     if len(stays) < 3:
@@ -112,8 +112,8 @@ def row_runs(
     **Arguments:**
 
     - `channels`: columns, the three accelerations first. `timed`: whether there is a column `time_s`.
-    - `columns`: the accelerations in the source. `rate_hz`: rows a second, None if not known.
-    - `look`: gets the accelerations of each piece.
+    - `columns`: the accelerations in the source. `rate_hz`: rows a second, None if unknown.
+    - `look`: called with the accelerations of each piece.
     """
     parts: list[tuple[NDArray[np.bool_], ...]] = []
     sizes: list[NDArray[np.float64]] = []

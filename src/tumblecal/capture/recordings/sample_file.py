@@ -1,7 +1,7 @@
-"""From a recording of any format to the one table of samples, a Parquet file: streamed, in memory that does not grow.
+"""Conversion of a recording of any format to one table of samples, a Parquet file: streamed, with constant memory.
 
-Columns: `time_s`; `ax_g`, `ax_ms2` (m/s^2), `ax_mg` or `ax_counts`; `gx_dps`, `gx_rads`, `gx_counts` or, in a unit that nobody
-knows, `gx_raw`; `temperature_degc`; `position`, `run`, `mount`, `alpha_deg`, `beta_deg`, `approach`.
+Columns: `time_s`; `ax_g`, `ax_ms2` (m/s^2), `ax_mg` or `ax_counts`; `gx_dps`, `gx_rads`, `gx_counts` or, in an unknown unit,
+`gx_raw`; `temperature_degc`; `position`, `run`, `mount`, `alpha_deg`, `beta_deg`, `approach`.
 """
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -41,9 +41,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class SampleStream:
-    """The one table of a recording's samples, a piece at a time; `contents` adds up what has been read.
+    """The table of a recording's samples, in pieces; `contents` counts the rows as they are read.
 
-    `frames_with(names)` are the frames of all rows, with the columns `WHOLE`, `ROW` and, of these columns of the source, `OWN`.
+    `frames_with(names)` gives the frames of all rows, with the columns `WHOLE`, `ROW` and, for these source columns, `OWN`.
     """
 
     contents: Contents
@@ -62,20 +62,20 @@ def sample_stream(
     needed: Collection[str] | None = None,
     wraps: Mapping[str, Wrap] = MappingProxyType({}),
 ) -> SampleStream:
-    """The samples of a recording, row by row as they are; damage of rows is repaired by `write_samples`.
+    """The samples of a recording, row by row and unchanged; `write_samples` repairs damaged rows.
 
     **Arguments:**
 
-    - `by`: column that becomes `position`. `in_force_units`: counts become g; refuse those of which nobody knows how many.
-    - `needed`: quantities that are wanted of a table whose columns are kept; what else is in it may be anything.
-    - `wraps`: of numbers that left the range of their type, by quantity; found in the first rows if empty.
+    - `by`: column that becomes `position`. `in_force_units`: convert counts to g, and reject counts of unknown scale.
+    - `needed`: quantities needed from a table that retains its columns; its other columns may have any content.
+    - `wraps`: corrections of numbers outside the range of their type, by quantity; found in the first rows if empty.
 
-    **Raises:** `InputError` for a recording that cannot be read, or holds no accelerations.
+    **Raises:** `InputError` for a recording that cannot be read, or has no accelerations.
     """
     import polars as pl
 
     if options.rate is not None and not 0 < options.rate < 1e7:
-        raise InputError(f"--rate {options.rate:g}: samples a second, above 0")
+        raise InputError(f"--rate {options.rate:g}: not a sample rate; give samples a second, above 0 and below 1e7")
     options = replace(options, columns=",".join(filter(None, [options.columns, by and f"position={by}"])))
     damage = Damage()
     reader, tables = source_tables(path, options, damage)
@@ -98,9 +98,9 @@ def sample_stream(
 def write_samples(
     path: Path, out: Path, options: RecordingOptions, *, by: str = "", in_force_units: bool = False, means: bool = False
 ) -> Contents:
-    """Write the samples of a recording as the one table, Parquet or CSV by the name of `out`, with damaged rows repaired.
+    """Write the samples of a recording as one table, with damaged rows repaired; the name of `out` selects Parquet or CSV.
 
-    **Arguments, raises:** as `sample_stream`; `means`: rows are no samples but means, which are not repaired.
+    **Arguments, raises:** as `sample_stream`; `means`: rows are means instead of samples and are not repaired.
     """
     with TemporaryDirectory() as folder:
         rows = Path(folder) / "rows.parquet"
@@ -131,15 +131,15 @@ def write_samples(
 
 
 class RangeCheck:
-    """Looks at all rows for numbers of these columns of accelerations that left the range of their type, where the first rows
-    do not show it."""
+    """Checks all rows for numbers of these acceleration columns outside the range of their type, if the first rows do not show
+    them."""
 
     def __init__(self, columns: Sequence[Column]):
         self.columns = columns
         self.wraps: dict[str, Wrap] = {}
 
     def __call__(self, force: np.ndarray) -> None:
-        """Look at the accelerations of a piece."""
+        """Check the accelerations of a piece."""
         if not self.columns or self.wraps or any(column.wrap for column in self.columns):
             return
         scale = np.array([column.scale for column in self.columns])
@@ -150,7 +150,7 @@ class RangeCheck:
 
 
 def runs_of_samples(rows: Path, contents: Contents, look: Callable[[np.ndarray], None] = lambda force: None) -> RowRuns:
-    """The runs of equal rows of the one table of samples; `look` gets the accelerations of each piece."""
+    """The runs of equal rows of a table of samples; `look` is called with the accelerations of each piece."""
     named = quantity_names(contents.layout)
     channels = [named[role] for role in (*FORCE, *RATE) if role in named]
     columns = [contents.layout.columns[role] for role in FORCE]
@@ -158,7 +158,7 @@ def runs_of_samples(rows: Path, contents: Contents, look: Callable[[np.ndarray],
 
 
 def _repaired(rows: Path, runs: RowRuns, contents: Contents, path: Path, schema: "pl.Schema") -> Contents:
-    """The contents of the table `rows` after each kind of damage in it is repaired."""
+    """Repair each kind of damage in the table `rows`, and return its contents."""
     for find in repairs():
         repair = find(runs)
         if repair is None:
@@ -182,7 +182,7 @@ def _counted(frames: Iterator["pl.DataFrame"], contents: Contents) -> Iterator["
 
 
 def _chosen(path: Path, tables: list[SourceTable], options: RecordingOptions) -> SourceTable:
-    """The table with the samples: as asked, or that with accelerations and the most rows; with rates before without."""
+    """The table with the samples: by option, or the one with accelerations and most rows; tables with rates come first."""
     if options.topic:
         named = [table for table in tables if table.name == options.topic]
         if named:
@@ -192,10 +192,12 @@ def _chosen(path: Path, tables: list[SourceTable], options: RecordingOptions) ->
         return tables[0]
     if not with_force:
         if options.topic and len(tables) == 1 and not tables[0].name:
-            raise InputError(f"{path}: no topic {options.topic}; it holds one table, without a name: leave out --topic")
+            raise InputError(
+                f"{path}: no topic {options.topic}: the file has one table, without a name; remove --topic"
+            )
         there = ", ".join(f"{table.name} ({table.said or f'{table.rows} rows'})" for table in tables) or "nothing"
         raise InputError(
-            f"{path}: no {f'topic {options.topic}' if options.topic else 'accelerations'}; it holds {there}"
+            f"{path}: no {f'topic {options.topic}' if options.topic else 'accelerations'}; the file has {there}"
         )
     return max(with_force, key=lambda table: (any("gx" in role for role in table.roles.values()), table.rows or 0))
 
@@ -205,8 +207,8 @@ def _in_force_units(layout: Layout, path: Path) -> Layout:
         return layout
     if layout.per_g is None:
         raise InputError(
-            f"{path}: the readings' size is about {layout.size:.5g}: neither g, mg, m/s^2 nor usual counts; say the unit "
-            f"(--unit g, --unit 16384/g) and, where it must be, --scale and --offset"
+            f"{path}: the readings' size is about {layout.size:.5g}: neither g, mg, m/s^2 nor usual counts; give the unit "
+            f"(--unit g, --unit 16384/g) and, if needed, --scale and --offset"
         )
     in_g = {
         role: replace(layout.columns[role], unit="g", scale=layout.columns[role].scale / layout.per_g) for role in FORCE

@@ -1,4 +1,4 @@
-"""The rows of a recording as columns with their units, a piece at a time; rows without a whole reading are counted."""
+"""The rows of a recording as columns with units, in pieces; rows without a complete reading are counted."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -24,16 +24,16 @@ from tumblecal.ground.text_file import shown
 if TYPE_CHECKING:
     import polars as pl
 
-# Columns of the frames of a table that is kept: its own columns as a struct, and whether a row holds a whole reading.
+# Columns of the frames of a table that retains its columns: these as a struct, and whether a row has a complete reading.
 OWN, WHOLE = "\x00own", "\x00whole"
-# Beyond this share of rows that cannot be read, the layout is wrong, not some lines.
+# With a larger share of unreadable rows, the layout is wrong instead of single lines.
 _MOST_UNREADABLE = 0.2
 _SHOWN = 5
 _DAY_S = 86400
 
 
 def quantity_names(layout: Layout) -> dict[str, str]:
-    """The columns' names in the one table, by quantity."""
+    """The columns' names in the table of samples, by quantity."""
     order = ("time", *FORCE, *RATE, "temperature", *NUMBERS, *LABELS)
     names = {"time": "time_s", "temperature": "temperature_degc"}
     units = {role: f"{role}_{column.unit}" for role, column in layout.columns.items() if role in (*FORCE, *RATE)}
@@ -42,20 +42,20 @@ def quantity_names(layout: Layout) -> dict[str, str]:
 
 @dataclass
 class RowCount:
-    """How many rows of a source are of some kind, and the first of them, from 1."""
+    """Number of rows of some kind in a source, and the first of them, from 1."""
 
     rows: int = 0
     first: int = 0
 
     def add(self, before: int, flags: np.ndarray) -> None:
-        """Count the rows of a piece; `before` rows are ahead of it."""
+        """Count the rows of a piece that begins after `before` rows."""
         if flags.any():
             self.first = self.first or before + int(np.argmax(flags)) + 1
             self.rows += int(np.count_nonzero(flags))
 
 
 def frames_of(layout: Layout, contents: Contents, path: str, own: Sequence[str]) -> Iterator["pl.DataFrame"]:
-    """The rows, a piece at a time, as `SampleStream.frames_with`; rows without a whole reading are counted."""
+    """The rows in pieces, as for `SampleStream.frames_with`; rows without a complete reading are counted."""
     import polars as pl
 
     named = quantity_names(layout)
@@ -79,7 +79,7 @@ def frames_of(layout: Layout, contents: Contents, path: str, own: Sequence[str])
             clock = layout.columns["time"]
             shown_s = begin + clock.offset * (_DAY_S if clock.unit in FORMS else clock.scale)
             contents.begin_s = shown_s + layout.table.zero_s()
-        # Numbers that no quantity has are damage, and would overflow the sums of squares.
+        # Numbers too large for any quantity are damage, and would overflow the sums of squares.
         usual = pl.col(needed).abs() < LARGEST_NUMBER
         whole = frame.select(pl.all_horizontal(usual.fill_null(False))).to_series()
         places = piece[ROW].to_numpy() if ROW in piece.columns else np.arange(seen + 1, seen + len(piece) + 1)
@@ -99,7 +99,7 @@ def frames_of(layout: Layout, contents: Contents, path: str, own: Sequence[str])
         if contents.unreadable > max(_SHOWN, _MOST_UNREADABLE * (seen - erased.rows)):
             raise InputError(
                 f"{path}:{layout.table.row_word} {contents.places[0]}: {contents.unreadable} of {seen} rows cannot be read "
-                f"as {', '.join(wanted)}; the first {contents.first_unread}: another layout; give --columns"
+                f"as {', '.join(wanted)}; the first {contents.first_unread}. Give the columns of the quantities by --columns"
             )
         contents.add(frame if whole.all() else frame.filter(whole))
         columns = [piece.select(own).to_struct(OWN)] if own else []
@@ -113,7 +113,7 @@ def frames_of(layout: Layout, contents: Contents, path: str, own: Sequence[str])
 
 
 def _concerned(piece: "pl.DataFrame", column: Column) -> np.ndarray:
-    """Which numbers of a column left the range of their type."""
+    """Mask of the numbers of a column outside the range of their type."""
     import polars as pl
 
     numbers = piece[column.name].cast(pl.Float64, strict=False).to_numpy()
@@ -121,7 +121,7 @@ def _concerned(piece: "pl.DataFrame", column: Column) -> np.ndarray:
 
 
 def blank_rows(force: "pl.DataFrame") -> np.ndarray:
-    """Rows of erased memory: all axes are NaN, or have one number that no quantity has, in many rows in succession."""
+    """Rows of erased memory: all axes are NaN, or have one number too large for any quantity, in many successive rows."""
     import polars as pl
 
     first = pl.col(force.columns[0])
@@ -134,7 +134,7 @@ def blank_rows(force: "pl.DataFrame") -> np.ndarray:
 
 
 def _unread_in(layout: Layout, piece: "pl.DataFrame", frame: "pl.DataFrame", row: int) -> str:
-    """Which cell of a row is no number; that cells are missing where its text is not kept."""
+    """The cell of a row that is not a number, in words; the cells in general if its text is not stored."""
     for role, name in quantity_names(layout).items():
         value = frame[name].cast(float).to_numpy()[row] if role in (*FORCE, *RATE, "time", *NUMBERS) else 0.0
         if not abs(value) < LARGEST_NUMBER:

@@ -1,4 +1,4 @@
-"""Spreadsheets (.xlsx, .xls, .ods), by polars and fastexcel: a table a sheet."""
+"""Spreadsheets (.xlsx, .xls, .ods), by polars and fastexcel: a table for each sheet."""
 
 import zipfile
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The columns that a user names, with their scales and offsets, and those that the format names."""
+"""The columns that options name, with their scales and offsets, and those that the format names."""
 
 from dataclasses import replace
 
@@ -13,7 +13,7 @@ from tumblecal.ground.text_file import shown
 
 
 def given_columns(table: SourceTable, options: RecordingOptions) -> dict[str, Column]:
-    """Columns by their quantity as the format says, as this program names them itself, and before all as the user says."""
+    """Columns by quantity: from options first, then from the format or the names that this program writes."""
     own = columns_of_option(table, options)
     taken = {column.name for column in own.values()}
     given: dict[str, Column] = {}
@@ -25,9 +25,9 @@ def given_columns(table: SourceTable, options: RecordingOptions) -> dict[str, Co
 
 
 def columns_of_option(table: SourceTable, options: RecordingOptions) -> dict[str, Column]:
-    """The columns that a user names.
+    """The columns of the option `--columns`.
 
-    **Raises:** `InputError` for a quantity or a column that there is not.
+    **Raises:** `InputError` for an unknown quantity, or a column that does not exist.
     """
     columns: dict[str, Column] = {}
     for role, given in _pairs(options.columns, "--columns").items():
@@ -40,7 +40,7 @@ def columns_of_option(table: SourceTable, options: RecordingOptions) -> dict[str
         if taken is not None:
             other = f"column {columns[taken].name} is {taken} already"
             raise InputError(f"{said}: {other}; name another column for each quantity")
-        # Where the user says no unit, the column's own name may.
+        # If the option gives no unit, the name of the column may give it.
         own_quantity, own_unit = exact_role(table.roles[name]) if name in table.roles else role_of(name)
         unit = unit or (own_unit if same_kind(own_quantity, quantity) else "")
         columns[quantity] = Column(name, unit)
@@ -48,7 +48,7 @@ def columns_of_option(table: SourceTable, options: RecordingOptions) -> dict[str
 
 
 def _column_of_option(table: SourceTable, given: str, said: str) -> str:
-    """The name of a column that is asked for by its name or its number."""
+    """The name of a column that the option gives by name or number."""
     if given in table.columns:
         return given
     number = int(given) if given.isdecimal() else 0
@@ -70,7 +70,7 @@ def _pairs(text: str, option: str) -> dict[str, str]:
 
 
 def per_axis(text: str, option: str, default: float) -> dict[str, float]:
-    """A finite number for all accelerations, or one for each quantity named; of scales none is 0."""
+    """A finite number for all accelerations, or one for each named quantity; a scale must not be 0."""
     pairs = _pairs(text, option) if "=" in text else dict.fromkeys(FORCE, text or str(default))
     numbers = {}
     for role, value in pairs.items():
@@ -84,9 +84,9 @@ def per_axis(text: str, option: str, default: float) -> dict[str, float]:
 
 
 def scaled(named: dict[str, Column], options: RecordingOptions) -> dict[str, Column]:
-    """The columns with the scales and offsets that a user gives.
+    """The columns with the scales and offsets from the options.
 
-    **Raises:** `InputError` for those of a quantity that is not among them.
+    **Raises:** `InputError` for a scale or an offset of a quantity without a column.
     """
     scale, offset = per_axis(options.scale, "--scale", 1.0), per_axis(options.offset, "--offset", 0.0)
     unknown = [role for role in (*scale, *offset) if role not in named]

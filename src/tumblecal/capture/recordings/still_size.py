@@ -1,6 +1,6 @@
-"""Which three columns measure gravity: their means over the calm stretches lie on one ellipsoid of its size.
+"""Search for three columns that measure gravity: their means over calm stretches lie on an ellipsoid of its size.
 
-The ellipsoid has axes along the three columns (a bias and a scale factor each), as of a triad whose misalignments are small.
+The axes of the ellipsoid are along the three columns (a bias and a scale factor each): a triad with small misalignments.
 """
 
 from dataclasses import dataclass
@@ -10,16 +10,16 @@ from numpy.typing import NDArray
 
 
 _FEWEST_ROWS, _MOST_ROWS, _WINDOWS = 12, 60, 2000
-# More attitudes than anybody visits: the columns do not rest.
+# With more attitudes than any procedure has, the columns are not at rest.
 _MOST_ATTITUDES = 300
-# A window is calm where its dispersion is at most so many times that of the quietest fifth.
+# A window is calm if its dispersion is at most this many times that of the quietest fifth.
 _QUIET_SHARE, _CALM = 0.2, 3.0
-# Two stretches are one attitude where their means differ by less than this share of the readings' size.
+# Two stretches have one attitude if their means differ by less than this share of the readings' size.
 _SAME = 0.1
 FEWEST_ATTITUDES, _FEWEST_FOR_SCALES = 6, 10
-# Dispersion of the fitted lengths: of MEMS triads it is below one percent, with a misalignment of 2 degrees below three.
+# Dispersion of the fitted lengths: for MEMS triads below 1 %, with a misalignment of 2 degrees below 3 %.
 _MOST_DISPERSION = 0.04
-# Offsets go to 0.6 g; an axis that sees less than half of gravity's size shows none of its own.
+# Offsets reach 0.6 g; an axis that senses less than half of gravity does not show its offset.
 _LARGEST_OFFSET, _LEAST_RANGE = 0.8, 0.5
 _MOST_UNEQUAL = 1.25
 
@@ -32,17 +32,17 @@ class StillMeans:
     sd: NDArray[np.float64]
 
     def calm(self, columns: list[int]) -> NDArray[np.bool_]:
-        """Which windows are calm, by the dispersion of some columns."""
+        """Mask of calm windows, by the dispersion of some columns."""
         spread = np.sqrt((self.sd[:, columns] ** 2).sum(1))
         if not len(spread):
             return np.zeros(0, bool)
         quiet = np.quantile(spread, _QUIET_SHARE)
-        # Coarse steps may show no dispersion at all.
+        # With coarse steps there may be no dispersion at all.
         size = np.median(np.linalg.norm(self.means[:, columns], axis=1))
         return spread <= max(_CALM * quiet, 2e-3 * size)
 
     def attitudes(self, columns: list[int]) -> NDArray[np.float64]:
-        """The means (m, 3) of the attitudes that the calm windows show, each once."""
+        """The means (m, 3) of the attitudes in the calm windows, each once."""
         calm = self.means[self.calm(columns)][:, columns]
         if not len(calm):
             return calm
@@ -60,7 +60,7 @@ class StillMeans:
 
 @dataclass(frozen=True)
 class Ellipsoid:
-    """The size of gravity in three columns, their biases over it, and the dispersion of the lengths over it."""
+    """The size of gravity in three columns; their biases and the dispersion of the lengths relative to it."""
 
     size: float
     bias: NDArray[np.float64]
@@ -69,17 +69,17 @@ class Ellipsoid:
 
     @property
     def fits(self) -> bool:
-        """Whether the lengths are one."""
+        """Whether the lengths are equal."""
         return self.dispersion <= _MOST_DISPERSION
 
     @property
     def usual(self) -> bool:
-        """Whether the biases are those of an accelerometer."""
+        """Whether the biases are plausible for an accelerometer."""
         return bool((np.abs(self.bias) <= _LARGEST_OFFSET).all())
 
 
 def still_means(values: NDArray[np.float64]) -> StillMeans:
-    """The windows of rows (m, n), in order; rows with a number missing are passed over."""
+    """The windows of rows (m, n), in order; rows with a missing number are skipped."""
     values = values[np.isfinite(values).all(1)]
     length = int(np.clip(len(values) // _WINDOWS, _FEWEST_ROWS, _MOST_ROWS))
     windows = values[: len(values) // length * length].reshape(-1, length, values.shape[1])
@@ -88,10 +88,10 @@ def still_means(values: NDArray[np.float64]) -> StillMeans:
 
 
 def ellipsoid(attitudes: NDArray[np.float64]) -> Ellipsoid | None:
-    """The ellipsoid through attitudes (m, 3); None for too few, or such as do not show each axis.
+    """The ellipsoid through attitudes (m, 3); None for too few attitudes, or attitudes that do not determine each axis.
 
-    With one scale factor |m|^2 - 2 b.m = r^2 - |b|^2, linear in the bias b and the right side; with three, the squares have
-    coefficients of their own.
+    With one scale factor |m|^2 - 2 b.m = r^2 - |b|^2, linear in the bias b and the right side; with three, each square has
+    a coefficient.
     """
     count = len(attitudes)
     if count < FEWEST_ATTITUDES:
@@ -114,7 +114,7 @@ def ellipsoid(attitudes: NDArray[np.float64]) -> Ellipsoid | None:
 
 
 def _fitted(m: NDArray[np.float64], *, scales: bool) -> tuple[float, NDArray[np.float64], float] | None:
-    """Size, bias, and dispersion of the lengths for the degrees of freedom; None where the scale factors are no triad's."""
+    """Size, bias, and dispersion of the lengths for the degrees of freedom; None for implausible scale factors."""
     if scales:
         # x^2 = -B y^2 - C z^2 + 2 b_x x + 2 B b_y y + 2 C b_z z + r^2
         matrix = np.column_stack([-(m[:, 1:] ** 2), 2 * m, np.ones(len(m))])
@@ -135,6 +135,6 @@ def _fitted(m: NDArray[np.float64], *, scales: bool) -> tuple[float, NDArray[np.
     dispersion = (
         float(np.sqrt(((lengths / size - 1) ** 2).sum() / (len(m) - parameters))) if len(m) > parameters else np.inf
     )
-    # In the units of the columns: of three scale factors the geometric mean.
+    # In the units of the columns: the geometric mean of the three scale factors.
     common = float(np.sqrt(squares).prod() ** (1 / 3))
     return size / common, bias / common, dispersion

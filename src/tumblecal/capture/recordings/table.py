@@ -1,4 +1,4 @@
-"""What every format gives: tables whose columns have the source's own names, in pieces of any length."""
+"""Tables of a source, as every format returns them: with the column names of the source, in pieces of any length."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -28,16 +28,16 @@ class SourceTable:
 
     **Arguments:**
 
-    - `name`: in the source; empty where it has but one. `columns`: their names there.
-    - `pieces`: the rows of these columns, in order, and the column `ROW` where rows have a place of their own.
-    - `rows`: how many there are; None where counting means reading.
-    - `roles`: what columns are for sure, by the format's own rules: `{"linear_acceleration.x": "ax_ms2"}`.
-    - `per_unit`: how many steps of a column of counts are one g (`a`) or one deg/s (`g`), where the format says so.
-    - `comments`: what else the source states, `key: value`. `row_word`: what a row is called in a fault.
-    - `header`: the line that names the columns, from 1; None where they are named elsewhere.
-    - `text`: how the cells of text with such a line are written. `sheet`: whether it is a table of named columns in a file of
-      its own, all of which a corrected copy keeps.
-    - `zero_s`: the source's clock, s, where the column of times is zero; known once rows were read.
+    - `name`: name in the source; empty for a single table. `columns`: names of the columns in the source.
+    - `pieces`: the rows of these columns, in order, with the column `ROW` if rows have numbers in the source.
+    - `rows`: number of rows; None if they would have to be read.
+    - `roles`: quantities that the format defines: `{"linear_acceleration.x": "ax_ms2"}`.
+    - `per_unit`: steps of a column of counts for one g (`a`) or one deg/s (`g`), if the format defines it.
+    - `comments`: other statements of the source, `key: value`. `row_word`: name of a row in a fault.
+    - `header`: the line with the names of the columns, from 1; None if they are elsewhere.
+    - `text`: how the cells of a text with such a line are written. `sheet`: whether it is the only table of a file, with named
+      columns; a corrected copy then retains all columns.
+    - `zero_s`: the clock of the source, s, at time zero of the column of times; known after rows were read.
     """
 
     name: str
@@ -55,8 +55,8 @@ class SourceTable:
     zero_s: Callable[[], float] = lambda: 0.0
 
     def __post_init__(self) -> None:
-        # A recording may state anything: texts are kept with escapes, and columns whose names have control characters cannot
-        # be asked for by them.
+        # A recording may have any text: it is stored with escapes, and columns whose names have control characters cannot
+        # be given by name.
         comments = {plain(str(key)): plain(str(value)) for key, value in self.comments.items()}
         columns = tuple(name for name in self.columns if name == ROW or first_control(name) is None)
         own = {"comments": comments, "columns": columns, "name": plain(self.name), "said": plain(self.said)}
@@ -64,7 +64,7 @@ class SourceTable:
             object.__setattr__(self, name, value)
 
     def place(self, path: str) -> str:
-        """Where the names of the columns stand, for a fault."""
+        """Place of the names of the columns, for a fault."""
         return path if self.header is None else f"{path}:{self.row_word} {self.header}"
 
 
@@ -74,9 +74,9 @@ class Reader:
 
     **Arguments:**
 
-    - `title`: for people. `recognises`: whether a path, and its first 64 kB, are of it.
-    - `read`: the tables of a source, with what the user says of it; damage that leaves sound rows is reported, now or while
-      the rows are read. `rank`: formats of a higher one are asked later.
+    - `title`: name for messages. `recognises`: whether a path and its first 64 kB have this format.
+    - `read`: the tables of a source with the options; damage is reported if sound rows remain, now or while the rows are
+      read. `rank`: formats of higher rank are tried later.
     """
 
     title: str
@@ -86,21 +86,21 @@ class Reader:
 
 
 def library(name: str, path: Path) -> ModuleType:
-    """A library that only some formats need.
+    """Import a library that only some formats need.
 
-    **Raises:** `InputError` saying what to install.
+    **Raises:** `InputError` with the package to install.
     """
     try:
         return import_module(name)
     except ImportError:
         package = name.partition(".")[0]
         raise InputError(
-            f"{path}: reading it takes the package {package}; install it with: pip install 'tumblecal[recordings]'"
+            f"{path}: reading this file needs the package {package}; install it with: pip install 'tumblecal[recordings]'"
         ) from None
 
 
 def of_arrays(name: str, arrays: Mapping[str, np.ndarray], **more) -> SourceTable:
-    """A table of columns (n,) of equal length that are in memory."""
+    """A table of columns (n,) of equal length in memory."""
 
     def pieces(columns: Sequence[str]) -> Iterator["pl.DataFrame"]:
         import polars as pl
@@ -113,10 +113,10 @@ def of_arrays(name: str, arrays: Mapping[str, np.ndarray], **more) -> SourceTabl
 
 
 def tables_of_arrays(arrays: Mapping[str, np.ndarray], **more) -> list[SourceTable]:
-    """Tables of the arrays of a file: those of one folder (`a/b` and `a/c`) and one length make one.
+    """Tables of the arrays of a file: arrays of one folder (`a/b` and `a/c`) and one length form a table.
 
-    A matrix (n, k) or (k, n) of up to 32 columns gives columns `name[0]`, `name[1]` ...; what is longer, has more
-    dimensions or is no number is left out.
+    A matrix (n, k) or (k, n) of up to 32 columns gives columns `name[0]`, `name[1]` ...; wider arrays, arrays with more
+    dimensions and arrays without numbers are ignored.
     """
     groups: dict[tuple[str, int], dict[str, np.ndarray]] = {}
     for name, given in arrays.items():

@@ -27,7 +27,7 @@ def _is_text(head: bytes) -> bool:
         return True
     if b"\x00" in head:
         return False
-    # As text in Western Europe where it is no UTF-8, which has several bytes a letter.
+    # As Western European text if it is not UTF-8, which has several bytes a letter.
     text = decoded(head[:4096].rsplit(b"\n", 1)[0])
     usual = sum(letter in "\t\r\n" or letter.isprintable() for letter in text)
     return usual > _TEXT_SHARE * len(text)
@@ -41,13 +41,13 @@ def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceT
 def text_table(
     name: str, layout: TextLayout, comments: dict[str, str], damage: Damage, roles: Mapping[str, str] = _ROLES
 ) -> SourceTable:
-    """The rows of a text of this layout as a table of a source."""
+    """The rows of a text with this layout as a table of a source."""
 
     def pieces(columns: Sequence[str]) -> Iterator["pl.DataFrame"]:
         return layout.frames(
             columns,
             check=partial(check_late_marks, layout),
-            cut=lambda line: damage.report(f"line {line} has no end and may be cut off: left out"),
+            cut=lambda line: damage.report(f"line {line} has no end and may be truncated: left out"),
         )
 
     return SourceTable(

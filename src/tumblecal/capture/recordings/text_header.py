@@ -1,4 +1,4 @@
-"""The line of a text that names its columns, and lines that seem to and do not."""
+"""The line of a text with the names of its columns, and similar lines that are rejected."""
 
 import re
 from collections.abc import Sequence
@@ -10,21 +10,23 @@ from tumblecal.data.text_cells import numbers_in, row_of, separator_of
 from tumblecal.ground.errors import InputError
 
 
-_COMMAS = "commas between cells cannot be told from decimal commas; write decimal points, or semicolons between cells"
-_BY_NUMBER = "or say which column is which by number: --columns time=1,ax=2,ay=3,az=4"
+_COMMAS = (
+    "commas between cells are indistinguishable from decimal commas; write decimal points, or semicolons between cells"
+)
+_BY_NUMBER = "or give the columns by number: --columns time=1,ax=2,ay=3,az=4"
 
 
 def header_of(
     path: Path, before: Sequence[str], cells: tuple[str, int], options: RecordingOptions
 ) -> tuple[tuple[str, ...], int | None]:
-    """Names of the columns, and their line, from the last line before the rows that names as many; none where there is none.
+    """Names of the columns and their line: the last line before the rows with as many names; empty if there is none.
 
     **Arguments:**
 
-    - `before`: the lines before the rows. `cells`: what stands between them, and how many a row has.
+    - `before`: the lines before the rows. `cells`: the separator, and the number of cells of a row.
 
-    **Raises:** `InputError` for a line that names more or fewer columns than the rows have, or one of them twice: which
-    column is which, a user may then say by numbers.
+    **Raises:** `InputError` for a line that names more or fewer columns than the rows have, or one of them twice, unless
+        the user gives the columns by number.
     """
     separator, width = cells
     numbered = [(number, line) for number, line in enumerate(before, start=1) if line.strip()][-2:]
@@ -41,7 +43,7 @@ def header_of(
     if twice is not None and not options.columns:
         names, number = twice
         own = next(name for name in names if names.count(name) > 1)
-        raise InputError(f"{path}:line {number}, column {own}: the column stands twice; keep one, {_BY_NUMBER}")
+        raise InputError(f"{path}:line {number}, column {own}: this name occurs twice; remove one, {_BY_NUMBER}")
     if numbered:
         _refuse_other_width(path, numbered[-1], separator, width, options)
     return (), None
@@ -57,24 +59,24 @@ def _names_in(line: str, separator: str, width: int) -> list[str]:
 def _refuse_other_width(
     path: Path, last: tuple[int, str], separator: str, width: int, options: RecordingOptions
 ) -> None:
-    """Refuse a line that names columns, but not as many as the rows have; by numbers a user may say what these are."""
+    """Raise for a line that names columns, but not as many as the rows have, unless the user gives columns by number."""
     line, text = last
     names = row_of(text.lstrip("# "), separator)
     if len(names) < 3 or len(names) == width or numbers_in(names) or not any(map(quantity_of_name, names)):
         return
     if separator == "," and width == 2 * len(names):
-        cure = _COMMAS
+        remedy = _COMMAS
     elif options.columns:
         return
     else:
-        cure = f"mend the header line, {_BY_NUMBER}"
-    raise InputError(f"{path}:line {line}: names {len(names)} columns, but the rows have {width} cells: {cure}")
+        remedy = f"correct the header line, {_BY_NUMBER}"
+    raise InputError(f"{path}:line {line}: names {len(names)} columns, but the rows have {width} cells; {remedy}")
 
 
 def refuse_fractions(path: Path, row: list[str], line: int, rows: list[list[str]], separator: str) -> None:
-    """Refuse rows without names in which every other cell is digits that begin with a zero here and there: 0,0100,9,8067.
+    """Raise for rows without names in which every second cell has digits with leading zeros, as in 0,0100,9,8067.
 
-    **Raises:** `InputError` showing the first row.
+    **Raises:** `InputError` with the first row.
     """
     fractions = [[cells[k] for cells in rows] for k in range(1, len(row), 2)]
     if (

@@ -1,4 +1,4 @@
-"""The layout of a recording's text, found in its first lines; late marks are looked for in the middle and at the end."""
+"""The layout of a recording's text, found in its first lines; its middle and its end are searched for further number marks."""
 
 import os
 import re
@@ -22,7 +22,7 @@ from tumblecal.ground.text_file import EMPTY_CELLS, comment_in, opened, shown
 _HEAD = 1 << 16
 _FEWEST_LINES = 2
 _LINES = 200
-# A line before the rows that states something: // Update Rate: 100.0Hz.
+# A line before the rows with a name and a value: // Update Rate: 100.0Hz.
 _STATED = re.compile(r"[\W_]*([A-Za-z][\w .\-/()]{0,40}?)\s*[:=]\s*(\S.{0,200}?)\s*")
 _MONITOR, _TIMES = "monitor", ("time", "t", "T")
 
@@ -38,13 +38,13 @@ class _Rows(NamedTuple):
 
 
 def sought_layouts(path: Path, options: RecordingOptions) -> tuple[dict[str, TextLayout], dict[str, str]]:
-    """The layouts by a file's first lines, one for each kind of line with words around its numbers, and what lines state.
+    """The layouts by a file's first lines, one for each kind of line with words around its numbers, and the stated values.
 
-    **Raises:** `InputError` when no rows of numbers are among them, the line before them names more or fewer columns than
-    they have, or nothing tells a decimal comma from thousands.
+    **Raises:** `InputError` if there are no rows of numbers, the line before them names more or fewer columns than they
+    have, or a comma may separate decimals or thousands.
     """
     written = _first_lines(path)
-    # What the lines are made of shows in the middle: preambles are before, a torn line at the end.
+    # Lines from the middle show the layout: preambles come first, and the last line may be torn.
     body = [line for line in written if line.strip() and comment_in(line) is None]
     middle = body[len(body) // 2 :][:_LINES]
     plain = without_clock(middle)
@@ -79,7 +79,7 @@ def _first_lines(path: Path) -> list[str]:
         head = file.read(_HEAD)
     if len(head) == _HEAD and b"\n" not in head and b"\r" not in head:
         raise InputError(
-            f"{path}: its first line is longer than {_HEAD >> 10} kB: no table of samples; give the log itself"
+            f"{path}: its first line is longer than {_HEAD >> 10} kB, so it is not a table of samples; give the original log"
         )
     return [decoded(raw) for raw in _whole_lines(head, to_the_end=len(head) < _HEAD)]
 
@@ -87,7 +87,7 @@ def _first_lines(path: Path) -> list[str]:
 def _rows_of(
     path: Path, written: list[str], separator: str, form: LineForm | None, options: RecordingOptions, count: int
 ) -> _Rows | None:
-    """The rows of three numbers and more among lines, `count` of which are no comments; None if there are too few."""
+    """The rows of three or more numbers among lines, `count` of which are not comments; None if there are too few."""
     lines = [form.line(line) for line in written] if form else written
     rows = [[] if comment_in(line) is not None else row_of(line, separator) for line in lines]
     widths = Counter(len(row) for row in rows if numbers_in(row) >= 3)
@@ -115,7 +115,7 @@ def _layout_of_form(path: Path, written: list[str], form: LineForm) -> TextLayou
 
 
 def _stated(written: list[str], rows: list[list[str]], first: int) -> dict[str, str]:
-    """What lines state: comments, lines of a name and a value, and lines of two cells before the first row."""
+    """Values that lines state: comments, lines of a name and a value, and lines of two cells before the first row."""
     found = [
         match for line in written[:first] if not line.startswith(("#", '"#')) and (match := _STATED.fullmatch(line))
     ]
@@ -128,7 +128,7 @@ def _stated(written: list[str], rows: list[list[str]], first: int) -> dict[str, 
 def _with_last_column(
     lines: list[str], rows: list[list[str]], separator: str, width: int
 ) -> tuple[list[list[str]], int]:
-    """The rows with a last cell that is empty here and there, or throughout, where a line above them names its column."""
+    """The rows with an additional last cell that is empty in some or all rows, if a line above them names its column."""
     of_numbers = [numbers_in(row) >= 3 for row in rows]
     named = {len(row) for row in rows[: of_numbers.index(True)] if any(map(quantity_of_name, row))}
     ended = [
@@ -151,7 +151,7 @@ def _refuse_no_rows(path: Path, body: list[str], separator: str) -> NoReturn:
         raise InputError(f"{path}: this is HTML or XML, not a table; export the samples as CSV")
     cells = row_of(first, separator)
     raise InputError(
-        f"{path}: text without rows of three numbers or more; its first line {shown(first)} has "
+        f"{path}: text without rows of three or more numbers; its first line {shown(first)} has "
         f"{counted(len(cells), 'cell')} separated by {SEPARATORS[separator]}, {numbers_in(cells)} of them numbers: write the "
         "three accelerations of a sample in one line; for the bytes of a device give --protocol"
     )
@@ -163,7 +163,7 @@ def _whole_lines(piece: bytes, *, to_the_end: bool) -> list[bytes]:
 
 
 def decoded(raw: bytes) -> str:
-    """A line of text; what is no UTF-8 is what a spreadsheet writes in Western Europe."""
+    """A line of text, as UTF-8 or otherwise in the Western European encoding of spreadsheets."""
     try:
         return raw.decode("utf-8-sig").rstrip("\r\n")
     except UnicodeDecodeError:
@@ -171,7 +171,7 @@ def decoded(raw: bytes) -> str:
 
 
 def _later_rows(path: Path, separator: str, form: LineForm | None) -> list[list[str]]:
-    """Rows from the middle and the end of a file: numbers beyond a thousand may come late."""
+    """Rows from the middle and the end of a file, since numbers above 1000 may occur late."""
     rows = list[list[str]]()
     with opened(path) as file:
         size = file.seek(0, os.SEEK_END)
@@ -184,9 +184,9 @@ def _later_rows(path: Path, separator: str, form: LineForm | None) -> list[list[
 
 
 def _marks(path: Path, names: tuple[str, ...], rows: list[list[str]], numeric: list[bool]) -> tuple[str, ...]:
-    """The decimal and thousands marks of each column; empty for one of words.
+    """The decimal and thousands marks of each column; empty for a column of words.
 
-    **Raises:** `InputError` where they may be either.
+    **Raises:** `InputError` if a mark is ambiguous.
     """
     columns = [[row[k] for row in rows] if own else [] for k, own in enumerate(numeric)]
     marks = marks_of(columns)
@@ -202,12 +202,12 @@ def _refuse_either(path: Path, name: str, cell: str) -> NoReturn:
     mark = "," if "," in cell else "."
     raise InputError(
         f"{path}:line {line}, column {name}: {cell!r} is {cell.replace(mark, '')}, or {cell.replace(mark, '.')}: "
-        "nothing tells thousands from decimals; write it without marks between thousands, and with a decimal point"
+        "the mark may separate thousands or decimals; write no thousands separators, and a decimal point"
     )
 
 
 def check_late_marks(layout: TextLayout, piece: bytes) -> None:
-    """Refuse numbers with marks where those from which the layout was learned had none, and these are no plain decimals."""
+    """Raise for numbers with marks that the rows of the layout did not have and that are not plain decimals."""
     sought = [mark for mark in (b".", b",") if mark in piece and mark != layout.separator.encode()]
     if not sought or {".,", ",."} & set(layout.marks):
         return

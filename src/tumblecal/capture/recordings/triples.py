@@ -1,4 +1,4 @@
-"""Triples of columns: one quantity and one stem in their names, three axes; and how large their readings are while still."""
+"""Triples of columns, with one quantity and one stem in their names and three axes, and the size of their readings at rest."""
 
 import re
 import shlex
@@ -15,21 +15,21 @@ from tumblecal.ground.axes import AXES
 
 
 _PER_G = {"g": UNITS_PER_G["g"], "mg": UNITS_PER_G["mg"], "ms2": UNITS_PER_G["m/s2"]}
-# Gravity's size with offsets to 0.6 g, over it; below the least, gravity has been removed.
+# Size of readings with offsets to 0.6 g, relative to gravity; below the smallest size, gravity was removed.
 _LEAST, _SMALLEST, _LARGEST = 0.25, 0.35, 1.9
-# A fitted ellipsoid has the size of gravity to within a scale factor; so has a length without a fit, with offsets.
+# A fitted ellipsoid has the size of gravity to within a scale factor; a length without a fit also includes offsets.
 ALIKE_FITTED, ALIKE = 1.15, 1.3
 _FEWEST_ALIKE = 3
-# A sensor's noise and errors change the length of its readings by more, over it; a direction of gravity has one length.
+# Noise and errors of a sensor change the length of its readings by more than this share; a unit vector has a constant length.
 _LEAST_NOISE = 1e-4
-# Of one attitude alone: the length changes by less than this share, and is one g to within this factor.
+# For a single attitude: the length changes by less than this share, and is one g to within this factor.
 _AT_REST, _ALIKE_ONE = 0.1, 1.2
 STATE_ORDER = ("raw", "", "processed", "linear", "world", "free")
 
 
 @dataclass(frozen=True)
 class Triple:
-    """Three columns, of the axes x, y, z; `name` is what that of the first says."""
+    """Three columns for the axes x, y, z; `name` is the meaning of the first column's name."""
 
     columns: tuple[str, str, str]
     name: ColumnName
@@ -39,18 +39,18 @@ class Triple:
 
     @property
     def state(self) -> str:
-        """What was done to its readings, of several states the one that counts most."""
+        """The processing state of its readings; of several states, the decisive one."""
         return max(self.name.states, key=STATE_ORDER.index, default="")
 
 
 @dataclass
 class Columns:
-    """The columns among which is chosen.
+    """The columns that are candidates.
 
     **Arguments:**
 
-    - `all`: names of all columns of the table, in order. `names`: what those say that may be chosen.
-    - `values`: the readings (n,) of one, taken for an axis (0 to 2). `per_g`: how many make one g, where the user says it.
+    - `all`: names of all columns of the table, in order. `names`: meanings of the candidates' names.
+    - `values`: the readings (n,) of a column as an axis (0 to 2). `per_g`: units for one g, if an option gives it.
     """
 
     all: Sequence[str]
@@ -60,7 +60,7 @@ class Columns:
     _sizes: dict[tuple[str, ...], "Size"] = field(default_factory=dict)
 
     def size(self, triple: Triple) -> "Size":
-        """How large the readings of a triple are while nothing moves."""
+        """The size of a triple's readings at rest."""
         if triple.columns not in self._sizes:
             values = np.stack([self.values(name, k) for k, name in enumerate(triple.columns)], axis=1)
             lengths = np.linalg.norm(values, axis=1)
@@ -77,7 +77,7 @@ class Columns:
         return self._sizes[triple.columns]
 
     def unit(self, triple: Triple) -> float | None:
-        """How many of a triple's unit make one g, if the user or its name says it."""
+        """Units for one g of a triple, if an option or its name gives it."""
         units = {self.names[name].unit for name in triple.columns} - {""}
         return self.per_g or (_PER_G.get(units.pop()) if len(units) == 1 else None)
 
@@ -86,7 +86,7 @@ class Columns:
         return self.size(triple).is_gravity(self.unit(triple))
 
     def may_be_gravity(self, triple: Triple) -> bool:
-        """Whether a triple may have the size of gravity, with offsets that its sensor may have."""
+        """Whether a triple may have the size of gravity, including possible offsets of its sensor."""
         return self.size(triple).may_be_gravity(self.unit(triple))
 
     def is_without_gravity(self, triple: Triple) -> bool:
@@ -94,7 +94,7 @@ class Columns:
         return self.size(triple).is_without_gravity(self.unit(triple))
 
     def option(self, triple: Triple) -> str:
-        """The option that names a triple, to be pasted."""
+        """The option that selects a triple."""
         names = triple.columns
         if any(re.search(r"[^\w.\[\]/]", name) or name.isdecimal() for name in names):
             names = tuple(str(self.all.index(name) + 1) for name in names)
@@ -108,9 +108,9 @@ class Size:
 
     **Arguments:**
 
-    - `usual`: median length of all rows; `changes`: by how much nine in ten differ from it at most, over it.
-    - `lengths` (m,): of the attitudes at rest; `fit`: the ellipsoid through them.
-    - `spread`: how far the still means spread as a share of all readings.
+    - `usual`: median length of all rows; `changes`: largest relative difference of nine tenths of them from it.
+    - `lengths` (m,): lengths of the attitudes at rest; `fit`: the ellipsoid through them.
+    - `spread`: range of the means at rest as a share of the range of all readings.
     """
 
     usual: float
@@ -125,7 +125,7 @@ class Size:
         return self.fit.size if self.fit is not None and self.fit.fits else self.usual
 
     def is_gravity(self, per_g: float | None) -> bool:
-        """Whether the readings have the size of gravity: in their own unit, or if that is not known in a usual one."""
+        """Whether the readings have the size of gravity: in their unit, or in a usual unit if it is unknown."""
         if per_g is not None:
             return _SMALLEST < self.middle / per_g < _LARGEST
         if self.fit is not None and self.fit.fits and self.fit.usual:
@@ -134,27 +134,27 @@ class Size:
         return len(self.lengths) >= _FEWEST_ALIKE and len(alike) == 1 and None not in alike
 
     def may_be_gravity(self, per_g: float | None) -> bool:
-        """Whether the usual length is gravity with offsets, in their unit or in any usual one."""
+        """Whether the usual length is gravity with offsets, in their unit or in any usual unit."""
         units = UNITS_PER_G.values() if per_g is None else [per_g]
         return any(_SMALLEST < self.usual / unit < _LARGEST for unit in units)
 
     @property
     def is_computed(self) -> bool:
-        """Whether the lengths never change, as only those of a vector that a filter makes."""
+        """Whether the lengths are constant, as only for a vector from a filter."""
         return self.changes < _LEAST_NOISE
 
     @property
     def rests_at_gravity(self) -> bool:
-        """Whether nothing moves in all rows, and their length is one g in g, mg or m/s^2."""
+        """Whether all rows are at rest, and their length is one g in g, mg or m/s^2."""
         return _LEAST_NOISE <= self.changes < _AT_REST and usual_unit(self.usual, _ALIKE_ONE) in ("g", "mg", "m/s2")
 
     def is_without_gravity(self, per_g: float | None) -> bool:
-        """Whether gravity has been removed: in their unit, or in any usual one, the readings are near zero."""
+        """Whether gravity was removed: in their unit, or in any usual unit, the readings are near zero."""
         return self.usual / (per_g or min(UNITS_PER_G.values())) < _LEAST
 
 
 def usual_unit(size: float, alike: float) -> str | None:
-    """The unit in which a size is one g, to within a factor; None for no usual one."""
+    """The usual unit in which a size is one g, to within a factor; None for none."""
     if not size > 0:
         return None
     near = min(UNITS_PER_G, key=lambda unit: abs(np.log(size / UNITS_PER_G[unit])))
@@ -177,13 +177,13 @@ def triples_of(names: Mapping[str, ColumnName]) -> list[Triple]:
 
 
 def _changes(lengths: NDArray[np.float64]) -> float:
-    """By how much nine lengths in ten differ from the usual one at most, over it."""
+    """Largest relative difference of nine tenths of the lengths from the usual one."""
     middle = float(np.median(lengths)) if len(lengths) else 0.0
     return float(np.quantile(np.abs(lengths / middle - 1), 0.9)) if middle > 0 else np.inf
 
 
 def _spread(still: NDArray[np.float64], every: NDArray[np.float64]) -> float:
-    """The range of means while still as a share of all, on the axis where it is largest; 0 for columns that do not change."""
+    """The range of the means at rest over that of all readings, on the axis with the largest ratio; 0 for constant columns."""
     if not len(still):
         return 0.0
     whole = np.ptp(every, axis=0)

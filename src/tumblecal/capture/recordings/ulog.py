@@ -1,4 +1,4 @@
-"""PX4 ULog, by pyulog: a table a topic."""
+"""PX4 ULog, by pyulog: a table for each topic."""
 
 from pathlib import Path
 from typing import Any
@@ -32,7 +32,7 @@ def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceT
         if fault := message_fault(path):
             damage.report(fault)
         elif log.file_corruption:
-            damage.report("messages that do not fit their formats were left out; what is next to them may be wrong")
+            damage.report("messages that do not fit their formats were left out; messages next to them may be wrong")
         if log.dropouts:
             lost_ms = sum(dropout.duration for dropout in log.dropouts)
             damage.report(f"the logger lost messages {counted(len(log.dropouts), 'time')}, {lost_ms} ms in all")

@@ -1,4 +1,4 @@
-"""Whether the messages of a ULog follow one another to its end: pyulog skips other bytes, and a torn end, without a word.
+"""Check that the messages of a ULog are contiguous to its end; pyulog skips other bytes and a torn end silently.
 
 Format: https://docs.px4.io/main/en/dev_log/ulog_file_format.html
 """
@@ -17,7 +17,7 @@ _APPENDED = 1
 
 
 def message_fault(path: Path) -> str:
-    """Where messages stop following one another, in words; "" where they do so to the end."""
+    """The first fault in the sequence of messages, in words; "" if there is none."""
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as log:
         at = start = _HEADER_SIZE
         for stop in (*_appended(log), len(log)):
@@ -25,14 +25,14 @@ def message_fault(path: Path) -> str:
             while at + _MESSAGE.size <= stop:
                 size, kind = _MESSAGE.unpack_from(log, at)
                 if kind not in _TYPES or (kind != ord("S") and not size):
-                    return f"byte {at} begins no message: what follows it may be lost or wrong"
+                    return f"byte {at} is not the start of a message: data after it may be lost or wrong"
                 if at + _MESSAGE.size + size > stop:
                     break
                 at += _MESSAGE.size + size
             start = stop
-        # Data were appended after a crash where the log ended within a message: only the end of all tells of a cut.
+        # Data may be appended after a crash within a message: only the end of the file shows a truncation.
         if at < len(log):
-            return f"it ends within a message (byte {at} of {len(log)}): what came after it is missing"
+            return f"the file ends within a message (byte {at} of {len(log)}): data after it are missing"
     return ""
 
 

@@ -1,4 +1,4 @@
-"""Units of a recording's columns: as asked, as named, or guessed from the size of gravity and the rate, which is said."""
+"""Units of a recording's columns: by option, by name, or guessed from the size of gravity and the rate (and reported)."""
 
 import re
 from collections.abc import Mapping
@@ -24,12 +24,12 @@ if TYPE_CHECKING:
     import polars as pl
 
 FORCE, RATE = tuple(f"a{axis}" for axis in AXES), tuple(f"g{axis}" for axis in AXES)
-# Xsens counts steps of 0.1 ms (MT Manager), or of 1 us (DOT): then the rate would be below any of an IMU.
+# Xsens counts steps of 0.1 ms (MT Manager), or of 1 us (DOT): with the wrong one, the rate is below that of any IMU.
 FINE = "100us"
 TIME_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, FINE: 1e-4}
-# Rates that IMUs have, Hz.
+# Range of sample rates of IMUs, Hz.
 _SLOWEST_HZ, _FASTEST_HZ = 8.0, 20000.0
-# A size of the readings this near to one g in some unit is that unit's.
+# Readings whose size is one g in some unit to within this factor have this unit.
 _ALIKE = 1.3
 _CLOCK_ROWS = 1000
 _UNITS = {"m/s2": "ms2", "m/s^2": "ms2", "m/s²": "ms2", "ms2": "ms2", "g": "g", "mg": "mg"}
@@ -38,10 +38,10 @@ _RATE_UNITS = {"dps": "dps", "deg/s": "dps", "°/s": "dps", "rad/s": "rads", "ra
 
 @dataclass(frozen=True)
 class Column:
-    """Where a quantity is: `name` in the source; a reading is `scale (number - offset)` in `unit`.
+    """The column of a quantity: its `name` in the source; a reading is `scale (number - offset)` in `unit`.
 
-    `wrap`: how numbers that left the range of their type come back into it, before that. `whole`: the column of the whole
-    seconds of a clock, whose parts of a second are in `name`.
+    `wrap`: correction of numbers outside the range of their type, applied first. `whole`: the column of the whole seconds of
+    a clock whose fractions of a second are in `name`.
     """
 
     name: str
@@ -53,12 +53,12 @@ class Column:
 
     @property
     def names(self) -> list[str]:
-        """The columns of the source that it is read from."""
+        """The columns of the source that contain it."""
         return [self.name, self.whole] if self.whole else [self.name]
 
 
 def numbers_of(frame: "pl.DataFrame", column: Column) -> np.ndarray:
-    """The readings of a column, (n,); NaN for what is no number, or one that no quantity has."""
+    """The readings of a column, (n,); NaN for cells without a number, or with one too large for any quantity."""
     import polars as pl
 
     values = frame[column.name].cast(pl.Float64, strict=False).to_numpy()
@@ -73,7 +73,7 @@ def _with_unit(named: dict[str, Column], roles: tuple[str, ...], unit: str) -> d
 
 
 def _stated_unit(text: str, option: str, per: str) -> tuple[str, float | None]:
-    """A unit as a user writes it, and how many counts of it make one g (or dps, as `per` says)."""
+    """A unit as a user writes it, and its counts for one g (or dps, by `per`)."""
     plain = text.lower().replace(" ", "")
     unit = (_UNITS if per == "g" else _RATE_UNITS).get(plain)
     counts = re.fullmatch(rf"(?:lsb|counts)?([0-9.e+]+)(?:lsb|counts?)?/{per}", plain)
@@ -84,9 +84,9 @@ def _stated_unit(text: str, option: str, per: str) -> tuple[str, float | None]:
 
 
 def per_g_of(text: str) -> float | None:
-    """How many of a unit, as a user states it, make one g; None where nobody says it.
+    """Units for one g, from a unit as a user states it; None if it is not stated.
 
-    **Raises:** `InputError` for what is no unit.
+    **Raises:** `InputError` for an unknown unit.
     """
     if not text:
         return None
@@ -95,9 +95,9 @@ def per_g_of(text: str) -> float | None:
 
 
 def check_units(table: SourceTable, named: dict[str, Column], options: RecordingOptions, path: str) -> None:
-    """Refuse axes whose names state different units, unless the user says in which all are.
+    """Check that the names of the axes state one unit, unless an option gives the unit.
 
-    **Raises:** `InputError` naming them.
+    **Raises:** `InputError` with the columns of different units.
     """
     for roles, unit in ((FORCE, options.unit), (RATE, options.gyro_unit)):
         stated = [named[role] for role in roles if role in named and named[role].unit]
@@ -106,14 +106,14 @@ def check_units(table: SourceTable, named: dict[str, Column], options: Recording
 
 
 def _own_unit(named: dict[str, Column], roles: tuple[str, ...]) -> str:
-    """The unit that the names of some axes state; empty where none does."""
+    """The unit that the names of some axes state; empty if none does."""
     return next((named[role].unit for role in roles if role in named and named[role].unit), "")
 
 
 def force_unit(
     table: SourceTable, named: dict[str, Column], options: RecordingOptions, size: float
 ) -> tuple[dict[str, Column], float | None, list[str]]:
-    """The unit of the accelerations: asked, named, or that in which their size is about one g."""
+    """The unit of the accelerations: by option, by name, or the one in which their size is about one g."""
     if options.unit:
         unit, per_g = _stated_unit(options.unit, "--unit", "g")
         return _with_unit(named, FORCE, unit), per_g, []
@@ -128,13 +128,13 @@ def force_unit(
     near = unit_by_size(size)
     if not near or (own and not near.startswith("LSB")):
         return _with_unit(named, FORCE, "counts"), None, []
-    said = f"unit guessed: {near} (the readings' size is about {size:.5g}; --unit sets another)"
+    said = f"unit guessed: {near} (the readings' size is about {size:.5g}; to change it: --unit)"
     unit, per_g = _stated_unit(near, "unit", "g")
     return _with_unit(named, FORCE, unit), per_g, [said]
 
 
 def unit_by_size(size: float) -> str:
-    """The unit in which a size of the accelerations is about one g; "" where it is in none."""
+    """The unit in which a size of the accelerations is about one g; "" for none."""
     near = min(UNITS_PER_G, key=lambda unit: abs(np.log(max(size, 1e-300) / UNITS_PER_G[unit])))
     return near if 1 / _ALIKE < size / UNITS_PER_G[near] < _ALIKE else ""
 
@@ -142,7 +142,7 @@ def unit_by_size(size: float) -> str:
 def rate_unit(
     table: SourceTable, named: dict[str, Column], options: RecordingOptions
 ) -> tuple[dict[str, Column], list[str]]:
-    """The unit of the angular rates; counts stay counts unless it is known how many make one deg/s."""
+    """The unit of the angular rates; counts stay counts unless the counts for one deg/s are known."""
     rates = tuple(role for role in RATE if role in named)
     if not rates:
         return named, []
@@ -153,8 +153,8 @@ def rate_unit(
     if per_dps:
         per = {role: replace(named[role], unit="dps", scale=named[role].scale / per_dps) for role in rates}
         return named | per, []
-    words = [] if unit else ["unit of the angular rates not known: kept as they are (--gyro-unit says it)"]
-    # Where the accelerations are counts, the rates are.
+    words = [] if unit else ["unit of the angular rates not known: not converted (to set it: --gyro-unit)"]
+    # If the accelerations are counts, so are the rates.
     return _with_unit(named, rates, unit or ("counts" if named["ax"].unit == "counts" else "raw")), words
 
 
@@ -165,7 +165,7 @@ def in_range(
     first: "pl.DataFrame",
     known: Mapping[str, Wrap],
 ) -> dict[str, Column]:
-    """The columns with how numbers beyond the range of their type come back into it: as `known`, or as the first rows show."""
+    """The columns with the corrections of numbers outside the range of their type: `known` ones, or from the first rows."""
     if known:
         return {role: replace(column, wrap=known.get(role)) for role, column in named.items()}
     per_g = (
@@ -178,7 +178,7 @@ def in_range(
 
 
 def wraps_of(named: Mapping[str, Column], first: "pl.DataFrame", per_g: float | None) -> dict[str, Wrap | None]:
-    """How numbers beyond the range of their type come back into it, of accelerations and rates; `per_g`: as `per_g_of`."""
+    """Corrections of accelerations and rates outside the range of their type; `per_g`: as of `per_g_of`."""
     wraps = dict[str, Wrap | None]()
     for roles in (FORCE, tuple(role for role in RATE if role in named)):
         if not roles:
@@ -191,16 +191,16 @@ def wraps_of(named: Mapping[str, Column], first: "pl.DataFrame", per_g: float | 
 
 
 def unit_of_step(step: float) -> str:
-    """The first unit in which a step of time is one of an IMU; empty where there is none."""
+    """The first unit in which a time step is plausible for an IMU; empty if there is none."""
     return next((u for u, s in TIME_S.items() if step > 0 and _SLOWEST_HZ < 1 / (step * s) < _FASTEST_HZ), "")
 
 
 def time_unit(
     table: SourceTable, named: dict[str, Column], options: RecordingOptions, first: "pl.DataFrame", path: str
 ) -> tuple[dict[str, Column], list[str]]:
-    """The unit of the times: asked, named, or the first in which the rate is one of an IMU.
+    """The unit of the times: by option, by name, or the first in which the rate is plausible for an IMU.
 
-    **Raises:** `InputError` for times that cannot be read, or that are none.
+    **Raises:** `InputError` for times that cannot be read, or are not times.
     """
     import polars as pl
 
@@ -214,27 +214,25 @@ def time_unit(
     if clock:
         return named | {"time": clock}, said
     if first[column.name].null_count() == len(first):
-        return {role: own for role, own in named.items() if role != "time"}, [
-            f"column {column.name} is empty: left out"
-        ]
+        return {role: own for role, own in named.items() if role != "time"}, [f"column {column.name} is empty: ignored"]
     times = numbers_of(first, column)
     if not np.isfinite(times).any() or first[column.name].dtype == pl.Date:
         words = f"{unread(table, first, column)} cannot be read as a time"
         if options.rate:
-            return {role: own for role, own in named.items() if role != "time"}, [f"{words}: left out, --rate counts"]
+            return {role: own for role, own in named.items() if role != "time"}, [f"{words}: ignored, --rate is used"]
         raise InputError(
             f"{path}:{words}; write seconds, h:m:s.f or dates such as 2026-03-29T01:59:30.010, or give --rate 100 to go "
             "without"
         )
     steps = np.diff(times[np.isfinite(times)])
     steps = steps[steps > 0]
-    # Without gaps, but with what comes in bursts.
+    # Without gaps, but including bursts.
     step = float(np.mean(steps[steps < 20 * np.median(steps)])) if len(steps) else 0.0
     if not unit or (not options.time_unit and unit == FINE and step * TIME_S[FINE] * _SLOWEST_HZ > 1):
         unit = unit_of_step(step)
         if not unit:
             raise InputError(
-                f"{path}: column {column.name}: its steps of {step:g} are no sample times in s, ms, us or ns; give "
+                f"{path}: column {column.name}: its steps of {step:g} are not sample times in s, ms, us or ns; give "
                 "--time-unit, or --rate without it"
             )
         said.append(f"time unit guessed: {unit} ({1 / (step * TIME_S[unit]):.4g} samples a second)")
@@ -242,7 +240,7 @@ def time_unit(
 
 
 def unread(table: SourceTable, first: "pl.DataFrame", column: Column) -> str:
-    """The first cell of a column that is no number, and where it stands, for a fault."""
+    """The first cell of a column that is not a number, and its place, for a fault."""
     at = _first_filled(first, column)
     if at is None:
         return f"column {column.name}: an empty cell"
@@ -251,7 +249,7 @@ def unread(table: SourceTable, first: "pl.DataFrame", column: Column) -> str:
 
 
 def first_cell(first: "pl.DataFrame", column: Column) -> object:
-    """The first cell of a column that is no number; None where there is none."""
+    """The first cell of a column that is not a number, or None."""
     at = _first_filled(first, column)
     return None if at is None else first[column.name][at]
 
@@ -264,7 +262,7 @@ def _first_filled(first: "pl.DataFrame", column: Column) -> int | None:
 
 
 def _clock(first: "pl.DataFrame", column: Column) -> Column | None:
-    """Where the times are moments, or written as on a clock: the column with the form as its unit, the first day as offset."""
+    """A column of dates or times of day, with its form as unit and the first day as offset; None for other times."""
     import polars as pl
 
     cells = first[column.name].drop_nulls()

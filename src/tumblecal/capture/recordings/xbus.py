@@ -27,7 +27,7 @@ _Layout = list[tuple[int, int, int]]
 
 
 def _message_at(log: bytes, at: int) -> int:
-    """The size of the message that begins here; 0 where none with a right sum does."""
+    """The size of the message at this place; 0 if there is none with a correct checksum."""
     if at + 5 > len(log) or log[at] != _PREAMBLE:
         return 0
     short = log[at + 3]
@@ -36,7 +36,7 @@ def _message_at(log: bytes, at: int) -> int:
 
 
 def _messages(log: bytes) -> tuple[list[tuple[int, int]], int, int]:
-    """Place and size of each message, how many bytes are in none, and the first of these."""
+    """Place and size of each message, the number of bytes outside messages, and the first of these."""
     found, at, skipped, first = list[tuple[int, int]](), 0, 0, -1
     while at < len(log):
         if size := _message_at(log, at):
@@ -54,7 +54,9 @@ def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceT
     log = path.read_bytes()
     found, skipped, first = _messages(log)
     if skipped:
-        damage.report(f"{counted(skipped, 'byte')} in no message with a right sum, the first at byte {first}: left out")
+        damage.report(
+            f"{counted(skipped, 'byte')} outside messages with a correct sum, the first at byte {first}: left out"
+        )
     data = np.frombuffer(log, np.uint8)
     places = np.array(found, np.int64).reshape(-1, 2)
     places = places[data[places[:, 0] + 2] == MTDATA2]
@@ -66,14 +68,12 @@ def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceT
         if not good.any():
             continue
         if flagged := int((~good).sum()):
-            damage.report(
-                f"{counted(flagged, 'sample')} that the device marks as faulty, or without a number: left out"
-            )
+            damage.report(f"{counted(flagged, 'sample')} marked as faulty by the device, or without a number: left out")
         columns = _columns(samples, ticks, good)
         name = "" if bus == _MASTER else f"bus {bus}"
         tables.append(of_arrays(name, columns, roles={own: own for own in columns}, row_word="sample"))
     if not tables:
-        why = next(iter(refused), "it holds no messages MTData2 with a specific force")
+        why = next(iter(refused), "no MTData2 message has a specific force")
         raise InputError(f"{path}: {why}")
     return tables
 
@@ -81,7 +81,7 @@ def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceT
 def _decoded(
     data: NDArray[np.uint8], places: NDArray[np.int64], refused: dict[str, None]
 ) -> tuple[Samples, NDArray[np.float64]]:
-    """The samples of messages, and their SampleTimeFine; NaN where they state none."""
+    """The samples of messages, and their SampleTimeFine; NaN if not stated."""
     ticks: dict[int, float] = {}
 
     def decode(starts: NDArray[np.int64], size: int, layout: _Layout) -> Samples | None:
@@ -108,7 +108,7 @@ def _columns(samples: Samples, ticks: NDArray[np.float64], good: NDArray[np.bool
     if np.isfinite(samples.temperature[good]).any():
         columns["temperature_degc"] = samples.temperature[good]
     if np.isfinite(ticks).all():
-        # The counter of 32 bits goes around after five days.
+        # The counter of 32 bits overflows after five days.
         steps = np.diff(ticks) + np.where(np.diff(ticks) < -(2.0**31), 2.0**32, 0.0)
         times = (ticks[0] + np.concatenate([[0.0], np.cumsum(steps)])) / _TICKS_PER_S
         columns = {"time_s": times[good], **columns}
@@ -116,7 +116,7 @@ def _columns(samples: Samples, ticks: NDArray[np.float64], good: NDArray[np.bool
 
 
 def _recognised(path: Path, head: bytes) -> bool:
-    """Whether a file begins with messages one behind the other; one may reach beyond the head."""
+    """Whether a file begins with contiguous messages; the last may extend beyond the head."""
     at, count = 0, 0
     while count < _FEWEST and (size := _message_at(head, at)):
         at, count = at + size, count + 1
