@@ -74,7 +74,7 @@ def replaced_text(
     for lines, ends in _lines(path, layout):
         first = max(0, layout.first_line - 1 - before)
         kept = row_lines("\n".join([*lines[first:], ""]).encode("latin-1", "replace")) if lines[first:] else []
-        at = range(first, len(lines)) if kept is None else [k for k, own in enumerate(kept, first) if own]
+        at = range(first, len(lines)) if kept is None else [k for k, used in enumerate(kept, first) if used]
         values = new.taken(len(at))
         if len(values) < len(at):
             raise _uncertain(path)
@@ -82,8 +82,8 @@ def replaced_text(
         for row in np.flatnonzero(~whole):
             lines[at[row]] = ends[at[row]] = ""
         rows = at if whole.all() else [at[row] for row in np.flatnonzero(whole)]
-        own = lines if len(rows) == len(lines) else [lines[k] for k in rows]
-        for k, text in zip(rows, _with_cells(own, cells, _texts(values[whole], cells.decimal)), strict=True):
+        chosen = lines if len(rows) == len(lines) else [lines[k] for k in rows]
+        for k, text in zip(rows, _with_cells(chosen, cells, _texts(values[whole], cells.decimal)), strict=True):
             lines[k] = text
         if before < (layout.header_line or 0) or changes.removed:
             _change(lines, ends, before, cells, changes)
@@ -170,8 +170,8 @@ def _hold(lines: list[str], ends: list[str], layout: TextLayout, first: int) -> 
 
 
 def _released(text: str, separator: str) -> str:
-    for held, own in ((_SEPARATOR, separator), (_LINE_FEED, "\n"), (_RETURN, "\r")):
-        text = text.replace(held, own) if held in text else text
+    for held, original in ((_SEPARATOR, separator), (_LINE_FEED, "\n"), (_RETURN, "\r")):
+        text = text.replace(held, original) if held in text else text
     return text
 
 
@@ -188,14 +188,14 @@ def _with_cells(lines: list[str], cells: TextCells, texts: Sequence["pl.Series"]
     import polars as pl
 
     mark, shift, between = cells.layout.separator, 0, cells.layout.separator
-    own = pl.Series("line", lines, dtype=pl.String)
+    series = pl.Series("line", lines, dtype=pl.String)
     if mark == " ":
         # A cell is a word with the following blanks; the first cell is the blanks before all words.
-        own = own.str.replace_all(r"(^|[ \t])([^ \t])", f"${{1}}{_WORD}$2")
+        series = series.str.replace_all(r"(^|[ \t])([^ \t])", f"${{1}}{_WORD}$2")
         mark, shift, between = _WORD, 1, ""
     count = max(cells.places) + shift + 2
     names = [str(k) for k in range(count)]
-    table = own.to_frame().select(pl.col("line").str.splitn(mark, count).struct.rename_fields(names)).unnest("line")
+    table = series.to_frame().select(pl.col("line").str.splitn(mark, count).struct.rename_fields(names)).unnest("line")
     text = "\n".join(lines)
     around = shift or any(letter in text for letter in '" #')
     for place, new in zip(cells.places, texts, strict=True):

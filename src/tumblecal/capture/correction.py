@@ -90,17 +90,17 @@ def write_corrected(out: Path, source: Uncorrected, correction: Correction) -> t
             yield values
 
     same = source.same_format(out)
-    own = source.names if source.schema is not None else header.columns
-    names = own if same and not source.new_unit else header.columns
-    _check_names(source, own, names)
+    columns = source.names if source.schema is not None else header.columns
+    names = columns if same and not source.new_unit else header.columns
+    _check_names(source, columns, names)
     comments, notes = _comments(header, correction, local, source.left_out)
     if same and source.text is not None:
         removed = frozenset([*((VALUE_KEY, SOURCE_KEY) if local else ()), *([COUNTS] if source.new_unit else ())])
-        changes = HeaderChanges(notes, removed, names if names != own else ())
+        changes = HeaderChanges(notes, removed, names if names != columns else ())
         write_bytes(out, replaced_text(header.path, source.text, all_rows(), changes))
     else:
-        types = {**(source.schema or header.frame.schema), **dict.fromkeys(own, pl.Float64)}
-        renamed = dict(zip(own, names, strict=True))
+        types = {**(source.schema or header.frame.schema), **dict.fromkeys(columns, pl.Float64)}
+        renamed = dict(zip(columns, names, strict=True))
         schema = pl.Schema({renamed.get(name, name): kind for name, kind in types.items()})
         frames = (_with_force(frame, corrected, renamed) for frame in source.frames(True))
         write_frames(out, frames, schema, comments, [*_own_lines(header, notes, local), *notes])
@@ -116,15 +116,15 @@ def _temperatures(calibration: Calibration) -> tuple[Sequence[float], float]:
     return calibration.provenance.get("temperature_range_degc") or () if counts else (), _WARMER_DEGC
 
 
-def _check_names(source: Uncorrected, own: Sequence[str], names: Sequence[str]) -> None:
+def _check_names(source: Uncorrected, columns: Sequence[str], names: Sequence[str]) -> None:
     """Check that no other column has one of the names of the corrected readings in the `own` columns.
 
     **Raises:** `InputError` with the first such name.
     """
-    others = set(source.schema or ()) - set(own)
+    others = set(source.schema or ()) - set(columns)
     if twice := [name for name in names if name in others]:
         raise InputError(
-            f"{source.header.path}: column {twice[0]} exists already, but the corrected readings of {', '.join(own)} get "
+            f"{source.header.path}: column {twice[0]} exists already, but the corrected readings of {', '.join(columns)} get "
             "this name; rename the column"
         )
 
@@ -138,7 +138,7 @@ def _with_force(
     frame = frame.filter(WHOLE) if WHOLE in frame.columns else frame
     values = corrected(frame)
     kept = frame[OWN].struct.unnest() if OWN in frame.columns else frame.drop(ROW, WHOLE, strict=False)
-    force = (pl.Series(name, np.ascontiguousarray(own)) for name, own in zip(renamed, values.T, strict=True))
+    force = (pl.Series(name, np.ascontiguousarray(column)) for name, column in zip(renamed, values.T, strict=True))
     return kept.with_columns(force).rename(renamed)
 
 
@@ -169,10 +169,10 @@ def _same_unit(correction: Correction, header: Raw) -> None:
 
     **Raises:** `InputError` if the serial numbers differ, unless `other_unit` is set.
     """
-    own, theirs = correction.calibration.serial_number, serial_number_of(header.comments)
-    if own and theirs and theirs != own and not correction.other_unit:
+    serial, theirs = correction.calibration.serial_number, serial_number_of(header.comments)
+    if serial and theirs and theirs != serial and not correction.other_unit:
         raise InputError(
-            f"{header.path}: serial number {theirs}, but {correction.path} is of {own}; give that unit's calibration, or "
+            f"{header.path}: serial number {theirs}, but {correction.path} is of {serial}; give that unit's calibration, or "
             "--other-unit to insist"
         )
 

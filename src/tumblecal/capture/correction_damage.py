@@ -161,6 +161,6 @@ def left_out_words(row_word: str, frames: Iterator["pl.DataFrame"]) -> str:
             parts.append(frame[ROW].to_numpy()[~frame[WHOLE].to_numpy()])
     places = np.concatenate(parts)
     spans = np.split(places, np.flatnonzero(np.diff(places) > 1) + 1) if len(places) else []
-    words = [f"{own[0]} to {own[-1]}" if len(own) > 1 else f"{own[0]}" for own in spans[:_MOST_RANGES]]
+    words = [f"{span[0]} to {span[-1]}" if len(span) > 1 else f"{span[0]}" for span in spans[:_MOST_RANGES]]
     more = [f"and {sum(map(len, spans[_MOST_RANGES:]))} more"] if len(spans) > _MOST_RANGES else []
     return f"{row_word}{'s' if len(places) > 1 else ''} {', '.join([*words, *more])}" if words else ""

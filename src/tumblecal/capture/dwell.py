@@ -94,9 +94,9 @@ class Dwell:
         before = [self.before] if self.before is not None else []
         samples, host_s = collected([*before, *self.parts, *after])
         start = sum(len(p.samples) for p in before)
-        own = range(start, start + sum(len(p.samples) for p in self.parts))
+        inside = range(start, start + sum(len(p.samples) for p in self.parts))
         specials = [event.stop for part in (*before, *self.parts) for event in part.events if event.counted]
-        return losses_of(protocol, samples, host_s, rate_hz, own, specials)
+        return losses_of(protocol, samples, host_s, rate_hz, inside, specials)
 
     def summary(self, losses: Losses) -> dict:
         """The summary for the journal."""
@@ -130,13 +130,13 @@ def losses_of(
     samples: Samples,
     host_s: NDArray[np.float64],
     rate_hz: float | None,
-    own: range,
+    attempt: range,
     special_stops: list[int],
 ) -> Losses:
     """Losses among the samples of `own`, by the counter if there is one, otherwise by time; the others are context."""
     counter = protocol.counter
     if counter is None or not len(samples) or samples.counter[0] < 0:
-        return losses_from_time(host_s[own.start : own.stop], None)
+        return losses_from_time(host_s[attempt.start : attempt.stop], None)
     step = None
     if counter.ticks_per_s is not None and rate_hz:
         step = max(1, round(counter.ticks_per_s / rate_hz))
@@ -144,7 +144,7 @@ def losses_of(
     starting = (samples.status & Status.STARTING) != 0
     restarts = np.flatnonzero(~starting[:-1] & starting[1:])
     found = count_losses(samples.counter, host_s, counter.modulus, step, specials, restarts, samples.content)
-    inside = [gap for gap in found.gaps if own.start <= gap.after < own.stop - 1]
+    inside = [gap for gap in found.gaps if attempt.start <= gap.after < attempt.stop - 1]
     return Losses(
         lost=sum(g.lost for g in inside),
         unresolved=sum(not g.resolved for g in inside),

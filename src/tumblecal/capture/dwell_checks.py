@@ -185,11 +185,11 @@ def _lines(force: NDArray[np.float64], rate_hz: float) -> list[Line]:
     dof = max(2.0, 2 * averages * 0.947)
     limit = special.chdtri(dof, _LINE_FALSE_ALARM / len(density)) / special.chdtri(dof, 0.5)
     lines = []
-    for axis, own, below in zip(AXES, density.T, floor.T, strict=True):
-        over = np.flatnonzero(own > limit * np.maximum(below, 1e-30))
-        for k in [k for k in over.tolist() if own[k] == own[max(k - 3, 0) : k + 4].max()][:5]:
+    for axis, power, below in zip(AXES, density.T, floor.T, strict=True):
+        over = np.flatnonzero(power > limit * np.maximum(below, 1e-30))
+        for k in [k for k in over.tolist() if power[k] == power[max(k - 3, 0) : k + 4].max()][:5]:
             near = slice(max(k - 2, 0), k + 3)
-            amplitude = float(np.sqrt(2 * max((own[near] - below[near]).sum() * bin_hz, 0.0)) * 1e6)
+            amplitude = float(np.sqrt(2 * max((power[near] - below[near]).sum() * bin_hz, 0.0)) * 1e6)
             frequency = (k + 3) * bin_hz
             lines.append(Line(axis, frequency, amplitude, _mains(frequency, bin_hz, rate_hz)))
     return lines

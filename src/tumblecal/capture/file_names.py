@@ -39,7 +39,7 @@ class Meaning:
     @property
     def known(self) -> list[bool]:
         """Mask of the files with a position."""
-        return [own is not None for own in self.steps or self.angles]
+        return [position is not None for position in self.steps or self.angles]
 
 
 def stems_of(files: Sequence[Path]) -> list[str]:
@@ -87,7 +87,7 @@ def _angles_of(stem: str, *, unsigned: bool = False) -> dict[str, float] | None:
 
 def _by_angles(stems: Sequence[str]) -> Meaning:
     found = [_angles_of(stem) or {} for stem in stems]
-    angles = tuple((own["a"], own["b"]) if len(own) == 2 else None for own in found)
+    angles = tuple((values["a"], values["b"]) if len(values) == 2 else None for values in found)
     return Meaning("the angles in the names", angles=angles)
 
 
@@ -95,7 +95,7 @@ def _by_angles_in_plan(stems: Sequence[str], plan: CapturePlan, *, unsigned: boo
     """Positions of the plan with the angles in the names; `unsigned`: a dash is not a minus sign."""
     found = [_angles_of(stem, unsigned=unsigned) for stem in stems]
     dash = " (a dash is not a minus sign)" if unsigned else ""
-    return Meaning(f"the angles in the names{dash}", _each(found, lambda own: _steps_at(own, plan), plan))
+    return Meaning(f"the angles in the names{dash}", _each(found, lambda angles: _steps_at(angles, plan), plan))
 
 
 def _steps_at(angles: dict[str, float] | None, plan: CapturePlan) -> list[int]:
@@ -104,7 +104,7 @@ def _steps_at(angles: dict[str, float] | None, plan: CapturePlan) -> list[int]:
     wanted = {"a": "alpha_deg", "b": "beta_deg"}
 
     def at(step: object) -> bool:
-        apart = [abs((getattr(step, wanted[own]) - value + 180) % 360 - 180) for own, value in angles.items()]
+        apart = [abs((getattr(step, wanted[letter]) - value + 180) % 360 - 180) for letter, value in angles.items()]
         return max(apart) < _SAME_DEG
 
     return [k for k, step in enumerate(plan.steps) if at(step)]
@@ -114,10 +114,10 @@ def _each(found: Sequence, steps_of: Callable[..., list[int]], plan: CapturePlan
     """The position of each file, None if several fit; positions that the plan lists more than once are assigned in turn."""
     taken: dict[tuple[int, ...], int] = {}
     steps: list[int | None] = []
-    for own in (tuple(steps_of(each)) for each in found):
-        number = taken[own] = taken.get(own, -1) + 1
-        alike = len({(plan.steps[k].alpha_deg, plan.steps[k].beta_deg) for k in own}) == 1
-        steps.append(own[number % len(own)] if alike else None)
+    for candidates in (tuple(steps_of(each)) for each in found):
+        number = taken[candidates] = taken.get(candidates, -1) + 1
+        alike = len({(plan.steps[k].alpha_deg, plan.steps[k].beta_deg) for k in candidates}) == 1
+        steps.append(candidates[number % len(candidates)] if alike else None)
     return tuple(steps)
 
 
@@ -142,11 +142,13 @@ def _face(stem: str) -> NDArray[np.float64] | None:
     if len(found) != 1:
         return None
     ((axis, down),) = found
-    return np.array([float(own == axis) for own in "xyz"]) * (-1 if down else 1)
+    return np.array([float(letter == axis) for letter in "xyz"]) * (-1 if down else 1)
 
 
 def _tokens(text: str) -> list[str]:
-    return [str(int(own)) if own.isdecimal() else own for own in re.findall(r"[^\W\d_]+|\d+|[+-]", text.lower())]
+    return [
+        str(int(token)) if token.isdecimal() else token for token in re.findall(r"[^\W\d_]+|\d+|[+-]", text.lower())
+    ]
 
 
 def _by_names(stems: Sequence[str], plan: CapturePlan) -> Meaning:
@@ -157,9 +159,9 @@ def _by_names(stems: Sequence[str], plan: CapturePlan) -> Meaning:
         def within(name: list[str]) -> bool:
             return any(words[k : k + len(name)] == name for k in range(len(words) - len(name) + 1))
 
-        own = [k for k, name in enumerate(names) if name and not all(map(str.isdecimal, name)) and within(name)]
-        longest = max((len(names[k]) for k in own), default=0)
-        return [k for k in own if len(names[k]) == longest]
+        matching = [k for k, name in enumerate(names) if name and not all(map(str.isdecimal, name)) and within(name)]
+        longest = max((len(names[k]) for k in matching), default=0)
+        return [k for k in matching if len(names[k]) == longest]
 
     return Meaning("the plan's names", _each(list(map(_tokens, stems)), steps_of, plan))
 
@@ -167,9 +169,9 @@ def _by_names(stems: Sequence[str], plan: CapturePlan) -> Meaning:
 def _by_numbers(stems: Sequence[str], plan: CapturePlan) -> list[Meaning]:
     """Positions by the only number in which the names differ: as name, counted from 0 or 1, or in the plan's order."""
     parts = [re.split(r"(\d+)", stem) for stem in stems]
-    if len({tuple(own[::2]) for own in parts}) != 1 or len(parts[0]) < 3:
+    if len({tuple(part[::2]) for part in parts}) != 1 or len(parts[0]) < 3:
         return []
-    numbers = np.array([[int(digits) for digits in own[1::2]] for own in parts], object)
+    numbers = np.array([[int(digits) for digits in part[1::2]] for part in parts], object)
     varies = np.flatnonzero([len(set(column)) > 1 for column in numbers.T])
     keys = [tuple(row) for row in numbers[:, varies]]
     # Several numbers form one only if they are date and time, without other words between.
@@ -193,7 +195,7 @@ def _by_numbers(stems: Sequence[str], plan: CapturePlan) -> list[Meaning]:
         ways.append(Meaning("the numbers in the names, counted from 1", tuple(v - 1 for v in values), sure=False))
     for letter, angles in (("a", {s.alpha_deg for s in plan.steps}), ("b", {s.beta_deg for s in plan.steps})):
         if len(angles) > 1 and set(values) <= {angle % 360 for angle in angles} and max(values) > count:
-            steps = _each([{letter: float(value)} for value in values], lambda own: _steps_at(own, plan), plan)
+            steps = _each([{letter: float(value)} for value in values], lambda angles: _steps_at(angles, plan), plan)
             ways.append(Meaning(f"the numbers in the names, as {'alpha' if letter == 'a' else 'beta'}_deg", steps))
     return ways
 

@@ -54,14 +54,17 @@ class FilePositions:
     @property
     def known(self) -> bool:
         """Whether the angles of all are known."""
-        return all(own.known for own in self.files)
+        return all(position.known for position in self.files)
 
     def words(self) -> list[str]:
         """A line for each file: file, position, angles."""
         if not self.by:
             return []
-        some = any(own.known for own in self.files)
-        rows = [(str(own.file), own.name if own.known or not some else "?", *_angle_words(own)) for own in self.files]
+        some = any(position.known for position in self.files)
+        rows = [
+            (str(position.file), position.name if position.known or not some else "?", *_angle_words(position))
+            for position in self.files
+        ]
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
         lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
         return [
@@ -70,10 +73,10 @@ class FilePositions:
         ]
 
 
-def _angle_words(own: FilePosition) -> tuple[str, ...]:
-    if own.alpha_deg is None or own.beta_deg is None:
+def _angle_words(position: FilePosition) -> tuple[str, ...]:
+    if position.alpha_deg is None or position.beta_deg is None:
         return ("", "")
-    return f"alpha {own.alpha_deg:g}", f"beta {own.beta_deg:g}"
+    return f"alpha {position.alpha_deg:g}", f"beta {position.beta_deg:g}"
 
 
 def positions_by_names(files: Sequence[Path], plan: CapturePlan | None, *, hand_held: bool) -> FilePositions:
@@ -89,11 +92,11 @@ def positions_by_names(files: Sequence[Path], plan: CapturePlan | None, *, hand_
         return FilePositions(named, by)
     found = [_placed(named, way, plan) for way in whole or ways]
     first, by = found[0], (whole or ways)[0].by
-    if whole and any(own != first for own in found[1:]):
+    if whole and any(positions != first for positions in found[1:]):
         others = " or ".join(way.by for way in whole)
         return FilePositions(named, by, f"the names have {len(whole)} interpretations: {others}; {_OPTION}")
     if not whole:
-        lacking = [own.file.name for own in first if not own.known]
+        lacking = [position.file.name for position in first if not position.known]
         more = f" and {len(lacking) - _MOST} more" if len(lacking) > _MOST else ""
         fault = f"{', '.join(lacking[:_MOST])}{more}: the name gives no position by {by}"
         held = "" if plan else "; for unknown attitudes of all files: --static"
@@ -106,18 +109,20 @@ def positions_by_names(files: Sequence[Path], plan: CapturePlan | None, *, hand_
 def _placed(named: Sequence[FilePosition], way: Meaning, plan: CapturePlan | None) -> tuple[FilePosition, ...]:
     if plan is not None:
         steps = way.steps or (None,) * len(named)
-        return tuple(own if k is None else at_step(own, plan, k) for own, k in zip(named, steps, strict=True))
+        return tuple(
+            position if k is None else at_step(position, plan, k) for position, k in zip(named, steps, strict=True)
+        )
     return tuple(
-        own if angles is None else replace(own, alpha_deg=angles[0], beta_deg=angles[1])
-        for own, angles in zip(named, way.angles, strict=True)
+        position if angles is None else replace(position, alpha_deg=angles[0], beta_deg=angles[1])
+        for position, angles in zip(named, way.angles, strict=True)
     )
 
 
-def at_step(own: FilePosition, plan: CapturePlan, step: int) -> FilePosition:
+def at_step(position: FilePosition, plan: CapturePlan, step: int) -> FilePosition:
     """A file at a position of a plan."""
     at = plan.steps[step]
     angles = {"alpha_deg": float(at.alpha_deg), "beta_deg": float(at.beta_deg)}
-    return replace(own, name=str(at.name), approach=at.approach, step=step, **angles)
+    return replace(position, name=str(at.name), approach=at.approach, step=step, **angles)
 
 
 def positions_by_table(files: Sequence[Path], path: Path, plan: CapturePlan | None) -> FilePositions:
@@ -145,12 +150,12 @@ def _row_of(table: Table, file: Path) -> int:
     """The row of a file: the longest listed end of its path, with or without the suffix of the format."""
     listed = [Path(text.replace("\\", "/")) for text in labels_in(table.columns["file"])]
 
-    def fits(own: Path) -> bool:
-        parts = [part for part in own.parts if part != "."]
+    def fits(listed_path: Path) -> bool:
+        parts = [part for part in listed_path.parts if part != "."]
         ends = [(*file.absolute().parts[:-1], name) for name in (file.name, file.stem)]
         return any(end[-len(parts) :] == tuple(parts) for end in ends) if parts else False
 
-    rows = [row for row, own in enumerate(listed) if fits(own)]
+    rows = [row for row, path in enumerate(listed) if fits(path)]
     most = max((len(listed[row].parts) for row in rows), default=0)
     rows = [row for row in rows if len(listed[row].parts) == most]
     if len(rows) == 1:
@@ -168,7 +173,7 @@ def _at_row(
         name: labels_in(table.columns[name])[row] for name in (names, "run", "mount") if name and name in table.columns
     }
     name = labels.get(names, "") if names else ""
-    own = FilePosition(file, name or file.stem, run=labels.get("run", ""), mount=labels.get("mount", ""))
+    position = FilePosition(file, name or file.stem, run=labels.get("run", ""), mount=labels.get("mount", ""))
     if angles:
         values = []
         for column in angles:
@@ -176,11 +181,11 @@ def _at_row(
             if not np.isfinite(value):
                 raise InputError(f"{table.place(row, column)}: {wrong}")
             values.append(value)
-        return replace(own, alpha_deg=values[0], beta_deg=values[1])
+        return replace(position, alpha_deg=values[0], beta_deg=values[1])
     if plan is None:
-        return own
+        return position
     steps = [k for k, step in enumerate(plan.steps) if str(step.name) == name]
     if not steps:
         there = ", ".join(str(step.name) for step in plan.steps[:8])
         raise InputError(f"{table.place(row, names or '')}: {shown(name)} is not a position of the plan: {there} ...")
-    return at_step(own, plan, steps[0])
+    return at_step(position, plan, steps[0])

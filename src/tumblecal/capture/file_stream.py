@@ -69,7 +69,7 @@ def write_files(
 
     try:
         written = _written(files, folder, options, by)
-        with guessed(guesses_of([own.contents for own in written])):
+        with guessed(guesses_of([entry.contents for entry in written])):
             _check_alike(written)
     except InputError:
         unit = _unit_of_all(files, options, by)
@@ -79,10 +79,10 @@ def write_files(
         _check_alike(written)
     written = _in_time(written)
     first = written[0]
-    shared = [name for name in first.columns if all(name in own.columns for own in written) and name != "time_s"]
+    shared = [name for name in first.columns if all(name in entry.columns for entry in written) and name != "time_s"]
     schema = {"time_s": pl.Float64(), **{name: first.columns[name] for name in shared}, TIME_CLOCK: pl.String()}
     kept = {key: value for key, value in first.comments.items() if key not in ("imported_from", "rate_hz")}
-    same = {key: value for key, value in kept.items() if all(own.comments.get(key) == value for own in written)}
+    same = {key: value for key, value in kept.items() if all(entry.comments.get(key) == value for entry in written)}
     parts: list[FilePart] = []
     path = folder / "samples.parquet"
     write_frames(path, _frames(written, list(schema), parts), pl.Schema(schema), same)
@@ -91,19 +91,19 @@ def write_files(
 
 def guesses_of(files: Sequence[Contents]) -> list[str]:
     """The guesses about the files, each line once."""
-    return list(dict.fromkeys(line for own in files for line in own.layout.said))
+    return list(dict.fromkeys(line for entry in files for line in entry.layout.said))
 
 
 def _written(files: Sequence[Path], folder: Path, options: RecordingOptions, by: str) -> list[_Written]:
     written, faults = list[_Written](), list[str]()
     for number, file in enumerate(files):
-        own = folder / f"{number}.parquet"
+        copy = folder / f"{number}.parquet"
         try:
-            contents = write_samples(file, own, options, by=by, in_force_units=True)
+            contents = write_samples(file, copy, options, by=by, in_force_units=True)
         except InputError as fault:
             faults += fault.faults
             continue
-        table, rows, comments = scan_parquet(own, check=False)
+        table, rows, comments = scan_parquet(copy, check=False)
         written.append(_Written(file, contents, table, rows, dict(table.collect_schema()), comments))
     if faults:
         raise InputError(faults)
@@ -129,14 +129,14 @@ def _unit_of_all(files: Sequence[Path], options: RecordingOptions, by: str) -> s
 
 def _in_time(written: list[_Written]) -> list[_Written]:
     """The files in the order of their clocks if they do not overlap by these; otherwise in the given order."""
-    order = sorted(written, key=lambda own: own.contents.begin_s)
-    return order if _go_on([own.contents for own in order]) else written
+    order = sorted(written, key=lambda entry: entry.contents.begin_s)
+    return order if _go_on([entry.contents for entry in order]) else written
 
 
 def _go_on(files: Sequence[Contents]) -> bool:
     """Whether the times of consecutive files are by one clock: dates, or a device's clock that continued."""
-    begins, lasts = (np.array([getattr(own, name) for own in files]) for name in ("begin_s", "last_s"))
-    dated = {TIME_ZERO in own.clock_comments for own in files}
+    begins, lasts = (np.array([getattr(entry, name) for entry in files]) for name in ("begin_s", "last_s"))
+    dated = {TIME_ZERO in entry.clock_comments for entry in files}
     return len(dated) == 1 and bool(np.isfinite(begins).all() and (begins[1:] > begins[:-1] + lasts[:-1]).all())
 
 
@@ -144,19 +144,19 @@ def _frames(written: Sequence[_Written], columns: list[str], parts: list[FilePar
     import polars as pl
 
     row, base = 0, 0.0
-    for number, own in enumerate(written, start=1):
+    for number, entry in enumerate(written, start=1):
         start, last = row, base
-        for first in range(0, own.rows, PIECE_ROWS):
-            frame = own.table.slice(first, PIECE_ROWS).collect()
+        for first in range(0, entry.rows, PIECE_ROWS):
+            frame = entry.table.slice(first, PIECE_ROWS).collect()
             if "time_s" not in frame.columns:
                 frame = frame.with_columns(
-                    (pl.int_range(pl.len()) + first).cast(float).alias("time_s") / own.contents.rate_hz
+                    (pl.int_range(pl.len()) + first).cast(float).alias("time_s") / entry.contents.rate_hz
                 )
             frame = frame.with_columns(pl.col("time_s") + base, pl.lit(str(number)).alias(TIME_CLOCK))
             row += len(frame)
             last = max([last, *frame["time_s"].tail(1)])
             yield frame.select(columns)
-        parts.append(FilePart(own.file, own.contents, start, row, base))
+        parts.append(FilePart(entry.file, entry.contents, start, row, base))
         base = last + _APART_S
 
 
@@ -167,10 +167,10 @@ def _check_alike(written: Sequence[_Written]) -> None:
     """
     one, first = written[0], written[0].file
     for other in written:
-        file, own, usual = other.file, other.contents.layout, one.contents.layout
-        if own.unit != usual.unit or own.per_g != usual.per_g:
+        file, layout, usual = other.file, other.contents.layout, one.contents.layout
+        if layout.unit != usual.unit or layout.per_g != usual.per_g:
             raise InputError(
-                f"{file}: accelerations in {_unit_words(own)}, but in {first} in {_unit_words(usual)}; the files of one "
+                f"{file}: accelerations in {_unit_words(layout)}, but in {first} in {_unit_words(usual)}; the files of one "
                 "recording have one unit: state that of all with --unit, or convert the file"
             )
         if ("time_s" in other.columns) != ("time_s" in one.columns):
@@ -178,20 +178,20 @@ def _check_alike(written: Sequence[_Written]) -> None:
             raise InputError(f"{lacking}: no column of times, but {having} has one; give it by --columns time=...")
         if other.contents.rate_hz is None:
             raise InputError(f"{file}: the sample rate is not known; give --rate 100 (Hz), or --columns time=...")
-        names = [[layout.columns[role].name for role in FORCE] for layout in (own, usual)]
-        if own.table.columns == usual.table.columns and names[0] != names[1]:
+        names = [[layout.columns[role].name for role in FORCE] for layout in (layout, usual)]
+        if layout.table.columns == usual.table.columns and names[0] != names[1]:
             raise InputError(
                 f"{file}: accelerations in the columns {', '.join(names[0])}, but in {first} in {', '.join(names[1])}; say "
                 "which they are: --columns ax=...,ay=...,az=..."
             )
     for key in _SAME_IN_ALL:
-        stated = {own.comments[key]: own.file for own in written if key in own.comments}
+        stated = {entry.comments[key]: entry.file for entry in written if key in entry.comments}
         if len(stated) > 1:
             listed = ", ".join(f"{value} in {file}" for value, file in list(stated.items())[:3])
             raise InputError(
                 f"{key} is not the same in these files: {listed}; reduce the files of one sensor and place"
             )
-    rates = {own.contents.rate_hz or 0.0: own.file for own in written}
+    rates = {entry.contents.rate_hz or 0.0: entry.file for entry in written}
     if max(rates) > _LARGEST_RATE_RATIO * min(rates):
         low, high = min(rates), max(rates)
         raise InputError(
@@ -231,10 +231,10 @@ def with_clocks(data: PositionSet, parts: Sequence[FilePart]) -> tuple[PositionS
         timed = len(set(data.clock)) < len(data)
         return (data if timed else replace(data, time_s=None, clock=None)), words
     shift = np.array(
-        [own.begin_s - contents[0].begin_s - part.base_s for own, part in zip(contents, parts, strict=True)]
+        [content.begin_s - contents[0].begin_s - part.base_s for content, part in zip(contents, parts, strict=True)]
     )
     assert data.time_s is not None
-    time = data.time_s + shift[[int(own) - 1 for own in data.clock]]
+    time = data.time_s + shift[[int(number) - 1 for number in data.clock]]
     comments = contents[0].clock_comments
     words = f"one clock for all files: their {'dates' if TIME_ZERO in comments else 'times'} continue from file to file"
     return replace(data, time_s=time, clock=None, comments=data.comments | comments), words

@@ -103,10 +103,10 @@ class FrameNumbers:
                     self._advance(number[end], ticks[end], counter[end], None if content is None else content(end))
                     place = run.stop
                     continue
-            own = None if content is None else content(slice(place, place + 1))[0]
+            fields = None if content is None else content(slice(place, place + 1))[0]
             again = restarted is not None and bool(restarted[place])
             number[place], ticks[place], repeated[place] = self._one(
-                int(counter[place]), own, int(replied[place]), restarted=again
+                int(counter[place]), fields, int(replied[place]), restarted=again
             )
             place += 1
         return Numbered(number, ticks, repeated)

@@ -29,7 +29,10 @@ def judged(intervals: list[Interval], blocks: Blocks, windows: Windows) -> tuple
     """Intervals with the reasons why some are not used, and whether the attitudes sufficed to check sizes."""
     rows = [_blocks_of(interval, blocks) for interval in intervals]
     for reasons in (_saturation(rows, blocks, windows), _wandering(rows, intervals, blocks, windows)):
-        intervals = [replace(own, reason=own.reason or reason) for own, reason in zip(intervals, reasons, strict=True)]
+        intervals = [
+            replace(interval, reason=interval.reason or reason)
+            for interval, reason in zip(intervals, reasons, strict=True)
+        ]
     return _of_odd_size(intervals)
 
 
@@ -47,12 +50,12 @@ def _saturation(rows: list[NDArray[np.int64]], blocks: Blocks, windows: Windows)
     the steps of the numbers. At the end of the range they are saturated, otherwise stuck; coarse steps alone are neither."""
     resolved = (windows.noise[:3] > _RESOLVED * blocks.quantum[:3]) & (blocks.quantum[:3] > 0)
     reasons = []
-    for own in rows:
+    for blocks_of in rows:
         found = ""
-        for sign, ends, at_ends in zip((1, -1), blocks.ends, blocks.at_ends, strict=True) if len(own) else ():
-            end, limit = (sign * (sign * part).max(0) for part in (ends[own], ends))
-            count = np.where(ends[own] == end, at_ends[own], 0).sum(0)
-            for axis in np.flatnonzero(resolved & (count > _SHARE_AT_END * len(own) * blocks.size)).tolist():
+        for sign, ends, at_ends in zip((1, -1), blocks.ends, blocks.at_ends, strict=True) if len(blocks_of) else ():
+            end, limit = (sign * (sign * part).max(0) for part in (ends[blocks_of], ends))
+            count = np.where(ends[blocks_of] == end, at_ends[blocks_of], 0).sum(0)
+            for axis in np.flatnonzero(resolved & (count > _SHARE_AT_END * len(blocks_of) * blocks.size)).tolist():
                 stays = end[axis] == limit[axis]
                 found = (f"saturated: axis {AXES[axis]} stays at the end of its range") if stays else found
                 found = found or f"stuck: axis {AXES[axis]} stays at one reading"
@@ -65,10 +68,10 @@ def _wandering(rows: list[NDArray[np.int64]], intervals: list[Interval], blocks:
     degree, and a sensor that is heated in one attitude, pass."""
     half = windows.length // 2
     sds = np.full((len(rows), 3), np.nan)
-    for k, own in enumerate(rows):
-        count = len(own) // half
+    for k, blocks_of in enumerate(rows):
+        count = len(blocks_of) // half
         if count >= 3:
-            sds[k] = blocks.mean[own[: count * half], :3].reshape(count, half, 3).mean(1).std(0, ddof=1)
+            sds[k] = blocks.mean[blocks_of[: count * half], :3].reshape(count, half, 3).mean(1).std(0, ddof=1)
     known = sds[np.isfinite(sds[:, 0])]
     if len(known) < _FEWEST:
         return [""] * len(rows)
@@ -95,6 +98,6 @@ def _of_odd_size(intervals: list[Interval]) -> tuple[list[Interval], bool]:
     sizes = np.linalg.norm(sensor.in_g(means), axis=1)
     odd = used & (np.abs(sizes - 1) > np.maximum(_ODD_SIZE, _ODD_U * sensor.u_of_size(means)))
     return [
-        replace(own, reason=f"size: {size:.2f} times that of the others") if refused else own
-        for own, size, refused in zip(intervals, sizes, odd, strict=True)
+        replace(interval, reason=f"size: {size:.2f} times that of the others") if refused else interval
+        for interval, size, refused in zip(intervals, sizes, odd, strict=True)
     ], True

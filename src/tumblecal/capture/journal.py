@@ -124,10 +124,10 @@ def replayed(entries: list[dict]) -> Standing:
                 standing.finished = False
             case "accepted":
                 names = ("position", "log_start", "log_stop", "sha256", "summary", "wall_ns")
-                own = {name: entry[name] for name in names}
-                own |= {"log_before": entry.get("log_before", entry["log_start"]), "clocks": entry.get("clocks", {})}
-                own |= {"serial_number": entry.get("serial_number", standing.device.get("serial_number"))}
-                attempt = Attempt(number=entry["attempt"], **own)
+                values = {name: entry[name] for name in names}
+                values |= {"log_before": entry.get("log_before", entry["log_start"]), "clocks": entry.get("clocks", {})}
+                values |= {"serial_number": entry.get("serial_number", standing.device.get("serial_number"))}
+                attempt = Attempt(number=entry["attempt"], **values)
                 standing.accepted[position] = attempt
                 standing.skipped.discard(position)
             case "withdrawn":

@@ -42,8 +42,8 @@ class KeptSetup(Strict):
 
     def lines(self, table: str) -> Iterator[str]:
         """The stated keys of one of its tables, as in a plan; all keys of the dwell."""
-        own = getattr(self, table)
-        for key, value in own.model_dump(exclude_unset=table != "dwell", exclude=_OWN.get(table)).items():
+        stated = getattr(self, table)
+        for key, value in stated.model_dump(exclude_unset=table != "dwell", exclude=_OWN.get(table)).items():
             yield f"{key} = {toml_string(value) if isinstance(value, str) else repr(value)}"
 
 

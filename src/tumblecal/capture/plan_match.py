@@ -44,8 +44,8 @@ class PlanMatch:
     @property
     def repeated(self) -> list[str]:
         """Positions with several intervals."""
-        own, counts = np.unique(self.positions[self.positions >= 0], return_counts=True)
-        return [self.names[k] for k in own[counts > 1]]
+        indices, counts = np.unique(self.positions[self.positions >= 0], return_counts=True)
+        return [self.names[k] for k in indices[counts > 1]]
 
     @property
     def surplus(self) -> list[int]:
@@ -179,11 +179,11 @@ def _without_bias(
     readings: NDArray[np.float64], expected: NDArray[np.float64], match: PlanMatch
 ) -> NDArray[np.float64] | None:
     """The readings in the plan's axes, by the affine map from the recognised intervals; None if they do not determine it."""
-    own = match.positions >= 0
-    design = np.column_stack([expected[match.positions[own]], np.ones(int(own.sum()))])
-    if len(set(match.positions[own].tolist())) < _FEWEST_FOR_BIAS or np.linalg.cond(design) > 100:
+    matched = match.positions >= 0
+    design = np.column_stack([expected[match.positions[matched]], np.ones(int(matched.sum()))])
+    if len(set(match.positions[matched].tolist())) < _FEWEST_FOR_BIAS or np.linalg.cond(design) > 100:
         return None
-    solution, *_ = np.linalg.lstsq(design, readings[own], rcond=None)
+    solution, *_ = np.linalg.lstsq(design, readings[matched], rcond=None)
     if np.linalg.cond(solution[:3]) > 3:
         return None
     return (readings - solution[3]) @ np.linalg.inv(solution[:3])

@@ -75,7 +75,7 @@ def _table(path: Path) -> PositionSamples:
     label = labels_of(path, raw.frame["position"].to_list(), "position")
     names = list(dict.fromkeys(label.tolist()))
     force = {name: raw.readings[label == name] for name in names}
-    few = [f"{name} ({len(own)})" for name, own in force.items() if len(own) < FEWEST]
+    few = [f"{name} ({len(samples)})" for name, samples in force.items() if len(samples) < FEWEST]
     if few:
         more = f" and {len(few) - _SHOWN} more" if len(few) > _SHOWN else ""
         raise InputError(

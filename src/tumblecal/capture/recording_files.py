@@ -32,7 +32,7 @@ def recording_files(given: Sequence[Path], others: Sequence[Path | None] = ()) -
     left_out = {path.resolve() for path in others if path is not None}
     files: list[Path] = []
     for path in given:
-        found = [own for own in _within(path) if own.resolve() not in left_out]
+        found = [recording for recording in _within(path) if recording.resolve() not in left_out]
         if not found:
             raise InputError(
                 f"{path}: no file of a recording; give files, a folder, or a pattern such as 'faces/*.csv'"
@@ -44,7 +44,9 @@ def recording_files(given: Sequence[Path], others: Sequence[Path | None] = ()) -
 
 def natural(path: Path) -> list:
     """The sort key of paths in natural order."""
-    return [(own.isdecimal(), int(own) if own.isdecimal() else own) for own in re.split(r"(\d+)", str(path)) if own]
+    return [
+        (part.isdecimal(), int(part) if part.isdecimal() else part) for part in re.split(r"(\d+)", str(path)) if part
+    ]
 
 
 def _is_result(path: Path) -> bool:
@@ -55,8 +57,8 @@ def _is_result(path: Path) -> bool:
 
 def _within(path: Path) -> list[Path]:
     if path.is_dir() and not any((path / name).exists() for name in _WHOLE):
-        inside = (own for own in path.rglob("*") if own.suffix.lower() in _TEXTS + _OTHERS and own.is_file())
-        kept = (own for own in inside if not own.name.startswith(".") and not _is_result(own))
+        inside = (inner for inner in path.rglob("*") if inner.suffix.lower() in _TEXTS + _OTHERS and inner.is_file())
+        kept = (inner for inner in inside if not inner.name.startswith(".") and not _is_result(inner))
         return sorted(kept, key=natural) or [path]
     if not path.exists() and any(mark in str(path) for mark in "*?["):
         return sorted(map(Path, glob.glob(str(path), recursive=True)), key=natural)

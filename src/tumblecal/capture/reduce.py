@@ -83,7 +83,7 @@ def reduce(folder: Path, said: Callable[[str], None] = lambda text: None) -> Red
         accepted.append(_accepted(raw, attempt, plan, spoken, rate, standing))
     return reduction_of(
         _position_set(folder, attempts, accepted, plan, standing),
-        [own.force for own in accepted],
+        [dwell.force for dwell in accepted],
         rate,
         attempts[0].sha256[:16],
         said={
@@ -93,11 +93,11 @@ def reduce(folder: Path, said: Callable[[str], None] = lambda text: None) -> Red
             "identity": identity_content(standing, attempts, [str(plan.steps[a.position].name) for a in attempts]),
         },
         said_of_dwells=[
-            {"attempt": attempt.number, "flagged": own.flagged, "sha256": attempt.sha256}
-            for attempt, own in zip(attempts, accepted, strict=True)
+            {"attempt": attempt.number, "flagged": dwell.flagged, "sha256": attempt.sha256}
+            for attempt, dwell in zip(attempts, accepted, strict=True)
         ],
-        counted=[own.counted for own in accepted],
-        temperatures=[own.warmth for own in accepted],
+        counted=[dwell.counted for dwell in accepted],
+        temperatures=[dwell.warmth for dwell in accepted],
     )
 
 
@@ -125,12 +125,12 @@ def decoded_stretch(
     which = np.minimum(np.searchsorted(stops, decoded.samples.stop), len(records) - 1)
     first = sum(r.offset < attempt.log_start for r in records)
     last = sum(r.stop <= attempt.log_stop for r in records) - 1
-    own = range(*map(int, np.searchsorted(which, [first, last + 1])))
+    inside = range(*map(int, np.searchsorted(which, [first, last + 1])))
     # After a restart of the recorder the stamps may jump back (a new boot): only samples in order are used.
     host_s = stamps[which]
-    ordered = own.stop + int(np.argmax(np.append(np.diff(host_s[own.stop - 1 :]) < 0, True))) if own else 0
+    ordered = inside.stop + int(np.argmax(np.append(np.diff(host_s[inside.stop - 1 :]) < 0, True))) if inside else 0
     specials = [event.stop for event in decoded.events if event.counted]
-    return decoded.samples[:ordered], host_s[:ordered], own, specials
+    return decoded.samples[:ordered], host_s[:ordered], inside, specials
 
 
 def device_settings(standing: Standing, plan: CapturePlan, spoken: Protocol) -> Settings | None:
@@ -149,10 +149,10 @@ def _accepted(
 ) -> _Accepted:
     settings = device_settings(standing, plan, spoken)
     options = spoken.decoder_options(plan.port.columns, plan.port.unit, whole=True)
-    samples, host_s, own, specials = decoded_stretch(raw, attempt, spoken, settings, options)
-    losses = losses_of(spoken, samples, host_s, rate, own, specials)
+    samples, host_s, attempted, specials = decoded_stretch(raw, attempt, spoken, settings, options)
+    losses = losses_of(spoken, samples, host_s, rate, attempted, specials)
     guard = round(plan.dwell.guard_s * rate)
-    inside = samples[own.start + guard : own.stop - guard]
+    inside = samples[attempted.start + guard : attempted.stop - guard]
     use = (inside.status == 0) & np.isfinite(inside.force).all(1)
     if use.sum() < 8:
         raise InputError(
@@ -168,7 +168,7 @@ def _accepted(
     return _Accepted(
         force=force,
         warmth=temperature,
-        time_s=_wall_s(host_s[own.start : own.stop], attempt, standing) * plan.port.speed,
+        time_s=_wall_s(host_s[attempted.start : attempted.stop], attempt, standing) * plan.port.speed,
         temperature_degc=float(known.mean()) if len(known) else None,
         flagged=int((~use).sum()),
         counted={"saturated": saturated, "lost": losses.lost, "lost_unresolved": losses.unresolved},
@@ -205,7 +205,7 @@ def _position_set(
 ) -> PositionSet:
     """The means, without their standard deviations."""
     steps = [plan.steps[attempt.position] for attempt in attempts]
-    temperatures = [own.temperature_degc for own in accepted]
+    temperatures = [dwell.temperature_degc for dwell in accepted]
     approaches = [step.approach for step in steps]
     session, device = standing.session, standing.device
     comments = {
@@ -223,13 +223,13 @@ def _position_set(
         names=tuple(str(step.name) for step in steps),
         alpha_deg=np.array([step.alpha_deg for step in steps], float),
         beta_deg=np.array([step.beta_deg for step in steps], float),
-        readings=np.array([own.force.mean(0) for own in accepted]),
+        readings=np.array([dwell.force.mean(0) for dwell in accepted]),
         run=(plan.session.run,) * len(steps) if plan.session.run != "1" else None,
         mount=(plan.session.mount,) * len(steps) if plan.session.mount != "1" else None,
-        time_s=np.array([own.time_s for own in accepted]),
+        time_s=np.array([dwell.time_s for dwell in accepted]),
         temperature_degc=np.array(temperatures, float) if all(t is not None for t in temperatures) else None,
         approach=np.array(approaches, float) if all(a is not None for a in approaches) else None,
-        n=np.array([len(own.force) for own in accepted], float),
+        n=np.array([len(dwell.force) for dwell in accepted], float),
         comments={key: value for key, value in comments.items() if value},
         source=str(folder),
     )

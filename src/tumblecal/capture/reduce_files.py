@@ -84,12 +84,12 @@ class FilesReduction:
         return told if self.stillness is None else told | self.stillness.as_dict()
 
     def _of_file(self, part: FilePart) -> dict[str, object]:
-        own = next((own for own in self.positions if own.file == part.file), None)
+        position = next((position for position in self.positions if position.file == part.file), None)
         damage = part.contents.damage
         left_out = {"rows": part.contents.unreadable, "first": part.contents.places}
         return {
             "file": str(part.file),
-            "position": own and own.name,
+            "position": position and position.name,
             "rows": part.stop - part.start,
             "starts_at_s": part.base_s,
             "left_out": left_out,
@@ -115,7 +115,7 @@ def reduce_files(
     **Raises:** `InputError` for files that cannot be read or are not of one recording; `NothingStill` without an interval at
     rest.
     """
-    files = [own.file for own in positions.files]
+    files = [position.file for position in positions.files]
     source = Path(f"{files[0]} and {len(files) - 1} more")
     with TemporaryDirectory() as folder:
         samples, parts = write_files(files, Path(folder), options, by=context.by)
@@ -149,7 +149,7 @@ def _by_file(
     to_g = unit_in_g(stillness.blocks.unit, stated_gravity(comments, str(source)))
     check_lengths(parts, criterion)
     check_still(source, stillness, to_g)
-    of_part = [next(own for own in positions.files if own.file == part.file) for part in parts]
+    of_part = [next(position for position in positions.files if position.file == part.file) for part in parts]
     if not hand_held:
         stillness = one_attitude_each(stillness, parts)
     doubts = without_still(stillness, parts)
@@ -168,11 +168,11 @@ def _by_file(
     dwells = [dwell * to_g for dwell in dwells]
     readings = np.array([dwell.mean(0) for dwell in dwells])
     if not hand_held:
-        _check_mix_up(placed, readings, positions, doubts)
-    names = names_of([own.name for own in placed])
+        _check_exchanged(placed, readings, positions, doubts)
+    names = names_of([position.name for position in placed])
     enough_samples(source, names, dwells)
     alpha, beta = attitudes_of(readings) if hand_held else _angles(placed)
-    approaches = [own.approach for own in placed]
+    approaches = [position.approach for position in placed]
     data = PositionSet(
         names,
         alpha,
@@ -198,7 +198,9 @@ def _digest(path: Path) -> str:
 
 
 def _angles(placed: Sequence[FilePosition]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    return np.array([own.alpha_deg for own in placed], float), np.array([own.beta_deg for own in placed], float)
+    return np.array([position.alpha_deg for position in placed], float), np.array(
+        [position.beta_deg for position in placed], float
+    )
 
 
 def _labels(
@@ -208,15 +210,17 @@ def _labels(
     usual = run_and_mount(context, plan, len(placed))
     labels = {}
     for name in ("run", "mount"):
-        own = tuple(getattr(at, name) for at in placed)
+        values = tuple(getattr(position, name) for position in placed)
         default = usual[name] or ("1",) * len(placed)
-        labels[name] = tuple(a or b for a, b in zip(own, default, strict=True)) if any(own) else usual[name]
+        labels[name] = tuple(a or b for a, b in zip(values, default, strict=True)) if any(values) else usual[name]
     return labels
 
 
 def _only(stillness: Stillness, kept: Sequence[bool]) -> Stillness:
     reasons = {
-        own.start: "surplus: not a position of the plan" for own, k in zip(stillness.used, kept, strict=True) if not k
+        interval.start: "surplus: not a position of the plan"
+        for interval, k in zip(stillness.used, kept, strict=True)
+        if not k
     }
     return refused(stillness, reasons)
 
@@ -231,16 +235,18 @@ def _by_gravity(
             longest[number] = interval
     match = matched(np.array([interval.mean for interval in longest.values()]), plan)
     found = dict(zip(longest, match.positions.tolist(), strict=True))
-    _check_told_apart(plan, {k: of_part[own].file for own, k in found.items() if k >= 0})
-    placed = [at_step(own, plan, found[k]) if found.get(k, -1) >= 0 else own for k, own in enumerate(of_part)]
-    surplus = [str(own.file) for k, own in enumerate(placed) if k in found and not own.known]
+    _check_separable(plan, {k: of_part[part].file for part, k in found.items() if k >= 0})
+    placed = [
+        at_step(position, plan, found[k]) if found.get(k, -1) >= 0 else position for k, position in enumerate(of_part)
+    ]
+    surplus = [str(position.file) for k, position in enumerate(placed) if k in found and not position.known]
     words = [(file, "not a position of the plan, by the direction of gravity") for file in surplus]
     if match.missing:
         words.append((str(placed[0].file), f"and the other files lack position {', '.join(match.missing)} of the plan"))
     return placed, words
 
 
-def _check_told_apart(plan: CapturePlan, files: Mapping[int, Path]) -> None:
+def _check_separable(plan: CapturePlan, files: Mapping[int, Path]) -> None:
     """Check that gravity determines the position of each file: all alpha at beta 90 are one direction.
 
     **Raises:** `InputError` for a file that fits several positions.
@@ -257,7 +263,7 @@ def _check_told_apart(plan: CapturePlan, files: Mapping[int, Path]) -> None:
             )
 
 
-def _check_mix_up(
+def _check_exchanged(
     placed: Sequence[FilePosition],
     readings: NDArray[np.float64],
     positions: FilePositions,

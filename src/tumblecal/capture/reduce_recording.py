@@ -183,11 +183,11 @@ def _by_stillness(
 def run_and_mount(context: KnownContext, plan: CapturePlan | None, count: int) -> dict[str, tuple[str, ...] | None]:
     """Run and mount of all rows: from the options, otherwise from the plan."""
     session = plan.session if plan else None
-    own = {
+    usual = {
         "run": context.run or (session.run if session else "1"),
         "mount": context.mount or (session.mount if session else "1"),
     }
-    return {name: (label,) * count if label != "1" else None for name, label in own.items()}
+    return {name: (label,) * count if label != "1" else None for name, label in usual.items()}
 
 
 def _named_set(
@@ -237,8 +237,10 @@ def _without_surplus(path: Path, stillness: Stillness, match: PlanMatch) -> Stil
         ].start: f"surplus: not a position of the plan, {match.angle_deg[k]:.0f} deg from the nearest one"
         for k in match.surplus
     }
-    told = [replace(own, reason=own.reason or reasons.get(own.start, "")) for own in stillness.intervals]
-    return replace(stillness, intervals=told)
+    intervals = [
+        replace(interval, reason=interval.reason or reasons.get(interval.start, "")) for interval in stillness.intervals
+    ]
+    return replace(stillness, intervals=intervals)
 
 
 def still_samples(
@@ -264,8 +266,8 @@ def still_samples(
 
 def mean_temperatures(temperatures: list[NDArray[np.float64]] | None) -> NDArray[np.float64] | None:
     """The mean temperature of each interval; None if an interval has none."""
-    context = [own[np.isfinite(own)] for own in temperatures or []]
-    return np.array([own.mean() for own in context]) if context and all(map(len, context)) else None
+    finite = [temperature[np.isfinite(temperature)] for temperature in temperatures or []]
+    return np.array([temperature.mean() for temperature in finite]) if finite and all(map(len, finite)) else None
 
 
 def means_of(

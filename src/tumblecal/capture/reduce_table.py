@@ -85,7 +85,9 @@ def _columns(path: Path, raw: Raw, *, hand_held: bool) -> dict[str, NDArray]:
     cells = {name: raw.frame[name].to_list() for name in _LABELS if name in there}
     # A column of runs or mountings that is empty in all rows is ignored.
     columns: dict[str, NDArray] = {
-        name: labels_of(path, own, name) for name, own in cells.items() if name == "position" or any(labels_in(own))
+        name: labels_of(path, column, name)
+        for name, column in cells.items()
+        if name == "position" or any(labels_in(column))
     }
     columns |= {name: raw.numbers(name) for name in _SETTINGS if name in there}
     angles = [name for name in ("alpha_deg", "beta_deg") if name not in columns]

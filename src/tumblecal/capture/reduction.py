@@ -82,7 +82,7 @@ def reduction_of(
     recorded = RecordedNoise.of(quiet, rate_hz, float(np.ptp(data.time_s)), recording)
     sd = sd_of_means(recorded, quiet, data.time_s)
     counted, nothing = counted or [{}] * len(dwells), [{}] * len(dwells)
-    checks = [check_dwell(dwell, rate_hz, row, **own) for dwell, row, own in zip(quiet, sd, counted, strict=True)]
+    checks = [check_dwell(dwell, rate_hz, row, **counts) for dwell, row, counts in zip(quiet, sd, counted, strict=True)]
     noise = recorded.text()
     comments = data.comments | {NOISE_MODEL: noise} | within_dwells_comments(within)
     whole = replace(data, sd=sd, recorded_noise=(noise,) * len(dwells), comments=comments)
@@ -100,7 +100,7 @@ def write_reduction(reduction: Reduction, folder: Path, more: Mapping[str, objec
         "schema": "tumblecal.reduction/1",
         "rate_hz": r.rate_hz,
         "noise_model": json.loads(r.recorded.text()),
-        "within_dwells": [own.as_dict() | {"words": own.words()} for own in r.within],
+        "within_dwells": [change.as_dict() | {"words": change.words()} for change in r.within],
         **r.said,
         **(more or {}),
         "axes": _axes(r),

@@ -60,8 +60,8 @@ def rough_sensor(readings: NDArray[np.float64]) -> RoughSensor | None:
     sixes = sixes[np.linalg.cond(sixes) < 1e4]
     found = [
         near
-        for own in np.linalg.solve(sixes, np.ones((len(sixes), 6, 1)))[..., 0]
-        if (near := _near(own, design, zero)).any()
+        for coefficients in np.linalg.solve(sixes, np.ones((len(sixes), 6, 1)))[..., 0]
+        if (near := _near(coefficients, design, zero)).any()
     ]
     if not found:
         return None
@@ -108,7 +108,7 @@ def _near(solution: NDArray[np.float64], design: NDArray[np.float64], zero: NDAr
 def _attitudes(readings: NDArray[np.float64]) -> int:
     """Approximate number of different attitudes among readings in g."""
     kept = np.zeros((0, 3))
-    for own in readings:
-        if not len(kept) or np.linalg.norm(kept - own, axis=1).min() > _SAME_G:
-            kept = np.vstack([kept, own])
+    for reading in readings:
+        if not len(kept) or np.linalg.norm(kept - reading, axis=1).min() > _SAME_G:
+            kept = np.vstack([kept, reading])
     return len(kept)

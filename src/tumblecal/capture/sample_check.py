@@ -22,8 +22,8 @@ def require_samples_of(samples: PositionSamples, data: PositionSet) -> None:
     """
     absent = [name for name in data.names if name not in samples.force]
     # Joined files prefix a position's name with the name of the file if several files have it.
-    own = [name.partition(":")[2] for name in absent]
-    repeated = [name for name in own if name in samples.force] or [n for n in data.names if data.names.count(n) > 1]
+    names = [name.partition(":")[2] for name in absent]
+    repeated = [name for name in names if name in samples.force] or [n for n in data.names if data.names.count(n) > 1]
     if repeated:
         raise InputError(
             f"{data.source}: several positions are named {repeated[0]}, so their samples are indistinguishable in "

@@ -181,15 +181,15 @@ def _restless(intervals: list[Interval], blocks: Blocks, windows: Windows, crite
     """Stretches between the intervals that are nearly at rest, with the reasons against them."""
     edges = [
         0,
-        *(int(np.searchsorted(blocks.row, edge)) for own in intervals for edge in (own.start, own.stop)),
+        *(int(np.searchsorted(blocks.row, edge)) for interval in intervals for edge in (interval.start, interval.stop)),
         len(blocks),
     ]
     told = []
     for start, stop in zip(edges[::2], edges[1::2], strict=True):
-        own = windows.excess[start : max(start, stop - windows.length)]
-        if len(own) * blocks.size / blocks.rate_hz < criterion.least_s or not np.isfinite(own).any():
+        excess = windows.excess[start : max(start, stop - windows.length)]
+        if len(excess) * blocks.size / blocks.rate_hz < criterion.least_s or not np.isfinite(excess).any():
             continue
-        quietest = own[int(np.argmin(own.max(1)))]
+        quietest = excess[int(np.argmin(excess.max(1)))]
         times = float(np.sqrt(quietest.max()))
         if 1 < times < _RESTLESS:
             channel = ["axis x", "axis y", "axis z", "the rate of x", "the rate of y", "the rate of z"][

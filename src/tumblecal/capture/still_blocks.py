@@ -199,9 +199,9 @@ def _without_outliers(signal: NDArray[np.float64]) -> tuple[NDArray[np.float64],
     cleaned = signal.copy()
     for column in range(signal.shape[1]):
         values = signal[:, column]
-        before, own, after = values[:-2], values[1:-1], values[2:]
-        middle = np.maximum(np.minimum(before, own), np.minimum(np.maximum(before, own), after))
-        beside = np.abs(own - middle)
+        before, centre, after = values[:-2], values[1:-1], values[2:]
+        middle = np.maximum(np.minimum(before, centre), np.minimum(np.maximum(before, centre), after))
+        beside = np.abs(centre - middle)
         moved = beside[beside > 0]
         if not len(moved):
             continue

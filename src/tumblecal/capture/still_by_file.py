@@ -41,15 +41,17 @@ def part_of(interval: Interval, parts: Sequence[FilePart]) -> int:
 def within_files(stillness: Stillness, parts: Sequence[FilePart]) -> Stillness:
     """The intervals without rows of the file before or after, which a block at the boundary may include."""
     cut = []
-    for own in stillness.intervals:
-        part = parts[part_of(own, parts)]
-        cut.append(replace(own, start=max(own.start, part.start), stop=min(own.stop, part.stop)))
+    for interval in stillness.intervals:
+        part = parts[part_of(interval, parts)]
+        cut.append(replace(interval, start=max(interval.start, part.start), stop=min(interval.stop, part.stop)))
     return replace(stillness, intervals=cut)
 
 
 def refused(stillness: Stillness, reasons: Mapping[int, str]) -> Stillness:
     """The intervals with reasons against some used ones, by their first row."""
-    told = [replace(own, reason=own.reason or reasons.get(own.start, "")) for own in stillness.intervals]
+    told = [
+        replace(interval, reason=interval.reason or reasons.get(interval.start, "")) for interval in stillness.intervals
+    ]
     return replace(stillness, intervals=told)
 
 
@@ -57,9 +59,9 @@ def one_attitude_each(stillness: Stillness, parts: Sequence[FilePart]) -> Stilln
     """The longest interval of each file, and those with its attitude, since a file has one position."""
     reasons = {}
     for number, part in enumerate(parts):
-        own = [interval for interval in stillness.used if part_of(interval, parts) == number]
-        longest = max(own, key=lambda interval: interval.stop - interval.start, default=None)
-        for interval in own:
+        of_file = [interval for interval in stillness.used if part_of(interval, parts) == number]
+        longest = max(of_file, key=lambda interval: interval.stop - interval.start, default=None)
+        for interval in of_file:
             assert longest is not None
             cosine = interval.mean @ longest.mean / np.linalg.norm(interval.mean) / np.linalg.norm(longest.mean)
             apart = float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
@@ -76,8 +78,8 @@ def without_still(stillness: Stillness, parts: Sequence[FilePart]) -> list[tuple
     lines = []
     for number, part in enumerate(parts):
         if number not in having:
-            own = [interval for interval in stillness.intervals if part_of(interval, parts) == number]
-            longest = max(own, key=lambda interval: interval.stop - interval.start, default=None)
+            of_file = [interval for interval in stillness.intervals if part_of(interval, parts) == number]
+            longest = max(of_file, key=lambda interval: interval.stop - interval.start, default=None)
             reason = longest.reason if longest else f"all of its {_length_s(part):.2g} s move"
             line = f"no interval at rest ({reason}), so its position is missing; reduce --least-s, or record it again"
             lines.append((str(part.file), line))

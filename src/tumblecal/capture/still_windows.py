@@ -142,18 +142,18 @@ def _excess(
 ) -> tuple[NDArray, NDArray, NDArray, NDArray]:
     """Excess of windows over the limits from the weighted windows: squared sizes, 1 at the limit; median log variance, degrees
     of freedom, and the limit of the offset."""
-    own, taken = weights[weights > 0], weights > 0
-    base = _weighted_median(log_variance[taken], own)
+    positive, calm = weights[weights > 0], weights > 0
+    base = _weighted_median(log_variance[calm], positive)
     spread = 1.4826 * np.maximum(
-        _weighted_median(np.abs(log_variance[taken] - base), own),
-        _weighted_median(log_variance[taken], own, 0.75) - base,
+        _weighted_median(np.abs(log_variance[calm] - base), positive),
+        _weighted_median(log_variance[calm], positive, 0.75) - base,
     )
     # The variance of the logarithm of chi-squared / nu is the trigamma function of nu / 2.
     dof = np.clip(2 * _inverse_trigamma(spread**2), *dofs)
     variance_limit = np.log(special.chdtri(dof, false_alarm) / special.chdtri(dof, 0.5))
     # Readings that alternate between two neighbouring numbers are at rest as far as coarse steps show, whatever their shares.
     variance_limit = np.maximum(variance_limit, np.log(np.maximum(quantum, 1e-150) / 2) * 2 - base)
-    size = 1.4826 * _weighted_median(np.abs(offset[taken]), own)
+    size = 1.4826 * _weighted_median(np.abs(offset[calm]), positive)
     # The resolution of the difference of two half windows is limited by white noise of that variance.
     size = np.maximum(size, np.exp(base / 2) * 2 / np.sqrt(dofs[1] + 1))
     limit = np.maximum(size * -special.stdtrit(dof, false_alarm / 2), quantum)
@@ -165,8 +165,8 @@ def _inverse_trigamma(values: NDArray[np.float64]) -> NDArray[np.float64]:
     values = np.maximum(values, 1e-8)
     x = 0.5 + 1 / values
     for _ in range(10):
-        own = special.polygamma(1, x)
-        x = x + own * (1 - own / values) / special.polygamma(2, x)
+        trigamma = special.polygamma(1, x)
+        x = x + trigamma * (1 - trigamma / values) / special.polygamma(2, x)
     return x
 
 
@@ -174,8 +174,8 @@ def trimmed(run: tuple[int, int], windows: Windows, false_alarm: float, samples:
     """A run without the windows at its ends that exceed its individual limits; otherwise a quiet run would extend into the
     movement if other runs tremble more."""
     start, stop = run
-    own = slice(start, max(start, stop - windows.length) + 1)
-    log_variance, step = windows.log_variance[own], windows.step[own]
+    rows = slice(start, max(start, stop - windows.length) + 1)
+    log_variance, step = windows.log_variance[rows], windows.step[rows]
     edge = min(windows.length // 2, (len(step) - 1) // 2)
     weights = np.zeros(len(step))
     weights[edge : len(step) - edge] = 1.0

@@ -109,15 +109,15 @@ def _recording(source: Path, options: RecordingOptions, needed: Sequence[str]) -
         header = replace(header_of(source, schema.to_frame(), comments), row_word=table.row_word)
         rows = lambda _: found.marked(own_stream.frames_with(()))  # noqa: E731
         return Uncorrected(header, rows, contents=contents, damage=contents.damage, left_out=left_out)
-    own, axes, text = table.columns, [columns[axis] for axis in FORCE], table.text
+    names, axes, text = table.columns, [columns[axis] for axis in FORCE], table.text
     new_unit = any(axis.scale != 1 or axis.offset != 0 for axis in axes)
     comments = {key: value for key, value in table.comments.items() if not (new_unit and key == COUNTS)}
     return Uncorrected(
         replace(header_of(source, schema.to_frame(), comments), row_word=table.row_word),
-        lambda whole: found.marked(own_stream.frames_with(own if whole else ())),
-        next(table.pieces(own)).head(0).select(own).schema,
+        lambda whole: found.marked(own_stream.frames_with(names if whole else ())),
+        next(table.pieces(names)).head(0).select(names).schema,
         tuple(axis.name for axis in axes),
-        text and replace(text, places=tuple(own.index(axis.name) for axis in axes)),
+        text and replace(text, places=tuple(names.index(axis.name) for axis in axes)),
         contents,
         contents.damage,
         left_out,
@@ -149,6 +149,6 @@ def _cells_of(header: Raw, frames: Callable[[], Iterator["pl.DataFrame"]]) -> Te
     if decimal is None:
         seen = next(piece for piece in frames() if len(piece)).head(_SEEN_ROWS).drop(ROW)
         marks = marks_of([[cell for cell in column.to_list() if cell] for column in seen.iter_columns()])
-        decimal = "," if any(own and own[0] == "," for own in marks) else "."
+        decimal = "," if any(mark and mark[0] == "," for mark in marks) else "."
     places = tuple(header.layout.names.index(name) for name in header.columns)
     return TextCells(header.layout, places, decimal)

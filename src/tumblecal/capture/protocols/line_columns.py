@@ -96,8 +96,8 @@ def _has_decimal_comma(lines: list[str], separator: str) -> bool:
     width = max({len(row) for row in rows}, key=lambda n: sum(len(row) == n for row in rows), default=0)
     columns = [list(column) for column in zip(*(row for row in rows if len(row) == width), strict=True)]
     return any(
-        own[0] == "," if own else any("," in cell for cell in cells)
-        for own, cells in zip(marks_of(columns), columns, strict=True)
+        marks[0] == "," if marks else any("," in cell for cell in cells)
+        for marks, cells in zip(marks_of(columns), columns, strict=True)
     )
 
 

@@ -82,12 +82,14 @@ def may_be_times(first: "pl.DataFrame", name: str) -> bool:
 def clock_by_name(first: "pl.DataFrame", names: Mapping[str, ColumnName]) -> Column | None:
     """The clock among columns, or None. Of several with names of times and values that can be times, the one whose name has
     the fewest other words."""
-    clocks = sorted((name for name, own in names.items() if own.quantity == "time"), key=lambda k: names[k].foreign)
+    clocks = sorted(
+        (name for name, meaning in names.items() if meaning.quantity == "time"), key=lambda k: names[k].foreign
+    )
     parted = _parted(first, {name: names[name].unit for name in clocks})
-    own = [name for name in clocks if (parted is None or name not in parted.names) and may_be_times(first, name)]
-    if parted and not own:
+    usable = [name for name in clocks if (parted is None or name not in parted.names) and may_be_times(first, name)]
+    if parted and not usable:
         return parted
-    return next((Column(name, names[name].unit) for name in (*own, *clocks)), None)
+    return next((Column(name, names[name].unit) for name in (*usable, *clocks)), None)
 
 
 def _parted(first: "pl.DataFrame", clocks: Mapping[str, str]) -> Column | None:

@@ -70,7 +70,7 @@ def chosen(columns: Columns, path: str) -> Choice | None:
     named = [triple for triple in triples if triple.name.quantity == "acceleration"]
     if named:
         force, why, said = _named(columns, named, path)
-    elif accelerations := [name for name, own in columns.names.items() if own.quantity == "acceleration"]:
+    elif accelerations := [name for name, meaning in columns.names.items() if meaning.quantity == "acceleration"]:
         _ask_for_axes(columns, accelerations, path)
         return None
     else:
@@ -188,7 +188,7 @@ def _by_values(columns: Columns, path: str) -> tuple[Triple, str, list[str]] | N
 
     A second ellipsoid of a different size is a magnetic field if its columns follow; if they precede, it is ambiguous.
     """
-    free = [name for name, own in columns.names.items() if not own.quantity][:_MOST_COLUMNS]
+    free = [name for name, meaning in columns.names.items() if not meaning.quantity][:_MOST_COLUMNS]
     data = np.stack([columns.values(name, 0) for name in free], axis=1) if free else np.zeros((0, 0))
     data = data[np.isfinite(data).all(1)]
     varied = [k for k in range(len(free)) if len(data) and not _is_clock(data[:, k]) and np.ptp(data[:, k]) > 0]
@@ -257,15 +257,15 @@ def _rate(columns: Columns, triples: list[Triple], force: Triple) -> tuple[Tripl
         common = [len(set(triple.name.stem) & set(force.name.stem)) for triple in named]
         order = [(-common[k], STATE_ORDER.index(triple.state), k) for k, triple in enumerate(named)]
         return named[min(order)[-1]], "name", []
-    free = [name for name, own in columns.names.items() if not own.quantity]
-    if force.name.quantity or any(own.axis for own in columns.names.values()):
+    free = [name for name, meaning in columns.names.items() if not meaning.quantity]
+    if force.name.quantity or any(meaning.axis for meaning in columns.names.values()):
         return None, "", []
     at = free.index(force.columns[2])
     for three in (free[at + 1 : at + 4], free[max(0, at - 5) : at - 2]):
         if len(three) == len(AXES):
             triple = Triple(tuple(three), _NAMELESS)  # type: ignore[arg-type]
             data = [columns.values(name, 0) for name in three]
-            moving = all(np.nanmax(own) > np.nanmin(own) and not _is_clock(own) for own in data)
+            moving = all(np.nanmax(column) > np.nanmin(column) and not _is_clock(column) for column in data)
             if moving and columns.size(force).spread > _STILL_SHARE > columns.size(triple).spread:
                 said = f"angular rates: columns {triple}, by their values (at rest while the accelerations are)"
                 return triple, "values", [f"{said}; to override: --columns gx=...,gy=...,gz=..."]

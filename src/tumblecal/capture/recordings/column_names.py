@@ -76,16 +76,16 @@ def parsed(name: str) -> ColumnName:
         kind for kind in kinds if kind in _STATES and not (kind == "linear" and quantity != "acceleration")
     }
     stem = tuple(rest)
-    own = unit[1] if unit and (unit[0] == quantity or unit[0] == "counts") else ""
-    own = own or ("g" if quantity == "acceleration" and {"gf", "gforce"} & set(rest) else "")
+    its_unit = unit[1] if unit and (unit[0] == quantity or unit[0] == "counts") else ""
+    its_unit = its_unit or ("g" if quantity == "acceleration" and {"gf", "gforce"} & set(rest) else "")
     # A unit alone names no quantity, except a time.
-    own = own or (clock[1] if rest and (clock := unit_of(rest[-1])) and clock[0] == "time" else "")
-    own = own if own in _UNITS_OF.get(quantity, ()) else ""
+    its_unit = its_unit or (clock[1] if rest and (clock := unit_of(rest[-1])) and clock[0] == "time" else "")
+    its_unit = its_unit if its_unit in _UNITS_OF.get(quantity, ()) else ""
     sensor = tuple(word for word in stem if WORDS.get(word) not in _STATES)
     foreign = sum(not set(meanings(word)) & {quantity, "plain"} for word in rest)
-    if quantity == "temperature" and unit and unit[0] == "temperature" and not own:
+    if quantity == "temperature" and unit and unit[0] == "temperature" and not its_unit:
         quantity = "other"
-    return ColumnName(quantity, axis, own, frozenset(states), stem, sensor, foreign)
+    return ColumnName(quantity, axis, its_unit, frozenset(states), stem, sensor, foreign)
 
 
 def _words(name: str) -> tuple[list[str], list[str]]:
@@ -105,7 +105,11 @@ def _words(name: str) -> tuple[list[str], list[str]]:
         for part in _PARTS.findall(chunk):
             whole = [part] if part.isdecimal() else split(part.lower())
             if whole is None:
-                whole = [word for own in _CAMEL.findall(part) for word in (split(own.lower()) or _letter(own.lower()))]
+                whole = [
+                    word
+                    for letters in _CAMEL.findall(part)
+                    for word in (split(letters.lower()) or _letter(letters.lower()))
+                ]
             words += whole
     return words, units
 
@@ -146,7 +150,7 @@ def _kinds(word: str, rest: list[str], axis: str) -> list[str]:
         # A letter gives the quantity only if no word does.
         return (
             []
-            if any(meanings(own) for own in rest if len(own) > 1 and WORDS.get(own) not in ("plain", *_STATES))
+            if any(meanings(other) for other in rest if len(other) > 1 and WORDS.get(other) not in ("plain", *_STATES))
             else [LETTERS[word] if axis in "xyz" or word == "q" else "letter"]
         )
     return meanings(word)
@@ -199,14 +203,14 @@ def role_of(name: str) -> tuple[str | None, str]:
         return exact
     if angle := _ANGLE.fullmatch(name.strip().lower()):
         return f"{angle[1]}_deg", ""
-    own = parsed(name)
-    if own.stem == ("t",) and not own.axis and own.quantity in ("", "orientation"):
+    meaning = parsed(name)
+    if meaning.stem == ("t",) and not meaning.axis and meaning.quantity in ("", "orientation"):
         return name.strip()[0], ""
-    if own.quantity in ("time", "temperature"):
-        return own.quantity, own.unit
-    if own.quantity in ("acceleration", "rate") and own.axis:
-        axis = own.axis if own.axis in "xyz" else "xyz"[int(own.axis)] if int(own.axis) < 3 else ""
-        return (f"{'a' if own.quantity == 'acceleration' else 'g'}{axis}", own.unit) if axis else (None, "")
+    if meaning.quantity in ("time", "temperature"):
+        return meaning.quantity, meaning.unit
+    if meaning.quantity in ("acceleration", "rate") and meaning.axis:
+        axis = meaning.axis if meaning.axis in "xyz" else "xyz"[int(meaning.axis)] if int(meaning.axis) < 3 else ""
+        return (f"{'a' if meaning.quantity == 'acceleration' else 'g'}{axis}", meaning.unit) if axis else (None, "")
     return None, ""
 
 

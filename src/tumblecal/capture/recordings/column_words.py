@@ -118,10 +118,10 @@ WORDS = {plain_letters(word): kind for kind, words in reversed(_MEANINGS.items()
 _LONG = sorted((w for w in WORDS if len(w) >= _SHORTEST_WITHIN or not w.isascii()), key=len, reverse=True)
 _WITH_AXIS = {short: short for short in ("gf", "xl", "la", "ua", "ac")} | {"gy": "gyr"}
 UNITS = {
-    plain_letters(own): (kind, unit)
+    plain_letters(word): (kind, unit)
     for kind, units in _UNITS.items()
     for unit, words in units.items()
-    for own in words.split()
+    for word in words.split()
 }
 _UNIT_WORDS = {
     r"degrees?|°": "deg",
@@ -138,8 +138,8 @@ _UNIT_WORDS = {
 def unit_of(text: str) -> tuple[str, str] | None:
     """The quantity of a unit, and the unit as this program writes it (empty for an unused one)."""
     plain = plain_letters(text).strip().lower()
-    for pattern, own in _UNIT_WORDS.items():
-        plain = re.sub(pattern, own, plain)
+    for pattern, symbol in _UNIT_WORDS.items():
+        plain = re.sub(pattern, symbol, plain)
     return UNITS.get(plain)
 
 

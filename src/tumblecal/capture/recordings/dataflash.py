@@ -108,7 +108,9 @@ def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceT
             f"{counted(skipped, 'byte')} outside messages, the first at byte {first}: messages there are lost"
         )
     if not tables:
-        there = ", ".join(f"{kinds[number].name} ({len(own)})" for number, own in places.items() if number in kinds)
+        there = ", ".join(
+            f"{kinds[number].name} ({len(starts)})" for number, starts in places.items() if number in kinds
+        )
         raise InputError(
             f"{path}: no message has AccX, AccY, AccZ; it has {there or 'none'}. Set LOG_BITMASK to log IMU"
         )
@@ -129,10 +131,11 @@ def _tables(kind: _Kind, log: bytes, places: NDArray[np.int64]) -> list[SourceTa
     roles = {name: role for name, role in _ROLES.items() if name in columns and (name == time or name not in _TIMES)}
     if _INSTANCE not in columns:
         return [_table(kind.name, columns, roles)]
-    own = columns.pop(_INSTANCE)
-    names = [(number, f"{kind.name}/{number}" if number else kind.name) for number in np.unique(own).tolist()]
+    instances = columns.pop(_INSTANCE)
+    names = [(number, f"{kind.name}/{number}" if number else kind.name) for number in np.unique(instances).tolist()]
     return [
-        _table(name, {key: column[own == number] for key, column in columns.items()}, roles) for number, name in names
+        _table(name, {key: column[instances == number] for key, column in columns.items()}, roles)
+        for number, name in names
     ]
 
 

@@ -30,9 +30,9 @@ _FORCE = {"AccX", "AccY", "AccZ"}
 def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceTable]:
     fields, instances = dict[str, list[str]](), dict[str, set[str]]()
     for piece in pieces_of(path):
-        fields |= {name.decode(): own.decode().split(",") for name, own in _FORMAT.findall(piece)}
-        for name, own in fields.items():
-            if set(own) >= _FORCE and (found := {*re.findall(_begin(name, own), piece, re.MULTILINE)}):
+        fields |= {name.decode(): names.decode().split(",") for name, names in _FORMAT.findall(piece)}
+        for name, names in fields.items():
+            if set(names) >= _FORCE and (found := {*re.findall(_begin(name, names), piece, re.MULTILINE)}):
                 instances.setdefault(name, set()).update(map(bytes.decode, found))
     if not instances:
         raise InputError(f"{path}: no accelerations among its messages {shown(', '.join(fields))}")

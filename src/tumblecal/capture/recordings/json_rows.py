@@ -74,8 +74,8 @@ def _numbered_pieces(path: Path) -> Iterator[tuple[int, bytes]]:
 def _rows_in(line: int, piece: bytes) -> Iterator[tuple[int, Row | None]]:
     """The objects in lines that are numbered from this number."""
     for number, text in enumerate(piece.removesuffix(b"\n").decode("utf-8", "replace").split("\n"), line):
-        if own := text.strip(" \t,[]\ufeff"):
-            yield number, _row(own)
+        if content := text.strip(" \t,[]\ufeff"):
+            yield number, _row(content)
 
 
 def _rows_of_lines(path: Path) -> Iterator[tuple[int, Row | None]]:
@@ -96,7 +96,7 @@ def _flat_frame(line: int, piece: bytes, kinds: Mapping[str, bool]) -> "pl.DataF
     marks = {b"{": count, b"}": count, b"[": 0, b"\\": 0, b"true": 0, b"false": 0, b"},": 0}
     marks |= {json.dumps(key, ensure_ascii=False).encode(): count for key in kinds}
     marks[b'"'] = count * sum(2 if number else 4 for number in kinds.values())
-    if any(piece.count(mark) != own for mark, own in marks.items()):
+    if any(piece.count(mark) != count for mark, count in marks.items()):
         return None
     try:
         schema = {key: pl.Float64 if number else pl.String for key, number in kinds.items()}
@@ -117,8 +117,8 @@ def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceT
             content = json.loads(file.read())
         except (ValueError, RecursionError) as error:
             raise damaged(path, "JSON file", error) from error
-    if isinstance(content, list) and content and all(isinstance(own, dict) for own in content):
-        rows = [_flat(own) for own in content]
+    if isinstance(content, list) and content and all(isinstance(item, dict) for item in content):
+        rows = [_flat(item) for item in content]
         return _tables(rows[:_SEEN], lambda: enumerate(rows, start=1), "element")
     if tables := tables_of_arrays(_arrays(content) if isinstance(content, dict) else {}):
         return tables
@@ -149,7 +149,7 @@ def _tables(seen: Sequence[Row | None], rows: Rows, row_word: str, lines: Path |
     - `lines`: the file, if each line is an object.
     """
     whole = [row for row in seen if row]
-    words = [name for name in whole[0] if len({own for row in whole if isinstance(own := row.get(name), str)}) > 1]
+    words = [name for name in whole[0] if len({value for row in whole if isinstance(value := row.get(name), str)}) > 1]
     words = [name for name in words if len({row.get(name) for row in whole}) <= _MOST_KINDS]
     names = [
         name for name in dict.fromkeys(name for row in whole for name in row) if not all(name in row for row in whole)
@@ -163,10 +163,10 @@ def _tables(seen: Sequence[Row | None], rows: Rows, row_word: str, lines: Path |
     kinds = dict[str, list[Row]]()
     for row in whole:
         kinds.setdefault(kind_of(row), []).append(row)
-    if not words and any(len(own) == len(set().union(*whole)) for own in whole):
+    if not words and any(len(row) == len(set().union(*whole)) for row in whole):
         # An object without one of the names is of the same kind as an object with all names.
         return [_table("", whole, lambda row: "", rows, row_word, lines)]
-    return [_table(kind, own, kind_of, rows, row_word) for kind, own in kinds.items()]
+    return [_table(kind, names, kind_of, rows, row_word) for kind, names in kinds.items()]
 
 
 def _table(
@@ -179,15 +179,17 @@ def _table(
 ) -> SourceTable:
     names = tuple(dict.fromkeys(name for row in seen for name in row))
     # A name that is only the letter of an axis gets the word of its kind as a prefix.
-    own = {f"{kind}.{name}" if kind and name in ("x", "y", "z") else name: name for name in names}
-    numeric = {column for column, name in own.items() if any(isinstance(row.get(name), int | float) for row in seen)}
+    source_names = {f"{kind}.{name}" if kind and name in ("x", "y", "z") else name: name for name in names}
+    numeric = {
+        column for column, name in source_names.items() if any(isinstance(row.get(name), int | float) for row in seen)
+    }
 
     def frames(columns: Sequence[str], rows: Iterable[tuple[int, Row | None]]) -> Iterator["pl.DataFrame"]:
         import polars as pl
 
         schema = {name: pl.Float64 if name in numeric else pl.String for name in columns} | {ROW: pl.Int64}
         cells = (
-            (*((row or {}).get(own[column]) for column in columns), line)
+            (*((row or {}).get(source_names[column]) for column in columns), line)
             for line, row in rows
             if row is None or kind_of(row) == kind
         )
@@ -204,7 +206,7 @@ def _table(
             frame = _flat_frame(line, piece, kinds)
             yield from frames(columns, _rows_in(line, piece)) if frame is None else [frame.select([*columns, ROW])]
 
-    return SourceTable(kind, tuple(own), pieces, said=f"JSON, {len(names)} columns", row_word=row_word)
+    return SourceTable(kind, tuple(source_names), pieces, said=f"JSON, {len(names)} columns", row_word=row_word)
 
 
 READER = Reader("JSON", _recognised, _read, rank=1)

@@ -86,10 +86,10 @@ def wraps_of_force(
             after = _jumps(corrected)
             if np.count_nonzero(after > full / 2) > 0.1 * np.count_nonzero(before > full / 2):
                 continue
-            own = _misfit(corrected, scale)
-            if (own < _BETTER * misfit).any():
+            new_misfit = _misfit(corrected, scale)
+            if (new_misfit < _BETTER * misfit).any():
                 # The range that follows from the step of the numbers comes first: others must be clearly better.
-                best, least = (wraps, own.prod()) if own.prod() < 0.7 * least else (best, least)
+                best, least = (wraps, new_misfit.prod()) if new_misfit.prod() < 0.7 * least else (best, least)
                 break
     return best
 
@@ -124,7 +124,7 @@ def wrapped_record(columns: Sequence["Column"], rows: int, first: int) -> Damage
 
 
 def _corrected(numbers: NDArray[np.float64], wraps: Wraps) -> NDArray[np.float64]:
-    columns = [wrap.corrected(own) if wrap else own for wrap, own in zip(wraps, numbers.T, strict=True)]
+    columns = [wrap.corrected(column) if wrap else column for wrap, column in zip(wraps, numbers.T, strict=True)]
     return np.stack(columns, axis=1)
 
 
@@ -140,7 +140,7 @@ def _signed(full: float, count: int) -> Wraps:
 def _ways(numbers: NDArray[np.float64], full: float) -> list[Wraps]:
     """The ways to read numbers of a type with this full range."""
     ways = [_signed(full, numbers.shape[1])] if (numbers >= 0).all() else []
-    by_axis = tuple(_around_the_circle(own, full) for own in numbers.T)
+    by_axis = tuple(_around_the_circle(column, full) for column in numbers.T)
     return [*ways, by_axis] if any(by_axis) else ways
 
 
@@ -157,9 +157,9 @@ def _around_the_circle(numbers: NDArray[np.float64], full: float) -> Wrap | None
     if np.ptp(along) >= full or len(shifts) != 2 or 0 not in shifts:
         return None
     shift = float(shifts[shifts != 0][0])
-    other, own = (numbers[moved != 0], numbers[moved == 0])[:: 1 if shift > 0 else -1]
+    other, unmoved = (numbers[moved != 0], numbers[moved == 0])[:: 1 if shift > 0 else -1]
     # Numbers below the cut are moved up, or numbers above it down.
-    return Wrap((other.max() + own.min()) / 2, shift * full) if other.max() < own.min() else None
+    return Wrap((other.max() + unmoved.min()) / 2, shift * full) if other.max() < unmoved.min() else None
 
 
 def _top(numbers: NDArray[np.float64]) -> float:
@@ -178,12 +178,12 @@ def _full_ranges(numbers: NDArray[np.float64], *, nominal: bool) -> list[float]:
     if step:
         # The largest number of 16 bits is 65535; with a sign, the largest is 32767 and the smallest -32768.
         bits = (round(top / step) - int(numbers.min() < 0)).bit_length()
-        ranges += [step * 2.0**own for own in _BITS if own >= bits][:1]
+        ranges += [step * 2.0**bit for bit in _BITS if bit >= bits][:1]
     if nominal and not integers:
         usual = np.unique(2 * np.outer(_FULL_SCALES_G, _WRITTEN_UNITS))
         # Across the empty stretch, the count of rounded steps may differ by one.
         ranges = [
-            float(usual[np.argmin(np.abs(usual - own))]) for own in ranges if np.abs(usual - own).min() < 2 * step
+            float(usual[np.argmin(np.abs(usual - value))]) for value in ranges if np.abs(usual - value).min() < 2 * step
         ] or ranges
         ranges += usual[(usual > top * (1 - 1e-9)) & (usual < 2 * top)].tolist()
     return ranges

@@ -144,8 +144,10 @@ def _layout(
         named.setdefault(role, column)
         why.setdefault(role, "name")
     if not {"time", *EITHER} & set(named):
-        taken = {own.name for own in named.values()}
-        silent = {name: own for name, own in names.items() if own.quantity in ("", "other") and name not in taken}
+        taken = {column.name for column in named.values()}
+        silent = {
+            name: meaning for name, meaning in names.items() if meaning.quantity in ("", "other") and name not in taken
+        }
         nameless = not any(name.quantity for name in names.values())
         if clock := clock_by_values(first, silent, nameless=nameless):
             named["time"], why["time"] = Column(clock), "values"
@@ -212,7 +214,7 @@ def _unit_why(role: str, stated: Mapping[str, str], options: RecordingOptions, b
     )
     for roles, given, otherwise in kinds:
         if role in roles:
-            by_name = any(stated.get(own) for own in roles)
+            by_name = any(stated.get(one) for one in roles)
             return f"; unit: {'asked for' if given else 'by name' if by_name else otherwise}"
     return ""
 
@@ -264,7 +266,7 @@ def _readings(
     range of their type by the triples of names."""
     scale, offset = per_axis(options.scale, "--scale", 1.0), per_axis(options.offset, "--offset", 0.0)
     wraps = dict[str, Wrap]()
-    for triple in triples_of({name: own for name, own in names.items() if name in first.columns}):
+    for triple in triples_of({name: meaning for name, meaning in names.items() if name in first.columns}):
         columns = {
             role: Column(name, "", scale.get(role, 1.0)) for role, name in zip(FORCE, triple.columns, strict=True)
         }
@@ -300,7 +302,7 @@ def _others(
         ):
             continue
         others[role] = Column(name, unit)
-    clock = clock_by_name(first, {name: own for name, own in names.items() if name not in taken})
+    clock = clock_by_name(first, {name: meaning for name, meaning in names.items() if name not in taken})
     return others | ({"time": clock} if clock else {})
 
 

@@ -67,12 +67,12 @@ def order_by_clock(times: NDArray[np.float64]) -> RowOrder | None:
     waiting = [(0, len(stamps))]
     while waiting:
         first, last = waiting.pop()
-        own = stamps[first:last]
-        displaced = ~_longest_rising(own)
+        session = stamps[first:last]
+        displaced = ~_longest_rising(session)
         if not displaced.any():
             parts.append(np.arange(first, last))
             continue
-        split, no_place, again = _placed(own, displaced, step)
+        split, no_place, again = _placed(session, displaced, step)
         if split is not None:
             waiting += [(first + split, last), (first, first + split)]
             continue
@@ -80,8 +80,8 @@ def order_by_clock(times: NDArray[np.float64]) -> RowOrder | None:
         unplaced.append(first + np.flatnonzero(no_place))
         repeated.append(first + np.flatnonzero(again))
         late[first:last] = displaced & kept
-        ahead = np.maximum.accumulate(own) - own
-        behind = own - np.minimum.accumulate(own[::-1])[::-1]
+        ahead = np.maximum.accumulate(session) - session
+        behind = session - np.minimum.accumulate(session[::-1])[::-1]
         largest_s = max(largest_s, float(np.maximum(ahead, behind)[displaced & kept].max(initial=0.0)))
         rows = first + np.flatnonzero(kept)
         parts.append(rows[np.argsort(stamps[rows], kind="stable")])
@@ -99,9 +99,9 @@ def order_by_clock(times: NDArray[np.float64]) -> RowOrder | None:
 
 def _rows_of(stamps: NDArray[np.int64], starts: NDArray[np.int64], counts: NDArray[np.int64]) -> NDArray[np.int64]:
     """The rows of some stamps, in order."""
-    own = counts[stamps]
-    within = np.arange(own.sum()) - np.repeat(np.cumsum(own) - own, own)
-    return np.repeat(starts[stamps], own) + within
+    lengths = counts[stamps]
+    within = np.arange(lengths.sum()) - np.repeat(np.cumsum(lengths) - lengths, lengths)
+    return np.repeat(starts[stamps], lengths) + within
 
 
 def _longest_rising(stamps: NDArray[np.float64]) -> NDArray[np.bool_]:

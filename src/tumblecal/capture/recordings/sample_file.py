@@ -91,7 +91,7 @@ def sample_stream(
         _whole_rows(frames_of(layout, contents, str(path), ())),
         schema,
         _comments(contents, path),
-        lambda own: frames_of(layout, contents, str(path), own),
+        lambda names: frames_of(layout, contents, str(path), names),
     )
 
 

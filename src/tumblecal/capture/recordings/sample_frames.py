@@ -54,7 +54,7 @@ class RowCount:
             self.rows += int(np.count_nonzero(flags))
 
 
-def frames_of(layout: Layout, contents: Contents, path: str, own: Sequence[str]) -> Iterator["pl.DataFrame"]:
+def frames_of(layout: Layout, contents: Contents, path: str, more: Sequence[str]) -> Iterator["pl.DataFrame"]:
     """The rows in pieces, as for `SampleStream.frames_with`; rows without a complete reading are counted."""
     import polars as pl
 
@@ -65,7 +65,7 @@ def frames_of(layout: Layout, contents: Contents, path: str, own: Sequence[str])
     seen = 0
     wrapped = [column for column in layout.columns.values() if column.wrap]
     out_of_range, erased = RowCount(), RowCount()
-    for piece in layout.table.pieces(list(dict.fromkeys([*wanted, *own]))):
+    for piece in layout.table.pieces(list(dict.fromkeys([*wanted, *more]))):
         frame = piece.select(
             _expression(layout.columns[role]).alias(name) if role not in LABELS else
             pl.col(layout.columns[role].name).cast(pl.String).str.replace_all(CONTROLS, "?").alias(name)
@@ -102,7 +102,7 @@ def frames_of(layout: Layout, contents: Contents, path: str, own: Sequence[str])
                 f"as {', '.join(wanted)}; the first {contents.first_unread}. Give the columns of the quantities by --columns"
             )
         contents.add(frame if whole.all() else frame.filter(whole))
-        columns = [piece.select(own).to_struct(OWN)] if own else []
+        columns = [piece.select(more).to_struct(OWN)] if more else []
         yield frame.with_columns(whole.alias(WHOLE), pl.Series(ROW, places), *columns)
     if not contents.rows:
         raise InputError(f"{path}: no rows")

@@ -14,14 +14,14 @@ from tumblecal.ground.text_file import shown
 
 def given_columns(table: SourceTable, options: RecordingOptions) -> dict[str, Column]:
     """Columns by quantity: from options first, then from the format or the names that this program writes."""
-    own = columns_of_option(table, options)
-    taken = {column.name for column in own.values()}
+    stated = columns_of_option(table, options)
+    used = {column.name for column in stated.values()}
     given: dict[str, Column] = {}
     for name in table.columns:
         role, unit = exact_role(table.roles.get(name, ""))
-        if role and role not in given and name not in taken:
+        if role and role not in given and name not in used:
             given[role] = Column(name, unit)
-    return given | own
+    return given | stated
 
 
 def columns_of_option(table: SourceTable, options: RecordingOptions) -> dict[str, Column]:

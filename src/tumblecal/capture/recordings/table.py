@@ -59,8 +59,8 @@ class SourceTable:
         # be given by name.
         comments = {plain(str(key)): plain(str(value)) for key, value in self.comments.items()}
         columns = tuple(name for name in self.columns if name == ROW or first_control(name) is None)
-        own = {"comments": comments, "columns": columns, "name": plain(self.name), "said": plain(self.said)}
-        for name, value in own.items():
+        cleaned = {"comments": comments, "columns": columns, "name": plain(self.name), "said": plain(self.said)}
+        for name, value in cleaned.items():
             object.__setattr__(self, name, value)
 
     def place(self, path: str) -> str:
@@ -129,7 +129,7 @@ def tables_of_arrays(arrays: Mapping[str, np.ndarray], **more) -> list[SourceTab
         named = [name] if values.ndim == 1 else [f"{name}[{k}]" for k in range(matrix.shape[1])]
         folder = name.rpartition("/")[0]
         group = groups.setdefault((folder, len(matrix)), {})
-        group |= {own.rpartition("/")[2]: np.ascontiguousarray(matrix[:, k]) for k, own in enumerate(named)}
+        group |= {path.rpartition("/")[2]: np.ascontiguousarray(matrix[:, k]) for k, path in enumerate(named)}
     folders = [folder for folder, _ in groups]
     return [
         of_arrays(folder if folders.count(folder) == 1 else f"{folder}[{rows}]", columns, **more)

@@ -42,8 +42,8 @@ def header_of(
             twice = names, number
     if twice is not None and not options.columns:
         names, number = twice
-        own = next(name for name in names if names.count(name) > 1)
-        raise InputError(f"{path}:line {number}, column {own}: this name occurs twice; remove one, {_BY_NUMBER}")
+        repeated = next(name for name in names if names.count(name) > 1)
+        raise InputError(f"{path}:line {number}, column {repeated}: this name occurs twice; remove one, {_BY_NUMBER}")
     if numbered:
         _refuse_other_width(path, numbered[-1], separator, width, options)
     return (), None

@@ -103,7 +103,7 @@ def _rows_of(
     if form and names:
         others = {quantity_of_name(name) for name in names[1:]} & {*_TIMES}
         names = (_MONITOR if others else "time", *names[1:])
-    return _Rows(names, header, first, rows, [row for row, own in zip(rows, good, strict=True) if own])
+    return _Rows(names, header, first, rows, [row for row, is_good in zip(rows, good, strict=True) if is_good])
 
 
 def _layout_of_form(path: Path, written: list[str], form: LineForm) -> TextLayout:
@@ -132,10 +132,10 @@ def _with_last_column(
     of_numbers = [numbers_in(row) >= 3 for row in rows]
     named = {len(row) for row in rows[: of_numbers.index(True)] if any(map(quantity_of_name, row))}
     ended = [
-        own and separator != " " and line.rstrip(" ").endswith(separator)
-        for line, own in zip(lines, of_numbers, strict=True)
+        numbers and separator != " " and line.rstrip(" ").endswith(separator)
+        for line, numbers in zip(lines, of_numbers, strict=True)
     ]
-    short = [end for row, end, own in zip(rows, ended, of_numbers, strict=True) if own and len(row) == width]
+    short = [end for row, end, numbers in zip(rows, ended, of_numbers, strict=True) if numbers and len(row) == width]
     full = width + 1 if width + 1 in named and all(short) else width
     if full not in named:
         return rows, width
@@ -178,8 +178,8 @@ def _later_rows(path: Path, separator: str, form: LineForm | None) -> list[list[
         for place in (size // 2, size - _HEAD) if size > 3 * _HEAD else (_HEAD,) if size > _HEAD else ():
             file.seek(place)
             lines = _whole_lines(file.read(_HEAD), to_the_end=False)[1:]
-            own = [decoded(line) for line in lines if not line.startswith(b"#")]
-            rows += [row_of(form.line(line) if form else line, separator) for line in own]
+            texts = [decoded(line) for line in lines if not line.startswith(b"#")]
+            rows += [row_of(form.line(line) if form else line, separator) for line in texts]
     return rows
 
 
@@ -188,12 +188,12 @@ def _marks(path: Path, names: tuple[str, ...], rows: list[list[str]], numeric: l
 
     **Raises:** `InputError` if a mark is ambiguous.
     """
-    columns = [[row[k] for row in rows] if own else [] for k, own in enumerate(numeric)]
+    columns = [[row[k] for row in rows] if is_number else [] for k, is_number in enumerate(numeric)]
     marks = marks_of(columns)
-    for name, cells, own in zip(names, columns, marks, strict=True):
-        if own is None:
+    for name, cells, mark in zip(names, columns, marks, strict=True):
+        if mark is None:
             _refuse_either(path, name, next(cell for cell in cells if "," in cell or "." in cell))
-    return tuple(own if own and number else "" for own, number in zip(marks, numeric, strict=True))
+    return tuple(mark if mark and number else "" for mark, number in zip(marks, numeric, strict=True))
 
 
 def _refuse_either(path: Path, name: str, cell: str) -> NoReturn:
@@ -215,8 +215,8 @@ def check_late_marks(layout: TextLayout, piece: bytes) -> None:
     marked = [line for line in lines if any(mark in line for mark in sought)]
     rows = [row_of(decoded(line), layout.separator) for line in (*marked[:_LINES], *lines[:_LINES])]
     rows = [row for row in rows if len(row) == len(layout.marks)]
-    columns = [[row[k] for row in rows] if own else [] for k, own in enumerate(layout.marks)]
-    for name, cells, before, own in zip(layout.names, columns, layout.marks, marks_of(columns), strict=True):
-        told = [cell for cell in cells if "," in cell or "." in cell]
-        if told and (own is None or own[0] != before):
-            _refuse_either(layout.path, name, told[0])
+    columns = [[row[k] for row in rows] if mark else [] for k, mark in enumerate(layout.marks)]
+    for name, cells, before, found in zip(layout.names, columns, layout.marks, marks_of(columns), strict=True):
+        marked_cells = [cell for cell in cells if "," in cell or "." in cell]
+        if marked_cells and (found is None or found[0] != before):
+            _refuse_either(layout.path, name, marked_cells[0])

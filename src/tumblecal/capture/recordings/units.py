@@ -117,16 +117,16 @@ def force_unit(
     if options.unit:
         unit, per_g = _stated_unit(options.unit, "--unit", "g")
         return _with_unit(named, FORCE, unit), per_g, []
-    own = _own_unit(named, FORCE)
-    if own and own != "counts":
-        return _with_unit(named, FORCE, own), None, []
+    by_name = _own_unit(named, FORCE)
+    if by_name and by_name != "counts":
+        return _with_unit(named, FORCE, by_name), None, []
     if "a" in table.per_unit and not options.scale:
         return _with_unit(named, FORCE, "counts"), table.per_unit["a"], []
     stated = table.comments.get("counts_per_g")
-    if stated and own == "counts":
+    if stated and by_name == "counts":
         return _with_unit(named, FORCE, "counts"), float(stated), []
     near = unit_by_size(size)
-    if not near or (own and not near.startswith("LSB")):
+    if not near or (by_name and not near.startswith("LSB")):
         return _with_unit(named, FORCE, "counts"), None, []
     said = f"unit guessed: {near} (the readings' size is about {size:.5g}; to change it: --unit)"
     unit, per_g = _stated_unit(near, "unit", "g")
@@ -214,12 +214,16 @@ def time_unit(
     if clock:
         return named | {"time": clock}, said
     if first[column.name].null_count() == len(first):
-        return {role: own for role, own in named.items() if role != "time"}, [f"column {column.name} is empty: ignored"]
+        return {role: other for role, other in named.items() if role != "time"}, [
+            f"column {column.name} is empty: ignored"
+        ]
     times = numbers_of(first, column)
     if not np.isfinite(times).any() or first[column.name].dtype == pl.Date:
         words = f"{unread(table, first, column)} cannot be read as a time"
         if options.rate:
-            return {role: own for role, own in named.items() if role != "time"}, [f"{words}: ignored, --rate is used"]
+            return {role: other for role, other in named.items() if role != "time"}, [
+                f"{words}: ignored, --rate is used"
+            ]
         raise InputError(
             f"{path}:{words}; write seconds, h:m:s.f or dates such as 2026-03-29T01:59:30.010, or give --rate 100 to go "
             "without"
