@@ -14,7 +14,7 @@ from tumblecal.capture.capture_plan import CapturePlan, read_plan
 from tumblecal.capture.checks import exclusive_or
 from tumblecal.capture.emulator.config import Emulation, read_emulation
 from tumblecal.capture.file_kinds import INSTRUMENT, PLAN
-from tumblecal.capture.journal import Standing
+from tumblecal.capture.journal import RunState
 from tumblecal.capture.live import LiveStream
 from tumblecal.capture.meeting import Device as Met
 from tumblecal.capture.meeting import check_same_device, meet
@@ -128,9 +128,9 @@ def test_sniffing(name: str) -> None:
 def test_another_unit_or_other_settings() -> None:
     before = {"serial_number": "N1", "events": [{"kind": "configuration", "raw": "bc01"}]}
     with pytest.raises(InputError, match="began with serial number N1, now there is N2"):
-        check_same_device(Standing(device=before), Met("N2", None, 125.0, []))
+        check_same_device(RunState(device=before), Met("N2", None, 125.0, []))
     with pytest.raises(InputError, match="set otherwise"):
-        check_same_device(Standing(device=before), Met("N1", None, 125.0, [{"kind": "configuration", "raw": "bc02"}]))
+        check_same_device(RunState(device=before), Met("N1", None, 125.0, [{"kind": "configuration", "raw": "bc02"}]))
 
 
 def test_a_folder_that_holds_a_capture_is_kept(tmp_path: Path) -> None:

@@ -126,7 +126,7 @@ def test_without_names_the_triple_on_one_ellipsoid_of_gravity(moved):
     layout = chosen(numbered(np.arange(len(force)) / 25, force, rate, field))
     assert [column.name for column in layout.columns.values()] == ["2", "3", "4", "5", "6", "7", "1"]
     assert layout.per_g == 2048 and layout.size == pytest.approx(2048, rel=0.01)
-    assert layout.why["ax"].startswith("values") and any("--columns ax=" in line for line in layout.said)
+    assert layout.why["ax"].startswith("values") and any("--columns ax=" in line for line in layout.guesses)
 
 
 @pytest.mark.parametrize("case", ["one attitude", "a second triad", "a field before", "flat", "no gravity"])
@@ -189,8 +189,8 @@ def test_of_raw_and_smoothed_the_raw_ones_and_of_two_sensors_a_question(moved):
     axes = lambda name: {f"{name}[{k}]": force[:, k] for k in range(3)}  # noqa: E731
     layout = chosen(axes("accSmooth") | axes("acc"))
     assert layout.columns["ay"].name == "acc[1]"
-    assert "not accSmooth[0], accSmooth[1], accSmooth[2]; to override: --columns 'ax=" in layout.said[0] or (
-        "--columns ax=accSmooth[0]" in layout.said[0]
+    assert "not accSmooth[0], accSmooth[1], accSmooth[2]; to override: --columns 'ax=" in layout.guesses[0] or (
+        "--columns ax=accSmooth[0]" in layout.guesses[0]
     )
     with pytest.raises(InputError, match=r"2 accelerometers; choose one: --columns .* or --columns "):
         chosen(axes("imu1_acc") | axes("imu2_acc"))

@@ -14,7 +14,7 @@ from tumblecal.capture.guide import Guide, Phase
 from tumblecal.capture.guide_view import view_of
 from tumblecal.capture.identity import Identity
 from tumblecal.capture.identity_record import identity_comments, identity_content
-from tumblecal.capture.journal import JOURNAL_NAME, Journal, Standing, replayed
+from tumblecal.capture.journal import JOURNAL_NAME, Journal, RunState, replayed
 from tumblecal.capture.live import Arrived, Tally
 from tumblecal.capture.log import read_log
 from tumblecal.capture.protocols import protocol
@@ -39,7 +39,7 @@ def test_the_alarm_of_a_lost_device_outlasts_the_samples_of_the_same_poll(tmp_pa
         recording=SimpleNamespace(position=0), tally=Tally(status=Counter()), protocol=protocol("stim300")
     )
     journal = Journal(tmp_path)
-    guide = Guide(RunFolder(tmp_path, plan, Standing(), journal), stream, 20.0)  # type: ignore[arg-type]
+    guide = Guide(RunFolder(tmp_path, plan, RunState(), journal), stream, 20.0)  # type: ignore[arg-type]
     while guide.phase != Phase.RECORDING:
         guide.take(arrived(20))
     guide.take(arrived(20))
@@ -64,7 +64,7 @@ def test_exchanged_frames_are_no_loss_and_the_screen_says_why_an_attempt_was_rej
         protocol=protocol("stim300"),
     )
     journal = Journal(tmp_path)
-    guide = Guide(RunFolder(tmp_path, plan, Standing(), journal), stream, 125.0)  # type: ignore[arg-type]
+    guide = Guide(RunFolder(tmp_path, plan, RunState(), journal), stream, 125.0)  # type: ignore[arg-type]
     numbers = np.arange(20_000)
     numbers[5::9], numbers[6::9] = numbers[6::9].copy(), numbers[5::9].copy()
     pieces = iter(np.array_split(numbers, 20_000 // 50))
@@ -79,14 +79,14 @@ def test_exchanged_frames_are_no_loss_and_the_screen_says_why_an_attempt_was_rej
         guide.take(part)
 
     for _ in range(60):
-        if 0 not in guide.standing.accepted:
+        if 0 not in guide.state.accepted:
             go_on(1.0, dropped=False)
-    assert guide.standing.accepted[0].summary["lost"] == 0
+    assert guide.state.accepted[0].summary["lost"] == 0
     while not guide.rejected:
         go_on(-1.0, dropped=True)
     why = r"attempt 1 was rejected: 2\d of 5\d\d samples lost \((3.\d|4.0) %\) in 2\d gaps; limits.lost_fraction allows 1 %"
     shown = set()
-    while 1 not in guide.standing.accepted:
+    while 1 not in guide.state.accepted:
         assert re.fullmatch(why, view_of(guide).rejected)
         shown.add(guide.phase)
         go_on(-1.0, dropped=False)
@@ -111,7 +111,7 @@ def test_an_instrument_of_a_kind_without_serial_numbers_is_compared(
     )
     journal, rng = Journal(tmp_path), np.random.default_rng(5)
     identity = Identity(lambda query: None, (), None, None, confirmed=False)
-    guide = Guide(RunFolder(tmp_path, plan, Standing(), journal), stream, 20.0, identity=identity)  # type: ignore[arg-type]
+    guide = Guide(RunFolder(tmp_path, plan, RunState(), journal), stream, 20.0, identity=identity)  # type: ignore[arg-type]
 
     def feed(turned: float, error_g: float = 0.0, notices: tuple[dict, ...] = ()) -> None:
         part = arrived(20)
@@ -119,7 +119,7 @@ def test_an_instrument_of_a_kind_without_serial_numbers_is_compared(
         part.notices.extend(notices)
         guide.take(part)
 
-    while 0 not in guide.standing.accepted:
+    while 0 not in guide.state.accepted:
         feed(1.0)
     while guide.phase != Phase.RECORDING:
         feed(-1.0)
@@ -132,19 +132,19 @@ def test_an_instrument_of_a_kind_without_serial_numbers_is_compared(
             feed(1.0, other_g)
         except InputError as error:
             stopped = str(error)
-    assert bool(stopped) == bool(other_g) and 1 not in guide.standing.accepted
+    assert bool(stopped) == bool(other_g) and 1 not in guide.state.accepted
     while not stopped and guide.phase != Phase.FINISHED:
         feed(-1.0)
     guide.worker.close()
     journal.close()
-    standing = replayed([record.content() for record in read_log(tmp_path / JOURNAL_NAME)])
-    assert standing.to_compare == bool(other_g) and [entry["entry"] for entry in standing.doubts] == [
+    state = replayed([record.content() for record in read_log(tmp_path / JOURNAL_NAME)])
+    assert state.to_compare == bool(other_g) and [entry["entry"] for entry in state.doubts] == [
         "identity_not_confirmed",
         "compared",
     ]
-    attempts, names = [attempt for _, attempt in sorted(standing.accepted.items())], ["1", "2"]
-    assert identity_content(standing, attempts, names)["positions_not_confirmed"] == ([] if other_g else ["2"])
-    comments = identity_comments(standing, attempts, names)
+    attempts, names = [attempt for _, attempt in sorted(state.accepted.items())], ["1", "2"]
+    assert identity_content(state, attempts, names)["positions_not_confirmed"] == ([] if other_g else ["2"])
+    comments = identity_comments(state, attempts, names)
     assert "serial_number" not in comments and ("identity_not_confirmed" in comments) == (not other_g)
 
 

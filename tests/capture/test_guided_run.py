@@ -187,9 +187,9 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_keys_leave_every_attempt_in_the_journal(finished: Path) -> None:
     entries = read_journal(finished)
-    standing = replayed(entries)
-    assert sorted(standing.accepted) == [0, 1, 2] and standing.finished and standing.withdrawn == 1
-    assert standing.attempts[2] == 3 and standing.accepted[2].number == 3
+    state = replayed(entries)
+    assert sorted(state.accepted) == [0, 1, 2] and state.finished and state.withdrawn == 1
+    assert state.attempts[2] == 3 and state.accepted[2].number == 3
     kinds = [e["entry"] for e in entries]
     assert kinds.count("skipped") == 1 and kinds.count("withdrawn") == 1 and kinds.count("rejected") >= 1
 
@@ -237,7 +237,7 @@ def test_journal_with_a_torn_tail_resumes(finished: Path, tmp_path: Path) -> Non
         (tmp_path / JOURNAL_NAME).write_bytes(whole[:length])
         LogWriter(tmp_path / JOURNAL_NAME).close()
         try:
-            standing = replayed(read_journal(tmp_path))
+            state = replayed(read_journal(tmp_path))
         except InputError:
             continue
-        assert all(a.number <= standing.attempts[p] for p, a in standing.accepted.items())
+        assert all(a.number <= state.attempts[p] for p, a in state.accepted.items())

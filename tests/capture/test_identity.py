@@ -98,7 +98,7 @@ def test_an_instrument_that_does_not_answer_is_compared_and_another_one_stops_th
     comments = read_positions(run / "positions.csv").comments
     assert "serial_number" not in comments and comments["serial_number_not_confirmed"] == "N25581846020020"
     assert comments["identity_not_confirmed"].startswith("position 2, 3, 4: identity not confirmed: no serial number")
-    assert reduction.said["identity"]["positions_not_confirmed"] == ["2", "3", "4"]
+    assert reduction.entries["identity"]["positions_not_confirmed"] == ["2", "3", "4"]
 
 
 def test_a_late_answer_on_resuming_is_no_other_instrument(tmp_path: Path) -> None:
@@ -117,9 +117,9 @@ def test_a_late_answer_on_resuming_is_no_other_instrument(tmp_path: Path) -> Non
         go_on(capture, device, accepted(2), run)
         capture.press("q")
         assert capture.close() == 0, capture.seen
-    standing = replayed(read_journal(run))
-    assert [device["serial_number"] for device in standing.devices] == ["N25581846020020"] * 2
-    assert not standing.doubts and len(standing.accepted) == 2
+    state = replayed(read_journal(run))
+    assert [device["serial_number"] for device in state.devices] == ["N25581846020020"] * 2
+    assert not state.doubts and len(state.accepted) == 2
 
 
 def test_questions_are_bounded_and_grow_and_a_late_answer_counts(monkeypatch: pytest.MonkeyPatch) -> None:

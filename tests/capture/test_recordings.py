@@ -150,7 +150,7 @@ def test_rates_keep_their_unit_and_counts_stay_counts(tmp_path, s):
     frame, comments = pl.read_parquet(tmp_path / "c.parquet"), pl.read_parquet_metadata(tmp_path / "c.parquet")
     np.testing.assert_array_equal(frame["ax_counts"].to_numpy(), raw["ax"])
     assert comments["counts_per_g"] == "16384"
-    assert any("guessed: LSB 16384/g" in line for line in contents.layout.said)
+    assert any("guessed: LSB 16384/g" in line for line in contents.layout.guesses)
 
 
 def test_torn_lines_are_left_out_and_told(tmp_path, s, expected):

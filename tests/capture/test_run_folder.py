@@ -38,8 +38,8 @@ def test_a_second_start_harms_nothing(tmp_path: Path) -> None:
         assert b"journal.log: another capture is writing this log" in second.raw
     with Emulator(tmp_path, "[head]\nturn_s = 1.0\n", follow="run"):
         assert capture.close() == 0, capture.raw
-    standing = replayed(read_journal(tmp_path / "run"))
-    assert sorted(standing.accepted) == [0, 1] and standing.finished
+    state = replayed(read_journal(tmp_path / "run"))
+    assert sorted(state.accepted) == [0, 1] and state.finished
     assert len(reduce(tmp_path / "run").data) == 2
     # What is done is done: nothing is waited for, nothing asked and nothing written.
     done, whole = CaptureProcess(tmp_path, "--resume", "run", "--plain"), entries_of(tmp_path / "run")
@@ -130,8 +130,8 @@ def test_the_pause_of_an_interrupted_run_is_kept():
         {"log_position": 0, "clocks": {"wall_ns": 5 * hour, "monotonic_ns": 9 * hour, "boot_ns": 9 * hour}},
         {"log_position": 1000, "clocks": {"wall_ns": 7 * hour, "monotonic_ns": 40 * second, "boot_ns": 40 * second}},
     ]
-    standing = SimpleNamespace(devices=sittings, device=sittings[1])
+    state = SimpleNamespace(devices=sittings, device=sittings[1])
     before = SimpleNamespace(log_start=500, clocks={})
     after = SimpleNamespace(log_start=1500, clocks={"monotonic_ns": 100 * second, "boot_ns": 700 * second})
-    assert _wall_s(np.array([9 * 3600 + 10.0, 9 * 3600 + 30.0]), before, standing) == pytest.approx(20.0)
-    assert _wall_s(np.array([95.0, 105.0]), after, standing) == pytest.approx(2 * 3600 + 60 + 600)
+    assert _wall_s(np.array([9 * 3600 + 10.0, 9 * 3600 + 30.0]), before, state) == pytest.approx(20.0)
+    assert _wall_s(np.array([95.0, 105.0]), after, state) == pytest.approx(2 * 3600 + 60 + 600)

@@ -23,7 +23,7 @@ def imported(path, columns, options: RecordingOptions = RecordingOptions()) -> t
     rows = [",".join(columns), *map(",".join, zip(*columns.values(), strict=True))]
     path.write_text("\n".join(rows) + "\n")
     contents = write_samples(path, path.with_suffix(".parquet"), options)
-    return pl.read_parquet(path.with_suffix(".parquet")), "\n".join(contents.layout.said)
+    return pl.read_parquet(path.with_suffix(".parquet")), "\n".join(contents.layout.guesses)
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import pytest
 from capture_folder import write_capture
 
 from tumblecal.capture.capture_plan import read_plan
-from tumblecal.capture.kept_setup import kept_setup
+from tumblecal.capture.capture_setup import setup_of_comment
 from tumblecal.data import read_positions
 from tumblecal.data.joined import joined
 from tumblecal.estimation import exact
@@ -38,7 +38,10 @@ def means(tmp_path_factory):
 
 
 def test_means_say_how_they_were_captured(means):
-    setup, first = kept_setup(read_positions(means).comments["capture_setup"]), read_plan(means.parent / "plan.toml")
+    setup, first = (
+        setup_of_comment(read_positions(means).comments["capture_setup"]),
+        read_plan(means.parent / "plan.toml"),
+    )
     assert setup is not None and (setup.port, setup.dwell, setup.limits) == (first.port, first.dwell, first.limits)
 
 

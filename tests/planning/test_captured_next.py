@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from tumblecal.capture.capture_plan import DwellTable, read_plan
-from tumblecal.capture.kept_setup import KeptSetup
+from tumblecal.capture.capture_setup import CaptureSetup
 from tumblecal.data import write_positions
 from tumblecal.planning.proposals import SIDES
 from tumblecal.report.next_plan_files import LABELS
@@ -46,7 +46,7 @@ def plans_after(tumblecal, folder, table1, setup, *options):
 def test_a_plan_takes_over_how_the_first_was_captured(tumblecal, tmp_path, table1, mount):
     (tmp_path / "first.toml").write_text(FIRST)
     first = read_plan(tmp_path / "first.toml")
-    plans = plans_after(tumblecal, tmp_path, table1, KeptSetup.of(first).text, "--allow-mount", mount)
+    plans = plans_after(tumblecal, tmp_path, table1, CaptureSetup.of(first).text, "--allow-mount", mount)
     assert plans and ("turned" in "".join(path.name for path in plans)) == (mount == "turns")
     for path, plan in plans.items():
         assert (plan.dwell, plan.limits) == (first.dwell, first.limits)

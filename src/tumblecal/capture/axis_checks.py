@@ -36,15 +36,15 @@ def require_axes_answer(source: str, dwells: Sequence[NDArray[np.float64]] | NDA
     if len(means) < _FEWEST or moved.max() < _TURNED_G:
         return
     noisy = np.median([np.ptp(dwell, axis=0) > 0 for dwell in dwells], axis=0) > 0
-    stuck, silent = list[int](), list[int]()
+    stuck, constant = list[int](), list[int]()
     for axis in np.flatnonzero(moved < _SAME * moved.max()).tolist():
         others = [other for other in range(3) if other != axis]
         if noisy[others].any() and all((dwell[:, axis] == dwells[0][0, axis]).all() for dwell in dwells):
             stuck.append(axis)
         elif not _on_circle(means[:, others]):
-            silent.append(axis)
+            constant.append(axis)
     # If two axes do not change, one of them may be without gravity.
-    if dead := stuck or silent:
+    if dead := stuck or constant:
         names, do = ", ".join(AXES[axis] for axis in dead), "axis {} does" if len(dead) == 1 else "axes {} do"
         raise InputError(
             f"{source}: {do.format(names)} not respond: the same reading in all attitudes ({1e3 * means[0, dead[0]]:.4g} mg in "

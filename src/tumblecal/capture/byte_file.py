@@ -20,7 +20,7 @@ from tumblecal.ground.errors import InputError
 
 
 _PIECE = 1 << 20
-_KEPT_EVENTS = 8
+_STORED_EVENTS = 8
 
 
 def pieces_of(path: Path, faults: list[str] | None = None) -> Iterator[bytes]:
@@ -41,15 +41,15 @@ def pieces_of(path: Path, faults: list[str] | None = None) -> Iterator[bytes]:
                     piece = file.read(_PIECE)
                 return
         with LogReader(path) as reader:
-            kept, size = [], 0
+            payloads, size = [], 0
             for record in reader.records():
                 if record.kind == Kind.BYTES:
-                    kept.append(record.payload)
+                    payloads.append(record.payload)
                     size += len(record.payload)
                 if size >= _PIECE:
-                    yield b"".join(kept)
-                    kept, size = [], 0
-            yield b"".join(kept)
+                    yield b"".join(payloads)
+                    payloads, size = [], 0
+            yield b"".join(payloads)
             if faults is not None:
                 faults[:] = reader.faults()
     except IsADirectoryError as error:
@@ -90,7 +90,7 @@ class FileContents:
     rate_hz: float | None
     counts: Counts = field(default_factory=Counts)
     events: list[Event] = field(default_factory=list)
-    told: Counter = field(default_factory=Counter)
+    event_counts: Counter = field(default_factory=Counter)
     samples: int = 0
     size: int = 0
     good: int = 0
@@ -104,8 +104,8 @@ class FileContents:
         self.counts.add(piece.counts)
         self.samples += len(piece.samples)
         for event in piece.events:
-            self.told[event.kind] += 1
-            if self.told[event.kind] <= _KEPT_EVENTS:
+            self.event_counts[event.kind] += 1
+            if self.event_counts[event.kind] <= _STORED_EVENTS:
                 self.events.append(event)
         self._add_statistics(piece.samples)
         self._add_losses(piece)
@@ -194,18 +194,18 @@ def decode_file(
     start = next(pieces_of(path), b"")
     if not start:
         raise InputError(f"{path}: the file is empty")
-    spoken = protocol(name) if name is not None else _guessed(path, start)
-    options = spoken.decoder_options(stated.columns, stated.unit, whole=True)
+    device_protocol = protocol(name) if name is not None else _guessed(path, start)
+    options = device_protocol.decoder_options(stated.columns, stated.unit, whole=True)
     ignored = [f"--{name}" for name in ("columns", "unit") if getattr(stated, name) and name not in options]
     if ignored:
         raise InputError(
-            f"{path}: {spoken.title} states its columns itself; remove {' and '.join(ignored)}, which only lines of "
+            f"{path}: {device_protocol.title} states its columns itself; remove {' and '.join(ignored)}, which only lines of "
             "text take (or give another --protocol)"
         )
-    known = _Known(_settings(spoken, stated), stated.rate_hz, None if out is None else frozenset())
+    known = _Known(_settings(device_protocol, stated), stated.rate_hz, None if out is None else frozenset())
     while True:
-        contents = FileContents(spoken, known.rate_hz)
-        samples = _samples(path, spoken.decoder(known.settings, **options), known, contents, progress)
+        contents = FileContents(device_protocol, known.rate_hz)
+        samples = _samples(path, device_protocol.decoder(known.settings, **options), known, contents, progress)
         try:
             if out is not None and known.columns:
                 write_pieces(out, samples, known.columns, known.rate_hz)
@@ -255,10 +255,10 @@ def _guessed(path: Path, data: bytes) -> Protocol:
     return protocol(ranked[0].name)
 
 
-def _settings(spoken: Protocol, stated: Stated) -> Settings | None:
+def _settings(device_protocol: Protocol, stated: Stated) -> Settings | None:
     if stated.range_g is None:
-        return Settings(rate_hz=stated.rate_hz) if stated.rate_hz and not spoken.range_from_stream else None
-    if stated.range_g not in spoken.ranges_g:
-        known = ", ".join(f"{r:g}" for r in spoken.ranges_g) or "none: its output is scaled already"
-        raise InputError(f"--range-g {stated.range_g:g}: not a range of {spoken.name}; its ranges: {known}")
-    return spoken.with_range(Settings(rate_hz=stated.rate_hz), stated.range_g)
+        return Settings(rate_hz=stated.rate_hz) if stated.rate_hz and not device_protocol.range_from_stream else None
+    if stated.range_g not in device_protocol.ranges_g:
+        known = ", ".join(f"{r:g}" for r in device_protocol.ranges_g) or "none: its output is scaled already"
+        raise InputError(f"--range-g {stated.range_g:g}: not a range of {device_protocol.name}; its ranges: {known}")
+    return device_protocol.with_range(Settings(rate_hz=stated.rate_hz), stated.range_g)

@@ -151,8 +151,8 @@ class CapturePlan(Strict):
             return self.limits.position_deg
         forces = np.array([self.expected(k) for k in range(len(self.steps))])
         chords = np.linalg.norm(forces[:, None] - forces, axis=2)
-        apart = np.degrees(2 * np.arcsin(np.minimum(chords / 2, 1.0)))
-        return float(np.min(apart[apart > 0.1] / 2, initial=10.0))
+        separations = np.degrees(2 * np.arcsin(np.minimum(chords / 2, 1.0)))
+        return float(np.min(separations[separations > 0.1] / 2, initial=10.0))
 
 
 def read_plan(path: Path) -> CapturePlan:

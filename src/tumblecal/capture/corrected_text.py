@@ -73,9 +73,9 @@ def replaced_text(
     new, before, layout = _Queue(readings), 0, cells.layout
     for lines, ends in _lines(path, layout):
         first = max(0, layout.first_line - 1 - before)
-        kept = row_lines("\n".join([*lines[first:], ""]).encode("latin-1", "replace")) if lines[first:] else []
-        at = range(first, len(lines)) if kept is None else [k for k, used in enumerate(kept, first) if used]
-        values = new.taken(len(at))
+        is_row = row_lines("\n".join([*lines[first:], ""]).encode("latin-1", "replace")) if lines[first:] else []
+        at = range(first, len(lines)) if is_row is None else [k for k, used in enumerate(is_row, first) if used]
+        values = new.read(len(at))
         if len(values) < len(at):
             raise _uncertain(path)
         whole = np.all(np.isfinite(values), axis=1)
@@ -89,7 +89,7 @@ def replaced_text(
             _change(lines, ends, before, cells, changes)
         before += len(lines)
         yield _released(_joined(lines, ends), layout.separator).encode("latin-1")
-    if len(new.taken(1)):
+    if len(new.read(1)):
         raise _uncertain(path)
 
 
@@ -104,7 +104,7 @@ class _Queue:
         self._pieces = pieces
         self._waiting = np.zeros((0, 3))
 
-    def taken(self, count: int) -> Float[np.ndarray, "rows 3"]:
+    def read(self, count: int) -> Float[np.ndarray, "rows 3"]:
         """The next rows; fewer at the end."""
         while len(self._waiting) < count and (piece := next(self._pieces, None)) is not None:
             self._waiting = np.concatenate([self._waiting, piece])

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.capture.corrected_text import HeaderChanges, replaced_text
-from tumblecal.capture.recordings.sample_frames import OWN, WHOLE
+from tumblecal.capture.recordings.sample_frames import SOURCE_COLUMNS, WHOLE
 from tumblecal.capture.sample_table import write_bytes, write_frames
 from tumblecal.capture.uncorrected import COUNTS, Uncorrected
 from tumblecal.data.calibration import Calibration
@@ -74,10 +74,10 @@ def write_corrected(out: Path, source: Uncorrected, correction: Correction) -> t
     def corrected(frame: "pl.DataFrame") -> Float[np.ndarray, "rows 3"]:
         piece = header.with_rows(frame, checks.rows)
         checks.add(piece.readings, piece.row_numbers)
-        beside = {name: piece.numbers(name) for name in needed}
+        inputs = {name: piece.numbers(name) for name in needed}
         if checks.range_degc and TEMPERATURE in frame.columns:
-            checks.add_temperatures(beside.get(TEMPERATURE, piece.numbers_if_any(TEMPERATURE)), piece.row_numbers)
-        force = calibration.corrected(piece.readings, **beside)
+            checks.add_temperatures(inputs.get(TEMPERATURE, piece.numbers_if_any(TEMPERATURE)), piece.row_numbers)
+        force = calibration.corrected(piece.readings, **inputs)
         return force if unit_g == 1 else force / unit_g
 
     def all_rows() -> Iterator[Float[np.ndarray, "rows 3"]]:
@@ -103,7 +103,7 @@ def write_corrected(out: Path, source: Uncorrected, correction: Correction) -> t
         renamed = dict(zip(columns, names, strict=True))
         schema = pl.Schema({renamed.get(name, name): kind for name, kind in types.items()})
         frames = (_with_force(frame, corrected, renamed) for frame in source.frames(True))
-        write_frames(out, frames, schema, comments, [*_own_lines(header, notes, local), *notes])
+        write_frames(out, frames, schema, comments, [*_comment_lines(header, notes, local), *notes])
     return checks, (header.gravity or STANDARD) if header.in_ms2 else None
 
 
@@ -137,9 +137,13 @@ def _with_force(
 
     frame = frame.filter(WHOLE) if WHOLE in frame.columns else frame
     values = corrected(frame)
-    kept = frame[OWN].struct.unnest() if OWN in frame.columns else frame.drop(ROW, WHOLE, strict=False)
+    columns = (
+        frame[SOURCE_COLUMNS].struct.unnest()
+        if SOURCE_COLUMNS in frame.columns
+        else frame.drop(ROW, WHOLE, strict=False)
+    )
     force = (pl.Series(name, np.ascontiguousarray(column)) for name, column in zip(renamed, values.T, strict=True))
-    return kept.with_columns(force).rename(renamed)
+    return columns.with_columns(force).rename(renamed)
 
 
 def _written_unit_g(header: Raw, gravity: Gravity | None, local: Gravity | None) -> float:
@@ -158,7 +162,7 @@ def _comments(
     return header.comments | more, [f"# {key}: {value}" for key, value in more.items()]
 
 
-def _own_lines(header: Raw, notes: Sequence[str], local: Gravity | None) -> list[str]:
+def _comment_lines(header: Raw, notes: Sequence[str], local: Gravity | None) -> list[str]:
     """The comment lines before a CSV table of a source that is not text, without the keys that `notes` replace."""
     new = stated(notes).keys() | ({VALUE_KEY, SOURCE_KEY} if local else set())
     return [f"# {key}: {value}" for key, value in header.comments.items() if key not in new]
@@ -169,10 +173,10 @@ def _same_unit(correction: Correction, header: Raw) -> None:
 
     **Raises:** `InputError` if the serial numbers differ, unless `other_unit` is set.
     """
-    serial, theirs = correction.calibration.serial_number, serial_number_of(header.comments)
-    if serial and theirs and theirs != serial and not correction.other_unit:
+    serial, stated = correction.calibration.serial_number, serial_number_of(header.comments)
+    if serial and stated and stated != serial and not correction.other_unit:
         raise InputError(
-            f"{header.path}: serial number {theirs}, but {correction.path} is of {serial}; give that unit's calibration, or "
+            f"{header.path}: serial number {stated}, but {correction.path} is of {serial}; give that unit's calibration, or "
             "--other-unit to insist"
         )
 

@@ -104,20 +104,22 @@ def _steps_at(angles: dict[str, float] | None, plan: CapturePlan) -> list[int]:
     wanted = {"a": "alpha_deg", "b": "beta_deg"}
 
     def at(step: object) -> bool:
-        apart = [abs((getattr(step, wanted[letter]) - value + 180) % 360 - 180) for letter, value in angles.items()]
-        return max(apart) < _SAME_DEG
+        differences = [
+            abs((getattr(step, wanted[letter]) - value + 180) % 360 - 180) for letter, value in angles.items()
+        ]
+        return max(differences) < _SAME_DEG
 
     return [k for k, step in enumerate(plan.steps) if at(step)]
 
 
 def _each(found: Sequence, steps_of: Callable[..., list[int]], plan: CapturePlan) -> tuple[int | None, ...]:
     """The position of each file, None if several fit; positions that the plan lists more than once are assigned in turn."""
-    taken: dict[tuple[int, ...], int] = {}
+    times: dict[tuple[int, ...], int] = {}
     steps: list[int | None] = []
     for candidates in (tuple(steps_of(each)) for each in found):
-        number = taken[candidates] = taken.get(candidates, -1) + 1
-        alike = len({(plan.steps[k].alpha_deg, plan.steps[k].beta_deg) for k in candidates}) == 1
-        steps.append(candidates[number % len(candidates)] if alike else None)
+        number = times[candidates] = times.get(candidates, -1) + 1
+        same_angles = len({(plan.steps[k].alpha_deg, plan.steps[k].beta_deg) for k in candidates}) == 1
+        steps.append(candidates[number % len(candidates)] if same_angles else None)
     return tuple(steps)
 
 
@@ -127,8 +129,8 @@ def _by_faces(stems: Sequence[str], plan: CapturePlan) -> Meaning:
     def steps_of(up: NDArray[np.float64] | None) -> list[int]:
         if up is None:
             return []
-        apart = np.degrees(np.arccos(np.clip(expected @ up, -1, 1)))
-        return np.flatnonzero((apart < _FACE_DEG) & (apart < apart.min() + 1)).tolist()
+        angles = np.degrees(np.arccos(np.clip(expected @ up, -1, 1)))
+        return np.flatnonzero((angles < _FACE_DEG) & (angles < angles.min() + 1)).tolist()
 
     return Meaning(
         "the faces in the names (up, + or p: the axis reads +1 g)", _each(list(map(_face, stems)), steps_of, plan)

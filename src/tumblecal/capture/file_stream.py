@@ -81,8 +81,12 @@ def write_files(
     first = written[0]
     shared = [name for name in first.columns if all(name in entry.columns for entry in written) and name != "time_s"]
     schema = {"time_s": pl.Float64(), **{name: first.columns[name] for name in shared}, TIME_CLOCK: pl.String()}
-    kept = {key: value for key, value in first.comments.items() if key not in ("imported_from", "rate_hz")}
-    same = {key: value for key, value in kept.items() if all(entry.comments.get(key) == value for entry in written)}
+    comments_of_first = {key: value for key, value in first.comments.items() if key not in ("imported_from", "rate_hz")}
+    same = {
+        key: value
+        for key, value in comments_of_first.items()
+        if all(entry.comments.get(key) == value for entry in written)
+    }
     parts: list[FilePart] = []
     path = folder / "samples.parquet"
     write_frames(path, _frames(written, list(schema), parts), pl.Schema(schema), same)
@@ -91,7 +95,7 @@ def write_files(
 
 def guesses_of(files: Sequence[Contents]) -> list[str]:
     """The guesses about the files, each line once."""
-    return list(dict.fromkeys(line for entry in files for line in entry.layout.said))
+    return list(dict.fromkeys(line for entry in files for line in entry.layout.guesses))
 
 
 def _written(files: Sequence[Path], folder: Path, options: RecordingOptions, by: str) -> list[_Written]:
@@ -187,9 +191,9 @@ def _check_alike(written: Sequence[_Written]) -> None:
     for key in _SAME_IN_ALL:
         stated = {entry.comments[key]: entry.file for entry in written if key in entry.comments}
         if len(stated) > 1:
-            listed = ", ".join(f"{value} in {file}" for value, file in list(stated.items())[:3])
+            values = ", ".join(f"{value} in {file}" for value, file in list(stated.items())[:3])
             raise InputError(
-                f"{key} is not the same in these files: {listed}; reduce the files of one sensor and place"
+                f"{key} is not the same in these files: {values}; reduce the files of one sensor and place"
             )
     rates = {entry.contents.rate_hz or 0.0: entry.file for entry in written}
     if max(rates) > _LARGEST_RATE_RATIO * min(rates):

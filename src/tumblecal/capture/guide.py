@@ -65,7 +65,7 @@ class Guide:
         trust: bool = False,
     ):
         plan, journal = run.plan, run.journal
-        self.plan, self.standing, self.stream = plan, run.standing, stream
+        self.plan, self.state, self.stream = plan, run.state, stream
         self._journal, self.rate_hz, self._bell = journal, rate_hz, bell
         self._steps = plan.steps
         self._to_local_g = STANDARD_GRAVITY_MS2 / plan.site.gravity.value_ms2
@@ -83,7 +83,7 @@ class Guide:
         self.worker = EstimateWorker(estimate, lambda text: journal.write("warned", position=self.position, text=text))
         self.phase = Phase.TURN
         self.position = -1
-        self.doubt = InstrumentDoubt(identity, run.standing, journal, trust=trust)
+        self.doubt = InstrumentDoubt(identity, run.state, journal, trust=trust)
         self._next()
         if self.doubt.begin(self.position):
             self._prompt_again()
@@ -97,12 +97,12 @@ class Guide:
         """Act on a key."""
         match key:
             case "\n" | "\r" if self.phase == Phase.TURN:
-                self._take_as_is()
+                self._accept_as_is()
             case "r" if self.phase in (Phase.SETTLING, Phase.RECORDING):
                 self._reject("operator")
             case "b" | "s" if self.doubt.comparing is not None:
                 self._alarm = "the finished position comes first; or stop (q) and resume with --trust-instrument"
-            case "b" if self._previous is not None and self._previous in self.standing.accepted:
+            case "b" if self._previous is not None and self._previous in self.state.accepted:
                 self._withdraw(self._previous)
             case "s":
                 self._skip()
@@ -137,7 +137,7 @@ class Guide:
 
     def _next(self) -> None:
         """Prompt for the next position that is not done, or finish."""
-        following = self.standing.open_after(self.position, len(self._steps))
+        following = self.state.open_after(self.position, len(self._steps))
         self.dwell = None
         if following is None:
             self.phase = Phase.FINISHED
@@ -187,7 +187,7 @@ class Guide:
         self._journal.write(entry, position=self.position, text=verdict.text, off_deg=verdict.off_deg)
         self._bell()
 
-    def _take_as_is(self) -> None:
+    def _accept_as_is(self) -> None:
         verdict = self._verdict() if self.watch.blocks else None
         if verdict is not None and verdict.fault == Fault.NOT_TURNED and not self._alarm:
             self._refuse(verdict)
@@ -202,8 +202,8 @@ class Guide:
         self.settled += fresh * self._block_size
         if self.settled < self.plan.dwell.settle_s * self.rate_hz:
             return
-        number = self.standing.attempts.get(self.position, 0) + 1
-        self.standing.attempts[self.position] = number
+        number = self.state.attempts.get(self.position, 0) + 1
+        self.state.attempts[self.position] = number
         comparing = self.doubt.comparing is not None
         seconds = min(self.plan.dwell.seconds, COMPARED_S) if comparing else self.plan.dwell.seconds
         needed = round(seconds * self.rate_hz)
@@ -276,11 +276,11 @@ class Guide:
             serial_number=self.doubt.serial_number,
             tally=self.stream.tally.as_dict(),
         )
-        self.standing.accepted |= replayed([entry]).accepted
-        self.standing.skipped.discard(self.position)
+        self.state.accepted |= replayed([entry]).accepted
+        self.state.skipped.discard(self.position)
         self._previous, self.rejected = self.position, ""
         self._bell()
-        self.worker.ask(self.standing.accepted, self._steps)
+        self.worker.ask(self.state.accepted, self._steps)
         self._next()
 
     def _reject(self, why: str) -> None:
@@ -312,14 +312,14 @@ class Guide:
     def _withdraw(self, position: int) -> None:
         self.interrupt("repeat of the previous position")
         self._journal.write("withdrawn", position=position)
-        self.standing.accepted.pop(position, None)
+        self.state.accepted.pop(position, None)
         self._previous = None
         self._prompt(position)
 
     def _skip(self) -> None:
         self.interrupt("skipped")
         self._journal.write("skipped", position=self.position)
-        self.standing.skipped.add(self.position)
+        self.state.skipped.add(self.position)
         self._next()
 
     def _noticed(self, notice: dict) -> None:

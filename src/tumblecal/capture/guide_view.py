@@ -12,7 +12,7 @@ KEYS = "Enter: accept as it is   r: repeat this position   b: repeat the previou
 def view_of(guide: Guide) -> View:
     """The present content of the screen."""
     guide.worker.look()
-    plan, dwell, accepted = guide.plan, guide.dwell, guide.standing.accepted
+    plan, dwell, accepted = guide.plan, guide.dwell, guide.state.accepted
     steps, position = plan.steps, max(guide.position, 0)
     speed, last = plan.port.speed, guide.watch.last
     each = (plan.dwell.seconds + plan.dwell.settle_s) / speed

@@ -8,7 +8,7 @@ import numpy as np
 
 from tumblecal.capture.dwell import Dwell
 from tumblecal.capture.identity import Answer, Identity
-from tumblecal.capture.journal import Attempt, Journal, Standing
+from tumblecal.capture.journal import Attempt, Journal, RunState
 from tumblecal.capture.meeting import OTHER_SETTINGS, OTHER_UNIT
 from tumblecal.capture.same_instrument import compare
 from tumblecal.capture.samples import Event
@@ -27,14 +27,14 @@ class InstrumentDoubt:
     **Arguments:**
 
     - `identity`: queries it; None for no check.
-    - `standing`, `journal`: state and journal of the run; results are written into both.
+    - `state`, `journal`: state and journal of the run; results are written into both.
     - `trust`: the operator states that it is the same instrument.
 
     `comparing`: the finished position that is being measured again; None otherwise.
     """
 
-    def __init__(self, identity: Identity | None, standing: Standing, journal: Journal, *, trust: bool):
-        self._identity, self._standing, self._journal, self._trust = identity, standing, journal, trust
+    def __init__(self, identity: Identity | None, state: RunState, journal: Journal, *, trust: bool):
+        self._identity, self._standing, self._journal, self._trust = identity, state, journal, trust
         self.comparing: Attempt | None = None
         self._interrupted = False
 

@@ -46,7 +46,7 @@ class Attempt:
 
 
 @dataclass
-class Standing:
+class RunState:
     """The state of a run.
 
     **Arguments:**
@@ -97,47 +97,47 @@ class Standing:
         return next((k for k in first if k > position), first[0] if first else None)
 
 
-def replayed(entries: list[dict]) -> Standing:
+def replayed(entries: list[dict]) -> RunState:
     """The state of the run after these entries."""
-    standing = Standing()
+    state = RunState()
     for entry in entries:
         position = entry.get("position", -1)  # only the entries about a position have one
         match entry["entry"]:
             case "session":  # restarted after a run without a device
-                standing = Standing(session=entry)
+                state = RunState(session=entry)
             case "device":
-                standing.device = entry
-                standing.devices.append(entry)
+                state.device = entry
+                state.devices.append(entry)
                 if entry.get("serial_number"):
-                    standing.to_compare = False
+                    state.to_compare = False
             case "identity_not_confirmed":
-                standing.doubts.append(entry)
-                standing.to_compare = bool(standing.accepted)
+                state.doubts.append(entry)
+                state.to_compare = bool(state.accepted)
             case "compared":
-                standing.doubts.append(entry)
-                standing.to_compare = not entry["agrees"]
+                state.doubts.append(entry)
+                state.to_compare = not entry["agrees"]
             case "identity_confirmed" | "identity_trusted":
-                standing.doubts.append(entry)
-                standing.to_compare = False
+                state.doubts.append(entry)
+                state.to_compare = False
             case "recording":
-                standing.attempts[position] = entry["attempt"]
-                standing.finished = False
+                state.attempts[position] = entry["attempt"]
+                state.finished = False
             case "accepted":
                 names = ("position", "log_start", "log_stop", "sha256", "summary", "wall_ns")
                 values = {name: entry[name] for name in names}
                 values |= {"log_before": entry.get("log_before", entry["log_start"]), "clocks": entry.get("clocks", {})}
-                values |= {"serial_number": entry.get("serial_number", standing.device.get("serial_number"))}
+                values |= {"serial_number": entry.get("serial_number", state.device.get("serial_number"))}
                 attempt = Attempt(number=entry["attempt"], **values)
-                standing.accepted[position] = attempt
-                standing.skipped.discard(position)
+                state.accepted[position] = attempt
+                state.skipped.discard(position)
             case "withdrawn":
-                standing.accepted.pop(position, None)
-                standing.withdrawn += 1
+                state.accepted.pop(position, None)
+                state.withdrawn += 1
             case "skipped":
-                standing.skipped.add(position)
+                state.skipped.add(position)
             case "finished":
-                standing.finished = True
-    return standing
+                state.finished = True
+    return state
 
 
 def read_journal(folder: Path, faults: list[str] | None = None) -> list[dict]:

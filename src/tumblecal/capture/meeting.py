@@ -7,7 +7,7 @@ from pathlib import Path
 
 from tumblecal.capture.capture_plan import CapturePlan
 from tumblecal.capture.identity import WAITS_S
-from tumblecal.capture.journal import Standing
+from tumblecal.capture.journal import RunState
 from tumblecal.capture.live import LiveStream
 from tumblecal.capture.samples import Event, Settings
 from tumblecal.capture.sniff import described
@@ -49,18 +49,18 @@ def await_port(url: str, limit_s: float, pause: Pause = time.sleep) -> None:
 def meet(
     stream: LiveStream,
     plan: CapturePlan,
-    said: Callable[[str], None] = lambda text: None,
+    report: Callable[[str], None] = lambda text: None,
     pause: Pause = time.sleep,
-    standing: Standing | None = None,
+    state: RunState | None = None,
 ) -> Device:
     """Query the identity of the device, with growing waits (`identity.WAITS_S`), and wait for its first samples.
 
-    `standing`: state of a resumed run: its settings are used if the device does not state them now.
+    `state`: state of a resumed run: its settings are used if the device does not state them now.
 
     **Raises:** `InputError` in one line for silence, a wrong protocol, a wrong baud rate, or unreadable data.
     """
     name, url = stream.protocol, plan.port.url
-    expected = standing.serial_number if standing is not None else None
+    expected = state.serial_number if state is not None else None
     wanted = (
         {"configuration", "serial_number"} if name.range_from_stream else {"serial_number"} if name.queries else set()
     )
@@ -89,17 +89,17 @@ def meet(
     if not frames:
         raise InputError(_why_no_samples(stream, plan))
     content = {k: v for e in events for k, v in e.content.items()}
-    known = standing is not None and standing.configuration is not None
+    known = state is not None and state.configuration is not None
     if name.range_from_stream and "range_g" not in content and plan.port.range_g is None and not known:
         raise InputError(
             f"port {url}: the {name.title} does not state its range when asked; "
             "connect its receive line, or set port.range_g in the plan"
         )
     serial = content.get("serial_number")
-    before = standing.device.get("rate_hz") if standing is not None else None
+    before = state.device.get("rate_hz") if state is not None else None
     rate = content.get("rate_hz") or before or plan.port.rate_hz or _rate_of(stream, plan.port.speed, pause)
     no_serial = f"not stated (asked {tries} times)" if tries else "not stated"
-    said(
+    report(
         f"{name.title}, serial number {serial or no_serial}, {rate:g} Hz, range {content.get('range_g') or 'not stated'}"
     )
     return Device(serial, None, float(rate), [{"kind": e.kind, **e.content} for e in events])
@@ -129,18 +129,18 @@ def _rate_of(stream: LiveStream, speed: float, pause: Pause) -> float:
     return float(near) if measured and abs(near / measured - 1) < 0.03 else max(measured, 1.0)
 
 
-def check_same_device(standing: Standing, device: Device) -> None:
+def check_same_device(state: RunState, device: Device) -> None:
     """Raise for a different unit, or for different settings from those at the start of the run.
 
     **Raises:** `InputError`.
     """
-    if not standing.device:
+    if not state.device:
         return
-    began, seen = standing.serial_number, device.serial_number
+    began, seen = state.serial_number, device.serial_number
     # A missing answer does not mean a different instrument: the guide compares its readings with a finished position.
     if began is not None and seen is not None and began != seen:
         raise InputError(OTHER_UNIT.format(began=began, seen=seen))
-    settings = standing.configuration
+    settings = state.configuration
     now = [e for e in device.events if e["kind"] == "configuration"]
     if settings and now and settings.get("raw") != now[-1].get("raw"):
         raise InputError(OTHER_SETTINGS)

@@ -54,14 +54,14 @@ class PlanMatch:
 
     def as_dict(self) -> dict[str, object]:
         """For a file."""
-        listed: dict[str, object] = {"missing": self.missing, "repeated": self.repeated, "surplus": len(self.surplus)}
-        return listed | {"in_order": self.in_order}
+        entries: dict[str, object] = {"missing": self.missing, "repeated": self.repeated, "surplus": len(self.surplus)}
+        return entries | {"in_order": self.in_order}
 
     def words(self) -> list[str]:
         """Missing and repeated positions, one line each."""
-        said = [] if self.in_order else ["the intervals are not in the plan's order: recognised only by direction"]
-        said += [f"missing: {', '.join(self.missing)}"] if self.missing else []
-        return said + ([f"measured again: {', '.join(self.repeated)}"] if self.repeated else [])
+        lines = [] if self.in_order else ["the intervals are not in the plan's order: recognised only by direction"]
+        lines += [f"missing: {', '.join(self.missing)}"] if self.missing else []
+        return lines + ([f"measured again: {', '.join(self.repeated)}"] if self.repeated else [])
 
 
 def matched(readings: NDArray[np.float64], plan: CapturePlan) -> PlanMatch:
@@ -72,8 +72,8 @@ def matched(readings: NDArray[np.float64], plan: CapturePlan) -> PlanMatch:
     - `readings`: means of the intervals in time, any unit, shape (n, 3).
     """
     expected = np.array([plan.expected(k) for k in range(len(plan.steps))])
-    apart = _angles(expected, expected)
-    tolerance = min([0.5 * angle for angle in apart[apart > _SAME_DEG]] + [_FAR_DEG])
+    separations = _angles(expected, expected)
+    tolerance = min([0.5 * angle for angle in separations[separations > _SAME_DEG]] + [_FAR_DEG])
     names = tuple(str(step.name) for step in plan.steps)
     found = []
     for centre in _centres(readings):
@@ -109,8 +109,8 @@ def _matched(
     def explained(positions: NDArray[np.int64]) -> tuple[int, int]:
         return int((positions >= 0).sum()), len(set(positions.tolist()))
 
-    kept = explained(in_order) >= explained(any_order)
-    return PlanMatch(in_order if kept else any_order, angles.min(1), kept, names)
+    ordered = explained(in_order) >= explained(any_order)
+    return PlanMatch(in_order if ordered else any_order, angles.min(1), ordered, names)
 
 
 def _angles(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -162,16 +162,16 @@ def _in_any_order(
 ) -> NDArray[np.int64]:
     """The nearest direction of each interval; positions with equal directions are assigned in order."""
     same = _angles(expected, expected) < _SAME_DEG
-    taken: set[int] = set()
+    used: set[int] = set()
     positions = np.full(len(angles), -1)
     for interval, row in enumerate(angles):
         nearest = int(row.argmin())
         if row[nearest] >= tolerance_deg:
             continue
-        alike = np.flatnonzero(same[nearest])
-        free = [int(position) for position in alike if position not in taken]
-        positions[interval] = free[0] if free else int(alike[-1])
-        taken.add(int(positions[interval]))
+        candidates = np.flatnonzero(same[nearest])
+        free = [int(position) for position in candidates if position not in used]
+        positions[interval] = free[0] if free else int(candidates[-1])
+        used.add(int(positions[interval]))
     return positions
 
 

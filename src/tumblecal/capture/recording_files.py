@@ -58,8 +58,8 @@ def _is_result(path: Path) -> bool:
 def _within(path: Path) -> list[Path]:
     if path.is_dir() and not any((path / name).exists() for name in _WHOLE):
         inside = (inner for inner in path.rglob("*") if inner.suffix.lower() in _TEXTS + _OTHERS and inner.is_file())
-        kept = (inner for inner in inside if not inner.name.startswith(".") and not _is_result(inner))
-        return sorted(kept, key=natural) or [path]
+        recordings = (inner for inner in inside if not inner.name.startswith(".") and not _is_result(inner))
+        return sorted(recordings, key=natural) or [path]
     if not path.exists() and any(mark in str(path) for mark in "*?["):
         return sorted(map(Path, glob.glob(str(path), recursive=True)), key=natural)
     return [path]

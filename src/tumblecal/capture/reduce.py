@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tumblecal.capture.capture_plan import CapturePlan, read_plan
+from tumblecal.capture.capture_setup import SETUP, CaptureSetup
 from tumblecal.capture.dwell import losses_of
 from tumblecal.capture.framing import decode_all
 from tumblecal.capture.identity_record import identity_comments, identity_content
@@ -16,12 +17,11 @@ from tumblecal.capture.journal import (
     PLAN_NAME,
     RAW_NAME,
     Attempt,
-    Standing,
+    RunState,
     read_journal,
     replayed,
     sha256_of,
 )
-from tumblecal.capture.kept_setup import SETUP, KeptSetup
 from tumblecal.capture.log import Kind, read_log
 from tumblecal.capture.protocols import Protocol, protocol
 from tumblecal.capture.protocols.stim300 import settings_of
@@ -51,48 +51,48 @@ class _Accepted:
     counted: dict[str, int]
 
 
-def reduce(folder: Path, said: Callable[[str], None] = lambda text: None) -> Reduction:
+def reduce(folder: Path, report: Callable[[str], None] = lambda text: None) -> Reduction:
     """Reduce a capture.
 
     **Arguments:**
 
     - `folder`: the folder of `tumblecal capture`.
-    - `said`: called with messages of progress.
+    - `report`: called with messages of progress.
 
     **Raises:** `InputError` if the folder contains no capture, no position was accepted, or the raw log was changed.
     """
     faults = list[str]()
-    standing = replayed(read_journal(folder, faults))
-    if not standing.accepted:
+    state = replayed(read_journal(folder, faults))
+    if not state.accepted:
         raise InputError(
             f"{folder}: no position was accepted yet; to resume: {suggested('capture', '--resume', folder)}"
         )
-    if not standing.device:
+    if not state.device:
         raise InputError(f"{folder / JOURNAL_NAME}: the entry of the device is damaged; restore the file from a copy")
-    plan = _plan(folder, standing)
-    spoken = protocol(standing.device["protocol"])
-    rate = float(standing.device["rate_hz"])
+    plan = _plan(folder, state)
+    device_protocol = protocol(state.device["protocol"])
+    rate = float(state.device["rate_hz"])
     raw = folder / RAW_NAME
-    attempts = [attempt for _, attempt in sorted(standing.accepted.items())]
+    attempts = [attempt for _, attempt in sorted(state.accepted.items())]
     accepted = []
     for attempt in attempts:
         name = plan.steps[attempt.position].name
-        said(f"position {name}")
+        report(f"position {name}")
         if sha256_of(raw, attempt.log_start, attempt.log_stop) != attempt.sha256:
             raise InputError(f"{raw}: the bytes of position {name} were changed after recording; restore the file")
-        accepted.append(_accepted(raw, attempt, plan, spoken, rate, standing))
+        accepted.append(_accepted(raw, attempt, plan, device_protocol, rate, state))
     return reduction_of(
-        _position_set(folder, attempts, accepted, plan, standing),
+        _position_set(folder, attempts, accepted, plan, state),
         [dwell.force for dwell in accepted],
         rate,
         attempts[0].sha256[:16],
-        said={
-            "session": standing.session,
-            "device": standing.device,
+        entries={
+            "session": state.session,
+            "device": state.device,
             "damage": faults,
-            "identity": identity_content(standing, attempts, [str(plan.steps[a.position].name) for a in attempts]),
+            "identity": identity_content(state, attempts, [str(plan.steps[a.position].name) for a in attempts]),
         },
-        said_of_dwells=[
+        dwell_entries=[
             {"attempt": attempt.number, "flagged": dwell.flagged, "sha256": attempt.sha256}
             for attempt, dwell in zip(attempts, accepted, strict=True)
         ],
@@ -101,24 +101,24 @@ def reduce(folder: Path, said: Callable[[str], None] = lambda text: None) -> Red
     )
 
 
-def _plan(folder: Path, standing: Standing) -> CapturePlan:
+def _plan(folder: Path, state: RunState) -> CapturePlan:
     """The plan with which the capture began.
 
     **Raises:** `InputError` if it was changed: it contains the angles and gravity of the positions.
     """
     path = folder / PLAN_NAME
     plan = read_plan(path)
-    if standing.session.get("plan_sha256") not in (None, sha256_of(path, 0, path.stat().st_size)):
+    if state.session.get("plan_sha256") not in (None, sha256_of(path, 0, path.stat().st_size)):
         raise InputError(f"{path}: this file was changed after the capture began; restore the original")
     return plan
 
 
 def decoded_stretch(
-    raw: Path, attempt: Attempt, spoken: Protocol, settings: Settings | None, options: dict
+    raw: Path, attempt: Attempt, device_protocol: Protocol, settings: Settings | None, options: dict
 ) -> tuple[Samples, NDArray[np.float64], range, list[int]]:
     """Samples of an attempt and shortly before and after it: with stamps, mask of the attempt, and places of replies."""
     records = [r for r in read_log(raw, attempt.log_before, attempt.log_stop + _AFTER_BYTES) if r.kind == Kind.BYTES]
-    decoder = spoken.decoder(settings, **options)
+    decoder = device_protocol.decoder(settings, **options)
     decoded = decode_all(decoder, b"".join(r.payload for r in records))
     stops = np.cumsum([len(r.payload) for r in records])
     stamps = np.array([r.stamp_ns * 1e-9 for r in records])
@@ -133,24 +133,24 @@ def decoded_stretch(
     return decoded.samples[:ordered], host_s[:ordered], inside, specials
 
 
-def device_settings(standing: Standing, plan: CapturePlan, spoken: Protocol) -> Settings | None:
+def device_settings(state: RunState, plan: CapturePlan, device_protocol: Protocol) -> Settings | None:
     """Range and rate: as the device stated when the run began, otherwise from the plan."""
-    stated = standing.configuration
+    stated = state.configuration
     if stated is not None and "range_g" in stated:
         return settings_of(stated)
-    rate = float(standing.device["rate_hz"])
+    rate = float(state.device["rate_hz"])
     if plan.port.range_g is not None:
-        return spoken.with_range(Settings(rate_hz=rate), float(plan.port.range_g))
+        return device_protocol.with_range(Settings(rate_hz=rate), float(plan.port.range_g))
     return Settings(rate_hz=rate)
 
 
 def _accepted(
-    raw: Path, attempt: Attempt, plan: CapturePlan, spoken: Protocol, rate: float, standing: Standing
+    raw: Path, attempt: Attempt, plan: CapturePlan, device_protocol: Protocol, rate: float, state: RunState
 ) -> _Accepted:
-    settings = device_settings(standing, plan, spoken)
-    options = spoken.decoder_options(plan.port.columns, plan.port.unit, whole=True)
-    samples, host_s, attempted, specials = decoded_stretch(raw, attempt, spoken, settings, options)
-    losses = losses_of(spoken, samples, host_s, rate, attempted, specials)
+    settings = device_settings(state, plan, device_protocol)
+    options = device_protocol.decoder_options(plan.port.columns, plan.port.unit, whole=True)
+    samples, host_s, attempted, specials = decoded_stretch(raw, attempt, device_protocol, settings, options)
+    losses = losses_of(device_protocol, samples, host_s, rate, attempted, specials)
     guard = round(plan.dwell.guard_s * rate)
     inside = samples[attempted.start + guard : attempted.stop - guard]
     use = (inside.status == 0) & np.isfinite(inside.force).all(1)
@@ -168,23 +168,23 @@ def _accepted(
     return _Accepted(
         force=force,
         warmth=temperature,
-        time_s=_wall_s(host_s[attempted.start : attempted.stop], attempt, standing) * plan.port.speed,
+        time_s=_wall_s(host_s[attempted.start : attempted.stop], attempt, state) * plan.port.speed,
         temperature_degc=float(known.mean()) if len(known) else None,
         flagged=int((~use).sum()),
         counted={"saturated": saturated, "lost": losses.lost, "lost_unresolved": losses.unresolved},
     )
 
 
-def _wall_s(host_s: NDArray[np.float64], attempt: Attempt, standing: Standing) -> float:
+def _wall_s(host_s: NDArray[np.float64], attempt: Attempt, state: RunState) -> float:
     """Middle of the attempt in s since the session began, by the monotonic clock of its recording.
 
     That clock stops while the machine sleeps: the sleeping time is added, from the clock that continues.
     """
-    begun = [d for d in standing.devices if d["log_position"] <= attempt.log_start] or [standing.device]
+    begun = [d for d in state.devices if d["log_position"] <= attempt.log_start] or [state.device]
     clock = begun[-1]["clocks"]
     middle = float(host_s[0] + host_s[-1]) / 2
     wall = clock["wall_ns"] + (middle * 1e9 - clock["monotonic_ns"]) + _asleep_ns(clock, attempt.clocks)
-    return (wall - standing.devices[0]["clocks"]["wall_ns"]) * 1e-9
+    return (wall - state.devices[0]["clocks"]["wall_ns"]) * 1e-9
 
 
 def _asleep_ns(before: Mapping[str, int], after: Mapping[str, int]) -> int:
@@ -194,30 +194,30 @@ def _asleep_ns(before: Mapping[str, int], after: Mapping[str, int]) -> int:
     return (after["boot_ns"] - before["boot_ns"]) - (after["monotonic_ns"] - before["monotonic_ns"])
 
 
-def _clock_comments(standing: Standing, speed: float) -> dict[str, str]:
+def _clock_comments(state: RunState, speed: float) -> dict[str, str]:
     """Comments that state when the times of a capture were zero, for `data.joined_clocks`."""
-    zero = {TIME_ZERO: moment(standing.devices[0]["clocks"]["wall_ns"] * 1e-9)}
+    zero = {TIME_ZERO: moment(state.devices[0]["clocks"]["wall_ns"] * 1e-9)}
     return zero | ({TIME_SPEED: f"{speed:g}"} if speed != 1 else {})
 
 
 def _position_set(
-    folder: Path, attempts: Sequence[Attempt], accepted: Sequence[_Accepted], plan: CapturePlan, standing: Standing
+    folder: Path, attempts: Sequence[Attempt], accepted: Sequence[_Accepted], plan: CapturePlan, state: RunState
 ) -> PositionSet:
     """The means, without their standard deviations."""
     steps = [plan.steps[attempt.position] for attempt in attempts]
     temperatures = [dwell.temperature_degc for dwell in accepted]
     approaches = [step.approach for step in steps]
-    session, device = standing.session, standing.device
+    session, device = state.session, state.device
     comments = {
         "captured_in": folder.name,
-        **identity_comments(standing, attempts, [str(step.name) for step in steps]),
+        **identity_comments(state, attempts, [str(step.name) for step in steps]),
         "protocol": device["protocol"],
         "operator": session.get("operator", ""),
         "gravity_ms2": f"{plan.site.gravity.value_ms2:.6f}",
         "gravity_source": plan.site.gravity.source,
-        **_clock_comments(standing, plan.port.speed),
+        **_clock_comments(state, plan.port.speed),
         "raw_sha256": sha256_of(folder / RAW_NAME, 0, (folder / RAW_NAME).stat().st_size),
-        SETUP: KeptSetup.of(plan).text,
+        SETUP: CaptureSetup.of(plan).text,
     }
     return PositionSet(
         names=tuple(str(step.name) for step in steps),

@@ -80,8 +80,8 @@ class FilesReduction:
 
     def as_dict(self) -> Mapping[str, object]:
         """Files and intervals for reduction.json."""
-        told: dict[str, object] = {"files": [self._of_file(part) for part in self.parts], "clocks": self.clock_words}
-        return told if self.stillness is None else told | self.stillness.as_dict()
+        entries: dict[str, object] = {"files": [self._of_file(part) for part in self.parts], "clocks": self.clock_words}
+        return entries if self.stillness is None else entries | self.stillness.as_dict()
 
     def _of_file(self, part: FilePart) -> dict[str, object]:
         position = next((position for position in self.positions if position.file == part.file), None)
@@ -216,10 +216,10 @@ def _labels(
     return labels
 
 
-def _only(stillness: Stillness, kept: Sequence[bool]) -> Stillness:
+def _only(stillness: Stillness, wanted: Sequence[bool]) -> Stillness:
     reasons = {
         interval.start: "surplus: not a position of the plan"
-        for interval, k in zip(stillness.used, kept, strict=True)
+        for interval, k in zip(stillness.used, wanted, strict=True)
         if not k
     }
     return refused(stillness, reasons)
@@ -254,8 +254,8 @@ def _check_separable(plan: CapturePlan, files: Mapping[int, Path]) -> None:
     expected = np.array([plan.expected(k) for k in range(len(plan.steps))])
     angles = [(step.alpha_deg, step.beta_deg) for step in plan.steps]
     for step, file in files.items():
-        alike = np.flatnonzero(expected @ expected[step] > np.cos(np.radians(_SAME_DEG)))
-        others = [str(plan.steps[k].name) for k in alike if angles[k] != angles[step]]
+        same_direction = np.flatnonzero(expected @ expected[step] > np.cos(np.radians(_SAME_DEG)))
+        others = [str(plan.steps[k].name) for k in same_direction if angles[k] != angles[step]]
         if others:
             raise InputError(
                 f"{file}: gravity cannot separate position {plan.steps[step].name} of the plan from {', '.join(others[:4])}; "

@@ -51,11 +51,11 @@ class RecordingReduction:
         left_out = {"rows": self.contents.unreadable, "first": self.contents.places}
         damage = self.contents.damage
         records = [record.as_dict() for record in damage.records]
-        told: dict[str, object] = {"left_out": left_out, "damage": damage.lines, "damage_records": records}
+        entries: dict[str, object] = {"left_out": left_out, "damage": damage.lines, "damage_records": records}
         if self.stillness is None:
-            return told
-        told |= self.stillness.as_dict()
-        return told | ({"plan": self.match.as_dict()} if self.match else {})
+            return entries
+        entries |= self.stillness.as_dict()
+        return entries | ({"plan": self.match.as_dict()} if self.match else {})
 
 
 class NothingStill(InputError):
@@ -90,7 +90,7 @@ def reduce_recording(
         contents = write_samples(path, samples, options, by=context.by, in_force_units=True)
         plan = None if context.plan is None else read_plan(context.plan)
         named = {"position", "alpha_deg"} & set(contents.layout.columns)
-        with guessed(contents.layout.said):
+        with guessed(contents.layout.guesses):
             if context.by or (named and not context.static and plan is None):
                 return RecordingReduction(
                     reduce_by_name(path, samples, context, plan, contents.clock_comments), contents
@@ -106,11 +106,11 @@ def reduce_recording(
 
 def stated_comments(samples: Path, path: Path, plan: CapturePlan | None, *, hand_held: bool) -> dict[str, str]:
     """The comments of the positions; gravity as stated, otherwise from the plan, otherwise standard for m/s^2."""
-    table, _, kept = scan_parquet(samples, check=False)
+    table, _, stored = scan_parquet(samples, check=False)
     in_ms2 = "ax_ms2" in table.collect_schema()
     gravity = plan.site.gravity if plan and not plan.site.gravity.assumed else None
-    gravity = stated_gravity(kept, str(path)) or gravity or (STANDARD if in_ms2 else None)
-    stated = {key: value for key, value in kept.items() if key not in ("rate_hz", "imported_from")}
+    gravity = stated_gravity(stored, str(path)) or gravity or (STANDARD if in_ms2 else None)
+    stated = {key: value for key, value in stored.items() if key not in ("rate_hz", "imported_from")}
     stated |= {"reduced_from": path.name} | (comments_of(gravity) if gravity else {})
     return stated | ({ATTITUDES: UNKNOWN} if hand_held else {})
 
@@ -122,7 +122,7 @@ def reduce_by_name(
     import polars as pl
 
     comments = stated_comments(samples, path, plan, hand_held=context.static and plan is None) | dict(clock)
-    frame, kept = read_parquet(samples, check=False)
+    frame, stored = read_parquet(samples, check=False)
     if plan is not None:
         rows = [(str(s.name), float(s.alpha_deg), float(s.beta_deg)) for s in plan.steps]
         steps = pl.DataFrame(rows, schema=["position", "alpha_deg", "beta_deg"], orient="row")
@@ -132,7 +132,7 @@ def reduce_by_name(
             names = ", ".join(name for name, *_ in rows[:8])
             raise InputError(f"{path}: none of its position names is in {context.plan}: {names} ...")
     labels = {name: label for name, label in (("run", context.run), ("mount", context.mount)) if label}
-    rate = {key: value for key, value in kept.items() if key == "rate_hz"}
+    rate = {key: value for key, value in stored.items() if key == "rate_hz"}
     frame.with_columns(pl.lit(label).alias(name) for name, label in labels.items()).write_parquet(
         samples, metadata=comments | rate
     )
@@ -140,9 +140,9 @@ def reduce_by_name(
 
 
 def _by_stillness(
-    path: Path, samples: Path, told: tuple[KnownContext, CapturePlan | None], contents: Contents, criterion: Criterion
+    path: Path, samples: Path, given: tuple[KnownContext, CapturePlan | None], contents: Contents, criterion: Criterion
 ) -> RecordingReduction:
-    context, plan = told
+    context, plan = given
     if contents.rate_hz is None:
         raise InputError(f"{path}: the sample rate is not known; give --rate 100 (Hz), or --columns time=...")
     columns = scan_parquet(samples, check=False)[0].collect_schema().names()
@@ -254,11 +254,11 @@ def still_samples(
             start, stop = max(interval.start, first), min(interval.stop, first + len(table))
             if start >= stop:
                 continue
-            kept = np.ones(stop - start, bool)
-            kept[alone[(alone >= start) & (alone < stop)] - start] = False
+            good = np.ones(stop - start, bool)
+            good[alone[(alone >= start) & (alone < stop)] - start] = False
             for from_row, to_row in interval.knocks:
-                kept[max(from_row - start, 0) : max(to_row - start, 0)] = False
-            part.append(table[start - first : stop - first][kept])
+                good[max(from_row - start, 0) : max(to_row - start, 0)] = False
+            part.append(table[start - first : stop - first][good])
     whole = [np.concatenate(part) for part in parts]
     temperatures = [part[:, 3] for part in whole] if len(columns) > 3 else None
     return [np.ascontiguousarray(part[:, :3]) for part in whole], temperatures

@@ -124,7 +124,7 @@ def _position_set(
     readings = np.array([raw.readings[rows].mean(0) for rows in dwells])
     warmth = raw.temperature_degc()
     gravity = raw.gravity or (STANDARD if raw.in_ms2 else None)
-    kept = {key: value for key, value in raw.comments.items() if key != "rate_hz"}
+    comments = {key: value for key, value in raw.comments.items() if key != "rate_hz"}
 
     def numbers(name: str) -> NDArray[np.float64] | None:
         return columns[name][first] if name in columns else None
@@ -147,6 +147,6 @@ def _position_set(
         temperature_degc=None if warmth is None else np.array([float(warmth[rows].mean()) for rows in dwells]),
         approach=numbers("approach"),
         n=np.array([len(rows) for rows in dwells], float),
-        comments=kept | (comments_of(gravity) if gravity else {}) | {"reduced_from": raw.path.name},
+        comments=comments | (comments_of(gravity) if gravity else {}) | {"reduced_from": raw.path.name},
         source=str(raw.path),
     )

@@ -30,7 +30,7 @@ from tumblecal.noise.within_dwells import WithinDwells, within_dwells_comments, 
 class Reduction:
     """Means of dwells, with the samples and the checks of each, and the noise that gives their standard deviations.
 
-    `said` and `said_of_dwells` are further entries of reduction.json, for all dwells and for each. `within`: changes that all
+    `entries` and `dwell_entries` are further entries of reduction.json, for all dwells and for each. `within`: changes that all
     dwells share; `noise_samples`: the samples of each dwell without these changes, with the same mean.
     """
 
@@ -40,15 +40,15 @@ class Reduction:
     checks: Sequence[DwellChecks]
     recorded: RecordedNoise
     rate_hz: float
-    said: Mapping[str, object]
-    said_of_dwells: Sequence[Mapping[str, object]]
+    entries: Mapping[str, object]
+    dwell_entries: Sequence[Mapping[str, object]]
     within: tuple[WithinDwells, ...]
     noise_samples: Sequence[NDArray[np.float64]]
 
     @property
     def damage(self) -> list[str]:
         """Missing or changed parts of the source, one line each."""
-        found = self.said.get("damage")
+        found = self.entries.get("damage")
         return list(map(str, found)) if isinstance(found, list) else []
 
 
@@ -58,8 +58,8 @@ def reduction_of(
     rate_hz: float,
     recording: str,
     *,
-    said: Mapping[str, object] | None = None,
-    said_of_dwells: Sequence[Mapping[str, object]] = (),
+    entries: Mapping[str, object] | None = None,
+    dwell_entries: Sequence[Mapping[str, object]] = (),
     counted: Sequence[Mapping[str, int]] = (),
     temperatures: Sequence[NDArray[np.float64]] | None = None,
 ) -> Reduction:
@@ -69,7 +69,7 @@ def reduction_of(
 
     - `data`: the positions, with the middle of each dwell as time; standard deviations and noise are added to it.
     - `dwells`: the samples of each dwell, g, shape (n, 3). `recording`: identifier of the recording.
-    - `said`, `said_of_dwells`: as for `Reduction`; by default only the source.
+    - `entries`, `dwell_entries`: as for `Reduction`; by default only the source.
     - `counted`: counts of missing samples of each dwell, for `check_dwell`.
     - `temperatures`: temperatures of each dwell's samples, degC, if recorded.
 
@@ -86,8 +86,8 @@ def reduction_of(
     noise = recorded.text()
     comments = data.comments | {NOISE_MODEL: noise} | within_dwells_comments(within)
     whole = replace(data, sd=sd, recorded_noise=(noise,) * len(dwells), comments=comments)
-    said = {"source": data.source} if said is None else said
-    return Reduction(whole, sd, dwells, checks, recorded, rate_hz, said, said_of_dwells or nothing, within, quiet)
+    entries = {"source": data.source} if entries is None else entries
+    return Reduction(whole, sd, dwells, checks, recorded, rate_hz, entries, dwell_entries or nothing, within, quiet)
 
 
 def write_reduction(reduction: Reduction, folder: Path, more: Mapping[str, object] | None = None) -> list[Path]:
@@ -101,13 +101,13 @@ def write_reduction(reduction: Reduction, folder: Path, more: Mapping[str, objec
         "rate_hz": r.rate_hz,
         "noise_model": json.loads(r.recorded.text()),
         "within_dwells": [change.as_dict() | {"words": change.words()} for change in r.within],
-        **r.said,
+        **r.entries,
         **(more or {}),
         "axes": _axes(r),
         "positions": [
-            {"name": name, **said, **_of_dwell(dwell, sd, checks)}
-            for name, said, dwell, sd, checks in zip(
-                r.data.names, r.said_of_dwells, r.noise_samples, r.sd_of_mean, r.checks, strict=True
+            {"name": name, **of_dwell, **_of_dwell(dwell, sd, checks)}
+            for name, of_dwell, dwell, sd, checks in zip(
+                r.data.names, r.dwell_entries, r.noise_samples, r.sd_of_mean, r.checks, strict=True
             )
         ],
     }

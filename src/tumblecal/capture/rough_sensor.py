@@ -107,8 +107,8 @@ def _near(solution: NDArray[np.float64], design: NDArray[np.float64], zero: NDAr
 
 def _attitudes(readings: NDArray[np.float64]) -> int:
     """Approximate number of different attitudes among readings in g."""
-    kept = np.zeros((0, 3))
+    distinct = np.zeros((0, 3))
     for reading in readings:
-        if not len(kept) or np.linalg.norm(kept - reading, axis=1).min() > _SAME_G:
-            kept = np.vstack([kept, reading])
-    return len(kept)
+        if not len(distinct) or np.linalg.norm(distinct - reading, axis=1).min() > _SAME_G:
+            distinct = np.vstack([distinct, reading])
+    return len(distinct)

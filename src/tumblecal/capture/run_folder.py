@@ -8,7 +8,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from tumblecal.capture.capture_plan import CapturePlan, read_plan
-from tumblecal.capture.journal import PLAN_NAME, Journal, Standing, read_journal, replayed, sha256_of
+from tumblecal.capture.journal import PLAN_NAME, Journal, RunState, read_journal, replayed, sha256_of
 from tumblecal.capture.protocols import protocol
 from tumblecal.capture.recorder import clocks
 from tumblecal.ground.atomic import writable_folder, written_aside
@@ -23,13 +23,13 @@ class RunFolder:
     **Arguments:**
 
     - `folder`: the folder. `plan`: the plan.
-    - `standing`: state of the run.
+    - `state`: state of the run.
     - `journal`: open for writing. `damage`: a line for each stretch of it without an entry.
     """
 
     folder: Path
     plan: CapturePlan
-    standing: Standing
+    state: RunState
     journal: Journal
     damage: tuple[str, ...] = ()
 
@@ -79,7 +79,7 @@ def begin(plan_path: Path, folder: Path, port: str | None = None) -> RunFolder:
             | {"python": platform.python_version()},
             clocks=clocks(),
         )
-        return RunFolder(folder, plan, Standing(), journal)
+        return RunFolder(folder, plan, RunState(), journal)
 
     return _held(folder, start)
 
@@ -93,13 +93,13 @@ def resume(folder: Path, port: str | None = None) -> RunFolder:
 
     def take_up(journal: Journal) -> RunFolder:
         damage = list[str]()
-        standing = replayed(journal.entries(damage))
+        state = replayed(journal.entries(damage))
         path = folder / PLAN_NAME
         if not path.is_file():
             raise InputError(f"{path}: this file is missing; restore the plan of this capture")
-        if sha256_of(path, 0, path.stat().st_size) != standing.session["plan_sha256"]:
+        if sha256_of(path, 0, path.stat().st_size) != state.session["plan_sha256"]:
             raise InputError(f"{path}: this file was changed after the capture began; restore the original")
-        return RunFolder(folder, _with_port(read_plan(path), port), standing, journal, tuple(damage))
+        return RunFolder(folder, _with_port(read_plan(path), port), state, journal, tuple(damage))
 
     return _held(folder, take_up)
 

@@ -7,7 +7,7 @@ from tumblecal.capture.estimate_worker import Estimate
 from tumblecal.capture.guide import Guide, Phase
 from tumblecal.capture.guide_view import view_of
 from tumblecal.capture.identity import Identity
-from tumblecal.capture.journal import RAW_NAME, Journal, Standing
+from tumblecal.capture.journal import RAW_NAME, Journal, RunState
 from tumblecal.capture.keyboard import Keyboard
 from tumblecal.capture.live import LiveStream
 from tumblecal.capture.meeting import Device, Pause, await_port, check_same_device, meet
@@ -34,7 +34,7 @@ def capture(
     wait_s: float = 0.0,
     confirm: Callable[[], bool] = lambda: True,
     trust: bool = False,
-) -> Standing:
+) -> RunState:
     """The guided run, until all positions are done or the operator stops.
 
     **Arguments:**
@@ -50,30 +50,33 @@ def capture(
     both, the journal has an entry "stopped" and all accepted positions.
     """
     plan, journal = run.plan, run.journal
-    spoken = protocol(plan.port.protocol)
-    if run.standing.device:
+    device_protocol = protocol(plan.port.protocol)
+    if run.state.device:
         still = confirm()
         journal.write("resumed", still_mounted=still, clocks=clocks())
         if not still:
             raise InputError("the instrument was removed, so its angles to the head are new; begin a new run")
     with StopSignals() as signals:
-        with _end_told(journal, None):
+        with _end_recorded(journal, None):
             await_port(plan.port.url, wait_s, signals.pause)
-            recording = Recording(run.folder / RAW_NAME, plan.port.url, plan.port.baud or spoken.bauds[0])
+            recording = Recording(run.folder / RAW_NAME, plan.port.url, plan.port.baud or device_protocol.bauds[0])
         try:
             stream = LiveStream(
-                recording, spoken, _settings(run, spoken), spoken.decoder_options(plan.port.columns, plan.port.unit)
+                recording,
+                device_protocol,
+                _settings(run, device_protocol),
+                device_protocol.decoder_options(plan.port.columns, plan.port.unit),
             )
-            with _end_told(journal, stream):
+            with _end_recorded(journal, stream):
                 device = _met(run, stream, signals.pause, trust)
             _walk(run, stream, device, estimate, plain, signals.pause, trust)
         finally:
             recording.stop()
-    return run.standing
+    return run.state
 
 
 @contextmanager
-def _end_told(journal: Journal, stream: LiveStream | None, guide: Guide | None = None) -> Iterator[None]:
+def _end_recorded(journal: Journal, stream: LiveStream | None, guide: Guide | None = None) -> Iterator[None]:
     """Write the end of the run into the journal, if the disk can be written."""
     try:
         yield
@@ -90,7 +93,7 @@ def _met(run: RunFolder, stream: LiveStream, pause: Pause, trust: bool) -> Devic
 
     **Raises:** `InputError` if it is not the one of the plan.
     """
-    device = meet(stream, run.plan, print, pause, run.standing)
+    device = meet(stream, run.plan, print, pause, run.state)
     wanted = run.plan.port.serial_number
     if wanted is not None and device.serial_number is None and not trust:
         raise InputError(
@@ -99,7 +102,7 @@ def _met(run: RunFolder, stream: LiveStream, pause: Pause, trust: bool) -> Devic
         )
     if wanted is not None and device.serial_number not in (None, wanted):
         raise InputError(f"serial number {device.serial_number}: the plan is for {wanted}")
-    check_same_device(run.standing, device)
+    check_same_device(run.state, device)
     run.journal.write(
         "device",
         serial_number=device.serial_number,
@@ -126,7 +129,7 @@ def _walk(
     with Screen(plain) as screen, Keyboard() as keyboard:
         guide = Guide(run, stream, device.rate_hz, estimate, screen.bell, _identity(run, stream, device), trust)
         try:
-            with _end_told(run.journal, stream, guide):
+            with _end_recorded(run.journal, stream, guide):
                 looks = 0
                 while guide.phase != Phase.FINISHED:
                     run.journal.check()
@@ -143,19 +146,19 @@ def _walk(
 
 def _identity(run: RunFolder, stream: LiveStream, device: Device) -> Identity:
     """The instrument with which the run began; the present one for a new run."""
-    configuration = run.standing.configuration or next((e for e in device.events if e["kind"] == "configuration"), {})
-    began = run.standing.serial_number or device.serial_number
+    configuration = run.state.configuration or next((e for e in device.events if e["kind"] == "configuration"), {})
+    began = run.state.serial_number or device.serial_number
     confirmed = device.serial_number is not None
     queries = stream.protocol.queries
     return Identity(stream.recording.send, queries, began, configuration.get("raw"), confirmed=confirmed)
 
 
-def _settings(run: RunFolder, spoken: Protocol) -> Settings | None:
-    plan, stated = run.plan, run.standing.configuration
-    if spoken.range_from_stream and stated is not None and "range_g" in stated:
+def _settings(run: RunFolder, device_protocol: Protocol) -> Settings | None:
+    plan, stated = run.plan, run.state.configuration
+    if device_protocol.range_from_stream and stated is not None and "range_g" in stated:
         return settings_of(stated)
     rate = float(plan.port.rate_hz) if plan.port.rate_hz else None
     if plan.port.range_g is None:
         return Settings(rate_hz=rate) if rate else None
-    spoken.check_range(plan.port.range_g, f"port.range_g: {plan.port.range_g:g}")
-    return spoken.with_range(Settings(rate_hz=rate), float(plan.port.range_g))
+    device_protocol.check_range(plan.port.range_g, f"port.range_g: {plan.port.range_g:g}")
+    return device_protocol.with_range(Settings(rate_hz=rate), float(plan.port.range_g))

@@ -82,11 +82,11 @@ def unknown_words(data: bytes) -> str:
         line = data.split(b"\n")[data.count(b"\n") // 2][:60].decode("ascii", "replace").strip()
         return f"text without three numbers a line, e.g. {line!r}"
     lags = np.arange(4, min(_LONGEST_FRAME, len(content) // 8))
-    alike = np.array([float((content[lag:] == content[:-lag]).mean()) for lag in lags])
+    agreement = np.array([float((content[lag:] == content[:-lag]).mean()) for lag in lags])
     usual = float((shares**2).sum())
-    if len(lags) and alike.max() > usual + max(0.02, 5 * np.sqrt(usual / len(content))):
+    if len(lags) and agreement.max() > usual + max(0.02, 5 * np.sqrt(usual / len(content))):
         # Twice a frame's length also repeats: the shortest length that does so nearly as much is used.
-        length = int(lags[np.flatnonzero(alike > usual + 0.9 * (alike.max() - usual))[0]])
+        length = int(lags[np.flatnonzero(agreement > usual + 0.9 * (agreement.max() - usual))[0]])
         rows = content[: len(content) // length * length].reshape(-1, length)
         same = [k for k in range(length) if (rows[:, k] == np.bincount(rows[:, k]).argmax()).mean() > 0.9]
         fixed = " ".join(f"{np.bincount(rows[:, k]).argmax():02X}" for k in same[:8]) or "none"

@@ -130,10 +130,8 @@ def _parted(run: tuple[int, int], blocks: Blocks, windows: Windows) -> list[tupl
         if len(elsewhere) >= windows.length and jump[window] < _OWN_STEPS * np.median(elsewhere):
             continue
         at, axis = start + int(window) + half, int(np.argmax(np.abs(windows.step[start + window] / windows.step_limit)))
-        beside = _BESIDE_JUMP * windows.length
-        before, after = (
-            blocks.mean[a:b, axis] for a, b in ((max(start, at - beside), at), (at, min(stop, at + beside)))
-        )
+        width = _BESIDE_JUMP * windows.length
+        before, after = (blocks.mean[a:b, axis] for a, b in ((max(start, at - width), at), (at, min(stop, at + width))))
         if np.abs(after.mean() - before.mean()) > _LASTING * np.abs(windows.step[start + window, axis]):
             return [(start, at), *_parted((at, stop), blocks, windows)]
     return [run]
@@ -142,13 +140,13 @@ def _parted(run: tuple[int, int], blocks: Blocks, windows: Windows) -> list[tupl
 def _joined(runs: list[list[tuple[int, int]]], blocks: Blocks, windows: Windows) -> list[list[tuple[int, int]]]:
     """Join runs that only a knock separates."""
     joined: list[list[tuple[int, int]]] = []
-    beside = _BESIDE_JUMP * windows.length
+    width = _BESIDE_JUMP * windows.length
     for run in runs:
         (start, stop), before = run[0], joined[-1][-1] if joined else None
         if before and start - before[1] <= _KNOCK_BLOCKS and not blocks.broken[before[1] : start + 1].any():
             earlier, later = (
-                slice(max(before[0], before[1] - beside), before[1]),
-                slice(start, min(start + beside, stop)),
+                slice(max(before[0], before[1] - width), before[1]),
+                slice(start, min(start + width, stop)),
             )
             moved = blocks.mean[later, :3].mean(0) - blocks.mean[earlier, :3].mean(0)
             if (np.abs(moved) < windows.step_limit).all():
@@ -184,7 +182,7 @@ def _restless(intervals: list[Interval], blocks: Blocks, windows: Windows, crite
         *(int(np.searchsorted(blocks.row, edge)) for interval in intervals for edge in (interval.start, interval.stop)),
         len(blocks),
     ]
-    told = []
+    rejected = []
     for start, stop in zip(edges[::2], edges[1::2], strict=True):
         excess = windows.excess[start : max(start, stop - windows.length)]
         if len(excess) * blocks.size / blocks.rate_hz < criterion.least_s or not np.isfinite(excess).any():
@@ -199,5 +197,5 @@ def _restless(intervals: list[Interval], blocks: Blocks, windows: Windows, crite
             mean = blocks.mean[start:stop, :3].mean(0)
             reason = f"restless: {channel} at {times:.2f} times the limit in its quietest second"
             rows = int(blocks.row[start]), blocks.stop_row(stop - 1)
-            told.append(Interval(*rows, *span, mean, (), reason))
-    return told
+            rejected.append(Interval(*rows, *span, mean, (), reason))
+    return rejected

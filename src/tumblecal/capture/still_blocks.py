@@ -28,7 +28,7 @@ _COARSEST = 0.15
 # share of it from one sample to the next.
 _JOIN_SAMPLES, _JOIN_SD, _AT_ONCE = (8, 16), 5.0, 0.5
 # Number of rows of a piece from which its steps and its noise are estimated.
-_TOLD_ROWS = 50000
+_SAMPLED_ROWS = 50000
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ def blocks_of(path: Path, channels: list[str], rate_hz: float, *, timed: bool) -
     - `channels`: columns, the three accelerations first. `timed`: whether there is a column `time_s`.
     """
     size = max(4, round(rate_hz / 10))
-    beside = min(max(size, _JOIN_SAMPLES[0]), _JOIN_SAMPLES[1])
+    width = min(max(size, _JOIN_SAMPLES[0]), _JOIN_SAMPLES[1])
     parts: list[tuple[NDArray, ...]] = []
     outliers: list[NDArray[np.int64]] = []
     cuts: list[NDArray[np.int64]] = []
@@ -97,8 +97,8 @@ def blocks_of(path: Path, channels: list[str], rate_hz: float, *, timed: bool) -
         signal = table[:, : len(channels)]
         quantum = np.minimum(quantum, _smallest_steps(piece[:, : len(channels)]))
         signal, alone = _without_outliers(signal)
-        limit = len(table) - (0 if first + len(piece) == rows else beside)
-        joins = _joins(signal[:, :3], _quantum(quantum, signal)[0], beside)
+        limit = len(table) - (0 if first + len(piece) == rows else width)
+        joins = _joins(signal[:, :3], _quantum(quantum, signal)[0], width)
         steps = np.diff(table[:, -1]) if timed else np.zeros(0)
         gaps = np.flatnonzero((steps < 0) | (steps > LONGEST_STEP_S)) + 1
         inside = np.union1d(joins, gaps)
@@ -113,7 +113,7 @@ def blocks_of(path: Path, channels: list[str], rate_hz: float, *, timed: bool) -
         cuts.append(inside + base)
         outliers.append(base + np.flatnonzero(alone[:limit]))
         begin, cut = int(base + starts[-1] + lengths[-1] * size), bool(not lengths[-1] and (cut or len(inside)))
-        keep = max(begin - base - beside, 0)
+        keep = max(begin - base - width, 0)
         waiting, base = table[keep:], base + keep
     mean, squares, ends, at_ends, row, start_s, broken = (
         np.concatenate(column, axis=1 if column[0].ndim == 3 else 0) for column in zip(*parts, strict=True)
@@ -150,22 +150,22 @@ def _block_values(signal: NDArray[np.float64], at: NDArray[np.int64], size: int)
     force = cut[:, :, :3]
     ends = np.stack([force.max(1), force.min(1)])
     at_ends = np.stack([(force == end[:, None]).sum(1) for end in ends])
-    apart = cut - mean[:, None]
-    return mean, np.einsum("ijk,ijk->ik", apart, apart), ends, at_ends
+    deviation = cut - mean[:, None]
+    return mean, np.einsum("ijk,ijk->ik", deviation, deviation), ends, at_ends
 
 
-def _joins(force: NDArray[np.float64], quantum: float, beside: int) -> NDArray[np.int64]:
+def _joins(force: NDArray[np.float64], quantum: float, width: int) -> NDArray[np.int64]:
     """The rows at which the mean of the accelerations jumps, steady for `beside` samples before and after."""
-    if len(force) < 2 * beside + 1:
+    if len(force) < 2 * width + 1:
         return np.zeros(0, int)
     steps = np.diff(force, axis=0)
     # The median of such differences is 0.95 of the sd of a sample.
-    usual = (np.maximum(np.median(np.abs(steps[:_TOLD_ROWS]), axis=0), quantum) ** 2).sum()
+    usual = (np.maximum(np.median(np.abs(steps[:_SAMPLED_ROWS]), axis=0), quantum) ** 2).sum()
     steps = np.einsum("ij,ij->i", steps, steps)
     large = steps > (_AT_ONCE * _JOIN_SD) ** 2 * usual
-    rows = np.flatnonzero(large & (steps == ndimage.maximum_filter1d(steps, beside + 1))) + 1
-    rows = rows[(rows >= beside) & (rows <= len(force) - beside)]
-    before, after = (force[rows[:, None] + np.arange(k, k + beside)] for k in (-beside, 0))
+    rows = np.flatnonzero(large & (steps == ndimage.maximum_filter1d(steps, width + 1))) + 1
+    rows = rows[(rows >= width) & (rows <= len(force) - width)]
+    before, after = (force[rows[:, None] + np.arange(k, k + width)] for k in (-width, 0))
     variance = (before.var(1, ddof=1) + after.var(1, ddof=1)) / 2
     variance = np.maximum(variance, quantum**2 / 12)
     moved = ((after.mean(1) - before.mean(1)) ** 2).sum(1)
@@ -176,7 +176,7 @@ def _joins(force: NDArray[np.float64], quantum: float, beside: int) -> NDArray[n
 def _smallest_steps(signal: NDArray[np.float64]) -> NDArray[np.float64]:
     """The smallest difference between distinct values, by channel."""
     steps = []
-    for column in signal[:_TOLD_ROWS].T:
+    for column in signal[:_SAMPLED_ROWS].T:
         between = np.diff(np.unique(column))
         steps.append(between.min() if len(between) else np.inf)
     return np.array(steps)
@@ -185,7 +185,7 @@ def _smallest_steps(signal: NDArray[np.float64]) -> NDArray[np.float64]:
 def _quantum(steps: NDArray[np.float64], readings: NDArray[np.float64]) -> NDArray[np.float64]:
     """The smallest step of the numbers, by channel: one step for the accelerations, and one for the rates, since one axis may
     have few distinct numbers; 0 if unknown because there are too few."""
-    size = np.median(np.linalg.norm(readings[:_TOLD_ROWS, :3], axis=1)) if len(readings) else 0.0
+    size = np.median(np.linalg.norm(readings[:_SAMPLED_ROWS, :3], axis=1)) if len(readings) else 0.0
     force, rate = steps[:3].min(), steps[3:].min(initial=np.inf)
     force = force if force < _COARSEST * size else 0.0
     return np.concatenate([np.full(3, force), np.full(len(steps) - 3, rate if np.isfinite(rate) else 0.0)])
@@ -201,11 +201,11 @@ def _without_outliers(signal: NDArray[np.float64]) -> tuple[NDArray[np.float64],
         values = signal[:, column]
         before, centre, after = values[:-2], values[1:-1], values[2:]
         middle = np.maximum(np.minimum(before, centre), np.minimum(np.maximum(before, centre), after))
-        beside = np.abs(centre - middle)
-        moved = beside[beside > 0]
+        deviation = np.abs(centre - middle)
+        moved = deviation[deviation > 0]
         if not len(moved):
             continue
-        out = beside > _OUTLIER_SD * np.quantile(moved[:_TOLD_ROWS], 0.25) / _QUARTILE
+        out = deviation > _OUTLIER_SD * np.quantile(moved[:_SAMPLED_ROWS], 0.25) / _QUARTILE
         cleaned[1:-1, column][out] = middle[out]
         if column < 3:
             alone[1:-1] |= out

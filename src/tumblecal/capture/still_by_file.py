@@ -49,10 +49,10 @@ def within_files(stillness: Stillness, parts: Sequence[FilePart]) -> Stillness:
 
 def refused(stillness: Stillness, reasons: Mapping[int, str]) -> Stillness:
     """The intervals with reasons against some used ones, by their first row."""
-    told = [
+    intervals = [
         replace(interval, reason=interval.reason or reasons.get(interval.start, "")) for interval in stillness.intervals
     ]
-    return replace(stillness, intervals=told)
+    return replace(stillness, intervals=intervals)
 
 
 def one_attitude_each(stillness: Stillness, parts: Sequence[FilePart]) -> Stillness:
@@ -64,10 +64,10 @@ def one_attitude_each(stillness: Stillness, parts: Sequence[FilePart]) -> Stilln
         for interval in of_file:
             assert longest is not None
             cosine = interval.mean @ longest.mean / np.linalg.norm(interval.mean) / np.linalg.norm(longest.mean)
-            apart = float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
-            if apart > _OTHER_ATTITUDE_DEG:
+            angle = float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
+            if angle > _OTHER_ATTITUDE_DEG:
                 reasons[interval.start] = (
-                    f"attitude: {apart:.0f} deg from the longest interval at rest of {part.file.name}"
+                    f"attitude: {angle:.0f} deg from the longest interval at rest of {part.file.name}"
                 )
     return refused(stillness, reasons)
 

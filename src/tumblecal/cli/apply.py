@@ -75,7 +75,7 @@ def apply(
     if out.suffix not in (".csv", ".parquet", source.out_beside(raw).suffix) and not out.is_dir():
         raise InputError(f"{out}: must end in .csv or .parquet")
     writable_file(out)
-    with guessed(source.contents.layout.said if source.contents else ()):
+    with guessed(source.contents.layout.guesses if source.contents else ()):
         checks, one_g = write_corrected(out, source, correction)
     for words in checks.words():
         print(f"WARNING: {raw}: {words}", file=sys.stderr)

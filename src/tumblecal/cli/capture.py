@@ -88,7 +88,7 @@ def capture(
         raise InputError(f"--wait {operator.wait:g}: seconds, from 0 to {_LONGEST_WAIT_S:g}")
     stopped_by = None
     with _run_folder(plan, out, resume, port) as run_folder:
-        if resume is not None and len(run_folder.standing.accepted) == len(run_folder.plan.steps):
+        if resume is not None and len(run_folder.state.accepted) == len(run_folder.plan.steps):
             print(
                 _END.format(
                     folder=resume, total=len(run_folder.plan.steps), reduce=suggested("reduce", resume, less=EVERY)
@@ -101,7 +101,7 @@ def capture(
             run(run_folder, estimate=live, confirm=operator.still_mounted, **how)
         except Stopped as stop:
             stopped_by = stop.number
-    folder, done, total = run_folder.folder, len(run_folder.standing.accepted), len(run_folder.plan.steps)
+    folder, done, total = run_folder.folder, len(run_folder.state.accepted), len(run_folder.plan.steps)
     with contextlib.suppress(OSError):  # the terminal may be gone
         if done < total:
             resumed = suggested("capture", "--resume", folder)
@@ -128,7 +128,7 @@ def _run_folder(plan: Path | None, out: Path | None, resume: Path | None, port: 
             raise InputError("capture: --out contradicts --resume, which continues in its folder; remove --out")
         resumed = resume_run(resume, port)
         warn(resume, resumed.damage)
-        if (done := len(resumed.standing.accepted)) < (total := len(resumed.plan.steps)):
+        if (done := len(resumed.state.accepted)) < (total := len(resumed.plan.steps)):
             print(f"{resume}: {done} of {total} positions done")
         return resumed
     assert plan is not None

@@ -47,7 +47,7 @@ def import_document(source: Path, out: Path, contents: "Contents") -> dict[str, 
             for role, column in layout.columns.items()
         },
         "accelerations": {"unit": layout.unit, "counts_per_g": layout.per_g, "size": layout.size},
-        "guesses": list(layout.said),
+        "guesses": list(layout.guesses),
         "gaps": {
             "count": len(ahead),
             "total_s": sum(gap[1] for gap in ahead),
@@ -83,4 +83,4 @@ def import_lines(contents: "Contents") -> list[str]:
     wide = [max(len(row[k]) for row in [*rows, *((name, "", "") for name in rest)]) for k in range(3)]
     table = ["  ".join(cell.ljust(width) for cell, width in zip(row, (*wide, 0), strict=True)).rstrip() for row in rows]
     table += [f"{name:{wide[0]}}  {words}" for name, lines in rest.items() for words in lines or ["none"]]
-    return [*format_words(contents, tables=True), *table, *layout.said]
+    return [*format_words(contents, tables=True), *table, *layout.guesses]

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from tumblecal.capture.capture_plan import PortTable
-from tumblecal.capture.kept_setup import SETUP, KeptSetup, kept_setup
+from tumblecal.capture.capture_setup import SETUP, CaptureSetup, setup_of_comment
 from tumblecal.data.positions import joined_arguments
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.ground.atomic import write_text
@@ -56,7 +56,7 @@ def plan_text(diagnosis: Diagnosis, plan: NextPlan, chosen: Iterable[NextPositio
     """A plan of `tumblecal capture` for the positions of one mounting, for a folder; one pitch setting after the
     other."""
     data, setup = diagnosis.data, _setup(diagnosis)
-    mount, stated = _label(diagnosis, side), kept_setup(data.comments.get(SETUP))
+    mount, stated = _label(diagnosis, side), setup_of_comment(data.comments.get(SETUP))
     conditions = "" if plan.conditions is None else conditions_words(plan.conditions).removeprefix(", ")
     lines = [
         f"# Measure next, to {plan.purpose}; proposed by tumblecal diagnose.",
@@ -151,11 +151,11 @@ def _commands(diagnosis: Diagnosis, plan: NextPlan, side: str, folder: Path) -> 
     yield suggested("diagnose", *whole, *(["--rig", folder / RIG] if side and not plan.from_rig else []))
 
 
-def _setup(diagnosis: Diagnosis) -> KeptSetup:
+def _setup(diagnosis: Diagnosis) -> CaptureSetup:
     """How the data were captured, as far as they state it."""
     comments = diagnosis.data.comments
     port = PortTable(protocol=comments["protocol"]) if comments.get("protocol") else PortTable()
-    return kept_setup(comments.get(SETUP)) or KeptSetup(port=port)
+    return setup_of_comment(comments.get(SETUP)) or CaptureSetup(port=port)
 
 
 def _plan_name(side: str) -> str:

@@ -52,17 +52,17 @@ def layout_words(contents: "Contents", *, tables: bool = False) -> Iterator[str]
     yield f"columns: {', '.join(columns)}"
     per_g = f" ({layout.per_g:g} a g)" if layout.per_g else ""
     yield f"accelerations in {UNITS[layout.unit]}{per_g}, size about {layout.size:.5g}"
-    yield from layout.said
+    yield from layout.guesses
 
 
 def format_words(contents: "Contents", *, tables: bool) -> Iterator[str]:
     """The format of a recording and its tables, if it has several."""
     table = contents.layout.table
-    yield f"{contents.reader.title}{f': {table.said}' if table.said else ''}"
+    yield f"{contents.reader.title}{f': {table.description}' if table.description else ''}"
     if tables and len(contents.tables) > 1:
         for each in contents.tables:
             rows = "" if each.rows is None else f", {counted(each.rows, each.row_word)}"
-            yield f"  {'*' if each is table else ' '} {each.name}{f' ({each.said})' if each.said else ''}{rows}"
+            yield f"  {'*' if each is table else ' '} {each.name}{f' ({each.description})' if each.description else ''}{rows}"
 
 
 def left_out_words(contents: "Contents") -> Iterator[str]:

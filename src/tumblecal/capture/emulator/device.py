@@ -182,10 +182,10 @@ class VirtualDevice:
     def _sent(self, samples: Samples) -> bytes:
         faults, rate = self.config.faults, self.config.instrument.rate_hz
         n, random = len(samples), self._random
-        silent = random.random(n) < faults.missing_frames_per_s / rate
-        self.ledger.missing += int(silent.sum())
+        missing = random.random(n) < faults.missing_frames_per_s / rate
+        self.ledger.missing += int(missing.sum())
         replies: dict[int, bytes] = {}
-        for place in np.flatnonzero(~silent)[: len(self._replies)].tolist():
+        for place in np.flatnonzero(~missing)[: len(self._replies)].tolist():
             replies[place] = self._replies.pop(0)
             self.ledger.replaced += 1
         flips = random.random(n) < faults.bit_flips_per_s / rate
@@ -195,7 +195,7 @@ class VirtualDevice:
         exchanged[-1:] = False
         exchanged[1:] &= ~exchanged[:-1]
         repeated = random.random(n) < faults.repeated_frames_per_s / rate
-        odd = silent | flips | cuts | garbage | exchanged | repeated
+        odd = missing | flips | cuts | garbage | exchanged | repeated
         if not (odd.any() or replies):
             self.ledger.intact += n
             return self.protocol.encode(samples, self.settings)
@@ -212,7 +212,7 @@ class VirtualDevice:
                 continue
             if garbage[k]:
                 out += random.integers(0, 256, int(random.integers(1, 60)), dtype=np.uint8).tobytes()
-            if silent[k]:
+            if missing[k]:
                 continue
             if k in replies:
                 out += replies[k]

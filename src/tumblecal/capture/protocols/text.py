@@ -107,7 +107,7 @@ class TextDecoder:
             if self.layout is None:
                 self._wait(stop, body, counts, events)
             else:
-                self._tell_other_names(stop, header, events)
+                self._report_other_names(stop, header, events)
                 self._reject(stop, body, counts, events)
         if final:
             self._learn(counts, events, ended=True)
@@ -130,7 +130,7 @@ class TextDecoder:
         self._rejecting = True
         return None
 
-    def _tell_other_names(self, stop: int, header: list[str] | None, events: list[Event]) -> None:
+    def _report_other_names(self, stop: int, header: list[str] | None, events: list[Event]) -> None:
         """Report a header line that contradicts the layout given by the user, which is used."""
         layout = self.layout
         if header is None or layout is None or header == self._header:

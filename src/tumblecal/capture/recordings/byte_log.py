@@ -60,8 +60,8 @@ def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceT
                 yield piece.filter(pl.col("status") == 0).with_columns(lacking).select(wanted)
 
     losses = f"; {contents.losses()}" if contents.losses() else ""
-    said = f"{contents.protocol.title}, {contents.samples} samples{losses}"
-    return [SourceTable("", columns, pieces, contents.samples, said=said, row_word="sample")]
+    words = f"{contents.protocol.title}, {contents.samples} samples{losses}"
+    return [SourceTable("", columns, pieces, contents.samples, description=words, row_word="sample")]
 
 
 READER = Reader("byte log of a serial protocol", _recognised, _read, rank=1)

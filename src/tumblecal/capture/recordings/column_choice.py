@@ -43,7 +43,7 @@ class Choice:
     **Arguments:**
 
     - `force`: the accelerations; `rate`: the rates, None for none. `why`, `rate_why`: the evidence, in words.
-    - `size`: of gravity in the readings, if enough attitudes show it. `said`: the guesses, and how to override them.
+    - `size`: of gravity in the readings, if enough attitudes show it. `guesses`: the guesses, and how to override them.
     """
 
     force: Triple
@@ -51,7 +51,7 @@ class Choice:
     why: str
     rate_why: str
     size: float | None = None
-    said: tuple[str, ...] = ()
+    guesses: tuple[str, ...] = ()
 
 
 class Unsettled(InputError):
@@ -69,7 +69,7 @@ def chosen(columns: Columns, path: str) -> Choice | None:
     triples = triples_of(columns.names)
     named = [triple for triple in triples if triple.name.quantity == "acceleration"]
     if named:
-        force, why, said = _named(columns, named, path)
+        force, why, guesses = _named(columns, named, path)
     elif accelerations := [name for name, meaning in columns.names.items() if meaning.quantity == "acceleration"]:
         _ask_for_axes(columns, accelerations, path)
         return None
@@ -78,10 +78,10 @@ def chosen(columns: Columns, path: str) -> Choice | None:
         found = _by_axes(columns, unnamed, path) if unnamed else _by_values(columns, path)
         if found is None:
             return None
-        force, why, said = found
+        force, why, guesses = found
     rate, rate_why, more = _rate(columns, triples, force)
     fit = columns.size(force).fit if force.columns in columns._sizes else None
-    return Choice(force, rate, why, rate_why, fit.size if fit is not None and fit.fits else None, (*said, *more))
+    return Choice(force, rate, why, rate_why, fit.size if fit is not None and fit.fits else None, (*guesses, *more))
 
 
 def _mentioned(triple: Triple) -> bool:
@@ -171,8 +171,8 @@ def _by_axes(columns: Columns, unnamed: list[Triple], path: str) -> tuple[Triple
     if len(heavy) == 1:
         triple = heavy[0]
         size = columns.size(triple).middle
-        said = f"accelerations: {triple}, axes by their names, quantity by the size {size:.5g} while still"
-        return triple, "axes by name, quantity by value", [f"{said}; to override: {_OTHERS}"]
+        guess = f"accelerations: {triple}, axes by their names, quantity by the size {size:.5g} while still"
+        return triple, "axes by name, quantity by value", [f"{guess}; to override: {_OTHERS}"]
     because = (
         "several triples have the size of gravity" if heavy else "too few attitudes at rest, or no gravity in them"
     )
@@ -208,16 +208,16 @@ def _by_values(columns: Columns, path: str) -> tuple[Triple, str, list[str]] | N
     if len(heavy) == 1 and not any(three[0] < heavy[0][0] for three in fits):
         (three,) = heavy
         fit, triple = fits[three], named[three]
-        said = (
+        guess = (
             f"accelerations: columns {triple} as x, y, z, by their values (one ellipsoid of size {fit.size:.5g} in "
             f"{fit.attitudes} attitudes, {100 * fit.dispersion:.1f} % dispersion); to override: {_OTHERS}"
         )
-        return triple, "values", [said]
+        return triple, "values", [guess]
     if len(varied) == len(AXES) and not fits:
         only = Triple((free[varied[0]], free[varied[1]], free[varied[2]]), _NAMELESS)
         if columns.size(only).rests_at_gravity:
-            said = f"accelerations: columns {only} as x, y, z, the only three, at rest with the size of gravity"
-            return only, "values", [f"{said}; to override: {_OTHERS}"]
+            guess = f"accelerations: columns {only} as x, y, z, the only three, at rest with the size of gravity"
+            return only, "values", [f"{guess}; to override: {_OTHERS}"]
     likely = [named[three] for three in fits] or [
         Triple((free[k], free[k + 1], free[k + 2]), _NAMELESS) for k in varied if {k + 1, k + 2} <= set(varied)
     ]
@@ -267,6 +267,6 @@ def _rate(columns: Columns, triples: list[Triple], force: Triple) -> tuple[Tripl
             data = [columns.values(name, 0) for name in three]
             moving = all(np.nanmax(column) > np.nanmin(column) and not _is_clock(column) for column in data)
             if moving and columns.size(force).spread > _STILL_SHARE > columns.size(triple).spread:
-                said = f"angular rates: columns {triple}, by their values (at rest while the accelerations are)"
-                return triple, "values", [f"{said}; to override: --columns gx=...,gy=...,gz=..."]
+                guess = f"angular rates: columns {triple}, by their values (at rest while the accelerations are)"
+                return triple, "values", [f"{guess}; to override: --columns gx=...,gy=...,gz=..."]
     return None, "", []

@@ -93,14 +93,14 @@ def _words(name: str) -> tuple[list[str], list[str]]:
     units, words = list[str](), list[str]()
     text = plain_letters(name)
 
-    def taken(match: re.Match) -> str:
+    def replaced(match: re.Match) -> str:
         content = (match[1] if match[1] is not None else match[2]).strip()
         if unit_of(content) is not None:
             units.append(content)
             return " "
         return f" {content} "
 
-    text = _BRACKETS.sub(taken, text)
+    text = _BRACKETS.sub(replaced, text)
     for chunk in filter(None, _SEPARATORS.split(text)):
         for part in _PARTS.findall(chunk):
             whole = [part] if part.isdecimal() else split(part.lower())

@@ -206,7 +206,7 @@ def _table(
             frame = _flat_frame(line, piece, kinds)
             yield from frames(columns, _rows_in(line, piece)) if frame is None else [frame.select([*columns, ROW])]
 
-    return SourceTable(kind, tuple(source_names), pieces, said=f"JSON, {len(names)} columns", row_word=row_word)
+    return SourceTable(kind, tuple(source_names), pieces, description=f"JSON, {len(names)} columns", row_word=row_word)
 
 
 READER = Reader("JSON", _recognised, _read, rank=1)

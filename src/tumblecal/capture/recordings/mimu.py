@@ -72,7 +72,7 @@ def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceT
             {"time": time_s} | {name: values[:, k, column].astype(float) for column, name in enumerate(_NAMES)},
             roles=roles,
             per_unit=_PER_UNIT,
-            said=f"{rows} frames",
+            description=f"{rows} frames",
         )
         for k in range(values.shape[1])
     ]

@@ -192,14 +192,14 @@ def _full_ranges(numbers: NDArray[np.float64], *, nominal: bool) -> list[float]:
 def step_of(numbers: NDArray[np.float64]) -> float:
     """The step of which all numbers are multiples, to within their digits; 0 if there is none."""
     values = np.unique(numbers[:_STEP_ROWS])
-    apart = np.diff(values)
-    if not len(apart):
+    differences = np.diff(values)
+    if not len(differences):
         return 0.0
-    apart[apart < 1e-9 * (values[-1] - values[0])] = np.inf
-    smallest = apart.min()
+    differences[differences < 1e-9 * (values[-1] - values[0])] = np.inf
+    smallest = differences.min()
     # Truncated digits make equal steps differ.
-    step = float(apart[apart < 1.6 * smallest].mean())
-    away = np.sort(np.abs(values - values[int(np.argmin(apart))]))[1:]
+    step = float(differences[differences < 1.6 * smallest].mean())
+    away = np.sort(np.abs(values - values[int(np.argmin(differences))]))[1:]
     reach, residual = 4 * step, 0.0
     while True:
         near = away[away <= reach]

@@ -56,14 +56,14 @@ class Layout:
 
     - `columns`: columns by quantity (`ax` .. `gz`, `time`, `temperature`, `position` ...).
     - `per_g`: counts for one g, if readings are counts and it is known. `size`: approximate size of gravity in them.
-    - `said`: the guesses, in words. `why`: evidence for each column.
+    - `guesses`: the guesses, in words. `why`: evidence for each column.
     """
 
     table: SourceTable
     columns: Mapping[str, Column]
     per_g: float | None
     size: float
-    said: tuple[str, ...]
+    guesses: tuple[str, ...]
     why: Mapping[str, str]
 
     @property
@@ -105,10 +105,10 @@ def layout_of(
         raise InputError(f"{path}: no rows")
     read = 1
     while True:
-        said = list[str]()
+        guesses = list[str]()
         try:
-            with guessed(said):
-                return _layout(table, options, (path, only), (given, names, without_erased_rows(first)), said, wraps)
+            with guessed(guesses):
+                return _layout(table, options, (path, only), (given, names, without_erased_rows(first)), guesses, wraps)
         except Unsettled:
             more = [] if read >= _MOST_PIECES else list(islice(pieces, read))
             if not more:
@@ -123,7 +123,7 @@ def _layout(
     options: RecordingOptions,
     wanted: tuple[str, Collection[str] | None],
     found: tuple[dict[str, Column], dict[str, ColumnName], "pl.DataFrame"],
-    said: list[str],
+    guesses: list[str],
     wraps: Mapping[str, Wrap],
 ) -> Layout:
     (path, only), (given, names, first) = wanted, found
@@ -133,7 +133,7 @@ def _layout(
         choice = chosen(Columns(table.columns, names, _readings(names, first, options), per_g_of(options.unit)), path)
         if choice is not None:
             fitted = choice.size
-            said += choice.said
+            guesses += choice.guesses
             for roles, triple, reason in ((FORCE, choice.force, choice.why), (RATE, choice.rate, choice.rate_why)):
                 if triple is not None:
                     new = {
@@ -144,21 +144,23 @@ def _layout(
         named.setdefault(role, column)
         why.setdefault(role, "name")
     if not {"time", *EITHER} & set(named):
-        taken = {column.name for column in named.values()}
-        silent = {
-            name: meaning for name, meaning in names.items() if meaning.quantity in ("", "other") and name not in taken
+        assigned = {column.name for column in named.values()}
+        unnamed = {
+            name: meaning
+            for name, meaning in names.items()
+            if meaning.quantity in ("", "other") and name not in assigned
         }
         nameless = not any(name.quantity for name in names.values())
-        if clock := clock_by_values(first, silent, nameless=nameless):
+        if clock := clock_by_values(first, unnamed, nameless=nameless):
             named["time"], why["time"] = Column(clock), "values"
-            said.append(f"time: column {clock}, by its values (it only rises); to override: --columns time=...")
+            guesses.append(f"time: column {clock}, by its values (it only rises); to override: --columns time=...")
     if only is not None:
         only = {*only, *columns_of_option(table, options)}
         # The other of time and temperature shows the quantity of a column `t`.
         named = _of(named, only | CLOCKS if only & CLOCKS else only)
     named, words = settled(named, first, path)
     named = named if only is None else _of(named, only)
-    said += words
+    guesses += words
     lacking = [role for role in FORCE if role not in named]
     if lacking:
         raise InputError(
@@ -167,7 +169,7 @@ def _layout(
         )
     check_units(table, named, options, path)
     named, words = _readable(table, named, options, first, path)
-    said += words
+    guesses += words
     named = in_range(table, scaled(named, options), options, first, wraps)
     force = np.stack([numbers_of(first, named[role]) for role in FORCE], axis=1)
     lengths = np.linalg.norm(force, axis=1)
@@ -183,16 +185,16 @@ def _layout(
     stated = {role: column.unit for role, column in named.items()}
     named, per_g, by_size = force_unit(table, named, options, size)
     named, words = rate_unit(table, named, options)
-    said += [*by_size, *words, *_other_unit(named, options, size)]
+    guesses += [*by_size, *words, *_other_unit(named, options, size)]
     if "time" in named:
         if named["time"].whole:
-            said.append(
+            guesses.append(
                 f"time: columns {named['time'].whole} (whole seconds) and {named['time'].name}; --columns time=..."
             )
         named, words = time_unit(table, named, options, first, path)
-        said += words
+        guesses += words
     why = {role: f"{why.get(role, 'name')}{_unit_why(role, stated, options, bool(by_size))}" for role in named}
-    return Layout(table, named, per_g, size, tuple(said), why)
+    return Layout(table, named, per_g, size, tuple(guesses), why)
 
 
 def _other_unit(named: Mapping[str, Column], options: RecordingOptions, size: float) -> list[str]:
@@ -232,15 +234,15 @@ def _readable(
     """
     numeric = [role for role in (*FORCE, *RATE, "temperature", *NUMBERS) if role in named]
     unreadable = [role for role in numeric if not np.isfinite(numbers_of(first, named[role])).any()]
-    said = list[str]()
+    messages = list[str]()
     for role in unreadable:
         # Some formats have empty columns for quantities that the device does not send; only a column of words is reported.
         cell, of_words = first_cell(first, named[role]), not _numeric_or_empty(first, named[role])
         if role in (*FORCE, *columns_of_option(table, options)) or (role in NUMBERS and of_words):
             more = ", or give --columns" if role in FORCE else ""
             raise InputError(f"{path}:{unread(table, first, named[role])}: no number; {advice(cell, role)}{more}")
-        said += [f"{unread(table, first, named[role])}: no number; ignored as {role}"] * of_words
-    return {role: column for role, column in named.items() if role not in unreadable}, said
+        messages += [f"{unread(table, first, named[role])}: no number; ignored as {role}"] * of_words
+    return {role: column for role, column in named.items() if role not in unreadable}, messages
 
 
 def _needed(table: SourceTable, given: Mapping[str, Column], names: Mapping[str, ColumnName]) -> list[str]:
@@ -251,11 +253,11 @@ def _needed(table: SourceTable, given: Mapping[str, Column], names: Mapping[str,
     if not any(role_of(name)[0] in CLOCKS for name in names):
         # The clock is searched among columns whose names have no known word.
         read = (*read, "", "other")
-    taken = {column.name for column in given.values()}
+    assigned = {column.name for column in given.values()}
     return [
         name
         for name in table.columns
-        if name in taken or (name in names and (names[name].quantity in read or role_of(name)[0]))
+        if name in assigned or (name in names and (names[name].quantity in read or role_of(name)[0]))
     ]
 
 
@@ -282,8 +284,8 @@ def _readings(
 
 def _free_names(table: SourceTable, given: Mapping[str, Column]) -> dict[str, ColumnName]:
     """Meanings of the names of columns that neither an option nor the format assigns."""
-    taken = {column.name for column in given.values()}
-    return {name: parsed(name) for name in table.columns if name not in taken and name != ROW}
+    assigned = {column.name for column in given.values()}
+    return {name: parsed(name) for name in table.columns if name not in assigned and name != ROW}
 
 
 def _others(
@@ -291,18 +293,18 @@ def _others(
 ) -> dict[str, Column]:
     """Time, temperature, labels, angles, and single axes, by the names of unassigned columns. Of several times, the one whose
     name has the fewest other words, if its values can be times."""
-    taken = {column.name for column in named.values()}
+    assigned = {column.name for column in named.values()}
     others: dict[str, Column] = {}
     for name in sorted(names, key=lambda name: names[name].foreign):
         role, unit = role_of(name)
-        if role is None or role in others or name in taken:
+        if role is None or role in others or name in assigned:
             continue
         if (role in FORCE and set(FORCE) <= set(named)) or (
             role in RATE and (set(RATE) & set(named) or names[name].quantity != "rate")
         ):
             continue
         others[role] = Column(name, unit)
-    clock = clock_by_name(first, {name: meaning for name, meaning in names.items() if name not in taken})
+    clock = clock_by_name(first, {name: meaning for name, meaning in names.items() if name not in assigned})
     return others | ({"time": clock} if clock else {})
 
 

@@ -55,7 +55,9 @@ def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceT
         first_ns = list[int]()
         pieces = _pieces(path, (topic, kind, count), warmth[:1], damage, first_ns)
         zero_s = partial(_seconds, first_ns)
-        tables.append(SourceTable(topic, columns, pieces, count, roles, said=kind, row_word="message", zero_s=zero_s))
+        tables.append(
+            SourceTable(topic, columns, pieces, count, roles, description=kind, row_word="message", zero_s=zero_s)
+        )
     return tables
 
 

@@ -76,14 +76,14 @@ def order_by_clock(times: NDArray[np.float64]) -> RowOrder | None:
         if split is not None:
             waiting += [(first + split, last), (first, first + split)]
             continue
-        kept = ~(no_place | again)
+        placed = ~(no_place | again)
         unplaced.append(first + np.flatnonzero(no_place))
         repeated.append(first + np.flatnonzero(again))
-        late[first:last] = displaced & kept
+        late[first:last] = displaced & placed
         ahead = np.maximum.accumulate(session) - session
         behind = session - np.minimum.accumulate(session[::-1])[::-1]
-        largest_s = max(largest_s, float(np.maximum(ahead, behind)[displaced & kept].max(initial=0.0)))
-        rows = first + np.flatnonzero(kept)
+        largest_s = max(largest_s, float(np.maximum(ahead, behind)[displaced & placed].max(initial=0.0)))
+        rows = first + np.flatnonzero(placed)
         parts.append(rows[np.argsort(stamps[rows], kind="stable")])
     if not late.any() and not any(map(len, [*unplaced, *repeated])):
         return None
@@ -136,9 +136,9 @@ def _placed(
     """The start of a second session, if there is one; the displaced stamps without a place, and those that occur already."""
     sorting = np.argsort(stamps, kind="stable")
     sorted_stamps = stamps[sorting]
-    apart = np.diff(sorted_stamps, prepend=-np.inf, append=np.inf)
+    gaps = np.diff(sorted_stamps, prepend=-np.inf, append=np.inf)
     nearest = np.empty(len(stamps))
-    nearest[sorting] = np.minimum(apart[:-1], apart[1:])
+    nearest[sorting] = np.minimum(gaps[:-1], gaps[1:])
     edges = np.flatnonzero(np.diff(np.concatenate([[False], displaced, [False]]).astype(int))).reshape(-1, 2)
     others = stamps[~displaced]
     crowded = displaced & (nearest < step / 2)

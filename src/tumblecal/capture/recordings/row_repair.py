@@ -117,8 +117,8 @@ def _patterns(runs: RowRuns, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
     readings = runs.rows_at(rows)[:, :3]
     numbers = readings / runs.scale + runs.offset
     size = np.linalg.norm(readings, axis=1)
-    alike = np.ptp(numbers, axis=1) <= 1e-9 * np.abs(numbers).max(1)
-    return np.asarray(alike & (np.abs(size - runs.size) > _NO_GRAVITY * runs.size))
+    equal = np.ptp(numbers, axis=1) <= 1e-9 * np.abs(numbers).max(1)
+    return np.asarray(equal & (np.abs(size - runs.size) > _NO_GRAVITY * runs.size))
 
 
 def in_order(runs: RowRuns) -> Repair | None:

@@ -82,7 +82,7 @@ def sample_stream(
     table = _chosen(path, tables, options)
     layout = layout_of(table, options, str(path), needed if table.sheet else None, wraps)
     if in_force_units:
-        with guessed(layout.said):
+        with guessed(layout.guesses):
             layout = _in_force_units(layout, path)
     contents = Contents(reader, tables, layout, options, damage)
     schema = pl.Schema({name: pl.String if name in LABELS else pl.Float64 for name in quantity_names(layout).values()})
@@ -107,7 +107,7 @@ def write_samples(
 
         def written(wraps: Mapping[str, Wrap]) -> SampleStream:
             samples = sample_stream(path, options, by=by, in_force_units=in_force_units, wraps=wraps)
-            with guessed(samples.contents.layout.said):
+            with guessed(samples.contents.layout.guesses):
                 write_frames(rows, samples.frames, samples.schema, samples.comments)
             return samples
 
@@ -195,7 +195,9 @@ def _chosen(path: Path, tables: list[SourceTable], options: RecordingOptions) ->
             raise InputError(
                 f"{path}: no topic {options.topic}: the file has one table, without a name; remove --topic"
             )
-        there = ", ".join(f"{table.name} ({table.said or f'{table.rows} rows'})" for table in tables) or "nothing"
+        there = (
+            ", ".join(f"{table.name} ({table.description or f'{table.rows} rows'})" for table in tables) or "nothing"
+        )
         raise InputError(
             f"{path}: no {f'topic {options.topic}' if options.topic else 'accelerations'}; the file has {there}"
         )
@@ -217,13 +219,13 @@ def _in_force_units(layout: Layout, path: Path) -> Layout:
 
 
 def _comments(contents: Contents, path: Path) -> dict[str, str]:
-    kept = {key: value for key, value in contents.layout.table.comments.items() if key not in RATE_KEYS}
+    comments = {key: value for key, value in contents.layout.table.comments.items() if key not in RATE_KEYS}
     if contents.layout.per_g:
-        kept["counts_per_g"] = f"{contents.layout.per_g:g}"
+        comments["counts_per_g"] = f"{contents.layout.per_g:g}"
     if contents.rate_hz and "time" not in contents.layout.columns:
-        kept["rate_hz"] = f"{contents.rate_hz:g}"
+        comments["rate_hz"] = f"{contents.rate_hz:g}"
     gravity = comments_of(gravity_of_option(contents.options.gravity)) if contents.options.gravity else {}
-    return kept | gravity | {"imported_from": path.name}
+    return comments | gravity | {"imported_from": path.name}
 
 
 def _whole_rows(frames: Iterator["pl.DataFrame"]) -> Iterator["pl.DataFrame"]:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     import polars as pl
 
 # Columns of the frames of a table that retains its columns: these as a struct, and whether a row has a complete reading.
-OWN, WHOLE = "\x00own", "\x00whole"
+SOURCE_COLUMNS, WHOLE = "\x00own", "\x00whole"
 # With a larger share of unreadable rows, the layout is wrong instead of single lines.
 _MOST_UNREADABLE = 0.2
 _SHOWN = 5
@@ -102,7 +102,7 @@ def frames_of(layout: Layout, contents: Contents, path: str, more: Sequence[str]
                 f"as {', '.join(wanted)}; the first {contents.first_unread}. Give the columns of the quantities by --columns"
             )
         contents.add(frame if whole.all() else frame.filter(whole))
-        columns = [piece.select(more).to_struct(OWN)] if more else []
+        columns = [piece.select(more).to_struct(SOURCE_COLUMNS)] if more else []
         yield frame.with_columns(whole.alias(WHOLE), pl.Series(ROW, places), *columns)
     if not contents.rows:
         raise InputError(f"{path}: no rows")

@@ -32,14 +32,16 @@ def columns_of_option(table: SourceTable, options: RecordingOptions) -> dict[str
     columns: dict[str, Column] = {}
     for role, given in _pairs(options.columns, "--columns").items():
         quantity, unit = exact_role(role)
-        said = f"--columns {role}={given}"
+        option = f"--columns {role}={given}"
         if quantity not in QUANTITIES:
-            raise InputError(f"{said}: no such quantity; there are {', '.join(QUANTITIES)}")
-        name = _column_of_option(table, given, said)
-        taken = next((other for other, column in columns.items() if column.name == name or other == quantity), None)
-        if taken is not None:
-            other = f"column {columns[taken].name} is {taken} already"
-            raise InputError(f"{said}: {other}; name another column for each quantity")
+            raise InputError(f"{option}: no such quantity; there are {', '.join(QUANTITIES)}")
+        name = _column_of_option(table, given, option)
+        other_quantity = next(
+            (other for other, column in columns.items() if column.name == name or other == quantity), None
+        )
+        if other_quantity is not None:
+            other = f"column {columns[other_quantity].name} is {other_quantity} already"
+            raise InputError(f"{option}: {other}; name another column for each quantity")
         # If the option gives no unit, the name of the column may give it.
         own_quantity, own_unit = exact_role(table.roles[name]) if name in table.roles else role_of(name)
         unit = unit or (own_unit if same_kind(own_quantity, quantity) else "")
@@ -47,13 +49,13 @@ def columns_of_option(table: SourceTable, options: RecordingOptions) -> dict[str
     return columns
 
 
-def _column_of_option(table: SourceTable, given: str, said: str) -> str:
+def _column_of_option(table: SourceTable, given: str, option: str) -> str:
     """The name of a column that the option gives by name or number."""
     if given in table.columns:
         return given
     number = int(given) if given.isdecimal() else 0
     if not 1 <= number <= len(table.columns):
-        raise InputError(f"{said}: no such column; the recording has {shown(', '.join(table.columns))}")
+        raise InputError(f"{option}: no such column; the recording has {shown(', '.join(table.columns))}")
     return table.columns[number - 1]
 
 

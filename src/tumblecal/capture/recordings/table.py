@@ -47,7 +47,7 @@ class SourceTable:
     roles: Mapping[str, str] = field(default_factory=dict)
     per_unit: Mapping[str, float] = field(default_factory=dict)
     comments: Mapping[str, str] = field(default_factory=dict)
-    said: str = ""
+    description: str = ""
     row_word: str = "row"
     header: int | None = None
     text: TextCells | None = None
@@ -59,7 +59,12 @@ class SourceTable:
         # be given by name.
         comments = {plain(str(key)): plain(str(value)) for key, value in self.comments.items()}
         columns = tuple(name for name in self.columns if name == ROW or first_control(name) is None)
-        cleaned = {"comments": comments, "columns": columns, "name": plain(self.name), "said": plain(self.said)}
+        cleaned = {
+            "comments": comments,
+            "columns": columns,
+            "name": plain(self.name),
+            "description": plain(self.description),
+        }
         for name, value in cleaned.items():
             object.__setattr__(self, name, value)
 

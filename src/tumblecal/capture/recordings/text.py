@@ -53,7 +53,7 @@ def text_table(
     return SourceTable(
         *(name, layout.names, pieces),
         comments=comments,
-        said=layout.words(),
+        description=layout.words(),
         row_word="line",
         header=layout.header_line,
         text=TextCells(layout, (), layout.decimal) if layout.header_line and layout.form is None else None,

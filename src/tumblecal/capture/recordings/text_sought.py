@@ -62,8 +62,10 @@ def sought_layouts(path: Path, options: RecordingOptions) -> tuple[dict[str, Tex
         names = (*(("time",) if form else ()), *(str(k + 1) for k in range(bool(form), width)))
     columns = [[row[k] for row in found.good if row[k]] for k in range(width)]
     numeric = [2 * numbers_in(cells) > len(cells) for cells in columns]
-    told = [*found.good, *(row for row in _later_rows(path, separator, form) if len(row) == width)]
-    layout = TextLayout(path, names, separator, _marks(path, names, told, numeric), found.header, found.first + 1, form)
+    examined = [*found.good, *(row for row in _later_rows(path, separator, form) if len(row) == width)]
+    layout = TextLayout(
+        path, names, separator, _marks(path, names, examined, numeric), found.header, found.first + 1, form
+    )
     return {"": layout}, _stated(written, [] if form else found.rows, found.first)
 
 
@@ -192,11 +194,11 @@ def _marks(path: Path, names: tuple[str, ...], rows: list[list[str]], numeric: l
     marks = marks_of(columns)
     for name, cells, mark in zip(names, columns, marks, strict=True):
         if mark is None:
-            _refuse_either(path, name, next(cell for cell in cells if "," in cell or "." in cell))
+            _raise_ambiguous(path, name, next(cell for cell in cells if "," in cell or "." in cell))
     return tuple(mark if mark and number else "" for mark, number in zip(marks, numeric, strict=True))
 
 
-def _refuse_either(path: Path, name: str, cell: str) -> NoReturn:
+def _raise_ambiguous(path: Path, name: str, cell: str) -> NoReturn:
     with opened(path) as file:
         line = next((number for number, raw in enumerate(file, start=1) if cell in decoded(raw)), 1)
     mark = "," if "," in cell else "."
@@ -219,4 +221,4 @@ def check_late_marks(layout: TextLayout, piece: bytes) -> None:
     for name, cells, before, found in zip(layout.names, columns, layout.marks, marks_of(columns), strict=True):
         marked_cells = [cell for cell in cells if "," in cell or "." in cell]
         if marked_cells and (found is None or found[0] != before):
-            _refuse_either(layout.path, name, marked_cells[0])
+            _raise_ambiguous(layout.path, name, marked_cells[0])

@@ -130,8 +130,8 @@ class Size:
             return _SMALLEST < self.middle / per_g < _LARGEST
         if self.fit is not None and self.fit.fits and self.fit.usual:
             return usual_unit(self.fit.size, ALIKE_FITTED) is not None
-        alike = {usual_unit(length, ALIKE) for length in self.lengths}
-        return len(self.lengths) >= _FEWEST_ALIKE and len(alike) == 1 and None not in alike
+        units = {usual_unit(length, ALIKE) for length in self.lengths}
+        return len(self.lengths) >= _FEWEST_ALIKE and len(units) == 1 and None not in units
 
     def may_be_gravity(self, per_g: float | None) -> bool:
         """Whether the usual length is gravity with offsets, in their unit or in any usual unit."""
@@ -153,12 +153,12 @@ class Size:
         return self.usual / (per_g or min(UNITS_PER_G.values())) < _LEAST
 
 
-def usual_unit(size: float, alike: float) -> str | None:
+def usual_unit(size: float, factor: float) -> str | None:
     """The usual unit in which a size is one g, to within a factor; None for none."""
     if not size > 0:
         return None
     near = min(UNITS_PER_G, key=lambda unit: abs(np.log(size / UNITS_PER_G[unit])))
-    return near if 1 / alike < size / UNITS_PER_G[near] < alike else None
+    return near if 1 / factor < size / UNITS_PER_G[near] < factor else None
 
 
 def triples_of(names: Mapping[str, ColumnName]) -> list[Triple]:

@@ -105,7 +105,7 @@ def check_units(table: SourceTable, named: dict[str, Column], options: Recording
             raise InputError(f"{table.place(path)}: {', '.join(column.name for column in stated)} {DIFFERENT_UNITS}")
 
 
-def _own_unit(named: dict[str, Column], roles: tuple[str, ...]) -> str:
+def _unit_by_name(named: dict[str, Column], roles: tuple[str, ...]) -> str:
     """The unit that the names of some axes state; empty if none does."""
     return next((named[role].unit for role in roles if role in named and named[role].unit), "")
 
@@ -117,7 +117,7 @@ def force_unit(
     if options.unit:
         unit, per_g = _stated_unit(options.unit, "--unit", "g")
         return _with_unit(named, FORCE, unit), per_g, []
-    by_name = _own_unit(named, FORCE)
+    by_name = _unit_by_name(named, FORCE)
     if by_name and by_name != "counts":
         return _with_unit(named, FORCE, by_name), None, []
     if "a" in table.per_unit and not options.scale:
@@ -128,9 +128,9 @@ def force_unit(
     near = unit_by_size(size)
     if not near or (by_name and not near.startswith("LSB")):
         return _with_unit(named, FORCE, "counts"), None, []
-    said = f"unit guessed: {near} (the readings' size is about {size:.5g}; to change it: --unit)"
+    guess = f"unit guessed: {near} (the readings' size is about {size:.5g}; to change it: --unit)"
     unit, per_g = _stated_unit(near, "unit", "g")
-    return _with_unit(named, FORCE, unit), per_g, [said]
+    return _with_unit(named, FORCE, unit), per_g, [guess]
 
 
 def unit_by_size(size: float) -> str:
@@ -147,7 +147,9 @@ def rate_unit(
     if not rates:
         return named, []
     unit, per_dps = (
-        _stated_unit(options.gyro_unit, "--gyro-unit", "dps") if options.gyro_unit else (_own_unit(named, rates), None)
+        _stated_unit(options.gyro_unit, "--gyro-unit", "dps")
+        if options.gyro_unit
+        else (_unit_by_name(named, rates), None)
     )
     per_dps = per_dps or (table.per_unit.get("g") if unit == "counts" else None)
     if per_dps:
@@ -171,7 +173,7 @@ def in_range(
     per_g = (
         per_g_of(options.unit)
         or table.per_unit.get("a")
-        or UNITS_PER_G.get(_own_unit(named, FORCE).replace("ms2", "m/s2"))
+        or UNITS_PER_G.get(_unit_by_name(named, FORCE).replace("ms2", "m/s2"))
     )
     wraps = wraps_of(named, first, per_g)
     return {role: replace(column, wrap=wraps.get(role)) for role, column in named.items()}
@@ -207,12 +209,12 @@ def time_unit(
     column = named["time"]
     if column.whole:
         return named, []
-    unit, said = options.time_unit or column.unit, []
+    unit, guesses = options.time_unit or column.unit, []
     if unit and unit not in TIME_S:
         raise InputError(f"--time-unit {unit}: not known; write one of {', '.join(TIME_S)}")
     clock = _clock(first, column)
     if clock:
-        return named | {"time": clock}, said
+        return named | {"time": clock}, guesses
     if first[column.name].null_count() == len(first):
         return {role: other for role, other in named.items() if role != "time"}, [
             f"column {column.name} is empty: ignored"
@@ -239,8 +241,8 @@ def time_unit(
                 f"{path}: column {column.name}: its steps of {step:g} are not sample times in s, ms, us or ns; give "
                 "--time-unit, or --rate without it"
             )
-        said.append(f"time unit guessed: {unit} ({1 / (step * TIME_S[unit]):.4g} samples a second)")
-    return named | {"time": Column(column.name, "s", TIME_S[unit])}, said
+        guesses.append(f"time unit guessed: {unit} ({1 / (step * TIME_S[unit]):.4g} samples a second)")
+    return named | {"time": Column(column.name, "s", TIME_S[unit])}, guesses
 
 
 def unread(table: SourceTable, first: "pl.DataFrame", column: Column) -> str:

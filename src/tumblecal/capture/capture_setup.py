@@ -11,10 +11,10 @@ from tumblecal.ground.strict_toml import Number, Strict, toml_string
 
 SETUP = "capture_setup"
 # The next plan has different ones of these.
-_OWN = {"session": {"title", "mount", "run", "notes"}, "port": {"serial_number"}}
+_NOT_COPIED = {"session": {"title", "mount", "run", "notes"}, "port": {"serial_number"}}
 
 
-class KeptSetup(Strict):
+class CaptureSetup(Strict):
     """The set-up of a capture: session, port, dwell times, limits, and the rotation of the triad (deg)."""
 
     session: Session = Session()
@@ -24,7 +24,7 @@ class KeptSetup(Strict):
     mount_rotation_deg: list[Number] | None = None
 
     @classmethod
-    def of(cls, plan: CapturePlan) -> "KeptSetup":
+    def of(cls, plan: CapturePlan) -> "CaptureSetup":
         """The set-up of a plan."""
         return cls(
             session=plan.session,
@@ -37,21 +37,21 @@ class KeptSetup(Strict):
     @property
     def text(self) -> str:
         """One line for a comment: the stated keys of the plan, and all of the dwell."""
-        content = self.model_dump(exclude_unset=True, exclude=_OWN) | {"dwell": self.dwell.model_dump()}
+        content = self.model_dump(exclude_unset=True, exclude=_NOT_COPIED) | {"dwell": self.dwell.model_dump()}
         return json.dumps({name: value for name, value in content.items() if value not in ({}, None)})
 
     def lines(self, table: str) -> Iterator[str]:
         """The stated keys of one of its tables, as in a plan; all keys of the dwell."""
         stated = getattr(self, table)
-        for key, value in stated.model_dump(exclude_unset=table != "dwell", exclude=_OWN.get(table)).items():
+        for key, value in stated.model_dump(exclude_unset=table != "dwell", exclude=_NOT_COPIED.get(table)).items():
             yield f"{key} = {toml_string(value) if isinstance(value, str) else repr(value)}"
 
 
-def kept_setup(text: str | None) -> KeptSetup | None:
+def setup_of_comment(text: str | None) -> CaptureSetup | None:
     """The set-up from a comment; None if there is none, or it is not valid."""
     if not text:
         return None
     try:
-        return KeptSetup.model_validate_json(text)
+        return CaptureSetup.model_validate_json(text)
     except ValidationError:
         return None
