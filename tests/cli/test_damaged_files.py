@@ -202,7 +202,7 @@ def test_a_damaged_journal_is_reported_and_a_changed_plan_refused(tmp_path, tumb
     assert len(json.loads((tmp_path / "reduction.json").read_text())["damage"]) == 1
     (tmp_path / JOURNAL_NAME).write_bytes(journal + bytes(journal[:30]))  # as a crash ends it: cut off, no word
     with resume(tmp_path) as held:
-        assert len(held.standing.accepted) == 5 and [line.split(": ")[0] for line in held.damage] == [JOURNAL_NAME]
+        assert len(held.state.accepted) == 5 and [line.split(": ")[0] for line in held.damage] == [JOURNAL_NAME]
     plan = (tmp_path / PLAN_NAME).read_text()
     (tmp_path / PLAN_NAME).write_text(plan.replace("45", "44"))
     (line,) = tumblecal("reduce", tmp_path).lines

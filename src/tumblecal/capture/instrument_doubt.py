@@ -34,14 +34,14 @@ class InstrumentDoubt:
     """
 
     def __init__(self, identity: Identity | None, state: RunState, journal: Journal, *, trust: bool):
-        self._identity, self._standing, self._journal, self._trust = identity, state, journal, trust
+        self._identity, self._state, self._journal, self._trust = identity, state, journal, trust
         self.comparing: Attempt | None = None
         self._interrupted = False
 
     @property
     def serial_number(self) -> str | None:
         """The serial number that was stated since the line was connected."""
-        return self._identity.heard if self._identity is not None else self._standing.serial_number
+        return self._identity.heard if self._identity is not None else self._state.serial_number
 
     @property
     def asking(self) -> bool:
@@ -56,7 +56,7 @@ class InstrumentDoubt:
             return ""
         if identity.answer == Answer.ASKED:
             return f"querying the serial number of the instrument, attempt {identity.tries}"
-        if not self._standing.doubts:
+        if not self._state.doubts:
             return ""
         again = "; a finished position is measured again before the run continues" if self.comparing else ""
         return f"identity not confirmed: the instrument does not state its serial number{again}"
@@ -66,7 +66,7 @@ class InstrumentDoubt:
         identity = self._identity
         if identity is not None and identity.answer == Answer.NONE and identity.serial_number is not None:
             return self._not_confirmed(position)
-        return self._standing.to_compare and self._to_compare()
+        return self._state.to_compare and self._to_compare()
 
     def interrupted(self, notice: dict, speed: float) -> None:
         """Register an interruption of the line: the instrument may be a different one, unless the interruption was short."""
@@ -132,13 +132,13 @@ class InstrumentDoubt:
         return self._to_compare()
 
     def _to_compare(self) -> bool:
-        if self._standing.last_accepted is None:
+        if self._state.last_accepted is None:
             return False
         if self._trust:
             self._note("identity_trusted", text="the operator states that it is the same instrument")
             return False
-        self.comparing = self._standing.last_accepted
+        self.comparing = self._state.last_accepted
         return True
 
     def _note(self, entry: str, **content: object) -> None:
-        self._standing.doubts.append(self._journal.write(entry, **content))
+        self._state.doubts.append(self._journal.write(entry, **content))
