@@ -102,7 +102,7 @@ def test_a_dead_axis_is_refused_on_every_way_to_means(tmp_path, way):
     else:
         pl.DataFrame(columns).write_parquet(path)
     with pytest.raises(
-        InputError, match=r"s.parquet: axis y does not answer: the same reading in all attitudes \(1[23]"
+        InputError, match=r"s.parquet: axis y does not respond: the same reading in all attitudes \(1[23]"
     ):
         match way:
             case "means":

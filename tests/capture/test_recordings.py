@@ -179,7 +179,7 @@ def test_a_text_of_which_much_cannot_be_read_is_a_line(tmp_path, s, tumblecal):
 
 
 @pytest.mark.parametrize(
-    ("changed", "asked", "said"),
+    ("changed", "options", "said"),
     [
         ({"acc_x": None}, {}, "ax not found among the columns"),
         ({"acc_x": 3.0, "acc_y": 3.0, "acc_z": 3.0}, {}, "neither g, mg, m/s^2 nor usual counts; give the unit"),

@@ -27,7 +27,7 @@ def imported(path, columns, options: RecordingOptions = RecordingOptions()) -> t
 
 
 @pytest.mark.parametrize(
-    ("columns", "asked"),
+    ("columns", "options"),
     [
         ({"t": RISING, "temp": WARM}, ""),
         ({"temperature_degc": WARM, "t": RISING}, ""),
@@ -220,7 +220,7 @@ def test_columns_without_a_name_do_not_hide_the_others(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("asked", "words"),
+    ("options", "words"),
     [
         ({"columns": "ax=ax,ay=ax,az=az"}, "--columns ay=ax: column ax is ax already; name another column for each"),
         ({"columns": "ax=2,ay=2,az=4"}, "--columns ay=2: column ax is ax already"),
