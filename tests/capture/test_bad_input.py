@@ -129,7 +129,7 @@ def test_another_unit_or_other_settings() -> None:
     before = {"serial_number": "N1", "events": [{"kind": "configuration", "raw": "bc01"}]}
     with pytest.raises(InputError, match="began with serial number N1, but N2 is connected"):
         check_same_device(RunState(device=before), Met("N2", None, 125.0, []))
-    with pytest.raises(InputError, match="set otherwise"):
+    with pytest.raises(InputError, match="settings of the instrument differ"):
         check_same_device(RunState(device=before), Met("N1", None, 125.0, [{"kind": "configuration", "raw": "bc02"}]))
 
 
