@@ -76,7 +76,7 @@ def test_a_sweep_runs_its_points_in_order(tmp_path, configs):
     figures = draw("sweep", content, frames, tmp_path)
     assert "study.inject.second_order.y, mg/g^2" in figures[0].read_text()
     page = write_study_page(tmp_path, "sweep", content, frames, answer, figures)
-    assert "study.inject.second_order.y: 0, 1.0 mg/g^2" in page.read_text()
+    assert "study.inject.second_order.y: 0, 1.0 mg/g²" in page.read_text()
     assert len(frames["parameters"]) == 30 and (tmp_path / "sweep_parameters.parquet").exists()
 
 
