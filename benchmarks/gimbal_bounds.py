@@ -22,7 +22,7 @@ RIG = Path(__file__).parents[1] / "configs" / "budget_gimbal.toml"
 BOUNDS = {
     "intrinsic sensitivity": 1e-5,
     "sensitivity matrix, diagonal": 2e-5,
-    "sensitivity matrix, off the diagonal": 5e-5,
+    "sensitivity matrix, off-diagonal": 5e-5,
     "zero-acceleration offset / g": 2e-4,
     "intrinsic angle / rad": np.radians(5e-3),
 }

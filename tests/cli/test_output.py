@@ -104,7 +104,7 @@ def slipped(data, slip):
     ("name", "slip", "options", "words"),
     [
         ("calibrate", "", ["--noise-sd", "0.01mg"], ["Do not use it: chi2/dof of the residuals is"]),
-        ("calibrate", KELVIN, [], ["corrected: the temperatures, 295 to 297.3, are kelvin"]),
+        ("calibrate", KELVIN, [], ["corrected: the temperatures, 295 to 297.3, are in kelvin"]),
         (
             "calibrate",
             MISREAD,
