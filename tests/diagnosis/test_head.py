@@ -285,7 +285,7 @@ def test_levels_in_no_order_are_not_two(diagnoser):
     screened = [diagnoser.begun(own).screened for own in units_with([{"base_levelling": size} for size in sizes], 32)]
     found = together(screened, ["u"] * 6)
     assert found.levels == () and found.verdict != "adequate" and found.joint.best.head_spreads == ("base_levelling",)
-    said = "the head is not the same for all units: base_levelling, another in each"
+    said = "the head is not the same for all units: base_levelling differs between units"
     assert said in units_text(found, rows(6), diagnoser.entries)
 
 

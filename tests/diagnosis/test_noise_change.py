@@ -221,7 +221,7 @@ def test_slow_noise_of_raw_samples_weighs_the_positions(diagnoser):
     assert diagnosis.samples.lasts == "flicker" and diagnosis.problem.correlated
     assert {"second_order.y"} in [set(diagnosis.best.labels), *map(set, diagnosis.best.equivalents)]
     text = verdict_of_diagnosis(diagnosis).words()
-    assert "times too small" in text and "correlated" in text and "counts as unknown" in text
+    assert "times too small" in text and "correlated" in text and "treated as unknown" in text
     assert 0.6 < diagnosis.extended.level < 1.6
 
 
