@@ -37,7 +37,7 @@ def test_decoding_files(tmp_path: Path) -> None:
     found = decode_file(tmp_path / "a.bin")
     assert found.protocol.name == "stim300" and "do not guess" in found.statistics()
     assert decode_file(tmp_path / "a.bin", "stim300", stated=Stated(range_g=10.0)).samples == 300
-    with pytest.raises(InputError, match="ranges of stim300: 5, 10, 30, 80"):
+    with pytest.raises(InputError, match="range of stim300; its ranges: 5, 10, 30, 80"):
         decode_file(tmp_path / "a.bin", stated=Stated(range_g=11.0))
     (tmp_path / "empty.bin").write_bytes(b"")
     with pytest.raises(InputError, match="is empty"):
