@@ -43,7 +43,7 @@ def test_decoding_files(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="is empty"):
         decode_file(tmp_path / "empty.bin")
     (tmp_path / "noise.bin").write_bytes(np.random.default_rng(1).integers(0, 256, 5000, dtype=np.uint8).tobytes())
-    with pytest.raises(InputError, match="no protocol explains these bytes"):
+    with pytest.raises(InputError, match="no protocol fits these bytes"):
         decode_file(tmp_path / "noise.bin")
     with pytest.raises(InputError, match=r"must end in \.csv or \.parquet"):
         decode_file(tmp_path / "a.bin", out=tmp_path / "a.txt")
