@@ -148,7 +148,7 @@ def test_columns_of_a_stream_that_is_no_text_are_refused(tmp_path: Path) -> None
     """They were ignored without a word."""
     log = tmp_path / "x.bin"
     log.write_bytes(stim300(300))
-    with pytest.raises(InputError, match=r"x\.bin: .* leave out --columns and --unit, which lines of text take"):
+    with pytest.raises(InputError, match=r"x\.bin: .* remove --columns and --unit, which only lines of text take"):
         decode_file(log, stated=Stated(columns="ax,ay,az", unit="g"))
     assert decode_file(log, stated=Stated()).samples
 

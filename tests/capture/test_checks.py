@@ -118,7 +118,7 @@ def force(alpha: float, beta: float) -> np.ndarray:
         (force(45, 0), None, None, ""),
         (force(45.2, 0.1) + 0.002, None, None, ""),
         (force(90, 0), None, Fault.OTHER_POSITION, "this looks like alpha 90, beta 0, not alpha 45, beta 0"),
-        (force(0, 0), 0, Fault.NOT_TURNED, "not turned"),
+        (force(0, 0), 0, Fault.NOT_TURNED, "still at alpha 0, beta 0: turn to alpha 45"),
         (2 * force(45, 0), None, Fault.MAGNITUDE, "check range and unit"),
         (force(62, 20), None, Fault.OTHER_POSITION, "alpha 62.0, beta 20.0"),
     ],

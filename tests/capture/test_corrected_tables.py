@@ -237,7 +237,7 @@ def test_every_row_has_its_line(tmp_path_factory, lines, above):
     [
         (
             ["0,1;0,2;1.000"],
-            "line 2, column az_g: '1.000' has a decimal point, but '0,1' (line 2, column ax_g) a decimal comma",
+            "line 2, column az_g: '1.000' has a decimal point, but '0,1' (line 2, column ax_g) has a decimal comma",
         ),
         (
             ["0,1;0;1"] * 2000 + ["0,1;0,2;1.000"],
