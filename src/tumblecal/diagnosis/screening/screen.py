@@ -178,7 +178,11 @@ class Screening:
             ranked = search.ranked()
         sigma = 1.0 if known else search.sigma(ranked.set_at(0))
         by_label = {label: value + float(np.log(SIZE_PRIOR[1])) for label, value in beside.by_label.items()}
-        told = explanations(search, ranked, by_label, sigma, Neighbours(at), SettingChanges(at))
+        # Of a large signal, the linear screen gives no probability that could decide between a listed and an unnamed cause.
+        named_first = at.z @ at.z - search.left(ranked.set_at(0)) <= (LARGE * sigma) ** 2
+        told = explanations(
+            search, ranked, by_label, sigma, Neighbours(at), SettingChanges(at), named_first=named_first
+        )
         leads = " + ".join(told[0].labels) or "adequate"
         _log.debug(
             "%d causes, p = %.2g; %s leads with %.3f", pool.size, detection.p_value, leads, told[0].class_probability

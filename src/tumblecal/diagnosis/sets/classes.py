@@ -173,6 +173,8 @@ def explanations(
     sigma: float,
     neighbours: Neighbours | None = None,
     changes: SettingChanges | None = None,
+    *,
+    named_first: bool = True,
 ) -> list[Explanation]:
     """Explanations, most probable class first.
 
@@ -182,6 +184,7 @@ def explanations(
     - `noise`: log posterior of each alternative that is a covariance, on the same scale.
     - `sigma`: noise in the units of the residual vector, for known noise 1.
     - `neighbours`: of the positions, if causes may be outlier positions. `changes`: of the settings, if causes may be jumps.
+    - `named_first`: whether a listed set may lead in place of one without a name.
     """
     groups, total = grouped(search, ranked)
     groups = groups.with_noise(noise)
@@ -200,7 +203,7 @@ def explanations(
     for k in near:
         powers = [other for other in range(len(sets)) if further_powers(search.pool, sets[k], sets[other])]
         alike[k] = alike.get(k, {}) | dict.fromkeys(powers, np.nan)
-    if (named := named_in_place(groups.labels, shares, alike)) is not None:
+    if named_first and (named := named_in_place(groups.labels, shares, alike)) is not None:
         first, unnamed_one = named
         alike[first] = {unnamed_one: np.nan} | alike.get(first, {})
         bound[first, unnamed_one] = True
