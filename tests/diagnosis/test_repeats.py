@@ -64,7 +64,7 @@ def test_a_recordings_noise_is_set_aside_in_words():
     stated = replace(data, sd=np.full_like(data.readings, SIGMA), recorded_noise=("{}",) * len(data))
     bounded = in_bounds(stated, None)
     assert bounded.data.sd is None and bounded.data.recorded_noise is None
-    assert "recording's noise model" in bounded.words and "recording" not in in_bounds(data, None).words
+    assert "noise model of the recording" in bounded.words and "recording" not in in_bounds(data, None).words
 
 
 def test_faulty_rows_stay_by_themselves():

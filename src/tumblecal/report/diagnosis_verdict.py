@@ -150,7 +150,7 @@ def _before_causes(diagnosis: Diagnosis) -> Iterator[Finding]:
 def _unnamed(diagnosis: Diagnosis) -> Iterator[Finding]:
     """Errors that no entry describes, and where an unexplained error is."""
     if diagnosis.best.unexplained and not diagnosis.members:
-        yield Finding(f"An effect that depends on {unexplained_words(diagnosis)}; not in the catalogue")
+        yield Finding(f"An effect that is not in the catalogue ({unexplained_words(diagnosis)})")
     if diagnosis.verdict == "unexplained":
         yield from (Finding(words) for words in _located(diagnosis))
 
@@ -160,7 +160,7 @@ def _finding(diagnosis: Diagnosis, causes: Sequence[Cause]) -> Finding:
     if further:
         return Finding(*polynomial_words(diagnosis, causes), label_words(tuple([one.label for one in causes])))
     if not cause.named:
-        return Finding(f"An effect that depends on {cause.words}; not in the catalogue", id=UNEXPLAINED)
+        return Finding(f"An effect that is not in the catalogue ({cause.words})", id=UNEXPLAINED)
     id, _, positions = cause.label.partition(":")
     words = title(diagnosis.entries[id].cause)
     if positions:
