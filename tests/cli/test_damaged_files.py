@@ -171,7 +171,7 @@ def test_a_table_of_samples_cut_in_its_last_number_is_refused(tmp_path, tumbleca
     path.write_bytes(content[:-3])
     told = tumblecal("reduce", path, "--no-figures", "--out", tmp_path / "r")
     assert told.code == 2 and told.lines[0].startswith(
-        f"tumblecal: {path}:line 385, column az_g: the last line has no end"
+        f"tumblecal: {path}:line 385, column az_g: the last line has no line end"
     )
     path.write_bytes(content[:-1])
     assert tumblecal("reduce", path, "--no-figures", "--out", tmp_path / "r").code == 0
