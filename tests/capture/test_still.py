@@ -200,7 +200,9 @@ def test_nothing_still_is_a_line_and_a_figure(tmp_path, tumblecal):
 
 def test_one_attitude_is_told(tmp_path):
     s = made(Hand(turn_s=(2.0, 2.1)), attitudes=np.array([[0, 0, 1], [0.05, 0, 1], [0, 0.05, 1]]))
-    assert "have one orientation: they determine the noise, but no calibration" in words(reduce_recording(written(tmp_path, s), HAND_HELD))
+    assert "have one orientation: they determine the noise, but no calibration" in words(
+        reduce_recording(written(tmp_path, s), HAND_HELD)
+    )
 
 
 def test_gaps_and_clocks_that_jump_back_part_intervals_and_are_told(tmp_path):

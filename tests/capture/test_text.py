@@ -106,7 +106,7 @@ def test_given_layout() -> None:
 def test_bad_layouts() -> None:
     with pytest.raises(InputError, match="az missing"):
         LineColumns(("ax", "ay"), "g")
-    with pytest.raises(InputError, match="foo not known"):
+    with pytest.raises(InputError, match="foo unknown"):
         LineColumns(("ax", "ay", "az", "foo"), "g")
     with pytest.raises(InputError, match="unit"):
         LineColumns(("ax", "ay", "az"), "stone")
@@ -150,14 +150,14 @@ def test_lines_that_cannot_be_read_behind_a_header_are_told() -> None:
     found = decoded(["ax,ay,az"] + ["0.1,0.2,0.97"] * 30 + ["az,ay,ax"] + ["70,70,70"] * 30)
     assert len(found.samples) == 30
     (refused,) = [e for e in found.events if e.kind == "refused"]
-    assert "no specific force was found in the 30 lines" in refused.content["text"]
+    assert "no specific force was found in the preceding 30 lines" in refused.content["text"]
 
 
 def test_a_header_against_the_given_columns_is_told() -> None:
     data = "".join(line + "\n" for line in TURNED[:60]).encode()
     found = decode_all(TextDecoder(LineColumns(("ax", "ay", "az"), "g"), whole=True), data)
     (refused,) = [e for e in found.events if e.kind == "refused"]
-    assert "names the columns az,ay,ax; read as given: ax,ay,az" in refused.content["text"]
+    assert "names the columns az,ay,ax; used as given: ax,ay,az" in refused.content["text"]
 
 
 def test_numbers_beyond_all_measure_are_flagged() -> None:
