@@ -46,7 +46,7 @@ def test_few_samples_do_not_contradict_the_model(table1):
         calibrated = calibrate(data)
         floors += calibrated.floor is not None
     assert floors <= 2
-    assert calibrated.floor is not None or "stated, by 5 samples a position" in noise_words(calibrated.exact)
+    assert calibrated.floor is not None or "sd columns of 5 samples a position" in noise_words(calibrated.exact)
 
 
 def test_many_samples_and_stated_sds_stand_as_they_are(table1):
