@@ -279,7 +279,7 @@ MISTAKES = {
     "simulated into a spreadsheet": ("simulate plan.toml --out x.xlsx", "must end in .csv or .parquet"),
     "samples backwards": ("import short.csv --rate -5 --out x.csv", "--rate -5: not a sample rate"),
     "a recording of no format": ("import junk.bin --out x.csv", "junk.bin: no format recognises it"),
-    "half a spreadsheet": ("import sheet.xlsx --out x.csv", "not a whole spreadsheet"),
+    "half a spreadsheet": ("import sheet.xlsx --out x.csv", "not a complete spreadsheet"),
     "imported as text": ("import short.csv --out x.txt", "must end in .csv or .parquet"),
     "a folder imported": ("import . --out x.csv", ".: no format recognises it"),
     "too short to be still": ("reduce short.csv --static --out r", "50 samples are too few to find intervals at rest"),
