@@ -39,7 +39,7 @@ from tumblecal.ground.precision import enable_float64
 WORDS = ("refused", "reported", "the same", "unseen", "SILENT", "FAILED")
 _LONGEST_LINE = 2000
 _SAYS = re.compile(
-    "WARNING|left out|none in|lost|gap|jumps back|unit guessed|not a whole|restless|short|too few|Do not use|discarded"
+    "WARNING|left out|none in|lost|gap|jumps back|unit guessed|complete|restless|short|too few|Do not use|discarded"
 )
 
 
