@@ -8,7 +8,6 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -26,6 +25,7 @@ from tumblecal.capture.sample_table import write_frames
 from tumblecal.data.cells import LARGEST_NUMBER
 from tumblecal.data.raw import Raw
 from tumblecal.data.text_layout import ROW
+from tumblecal.ground.atomic import scratch_folder
 
 
 if TYPE_CHECKING:
@@ -77,8 +77,8 @@ def row_damage(
       units, whose numbers have no type.
     """
     look = RangeCheck(columns if contents else ())
-    with TemporaryDirectory() as folder:
-        rows, rest = Path(folder) / "rows.parquet", Path(folder) / "rest.parquet"
+    with scratch_folder(header.path) as folder:
+        rows, rest = folder / "rows.parquet", folder / "rest.parquet"
         if contents is None and (count := _sound_rows(header)):
             rows, schema, usable, erased = header.path, _schema(header), np.ones(count, bool), np.zeros(count, bool)
         else:

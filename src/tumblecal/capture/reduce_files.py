@@ -4,7 +4,6 @@ import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +39,7 @@ from tumblecal.capture.still_by_file import (
 )
 from tumblecal.data.parquet import scan_parquet
 from tumblecal.data.positions import PositionSet, attitudes_of
+from tumblecal.ground.atomic import scratch_folder
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.frames import gravity_in_head
 from tumblecal.ground.gravity import stated_gravity, unit_in_g
@@ -117,8 +117,8 @@ def reduce_files(
     """
     files = [position.file for position in positions.files]
     source = Path(f"{files[0]} and {len(files) - 1} more")
-    with TemporaryDirectory() as folder:
-        samples, parts = write_files(files, Path(folder), options, by=context.by)
+    with scratch_folder(source) as folder:
+        samples, parts = write_files(files, folder, options, by=context.by)
         columns = set(scan_parquet(samples, check=False)[0].collect_schema())
         asked_for = context.static or context.table is not None or plan is not None
         if context.by or ({"position", "alpha_deg"} & columns and not asked_for):

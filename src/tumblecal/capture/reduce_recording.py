@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +22,7 @@ from tumblecal.capture.still_blocks import blocks_of, pieces_of
 from tumblecal.data.parquet import read_parquet, scan_parquet
 from tumblecal.data.positions import ATTITUDES, UNKNOWN, PositionSet, attitudes_of
 from tumblecal.data.raw import Raw, read_raw
+from tumblecal.ground.atomic import scratch_folder
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import STANDARD, comments_of, stated_gravity, unit_in_g
 
@@ -85,8 +85,8 @@ def reduce_recording(
     **Raises:** `InputError` for a recording that cannot be read, or from which no positions follow; `NothingStill` without an
     interval at rest.
     """
-    with TemporaryDirectory() as folder:
-        samples = Path(folder) / "samples.parquet"
+    with scratch_folder(path) as folder:
+        samples = folder / "samples.parquet"
         contents = write_samples(path, samples, options, by=context.by, in_force_units=True)
         plan = None if context.plan is None else read_plan(context.plan)
         named = {"position", "alpha_deg"} & set(contents.layout.columns)
@@ -279,8 +279,8 @@ def means_of(
 
     **Raises:** `InputError` for a table without accelerations, or with positions that are not in the plan.
     """
-    with TemporaryDirectory() as folder:
-        samples = Path(folder) / "means.parquet"
+    with scratch_folder(path) as folder:
+        samples = folder / "means.parquet"
         contents = write_samples(path, samples, options, by=context.by, in_force_units=True, means=True)
         plan = None if context.plan is None else read_plan(context.plan)
         raw = read_raw(samples, path)

@@ -1,7 +1,5 @@
 """Samples as a table on disk, written in pieces: CSV, or Parquet by row groups; the file is complete or absent."""
 
-import os
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -11,8 +9,7 @@ import numpy as np
 
 from tumblecal.capture.samples import Samples, blank
 from tumblecal.data.parquet import metadata_of, put_checksum
-from tumblecal.ground.atomic import written_aside
-from tumblecal.ground.errors import InputError
+from tumblecal.ground.atomic import unwritable, written_aside
 
 
 if TYPE_CHECKING:
@@ -80,7 +77,7 @@ def write_frames(
                     file.flush()
                     rows.sink_csv(file)
         except (OSError, pl.exceptions.ComputeError) as error:
-            raise InputError(f"{path}: cannot be written ({_reason(error)}); free room or give another file") from error
+            raise unwritable(path, error) from error
 
 
 def write_bytes(path: Path, pieces: Iterator[bytes]) -> None:
@@ -94,7 +91,7 @@ def write_bytes(path: Path, pieces: Iterator[bytes]) -> None:
                 for piece in _made_ahead(pieces):
                     file.write(piece)
         except OSError as error:
-            raise InputError(f"{path}: cannot be written ({_reason(error)}); free room or give another file") from error
+            raise unwritable(path, error) from error
 
 
 def _made_ahead(pieces: Iterator[_Piece]) -> Iterator[_Piece]:
@@ -116,9 +113,3 @@ def _table(samples: Samples, columns: frozenset[str], rate_hz: float | None, fir
     if "temperature" in columns:
         table["temperature_degc"] = samples.temperature
     return table | {"counter": samples.counter, "status": samples.status}
-
-
-def _reason(error: Exception) -> str:
-    """The system's message: the table's writer gives only its number, in a sentence."""
-    number = re.search(r"os error (\d+)", str(error))
-    return os.strerror(int(number[1])) if number else getattr(error, "strerror", None) or str(error).splitlines()[0]

@@ -242,10 +242,27 @@ def unwritable_as_fault(path: Path) -> Iterator[None]:
     try:
         yield
     except Exception as error:
-        refused = _refused_by_system(error)
-        if refused is None:
+        if _refused_by_system(error) is None:
             raise
-        raise _unwritable(path, refused) from error
+        raise unwritable(path, error) from error
+
+
+@contextmanager
+def scratch_folder(source: Path) -> Iterator[Path]:
+    """A folder for temporary files, removed after the block.
+
+    **Raises:** `InputError` of the block; a fault of a temporary file, whose path no longer exists, names `source`, the file
+    that is processed.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            yield Path(folder)
+        except InputError as error:
+            if type(error) is not InputError or not any(fault.startswith(folder) for fault in error.faults):
+                raise
+            inside = re.compile(rf"{re.escape(folder)}[^:]*")
+            words = f"{source}: temporary file in {tempfile.gettempdir()}"
+            raise InputError([inside.sub(lambda _: words, fault) for fault in error.faults]) from error
 
 
 def to_disk(path: Path) -> None:
@@ -259,19 +276,21 @@ def to_disk(path: Path) -> None:
         os.close(descriptor)
 
 
-def _unwritable(path: Path, error: OSError) -> InputError:
-    if error.errno in _FULL:
+def unwritable(path: Path, error: Exception) -> InputError:
+    """The fault of a file that cannot be written because of `error`, of the operating system or of polars."""
+    refused = _refused_by_system(error) or OSError(str(error))
+    if refused.errno in _FULL:
         return InputError(
             f"{path}: not written, because the disk is full (or too small for this file); free some space"
         )
-    return InputError(f"{path}: cannot be written ({reason(error)}); give a different file")
+    return InputError(f"{path}: cannot be written ({reason(refused)}); give a different file")
 
 
 def _refused_by_system(error: Exception) -> OSError | None:
-    """The error of the operating system, also from the text of an error of polars: `... (os error 28)`."""
+    """The error of the operating system, also from the text of an error of polars: `... os error 28`."""
     if isinstance(error, OSError) and error.errno is not None:
         return error
-    number = re.search(r"\(os error (\d+)\)", str(error))
+    number = re.search(r"os error (\d+)", str(error))
     if number:
         return OSError(int(number[1]), os.strerror(int(number[1])))
     return error if isinstance(error, OSError) else None

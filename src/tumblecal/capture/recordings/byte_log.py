@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from tumblecal.capture.byte_file import decode_file
@@ -14,6 +13,7 @@ from tumblecal.capture.recordings.parquet import READER as PARQUET
 from tumblecal.capture.recordings.table import Reader, SourceTable
 from tumblecal.capture.samples import Stated
 from tumblecal.capture.sniff import ENOUGH, guesses
+from tumblecal.ground.atomic import scratch_folder
 from tumblecal.ground.errors import InputError
 
 
@@ -50,8 +50,8 @@ def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceT
     def pieces(wanted: Sequence[str]) -> Iterator["pl.DataFrame"]:
         import polars as pl
 
-        with TemporaryDirectory() as folder:
-            decoded = Path(folder) / "samples.parquet"
+        with scratch_folder(path) as folder:
+            decoded = folder / "samples.parquet"
             decode_file(path, contents.protocol.name, out=decoded, stated=stated)
             (table,) = PARQUET.read(decoded, options, damage)
             there = [name for name in wanted if name in table.columns]

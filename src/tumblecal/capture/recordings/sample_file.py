@@ -8,7 +8,6 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from shutil import copyfile
-from tempfile import TemporaryDirectory
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
@@ -30,7 +29,7 @@ from tumblecal.capture.recordings.units import FORCE, RATE, Column
 from tumblecal.capture.sample_table import write_frames
 from tumblecal.data.parquet import pieces_in_order, scan_parquet
 from tumblecal.data.text_layout import ROW
-from tumblecal.ground.atomic import written_aside
+from tumblecal.ground.atomic import scratch_folder, written_aside
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import comments_of, gravity_of_option
 
@@ -102,8 +101,8 @@ def write_samples(
 
     **Arguments, raises:** as `sample_stream`; `means`: rows are means instead of samples and are not repaired.
     """
-    with TemporaryDirectory() as folder:
-        rows = Path(folder) / "rows.parquet"
+    with scratch_folder(path) as folder:
+        rows = folder / "rows.parquet"
 
         def written(wraps: Mapping[str, Wrap]) -> SampleStream:
             samples = sample_stream(path, options, by=by, in_force_units=in_force_units, wraps=wraps)
