@@ -185,7 +185,10 @@ def test_budget_certificate_comparison_and_history_take_such_files(tumblecal, tm
     assert tumblecal("budget", data, considered, *stated, "--out", out).code == 0
     assert tumblecal("certificate", out, "--admin", configs / "certificate_lab.toml", "--out", tmp_path / "c").code == 0
     page = " ".join(re.sub(r"<[^>]+>", " ", (tmp_path / "c" / "certificate.html").read_text()).split())
-    assert "The values are valid at 25 degC: dK_y changes by" in page and "calibration.json has nonlinear" in page
+    assert (
+        "The values are valid at 25 degC: dK_y changes by" in page
+        and "The readings contain the following terms in addition" in page
+    )
     compared = tumblecal("compare", out / "calibration.json", out / "calibration.json")
     assert compared.code == 0 and "nonlinear and thermal terms are not compared" in " ".join(
         [compared.out, *compared.lines]
@@ -268,7 +271,7 @@ def test_a_form_that_is_another_function_than_its_term_is_refused(tumblecal, tmp
     rig.write_text(rig.read_text().replace('"second_order.z" =', "my_square ="))
     mine.write_text(MINE.replace("FORM", '{"axis": "z", "powers": [0, 0, 3]}'))
     ran = tumblecal("calibrate", measured, "--rig", rig, "--effects", mine, "--no-figures", "--out", tmp_path / "out")
-    assert ran.code == 2 and "effect my_square: forms.0: it is another function than the effect's term" in ran.lines[-1]
+    assert ran.code == 2 and "effect my_square: forms.0: differs from the function of the effect" in ran.lines[-1]
 
 
 def test_an_effect_that_can_be_simulated_alone_is_refused_with_its_reason(tumblecal, tmp_path, measured):

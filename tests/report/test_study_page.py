@@ -97,6 +97,6 @@ def test_the_time_told_counts_compiling(configs):
         trials, chunks, chunk_bytes, seconds, programs = 240_000, 12, 4000, 0.7, 12
 
     words, _ = _cost(Sweep(), configs / "study_sweep.toml", Running(configs))
-    assert f"about {12 * COMPILE_SECONDS / 60:.0f} min more to compile" in words
+    assert f"plus about {12 * COMPILE_SECONDS / 60:.0f} min to compile" in words
     _, too_much = _cost(Sweep(), configs / "study_sweep.toml", Running(configs, max_hours=0.01))
     assert too_much
