@@ -183,5 +183,5 @@ def test_same_data_same_bits(table1, table1_fit):
 
 @pytest.mark.parametrize("level", [95, 1.0, 0.0, -0.5, float("nan")])
 def test_a_level_is_a_probability(table1_fit, level):
-    with pytest.raises(ValueError, match=r"lies between 0 and 1, such as 0\.95"):
+    with pytest.raises(ValueError, match=r"must be between 0 and 1, such as 0\.95"):
         table1_fit.interval(level)
