@@ -146,7 +146,7 @@ def test_attitudes_in_one_plane_are_no_calibration(tmp_path):
 
 def test_a_refusal_for_few_degrees_of_freedom_says_what_to_measure_next(tmp_path):
     written(tmp_path / "hand.csv", 10, 1e-4)
-    with pytest.raises(InputError, match=r"leave 1 degrees of freedom .* Next: (stand|lay|put) it on .*; "):
+    with pytest.raises(InputError, match=r"leave 1 degree of freedom; .* Next: place it on .*; "):
         Diagnoser(nested=False)(read_positions(tmp_path / "hand.csv"))
 
 

@@ -11,6 +11,7 @@ from tumblecal.estimation.exact import linearised
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.identifiability import identifiability, sparse_basis, surely_full_rank
 from tumblecal.estimation.problem import Problem
+from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 
 
@@ -110,7 +111,7 @@ def require_determined(problem: Problem, jacobian: np.ndarray) -> None:
     if dof < LEAST_DOF:
         following = attitude_words(readings) if seen.hand_held else ""
         raise InputError(
-            f"{source}: {len(readings)} positions leave {dof} degrees of freedom in addition to {len(chain.names)} "
-            f"parameters; a test needs at least {LEAST_DOF}: measure more positions"
+            f"{source}: {counted(len(readings), 'position')} and {counted(len(chain.names), 'parameter')} leave "
+            f"{dof} degree{'' if dof == 1 else 's'} of freedom; a test needs at least {LEAST_DOF}: measure more positions"
             + (f". Next: {following}" if following else "")
         )
