@@ -126,7 +126,8 @@ def test_the_command_writes_what_calibrate_takes(tumblecal, tmp_path, monkeypatc
     refused = tumblecal("calibrate", path, "--out", tmp_path / "none")
     assert refused.code == 2 and len(refused.lines) == 1 and not (tmp_path / "none").exists()
     assert (
-        f"so these look like raw samples. Reduce them first: tumblecal reduce {path} --out reduced" in refused.lines[0]
+        f"raw samples. Reduce them first, then give reduced/positions.csv: tumblecal reduce {path} --out reduced"
+        in refused.lines[0]
     )
     monkeypatch.setenv("COLUMNS", "60")
     outcome = tumblecal("reduce", path, "--out", tmp_path / "reduced")

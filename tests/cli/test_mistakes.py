@@ -232,7 +232,7 @@ MISTAKES = {
     "axes exchanged": ("calibrate exchanged.csv", "exchanged.csv: "),
     "raw samples": (
         "calibrate samples.csv",
-        "so these look like raw samples. Reduce them first: tumblecal reduce samples.csv",
+        "so these look like raw samples. Reduce them first, then give reduced/positions.csv: tumblecal reduce samples.csv",
     ),
     "means to be reduced": ("reduce good.csv", "A table of means needs no reduction: give it to calibrate"),
     "nothing captured": ("reduce .", "give the folder of a capture"),

@@ -173,7 +173,7 @@ def test_a_suggested_diagnosis_reads_the_user_s_own_columns(tumblecal, tmp_path,
         "0.01 mg",
     ]
     outcome = tumblecal("calibrate", "my data.csv", *options, "-q")
-    (said,) = [line for line in outcome.lines if "run: tumblecal" in line]
+    (said,) = [line for line in outcome.lines if "Run: tumblecal" in line]
     assert words(said)[:2] == ["diagnose", "my data.csv"] and parsed(words(said))["model"].gravity == "9.8123"
     # The positions proposed next are in a file of the program's own, joined with the user's.
     line = suggested("diagnose", *joined_arguments(["my data.csv", "next/positions.csv"]))
@@ -195,6 +195,6 @@ def test_samples_given_for_positions(tumblecal, tmp_path, monkeypatch):
     Path("log.csv").write_text("\n".join(rows) + "\n")
     columns = "position=p,alpha_deg=a,beta_deg=b,ax_g=X,ay_g=Y,az_g=Z,time_s=t"
     (said,) = tumblecal("calibrate", "log.csv", "--columns", columns).lines
-    assert "so these look like raw samples. Reduce them first: tumblecal reduce log.csv --out reduced --columns" in said
+    assert "so these look like raw samples. Reduce them first, then give reduced/positions.csv: tumblecal " in said
     assert tumblecal(*words(said)).code == 0
     assert read_positions("reduced/positions.csv").names == ("p0", "p1")

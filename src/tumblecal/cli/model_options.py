@@ -162,8 +162,8 @@ class StatedModel:
             reduced = Path("reduced")
             raise InputError(
                 f"{path}: {len(data)} rows, but only {counted(stretches, 'stretch')} of one position each, so these look like "
-                f"raw samples. Reduce them first: {suggested('reduce', path, '--out', reduced)}; then give "
-                f"{reduced / 'positions.csv'}"
+                f"raw samples. Reduce them first, then give {reduced / 'positions.csv'}: "
+                f"{suggested('reduce', path, '--out', reduced)}"
             )
         if copies := data.copies:
             pairs = [f"{name} and {first}" for name, first in copies[:_MOST_COPIES]]
