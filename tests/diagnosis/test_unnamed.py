@@ -201,7 +201,7 @@ def test_findings_state_region_size_and_law(instrument):
     diagnosis = of_instrument(instrument, found, law)
     assert [own.sentence for own in unnamed_findings(diagnosis)] == [
         "Excess at all angles and times: z -0.8 to +0.7 mg",
-        "Candidate law: output z: (0.520 +- 0.060) mg/g^3 u_x u_y^2: held-out error 0.21 -> 0.11 mg; suggested_effect.py",
+        "Candidate law: output z: (0.520 +- 0.060) mg/g^3 u_x u_y^2: held-out error 0.210 -> 0.110 mg; suggested_effect.py",
     ]
     assert "tumblecal diagnose m.csv --effects out/suggested_effect.py --out with_law" in command_for_law(
         diagnosis, Path("out")
