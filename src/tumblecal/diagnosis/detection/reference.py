@@ -126,6 +126,10 @@ def _evenly(where: Where) -> Where:
     if where.temperature_degc is not None:
         wander = 25.0 + np.cumsum(rng.normal(0, 0.15, count)) + rng.normal(0, 0.1, count)
         changed["temperature_degc"] = wander[turn]
+    # The references of squares too are those of the plan, not of the file that was first.
+    for mean, column in (("mean_time_s", "time_s"), ("mean_degc", "temperature_degc")):
+        if column in changed:
+            changed[mean] = np.full(count, np.mean(changed[column]))
     return replace(where, **changed)
 
 
