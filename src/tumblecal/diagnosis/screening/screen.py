@@ -179,7 +179,7 @@ class Screening:
         sigma = 1.0 if known else search.sigma(ranked.set_at(0))
         by_label = {label: value + float(np.log(SIZE_PRIOR[1])) for label, value in beside.by_label.items()}
         # Of a large signal, the linear screen gives no probability that could decide between a listed and an unnamed cause.
-        named_first = at.z @ at.z - search.left(ranked.set_at(0)) <= (LARGE * sigma) ** 2
+        named_first = bool(at.z @ at.z - search.left(ranked.set_at(0)) <= (LARGE * sigma) ** 2)
         told = explanations(
             search, ranked, by_label, sigma, Neighbours(at), SettingChanges(at), named_first=named_first
         )
