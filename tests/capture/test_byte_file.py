@@ -119,7 +119,7 @@ def test_full_disk_in_words(tmp_path: Path, suffix: str) -> None:
     )
     with file_size_limited(100_000):
         done = subprocess.run([sys.executable, "-c", code, str(tmp_path / "a.bin"), str(out)], capture_output=True)
-    assert f"{out}: cannot be written (File too large)" in done.stdout.decode(), done.stderr.decode()
+    assert f"{out}: not written, because the disk is full" in done.stdout.decode(), done.stderr.decode()
     assert out.read_text() == "before" and sorted(p.name for p in tmp_path.iterdir()) == sorted(["a.bin", out.name])
 
 
