@@ -2,8 +2,8 @@
 Error in use
 ============
 
-A calibration is judged by the specific force that it returns. The error at 500 orientations that took no part in
-the fit, for the nominal and for the extended model of an instrument with a quadratic z axis.
+A calibration is judged by the specific force that it returns. The error at 500 held-out orientations, for the
+nominal and for the extended model of an instrument with a quadratic z axis.
 """
 
 from dataclasses import replace

@@ -13,6 +13,7 @@ from tumblecal.chain.nominal import LINKS, NOMINAL, UNIT_OF_LEAF, Leaf
 from tumblecal.chain.plan import Plan, grid
 from tumblecal.chain.rig import EffectLinks, Rig
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.examples import file_or_example
 from tumblecal.ground.strict_toml import Line, Number, Numbers, Strict, checked, read_toml
 from tumblecal.ground.toml_faults import located
 from tumblecal.ground.units import factor, quantity, reading_sd
@@ -213,14 +214,16 @@ def read_rig(
 
     **Arguments:**
 
-    - `path`: the TOML file.
+    - `path`: the TOML file, or the name of an example.
     - `effects`: links that `chain.effects` may name, by id.
     - `effect_units`: base unit of each effect's leaves or coefficients, by name.
 
     **Raises:** `InputError` with every fault and its dotted path.
     """
-    path = Path(path)
-    return rig_of(read_toml(path), path, effects, effect_units)
+    file = file_or_example(path)
+    # An example is named without the folder of the installation.
+    named = Path(path) if file == Path(path) else Path(file.name)
+    return rig_of(read_toml(file), named, effects, effect_units)
 
 
 def rig_of(

@@ -15,7 +15,7 @@ def example(name: str | None = None, *, out: Path = Path()) -> None:
     out
         Output folder; existing files are not overwritten. Default: the current folder. Example: --out rigs.
     """
-    from tumblecal.ground.atomic import writable_folder, write_text
+    from tumblecal.ground.atomic import writable_folder, write_texts
     from tumblecal.ground.examples import example_files, example_names, example_title
 
     if name is None:
@@ -32,6 +32,6 @@ def example(name: str | None = None, *, out: Path = Path()) -> None:
         paths = " and ".join(map(str, different))
         raise InputError(f"{paths}: exists and differs from the example; move it, or give another folder with --out")
     writable_folder(out)
-    for file, text in files.items():
-        write_text(out / file, text)
+    write_texts(out, files)
+    for file in files:
         print(f"{out / file}: {example_title(file)}")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from tumblecal.chain import Chain, Link, Where, settings
 from tumblecal.chain.rig import Rig
-from tumblecal.chain.rig_file import rig_of
+from tumblecal.chain.rig_file import read_rig
 from tumblecal.effects import (
     alignment,
     by_setting,
@@ -21,8 +21,6 @@ from tumblecal.effects import (
 from tumblecal.effects.effect import Effect, of_head
 from tumblecal.effects.users_file import Source, effects_of, read_source
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.examples import file_or_example
-from tumblecal.ground.strict_toml import read_toml
 
 
 Catalogue = dict[str, Effect]
@@ -118,10 +116,7 @@ def read_rig_with_effects(path: Path | str, entries: Catalogue | None = None) ->
 
     **Example:** `tumblecal.read_rig("paper24")`
     """
-    file = file_or_example(path)
-    # An example is named without the folder of the installation.
-    named = Path(path) if file == Path(path) else Path(file.name)
-    return rig_of(read_toml(file), named, *links_and_units(catalogue() if entries is None else entries))
+    return read_rig(path, *links_and_units(catalogue() if entries is None else entries))
 
 
 def first_link(effect: Effect, where: Where) -> Link:
