@@ -9,10 +9,10 @@ import time
 
 import numpy as np
 
-from tumblecal.capture.framing import FrameDecoder, decode_all
+from tumblecal.capture.decoding.framing import FrameDecoder, decode_all
+from tumblecal.capture.decoding.samples import Settings, blank
 from tumblecal.capture.protocols.stim300 import Stim300Framing
 from tumblecal.capture.protocols.stim300_device import encode
-from tumblecal.capture.samples import Settings, blank
 
 
 SETTINGS = Settings((10.0,) * 3, "acceleration", 2000.0)

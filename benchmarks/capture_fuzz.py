@@ -10,10 +10,10 @@ import time
 
 import numpy as np
 
-from tumblecal.capture.framing import FrameDecoder
+from tumblecal.capture.decoding.framing import FrameDecoder
+from tumblecal.capture.decoding.samples import Counts, Settings, blank
 from tumblecal.capture.protocols.stim300 import Stim300Framing
 from tumblecal.capture.protocols.stim300_device import encode
-from tumblecal.capture.samples import Counts, Settings, blank
 
 
 SETTINGS = Settings((10.0,) * 3, "acceleration", 2000.0)

@@ -13,15 +13,15 @@ from pathlib import Path
 
 import numpy as np
 
+from tumblecal.capture.decoding.framing import FrameDecoder
+from tumblecal.capture.decoding.losses import count_losses
+from tumblecal.capture.decoding.samples import Counts, Settings
 from tumblecal.capture.emulator.config import Emulation
 from tumblecal.capture.emulator.device import VirtualDevice
 from tumblecal.capture.emulator.instrument import VirtualInstrument
-from tumblecal.capture.framing import FrameDecoder
 from tumblecal.capture.log import Kind, LogReader
-from tumblecal.capture.losses import count_losses
+from tumblecal.capture.port.recording import Recording
 from tumblecal.capture.protocols.stim300 import Stim300Framing
-from tumblecal.capture.recording import Recording
-from tumblecal.capture.samples import Counts, Settings
 
 
 SETTINGS = Settings((10.0,) * 3, "acceleration", 2000.0)

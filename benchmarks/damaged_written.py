@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 
 import damaged_made as made
+from tumblecal.capture.decoding.samples import Settings, blank
 from tumblecal.capture.journal import JOURNAL_NAME, PLAN_NAME, RAW_NAME, Journal, sha256_of
 from tumblecal.capture.log import Kind, LogWriter
+from tumblecal.capture.port.recorder import clocks
 from tumblecal.capture.protocols import protocol
-from tumblecal.capture.recorder import clocks
-from tumblecal.capture.samples import Settings, blank
 
 
 CONFIGS = Path(__file__).parents[1] / "configs"

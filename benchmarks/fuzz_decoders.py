@@ -15,13 +15,13 @@ from collections.abc import Callable
 
 import numpy as np
 
-from tumblecal.capture.checks import crc16_xmodem, crc32_mpeg2_rows, exclusive_or
-from tumblecal.capture.framing import decode_all
+from tumblecal.capture.decoding.checks import crc16_xmodem, crc32_mpeg2_rows, exclusive_or
+from tumblecal.capture.decoding.framing import decode_all
+from tumblecal.capture.decoding.samples import Counts, Settings, blank, joined
+from tumblecal.capture.decoding.sniff import guesses
 from tumblecal.capture.protocols import protocol, protocols
 from tumblecal.capture.protocols.stim300_datagrams import PADDINGS, SIZES
 from tumblecal.capture.protocols.vectornav import FIELD_SIZES
-from tumblecal.capture.samples import Counts, Settings, blank, joined
-from tumblecal.capture.sniff import guesses
 
 
 def content(random: np.random.Generator, size: int) -> bytes:

@@ -28,18 +28,18 @@ import numpy as np
 import polars as pl
 
 from capture_losses import sequence_of, sequence_rates
+from tumblecal.capture.decoding.framing import decode_all
+from tumblecal.capture.decoding.samples import Settings
 from tumblecal.capture.emulator.config import Emulation
 from tumblecal.capture.emulator.device import VirtualDevice
 from tumblecal.capture.emulator.instrument import VirtualInstrument
 from tumblecal.capture.emulator.operator import Follower
-from tumblecal.capture.framing import decode_all
 from tumblecal.capture.journal import RAW_NAME, read_journal, replayed, sha256_of
 from tumblecal.capture.log import Kind, LogWriter, read_log
+from tumblecal.capture.port.recording import Recording
 from tumblecal.capture.protocols import protocol
-from tumblecal.capture.recording import Recording
-from tumblecal.capture.run_folder import begin, resume
-from tumblecal.capture.samples import Settings
-from tumblecal.capture.session import capture
+from tumblecal.capture.run.run_folder import begin, resume
+from tumblecal.capture.run.session import capture
 from tumblecal.ground.atomic import write_text
 from tumblecal.ground.result_set import result_set
 
@@ -270,8 +270,8 @@ def as_set(source: Path, names: tuple[str, ...], folder: Path) -> None:
 
 def reduce(kills: int, folder: Path, random: np.random.Generator) -> list[str]:
     """positions.csv, positions.parquet and reduction.json of a small run."""
-    from tumblecal.capture.reduce import reduce as reduced
-    from tumblecal.capture.reduction import write_reduction
+    from tumblecal.capture.reduction.reduce import reduce as reduced
+    from tumblecal.capture.reduction.reduction import write_reduction
 
     run, plan = folder / "run", folder / "plan.toml"
     text = PLAN.replace("IMU", str(folder / "imu")).replace("ALPHAS", "0, 90").replace("seconds = 1.0", "seconds = 4.0")

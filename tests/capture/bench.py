@@ -35,7 +35,8 @@ _CAPTURE = (
     + """
 import fcntl, os, sys, termios
 fcntl.ioctl(0, termios.TIOCSCTTY, 0)
-from tumblecal.capture import identity, meeting
+from tumblecal.capture.run import identity
+from tumblecal.capture.run import meeting
 # Seconds after each question for the serial number, shorter where a test wants no answer.
 if "QUESTIONS" in os.environ:
     identity.WAITS_S = meeting.WAITS_S = tuple(map(float, os.environ["QUESTIONS"].split()))

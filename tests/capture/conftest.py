@@ -2,7 +2,7 @@
 
 import pytest
 
-from tumblecal.capture import corrected_text
+from tumblecal.capture.correction import corrected_text
 from tumblecal.data import parquet, text_cells
 
 

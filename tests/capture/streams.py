@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tumblecal.capture.samples import Samples, blank
+from tumblecal.capture.decoding.samples import Samples, blank
 
 
 def some_samples(n: int, seed: int = 0) -> Samples:

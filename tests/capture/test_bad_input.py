@@ -9,20 +9,19 @@ import pytest
 from streams import some_samples
 from test_recorder import Rig
 
-from tumblecal.capture import meeting
-from tumblecal.capture.capture_plan import CapturePlan, read_plan
-from tumblecal.capture.checks import exclusive_or
+from tumblecal.capture.capture_plan import INSTRUMENT, PLAN, CapturePlan, read_plan
+from tumblecal.capture.decoding.checks import exclusive_or
+from tumblecal.capture.decoding.samples import Settings
+from tumblecal.capture.decoding.sniff import described, guesses
 from tumblecal.capture.emulator.config import Emulation, read_emulation
-from tumblecal.capture.file_kinds import INSTRUMENT, PLAN
 from tumblecal.capture.journal import RunState
-from tumblecal.capture.live import LiveStream
-from tumblecal.capture.meeting import Device as Met
-from tumblecal.capture.meeting import check_same_device, meet
+from tumblecal.capture.port.live import LiveStream
+from tumblecal.capture.port.recording import Recording
 from tumblecal.capture.protocols import protocol, protocols
-from tumblecal.capture.recording import Recording
-from tumblecal.capture.run_folder import begin
-from tumblecal.capture.samples import Settings
-from tumblecal.capture.sniff import described, guesses
+from tumblecal.capture.run import meeting
+from tumblecal.capture.run.meeting import Device as Met
+from tumblecal.capture.run.meeting import check_same_device, meet
+from tumblecal.capture.run.run_folder import begin
 from tumblecal.ground.errors import InputError
 
 
@@ -143,7 +142,7 @@ def test_a_folder_that_holds_a_capture_is_kept(tmp_path: Path) -> None:
 
 def test_capture_needs_no_jax() -> None:
     code = (
-        "import sys, tumblecal.capture.session, tumblecal.capture.reduce, tumblecal.capture.emulator.instrument, "
+        "import sys, tumblecal.capture.run.session, tumblecal.capture.reduction.reduce, tumblecal.capture.emulator.instrument, "
         "tumblecal.cli.capture, tumblecal.cli.decode\n"
         "assert not {'jax', 'equinox', 'matplotlib'} & set(sys.modules)"
     )

@@ -7,7 +7,7 @@ import polars as pl
 import pytest
 
 from tumblecal.capture.recordings.options import RecordingOptions
-from tumblecal.capture.recordings.sample_file import write_samples
+from tumblecal.capture.rows.sample_file import write_samples
 from tumblecal.ground.errors import InputError
 
 

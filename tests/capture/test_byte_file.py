@@ -10,14 +10,14 @@ import pytest
 from streams import some_samples
 
 from disk import file_size_limited
-from tumblecal.capture import byte_file
-from tumblecal.capture.byte_file import decode_file, pieces_of
-from tumblecal.capture.checks import exclusive_or
-from tumblecal.capture.framing import decode_all
+from tumblecal.capture.decoding import byte_file
+from tumblecal.capture.decoding.byte_file import decode_file, pieces_of
+from tumblecal.capture.decoding.checks import exclusive_or
+from tumblecal.capture.decoding.framing import decode_all
+from tumblecal.capture.decoding.samples import Settings, Stated, blank
 from tumblecal.capture.log import Kind, LogWriter, read_log
 from tumblecal.capture.protocols import protocol
 from tumblecal.capture.protocols.stim300_device import encode, encode_configuration
-from tumblecal.capture.samples import Settings, Stated, blank
 from tumblecal.cli.decode import decode
 from tumblecal.cli.sniff import sniff
 from tumblecal.ground.errors import InputError
@@ -91,7 +91,7 @@ def peak_kb(code: str, *arguments: Path) -> int:
     return int(subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()[-1])
 
 
-_DECODE = """from tumblecal.capture.samples import Stated
+_DECODE = """from tumblecal.capture.decoding.samples import Stated
 from tumblecal.cli.decode import decode
 decode(Path(sys.argv[1]), protocol="stim300", stated=Stated(range_g=10.0), out=Path(sys.argv[2]))"""
 

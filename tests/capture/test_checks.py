@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from tumblecal.capture.capture_plan import CapturePlan
-from tumblecal.capture.dwell_checks import check_dwell
-from tumblecal.capture.expectation import Fault, angles_of, judge
-from tumblecal.capture.stationarity import Block, Blocks, is_still, stationarity
+from tumblecal.capture.reduction.dwell_checks import check_dwell
+from tumblecal.capture.run.expectation import Fault, angles_of, judge
+from tumblecal.capture.run.stationarity import Block, Blocks, is_still, stationarity
 from tumblecal.ground.gravity import normal_gravity
 
 

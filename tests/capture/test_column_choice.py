@@ -7,12 +7,12 @@ import pytest
 
 from recording_headers import HEADERS
 from recordings_as_people_have_them import columns_of, motion, renamed, shuffled
-from tumblecal.capture.recordings.column_names import parsed, role_of
+from tumblecal.capture.columns.column_names import parsed, role_of
+from tumblecal.capture.columns.roles import Layout, layout_of
+from tumblecal.capture.columns.still_size import ellipsoid
 from tumblecal.capture.recordings.options import RecordingOptions
-from tumblecal.capture.recordings.roles import Layout, layout_of
-from tumblecal.capture.recordings.sample_file import write_samples
-from tumblecal.capture.recordings.still_size import ellipsoid
 from tumblecal.capture.recordings.table import of_arrays
+from tumblecal.capture.rows.sample_file import write_samples
 from tumblecal.ground.errors import InputError
 
 

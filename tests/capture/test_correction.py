@@ -6,8 +6,8 @@ import numpy as np
 import polars as pl
 import pytest
 
-from tumblecal.capture.correction import Correction, write_corrected
-from tumblecal.capture.uncorrected import uncorrected
+from tumblecal.capture.correction.correction import Correction, write_corrected
+from tumblecal.capture.correction.uncorrected import uncorrected
 from tumblecal.data.calibration import Calibration, write_calibration
 from tumblecal.data.raw import read_raw
 from tumblecal.ground.errors import InputError

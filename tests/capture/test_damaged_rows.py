@@ -8,9 +8,9 @@ import pytest
 from damaged_rows import AXES, ERASED, RATE_HZ, forces, orders, rows, table, with_erased
 
 from tumblecal.capture.recordings.options import KnownContext, RecordingOptions
-from tumblecal.capture.recordings.row_order import order_by_clock
-from tumblecal.capture.recordings.sample_file import write_samples
-from tumblecal.capture.reduce_recording import reduce_recording
+from tumblecal.capture.reduction.reduce_recording import reduce_recording
+from tumblecal.capture.rows.row_order import order_by_clock
+from tumblecal.capture.rows.sample_file import write_samples
 from tumblecal.data.calibration import Calibration, write_calibration
 
 

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tumblecal.capture.decoding.framing import decode_all
+from tumblecal.capture.decoding.losses import count_losses
+from tumblecal.capture.decoding.samples import Decoded, Status
 from tumblecal.capture.emulator.config import Emulation
 from tumblecal.capture.emulator.device import VirtualDevice
 from tumblecal.capture.emulator.instrument import VirtualInstrument
-from tumblecal.capture.framing import decode_all
-from tumblecal.capture.losses import count_losses
 from tumblecal.capture.protocols import protocol, protocols
-from tumblecal.capture.samples import Decoded, Status
 from tumblecal.ground.frames import gravity_in_head
 from tumblecal.ground.gravity import normal_gravity
 from tumblecal.noise.allan import overlapping_allan

@@ -5,12 +5,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from streams import some_samples
 
-from tumblecal.capture.byte_file import FileContents
-from tumblecal.capture.frame_numbers import WINDOW
-from tumblecal.capture.framing import decode_all
-from tumblecal.capture.losses import count_losses
+from tumblecal.capture.decoding.byte_file import FileContents
+from tumblecal.capture.decoding.frame_numbers import WINDOW
+from tumblecal.capture.decoding.framing import decode_all
+from tumblecal.capture.decoding.losses import count_losses
+from tumblecal.capture.decoding.samples import Settings
 from tumblecal.capture.protocols import protocol
-from tumblecal.capture.samples import Settings
 
 
 @st.composite

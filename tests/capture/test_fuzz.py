@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tumblecal.capture.framing import decode_all
+from tumblecal.capture.decoding.framing import decode_all
 from tumblecal.capture.protocols import protocol, protocols
 
 

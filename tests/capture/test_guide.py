@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 
 from tumblecal.capture.capture_plan import CapturePlan
-from tumblecal.capture.guide import Guide, Phase
-from tumblecal.capture.guide_view import view_of
-from tumblecal.capture.identity import Identity
-from tumblecal.capture.identity_record import identity_comments, identity_content
+from tumblecal.capture.decoding.samples import blank
 from tumblecal.capture.journal import JOURNAL_NAME, Journal, RunState, replayed
-from tumblecal.capture.live import Arrived, Tally
 from tumblecal.capture.log import read_log
+from tumblecal.capture.port.live import Arrived, Tally
 from tumblecal.capture.protocols import protocol
-from tumblecal.capture.run_folder import RunFolder
-from tumblecal.capture.samples import blank
+from tumblecal.capture.reduction.reduce import identity_comments, identity_content
+from tumblecal.capture.run.guide import Guide, Phase
+from tumblecal.capture.run.identity import Identity
+from tumblecal.capture.run.run_folder import RunFolder
+from tumblecal.capture.run.session import view_of
 from tumblecal.ground.errors import InputError
 
 

@@ -10,8 +10,8 @@ from bench import CaptureProcess, Emulator
 
 from tumblecal.capture.journal import JOURNAL_NAME, RAW_NAME, read_journal, replayed
 from tumblecal.capture.log import LogWriter
-from tumblecal.capture.reduce import reduce
-from tumblecal.capture.reduction import write_reduction
+from tumblecal.capture.reduction.reduce import reduce
+from tumblecal.capture.reduction.reduction import write_reduction
 from tumblecal.data import read_positions
 from tumblecal.estimation import exact
 from tumblecal.estimation.problem import problem_of
@@ -222,7 +222,7 @@ def test_changed_raw_data_are_refused(finished: Path, tmp_path: Path) -> None:
 
 
 def test_resume_refuses_a_changed_plan(finished: Path, tmp_path: Path) -> None:
-    from tumblecal.capture.run_folder import resume
+    from tumblecal.capture.run.run_folder import resume
 
     (tmp_path / JOURNAL_NAME).write_bytes((finished / JOURNAL_NAME).read_bytes())
     (tmp_path / "plan.toml").write_text(ONE + "# changed\n")

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from bench import CaptureProcess, Emulator
 
-from tumblecal.capture.identity import WAITS_S, Answer, Identity
+from tumblecal.capture.decoding.samples import Event
 from tumblecal.capture.journal import read_journal, replayed
-from tumblecal.capture.reduce import reduce
-from tumblecal.capture.reduction import write_reduction
-from tumblecal.capture.same_instrument import LEAST_P, compare, mean_variance
-from tumblecal.capture.samples import Event
-from tumblecal.capture.stationarity import Blocks
+from tumblecal.capture.reduction.reduce import reduce
+from tumblecal.capture.reduction.reduction import write_reduction
+from tumblecal.capture.run.identity import WAITS_S, Answer, Identity
+from tumblecal.capture.run.instrument_doubt import LEAST_P, compare, mean_variance
+from tumblecal.capture.run.stationarity import Blocks
 from tumblecal.data import read_positions
 from tumblecal.ground.errors import InputError
 

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from tumblecal.capture.checks import crc16_xmodem, exclusive_or
-from tumblecal.capture.framing import decode_all
+from tumblecal.capture.decoding.checks import crc16_xmodem, exclusive_or
+from tumblecal.capture.decoding.framing import decode_all
+from tumblecal.capture.decoding.samples import Decoded, Settings, Status
 from tumblecal.capture.protocols import protocol
 from tumblecal.capture.protocols.vectornav import line_ok
 from tumblecal.capture.protocols.xsens import fields_of, numbers
-from tumblecal.capture.samples import Decoded, Settings, Status
 
 
 TEN_G = Settings((10.0, 10.0, 10.0), "acceleration", 125.0)

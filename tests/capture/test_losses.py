@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tumblecal.capture.losses import count_losses, losses_from_time
+from tumblecal.capture.decoding.losses import count_losses, losses_from_time
 
 
 def stream(

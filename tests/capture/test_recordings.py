@@ -8,13 +8,13 @@ import pytest
 from recordings_made import ATTITUDES, G, imu_columns, made, ros1_bag, ros2_bag, text, ulog
 
 import tumblecal.capture.recordings.table as formats
-from tumblecal.capture.correction import Correction, write_corrected
+from tumblecal.capture.correction.correction import Correction, write_corrected
+from tumblecal.capture.correction.uncorrected import uncorrected
+from tumblecal.capture.decoding.samples import Settings, blank
 from tumblecal.capture.protocols import protocol
 from tumblecal.capture.recordings.options import KnownContext, RecordingOptions
-from tumblecal.capture.recordings.sample_file import write_samples
-from tumblecal.capture.reduce_recording import reduce_recording
-from tumblecal.capture.samples import Settings, blank
-from tumblecal.capture.uncorrected import uncorrected
+from tumblecal.capture.reduction.reduce_recording import reduce_recording
+from tumblecal.capture.rows.sample_file import write_samples
 from tumblecal.data import read_positions
 from tumblecal.data.calibration import Calibration
 from tumblecal.ground.errors import InputError

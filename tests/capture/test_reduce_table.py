@@ -8,8 +8,8 @@ import numpy as np
 import polars as pl
 import pytest
 
-from tumblecal.capture.reduce import reduce
-from tumblecal.capture.reduce_table import reduce_table
+from tumblecal.capture.reduction.reduce import reduce
+from tumblecal.capture.reduction.reduce_table import reduce_table
 from tumblecal.data import read_positions
 from tumblecal.ground.errors import InputError
 

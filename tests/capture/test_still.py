@@ -10,9 +10,9 @@ from recordings_made import ATTITUDES, imu_columns, made, text
 
 from hand_held_sessions import Hand, counts, drawn
 from tumblecal.capture.recordings.options import Criterion, KnownContext, RecordingOptions
-from tumblecal.capture.reduce_recording import NothingStill, reduce_recording
-from tumblecal.capture.still import still_intervals
-from tumblecal.capture.still_blocks import blocks_of
+from tumblecal.capture.reduction.reduce_recording import NothingStill, reduce_recording
+from tumblecal.capture.still.blocks import blocks_of
+from tumblecal.capture.still.stillness import still_intervals
 from tumblecal.ground.errors import InputError
 from tumblecal.report.recording_words import reduction_words
 

@@ -6,8 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from streams import some_samples
 
-from tumblecal.capture.checks import crc32_mpeg2, crc32_mpeg2_rows
-from tumblecal.capture.framing import decode_all
+from tumblecal.capture.decoding.checks import crc32_mpeg2, crc32_mpeg2_rows
+from tumblecal.capture.decoding.framing import decode_all
+from tumblecal.capture.decoding.samples import Counts, Samples, Settings, blank, joined
 from tumblecal.capture.protocols import protocol, protocols
 from tumblecal.capture.protocols.stim300_datagrams import LAYOUTS, SPECIALS, settings_of
 from tumblecal.capture.protocols.stim300_device import (
@@ -16,7 +17,6 @@ from tumblecal.capture.protocols.stim300_device import (
     encode_serial_number,
     encode_special,
 )
-from tumblecal.capture.samples import Counts, Samples, Settings, blank, joined
 
 
 NAMES = sorted(protocols())

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from tumblecal.capture.framing import decode_all
+from tumblecal.capture.decoding.framing import decode_all
+from tumblecal.capture.decoding.samples import Decoded, Status
 from tumblecal.capture.protocols.line_columns import LineColumns
 from tumblecal.capture.protocols.text import TextDecoder
-from tumblecal.capture.samples import Decoded, Status
 from tumblecal.ground.errors import InputError
 
 

@@ -6,9 +6,9 @@ import numpy as np
 import polars as pl
 import pytest
 
-from tumblecal.capture.recordings.clock_text import form_of
+from tumblecal.capture.columns.clock_text import form_of
 from tumblecal.capture.recordings.options import RecordingOptions
-from tumblecal.capture.recordings.sample_file import write_samples
+from tumblecal.capture.rows.sample_file import write_samples
 from tumblecal.ground.errors import InputError
 
 

@@ -10,7 +10,7 @@ import pytest
 from tumblecal.capture.recordings import source_tables
 from tumblecal.capture.recordings.damage import Damage
 from tumblecal.capture.recordings.options import RecordingOptions
-from tumblecal.capture.recordings.sample_file import write_samples
+from tumblecal.capture.rows.sample_file import write_samples
 from tumblecal.data.text_layout import ROW
 from tumblecal.ground.errors import InputError
 

@@ -10,7 +10,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from tumblecal.capture.recordings.options import RecordingOptions
-from tumblecal.capture.recordings.sample_file import write_samples
+from tumblecal.capture.rows.sample_file import write_samples
 from tumblecal.ground.decimal_marks import marks_of
 from tumblecal.ground.errors import InputError
 

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import lfilter
 
+from tumblecal.capture.decoding.samples import Settings, blank
 from tumblecal.capture.journal import PLAN_NAME, RAW_NAME, Journal, sha256_of
 from tumblecal.capture.log import Kind, LogWriter
+from tumblecal.capture.port.recorder import clocks
 from tumblecal.capture.protocols.stim300 import encode
-from tumblecal.capture.recorder import clocks
-from tumblecal.capture.samples import Settings, blank
 
 
 RATE_HZ, DWELL_S, STEP_S = 50.0, 30.0, 60.0

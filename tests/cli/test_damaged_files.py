@@ -11,7 +11,7 @@ import pytest
 import damaged_made as made
 import damaged_written as written
 from tumblecal.capture.journal import JOURNAL_NAME, PLAN_NAME
-from tumblecal.capture.run_folder import resume
+from tumblecal.capture.run.run_folder import resume
 from tumblecal.ground.last_line import may_be_cut
 
 

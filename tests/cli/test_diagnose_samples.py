@@ -8,7 +8,7 @@ import pytest
 from capture_folder import write_capture
 
 import blind_instrument as blind
-from tumblecal.capture.position_samples import read_position_samples
+from tumblecal.capture.reduction.position_samples import read_position_samples
 
 
 @pytest.fixture(scope="module")
@@ -21,8 +21,8 @@ def recorded(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def means(recorded):
-    from tumblecal.capture.reduce import reduce
-    from tumblecal.capture.reduction import write_reduction
+    from tumblecal.capture.reduction.reduce import reduce
+    from tumblecal.capture.reduction.reduction import write_reduction
 
     return write_reduction(reduce(recorded.folder), recorded.folder)[0]
 

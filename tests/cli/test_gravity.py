@@ -7,8 +7,8 @@ import polars as pl
 import pytest
 from capture_folder import PLAN, write_capture
 
-from tumblecal.capture.position_samples import read_position_samples
-from tumblecal.capture.reduce import reduce
+from tumblecal.capture.reduction.position_samples import read_position_samples
+from tumblecal.capture.reduction.reduce import reduce
 from tumblecal.data import read_positions
 from tumblecal.data.calibration import Calibration, read_calibration, write_calibration
 from tumblecal.data.raw import read_raw

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from capture_folder import write_capture
 
-from tumblecal.capture.capture_plan import read_plan
-from tumblecal.capture.capture_setup import setup_of_comment
+from tumblecal.capture.capture_plan import read_plan, setup_of_comment
 from tumblecal.data import read_positions
 from tumblecal.data.joined import joined
 from tumblecal.estimation import exact
@@ -27,8 +26,8 @@ import blind_instrument as blind
 @pytest.fixture(scope="module")
 def means(tmp_path_factory):
     """A null run in a wander of 80 ug and 60 s, seven times the white noise of a mean; reduced."""
-    from tumblecal.capture.reduce import reduce
-    from tumblecal.capture.reduction import write_reduction
+    from tumblecal.capture.reduction.reduce import reduce
+    from tumblecal.capture.reduction.reduction import write_reduction
 
     setup = blind.random_setup(np.random.default_rng(4), 3, 8)
     readings = blind.readings(setup, setup.nominal, {})

@@ -6,7 +6,7 @@ from scipy import stats
 
 import blind_instrument as blind
 import blind_noise
-from tumblecal.capture.position_samples import PositionSamples
+from tumblecal.capture.reduction.position_samples import PositionSamples
 from tumblecal.data import PositionSet
 from tumblecal.diagnosis.detection import detect
 from tumblecal.diagnosis.diagnose import Diagnoser

@@ -4,8 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from tumblecal.capture.capture_plan import DwellTable, read_plan
-from tumblecal.capture.capture_setup import CaptureSetup
+from tumblecal.capture.capture_plan import CaptureSetup, DwellTable, read_plan
 from tumblecal.data import write_positions
 from tumblecal.planning.proposals import SIDES
 from tumblecal.report.next_plan_files import LABELS

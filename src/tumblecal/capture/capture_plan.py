@@ -1,5 +1,8 @@
 """The plan of a capture: a TOML file with positions, port, dwell time, and the data of the session."""
 
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
 from pathlib import Path
@@ -7,12 +10,47 @@ from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationError, model_validator
 
-from tumblecal.capture.file_kinds import PLAN, check_kind
+from tumblecal.ground.errors import InputError
 from tumblecal.ground.frames import gravity_in_head, rotation_matrix
 from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2, Gravity, normal_gravity
-from tumblecal.ground.strict_toml import Line, Number, Strict, checked, read_toml
+from tumblecal.ground.strict_toml import Line, Number, Strict, checked, read_toml, toml_string
+
+
+SETUP = "capture_setup"
+# The next plan has different ones of these.
+_NOT_COPIED = {"session": {"title", "mount", "run", "notes"}, "port": {"serial_number"}}
+
+
+@dataclass(frozen=True)
+class FileKind:
+    """A kind of file: its name in words, its command, and the keys that no other kind has."""
+
+    what: str
+    command: str
+    keys: tuple[str, ...]
+
+
+PLAN = FileKind("the plan of a capture", "capture", ("session", "port", "positions", "dwell", "limits", "conditions"))
+INSTRUMENT = FileKind(
+    "the description of a virtual instrument",
+    "emulate",
+    ("instrument", "rig", "effects", "noise", "head", "faults", "mistake"),
+)
+
+
+def check_kind(path: Path, content: Mapping[str, object], wanted: FileKind) -> None:
+    """Raise for a file of the other kind; `wanted` is `PLAN` or `INSTRUMENT`. Files with keys of both, or of none, pass.
+
+    **Raises:** `InputError` with the kind of the file and its command.
+    """
+    other = INSTRUMENT if wanted is PLAN else PLAN
+    if (found := [key for key in other.keys if key in content]) and not any(key in content for key in wanted.keys):
+        raise InputError(
+            f"{path}: {other.what} for tumblecal {other.command} (it has {', '.join(found)}); tumblecal {wanted.command} needs "
+            f"{wanted.what}"
+        )
 
 
 class Session(Strict):
@@ -163,3 +201,46 @@ def read_plan(path: Path) -> CapturePlan:
     content = read_toml(path)
     check_kind(path, content, PLAN)
     return checked(path, content, CapturePlan)
+
+
+class CaptureSetup(Strict):
+    """The set-up of a capture: session, port, dwell times, limits, and the rotation of the triad (deg)."""
+
+    session: Session = Session()
+    port: PortTable = PortTable()
+    dwell: DwellTable = DwellTable()
+    limits: LimitsTable = LimitsTable()
+    mount_rotation_deg: list[Number] | None = None
+
+    @classmethod
+    def of(cls, plan: CapturePlan) -> "CaptureSetup":
+        """The set-up of a plan."""
+        return cls(
+            session=plan.session,
+            port=plan.port,
+            dwell=plan.dwell,
+            limits=plan.limits,
+            mount_rotation_deg=plan.positions.mount_rotation_deg,
+        )
+
+    @property
+    def text(self) -> str:
+        """One line for a comment: the stated keys of the plan, and all of the dwell."""
+        content = self.model_dump(exclude_unset=True, exclude=_NOT_COPIED) | {"dwell": self.dwell.model_dump()}
+        return json.dumps({name: value for name, value in content.items() if value not in ({}, None)})
+
+    def lines(self, table: str) -> Iterator[str]:
+        """The stated keys of one of its tables, as in a plan; all keys of the dwell."""
+        stated = getattr(self, table)
+        for key, value in stated.model_dump(exclude_unset=table != "dwell", exclude=_NOT_COPIED.get(table)).items():
+            yield f"{key} = {toml_string(value) if isinstance(value, str) else repr(value)}"
+
+
+def setup_of_comment(text: str | None) -> CaptureSetup | None:
+    """The set-up from a comment; None if there is none, or it is not valid."""
+    if not text:
+        return None
+    try:
+        return CaptureSetup.model_validate_json(text)
+    except ValidationError:
+        return None

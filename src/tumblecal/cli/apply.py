@@ -47,8 +47,8 @@ def apply(
     use_anyway
         Use of a calibration with the judgement `use: no`. Default: an error.
     """
-    from tumblecal.capture.correction import Correction, write_corrected
-    from tumblecal.capture.uncorrected import uncorrected
+    from tumblecal.capture.correction.correction import Correction, write_corrected
+    from tumblecal.capture.correction.uncorrected import uncorrected
     from tumblecal.data.calibration import read_calibration
     from tumblecal.data.calibration_terms import undetermined_words
     from tumblecal.data.not_applied import losses_words

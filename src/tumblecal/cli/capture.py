@@ -14,7 +14,7 @@ from tumblecal.ground.suggested_command import EVERY, suggested
 
 
 if TYPE_CHECKING:
-    from tumblecal.capture.run_folder import RunFolder
+    from tumblecal.capture.run.run_folder import RunFolder
 
 
 _END = "{folder}: all {total} positions are recorded; next: {reduce}"
@@ -80,8 +80,8 @@ def capture(
     port
         Serial port. Default: the port of the plan. Example: --port /dev/ttyUSB0.
     """
-    from tumblecal.capture.session import capture as run
-    from tumblecal.capture.stop_signals import Stopped
+    from tumblecal.capture.run.session import capture as run
+    from tumblecal.capture.run.stop_signals import Stopped
     from tumblecal.cli.interrupts import end_by
 
     if not 0 <= operator.wait <= _LONGEST_WAIT_S:
@@ -118,8 +118,8 @@ def _run_folder(plan: Path | None, out: Path | None, resume: Path | None, port: 
 
     **Raises:** `InputError` for options that contradict each other, or a folder that another process uses.
     """
-    from tumblecal.capture.run_folder import begin
-    from tumblecal.capture.run_folder import resume as resume_run
+    from tumblecal.capture.run.run_folder import begin
+    from tumblecal.capture.run.run_folder import resume as resume_run
 
     if (plan is None) == (resume is None):
         raise InputError("capture: give either a plan with --out DIR, or --resume DIR")

@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from tumblecal.capture.samples import Stated
+from tumblecal.capture.decoding.samples import Stated
 from tumblecal.cli.output import Quiet, warn
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 
 
 if TYPE_CHECKING:
-    from tumblecal.capture.byte_file import FileContents
+    from tumblecal.capture.decoding.byte_file import FileContents
 
 
 def decode(
@@ -39,7 +39,7 @@ def decode(
     from rich.console import Console
     from rich.progress import Progress
 
-    from tumblecal.capture.byte_file import decode_file
+    from tumblecal.capture.decoding.byte_file import decode_file
     from tumblecal.data.overwriting import protect_inputs
 
     protect_inputs([file], out=out)

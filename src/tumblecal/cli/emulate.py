@@ -50,7 +50,7 @@ def emulate(
     from tumblecal.capture.emulator.device import VirtualDevice
     from tumblecal.capture.emulator.instrument import VirtualInstrument
     from tumblecal.capture.emulator.operator import Follower, Typist
-    from tumblecal.capture.stop_signals import StopSignals
+    from tumblecal.capture.run.stop_signals import StopSignals
     from tumblecal.cli.interrupts import end_by
     from tumblecal.data.overwriting import protect_inputs
 

@@ -33,7 +33,7 @@ def import_samples(
     out
         Table of samples (.parquet or .csv). Default: SOURCE.samples.parquet in the current folder. Example: --out log.csv.
     """
-    from tumblecal.capture.recordings.sample_file import write_samples
+    from tumblecal.capture.rows.sample_file import write_samples
     from tumblecal.data.overwriting import protect_inputs
     from tumblecal.report.import_report import import_document, import_lines
     from tumblecal.report.recording_words import left_out_words

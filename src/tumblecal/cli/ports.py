@@ -9,7 +9,7 @@ def ports() -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from tumblecal.capture.transport import available, holder_of
+    from tumblecal.capture.port.transport import available, holder_of
 
     devices = available()
     if not devices:

@@ -15,10 +15,10 @@ from tumblecal.ground.errors import InputError
 
 
 if TYPE_CHECKING:
-    from tumblecal.capture.reduce_files import FilesReduction
-    from tumblecal.capture.reduce_recording import RecordingReduction
-    from tumblecal.capture.reduction import Reduction
-    from tumblecal.capture.still import Stillness
+    from tumblecal.capture.reduction.reduce_files import FilesReduction
+    from tumblecal.capture.reduction.reduce_recording import RecordingReduction
+    from tumblecal.capture.reduction.reduction import Reduction
+    from tumblecal.capture.still.stillness import Stillness
 
 _WRITTEN = ("positions.csv", "positions.parquet", "reduction.json", "intervals.svg")
 
@@ -54,7 +54,7 @@ def reduce(
     figures
         Figure intervals.svg of the still intervals. Example: --no-figures.
     """
-    from tumblecal.capture.recording_files import recording_files
+    from tumblecal.capture.reduction.recording_files import recording_files
     from tumblecal.ground.blas import single_blas_thread
 
     if context.static and context.plan:
@@ -110,8 +110,8 @@ def _captured(source: Path, folder: Path, output: Output) -> None:
     """A run of tumblecal capture."""
     from tumblecal.capture.capture_plan import read_plan
     from tumblecal.capture.journal import PLAN_NAME
-    from tumblecal.capture.reduce import reduce as reduced
-    from tumblecal.capture.reduction import write_reduction
+    from tumblecal.capture.reduction.reduce import reduce as reduced
+    from tumblecal.capture.reduction.reduction import write_reduction
     from tumblecal.ground.atomic import output_folders
     from tumblecal.ground.result_set import result_set
     from tumblecal.report.identity_words import identity_words
@@ -126,8 +126,8 @@ def _captured(source: Path, folder: Path, output: Output) -> None:
 
 def _table(source: Path, folder: Path, output: Output) -> None:
     """A table of samples with a column for their positions."""
-    from tumblecal.capture.reduce_table import reduce_table
-    from tumblecal.capture.reduction import write_reduction
+    from tumblecal.capture.reduction.reduce_table import reduce_table
+    from tumblecal.capture.reduction.reduction import write_reduction
 
     with _results_folder([source], folder) as aside:
         table = reduce_table(source)
@@ -137,7 +137,7 @@ def _table(source: Path, folder: Path, output: Output) -> None:
 
 def _means(source: Path, context: KnownContext, options: RecordingOptions, folder: Path, output: Output) -> None:
     """A table of means."""
-    from tumblecal.capture.reduce_recording import means_of
+    from tumblecal.capture.reduction.reduce_recording import means_of
     from tumblecal.data.files import write_positions
     from tumblecal.report.recording_words import layout_words, left_out_words
 
@@ -162,8 +162,13 @@ def _files(
 ) -> None:
     """Several files of one recording. Their positions, which may be guesses, are printed before any fault."""
     from tumblecal.capture.capture_plan import read_plan
-    from tumblecal.capture.file_positions import FilePosition, FilePositions, positions_by_names, positions_by_table
-    from tumblecal.capture.reduce_files import reduce_files
+    from tumblecal.capture.reduction.file_positions import (
+        FilePosition,
+        FilePositions,
+        positions_by_names,
+        positions_by_table,
+    )
+    from tumblecal.capture.reduction.reduce_files import reduce_files
     from tumblecal.report.recording_words import files_words
 
     if context.means:
@@ -200,7 +205,7 @@ def _recording(
     output: Output,
 ) -> None:
     """A recording of another program."""
-    from tumblecal.capture.reduce_recording import reduce_recording
+    from tumblecal.capture.reduction.reduce_recording import reduce_recording
     from tumblecal.report.recording_words import reduction_words
 
     inputs = [source, context.plan]
@@ -223,8 +228,8 @@ def _still_reduction(
     output: Output,
 ) -> None:
     """Write a reduction by still intervals, and print its `words`; if no interval is still, only the figure."""
-    from tumblecal.capture.reduce_recording import NothingStill
-    from tumblecal.capture.reduction import write_reduction
+    from tumblecal.capture.reduction.reduce_recording import NothingStill
+    from tumblecal.capture.reduction.reduction import write_reduction
     from tumblecal.report.recording_words import left_out_words
 
     try:

@@ -25,9 +25,9 @@ def sniff(port: str, /, *, baud: list[int] | None = None, seconds: float = 2.0) 
     from rich.console import Console
     from rich.table import Table
 
+    from tumblecal.capture.decoding.sniff import ENOUGH, guesses
+    from tumblecal.capture.port.transport import Port
     from tumblecal.capture.protocols import protocols
-    from tumblecal.capture.sniff import ENOUGH, guesses
-    from tumblecal.capture.transport import Port
 
     if Path(port).is_file():
         _sniff_file(Path(port))
@@ -78,10 +78,10 @@ def _listen(port, seconds: float, time) -> bytes:
 
 
 def _sniff_file(path) -> None:
-    from tumblecal.capture.byte_file import pieces_of
+    from tumblecal.capture.decoding.byte_file import pieces_of
+    from tumblecal.capture.decoding.sniff import guesses, unknown_words
     from tumblecal.capture.protocols import protocols
     from tumblecal.capture.recordings import reader_of
-    from tumblecal.capture.sniff import guesses, unknown_words
 
     data = next(pieces_of(path), b"")
     fitting = [g for g in guesses(data) if g.frames + g.special]

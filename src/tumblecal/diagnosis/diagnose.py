@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tumblecal.capture.position_samples import PositionSamples
+from tumblecal.capture.reduction.position_samples import PositionSamples
 from tumblecal.chain import Chain
 from tumblecal.data import PositionSet
 from tumblecal.diagnosis.detection.reference import References

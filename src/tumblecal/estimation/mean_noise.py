@@ -12,8 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.capture.position_samples import PositionSamples
-from tumblecal.capture.sample_check import require_samples_of
+from tumblecal.capture.reduction.position_samples import PositionSamples, require_samples_of
 from tumblecal.data import PositionSet
 from tumblecal.effects import AXES
 from tumblecal.estimation.problem import Problem

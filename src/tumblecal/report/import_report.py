@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tumblecal.capture.recordings.units import FORCE
+from tumblecal.capture.columns.units import FORCE
 from tumblecal.ground.counted import counted
 from tumblecal.report.recording_words import UNITS, format_words, left_out_words, rate_words, temperature_words
 
 
 if TYPE_CHECKING:
-    from tumblecal.capture.recordings.contents import Contents
+    from tumblecal.capture.rows.contents import Contents
 
 SCHEMA = "tumblecal.import/1"
 _REPEATS = "repeats"

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tumblecal.capture.still import Stillness
+from tumblecal.capture.still.stillness import Stillness
 from tumblecal.report.drawing import AXIS_COLOUR, MUTED, OUTSIDE, new_figure, save
 
 

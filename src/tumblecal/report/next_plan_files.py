@@ -5,8 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tumblecal.capture.capture_plan import PortTable
-from tumblecal.capture.capture_setup import SETUP, CaptureSetup, setup_of_comment
+from tumblecal.capture.capture_plan import SETUP, CaptureSetup, PortTable, setup_of_comment
 from tumblecal.data.positions import joined_arguments
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.ground.atomic import write_text

@@ -8,10 +8,10 @@ from tumblecal.ground.gravity import unit_in_g
 
 
 if TYPE_CHECKING:
-    from tumblecal.capture.recordings.contents import Contents
-    from tumblecal.capture.reduce_files import FilesReduction
-    from tumblecal.capture.reduce_recording import RecordingReduction
-    from tumblecal.capture.still import Stillness
+    from tumblecal.capture.reduction.reduce_files import FilesReduction
+    from tumblecal.capture.reduction.reduce_recording import RecordingReduction
+    from tumblecal.capture.rows.contents import Contents
+    from tumblecal.capture.still.stillness import Stillness
 
 # Units as people write them.
 UNITS = {"ms2": "m/s^2", "dps": "deg/s", "rads": "rad/s"} | {unit: unit for unit in ("g", "mg", "counts")}

@@ -8,7 +8,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from tumblecal.capture.reduction import Reduction
+from tumblecal.capture.reduction.reduction import Reduction
 from tumblecal.data.positions import PositionSet
 from tumblecal.ground.axes import AXES
 from tumblecal.noise.dwell_sd import white_sd

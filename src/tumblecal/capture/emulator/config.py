@@ -5,8 +5,7 @@ from pathlib import Path
 import numpy as np
 from pydantic import Field
 
-from tumblecal.capture.capture_plan import Site
-from tumblecal.capture.file_kinds import INSTRUMENT, check_kind
+from tumblecal.capture.capture_plan import INSTRUMENT, Site, check_kind
 from tumblecal.ground.strict_toml import Number, Seed, Strict, checked, read_toml
 from tumblecal.noise import Flicker, GaussMarkov, Noise, RandomWalk, White
 

@@ -6,10 +6,10 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tumblecal.capture.decoding.samples import Samples, Settings, Status, blank
 from tumblecal.capture.emulator.config import Emulation
 from tumblecal.capture.emulator.head import DividingHead
 from tumblecal.capture.protocols import protocol
-from tumblecal.capture.samples import Samples, Settings, Status, blank
 from tumblecal.ground.frames import gravity_in_head
 from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 from tumblecal.noise.sampling import SampleStream

@@ -11,7 +11,7 @@ from pkgutil import iter_modules
 from typing import Any
 from typing import Protocol as Interface
 
-from tumblecal.capture.samples import Decoded, Samples, Settings
+from tumblecal.capture.decoding.samples import Decoded, Samples, Settings
 from tumblecal.ground.errors import InputError
 
 

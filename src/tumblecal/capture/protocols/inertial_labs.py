@@ -7,18 +7,19 @@ the bytes behind the preamble. 0x23 specific force 1e-6 g, 0x21 rate 1e-5 deg/s,
 import numpy as np
 from numpy.typing import NDArray
 
-from tumblecal.capture.checks import RunningSums
-from tumblecal.capture.frame_layouts import Refusals, decoded_by_layout
-from tumblecal.capture.framing import (
+from tumblecal.capture.decoding.checks import RunningSums
+from tumblecal.capture.decoding.framing import (
     Found,
     FrameDecoder,
+    Refusals,
     column,
     cut_header,
+    decoded_by_layout,
     places_of,
     select,
 )
+from tumblecal.capture.decoding.samples import Event, Samples, Settings, Status, blank
 from tumblecal.capture.protocols import Protocol
-from tumblecal.capture.samples import Event, Samples, Settings, Status, blank
 
 
 _PREAMBLE = b"\xaa\x55"

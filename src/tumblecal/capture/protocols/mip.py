@@ -7,11 +7,18 @@ Sensor set 0x80: 0x04 scaled acceleration in g, 0x05 angular rate in rad/s.
 import numpy as np
 from numpy.typing import NDArray
 
-from tumblecal.capture.checks import RunningSums
-from tumblecal.capture.frame_layouts import decoded_by_layout
-from tumblecal.capture.framing import Found, FrameDecoder, column, cut_header, places_of, select
+from tumblecal.capture.decoding.checks import RunningSums
+from tumblecal.capture.decoding.framing import (
+    Found,
+    FrameDecoder,
+    column,
+    cut_header,
+    decoded_by_layout,
+    places_of,
+    select,
+)
+from tumblecal.capture.decoding.samples import Event, Samples, Settings, blank, not_a_number
 from tumblecal.capture.protocols import Protocol
-from tumblecal.capture.samples import Event, Samples, Settings, blank, not_a_number
 
 
 _SENSOR_SET, _FORCE, _RATE = 0x80, 0x04, 0x05

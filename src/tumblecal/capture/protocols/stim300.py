@@ -9,8 +9,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tumblecal.capture.checks import crc32_mpeg2, crc32_mpeg2_rows
-from tumblecal.capture.framing import Found, FrameDecoder, select
+from tumblecal.capture.decoding.checks import crc32_mpeg2, crc32_mpeg2_rows
+from tumblecal.capture.decoding.framing import Found, FrameDecoder, select
+from tumblecal.capture.decoding.samples import Event, Samples, Settings, blank
 from tumblecal.capture.protocols import DeviceCounter, Protocol
 from tumblecal.capture.protocols.stim300_datagrams import (
     ACCELERATION_BITS,
@@ -25,7 +26,6 @@ from tumblecal.capture.protocols.stim300_datagrams import (
     status_flags,
 )
 from tumblecal.capture.protocols.stim300_device import answer, encode
-from tumblecal.capture.samples import Event, Samples, Settings, blank
 from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 
 

@@ -11,7 +11,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from tumblecal.capture.samples import Event, Settings, Status
+from tumblecal.capture.decoding.samples import Event, Settings, Status
 from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 
 

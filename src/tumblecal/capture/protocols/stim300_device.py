@@ -3,7 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from tumblecal.capture.checks import crc32_mpeg2_rows
+from tumblecal.capture.decoding.checks import crc32_mpeg2_rows
+from tumblecal.capture.decoding.samples import Samples, Settings, Status
 from tumblecal.capture.protocols.stim300_datagrams import (
     ACCELERATION_BITS,
     BAUDS,
@@ -14,7 +15,6 @@ from tumblecal.capture.protocols.stim300_datagrams import (
     RATES_HZ,
     SPECIAL_PAIRS,
 )
-from tumblecal.capture.samples import Samples, Settings, Status
 
 
 # The latency field, and the bits of a configuration with acceleration and inclination.

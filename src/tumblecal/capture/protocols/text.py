@@ -10,7 +10,17 @@ from dataclasses import asdict
 
 import numpy as np
 
-from tumblecal.capture.checks import exclusive_or
+from tumblecal.capture.decoding.checks import exclusive_or
+from tumblecal.capture.decoding.samples import (
+    Counts,
+    Decoded,
+    Event,
+    Samples,
+    Settings,
+    blank,
+    joined,
+    not_a_number,
+)
 from tumblecal.capture.protocols import DeviceCounter, Protocol
 from tumblecal.capture.protocols.line_columns import (
     UNITS_PER_G,
@@ -20,16 +30,6 @@ from tumblecal.capture.protocols.line_columns import (
     looks_numeric,
     names_of,
     numbers_of,
-)
-from tumblecal.capture.samples import (
-    Counts,
-    Decoded,
-    Event,
-    Samples,
-    Settings,
-    blank,
-    joined,
-    not_a_number,
 )
 from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 

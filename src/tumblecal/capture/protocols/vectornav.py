@@ -10,11 +10,10 @@ from struct import unpack_from
 import numpy as np
 from numpy.typing import NDArray
 
-from tumblecal.capture.checks import crc16_xmodem, exclusive_or
-from tumblecal.capture.frame_layouts import Refusals
-from tumblecal.capture.framing import Found, FrameDecoder, cut_header, places_of, select
+from tumblecal.capture.decoding.checks import crc16_xmodem, exclusive_or
+from tumblecal.capture.decoding.framing import Found, FrameDecoder, Refusals, cut_header, places_of, select
+from tumblecal.capture.decoding.samples import Event, Samples, Settings, blank, not_a_number
 from tumblecal.capture.protocols import DeviceCounter, Protocol
-from tumblecal.capture.samples import Event, Samples, Settings, blank, not_a_number
 from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 
 

@@ -10,10 +10,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tumblecal.capture.checks import RunningSums
-from tumblecal.capture.framing import Found, FrameDecoder, column, cut_header, places_of, select
+from tumblecal.capture.decoding.checks import RunningSums
+from tumblecal.capture.decoding.framing import Found, FrameDecoder, column, cut_header, places_of, select
+from tumblecal.capture.decoding.samples import Event, Samples, Settings, blank, joined
 from tumblecal.capture.protocols import Protocol
-from tumblecal.capture.samples import Event, Samples, Settings, blank, joined
 
 
 SIZE = 11

@@ -7,11 +7,18 @@ preamble add up to 0 modulo 256. The low bits of an identifier state its number 
 import numpy as np
 from numpy.typing import NDArray
 
-from tumblecal.capture.checks import RunningSums
-from tumblecal.capture.frame_layouts import Refusals, decoded_by_layout
-from tumblecal.capture.framing import Found, FrameDecoder, cut_header, places_of, select
+from tumblecal.capture.decoding.checks import RunningSums
+from tumblecal.capture.decoding.framing import (
+    Found,
+    FrameDecoder,
+    Refusals,
+    cut_header,
+    decoded_by_layout,
+    places_of,
+    select,
+)
+from tumblecal.capture.decoding.samples import Event, Samples, Settings, Status, blank, not_a_number
 from tumblecal.capture.protocols import DeviceCounter, Protocol
-from tumblecal.capture.samples import Event, Samples, Settings, Status, blank, not_a_number
 from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 
 

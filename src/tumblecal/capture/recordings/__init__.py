@@ -9,10 +9,10 @@ from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
 
+from tumblecal.capture.decoding.sniff import unknown_words
 from tumblecal.capture.recordings.damage import Damage
 from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.capture.recordings.table import Reader, SourceTable
-from tumblecal.capture.sniff import unknown_words
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.suggested_command import EVERY, suggested
 from tumblecal.ground.text_file import check_zero_bytes, no_text_words

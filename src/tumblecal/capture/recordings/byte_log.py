@@ -4,15 +4,15 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tumblecal.capture.byte_file import decode_file
+from tumblecal.capture.decoding.byte_file import decode_file
+from tumblecal.capture.decoding.samples import Stated
+from tumblecal.capture.decoding.sniff import ENOUGH, guesses
 from tumblecal.capture.log import MAGIC
 from tumblecal.capture.protocols import protocols
 from tumblecal.capture.recordings.damage import Damage
 from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.capture.recordings.parquet import READER as PARQUET
 from tumblecal.capture.recordings.table import Reader, SourceTable
-from tumblecal.capture.samples import Stated
-from tumblecal.capture.sniff import ENOUGH, guesses
 from tumblecal.ground.atomic import scratch_folder
 from tumblecal.ground.errors import InputError
 

@@ -9,17 +9,31 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tumblecal.capture.corrected_text import TextCells
 from tumblecal.capture.recordings.damage import Damage
 from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.data.parquet import PIECE_ROWS
-from tumblecal.data.text_layout import ROW
+from tumblecal.data.text_layout import ROW, TextLayout
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.plain_text import first_control, plain
 
 
 if TYPE_CHECKING:
     import polars as pl
+
+
+@dataclass(frozen=True)
+class TextCells:
+    """Places of the readings in a text table.
+
+    **Arguments:**
+
+    - `layout`: layout of the text. `places`: the cells of the three axes in a row, from 0, when they are known.
+    - `decimal`: the mark of the numbers.
+    """
+
+    layout: TextLayout
+    places: tuple[int, ...]
+    decimal: str
 
 
 @dataclass(frozen=True)

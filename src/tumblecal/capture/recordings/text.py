@@ -5,12 +5,11 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tumblecal.capture.corrected_text import TextCells
+from tumblecal.capture.columns.units import FINE
 from tumblecal.capture.recordings.damage import Damage
 from tumblecal.capture.recordings.options import RecordingOptions
-from tumblecal.capture.recordings.table import Reader, SourceTable
+from tumblecal.capture.recordings.table import Reader, SourceTable, TextCells
 from tumblecal.capture.recordings.text_sought import check_late_marks, decoded, sought_layouts
-from tumblecal.capture.recordings.units import FINE
 from tumblecal.data.text_layout import TextLayout
 from tumblecal.ground.text_file import is_utf16
 

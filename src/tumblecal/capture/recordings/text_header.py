@@ -4,7 +4,7 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from tumblecal.capture.recordings.column_names import quantity_of_name
+from tumblecal.capture.columns.column_names import quantity_of_name
 from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.data.text_cells import numbers_in, row_of, separator_of
 from tumblecal.ground.errors import InputError

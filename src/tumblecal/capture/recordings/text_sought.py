@@ -6,7 +6,7 @@ from collections import Counter
 from pathlib import Path
 from typing import NamedTuple, NoReturn
 
-from tumblecal.capture.recordings.column_names import quantity_of_name
+from tumblecal.capture.columns.column_names import quantity_of_name
 from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.capture.recordings.text_header import header_of, refuse_fractions
 from tumblecal.data.files import stated

@@ -1,5 +1,7 @@
 """PX4 ULog, by pyulog: a table for each topic."""
 
+import mmap
+import struct
 from pathlib import Path
 from typing import Any
 
@@ -8,9 +10,47 @@ import numpy as np
 from tumblecal.capture.recordings.damage import Damage
 from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.capture.recordings.table import Reader, SourceTable, library, of_arrays
-from tumblecal.capture.recordings.ulog_messages import message_fault
 from tumblecal.ground.counted import counted
 from tumblecal.ground.decoding import decoding, silenced
+
+
+_HEADER_SIZE = 16
+_MESSAGE = struct.Struct("<HB")
+_TYPES = frozenset(b"BFIMPQARDLCSO")
+# Flag bits: eight bytes of compatible flags, eight of others, three places where a later writer appended data.
+_FLAGS = struct.Struct("<8xB7x3Q")
+_APPENDED = 1
+
+
+def message_fault(path: Path) -> str:
+    """The first fault in the sequence of messages, in words; "" if there is none."""
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as log:
+        at = start = _HEADER_SIZE
+        for stop in (*_appended(log), len(log)):
+            at, size = start, 0
+            while at + _MESSAGE.size <= stop:
+                size, kind = _MESSAGE.unpack_from(log, at)
+                if kind not in _TYPES or (kind != ord("S") and not size):
+                    return f"byte {at} is not the start of a message: data after it may be lost or wrong"
+                if at + _MESSAGE.size + size > stop:
+                    break
+                at += _MESSAGE.size + size
+            start = stop
+        # Data may be appended after a crash within a message: only the end of the file shows a truncation.
+        if at < len(log):
+            return f"the file ends within a message (byte {at} of {len(log)}): data after it are missing"
+    return ""
+
+
+def _appended(log: mmap.mmap) -> list[int]:
+    """The places where a later writer appended data."""
+    if len(log) < _HEADER_SIZE + _MESSAGE.size + _FLAGS.size:
+        return []
+    size, kind = _MESSAGE.unpack_from(log, _HEADER_SIZE)
+    flags, *places = _FLAGS.unpack_from(log, _HEADER_SIZE + _MESSAGE.size)
+    if kind != ord("B") or size < _FLAGS.size or not flags & _APPENDED:
+        return []
+    return [place for place in places if _HEADER_SIZE < place < len(log)]
 
 
 _TIME = {"timestamp_sample": "time_us", "timestamp": "time_us"}

@@ -9,13 +9,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from tumblecal.capture.frame_layouts import decoded_by_layout
-from tumblecal.capture.framing import Found
+from tumblecal.capture.decoding.framing import Found, decoded_by_layout
+from tumblecal.capture.decoding.samples import Samples
 from tumblecal.capture.protocols.xsens import MTDATA2, layout_of, no_force_words, numbers, samples_of
 from tumblecal.capture.recordings.damage import Damage
 from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.capture.recordings.table import Reader, SourceTable, of_arrays
-from tumblecal.capture.samples import Samples
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 

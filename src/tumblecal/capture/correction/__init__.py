@@ -1,0 +1,1 @@
+"""Correction of readings by a calibration, in the format of the source."""

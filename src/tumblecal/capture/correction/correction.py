@@ -1,0 +1,192 @@
+"""Correction of readings of any source by a calibration, written in pieces with constant memory."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float
+
+from tumblecal.capture.correction.corrected_text import HeaderChanges, replaced_text
+from tumblecal.capture.correction.uncorrected import COUNTS, Uncorrected
+from tumblecal.capture.decoding.sample_table import write_bytes, write_frames
+from tumblecal.capture.rows.sample_frames import SOURCE_COLUMNS, WHOLE
+from tumblecal.data.calibration import Calibration
+from tumblecal.data.files import stated
+from tumblecal.data.positions import serial_number_of
+from tumblecal.data.raw import CORRECTED_BY, Raw
+from tumblecal.data.reading_checks import ReadingChecks
+from tumblecal.data.text_layout import ROW
+from tumblecal.ground.errors import InputError, one_line
+from tumblecal.ground.gravity import SOURCE_KEY, STANDARD, VALUE_KEY, Gravity, comments_of, unit_in_g
+
+
+if TYPE_CHECKING:
+    import polars as pl
+
+
+# The comment with the rows of the source that have no reading and are not in the corrected file.
+LEFT_OUT = "left_out"
+TEMPERATURE = "temperature_degc"
+# Thermal terms are valid this far beyond the temperatures for which they were fitted.
+_WARMER_DEGC = 1.0
+
+
+@dataclass(frozen=True)
+class Correction:
+    """A calibration for the correction of readings.
+
+    **Arguments:**
+
+    - `calibration` was read from `path`. `local`: gravity at the place of use; readings in g are then written in g of that
+      place.
+    - `other_unit`: correct readings of another serial number.
+    """
+
+    calibration: Calibration
+    path: Path
+    local: Gravity | None = None
+    other_unit: bool = False
+
+
+def write_corrected(out: Path, source: Uncorrected, correction: Correction) -> tuple[ReadingChecks, Gravity | None]:
+    """Write a source with its readings replaced by corrected ones.
+
+    A table of text or Parquet retains all other content: in the same format, text is unchanged byte for byte, and readings
+    retain unit and names. In a different format, or for counts, the readings are named `ax_g, ay_g, az_g` (or `_mg`,
+    `_ms2`). For other recordings the sample table is written.
+
+    **Returns:** counts of the checks, and one g in m/s^2 for readings in m/s^2 (None for others).
+
+    **Raises:** `InputError` if rows cannot be corrected, or are from a different unit; nothing is written then.
+    """
+    import polars as pl
+
+    calibration, header = correction.calibration, source.header.in_g_of(correction.calibration.gravity)
+    _same_unit(correction, header)
+    _check_needs(correction, header)
+    local = None if header.in_ms2 else correction.local
+    unit_g = _written_unit_g(header, calibration.gravity, local)
+    needed = calibration.columns_needed
+    checks = ReadingChecks(header.columns, header.row_word, *_temperatures(calibration))
+
+    def corrected(frame: "pl.DataFrame") -> Float[np.ndarray, "rows 3"]:
+        piece = header.with_rows(frame, checks.rows)
+        checks.add(piece.readings, piece.row_numbers)
+        inputs = {name: piece.numbers(name) for name in needed}
+        if checks.range_degc and TEMPERATURE in frame.columns:
+            checks.add_temperatures(inputs.get(TEMPERATURE, piece.numbers_if_any(TEMPERATURE)), piece.row_numbers)
+        force = calibration.corrected(piece.readings, **inputs)
+        return force if unit_g == 1 else force / unit_g
+
+    def all_rows() -> Iterator[Float[np.ndarray, "rows 3"]]:
+        for frame in source.frames(False):
+            if WHOLE not in frame.columns:
+                yield corrected(frame)
+                continue
+            values = np.full((len(frame), 3), np.nan)
+            values[frame[WHOLE].to_numpy()] = corrected(frame.filter(WHOLE))
+            yield values
+
+    same = source.same_format(out)
+    columns = source.names if source.schema is not None else header.columns
+    names = columns if same and not source.new_unit else header.columns
+    _check_names(source, columns, names)
+    comments, notes = _comments(header, correction, local, source.left_out)
+    if same and source.text is not None:
+        removed = frozenset([*((VALUE_KEY, SOURCE_KEY) if local else ()), *([COUNTS] if source.new_unit else ())])
+        changes = HeaderChanges(notes, removed, names if names != columns else ())
+        write_bytes(out, replaced_text(header.path, source.text, all_rows(), changes))
+    else:
+        types = {**(source.schema or header.frame.schema), **dict.fromkeys(columns, pl.Float64)}
+        renamed = dict(zip(columns, names, strict=True))
+        schema = pl.Schema({renamed.get(name, name): kind for name, kind in types.items()})
+        frames = (_with_force(frame, corrected, renamed) for frame in source.frames(True))
+        write_frames(out, frames, schema, comments, [*_comment_lines(header, notes, local), *notes])
+    return checks, (header.gravity or STANDARD) if header.in_ms2 else None
+
+
+def _temperatures(calibration: Calibration) -> tuple[Sequence[float], float]:
+    """The temperatures within which a calibration is valid, and its margin beyond: those of its use, otherwise those of its
+    data. For a file that does not state its use, the latter apply if it has thermal terms."""
+    if calibration.use.temperature_degc is not None:
+        return calibration.use.temperature_degc, 0.0
+    counts = calibration.use.answer is not None or TEMPERATURE in calibration.columns_needed
+    return calibration.provenance.get("temperature_range_degc") or () if counts else (), _WARMER_DEGC
+
+
+def _check_names(source: Uncorrected, columns: Sequence[str], names: Sequence[str]) -> None:
+    """Check that no other column has one of the names of the corrected readings in the `own` columns.
+
+    **Raises:** `InputError` with the first such name.
+    """
+    others = set(source.schema or ()) - set(columns)
+    if twice := [name for name in names if name in others]:
+        raise InputError(
+            f"{source.header.path}: column {twice[0]} exists already, but the corrected readings of {', '.join(columns)} get "
+            "this name; rename the column"
+        )
+
+
+def _with_force(
+    frame: "pl.DataFrame", corrected: Callable[["pl.DataFrame"], np.ndarray], renamed: Mapping[str, str]
+) -> "pl.DataFrame":
+    """The complete rows of a piece, as in the source, with corrected readings in these columns under new names."""
+    import polars as pl
+
+    frame = frame.filter(WHOLE) if WHOLE in frame.columns else frame
+    values = corrected(frame)
+    columns = (
+        frame[SOURCE_COLUMNS].struct.unnest()
+        if SOURCE_COLUMNS in frame.columns
+        else frame.drop(ROW, WHOLE, strict=False)
+    )
+    force = (pl.Series(name, np.ascontiguousarray(column)) for name, column in zip(renamed, values.T, strict=True))
+    return columns.with_columns(force).rename(renamed)
+
+
+def _written_unit_g(header: Raw, gravity: Gravity | None, local: Gravity | None) -> float:
+    """One unit of the written columns, in g of the calibration: that of the readings or, for columns in g, that of `local`."""
+    if local is None or gravity is None:
+        return header.to_g
+    return unit_in_g(header.unit, None) * local.in_g_of(gravity)
+
+
+def _comments(
+    header: Raw, correction: Correction, local: Gravity | None, left_out: str
+) -> tuple[dict[str, str], list[str]]:
+    """The comments of the corrected table, and the lines of the new ones."""
+    more = (comments_of(local) if local else {}) | {CORRECTED_BY: one_line(str(correction.path))}
+    more |= {LEFT_OUT: left_out} if left_out else {}
+    return header.comments | more, [f"# {key}: {value}" for key, value in more.items()]
+
+
+def _comment_lines(header: Raw, notes: Sequence[str], local: Gravity | None) -> list[str]:
+    """The comment lines before a CSV table of a source that is not text, without the keys that `notes` replace."""
+    new = stated(notes).keys() | ({VALUE_KEY, SOURCE_KEY} if local else set())
+    return [f"# {key}: {value}" for key, value in header.comments.items() if key not in new]
+
+
+def _same_unit(correction: Correction, header: Raw) -> None:
+    """Raise for readings of a different unit.
+
+    **Raises:** `InputError` if the serial numbers differ, unless `other_unit` is set.
+    """
+    serial, stated = correction.calibration.serial_number, serial_number_of(header.comments)
+    if serial and stated and stated != serial and not correction.other_unit:
+        raise InputError(
+            f"{header.path}: serial number {stated}, but {correction.path} is of {serial}; give that unit's calibration, or "
+            "--other-unit to insist"
+        )
+
+
+def _check_needs(correction: Correction, header: Raw) -> None:
+    lacking = [name for name in correction.calibration.columns_needed if name not in header.frame.columns]
+    if lacking:
+        kind = {"temperature_degc": "temperature", "time_s": "drift"}[lacking[0]]
+        role = lacking[0].partition("_")[0]
+        raise InputError(
+            f"{header.path}: no column {lacking[0]}, but {correction.path} has {kind} terms; give it "
+            f"(--columns {role}=...), or give a calibration without them"
+        )

@@ -1,0 +1,154 @@
+"""Readings before correction: tables or recordings of any format, and the damage of their rows."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+from tumblecal.capture.columns.number_range import Wrap
+from tumblecal.capture.columns.units import FORCE, RATE, Column
+from tumblecal.capture.correction.correction_damage import RowDamage, left_out_words, row_damage
+from tumblecal.capture.recordings.damage import Damage
+from tumblecal.capture.recordings.options import RecordingOptions
+from tumblecal.capture.recordings.table import TextCells
+from tumblecal.capture.rows.contents import Contents
+from tumblecal.capture.rows.sample_file import SampleStream, sample_stream
+from tumblecal.data.calibration import Calibration
+from tumblecal.data.named_layout import readings_among
+from tumblecal.data.raw import Raw, column_names, header_of, opened_raw
+from tumblecal.data.text_layout import ROW
+from tumblecal.ground.decimal_marks import marks_of
+from tumblecal.ground.errors import InputError
+
+
+if TYPE_CHECKING:
+    import polars as pl
+
+# The comment with the scale of counts; corrected readings are in g.
+COUNTS = "counts_per_g"
+# Number of rows from which the decimal mark of a table is found.
+_SEEN_ROWS = 1000
+
+
+@dataclass(frozen=True)
+class Uncorrected:
+    """A source of readings.
+
+    **Arguments:**
+
+    - `header`: its columns and comments, without rows; the columns are those for a correction.
+    - `frames`: rows in pieces. With True, the pieces of a table that retains its columns (`schema`) include these.
+    - `schema`: the columns of a table that retains them, None for other recordings; `names`: names of its readings.
+    - `text`: places of the readings in a text table. `contents`: contents of a recording. `damage`: damage of its rows.
+    - `left_out`: the rows without a reading, which are left out, in words; empty for none.
+    - `new_unit`: whether the readings are in counts or scaled, so that corrected readings have a different unit.
+    """
+
+    header: Raw
+    frames: Callable[[bool], Iterator["pl.DataFrame"]]
+    schema: "pl.Schema | None" = None
+    names: tuple[str, ...] = ()
+    text: TextCells | None = None
+    contents: Contents | None = None
+    damage: Damage = field(default_factory=Damage)
+    left_out: str = ""
+    new_unit: bool = False
+
+    def out_beside(self, path: Path) -> Path:
+        """The default name of the corrected file: with the same format, if it can be written."""
+        suffix = path.suffix if self.text or path.suffix == ".parquet" else ".parquet"
+        return path.with_name(f"{path.stem}_corrected{suffix}")
+
+    def same_format(self, out: Path) -> bool:
+        """Whether an output file has the format of the source."""
+        return self.text is not None if out.suffix != ".parquet" else self.header.path.suffix == ".parquet"
+
+
+def uncorrected(
+    source: Path, options: RecordingOptions = RecordingOptions(), calibration: Calibration | None = None
+) -> Uncorrected:
+    """A table with columns `ax_g, ay_g, az_g` (or `_mg`, `_ms2`), unchanged, or a recording of any format. Columns of a table
+    that the calibration does not need may have any content.
+
+    **Raises:** `InputError` for a source that cannot be read, has no readings, or has corrected ones.
+    """
+    if options == RecordingOptions() and source.is_file():
+        names = column_names(source)
+        if readings_among(names) or not names:
+            header, frames = opened_raw(source)
+            found = row_damage(header, frames(), [Column(name) for name in header.columns])
+            return Uncorrected(
+                header,
+                lambda _: found.marked(frames()),
+                header.frame.schema,
+                header.columns,
+                _cells_of(header, frames),
+                damage=found.damage,
+                left_out=left_out_words(header.row_word, found.marked(frames())) if found.erased.any() else "",
+            )
+    needed = () if calibration is None else [name.partition("_")[0] for name in calibration.columns_needed]
+    return _recording(source, options, needed)
+
+
+def _recording(source: Path, options: RecordingOptions, needed: Sequence[str]) -> Uncorrected:
+    """A recording of any format; these quantities are needed in addition to the accelerations."""
+    found = _damage_of(source, options, needed)
+
+    def stream() -> SampleStream:
+        return sample_stream(source, options, in_force_units=True, needed=(*FORCE, *needed), wraps=found.wraps)
+
+    own_stream = stream()
+    contents, schema = own_stream.contents, own_stream.schema
+    table, columns = contents.layout.table, contents.layout.columns
+    left_out = "" if found.all_usable else left_out_words(table.row_word, found.marked(stream().frames_with(())))
+    for record in found.damage.records:
+        contents.damage.add(record)
+    if not table.sheet:
+        comments = {key: value for key, value in own_stream.comments.items() if key not in (COUNTS, "imported_from")}
+        header = replace(header_of(source, schema.to_frame(), comments), row_word=table.row_word)
+        rows = lambda _: found.marked(own_stream.frames_with(()))  # noqa: E731
+        return Uncorrected(header, rows, contents=contents, damage=contents.damage, left_out=left_out)
+    names, axes, text = table.columns, [columns[axis] for axis in FORCE], table.text
+    new_unit = any(axis.scale != 1 or axis.offset != 0 for axis in axes)
+    comments = {key: value for key, value in table.comments.items() if not (new_unit and key == COUNTS)}
+    return Uncorrected(
+        replace(header_of(source, schema.to_frame(), comments), row_word=table.row_word),
+        lambda whole: found.marked(own_stream.frames_with(names if whole else ())),
+        next(table.pieces(names)).head(0).select(names).schema,
+        tuple(axis.name for axis in axes),
+        text and replace(text, places=tuple(names.index(axis.name) for axis in axes)),
+        contents,
+        contents.damage,
+        left_out,
+        new_unit,
+    )
+
+
+def _damage_of(source: Path, options: RecordingOptions, needed: Sequence[str]) -> RowDamage:
+    """The damage of a recording's rows, also by its times and rates if these can be read."""
+
+    def found(roles: Sequence[str], wraps: Mapping[str, Wrap] = MappingProxyType({})) -> RowDamage:
+        stream = sample_stream(source, options, in_force_units=True, needed=roles, wraps=wraps)
+        axes = [stream.contents.layout.columns[axis] for axis in FORCE]
+        header = header_of(source, stream.schema.to_frame(), {})
+        damage = row_damage(header, stream.frames_with(()), axes, stream.contents)
+        return found(roles, damage.wraps) if damage.wraps else replace(damage, wraps=wraps)
+
+    try:
+        return found((*FORCE, *needed, *RATE, "time"))
+    except InputError:
+        return found((*FORCE, *needed))
+
+
+def _cells_of(header: Raw, frames: Callable[[], Iterator["pl.DataFrame"]]) -> TextCells | None:
+    """Places of the readings in a text table; the decimal mark is that of other columns if the readings do not show it."""
+    if header.layout is None:
+        return None
+    decimal = header.decimal
+    if decimal is None:
+        seen = next(piece for piece in frames() if len(piece)).head(_SEEN_ROWS).drop(ROW)
+        marks = marks_of([[cell for cell in column.to_list() if cell] for column in seen.iter_columns()])
+        decimal = "," if any(mark and mark[0] == "," for mark in marks) else "."
+    places = tuple(header.layout.names.index(name) for name in header.columns)
+    return TextCells(header.layout, places, decimal)

@@ -1,0 +1,1 @@
+"""From bytes to samples: frames, checks, counters, losses, and the recognition of protocols."""

@@ -1,0 +1,263 @@
+"""Lost samples, counted exactly from the device's counter and the host's stamps.
+
+A counter that wraps (STIM300: every 128 ms) does not determine the number of whole wraps in a gap. Host stamps are late by a
+varying delay but never early, so the lower envelope of (host time - device time) is steady; it steps up by one wrap
+for each wrap that the unwrapped counter misses. The steps are resolved in order from the lowest delay before and after; if
+too few data follow, the gap is reported as unresolved instead of being guessed.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tumblecal.capture.decoding.frame_numbers import Content, FrameNumbers
+
+
+# Time before and after a gap in which the lowest delay is searched, s.
+_WINDOW_S = 2.0
+_FEWEST_STAMPS = 10
+_LATE_READ_S = 0.025
+_SHORTEST_WRAP_S = 0.02
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Samples missing between samples `after` and `after + 1`; `resolved` is False when whole wraps are uncertain."""
+
+    after: int
+    lost: int
+    resolved: bool
+
+
+@dataclass(frozen=True)
+class Losses:
+    """Losses between the first and the last sample.
+
+    **Arguments:**
+
+    - `lost`: samples lost, all gaps together (unresolved ones with their best guess).
+    - `unresolved`: number of gaps of uncertain size.
+    - `replaced`: samples that the device replaced by a reply.
+    - `duplicates`: samples that arrived before.
+    - `gaps`: each gap.
+    - `rate_hz`: sample rate by the host's clock; NaN for fewer than two stamps.
+    - `counted`: False without a counter; `lost` is then an estimate from time.
+    """
+
+    lost: int
+    unresolved: int
+    replaced: int
+    duplicates: int
+    gaps: list[Gap]
+    rate_hz: float
+    counted: bool = True
+
+
+def host_per_tick(ticks: NDArray[np.int64], host_s: NDArray[np.float64]) -> float:
+    """Host seconds a tick: the median slope over stretches of about a second, so gaps do not matter.
+
+    **Arguments:**
+
+    - `ticks`: unwrapped counter at the last sample of each stamp, shape (m,).
+    - `host_s`: stamps, shape (m,).
+    """
+    if len(ticks) < 3:
+        return float("nan")
+    reach = int(np.clip(np.searchsorted(host_s, host_s[0] + 1.0), 1, max(1, len(ticks) // 3)))
+    run = ticks[reach:] - ticks[:-reach]
+    slopes = (host_s[reach:] - host_s[:-reach]) / np.maximum(run, 1)
+    return float(np.median(slopes[run > 0])) if (run > 0).any() else float("nan")
+
+
+def _envelope_slope(ticks: NDArray[np.int64], host_s: NDArray[np.float64], tick_s: float) -> float:
+    """Host seconds a tick along the lower envelope: a line through the earliest stamps of many short stretches."""
+    bins = int(np.clip((host_s[-1] - host_s[0]) / 1.0, 2, 400))
+    edges = np.searchsorted(host_s, np.linspace(host_s[0], host_s[-1], bins + 1)[:-1])
+    edges = edges[np.concatenate([[True], np.diff(edges) > 0])]
+    if len(edges) < 4:
+        return tick_s
+    delay = host_s - ticks * tick_s
+    lowest = np.minimum.reduceat(delay, edges)
+    middle = ticks[edges].astype(float)
+    half = len(edges) // 2
+    slopes = (lowest[half:] - lowest[:-half]) / (middle[half:] - middle[:-half])
+    return tick_s + float(np.median(slopes))
+
+
+def _wraps(
+    ticks: NDArray[np.int64], host_s: NDArray[np.float64], modulus: int
+) -> tuple[list[tuple[int, int, bool]], float]:
+    """Missing whole wraps: (stamp before which they are missing, how many, certain), and host seconds a tick.
+
+    A first pass with a rough slope finds most of them; the slope along the corrected envelope then decides.
+    """
+    tick_s = host_per_tick(ticks, host_s)
+    if not np.isfinite(tick_s):
+        return [], tick_s
+    steps = _steps(ticks, host_s, modulus, tick_s)
+    for _ in range(2):
+        corrected = ticks.copy()
+        for i, count, _certain in steps:
+            corrected[i:] += count * modulus
+        tick_s = _envelope_slope(corrected, host_s, tick_s)
+        steps = _steps(ticks, host_s, modulus, tick_s)
+    return steps, tick_s
+
+
+def _steps(
+    ticks: NDArray[np.int64], host_s: NDArray[np.float64], modulus: int, tick_s: float
+) -> list[tuple[int, int, bool]]:
+    """Steps of the lower envelope by whole wraps, one after the other."""
+    wrap_s = modulus * tick_s
+    if wrap_s < _SHORTEST_WRAP_S:
+        # Reads are late by the length of a wrap (only if a virtual instrument runs much faster than real time).
+        return []
+    delay = host_s - ticks * tick_s
+    # Whole wraps are lost only if nothing arrives for that long, and for longer than a read may be late.
+    silence_s = max(0.5 * wrap_s, _LATE_READ_S)
+    late = np.flatnonzero((np.diff(delay) > 0.3 * wrap_s) & (np.diff(host_s) > silence_s)) + 1
+    steps = []
+    fixed, floor = -_FEWEST_STAMPS, np.inf
+    for i in late.tolist():
+        # A few stamps between two steps may all be late: then the floor before the first step is still used.
+        if i - fixed >= _FEWEST_STAMPS:
+            oldest = min(int(np.searchsorted(host_s, host_s[i - 1] - _WINDOW_S)), i - 3 * _FEWEST_STAMPS)
+            floor = delay[max(oldest, 0) : i].min()
+        after = slice(i, int(np.searchsorted(host_s, host_s[i] + _WINDOW_S)))
+        wraps = round((delay[after].min() - floor) / wrap_s)
+        enough = after.stop - i >= _FEWEST_STAMPS and host_s[-1] - host_s[i] >= 0.9 * _WINDOW_S
+        enough &= i >= _FEWEST_STAMPS or wraps == 0
+        if wraps or not enough:
+            steps.append((i, wraps, enough))
+            delay[i:] -= wraps * wrap_s
+            fixed = i
+    return steps
+
+
+def count_losses(
+    counter: NDArray[np.int64],
+    host_s: NDArray[np.float64],
+    modulus: int,
+    step: int | None = None,
+    special_after: NDArray[np.int64] | None = None,
+    restarts: NDArray[np.int64] | None = None,
+    content: Content | None = None,
+) -> Losses:
+    """Count the samples lost between the first and the last.
+
+    A late sample fills its place, and a repeat is not an additional sample (`FrameNumbers`).
+
+    **Arguments:**
+
+    - `counter`: as the device sent it, shape (n,).
+    - `host_s`: stamp of the read that completed each sample, shape (n,), not decreasing.
+    - `modulus`: value at which the counter wraps.
+    - `step`: ticks from one sample to the next; the most frequent difference if None.
+    - `special_after`: for each special frame the sample before it; a gap there is a reply, not a loss.
+    - `restarts`: samples after which the device restarted; losses across a restart cannot be counted.
+    - `content`: returns the contents of the samples of a slice, by which repeats are recognised.
+    """
+    n = len(counter)
+    if n < 2:
+        return Losses(0, 0, 0, 0, [], float("nan"))
+    restarted = np.zeros(n, bool)
+    if restarts is not None:
+        restarted[restarts[(restarts >= 0) & (restarts < n - 1)] + 1] = True
+    if step is None:
+        step = commonest_step(counter, modulus, restarted[1:])
+    frames = FrameNumbers(modulus, step)
+    numbered = frames.take(counter, content, restarted)
+    # Place of each sample in the order of sending; a repeat has the place of the sample that it repeats.
+    order = np.argsort(np.where(numbered.repeated, numbered.number[0] - n, numbered.number), kind="stable")
+    order = order[np.count_nonzero(numbered.repeated) :]
+    sent = numbered.number[order]
+    missing = np.diff(sent) - 1
+
+    ticks = np.maximum.accumulate(numbered.ticks)
+    last_of_stamp = np.flatnonzero(np.concatenate([host_s[1:] != host_s[:-1], [True]]))
+    wraps, tick_s = _wraps(ticks[last_of_stamp], host_s[last_of_stamp], modulus)
+    sure = np.ones(len(missing), bool)
+    sure[np.searchsorted(sent, numbered.number[np.flatnonzero(restarted)]) - 1] = False
+    highest = np.maximum.accumulate(numbered.number)
+    leading = np.maximum.accumulate(np.where((numbered.number == highest) & ~numbered.repeated, np.arange(n), 0))
+    place = np.zeros(n, np.int64)
+    place[order] = np.arange(len(order))
+    for stamp, count, certain in wraps:
+        # The gap is between the last sample of the stamp before and the first with a different step.
+        first, last = int(last_of_stamp[stamp - 1]), int(last_of_stamp[stamp])
+        odd = np.flatnonzero(np.diff(highest[first : last + 1]) != 1)
+        at = first + int(odd[0]) if len(odd) else first
+        gap = min(int(place[leading[at]]), len(missing) - 1)
+        missing[gap] += round(count * modulus / step)
+        sure[gap] &= certain
+    duplicates = int(np.count_nonzero(numbered.repeated) + (missing < 0).sum())
+    missing = np.maximum(missing, 0)
+    replaced = _replaced(missing, order, special_after, frames.window)
+    lost = missing - replaced
+    gaps = [Gap(int(order[k]), int(lost[k]), bool(sure[k])) for k in np.flatnonzero((lost > 0) | ~sure)]
+    return Losses(
+        lost=int(lost.sum()),
+        unresolved=int((~sure).sum()),
+        replaced=int(replaced.sum()),
+        duplicates=duplicates,
+        gaps=gaps,
+        rate_hz=float(1 / (tick_s * step)) if np.isfinite(tick_s) and tick_s > 0 else float("nan"),
+    )
+
+
+def commonest_step(counter: NDArray[np.int64], modulus: int, restarted: NDArray[np.bool_] | None = None) -> int:
+    """The usual step of a counter: exact if it counts samples, the median if it is a clock."""
+    difference = np.diff(counter) % modulus
+    if restarted is not None:
+        difference = difference[~restarted]
+    # Steps of more than half the counter are backwards.
+    positive = difference[(difference > 0) & (difference <= modulus // 2)]
+    if not len(positive):
+        return 1
+    values, counts = np.unique(positive, return_counts=True)
+    return int(values[np.argmax(counts)]) if counts.max() > len(positive) / 4 else int(np.median(positive))
+
+
+def _replaced(
+    missing: NDArray[np.int64], order: NDArray[np.int64], special_after: NDArray[np.int64] | None, window: int
+) -> NDArray[np.int64]:
+    """Number of samples of each gap replaced by replies: of the gap where the reply arrived, or one within the window."""
+    replaced = np.zeros_like(missing)
+    if special_after is None:
+        return replaced
+    gaps = np.flatnonzero(missing > 0)
+    gaps = gaps[np.argsort(order[gaps], kind="stable")]
+    after = order[gaps]
+    for special in special_after[special_after >= 0].tolist():
+        nearby = range(*np.searchsorted(after, [special - window, special + window + 1]))
+        free = [k for k in nearby if replaced[gaps[k]] < missing[gaps[k]]]
+        if free:
+            replaced[gaps[min(free, key=lambda k: abs(int(after[k]) - special))]] += 1
+    return replaced
+
+
+def losses_from_time(host_s: NDArray[np.float64], rate_hz: float | None) -> Losses:
+    """An estimate for a stream without counter: pauses of the stamps that no later burst compensates.
+
+    **Arguments:**
+
+    - `host_s`: stamp of each sample, shape (n,).
+    - `rate_hz`: the device's rate; estimated from the stream if None.
+    """
+    n = len(host_s)
+    last = np.flatnonzero(np.concatenate([host_s[1:] != host_s[:-1], [True]])) if n else np.zeros(0, int)
+    if n < 2 or len(last) < 3:
+        return Losses(0, 0, 0, 0, [], float("nan"), counted=False)
+    period = 1 / rate_hz if rate_hz else host_per_tick(last.astype(np.int64), host_s[last])
+    delay = host_s[last] - last * period
+    gaps = []
+    for i in (np.flatnonzero(np.diff(delay) > 0.2) + 1).tolist():
+        after = delay[i : int(np.searchsorted(host_s[last], host_s[last[i]] + _WINDOW_S))]
+        before = delay[int(np.searchsorted(host_s[last], host_s[last[i - 1]] - _WINDOW_S)) : i]
+        lost = round((after.min() - before.min()) / period)
+        if lost > 0.02 / period:
+            gaps.append(Gap(int(last[i - 1]), lost, False))
+            delay[i:] -= lost * period
+    total = sum(g.lost for g in gaps)
+    return Losses(total, len(gaps), 0, 0, gaps, 1 / period, counted=False)

@@ -1,0 +1,1 @@
+"""The serial port: transport, the recorder process, and the live stream."""

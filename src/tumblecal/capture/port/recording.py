@@ -1,0 +1,156 @@
+"""The guide's side of the recorder: starts the process, follows its log, passes commands, and restarts it if it dies."""
+
+import contextlib
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+from tumblecal.capture.log import LogReader, Record
+from tumblecal.capture.port.recorder import CANNOT_RECORD, DISK_FAILED, DISK_FULL
+from tumblecal.ground.errors import InputError
+
+
+_START_S = 10.0
+_STOP_S = 5.0
+
+
+class Recording:
+    """A running recorder.
+
+    **Arguments:**
+
+    - `log`: the raw log; followed from its end.
+    - `url`, `baud`: the port.
+
+    `synced`: end of the part of the log that is on the disk.
+
+    **Raises:** `InputError` if the port or the log cannot be opened.
+    """
+
+    def __init__(self, log: Path, url: str, baud: int):
+        self.log, self._url, self._baud = log, url, baud
+        self._process: subprocess.Popen | None = None
+        self._reader: LogReader | None = None
+        self._start = log.stat().st_size if log.exists() else 0
+        self.synced = 0
+        self._told = b""
+        self.restarts = 0
+        self._launch()
+
+    @property
+    def pid(self) -> int:
+        """Process number of the recorder."""
+        assert self._process is not None
+        return self._process.pid
+
+    @property
+    def baud(self) -> int:
+        """Bits per second of the port."""
+        return self._baud
+
+    @property
+    def position(self) -> int:
+        """Place in the log up to which records were read."""
+        return self._reader.position if self._reader else self._start
+
+    def _launch(self) -> None:
+        command = [sys.executable, "-m", "tumblecal.capture.port.recorder", str(self.log), self._url, str(self._baud)]
+        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True)
+        assert self._process.stdout is not None
+        os.set_blocking(self._process.stdout.fileno(), False)
+        deadline = time.monotonic() + _START_S
+        while time.monotonic() < deadline:
+            for message in self._messages():
+                if "error" in message:
+                    self.stop()
+                    raise InputError(message["error"])
+                if "opened" in message:
+                    if self._reader is None:
+                        self._reader = self._opened_log()
+                    return
+            if self._process.poll() is not None:
+                break
+            time.sleep(0.01)
+        self.stop()
+        raise InputError(f"{self.log}: the recorder did not start; check whether {sys.executable} can run")
+
+    def _opened_log(self) -> LogReader:
+        try:
+            return LogReader(self.log, self._start)
+        except OSError as error:
+            self.stop()
+            raise InputError(f"{self.log}: cannot be read ({error.strerror})") from error
+
+    def _messages(self) -> list[dict]:
+        assert self._process is not None and self._process.stdout is not None
+        with contextlib.suppress(OSError, ValueError):
+            self._told += self._process.stdout.read() or b""
+        *lines, self._told = self._told.split(b"\n")
+        messages = [json.loads(line) for line in lines]
+        for message in messages:
+            self.synced = message.get("synced", self.synced)
+        return messages
+
+    def poll(self) -> list[Record]:
+        """New records; restarts the recorder if it died.
+
+        **Raises:** `InputError` if the disk is full or failed, or the port cannot be reopened.
+        """
+        assert self._process is not None and self._reader is not None
+        error = next((m["error"] for m in self._messages() if "error" in m), None)
+        records = list(self._reader.records())
+        code = self._process.poll()
+        if error is not None or code in (CANNOT_RECORD, DISK_FULL, DISK_FAILED):
+            raise InputError(error or f"{self.log}: the recorder ended with code {code}")
+        if code is not None:
+            self.restarts += 1
+            self._close_pipes()
+            self._launch()
+        return records
+
+    def sync(self) -> None:
+        """Write the data read from the log to the disk: a position may be accepted only after this.
+
+        **Raises:** `InputError` if the disk fails.
+        """
+        assert self._reader is not None
+        try:
+            self._reader.sync()
+        except OSError as error:
+            raise InputError(f"{self.log}: the disk failed ({error.strerror}); check it, then --resume") from error
+
+    def send(self, data: bytes) -> None:
+        """Have the recorder write a command to the device."""
+        self._command({"send": data.hex()})
+
+    def _command(self, content: dict) -> None:
+        assert self._process is not None and self._process.stdin is not None
+        with contextlib.suppress(OSError, ValueError):
+            self._process.stdin.write((json.dumps(content) + "\n").encode())
+            self._process.stdin.flush()
+
+    def stop(self) -> list[Record]:
+        """End the recorder cleanly and return the last records."""
+        assert self._process is not None
+        self._command({"stop": True})
+        try:
+            self._process.wait(_STOP_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._messages()
+        self._close_pipes()
+        records = list(self._reader.records()) if self._reader else []
+        if self._reader:
+            self._reader.close()
+        return records
+
+    def _close_pipes(self) -> None:
+        assert self._process is not None
+        for stream in (self._process.stdin, self._process.stdout):
+            if stream is not None:
+                with contextlib.suppress(OSError):
+                    stream.close()

@@ -1,0 +1,293 @@
+"""Reduction of several files of one recording, one for each position or face, to position means."""
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tumblecal.capture.capture_plan import CapturePlan
+from tumblecal.capture.journal import sha256_of
+from tumblecal.capture.recordings.guesses import guessed
+from tumblecal.capture.recordings.options import Criterion, KnownContext, RecordingOptions
+from tumblecal.capture.reduction.file_positions import FilePosition, FilePositions, at_step
+from tumblecal.capture.reduction.file_stream import FilePart, guesses_of, rate_of_files, with_clocks, write_files
+from tumblecal.capture.reduction.plan_match import matched
+from tumblecal.capture.reduction.reduce_recording import (
+    check_still,
+    mean_temperatures,
+    reduce_by_name,
+    run_and_mount,
+    stated_comments,
+    still_samples,
+)
+from tumblecal.capture.reduction.reduce_table import enough_samples, names_of
+from tumblecal.capture.reduction.reduction import Reduction, reduction_of
+from tumblecal.capture.reduction.still_by_file import (
+    check_lengths,
+    one_attitude_each,
+    part_of,
+    refused,
+    within_files,
+    without_still,
+)
+from tumblecal.capture.rows.contents import Contents
+from tumblecal.capture.still.blocks import blocks_of
+from tumblecal.capture.still.intervals import Interval
+from tumblecal.capture.still.stillness import Stillness, still_intervals
+from tumblecal.data.parquet import scan_parquet
+from tumblecal.data.positions import PositionSet, attitudes_of
+from tumblecal.ground.atomic import scratch_folder
+from tumblecal.ground.errors import InputError
+from tumblecal.ground.frames import gravity_in_head
+from tumblecal.ground.gravity import stated_gravity, unit_in_g
+
+
+# Directions closer than this are equal for gravity.
+_SAME_DEG = 1.0
+# If readings contradict the angles of their files by more than this (g), after scale, axes and bias, files are exchanged.
+_LARGEST_MISFIT = 0.15
+_FEWEST_FOR_MISFIT = 6
+
+
+@dataclass(frozen=True)
+class FilesReduction:
+    """A reduction of several files: their `parts` of the samples, their `positions`, the intervals at rest.
+
+    `clock_words`: relation of their clocks. `doubts`: files to be checked, with reasons.
+    """
+
+    table: Reduction
+    parts: Sequence[FilePart]
+    positions: Sequence[FilePosition]
+    clock_words: str
+    doubts: Sequence[tuple[str, str]] = ()
+    stillness: Stillness | None = None
+    by_gravity: bool = False
+
+    @property
+    def read(self) -> list[tuple[str, Contents]]:
+        """The files and their contents."""
+        return [(str(part.file), part.contents) for part in self.parts]
+
+    @property
+    def warnings(self) -> list[tuple[str, list[str]]]:
+        """Warnings for each file, and for all."""
+        lines = [(file, contents.damage.lines) for file, contents in self.read]
+        return [*lines, *((file, [line]) for file, line in self.doubts)]
+
+    def as_dict(self) -> Mapping[str, object]:
+        """Files and intervals for reduction.json."""
+        entries: dict[str, object] = {"files": [self._of_file(part) for part in self.parts], "clocks": self.clock_words}
+        return entries if self.stillness is None else entries | self.stillness.as_dict()
+
+    def _of_file(self, part: FilePart) -> dict[str, object]:
+        position = next((position for position in self.positions if position.file == part.file), None)
+        damage = part.contents.damage
+        left_out = {"rows": part.contents.unreadable, "first": part.contents.places}
+        return {
+            "file": str(part.file),
+            "position": position and position.name,
+            "rows": part.stop - part.start,
+            "starts_at_s": part.base_s,
+            "left_out": left_out,
+            "damage": damage.lines,
+            "damage_records": [record.as_dict() for record in damage.records],
+        }
+
+
+def reduce_files(
+    positions: FilePositions,
+    context: KnownContext,
+    plan: CapturePlan | None,
+    options: RecordingOptions,
+    criterion: Criterion,
+) -> FilesReduction:
+    """Reduce several files as one recording.
+
+    **Arguments:**
+
+    - `positions`: positions of the files; if none has angles and there is a `plan`, they follow from gravity.
+    - others: as for `reduce_recording`.
+
+    **Raises:** `InputError` for files that cannot be read or are not of one recording; `NothingStill` without an interval at
+    rest.
+    """
+    files = [position.file for position in positions.files]
+    source = Path(f"{files[0]} and {len(files) - 1} more")
+    with scratch_folder(source) as folder:
+        samples, parts = write_files(files, folder, options, by=context.by)
+        columns = set(scan_parquet(samples, check=False)[0].collect_schema())
+        asked_for = context.static or context.table is not None or plan is not None
+        if context.by or ({"position", "alpha_deg"} & columns and not asked_for):
+            table = reduce_by_name(source, samples, context, plan, {})
+            data, words = with_clocks(table.data, parts)
+            return FilesReduction(replace(table, data=data), parts, (), words)
+        with guessed(guesses_of([part.contents for part in parts])):
+            return _by_file(source, samples, parts, positions, context, plan, criterion)
+
+
+def _by_file(
+    source: Path,
+    samples: Path,
+    parts: list[FilePart],
+    positions: FilePositions,
+    context: KnownContext,
+    plan: CapturePlan | None,
+    criterion: Criterion,
+) -> FilesReduction:
+    columns = scan_parquet(samples, check=False)[0].collect_schema().names()
+    channels = [name for name in columns if name[:2] in ("ax", "ay", "az", "gx", "gy", "gz")]
+    rate = rate_of_files(parts)
+    if plan is not None:
+        criterion = replace(criterion, guard_s=max(criterion.guard_s, plan.dwell.guard_s))
+    stillness = within_files(still_intervals(blocks_of(samples, channels, rate, timed=True), criterion), parts)
+    hand_held = context.static or (plan is None and not positions.known)
+    comments = stated_comments(samples, source, plan, hand_held=hand_held)
+    to_g = unit_in_g(stillness.blocks.unit, stated_gravity(comments, str(source)))
+    check_lengths(parts, criterion)
+    check_still(source, stillness, to_g)
+    of_part = [next(position for position in positions.files if position.file == part.file) for part in parts]
+    if not hand_held:
+        stillness = one_attitude_each(stillness, parts)
+    doubts = without_still(stillness, parts)
+    rows = [part_of(interval, parts) for interval in stillness.used]
+    by_gravity = not hand_held and not positions.known
+    if by_gravity:
+        assert plan is not None
+        of_part, more = _by_gravity(stillness, rows, of_part, plan)
+        doubts += more
+        stillness = _only(stillness, [of_part[k].known for k in rows])
+        rows = [k for k in rows if of_part[k].known]
+        check_still(source, stillness, to_g)
+    placed = [of_part[k] for k in rows]
+    wanted = [*channels[:3], *(name for name in columns if name == "temperature_degc")]
+    dwells, temperatures = still_samples(samples, stillness, wanted)
+    dwells = [dwell * to_g for dwell in dwells]
+    readings = np.array([dwell.mean(0) for dwell in dwells])
+    if not hand_held:
+        _check_exchanged(placed, readings, positions, doubts)
+    names = names_of([position.name for position in placed])
+    enough_samples(source, names, dwells)
+    alpha, beta = attitudes_of(readings) if hand_held else _angles(placed)
+    approaches = [position.approach for position in placed]
+    data = PositionSet(
+        names,
+        alpha,
+        beta,
+        readings,
+        time_s=np.array([(interval.start_s + interval.stop_s) / 2 for interval in stillness.used]),
+        temperature_degc=mean_temperatures(temperatures),
+        approach=None if hand_held or None in approaches else np.array(approaches, float),
+        n=np.array([len(dwell) for dwell in dwells], float),
+        clock=tuple(str(k + 1) for k in rows),
+        comments=comments,
+        source=str(source),
+    )
+    data = replace(data, **_labels(placed, context, plan))
+    recording = hashlib.sha256("".join(_digest(part.file) for part in parts).encode()).hexdigest()[:16]
+    table = reduction_of(data, dwells, rate, recording, temperatures=temperatures)
+    data, words = with_clocks(table.data, parts)
+    return FilesReduction(replace(table, data=data), parts, of_part, words, doubts, stillness, by_gravity)
+
+
+def _digest(path: Path) -> str:
+    return sha256_of(path, 0, path.stat().st_size) if path.is_file() else path.name
+
+
+def _angles(placed: Sequence[FilePosition]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    return np.array([position.alpha_deg for position in placed], float), np.array(
+        [position.beta_deg for position in placed], float
+    )
+
+
+def _labels(
+    placed: Sequence[FilePosition], context: KnownContext, plan: CapturePlan | None
+) -> dict[str, tuple[str, ...] | None]:
+    """Run and mount of each row: from its file, or common to all."""
+    usual = run_and_mount(context, plan, len(placed))
+    labels = {}
+    for name in ("run", "mount"):
+        values = tuple(getattr(position, name) for position in placed)
+        default = usual[name] or ("1",) * len(placed)
+        labels[name] = tuple(a or b for a, b in zip(values, default, strict=True)) if any(values) else usual[name]
+    return labels
+
+
+def _only(stillness: Stillness, wanted: Sequence[bool]) -> Stillness:
+    reasons = {
+        interval.start: "surplus: not a position of the plan"
+        for interval, k in zip(stillness.used, wanted, strict=True)
+        if not k
+    }
+    return refused(stillness, reasons)
+
+
+def _by_gravity(
+    stillness: Stillness, rows: Sequence[int], of_part: list[FilePosition], plan: CapturePlan
+) -> tuple[list[FilePosition], list[tuple[str, str]]]:
+    """The plan's position of each file, by its longest interval at rest."""
+    longest: dict[int, Interval] = {}
+    for interval, number in zip(stillness.used, rows, strict=True):
+        if number not in longest or interval.stop - interval.start > longest[number].stop - longest[number].start:
+            longest[number] = interval
+    match = matched(np.array([interval.mean for interval in longest.values()]), plan)
+    found = dict(zip(longest, match.positions.tolist(), strict=True))
+    _check_separable(plan, {k: of_part[part].file for part, k in found.items() if k >= 0})
+    placed = [
+        at_step(position, plan, found[k]) if found.get(k, -1) >= 0 else position for k, position in enumerate(of_part)
+    ]
+    surplus = [str(position.file) for k, position in enumerate(placed) if k in found and not position.known]
+    words = [(file, "not a position of the plan, by the direction of gravity") for file in surplus]
+    if match.missing:
+        words.append((str(placed[0].file), f"and the other files lack position {', '.join(match.missing)} of the plan"))
+    return placed, words
+
+
+def _check_separable(plan: CapturePlan, files: Mapping[int, Path]) -> None:
+    """Check that gravity determines the position of each file: all alpha at beta 90 are one direction.
+
+    **Raises:** `InputError` for a file that fits several positions.
+    """
+    expected = np.array([plan.expected(k) for k in range(len(plan.steps))])
+    angles = [(step.alpha_deg, step.beta_deg) for step in plan.steps]
+    for step, file in files.items():
+        same_direction = np.flatnonzero(expected @ expected[step] > np.cos(np.radians(_SAME_DEG)))
+        others = [str(plan.steps[k].name) for k in same_direction if angles[k] != angles[step]]
+        if others:
+            raise InputError(
+                f"{file}: gravity cannot separate position {plan.steps[step].name} of the plan from {', '.join(others[:4])}; "
+                "put angles or names into the names of the files, or give --table files.csv"
+            )
+
+
+def _check_exchanged(
+    placed: Sequence[FilePosition],
+    readings: NDArray[np.float64],
+    positions: FilePositions,
+    doubts: list[tuple[str, str]],
+) -> None:
+    """Compare the readings with the angles of their files: scale factors, axes and biases explain them, unless files are
+    exchanged.
+
+    **Raises:** `InputError` if the positions are only guessed from the order of numbers; otherwise a doubt is added.
+    """
+    if len(placed) < _FEWEST_FOR_MISFIT:
+        return
+    alpha, beta = _angles(placed)
+    design = np.column_stack([gravity_in_head(np.radians(alpha), np.radians(beta)), np.ones(len(placed))])
+    if np.linalg.cond(design) > 100:
+        return
+    solution, *_ = np.linalg.lstsq(design, readings, rcond=None)
+    misfit = np.linalg.norm(readings - design @ solution, axis=1)
+    turned = np.linalg.det(solution[:3]) < 0
+    if misfit.max() < _LARGEST_MISFIT and not turned:
+        return
+    worst = placed[int(misfit.argmax())].file
+    how = "mirrored" if turned else f"in error by up to {misfit.max():.2f} g ({worst})"
+    words = f"gravity contradicts the positions by {positions.by}: readings {how}; check whether files are exchanged."
+    if not positions.sure:
+        raise InputError(f"{worst}: {words} State the positions: --table files.csv")
+    doubts.append((str(worst), words))

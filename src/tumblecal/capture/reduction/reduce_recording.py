@@ -1,0 +1,315 @@
+"""Reduction of a recording to position means: by its intervals at rest, with a plan or hand-held, or by a column."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tumblecal.capture.capture_plan import CapturePlan, read_plan
+from tumblecal.capture.journal import sha256_of
+from tumblecal.capture.recordings.guesses import guessed
+from tumblecal.capture.recordings.options import Criterion, KnownContext, RecordingOptions
+from tumblecal.capture.reduction.axis_checks import require_axes_answer
+from tumblecal.capture.reduction.plan_match import PlanMatch, in_plan, matched
+from tumblecal.capture.reduction.reduce_table import enough_samples, reduce_table
+from tumblecal.capture.reduction.reduction import Reduction, reduction_of
+from tumblecal.capture.rows.contents import Contents
+from tumblecal.capture.rows.sample_file import write_samples
+from tumblecal.capture.still.blocks import blocks_of, pieces_of
+from tumblecal.capture.still.stillness import Stillness, still_intervals
+from tumblecal.data.parquet import read_parquet, scan_parquet
+from tumblecal.data.positions import ATTITUDES, UNKNOWN, PositionSet, attitudes_of
+from tumblecal.data.raw import Raw, read_raw
+from tumblecal.ground.atomic import scratch_folder
+from tumblecal.ground.errors import InputError
+from tumblecal.ground.gravity import STANDARD, comments_of, stated_gravity, unit_in_g
+
+
+@dataclass(frozen=True)
+class RecordingReduction:
+    """A reduction, with the contents of the source; with intervals at rest and their match to a plan, if these were used."""
+
+    table: Reduction
+    contents: Contents
+    stillness: Stillness | None = None
+    match: PlanMatch | None = None
+
+    @property
+    def read(self) -> list[tuple[str, Contents]]:
+        """The source and its contents."""
+        return [(self.table.data.source, self.contents)]
+
+    @property
+    def warnings(self) -> list[tuple[str, list[str]]]:
+        """Warnings for the source."""
+        return [(self.table.data.source, self.contents.damage.lines)]
+
+    def as_dict(self) -> Mapping[str, object]:
+        """Missing rows, damage and intervals for reduction.json."""
+        left_out = {"rows": self.contents.unreadable, "first": self.contents.places}
+        damage = self.contents.damage
+        records = [record.as_dict() for record in damage.records]
+        entries: dict[str, object] = {"left_out": left_out, "damage": damage.lines, "damage_records": records}
+        if self.stillness is None:
+            return entries
+        entries |= self.stillness.as_dict()
+        return entries | ({"plan": self.match.as_dict()} if self.match else {})
+
+
+class NothingStill(InputError):
+    """No usable interval; `stillness` has the intervals found."""
+
+    def __init__(self, fault: str, stillness: Stillness | None = None):
+        super().__init__(fault)
+        self.stillness = stillness
+
+    def __reduce__(self) -> tuple:
+        return NothingStill, (self.faults[0], self.stillness)
+
+
+def reduce_recording(
+    path: Path,
+    context: KnownContext,
+    options: RecordingOptions = RecordingOptions(),
+    criterion: Criterion = Criterion(),
+) -> RecordingReduction:
+    """Reduce a recording of any format.
+
+    **Arguments:**
+
+    - `path`: the recording. `context`: its positions, run and mounting; `options`: its columns and units.
+    - `criterion`: the criterion for an interval at rest.
+
+    **Raises:** `InputError` for a recording that cannot be read, or from which no positions follow; `NothingStill` without an
+    interval at rest.
+    """
+    with scratch_folder(path) as folder:
+        samples = folder / "samples.parquet"
+        contents = write_samples(path, samples, options, by=context.by, in_force_units=True)
+        plan = None if context.plan is None else read_plan(context.plan)
+        named = {"position", "alpha_deg"} & set(contents.layout.columns)
+        with guessed(contents.layout.guesses):
+            if context.by or (named and not context.static and plan is None):
+                return RecordingReduction(
+                    reduce_by_name(path, samples, context, plan, contents.clock_comments), contents
+                )
+            if plan is None and not context.static:
+                raise InputError(
+                    f"{path}: state how to find its positions: --static finds intervals at rest with unknown attitudes "
+                    "(hand-held), --plan PLAN.toml those of a plan, --by COLUMN goes by a column; --means takes each row for "
+                    "a mean"
+                )
+            return _by_stillness(path, samples, (context, plan), contents, criterion)
+
+
+def stated_comments(samples: Path, path: Path, plan: CapturePlan | None, *, hand_held: bool) -> dict[str, str]:
+    """The comments of the positions; gravity as stated, otherwise from the plan, otherwise standard for m/s^2."""
+    table, _, stored = scan_parquet(samples, check=False)
+    in_ms2 = "ax_ms2" in table.collect_schema()
+    gravity = plan.site.gravity if plan and not plan.site.gravity.assumed else None
+    gravity = stated_gravity(stored, str(path)) or gravity or (STANDARD if in_ms2 else None)
+    stated = {key: value for key, value in stored.items() if key not in ("rate_hz", "imported_from")}
+    stated |= {"reduced_from": path.name} | (comments_of(gravity) if gravity else {})
+    return stated | ({ATTITUDES: UNKNOWN} if hand_held else {})
+
+
+def reduce_by_name(
+    path: Path, samples: Path, context: KnownContext, plan: CapturePlan | None, clock: Mapping[str, str]
+) -> Reduction:
+    """Dwells by the column that names them, with the angles of a plan, if given, by name. `clock`: comments of the clock."""
+    import polars as pl
+
+    comments = stated_comments(samples, path, plan, hand_held=context.static and plan is None) | dict(clock)
+    frame, stored = read_parquet(samples, check=False)
+    if plan is not None:
+        rows = [(str(s.name), float(s.alpha_deg), float(s.beta_deg)) for s in plan.steps]
+        steps = pl.DataFrame(rows, schema=["position", "alpha_deg", "beta_deg"], orient="row")
+        angles = [name for name in ("alpha_deg", "beta_deg") if name in frame.columns]
+        frame = frame.drop(angles).join(steps, on="position", how="inner", maintain_order="left")
+        if not len(frame):
+            names = ", ".join(name for name, *_ in rows[:8])
+            raise InputError(f"{path}: none of its position names is in {context.plan}: {names} ...")
+    labels = {name: label for name, label in (("run", context.run), ("mount", context.mount)) if label}
+    rate = {key: value for key, value in stored.items() if key == "rate_hz"}
+    frame.with_columns(pl.lit(label).alias(name) for name, label in labels.items()).write_parquet(
+        samples, metadata=comments | rate
+    )
+    return reduce_table(samples, path)
+
+
+def _by_stillness(
+    path: Path, samples: Path, given: tuple[KnownContext, CapturePlan | None], contents: Contents, criterion: Criterion
+) -> RecordingReduction:
+    context, plan = given
+    if contents.rate_hz is None:
+        raise InputError(f"{path}: the sample rate is not known; give --rate 100 (Hz), or --columns time=...")
+    columns = scan_parquet(samples, check=False)[0].collect_schema().names()
+    channels = [name for name in columns if name[:2] in ("ax", "ay", "az", "gx", "gy", "gz")]
+    if plan is not None:
+        criterion = replace(criterion, guard_s=max(criterion.guard_s, plan.dwell.guard_s))
+    stillness = still_intervals(blocks_of(samples, channels, contents.rate_hz, timed="time_s" in columns), criterion)
+    comments = stated_comments(samples, path, plan, hand_held=plan is None) | contents.clock_comments
+    to_g = unit_in_g(stillness.blocks.unit, stated_gravity(comments, str(path)))
+    check_still(path, stillness, to_g)
+    match = None
+    if plan is not None:
+        means = np.array([interval.mean for interval in stillness.used])
+        require_axes_answer(str(path), to_g * means[:, None])
+        match = matched(means, plan)
+        stillness = _without_surplus(path, stillness, match)
+    dwells, temperatures = still_samples(
+        samples, stillness, [*channels[:3], *(c for c in columns if c == "temperature_degc")]
+    )
+    dwells = [dwell * to_g for dwell in dwells]
+    readings = np.array([dwell.mean(0) for dwell in dwells])
+    data = replace(
+        _named_set(path, readings, match, plan), comments=comments, temperature_degc=mean_temperatures(temperatures)
+    )
+    enough_samples(path, data.names, dwells)
+    middle = np.array([(interval.start_s + interval.stop_s) / 2 for interval in stillness.used])
+    data = replace(
+        data,
+        time_s=middle,
+        n=np.array([len(dwell) for dwell in dwells], float),
+        **run_and_mount(context, plan, len(dwells)),
+    )
+    recording = sha256_of(path, 0, path.stat().st_size)[:16] if path.is_file() else path.name
+    reduction = reduction_of(data, dwells, contents.rate_hz, recording, temperatures=temperatures)
+    return RecordingReduction(reduction, contents, stillness, match)
+
+
+def run_and_mount(context: KnownContext, plan: CapturePlan | None, count: int) -> dict[str, tuple[str, ...] | None]:
+    """Run and mount of all rows: from the options, otherwise from the plan."""
+    session = plan.session if plan else None
+    usual = {
+        "run": context.run or (session.run if session else "1"),
+        "mount": context.mount or (session.mount if session else "1"),
+    }
+    return {name: (label,) * count if label != "1" else None for name, label in usual.items()}
+
+
+def _named_set(
+    path: Path, readings: NDArray[np.float64], match: PlanMatch | None, plan: CapturePlan | None
+) -> PositionSet:
+    """Readings with the names and angles of the plan's positions; without a plan, numbered and with suggested angles."""
+    if plan is None or match is None:
+        alpha, beta = attitudes_of(readings)
+        return PositionSet(tuple(f"p{k + 1}" for k in range(len(readings))), alpha, beta, readings, source=str(path))
+    names, alpha, beta, approach = in_plan(match, plan)
+    return PositionSet(names, alpha, beta, readings, approach=approach, source=str(path))
+
+
+def check_still(path: Path, stillness: Stillness, to_g: float) -> None:
+    """Check that a recording has a usable interval at rest.
+
+    **Raises:** `NothingStill`, with the quietest second or the reasons against the intervals.
+    """
+    if not len(stillness.noise):
+        raise NothingStill(
+            f"{path}: {stillness.blocks.rows} samples are too few to find intervals at rest (for a table of means: --means)"
+        )
+    if not stillness.dof.any():
+        noise_mg = float(stillness.noise[:3].max()) * to_g * 1e3
+        raise NothingStill(
+            f"{path}: no interval at rest: even in the quietest second the accelerations scatter by {noise_mg:.0f} mg",
+            stillness,
+        )
+    if not stillness.used:
+        reasons = "; ".join(f"{interval.start_s:.1f} s: {interval.reason}" for interval in stillness.intervals[:3])
+        raise NothingStill(
+            f"{path}: no interval at rest is long enough ({reasons or 'all moves'}); see --least-s", stillness
+        )
+
+
+def _without_surplus(path: Path, stillness: Stillness, match: PlanMatch) -> Stillness:
+    """Reject the intervals that are not positions of the plan, with their angle to the nearest."""
+    if len(match.surplus) == len(stillness.used):
+        raise NothingStill(
+            f"{path}: none of {len(stillness.used)} intervals at rest fits a position of the plan (nearest: "
+            f"{match.angle_deg.min():.0f} deg away); check mount_rotation_deg of the plan",
+            stillness,
+        )
+    reasons = {
+        stillness.used[
+            k
+        ].start: f"surplus: not a position of the plan, {match.angle_deg[k]:.0f} deg from the nearest one"
+        for k in match.surplus
+    }
+    intervals = [
+        replace(interval, reason=interval.reason or reasons.get(interval.start, "")) for interval in stillness.intervals
+    ]
+    return replace(stillness, intervals=intervals)
+
+
+def still_samples(
+    samples: Path, stillness: Stillness, columns: list[str]
+) -> tuple[list[NDArray[np.float64]], list[NDArray[np.float64]] | None]:
+    """The accelerations (n, 3) of each used interval, without knocks and outliers, and their temperatures."""
+    parts: list[list[NDArray[np.float64]]] = [[] for _ in stillness.used]
+    alone = stillness.blocks.outliers
+    for first, table in pieces_of(samples, columns):
+        for part, interval in zip(parts, stillness.used, strict=True):
+            start, stop = max(interval.start, first), min(interval.stop, first + len(table))
+            if start >= stop:
+                continue
+            good = np.ones(stop - start, bool)
+            good[alone[(alone >= start) & (alone < stop)] - start] = False
+            for from_row, to_row in interval.knocks:
+                good[max(from_row - start, 0) : max(to_row - start, 0)] = False
+            part.append(table[start - first : stop - first][good])
+    whole = [np.concatenate(part) for part in parts]
+    temperatures = [part[:, 3] for part in whole] if len(columns) > 3 else None
+    return [np.ascontiguousarray(part[:, :3]) for part in whole], temperatures
+
+
+def mean_temperatures(temperatures: list[NDArray[np.float64]] | None) -> NDArray[np.float64] | None:
+    """The mean temperature of each interval; None if an interval has none."""
+    finite = [temperature[np.isfinite(temperature)] for temperature in temperatures or []]
+    return np.array([temperature.mean() for temperature in finite]) if finite and all(map(len, finite)) else None
+
+
+def means_of(
+    path: Path, context: KnownContext, options: RecordingOptions = RecordingOptions()
+) -> tuple[PositionSet, Contents]:
+    """The positions of a table with one mean in each row: spreadsheets, .mat files and text of any layout.
+
+    **Returns:** the positions, and the contents of the table.
+
+    **Raises:** `InputError` for a table without accelerations, or with positions that are not in the plan.
+    """
+    with scratch_folder(path) as folder:
+        samples = folder / "means.parquet"
+        contents = write_samples(path, samples, options, by=context.by, in_force_units=True, means=True)
+        plan = None if context.plan is None else read_plan(context.plan)
+        raw = read_raw(samples, path)
+        with_angles = {"alpha_deg", "beta_deg"} <= set(raw.frame.columns)
+        comments = stated_comments(samples, path, plan, hand_held=plan is None and not with_angles)
+        gravity = stated_gravity(comments, str(path))
+        raw = raw.in_g_of(gravity) if raw.in_ms2 else raw
+    require_axes_answer(str(path), raw.readings[:, None])
+    names = tuple(map(str, raw.frame["position"].to_list())) if "position" in raw.frame.columns else None
+    data = _named_set(path, raw.readings, _match_of(path, names, raw, plan), plan)
+    if plan is None:
+        data = replace(data, names=names or data.names)
+        data = (
+            replace(data, alpha_deg=raw.numbers("alpha_deg"), beta_deg=raw.numbers("beta_deg")) if with_angles else data
+        )
+    labels = run_and_mount(context, plan, len(data))
+    return replace(data, comments=comments, temperature_degc=raw.temperature_degc(), **labels), contents
+
+
+def _match_of(path: Path, names: tuple[str, ...] | None, raw: Raw, plan: CapturePlan | None) -> PlanMatch | None:
+    """The plan's positions of means, by their names or otherwise by their directions."""
+    if plan is None:
+        return None
+    match = matched(raw.readings, plan)
+    if names is not None:
+        by_name = {str(step.name): k for k, step in enumerate(plan.steps)}
+        match = replace(match, positions=np.array([by_name.get(name, -1) for name in names]))
+    if match.surplus:
+        raise InputError(
+            f"{path}: row {match.surplus[0] + 1}: not a position of the plan ({len(match.surplus)} such rows); remove them"
+        )
+    return match

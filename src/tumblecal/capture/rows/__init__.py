@@ -1,0 +1,1 @@
+"""The rows of a recording as samples: order, damage and repair."""

@@ -1,0 +1,1 @@
+"""The guided run of a capture: prompts, dwells, checks, and the operator's screen."""

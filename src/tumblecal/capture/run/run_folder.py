@@ -1,0 +1,131 @@
+"""The folder of a capture, locked by one process at a time: a new run, or a resumed one."""
+
+import platform
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+
+from tumblecal.capture.capture_plan import CapturePlan, read_plan
+from tumblecal.capture.journal import PLAN_NAME, Journal, RunState, read_journal, replayed, sha256_of
+from tumblecal.capture.port.recorder import clocks
+from tumblecal.capture.protocols import protocol
+from tumblecal.ground.atomic import writable_folder, written_aside
+from tumblecal.ground.errors import InputError
+from tumblecal.ground.toml_faults import faults_at
+
+
+@dataclass
+class RunFolder:
+    """A capture's folder, locked by this process: the open journal is the lock, which ends with the process.
+
+    **Arguments:**
+
+    - `folder`: the folder. `plan`: the plan.
+    - `state`: state of the run.
+    - `journal`: open for writing. `damage`: a line for each stretch of it without an entry.
+    """
+
+    folder: Path
+    plan: CapturePlan
+    state: RunState
+    journal: Journal
+    damage: tuple[str, ...] = ()
+
+    def __enter__(self) -> "RunFolder":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.journal.close()
+
+
+def begin(plan_path: Path, folder: Path, port: str | None = None) -> RunFolder:
+    """Lock a folder and begin a capture there, with a copy of the plan.
+
+    A run that found no device is begun again: its entries remain, and a new session follows them.
+
+    **Arguments:**
+
+    - `plan_path`: the plan. `folder`: created if it does not exist. `port`: replaces the port of the plan.
+
+    **Raises:** `InputError` if the plan is faulty, another process has locked the folder, it contains a capture already,
+    or the disk is too small.
+    """
+    plan = _with_port(read_plan(plan_path), port)
+    with faults_at(plan_path, "port.protocol"):
+        protocol(plan.port.protocol)
+    writable_folder(folder)
+    _check_room(plan, folder)
+
+    def start(journal: Journal) -> RunFolder:
+        if any(entry["entry"] == "device" for entry in journal.entries()):
+            raise InputError(
+                f"{folder}: contains a capture already; resume it by --resume {folder}, or give another folder"
+            )
+        copy = folder / PLAN_NAME
+        with written_aside(copy) as aside:
+            aside.write_bytes(plan_path.read_bytes())
+        journal.write(
+            "session",
+            plan_sha256=sha256_of(copy, 0, copy.stat().st_size),
+            **plan.session.model_dump(),
+            gravity_ms2=plan.site.gravity.value_ms2,
+            gravity_source=plan.site.gravity.source,
+            site=plan.site.model_dump(),
+            host=platform.node(),
+            system=platform.platform(),
+            versions={name: version(name) for name in ("tumblecal", "numpy", "pyserial")}
+            | {"python": platform.python_version()},
+            clocks=clocks(),
+        )
+        return RunFolder(folder, plan, RunState(), journal)
+
+    return _held(folder, start)
+
+
+def resume(folder: Path, port: str | None = None) -> RunFolder:
+    """Lock the folder of an interrupted capture.
+
+    **Raises:** `InputError` if there is none, another process has locked it, or its plan was changed.
+    """
+    read_journal(folder)
+
+    def take_up(journal: Journal) -> RunFolder:
+        damage = list[str]()
+        state = replayed(journal.entries(damage))
+        path = folder / PLAN_NAME
+        if not path.is_file():
+            raise InputError(f"{path}: this file is missing; restore the plan of this capture")
+        if sha256_of(path, 0, path.stat().st_size) != state.session["plan_sha256"]:
+            raise InputError(f"{path}: this file was changed after the capture began; restore the original")
+        return RunFolder(folder, _with_port(read_plan(path), port), state, journal, tuple(damage))
+
+    return _held(folder, take_up)
+
+
+def _held(folder: Path, use: Callable[[Journal], RunFolder]) -> RunFolder:
+    """The result of `use` for the folder's journal, which is opened exclusively, and closed if `use` fails."""
+    journal = Journal(folder)
+    try:
+        return use(journal)
+    except BaseException:
+        journal.close()
+        raise
+
+
+def _with_port(plan: CapturePlan, port: str | None) -> CapturePlan:
+    if port is not None:
+        plan = plan.model_copy(update={"port": plan.port.model_copy(update={"url": port})})
+    if not plan.port.url:
+        raise InputError("capture: no port; set port.url in the plan or give --port (`tumblecal ports` lists them)")
+    return plan
+
+
+def _check_room(plan: CapturePlan, folder: Path) -> None:
+    need = 2 * len(plan.steps) * (plan.dwell.seconds + plan.dwell.settle_s) * (plan.port.rate_hz or 2000.0) * 80
+    free = shutil.disk_usage(folder).free
+    if free < min(need, 5e9):
+        raise InputError(
+            f"{folder}: {free / 1e9:.2f} GB free, {need / 1e9:.2f} GB wanted; make room or give another folder"
+        )

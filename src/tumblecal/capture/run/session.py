@@ -1,0 +1,219 @@
+"""The guided run on a locked folder: recorder, device, guide, screen and keys together."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+
+import numpy as np
+
+from tumblecal.capture.decoding.samples import Settings
+from tumblecal.capture.journal import RAW_NAME, Journal, RunState
+from tumblecal.capture.port.live import LiveStream
+from tumblecal.capture.port.recorder import clocks
+from tumblecal.capture.port.recording import Recording
+from tumblecal.capture.protocols import Protocol, protocol
+from tumblecal.capture.protocols.stim300_datagrams import settings_of
+from tumblecal.capture.run.estimate_worker import Estimate
+from tumblecal.capture.run.guide import Guide, Phase
+from tumblecal.capture.run.identity import Identity
+from tumblecal.capture.run.meeting import Device, Pause, await_port, check_same_device, meet
+from tumblecal.capture.run.run_folder import RunFolder
+from tumblecal.capture.run.stop_signals import Stopped, StopSignals
+from tumblecal.capture.run.terminal_screen import Keyboard, Screen, View
+from tumblecal.ground.errors import InputError
+
+
+KEYS = "Enter: accept as it is   r: repeat this position   b: repeat the previous one   s: skip   q: interrupt"
+
+
+def view_of(guide: Guide) -> View:
+    """The present content of the screen."""
+    guide.worker.look()
+    plan, dwell, accepted = guide.plan, guide.dwell, guide.state.accepted
+    steps, position = plan.steps, max(guide.position, 0)
+    speed, last = plan.port.speed, guide.watch.last
+    each = (plan.dwell.seconds + plan.dwell.settle_s) / speed
+    left = len(steps) - len(accepted)
+    done = dwell.good if dwell else 0
+    needed = dwell.needed if dwell else 0
+    remaining = max(needed - done, 0) / guide.rate_hz / speed
+    blank = np.full(3, np.nan)
+    return View(
+        phase=guide.phase.value if guide.phase != Phase.CLOSING else "RECORDING",
+        alpha_deg=steps[position].alpha_deg,
+        beta_deg=steps[position].beta_deg,
+        place=f"position {steps[position].name}, {len(accepted)} of {len(steps)} done",
+        alarm=guide.alarm,
+        note=_note(guide),
+        rejected=guide.rejected,
+        doubt=guide.doubt.text,
+        done=done,
+        needed=needed,
+        left_s=remaining,
+        run_left_s=remaining + each * max(left - (dwell is not None), 0),
+        mean_g=dwell.mean if dwell else (last.mean if last else blank),
+        sd_g=dwell.sd if dwell else (last.sd if last else blank),
+        expected_g=plan.expected(position),
+        drift_g=guide.drift_g if dwell and len(dwell.blocks) > 3 else blank,
+        counters=guide.stream.tally.line(),
+        estimate=guide.worker.rows,
+        keys=KEYS,
+    )
+
+
+def _note(guide: Guide) -> str:
+    match guide.phase:
+        case Phase.TURN:
+            if not guide.watch.still and guide.watch.moved:
+                return "moving"
+            seen = " (gravity looks the same as before: turn it, or press Enter)" if guide.must_move else ""
+            return f"turn the head there and take your hands away{seen}"
+        case Phase.SETTLING:
+            left = guide.plan.dwell.settle_s - guide.settled / guide.rate_hz
+            return f"hands off: {max(left, 0) / guide.plan.port.speed:.0f} s until recording"
+        case Phase.CLOSING:
+            return "done; checking for lost samples"
+        case Phase.FINISHED:
+            return "all positions are done"
+    return "recording"
+
+
+_LOOK_S, _FAST_LOOK_S = 0.25, 0.05
+_LOOKS_A_DRAWING = 2
+
+
+def capture(
+    run: RunFolder,
+    *,
+    estimate: Estimate | None = None,
+    plain: bool = False,
+    wait_s: float = 0.0,
+    confirm: Callable[[], bool] = lambda: True,
+    trust: bool = False,
+) -> RunState:
+    """The guided run, until all positions are done or the operator stops.
+
+    **Arguments:**
+
+    - `run`: from `begin` or `resume`; its state is updated.
+    - `estimate`: live estimate of the parameters, or None.
+    - `plain`: lines instead of a redrawn screen.
+    - `wait_s`: time to wait for a port that does not exist yet, s.
+    - `confirm`: called on resuming: whether the instrument is still mounted as before.
+    - `trust`: the operator states that it is the same instrument, also if it does not state its serial number.
+
+    **Raises:** `InputError` in one line for any fault that ends the run; `Stopped` after Ctrl-C, SIGTERM or SIGHUP. After
+    both, the journal has an entry "stopped" and all accepted positions.
+    """
+    plan, journal = run.plan, run.journal
+    device_protocol = protocol(plan.port.protocol)
+    if run.state.device:
+        still = confirm()
+        journal.write("resumed", still_mounted=still, clocks=clocks())
+        if not still:
+            raise InputError("the instrument was removed, so its angles to the head are new; begin a new run")
+    with StopSignals() as signals:
+        with _end_recorded(journal, None):
+            await_port(plan.port.url, wait_s, signals.pause)
+            recording = Recording(run.folder / RAW_NAME, plan.port.url, plan.port.baud or device_protocol.bauds[0])
+        try:
+            stream = LiveStream(
+                recording,
+                device_protocol,
+                _settings(run, device_protocol),
+                device_protocol.decoder_options(plan.port.columns, plan.port.unit),
+            )
+            with _end_recorded(journal, stream):
+                device = _met(run, stream, signals.pause, trust)
+            _walk(run, stream, device, estimate, plain, signals.pause, trust)
+        finally:
+            recording.stop()
+    return run.state
+
+
+@contextmanager
+def _end_recorded(journal: Journal, stream: LiveStream | None, guide: Guide | None = None) -> Iterator[None]:
+    """Write the end of the run into the journal, if the disk can be written."""
+    try:
+        yield
+    except (InputError, Stopped) as end:
+        with suppress(InputError):
+            if guide is not None:
+                guide.interrupt(str(end))
+            journal.write("stopped", why=str(end), tally=stream.tally.as_dict() if stream else {})
+        raise
+
+
+def _met(run: RunFolder, stream: LiveStream, pause: Pause, trust: bool) -> Device:
+    """Query the device and write it into the journal.
+
+    **Raises:** `InputError` if it is not the one of the plan.
+    """
+    device = meet(stream, run.plan, print, pause, run.state)
+    wanted = run.plan.port.serial_number
+    if wanted is not None and device.serial_number is None and not trust:
+        raise InputError(
+            f"the instrument does not state its serial number, and the plan is for {wanted}: connect its receive line, or give "
+            "--trust-instrument if you know that it is this one"
+        )
+    if wanted is not None and device.serial_number not in (None, wanted):
+        raise InputError(f"serial number {device.serial_number}: the plan is for {wanted}")
+    check_same_device(run.state, device)
+    run.journal.write(
+        "device",
+        serial_number=device.serial_number,
+        rate_hz=device.rate_hz,
+        protocol=stream.protocol.name,
+        baud=stream.recording.baud,
+        events=device.events,
+        clocks=clocks(),
+        log_position=stream.recording.position,
+    )
+    return device
+
+
+def _walk(
+    run: RunFolder,
+    stream: LiveStream,
+    device: Device,
+    estimate: Estimate | None,
+    plain: bool,
+    pause: Pause,
+    trust: bool,
+) -> None:
+    fast = run.plan.port.speed > 1
+    with Screen(plain) as screen, Keyboard() as keyboard:
+        guide = Guide(run, stream, device.rate_hz, estimate, screen.bell, _identity(run, stream, device), trust)
+        try:
+            with _end_recorded(run.journal, stream, guide):
+                looks = 0
+                while guide.phase != Phase.FINISHED:
+                    run.journal.check()
+                    guide.take(stream.poll())
+                    for key in keyboard.pressed():
+                        guide.press(key)
+                    looks += 1
+                    if looks % _LOOKS_A_DRAWING == 0 or fast:
+                        screen.show(view_of(guide))
+                    pause(_FAST_LOOK_S if fast else _LOOK_S)
+        finally:
+            guide.worker.close()
+
+
+def _identity(run: RunFolder, stream: LiveStream, device: Device) -> Identity:
+    """The instrument with which the run began; the present one for a new run."""
+    configuration = run.state.configuration or next((e for e in device.events if e["kind"] == "configuration"), {})
+    began = run.state.serial_number or device.serial_number
+    confirmed = device.serial_number is not None
+    queries = stream.protocol.queries
+    return Identity(stream.recording.send, queries, began, configuration.get("raw"), confirmed=confirmed)
+
+
+def _settings(run: RunFolder, device_protocol: Protocol) -> Settings | None:
+    plan, stated = run.plan, run.state.configuration
+    if device_protocol.range_from_stream and stated is not None and "range_g" in stated:
+        return settings_of(stated)
+    rate = float(plan.port.rate_hz) if plan.port.rate_hz else None
+    if plan.port.range_g is None:
+        return Settings(rate_hz=rate) if rate else None
+    device_protocol.check_range(plan.port.range_g, f"port.range_g: {plan.port.range_g:g}")
+    return device_protocol.with_range(Settings(rate_hz=rate), float(plan.port.range_g))

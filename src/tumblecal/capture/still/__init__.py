@@ -1,0 +1,1 @@
+"""The intervals at rest of a recording."""
