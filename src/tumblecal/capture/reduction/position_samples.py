@@ -19,7 +19,8 @@ _FAR_SD, _FAR_G = 30.0, 2e-3
 # Local gravity differs from standard gravity by less than this share.
 _GRAVITY_SHARE = 6e-3
 FEWEST = 16
-_SHOWN = 6
+# Positions in a message: with too few samples, and of a file with others.
+_SHOWN, _SHOWN_OTHERS = 6, 4
 
 
 @dataclass(frozen=True)
@@ -157,11 +158,11 @@ def require_samples_of(samples: PositionSamples, data: PositionSet) -> None:
             f"{samples.source}; give each position a name of its own in both"
         )
     if absent:
-        more = f" and {len(absent) - _SHOWN} more" if len(absent) > _SHOWN else ""
-        there = ", ".join(list(samples.force)[:_SHOWN])
+        more = f" and {len(absent) - _SHOWN_OTHERS} more" if len(absent) > _SHOWN_OTHERS else ""
+        there = ", ".join(list(samples.force)[:_SHOWN_OTHERS])
         raise InputError(
-            f"{samples.source}: no samples of position {', '.join(absent[:_SHOWN])}{more} of {data.source}; "
-            f"it has {there}{' ...' if len(samples.force) > _SHOWN else ''}"
+            f"{samples.source}: no samples of position {', '.join(absent[:_SHOWN_OTHERS])}{more} of {data.source}; "
+            f"it has {there}{' ...' if len(samples.force) > _SHOWN_OTHERS else ''}"
         )
     for name, mean in zip(data.names, data.readings, strict=True):
         force = samples.force[name]
