@@ -6,6 +6,7 @@ Attempts are numbered and never overwritten.
 
 import contextlib
 import hashlib
+import os
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -67,7 +68,6 @@ class RunState:
     session: dict = field(default_factory=dict)
     device: dict = field(default_factory=dict)
     devices: list[dict] = field(default_factory=list)
-    withdrawn: int = 0
     finished: bool = False
     to_compare: bool = False
     doubts: list[dict] = field(default_factory=list)
@@ -132,7 +132,6 @@ def replayed(entries: list[dict]) -> RunState:
                 state.skipped.discard(position)
             case "withdrawn":
                 state.accepted.pop(position, None)
-                state.withdrawn += 1
             case "skipped":
                 state.skipped.add(position)
             case "finished":
@@ -210,19 +209,19 @@ class Journal:
             self._writer.close()
 
 
-def sha256_of(path: Path, start: int, stop: int) -> str:
-    """SHA-256 of a stretch of a file.
+def sha256_of(path: Path, start: int = 0, stop: int | None = None) -> str:
+    """SHA-256 of a file, or of a stretch of it.
 
     **Raises:** `InputError` if it cannot be read.
     """
     digest = hashlib.sha256()
     try:
         with open(path, "rb") as file:
+            remaining = (os.fstat(file.fileno()).st_size if stop is None else stop) - start
             file.seek(start)
-            left = stop - start
-            while left > 0 and (block := file.read(min(left, 1 << 20))):
+            while remaining > 0 and (block := file.read(min(remaining, 1 << 20))):
                 digest.update(block)
-                left -= len(block)
+                remaining -= len(block)
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from error
     return digest.hexdigest()

@@ -74,7 +74,7 @@ def chosen(columns: Columns, path: str) -> Choice | None:
         _ask_for_axes(columns, accelerations, path)
         return None
     else:
-        unnamed = [triple for triple in triples if triple.name.quantity in ("", "letter") or _mentioned(triple)]
+        unnamed = [triple for triple in triples if _may_be_named(triple)]
         found = _by_axes(columns, unnamed, path) if unnamed else _by_values(columns, path)
         if found is None:
             return None
@@ -84,9 +84,10 @@ def chosen(columns: Columns, path: str) -> Choice | None:
     return Choice(force, rate, why, rate_why, fit.size if fit is not None and fit.fits else None, (*guesses, *more))
 
 
-def _mentioned(triple: Triple) -> bool:
-    """Whether a name has a word for acceleration and other words that outweigh it: `acc_30_orientations[0]`."""
-    return any("acceleration" in meanings(word) for word in triple.name.stem)
+def _may_be_named(triple: Triple) -> bool:
+    """Whether the quantity is unknown, or other words outweigh one for acceleration: `acc_30_orientations[0]`."""
+    words = [meaning for word in triple.name.stem for meaning in meanings(word)]
+    return triple.name.quantity in ("", "letter") or "acceleration" in words
 
 
 def _ask_for_axes(columns: Columns, accelerations: list[str], path: str) -> None:
@@ -107,13 +108,14 @@ def _named(columns: Columns, named: list[Triple], path: str) -> tuple[Triple, st
     others = _but(named, body)
     if len(body) == 1:
         return *_only(columns, body[0], path), [f"accelerations: {body[0]}, not {others} (without gravity, by name)"]
-    heavy = [triple for triple in body if columns.may_be_gravity(triple)]
+    heavy = [triple for triple in body if columns.size(triple).may_be_gravity]
     candidates = heavy or body
-    if not heavy and all(columns.is_without_gravity(t) for t in candidates):
+    if not heavy and all(columns.size(t).is_without_gravity for t in candidates):
         raise InputError(f"{path}: {_without_gravity(columns, candidates)}")
-    if len({_sensor(triple) for triple in candidates}) > 1:
+    if len({triple.name.sensor for triple in candidates}) > 1:
         raise InputError(f"{path}: {len(candidates)} accelerometers; choose one: {_options(columns, candidates)}")
-    force = min(candidates, key=lambda triple: (_unit_unknown(columns, triple), STATE_ORDER.index(triple.state)))
+    sized = {t.columns for t in candidates if t.name.unit or usual_unit(columns.size(t).middle, ALIKE)}
+    force = min(candidates, key=lambda triple: (triple.columns not in sized, STATE_ORDER.index(triple.state)))
     if force.state in ("linear", "free", "world"):
         return *_only(columns, force, path), []
     others = _but(named, [force])
@@ -129,14 +131,6 @@ def _but(named: list[Triple], these: list[Triple]) -> str:
     return "; ".join(others[:_MOST_NAMED]) + ("; ..." if len(others) > _MOST_NAMED else "")
 
 
-def _sensor(triple: Triple) -> tuple[str, ...]:
-    return triple.name.sensor
-
-
-def _unit_unknown(columns: Columns, triple: Triple) -> bool:
-    return not triple.name.unit and usual_unit(columns.size(triple).middle, ALIKE) is None
-
-
 def _only(columns: Columns, triple: Triple, path: str) -> tuple[Triple, str]:
     """The only triple of accelerations, which must include gravity and be along the axes of the sensor.
 
@@ -148,7 +142,7 @@ def _only(columns: Columns, triple: Triple, path: str) -> tuple[Triple, str]:
             f"them. Record those of the sensor, or to use these all the same: {columns.option(triple)}"
         )
     named_free = triple.state in ("linear", "free")
-    if columns.is_without_gravity(triple) or (named_free and not columns.is_gravity(triple)):
+    if columns.size(triple).is_without_gravity or (named_free and not columns.size(triple).is_gravity):
         raise InputError(f"{path}: {_without_gravity(columns, [triple])}")
     return triple, "name and size" if named_free else "name"
 
@@ -165,7 +159,7 @@ def _without_gravity(columns: Columns, triples: list[Triple]) -> str:
 
 def _by_axes(columns: Columns, unnamed: list[Triple], path: str) -> tuple[Triple, str, list[str]] | None:
     """The accelerations among triples whose names give axes but no quantity: the triple with the size of gravity."""
-    heavy = [triple for triple in unnamed if columns.is_gravity(triple) and not columns.size(triple).is_computed]
+    heavy = [triple for triple in unnamed if columns.size(triple).is_gravity and not columns.size(triple).is_computed]
     if not heavy and len(unnamed) == 1 and columns.size(unnamed[0]).rests_at_gravity:
         heavy = unnamed
     if len(heavy) == 1:
@@ -191,7 +185,7 @@ def _by_values(columns: Columns, path: str) -> tuple[Triple, str, list[str]] | N
     free = [name for name, meaning in columns.names.items() if not meaning.quantity][:_MOST_COLUMNS]
     data = np.stack([columns.values(name, 0) for name in free], axis=1) if free else np.zeros((0, 0))
     data = data[np.isfinite(data).all(1)]
-    varied = [k for k in range(len(free)) if len(data) and not _is_clock(data[:, k]) and np.ptp(data[:, k]) > 0]
+    varied = [k for k in range(len(free)) if len(data) and not is_rising(data[:, k]) and np.ptp(data[:, k]) > 0]
     if len(varied) < len(AXES):
         return None
     means = still_means(data)
@@ -241,7 +235,7 @@ def _options(columns: Columns, triples: list[Triple]) -> str:
     return " or ".join(shown) + (f", or {more} more" if more > 0 else "")
 
 
-def _is_clock(values: NDArray[np.float64]) -> bool:
+def is_rising(values: NDArray[np.float64]) -> bool:
     """Whether a column only rises, as a time or a counter does."""
     return bool((np.diff(values) >= 0).all())
 
@@ -265,7 +259,7 @@ def _rate(columns: Columns, triples: list[Triple], force: Triple) -> tuple[Tripl
         if len(three) == len(AXES):
             triple = Triple(tuple(three), _NAMELESS)  # type: ignore[arg-type]
             data = [columns.values(name, 0) for name in three]
-            moving = all(np.nanmax(column) > np.nanmin(column) and not _is_clock(column) for column in data)
+            moving = all(np.nanmax(column) > np.nanmin(column) and not is_rising(column) for column in data)
             if moving and columns.size(force).spread > _STILL_SHARE > columns.size(triple).spread:
                 guess = f"angular rates: columns {triple}, by their values (at rest while the accelerations are)"
                 return triple, "values", [f"{guess}; to override: --columns gx=...,gy=...,gz=..."]

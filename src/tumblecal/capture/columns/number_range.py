@@ -10,7 +10,7 @@ signed only if their size is then one g in a usual unit, and as written is not.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,8 @@ from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 
 
 if TYPE_CHECKING:
+    import polars as pl
+
     from tumblecal.capture.columns.units import Column
 
 # Bits of the types of sensors and loggers.
@@ -37,6 +39,9 @@ _FULL_SCALES_G = np.array([1, 1.5, 2, 3, 4, 6, 8, 12, 16, 24, 30, 32, 48, 50, 64
 _WRITTEN_UNITS = np.array([1.0, 1000.0, STANDARD_GRAVITY_MS2, 9.8, 9.81])
 
 
+Numbers = TypeVar("Numbers", NDArray, "pl.Expr")
+
+
 @dataclass(frozen=True)
 class Wrap:
     """Correction of the numbers of a column into the range: a negative `shift` is added to numbers from `cut` on, a positive
@@ -45,11 +50,11 @@ class Wrap:
     cut: float
     shift: float
 
-    def concerns(self, numbers: NDArray) -> NDArray[np.bool_]:
-        """Mask of the numbers that change."""
+    def concerns(self, numbers: Numbers) -> Numbers:
+        """Mask of the numbers that change, of an array or an expression of polars."""
         return numbers >= self.cut if self.shift < 0 else numbers < self.cut
 
-    def corrected(self, numbers: NDArray[np.float64]) -> NDArray[np.float64]:
+    def corrected(self, numbers: Numbers) -> Numbers:
         """The numbers within the range."""
         return numbers + self.shift * self.concerns(numbers)
 

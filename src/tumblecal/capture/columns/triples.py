@@ -73,25 +73,14 @@ class Columns:
                 np.linalg.norm(attitudes, axis=1),
                 ellipsoid(attitudes),
                 _spread(means.means[means.calm([0, 1, 2])], means.means),
+                self._unit(triple),
             )
         return self._sizes[triple.columns]
 
-    def unit(self, triple: Triple) -> float | None:
+    def _unit(self, triple: Triple) -> float | None:
         """Units for one g of a triple, if an option or its name gives it."""
         units = {self.names[name].unit for name in triple.columns} - {""}
         return self.per_g or (_PER_G.get(units.pop()) if len(units) == 1 else None)
-
-    def is_gravity(self, triple: Triple) -> bool:
-        """Whether a triple has the size of gravity."""
-        return self.size(triple).is_gravity(self.unit(triple))
-
-    def may_be_gravity(self, triple: Triple) -> bool:
-        """Whether a triple may have the size of gravity, including possible offsets of its sensor."""
-        return self.size(triple).may_be_gravity(self.unit(triple))
-
-    def is_without_gravity(self, triple: Triple) -> bool:
-        """Whether gravity has been removed from a triple."""
-        return self.size(triple).is_without_gravity(self.unit(triple))
 
     def option(self, triple: Triple) -> str:
         """The option that selects a triple."""
@@ -110,7 +99,7 @@ class Size:
 
     - `usual`: median length of all rows; `changes`: largest relative difference of nine tenths of them from it.
     - `lengths` (m,): lengths of the attitudes at rest; `fit`: the ellipsoid through them.
-    - `spread`: range of the means at rest as a share of the range of all readings.
+    - `spread`: range of the means at rest as a share of the range of all readings. `per_g`: units for one g, if known.
     """
 
     usual: float
@@ -118,24 +107,27 @@ class Size:
     lengths: NDArray[np.float64]
     fit: Ellipsoid | None
     spread: float
+    per_g: float | None
 
     @property
     def middle(self) -> float:
         """The size of gravity, in the readings' unit."""
         return self.fit.size if self.fit is not None and self.fit.fits else self.usual
 
-    def is_gravity(self, per_g: float | None) -> bool:
+    @property
+    def is_gravity(self) -> bool:
         """Whether the readings have the size of gravity: in their unit, or in a usual unit if it is unknown."""
-        if per_g is not None:
-            return _SMALLEST < self.middle / per_g < _LARGEST
+        if self.per_g is not None:
+            return _SMALLEST < self.middle / self.per_g < _LARGEST
         if self.fit is not None and self.fit.fits and self.fit.usual:
             return usual_unit(self.fit.size, ALIKE_FITTED) is not None
         units = {usual_unit(length, ALIKE) for length in self.lengths}
         return len(self.lengths) >= _FEWEST_ALIKE and len(units) == 1 and None not in units
 
-    def may_be_gravity(self, per_g: float | None) -> bool:
+    @property
+    def may_be_gravity(self) -> bool:
         """Whether the usual length is gravity with offsets, in their unit or in any usual unit."""
-        units = UNITS_PER_G.values() if per_g is None else [per_g]
+        units = UNITS_PER_G.values() if self.per_g is None else [self.per_g]
         return any(_SMALLEST < self.usual / unit < _LARGEST for unit in units)
 
     @property
@@ -148,9 +140,10 @@ class Size:
         """Whether all rows are at rest, and their length is one g in g, mg or m/s^2."""
         return _LEAST_NOISE <= self.changes < _AT_REST and usual_unit(self.usual, _ALIKE_ONE) in ("g", "mg", "m/s2")
 
-    def is_without_gravity(self, per_g: float | None) -> bool:
+    @property
+    def is_without_gravity(self) -> bool:
         """Whether gravity was removed: in their unit, or in any usual unit, the readings are near zero."""
-        return self.usual / (per_g or min(UNITS_PER_G.values())) < _LEAST
+        return self.usual / (self.per_g or min(UNITS_PER_G.values())) < _LEAST
 
 
 def usual_unit(size: float, factor: float) -> str | None:

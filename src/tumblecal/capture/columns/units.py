@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tumblecal.capture.columns.clock_text import form_of, seconds_of
+from tumblecal.capture.columns.clock_text import FORMS, form_of, seconds_of
 from tumblecal.capture.columns.number_range import Wrap, wraps_of_force, wraps_of_rates
 from tumblecal.capture.protocols.line_columns import UNITS_PER_G
 from tumblecal.capture.recordings.options import RecordingOptions
@@ -57,15 +57,22 @@ class Column:
         return [self.name, self.whole] if self.whole else [self.name]
 
 
-def numbers_of(frame: "pl.DataFrame", column: Column) -> np.ndarray:
-    """The readings of a column, (n,); NaN for cells without a number, or with one too large for any quantity."""
+def reading_of(column: Column) -> "pl.Expr":
+    """The readings of a column, or the seconds of a clock of dates or times of day."""
     import polars as pl
 
-    values = frame[column.name].cast(pl.Float64, strict=False).to_numpy()
-    values = np.where(np.abs(values) < LARGEST_NUMBER, values, np.nan)
+    if column.unit in FORMS:
+        return seconds_of(column.name, column.unit, column.offset)
+    values = pl.col(column.name).cast(pl.Float64, strict=False)
     values = column.wrap.corrected(values) if column.wrap else values
-    values = column.scale * (values - column.offset)
-    return values + numbers_of(frame, Column(column.whole)) if column.whole else values
+    values = (values - column.offset) * column.scale
+    return values + pl.col(column.whole).cast(pl.Float64, strict=False) if column.whole else values
+
+
+def numbers_of(frame: "pl.DataFrame", column: Column) -> np.ndarray:
+    """The readings of a column, (n,); NaN for cells without a number, or with one too large for any quantity."""
+    values = frame.select(reading_of(column)).to_series().to_numpy()
+    return np.where(np.abs(values) < LARGEST_NUMBER, values, np.nan)
 
 
 def _with_unit(named: dict[str, Column], roles: tuple[str, ...], unit: str) -> dict[str, Column]:

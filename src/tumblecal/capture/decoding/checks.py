@@ -39,31 +39,11 @@ def _crc32_columns(length: int, padding: int) -> tuple[NDArray[np.uint32], np.ui
     return columns[:length], np.uint32(initial)
 
 
-def crc32_mpeg2(
-    data: NDArray[np.uint8], starts: NDArray[np.integer], length: int, padding: int = 0
-) -> NDArray[np.uint32]:
-    """CRC-32/MPEG-2 of the stretches `data[start:start + length]`, each followed by `padding` zero bytes.
+def crc32_mpeg2(rows: NDArray[np.uint8], padding: int = 0) -> NDArray[np.uint32]:
+    """CRC-32/MPEG-2 of the rows of a (n, length) array, each followed by `padding` zero bytes that are not sent (STIM300).
 
-    Polynomial 0x04C11DB7, initial register all ones, not reflected, no final inversion.
-
-    **Arguments:**
-
-    - `data`: the bytes.
-    - `starts`: where each stretch begins, shape (n,).
-    - `length`: bytes in a stretch, at least 4.
-    - `padding`: zero bytes that enter the check but are not sent (STIM300's dummy bytes).
-
-    **Returns:** shape (n,).
+    Polynomial 0x04C11DB7, initial register all ones, not reflected, no final inversion; `length` is at least 4.
     """
-    columns, initial = _crc32_columns(length, padding)
-    check = np.full(len(starts), initial, np.uint32)
-    for j in range(length):
-        check ^= columns[j].take(data.take(starts + j))
-    return check
-
-
-def crc32_mpeg2_rows(rows: NDArray[np.uint8], padding: int = 0) -> NDArray[np.uint32]:
-    """The same for the rows of a (n, length) array, which may be a strided view: faster for a run of frames."""
     columns, initial = _crc32_columns(rows.shape[1], padding)
     check = np.full(rows.shape[0], initial, np.uint32)
     for j in range(rows.shape[1]):

@@ -5,7 +5,6 @@ an 8-bit check, and counts the remaining bytes.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeVar
 
 import numpy as np
@@ -120,14 +119,6 @@ def select(
     return Found(starts[chosen], sizes[chosen], max(limit, end))
 
 
-@dataclass
-class _Lock:
-    """Whether the frame boundary is known, for protocols whose check alone is too weak to trust."""
-
-    needed: int
-    held: bool = False
-
-
 # An isolated frame with an 8-bit check is accepted only this close after an accepted frame.
 _LOCK_REACH_BYTES = 512
 
@@ -147,7 +138,9 @@ class FrameDecoder:
         self._last_end = 0
         self._seen_any = False
         self._gap_begins_like_a_frame = False
-        self._lock = _Lock(framing.lock_after, held=framing.lock_after <= 1)
+        self._needed = framing.lock_after
+        # Whether the frame boundary is known, for protocols whose check alone is too weak to trust.
+        self._locked = self._needed <= 1
 
     def feed(self, data: bytes) -> Decoded:
         """Decode what `data` completes."""
@@ -163,7 +156,7 @@ class FrameDecoder:
         if not len(buffer) and not final:
             return Decoded(blank(0))
         found = self._framing.find(buffer, final)
-        if not self._lock.held or self._lock.needed > 1:
+        if not self._locked or self._needed > 1:
             found = self._believed(found, final)
         counts = self._count(buffer, found)
         with np.errstate(over="ignore", invalid="ignore"):
@@ -184,16 +177,16 @@ class FrameDecoder:
         last_end = self._last_end - self._offset
         for group, first in enumerate(first_of_group):
             after = first_of_group[group + 1] if group + 1 < len(first_of_group) else len(starts)
-            near = self._lock.held and starts[first] - last_end <= _LOCK_REACH_BYTES
-            if near or after - first >= self._lock.needed:
+            near = self._locked and starts[first] - last_end <= _LOCK_REACH_BYTES
+            if near or after - first >= self._needed:
                 keep[first:after] = True
-                self._lock.held = True
+                self._locked = True
                 last_end = ends[after - 1]
             elif ends[after - 1] >= found.limit and not final:
                 limit = int(starts[first])
                 break
             else:
-                self._lock.held = self._lock.held and near
+                self._locked = self._locked and near
         return Found(starts[keep], found.sizes[keep], limit)
 
     def _count(self, buffer: NDArray[np.uint8], found: Found) -> Counts:

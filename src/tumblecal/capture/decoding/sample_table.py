@@ -39,10 +39,10 @@ def write_pieces(path: Path, pieces: Iterator[Samples], columns: frozenset[str],
     def frames() -> Iterator[pl.DataFrame]:
         first = 0
         for samples in pieces:
-            yield pl.DataFrame(_table(samples, columns, rate_hz, first))
+            yield pl.DataFrame(table_of(samples, columns, rate_hz, first))
             first += len(samples)
 
-    write_frames(path, frames(), pl.DataFrame(_table(blank(0), columns, rate_hz, 0)).schema)
+    write_frames(path, frames(), pl.DataFrame(table_of(blank(0), columns, rate_hz, 0)).schema)
 
 
 def write_frames(
@@ -103,7 +103,10 @@ def _made_ahead(pieces: Iterator[_Piece]) -> Iterator[_Piece]:
             yield piece
 
 
-def _table(samples: Samples, columns: frozenset[str], rate_hz: float | None, first: int) -> dict[str, np.ndarray]:
+def table_of(
+    samples: Samples, columns: frozenset[str], rate_hz: float | None = None, first: int = 0
+) -> dict[str, np.ndarray]:
+    """Samples as columns with the names that `write_pieces` states; `first`: number of the first sample, for its time."""
     table: dict[str, np.ndarray] = {}
     if rate_hz:
         table["time_s"] = np.arange(first, first + len(samples)) / rate_hz

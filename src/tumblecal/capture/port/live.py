@@ -39,7 +39,6 @@ class Tally:
     duplicates: int = 0
     status: Counter = field(default_factory=Counter)
     reopened: int = 0
-    port_lost: int = 0
     silences: int = 0
     restarts: int = 0
     longest_gap_s: float = 0.0
@@ -55,17 +54,9 @@ class Tally:
 
     def as_dict(self) -> dict:
         """The counts for the journal."""
-        return {
-            **vars(self.counts),
-            "lost_at_least": self.lost_at_least,
-            "duplicates": self.duplicates,
-            "status": dict(self.status),
-            "reopened": self.reopened,
-            "silences": self.silences,
-            "device_restarts": self.restarts,
-            "longest_gap_s": round(self.longest_gap_s, 3),
-            "bytes": self.bytes,
-        }
+        counts = {name: value for name, value in vars(self).items() if name not in ("counts", "restarts")}
+        rounded = {"status": dict(self.status), "longest_gap_s": round(self.longest_gap_s, 3)}
+        return vars(self.counts) | counts | rounded | {"device_restarts": self.restarts}
 
 
 class LiveStream:
@@ -141,8 +132,6 @@ class LiveStream:
         match event["event"]:
             case "reopened":
                 self.tally.reopened += 1
-            case "port_lost":
-                self.tally.port_lost += 1
             case "silence":
                 self.tally.silences += 1
         return event

@@ -77,8 +77,6 @@ class Protocol:
     answer: Callable[[bytes, Settings, str], bytes] = lambda command, settings, serial: b""
     with_range: Callable[[Settings, float], Settings] = _set_range
     options: tuple[str, ...] = ()
-    notes: str = ""
-    extra: Any = None
 
     def decoder_options(self, columns: str, unit: str, *, whole: bool = False) -> dict[str, Any]:
         """Those of these options that the decoder has: columns and unit of text lines, and whether the stream is complete."""

@@ -126,5 +126,4 @@ PROTOCOL = Protocol(
     decoder=lambda settings=None: FrameDecoder(InertialLabsFraming()),
     encode=encode,
     bauds=(115200, 460800, 921600),
-    notes="no counter in these fields: losses are only visible in time",
 )

@@ -99,5 +99,4 @@ PROTOCOL = Protocol(
     decoder=lambda settings=None: FrameDecoder(MipFraming()),
     encode=encode,
     bauds=(115200, 921600, 460800, 230400),
-    notes="no counter in these fields: losses are only visible in time",
 )

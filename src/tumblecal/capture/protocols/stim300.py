@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tumblecal.capture.decoding.checks import crc32_mpeg2, crc32_mpeg2_rows
+from tumblecal.capture.decoding.checks import crc32_mpeg2
 from tumblecal.capture.decoding.framing import Found, FrameDecoder, select
 from tumblecal.capture.decoding.samples import Event, Samples, Settings, blank
 from tumblecal.capture.protocols import DeviceCounter, Protocol
@@ -34,11 +34,6 @@ _WINDOW = 4096
 
 def _u8_column(data: NDArray[np.uint8], at: int, n: int, period: int) -> NDArray[np.uint8]:
     return data[at : at + (n - 1) * period + 1 : period]
-
-
-def _check_ok(data: NDArray[np.uint8], starts: NDArray[np.int64], size: int, padding: int) -> NDArray[np.bool_]:
-    sent = sum(data.take(starts + size - 4 + k).astype(np.uint32) << np.uint32(24 - 8 * k) for k in range(4))
-    return crc32_mpeg2(data, starts, size - 4, padding) == sent
 
 
 class Stim300Framing:
@@ -102,7 +97,7 @@ class Stim300Framing:
                     _u8_column(data, first + size + 1, block, period) == 10
                 )
             sent = np.ndarray((block,), ">u4", data, first + size - 4, (period,))
-            good &= crc32_mpeg2_rows(rows[:, : size - 4], int(PADDINGS[data[offset]])) == sent
+            good &= crc32_mpeg2(rows[:, : size - 4], int(PADDINGS[data[offset]])) == sent
             if not good.all():
                 return done + int(np.argmin(good)), period
             done += block
@@ -118,7 +113,8 @@ class Stim300Framing:
         for code in np.unique(shape):
             these = np.flatnonzero(whole & (shape == code))
             if len(these):
-                good[these] = _check_ok(data, places[these], int(code) // 4, int(code) % 4)
+                rows = data[places[these][:, None] + np.arange(code // 4)]
+                good[these] = crc32_mpeg2(rows[:, :-4], int(code) % 4) == rows[:, -4:].copy().view(">u4")[:, 0]
         return select(places, sizes, good, len(data), final)
 
     def parse(self, data: NDArray[np.uint8], found: Found, offset: int, final: bool) -> tuple[Samples, list[Event]]:

@@ -6,7 +6,6 @@ three 16-bit values and a status byte); with PPS or AUX a 24-bit value and a sta
 """
 
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,16 +43,7 @@ def _layout(clusters: str, temperatures: bool, extra: bool) -> Layout:
     return Layout(**places, counter=at, size=at + 7, padding=-(at + 3) % 4)
 
 
-_KINDS = [
-    ("g", False),
-    ("ga", False),
-    ("gi", False),
-    ("gai", False),
-    ("g", True),
-    ("ga", True),
-    ("gi", True),
-    ("gai", True),
-]
+_KINDS = [(clusters, temperatures) for temperatures in (False, True) for clusters in ("g", "ga", "gi", "gai")]
 _PLAIN = (0x90, 0x91, 0x92, 0x93, 0x94, 0xA5, 0xA6, 0xA7)
 _PPS = (0xF0, 0xF1, 0xF2, 0xF3, 0xF4, 0xF5, 0xF6, 0xF7)
 _AUX = (0x98, 0x99, 0x9A, 0x9B, 0x9C, 0xAD, 0xAE, 0xAF)
@@ -93,27 +83,19 @@ OUTPUTS = {0: "acceleration", 1: "increment", 2: "average", 3: "integrated in gs
 CRLF = b"\r\n"
 
 
-@cache
-def _status_table() -> NDArray[np.uint8]:
-    """The device's status byte as `Status` bits: 7 integrity, 6 start-up, 5 outside conditions, 4 overload, 3 channel."""
-    table = np.zeros(256, np.uint8)
-    for byte in range(256):
-        flags = Status(0)
-        if byte & 0x88:
-            flags |= Status.ERROR
-        if byte & 0x40:
-            flags |= Status.STARTING
-        if byte & 0x20:
-            flags |= Status.OUTSIDE_CONDITIONS
-        if byte & 0x10:
-            flags |= Status.OVERLOAD
-        table[byte] = flags
-    return table
+# Bits of the device's status byte: 7 integrity, 6 start-up, 5 outside conditions, 4 overload, 3 channel.
+STATUS_BITS = {
+    Status.ERROR: 0x88,
+    Status.STARTING: 0x40,
+    Status.OUTSIDE_CONDITIONS: 0x20,
+    Status.OVERLOAD: 0x10,
+}
 
 
 def status_flags(status: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """`Status` bits of the device's status bytes, shape (n,)."""
-    return _status_table()[status]
+    flags = [np.where(status & bits, flag, 0) for flag, bits in STATUS_BITS.items()]
+    return np.bitwise_or.reduce(flags).astype(np.uint8)
 
 
 def special_event(identifier: int, frame: bytes, stop: int) -> Event:

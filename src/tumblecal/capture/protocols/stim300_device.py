@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from tumblecal.capture.decoding.checks import crc32_mpeg2_rows
-from tumblecal.capture.decoding.samples import Samples, Settings, Status
+from tumblecal.capture.decoding.checks import crc32_mpeg2
+from tumblecal.capture.decoding.samples import Samples, Settings
 from tumblecal.capture.protocols.stim300_datagrams import (
     ACCELERATION_BITS,
     BAUDS,
@@ -14,6 +14,7 @@ from tumblecal.capture.protocols.stim300_datagrams import (
     RANGE_CODES,
     RATES_HZ,
     SPECIAL_PAIRS,
+    STATUS_BITS,
 )
 
 
@@ -23,7 +24,7 @@ _LATENCY_US, _CLUSTERS = 506, 0x06
 
 def _sealed(rows: NDArray[np.uint8], padding: int, crlf: bool) -> bytes:
     """Rows of frames without CRC to bytes with CRC (and CR LF)."""
-    check = crc32_mpeg2_rows(rows, padding).astype(">u4").view(np.uint8).reshape(-1, 4)
+    check = crc32_mpeg2(rows, padding).astype(">u4").view(np.uint8).reshape(-1, 4)
     ending = np.tile(np.frombuffer(CRLF, np.uint8), (len(rows), 1))[:, : 2 * crlf]
     return np.concatenate([rows, check, ending], axis=1).tobytes()
 
@@ -64,9 +65,8 @@ def encode(samples: Samples, settings: Settings, identifier: int = 0x93, crlf: b
     for at in (layout.gyro_temperature, layout.acceleration_temperature, layout.inclination_temperature):
         if at is not None:
             _put16(rows, at, temperature)
-    bits = {Status.STARTING: 0x40, Status.OVERLOAD: 0x10, Status.ERROR: 0x80, Status.OUTSIDE_CONDITIONS: 0x20}
-    for flag, bit in bits.items():
-        rows[:, status_at] |= np.where(samples.status & flag, bit, 0).astype(np.uint8)
+    for flag, bits in STATUS_BITS.items():
+        rows[:, status_at] |= np.where(samples.status & flag, bits & 0xF0, 0).astype(np.uint8)
     rows[:, layout.counter] = samples.counter % 256
     rows[:, layout.counter + 1 : layout.counter + 3] = divmod(_LATENCY_US, 256)
     return _sealed(rows, layout.padding, crlf)

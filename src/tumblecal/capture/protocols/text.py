@@ -241,5 +241,4 @@ PROTOCOL = Protocol(
     counter=DeviceCounter(modulus=2**32, ticks_per_s=None),
     checked=False,
     options=("columns", "unit", "whole"),
-    notes="without a *CC checksum a lost character makes a plausible wrong number; opening the port resets many boards",
 )

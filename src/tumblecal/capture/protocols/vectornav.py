@@ -263,5 +263,4 @@ PROTOCOL = Protocol(
     bauds=(115200, 921600, 460800, 230400),
     counter=DeviceCounter(modulus=2**62, ticks_per_s=1e9),
     queries=(b"$VNRRG,03*XX\r\n",),
-    notes="use VNIMU or the uncompensated binary fields; the text lines have no counter",
 )

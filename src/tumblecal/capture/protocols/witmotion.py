@@ -110,6 +110,4 @@ PROTOCOL = Protocol(
     bauds=(115200, 9600, 230400, 921600),
     ranges_g=(2.0, 4.0, 8.0, 16.0),
     with_range=_with_range,
-    notes="no counter: losses are only visible in time; the range register (16 g by default) is not in the stream; "
-    "device-side offsets and filters change the output: set them to zero before calibrating",
 )

@@ -23,15 +23,8 @@ from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 
 
 MTDATA2 = 0x36
-_COUNTER, _FORCE, _FORCE_HIGH_RATE, _RATE, _RATE_HIGH_RATE, _TEMPERATURE, _STATUS = (
-    0x1020,
-    0x4020,
-    0x4040,
-    0x8020,
-    0x8040,
-    0x0810,
-    0xE020,
-)
+_COUNTER, _TEMPERATURE, _STATUS = 0x1020, 0x0810, 0xE020
+_FORCE, _FORCE_HIGH_RATE, _RATE, _RATE_HIGH_RATE = 0x4020, 0x4040, 0x8020, 0x8040
 # Count of numbers in the fields that are read; all others are skipped by their size.
 _COUNTS = {_COUNTER: 1, _FORCE: 3, _FORCE_HIGH_RATE: 3, _RATE: 3, _RATE_HIGH_RATE: 3, _TEMPERATURE: 1, _STATUS: 1}
 _LARGEST_EXTENDED = 4096
@@ -86,6 +79,23 @@ def fields_of(payload: bytes) -> list[tuple[int, int, int]]:
     return fields
 
 
+def messages_in(data: NDArray[np.uint8], preamble: bytes, final: bool) -> Found:
+    """All messages with a correct checksum that begin with `preamble`, and of one or two bytes of size after the type."""
+    places = places_of(data, preamble)
+    places = places[places + 4 <= len(data)]
+    short = data[places + 3].astype(np.int64)
+    extended, readable = short == 0xFF, places + 6 <= len(data)
+    high, low = (data[np.minimum(places + k, len(data) - 1)].astype(np.int64) for k in (4, 5))
+    long = np.where(extended & readable, 256 * high + low, 0)
+    sizes = np.where(extended, 7 + long, 5 + short)
+    sane = long <= _LARGEST_EXTENDED
+    places, sizes = places[sane], sizes[sane]
+    whole = places + sizes <= len(data)
+    good = np.zeros(len(places), bool)
+    good[whole] = RunningSums(data).plain(places[whole] + 1, places[whole] + sizes[whole]) % 256 == 0
+    return select(places, sizes, good, len(data), final, cut_header(data, preamble, 4, final))
+
+
 class XsensFraming:
     """Messages of an MTi."""
 
@@ -101,24 +111,7 @@ class XsensFraming:
 
     def find(self, data: NDArray[np.uint8], final: bool) -> Found:
         """All messages with a correct checksum."""
-        places = places_of(data, b"\xfa\xff")
-        places = places[places + 4 <= len(data)]
-        short = data[places + 3].astype(np.int64)
-        extended = short == 0xFF
-        readable = places + 6 <= len(data)
-        long_at = np.where(extended & readable, places + 4, 0)
-        long = (
-            data[long_at].astype(np.int64) * 256 + data[np.minimum(long_at + 1, len(data) - 1)] if len(data) else short
-        )
-        long = np.where(readable, long, 0)
-        sizes = np.where(extended, 7 + long, 5 + short)
-        sane = ~extended | (long <= _LARGEST_EXTENDED)
-        places, sizes = places[sane], sizes[sane]
-        whole = places + sizes <= len(data)
-        good = np.zeros(len(places), bool)
-        sums = RunningSums(data)
-        good[whole] = sums.plain(places[whole] + 1, places[whole] + sizes[whole]) % 256 == 0
-        return select(places, sizes, good, len(data), final, cut_header(data, b"\xfa\xff", 4, final))
+        return messages_in(data, b"\xfa\xff", final)
 
     def parse(self, data: NDArray[np.uint8], found: Found, offset: int, final: bool) -> tuple[Samples, list[Event]]:
         """One sample a message with a specific force; unknown fields, and fields of a wrong size, are skipped."""
@@ -221,5 +214,4 @@ PROTOCOL = Protocol(
     encode=encode,
     bauds=(115200, 921600, 2000000, 460800),
     counter=DeviceCounter(modulus=65536, ticks_per_s=None),
-    notes="use acceleration (0x4020) in the sensor frame, not the one after the filter's corrections",
 )

@@ -27,11 +27,11 @@ _FORMATS = {
 # Formats of numbers times 100.
 _HUNDREDTHS = "cCeE"
 # SI units of the body's axes; T is the sensor's temperature, degC. Older logs have milliseconds.
-_ROLES = {"SampleUS": "time_us", "TimeUS": "time_us", "TimeMS": "time_ms", "T": "temperature_degc"}
-_ROLES |= {f"Acc{axis.upper()}": f"a{axis}_ms2" for axis in "xyz"} | {
+ROLES = {"SampleUS": "time_us", "TimeUS": "time_us", "TimeMS": "time_ms", "T": "temperature_degc"}
+ROLES |= {f"Acc{axis.upper()}": f"a{axis}_ms2" for axis in "xyz"} | {
     f"Gyr{axis.upper()}": f"g{axis}_rads" for axis in "xyz"
 }
-_FORCE = frozenset(("AccX", "AccY", "AccZ"))
+FORCE = frozenset(("AccX", "AccY", "AccZ"))
 _TIMES = ("SampleUS", "TimeUS", "TimeMS")
 _INSTANCE = "I"
 
@@ -100,7 +100,7 @@ def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceT
     tables = [
         table
         for number, kind in kinds.items()
-        if number in places and kind.sound and set(kind.fields) >= _FORCE
+        if number in places and kind.sound and set(kind.fields) >= FORCE
         for table in _tables(kind, log, np.array(places[number]))
     ]
     if skipped:
@@ -125,10 +125,10 @@ def _tables(kind: _Kind, log: bytes, places: NDArray[np.int64]) -> list[SourceTa
     columns = {
         name: values[name] * 0.01 if code in _HUNDREDTHS else values[name].copy()
         for name, code in zip(kind.fields, kind.formats, strict=True)
-        if name in (*_ROLES, _INSTANCE) and np.issubdtype(values[name].dtype, np.number)
+        if name in (*ROLES, _INSTANCE) and np.issubdtype(values[name].dtype, np.number)
     }
     time = next((name for name in _TIMES if name in columns and columns[name].any()), None)
-    roles = {name: role for name, role in _ROLES.items() if name in columns and (name == time or name not in _TIMES)}
+    roles = {name: role for name, role in ROLES.items() if name in columns and (name == time or name not in _TIMES)}
     if _INSTANCE not in columns:
         return [_table(kind.name, columns, roles)]
     instances = columns.pop(_INSTANCE)

@@ -8,6 +8,7 @@ import re
 from pathlib import Path
 
 from tumblecal.capture.recordings.damage import Damage
+from tumblecal.capture.recordings.dataflash import FORCE, ROLES
 from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.capture.recordings.table import Reader, SourceTable
 from tumblecal.capture.recordings.text import text_table
@@ -19,12 +20,6 @@ from tumblecal.ground.text_file import shown
 
 
 _FORMAT = re.compile(rb"^FMT, *\d+, *\d+, *(\w+), *\w+, *([\w,]+)", re.MULTILINE)
-_ROLES = {"TimeUS": "time_us", "TimeMS": "time_ms", "T": "temperature_degc"} | {
-    f"{name}{axis}": f"{kind}{axis.lower()}_{unit}"
-    for name, kind, unit in (("Acc", "a", "ms2"), ("Gyr", "g", "rads"))
-    for axis in "XYZ"
-}
-_FORCE = {"AccX", "AccY", "AccZ"}
 
 
 def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceTable]:
@@ -32,7 +27,7 @@ def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceT
     for piece in pieces_of(path):
         fields |= {name.decode(): names.decode().split(",") for name, names in _FORMAT.findall(piece)}
         for name, names in fields.items():
-            if set(names) >= _FORCE and (found := {*re.findall(_begin(name, names), piece, re.MULTILINE)}):
+            if set(names) >= FORCE and (found := {*re.findall(_begin(name, names), piece, re.MULTILINE)}):
                 instances.setdefault(name, set()).update(map(bytes.decode, found))
     if not instances:
         raise InputError(f"{path}: no accelerations among its messages {shown(', '.join(fields))}")
@@ -57,7 +52,7 @@ def _table(path: Path, name: str, fields: list[str], instance: str, damage: Dama
         re.compile(rb"^%s, *" % name.encode(), re.MULTILINE), b"", tuple(fields), re.compile(others, re.MULTILINE)
     )
     layout = TextLayout(path, tuple(fields), ",", (".",) * len(fields), None, 1, form)
-    return text_table(f"{name}[{instance}]" if instance else name, layout, {}, damage, _ROLES)
+    return text_table(f"{name}[{instance}]" if instance else name, layout, {}, damage, ROLES)
 
 
 READER = Reader("ArduPilot dataflash text", lambda path, head: bool(_FORMAT.search(head[:8192])), _read, rank=1)

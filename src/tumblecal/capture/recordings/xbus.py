@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tumblecal.capture.decoding.framing import Found, decoded_by_layout
+from tumblecal.capture.decoding.sample_table import columns_of, table_of
 from tumblecal.capture.decoding.samples import Samples
-from tumblecal.capture.protocols.xsens import MTDATA2, layout_of, no_force_words, numbers, samples_of
+from tumblecal.capture.protocols.xsens import MTDATA2, layout_of, messages_in, no_force_words, numbers, samples_of
 from tumblecal.capture.recordings.damage import Damage
 from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.capture.recordings.table import Reader, SourceTable, of_arrays
@@ -19,50 +20,26 @@ from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 
 
-_PREAMBLE, _EXTENDED, _MASTER = 0xFA, 0xFF, 0xFF
+_PREAMBLE, _MASTER = b"\xfa", 0xFF
 _SAMPLE_TIME_FINE, _TICKS_PER_S = 0x1060, 1e4
 _FEWEST = 3
 _Layout = list[tuple[int, int, int]]
 
 
-def _message_at(log: bytes, at: int) -> int:
-    """The size of the message at this place; 0 if there is none with a correct checksum."""
-    if at + 5 > len(log) or log[at] != _PREAMBLE:
-        return 0
-    short = log[at + 3]
-    size = 5 + short if short != _EXTENDED else 7 + int.from_bytes(log[at + 4 : at + 6], "big")
-    return size if at + size <= len(log) and sum(log[at + 1 : at + size]) % 256 == 0 else 0
-
-
-def _messages(log: bytes) -> tuple[list[tuple[int, int]], int, int]:
-    """Place and size of each message, the number of bytes outside messages, and the first of these."""
-    found, at, skipped, first = list[tuple[int, int]](), 0, 0, -1
-    while at < len(log):
-        if size := _message_at(log, at):
-            found.append((at, size))
-            at += size
-            continue
-        following = log.find(bytes([_PREAMBLE]), at + 1)
-        following = following if following >= 0 else len(log)
-        first = at if first < 0 else first
-        skipped, at = skipped + following - at, following
-    return found, skipped, first
-
-
 def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceTable]:
-    log = path.read_bytes()
-    found, skipped, first = _messages(log)
-    if skipped:
+    data = np.fromfile(path, np.uint8)
+    found = messages_in(data, _PREAMBLE, final=True)
+    begins, ends = np.append(found.starts, len(data)), np.append(0, found.starts + found.sizes)
+    if skipped := int((begins - ends).sum()):
+        first = int(ends[np.argmax(begins > ends)])
         damage.report(
             f"{counted(skipped, 'byte')} outside messages with a correct sum, the first at byte {first}: left out"
         )
-    data = np.frombuffer(log, np.uint8)
-    places = np.array(found, np.int64).reshape(-1, 2)
+    places = np.stack([found.starts, found.sizes], axis=1)
     places = places[data[places[:, 0] + 2] == MTDATA2]
     tables, refused = list[SourceTable](), dict[str, None]()
     for bus in dict.fromkeys(data[places[:, 0] + 1].tolist()):
-        own = places[data[places[:, 0] + 1] == bus]
-        samples, ticks = _decoded(data, own, refused)
+        samples, ticks = _decoded(data, places[data[places[:, 0] + 1] == bus], refused)
         good = samples.status == 0
         if not good.any():
             continue
@@ -70,7 +47,7 @@ def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceT
             damage.report(f"{counted(flagged, 'sample')} marked as faulty by the device, or without a number: left out")
         columns = _columns(samples, ticks, good)
         name = "" if bus == _MASTER else f"bus {bus}"
-        tables.append(of_arrays(name, columns, roles={own: own for own in columns}, row_word="sample"))
+        tables.append(of_arrays(name, columns, roles={role: role for role in columns}, row_word="sample"))
     if not tables:
         why = next(iter(refused), "no MTData2 message has a specific force")
         raise InputError(f"{path}: {why}")
@@ -101,11 +78,8 @@ def _decoded(
 
 
 def _columns(samples: Samples, ticks: NDArray[np.float64], good: NDArray[np.bool_]) -> dict[str, NDArray[np.float64]]:
-    columns = {f"a{axis}_g": samples.force[good, k] for k, axis in enumerate("xyz")}
-    if np.isfinite(samples.rate[good]).any():
-        columns |= {f"g{axis}_dps": samples.rate[good, k] for k, axis in enumerate("xyz")}
-    if np.isfinite(samples.temperature[good]).any():
-        columns["temperature_degc"] = samples.temperature[good]
+    columns = table_of(samples[good], columns_of(samples[good]))
+    del columns["counter"], columns["status"]
     if np.isfinite(ticks).all():
         # The counter of 32 bits overflows after five days.
         steps = np.diff(ticks) + np.where(np.diff(ticks) < -(2.0**31), 2.0**32, 0.0)
@@ -116,12 +90,11 @@ def _columns(samples: Samples, ticks: NDArray[np.float64], good: NDArray[np.bool
 
 def _recognised(path: Path, head: bytes) -> bool:
     """Whether a file begins with contiguous messages; the last may extend beyond the head."""
-    at, count = 0, 0
-    while count < _FEWEST and (size := _message_at(head, at)):
-        at, count = at + size, count + 1
-    return count == _FEWEST or (
-        count > 0 and head[at : at + 1] == bytes([_PREAMBLE]) and at + (1 << 15) > len(head) > at
-    )
+    found = messages_in(np.frombuffer(head, np.uint8), _PREAMBLE, final=True)
+    ends = found.starts + found.sizes
+    count = int(np.argmin(np.append(found.starts == np.append(0, ends)[:-1], False)))
+    at = int(ends[count - 1]) if count else 0
+    return count >= _FEWEST or (count > 0 and head[at : at + 1] == _PREAMBLE and at + (1 << 15) > len(head))
 
 
 READER = Reader("Xsens .mtb (Xbus messages)", _recognised, _read)

@@ -8,12 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tumblecal.capture.capture_plan import SETUP, CapturePlan, CaptureSetup, read_plan
+from tumblecal.capture.capture_plan import SETUP, CapturePlan, CaptureSetup
 from tumblecal.capture.decoding.framing import decode_all
 from tumblecal.capture.decoding.samples import Samples, Settings, Status
 from tumblecal.capture.journal import (
     JOURNAL_NAME,
-    PLAN_NAME,
     RAW_NAME,
     Attempt,
     RunState,
@@ -26,6 +25,7 @@ from tumblecal.capture.protocols import Protocol, protocol
 from tumblecal.capture.protocols.stim300 import settings_of
 from tumblecal.capture.reduction.reduction import Reduction, reduction_of
 from tumblecal.capture.run.dwell import losses_of
+from tumblecal.capture.run.run_folder import plan_of_run
 from tumblecal.data.joined_clocks import TIME_SPEED, TIME_ZERO, moment
 from tumblecal.data.positions import NOT_CONFIRMED, PositionSet
 from tumblecal.ground.errors import InputError
@@ -99,7 +99,7 @@ def reduce(folder: Path, report: Callable[[str], None] = lambda text: None) -> R
         )
     if not state.device:
         raise InputError(f"{folder / JOURNAL_NAME}: the entry of the device is damaged; restore the file from a copy")
-    plan = _plan(folder, state)
+    plan = plan_of_run(folder, state)
     device_protocol = protocol(state.device["protocol"])
     rate = float(state.device["rate_hz"])
     raw = folder / RAW_NAME
@@ -129,18 +129,6 @@ def reduce(folder: Path, report: Callable[[str], None] = lambda text: None) -> R
         counted=[dwell.counted for dwell in accepted],
         temperatures=[dwell.warmth for dwell in accepted],
     )
-
-
-def _plan(folder: Path, state: RunState) -> CapturePlan:
-    """The plan with which the capture began.
-
-    **Raises:** `InputError` if it was changed: it contains the angles and gravity of the positions.
-    """
-    path = folder / PLAN_NAME
-    plan = read_plan(path)
-    if state.session.get("plan_sha256") not in (None, sha256_of(path, 0, path.stat().st_size)):
-        raise InputError(f"{path}: this file was changed after the capture began; restore the original")
-    return plan
 
 
 def decoded_stretch(
@@ -246,7 +234,7 @@ def _position_set(
         "gravity_ms2": f"{plan.site.gravity.value_ms2:.6f}",
         "gravity_source": plan.site.gravity.source,
         **_clock_comments(state, plan.port.speed),
-        "raw_sha256": sha256_of(folder / RAW_NAME, 0, (folder / RAW_NAME).stat().st_size),
+        "raw_sha256": sha256_of(folder / RAW_NAME),
         SETUP: CaptureSetup.of(plan).text,
     }
     return PositionSet(

@@ -17,28 +17,25 @@ from tumblecal.capture.reduction.file_stream import FilePart, guesses_of, rate_o
 from tumblecal.capture.reduction.plan_match import matched
 from tumblecal.capture.reduction.reduce_recording import (
     check_still,
-    mean_temperatures,
     reduce_by_name,
+    reduced_at_rest,
     run_and_mount,
     stated_comments,
-    still_samples,
+    stillness_of,
 )
-from tumblecal.capture.reduction.reduce_table import enough_samples, names_of
-from tumblecal.capture.reduction.reduction import Reduction, reduction_of
+from tumblecal.capture.reduction.reduce_table import names_of
+from tumblecal.capture.reduction.reduction import Reduction
 from tumblecal.capture.reduction.still_by_file import (
     check_lengths,
     one_attitude_each,
     part_of,
-    refused,
     within_files,
     without_still,
 )
 from tumblecal.capture.rows.contents import Contents
-from tumblecal.capture.still.blocks import blocks_of
 from tumblecal.capture.still.intervals import Interval
-from tumblecal.capture.still.stillness import Stillness, still_intervals
+from tumblecal.capture.still.stillness import Stillness
 from tumblecal.data.parquet import scan_parquet
-from tumblecal.data.positions import PositionSet, attitudes_of
 from tumblecal.ground.atomic import scratch_folder
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.frames import gravity_in_head
@@ -85,17 +82,8 @@ class FilesReduction:
 
     def _of_file(self, part: FilePart) -> dict[str, object]:
         position = next((position for position in self.positions if position.file == part.file), None)
-        damage = part.contents.damage
-        left_out = {"rows": part.contents.unreadable, "first": part.contents.places}
-        return {
-            "file": str(part.file),
-            "position": position and position.name,
-            "rows": part.stop - part.start,
-            "starts_at_s": part.base_s,
-            "left_out": left_out,
-            "damage": damage.lines,
-            "damage_records": [record.as_dict() for record in damage.records],
-        }
+        entries = {"file": str(part.file), "position": position and position.name, "rows": part.stop - part.start}
+        return entries | {"starts_at_s": part.base_s} | part.contents.entries
 
 
 def reduce_files(
@@ -138,12 +126,8 @@ def _by_file(
     plan: CapturePlan | None,
     criterion: Criterion,
 ) -> FilesReduction:
-    columns = scan_parquet(samples, check=False)[0].collect_schema().names()
-    channels = [name for name in columns if name[:2] in ("ax", "ay", "az", "gx", "gy", "gz")]
     rate = rate_of_files(parts)
-    if plan is not None:
-        criterion = replace(criterion, guard_s=max(criterion.guard_s, plan.dwell.guard_s))
-    stillness = within_files(still_intervals(blocks_of(samples, channels, rate, timed=True), criterion), parts)
+    stillness = within_files(stillness_of(samples, rate, criterion, plan), parts)
     hand_held = context.static or (plan is None and not positions.known)
     comments = stated_comments(samples, source, plan, hand_held=hand_held)
     to_g = unit_in_g(stillness.blocks.unit, stated_gravity(comments, str(source)))
@@ -159,42 +143,23 @@ def _by_file(
         assert plan is not None
         of_part, more = _by_gravity(stillness, rows, of_part, plan)
         doubts += more
-        stillness = _only(stillness, [of_part[k].known for k in rows])
+        surplus = {one.start for one, k in zip(stillness.used, rows, strict=True) if not of_part[k].known}
+        stillness = stillness.rejecting(dict.fromkeys(surplus, "surplus: not a position of the plan"))
         rows = [k for k in rows if of_part[k].known]
         check_still(source, stillness, to_g)
     placed = [of_part[k] for k in rows]
-    wanted = [*channels[:3], *(name for name in columns if name == "temperature_degc")]
-    dwells, temperatures = still_samples(samples, stillness, wanted)
-    dwells = [dwell * to_g for dwell in dwells]
-    readings = np.array([dwell.mean(0) for dwell in dwells])
-    if not hand_held:
-        _check_exchanged(placed, readings, positions, doubts)
-    names = names_of([position.name for position in placed])
-    enough_samples(source, names, dwells)
-    alpha, beta = attitudes_of(readings) if hand_held else _angles(placed)
+    alpha, beta = (None, None) if hand_held else _angles(placed)
     approaches = [position.approach for position in placed]
-    data = PositionSet(
-        names,
-        alpha,
-        beta,
-        readings,
-        time_s=np.array([(interval.start_s + interval.stop_s) / 2 for interval in stillness.used]),
-        temperature_degc=mean_temperatures(temperatures),
-        approach=None if hand_held or None in approaches else np.array(approaches, float),
-        n=np.array([len(dwell) for dwell in dwells], float),
-        clock=tuple(str(k + 1) for k in rows),
-        comments=comments,
-        source=str(source),
-    )
-    data = replace(data, **_labels(placed, context, plan))
-    recording = hashlib.sha256("".join(_digest(part.file) for part in parts).encode()).hexdigest()[:16]
-    table = reduction_of(data, dwells, rate, recording, temperatures=temperatures)
+    approach = None if hand_held or None in approaches else np.array(approaches, float)
+    attitudes = names_of([position.name for position in placed]), alpha, beta, approach
+    labels = {"comments": comments, "clock": tuple(str(k + 1) for k in rows)} | _labels(placed, context, plan)
+    digests = "".join(sha256_of(part.file) if part.file.is_file() else part.file.name for part in parts)
+    recording = hashlib.sha256(digests.encode()).hexdigest()[:16]
+    table = reduced_at_rest(source, samples, stillness, to_g, attitudes, labels, rate, recording)
+    if not hand_held:
+        _check_exchanged(placed, table.data.readings, positions, doubts)
     data, words = with_clocks(table.data, parts)
     return FilesReduction(replace(table, data=data), parts, of_part, words, doubts, stillness, by_gravity)
-
-
-def _digest(path: Path) -> str:
-    return sha256_of(path, 0, path.stat().st_size) if path.is_file() else path.name
 
 
 def _angles(placed: Sequence[FilePosition]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -214,15 +179,6 @@ def _labels(
         default = usual[name] or ("1",) * len(placed)
         labels[name] = tuple(a or b for a, b in zip(values, default, strict=True)) if any(values) else usual[name]
     return labels
-
-
-def _only(stillness: Stillness, wanted: Sequence[bool]) -> Stillness:
-    reasons = {
-        interval.start: "surplus: not a position of the plan"
-        for interval, k in zip(stillness.used, wanted, strict=True)
-        if not k
-    }
-    return refused(stillness, reasons)
 
 
 def _by_gravity(

@@ -3,11 +3,13 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tumblecal.capture.capture_plan import CapturePlan, read_plan
+from tumblecal.capture.columns.units import FORCE, RATE
 from tumblecal.capture.journal import sha256_of
 from tumblecal.capture.recordings.guesses import guessed
 from tumblecal.capture.recordings.options import Criterion, KnownContext, RecordingOptions
@@ -25,6 +27,10 @@ from tumblecal.data.raw import Raw, read_raw
 from tumblecal.ground.atomic import scratch_folder
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import STANDARD, comments_of, stated_gravity, unit_in_g
+
+
+# Names, alpha and beta (deg), and approach of positions; None for unknown ones.
+Attitudes = tuple[tuple[str, ...], NDArray[np.float64] | None, NDArray[np.float64] | None, NDArray[np.float64] | None]
 
 
 @dataclass(frozen=True)
@@ -48,14 +54,10 @@ class RecordingReduction:
 
     def as_dict(self) -> Mapping[str, object]:
         """Missing rows, damage and intervals for reduction.json."""
-        left_out = {"rows": self.contents.unreadable, "first": self.contents.places}
-        damage = self.contents.damage
-        records = [record.as_dict() for record in damage.records]
-        entries: dict[str, object] = {"left_out": left_out, "damage": damage.lines, "damage_records": records}
+        entries = self.contents.entries
         if self.stillness is None:
             return entries
-        entries |= self.stillness.as_dict()
-        return entries | ({"plan": self.match.as_dict()} if self.match else {})
+        return entries | self.stillness.as_dict() | ({"plan": self.match.as_dict()} if self.match else {})
 
 
 class NothingStill(InputError):
@@ -145,11 +147,7 @@ def _by_stillness(
     context, plan = given
     if contents.rate_hz is None:
         raise InputError(f"{path}: the sample rate is not known; give --rate 100 (Hz), or --columns time=...")
-    columns = scan_parquet(samples, check=False)[0].collect_schema().names()
-    channels = [name for name in columns if name[:2] in ("ax", "ay", "az", "gx", "gy", "gz")]
-    if plan is not None:
-        criterion = replace(criterion, guard_s=max(criterion.guard_s, plan.dwell.guard_s))
-    stillness = still_intervals(blocks_of(samples, channels, contents.rate_hz, timed="time_s" in columns), criterion)
+    stillness = stillness_of(samples, contents.rate_hz, criterion, plan)
     comments = stated_comments(samples, path, plan, hand_held=plan is None) | contents.clock_comments
     to_g = unit_in_g(stillness.blocks.unit, stated_gravity(comments, str(path)))
     check_still(path, stillness, to_g)
@@ -159,25 +157,52 @@ def _by_stillness(
         require_axes_answer(str(path), to_g * means[:, None])
         match = matched(means, plan)
         stillness = _without_surplus(path, stillness, match)
-    dwells, temperatures = still_samples(
-        samples, stillness, [*channels[:3], *(c for c in columns if c == "temperature_degc")]
-    )
+    count = len(stillness.used)
+    attitudes = _attitudes(count, match, plan)
+    more = {"comments": comments} | run_and_mount(context, plan, count)
+    recording = sha256_of(path)[:16] if path.is_file() else path.name
+    reduction = reduced_at_rest(path, samples, stillness, to_g, attitudes, more, contents.rate_hz, recording)
+    return RecordingReduction(reduction, contents, stillness, match)
+
+
+def stillness_of(samples: Path, rate_hz: float, criterion: Criterion, plan: CapturePlan | None) -> Stillness:
+    """The intervals at rest of a table of samples, with the guard of a plan if it is longer."""
+    columns = scan_parquet(samples, check=False)[0].collect_schema().names()
+    channels = [name for name in columns if name[:2] in (*FORCE, *RATE)]
+    if plan is not None:
+        criterion = replace(criterion, guard_s=max(criterion.guard_s, plan.dwell.guard_s))
+    return still_intervals(blocks_of(samples, channels, rate_hz, timed="time_s" in columns), criterion)
+
+
+def reduced_at_rest(
+    path: Path,
+    samples: Path,
+    stillness: Stillness,
+    to_g: float,
+    attitudes: Attitudes,
+    more: Mapping[str, Any],
+    rate_hz: float,
+    recording: str,
+) -> Reduction:
+    """The means of the used intervals at rest of a table of samples.
+
+    **Arguments:**
+
+    - `path`: the source, for faults. `to_g`: unit of the samples, g. `recording`: identifier of the recording.
+    - `attitudes`: of the intervals. `more`: further arguments of the position set.
+    """
+    dwells, temperatures = still_samples(samples, stillness)
     dwells = [dwell * to_g for dwell in dwells]
     readings = np.array([dwell.mean(0) for dwell in dwells])
+    enough_samples(path, attitudes[0], dwells)
     data = replace(
-        _named_set(path, readings, match, plan), comments=comments, temperature_degc=mean_temperatures(temperatures)
-    )
-    enough_samples(path, data.names, dwells)
-    middle = np.array([(interval.start_s + interval.stop_s) / 2 for interval in stillness.used])
-    data = replace(
-        data,
-        time_s=middle,
+        _position_set(path, readings, attitudes),
+        time_s=np.array([(interval.start_s + interval.stop_s) / 2 for interval in stillness.used]),
+        temperature_degc=mean_temperatures(temperatures),
         n=np.array([len(dwell) for dwell in dwells], float),
-        **run_and_mount(context, plan, len(dwells)),
+        **more,
     )
-    recording = sha256_of(path, 0, path.stat().st_size)[:16] if path.is_file() else path.name
-    reduction = reduction_of(data, dwells, contents.rate_hz, recording, temperatures=temperatures)
-    return RecordingReduction(reduction, contents, stillness, match)
+    return reduction_of(data, dwells, rate_hz, recording, temperatures=temperatures)
 
 
 def run_and_mount(context: KnownContext, plan: CapturePlan | None, count: int) -> dict[str, tuple[str, ...] | None]:
@@ -190,14 +215,18 @@ def run_and_mount(context: KnownContext, plan: CapturePlan | None, count: int) -
     return {name: (label,) * count if label != "1" else None for name, label in usual.items()}
 
 
-def _named_set(
-    path: Path, readings: NDArray[np.float64], match: PlanMatch | None, plan: CapturePlan | None
-) -> PositionSet:
-    """Readings with the names and angles of the plan's positions; without a plan, numbered and with suggested angles."""
+def _attitudes(count: int, match: PlanMatch | None, plan: CapturePlan | None) -> Attitudes:
+    """The attitudes of a plan's positions; without a plan, numbers as names, and unknown angles."""
     if plan is None or match is None:
+        return tuple(f"p{k + 1}" for k in range(count)), None, None, None
+    return in_plan(match, plan)
+
+
+def _position_set(path: Path, readings: NDArray[np.float64], attitudes: Attitudes) -> PositionSet:
+    """Readings at these attitudes; unknown angles are suggested by the readings."""
+    names, alpha, beta, approach = attitudes
+    if alpha is None or beta is None:
         alpha, beta = attitudes_of(readings)
-        return PositionSet(tuple(f"p{k + 1}" for k in range(len(readings))), alpha, beta, readings, source=str(path))
-    names, alpha, beta, approach = in_plan(match, plan)
     return PositionSet(names, alpha, beta, readings, approach=approach, source=str(path))
 
 
@@ -225,28 +254,23 @@ def check_still(path: Path, stillness: Stillness, to_g: float) -> None:
 
 def _without_surplus(path: Path, stillness: Stillness, match: PlanMatch) -> Stillness:
     """Reject the intervals that are not positions of the plan, with their angle to the nearest."""
-    if len(match.surplus) == len(stillness.used):
+    used = stillness.used
+    if len(match.surplus) == len(used):
         raise NothingStill(
-            f"{path}: none of {len(stillness.used)} intervals at rest fits a position of the plan (nearest: "
+            f"{path}: none of {len(used)} intervals at rest fits a position of the plan (nearest: "
             f"{match.angle_deg.min():.0f} deg away); check mount_rotation_deg of the plan",
             stillness,
         )
-    reasons = {
-        stillness.used[
-            k
-        ].start: f"surplus: not a position of the plan, {match.angle_deg[k]:.0f} deg from the nearest one"
-        for k in match.surplus
-    }
-    intervals = [
-        replace(interval, reason=interval.reason or reasons.get(interval.start, "")) for interval in stillness.intervals
-    ]
-    return replace(stillness, intervals=intervals)
+    words = "surplus: not a position of the plan, {:.0f} deg from the nearest one"
+    return stillness.rejecting({used[k].start: words.format(match.angle_deg[k]) for k in match.surplus})
 
 
 def still_samples(
-    samples: Path, stillness: Stillness, columns: list[str]
+    samples: Path, stillness: Stillness
 ) -> tuple[list[NDArray[np.float64]], list[NDArray[np.float64]] | None]:
     """The accelerations (n, 3) of each used interval, without knocks and outliers, and their temperatures."""
+    there = scan_parquet(samples, check=False)[0].collect_schema().names()
+    columns = [name for name in there if name[:2] in FORCE or name == "temperature_degc"]
     parts: list[list[NDArray[np.float64]]] = [[] for _ in stillness.used]
     alone = stillness.blocks.outliers
     for first, table in pieces_of(samples, columns):
@@ -290,12 +314,11 @@ def means_of(
         raw = raw.in_g_of(gravity) if raw.in_ms2 else raw
     require_axes_answer(str(path), raw.readings[:, None])
     names = tuple(map(str, raw.frame["position"].to_list())) if "position" in raw.frame.columns else None
-    data = _named_set(path, raw.readings, _match_of(path, names, raw, plan), plan)
+    attitudes = _attitudes(len(raw.readings), _match_of(path, names, raw, plan), plan)
     if plan is None:
-        data = replace(data, names=names or data.names)
-        data = (
-            replace(data, alpha_deg=raw.numbers("alpha_deg"), beta_deg=raw.numbers("beta_deg")) if with_angles else data
-        )
+        alpha, beta = (raw.numbers("alpha_deg"), raw.numbers("beta_deg")) if with_angles else (None, None)
+        attitudes = names or attitudes[0], alpha, beta, None
+    data = _position_set(path, raw.readings, attitudes)
     labels = run_and_mount(context, plan, len(data))
     return replace(data, comments=comments, temperature_degc=raw.temperature_degc(), **labels), contents
 

@@ -60,7 +60,7 @@ def reduce_table(path: Path, source: Path | None = None) -> Reduction:
         data,
         forces,
         rate,
-        sha256_of(hashed, 0, hashed.stat().st_size)[:16],
+        sha256_of(hashed)[:16],
         temperatures=None if (warmth := raw.temperature_degc()) is None else [warmth[rows] for rows in dwells],
     )
 

@@ -1,6 +1,6 @@
 """The intervals at rest of several files of one recording, file by file."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -47,14 +47,6 @@ def within_files(stillness: Stillness, parts: Sequence[FilePart]) -> Stillness:
     return replace(stillness, intervals=cut)
 
 
-def refused(stillness: Stillness, reasons: Mapping[int, str]) -> Stillness:
-    """The intervals with reasons against some used ones, by their first row."""
-    intervals = [
-        replace(interval, reason=interval.reason or reasons.get(interval.start, "")) for interval in stillness.intervals
-    ]
-    return replace(stillness, intervals=intervals)
-
-
 def one_attitude_each(stillness: Stillness, parts: Sequence[FilePart]) -> Stillness:
     """The longest interval of each file, and those with its attitude, since a file has one position."""
     reasons = {}
@@ -69,7 +61,7 @@ def one_attitude_each(stillness: Stillness, parts: Sequence[FilePart]) -> Stilln
                 reasons[interval.start] = (
                     f"attitude: {angle:.0f} deg from the longest interval at rest of {part.file.name}"
                 )
-    return refused(stillness, reasons)
+    return stillness.rejecting(reasons)
 
 
 def without_still(stillness: Stillness, parts: Sequence[FilePart]) -> list[tuple[str, str]]:

@@ -19,15 +19,8 @@ if TYPE_CHECKING:
 
 # Keys of comments that state the sample rate.
 RATE_KEYS = (
-    "rate_hz",
-    "fs",
-    "fs_hz",
-    "sample_rate",
-    "sampling_rate",
-    "sampling_rate_hz",
-    "sampling_frequency",
-    "update_rate",
-    "outputrate",
+    *("rate_hz", "fs", "fs_hz", "sample_rate", "sampling_rate", "sampling_rate_hz", "sampling_frequency"),
+    *("update_rate", "outputrate"),
 )
 # Clocks with more seconds count from 1970: the date is after 2001, and no device has run for that long.
 _LEAST_MOMENT_S = 1e9
@@ -95,6 +88,15 @@ class Contents:
         if self.begin_s < _LEAST_MOMENT_S:
             return {TIME_BEGAN: f"{self.begin_s:.6f}"}
         return {TIME_ZERO: moment(self.begin_s)}
+
+    @property
+    def entries(self) -> dict[str, object]:
+        """Excluded rows and damage, for a file."""
+        return {
+            "left_out": {"rows": self.unreadable, "first": self.places},
+            "damage": self.damage.lines,
+            "damage_records": [record.as_dict() for record in self.damage.records],
+        }
 
     @property
     def mixed_rates(self) -> tuple[float, float] | None:

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tumblecal.capture.columns.clock_text import FORMS, seconds_of
+from tumblecal.capture.columns.clock_text import FORMS
 from tumblecal.capture.columns.column_names import LABELS, NUMBERS
 from tumblecal.capture.columns.number_range import wrapped_record
 from tumblecal.capture.columns.roles import Layout
-from tumblecal.capture.columns.units import FORCE, RATE, Column
+from tumblecal.capture.columns.units import FORCE, RATE, reading_of
 from tumblecal.capture.rows.contents import Contents
 from tumblecal.capture.rows.row_repair import erased_record
 from tumblecal.capture.rows.row_runs import FEWEST_ERASED, runs_of
@@ -64,10 +64,11 @@ def frames_of(layout: Layout, contents: Contents, path: str, more: Sequence[str]
     begin = np.nan
     seen = 0
     wrapped = [column for column in layout.columns.values() if column.wrap]
+    outside = [c.wrap.concerns(pl.col(c.name).cast(float, strict=False).fill_nan(None)) for c in wrapped if c.wrap]
     out_of_range, erased = RowCount(), RowCount()
     for piece in layout.table.pieces(list(dict.fromkeys([*wanted, *more]))):
         frame = piece.select(
-            _expression(layout.columns[role]).alias(name) if role not in LABELS else
+            reading_of(layout.columns[role]).alias(name) if role not in LABELS else
             pl.col(layout.columns[role].name).cast(pl.String).str.replace_all(CONTROLS, "?").alias(name)
             for role, name in named.items()
         )  # fmt: skip
@@ -84,7 +85,7 @@ def frames_of(layout: Layout, contents: Contents, path: str, more: Sequence[str]
         whole = frame.select(pl.all_horizontal(usual.fill_null(False))).to_series()
         places = piece[ROW].to_numpy() if ROW in piece.columns else np.arange(seen + 1, seen + len(piece) + 1)
         if wrapped:
-            out_of_range.add(seen, np.any([_concerned(piece, column) for column in wrapped], axis=0))
+            out_of_range.add(seen, piece.select(pl.any_horizontal(outside).fill_null(False)).to_series().to_numpy())
         if not whole.all():
             blank = blank_rows(frame.select(named[role] for role in FORCE))
             erased.add(seen, blank)
@@ -112,14 +113,6 @@ def frames_of(layout: Layout, contents: Contents, path: str, more: Sequence[str]
         contents.damage.add(erased_record(erased.rows, erased.first, "no axis has a number"))
 
 
-def _concerned(piece: "pl.DataFrame", column: Column) -> np.ndarray:
-    """Mask of the numbers of a column outside the range of their type."""
-    import polars as pl
-
-    numbers = piece[column.name].cast(pl.Float64, strict=False).to_numpy()
-    return column.wrap.concerns(numbers) if column.wrap else np.zeros(len(numbers), bool)
-
-
 def blank_rows(force: "pl.DataFrame") -> np.ndarray:
     """Rows of erased memory: all axes are NaN, or have one number too large for any quantity, in many successive rows."""
     import polars as pl
@@ -141,16 +134,3 @@ def _unread_in(layout: Layout, piece: "pl.DataFrame", frame: "pl.DataFrame", row
             cell = piece[layout.columns[role].name][row]
             return f"for column {layout.columns[role].name}" + ("" if cell is None else f", {shown(cell)}")
     return "for its cells"
-
-
-def _expression(column: Column) -> "pl.Expr":
-    import polars as pl
-
-    if column.unit in FORMS:
-        return seconds_of(column.name, column.unit, column.offset)
-    values = pl.col(column.name).cast(pl.Float64, strict=False)
-    if column.wrap:
-        moved = values >= column.wrap.cut if column.wrap.shift < 0 else values < column.wrap.cut
-        values = pl.when(moved).then(values + column.wrap.shift).otherwise(values)
-    values = (values - column.offset) * column.scale
-    return values + pl.col(column.whole).cast(pl.Float64, strict=False) if column.whole else values

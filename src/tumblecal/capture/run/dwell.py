@@ -40,7 +40,6 @@ class Dwell:
     blocks: list[Block] = field(default_factory=list)
     good: int = 0
     flagged: int = 0
-    starting: int = 0
 
     def __post_init__(self) -> None:
         self._cutter = Blocks(self.block)

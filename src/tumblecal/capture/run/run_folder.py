@@ -68,7 +68,7 @@ def begin(plan_path: Path, folder: Path, port: str | None = None) -> RunFolder:
             aside.write_bytes(plan_path.read_bytes())
         journal.write(
             "session",
-            plan_sha256=sha256_of(copy, 0, copy.stat().st_size),
+            plan_sha256=sha256_of(copy),
             **plan.session.model_dump(),
             gravity_ms2=plan.site.gravity.value_ms2,
             gravity_source=plan.site.gravity.source,
@@ -94,14 +94,24 @@ def resume(folder: Path, port: str | None = None) -> RunFolder:
     def take_up(journal: Journal) -> RunFolder:
         damage = list[str]()
         state = replayed(journal.entries(damage))
-        path = folder / PLAN_NAME
-        if not path.is_file():
-            raise InputError(f"{path}: this file is missing; restore the plan of this capture")
-        if sha256_of(path, 0, path.stat().st_size) != state.session["plan_sha256"]:
-            raise InputError(f"{path}: this file was changed after the capture began; restore the original")
-        return RunFolder(folder, _with_port(read_plan(path), port), state, journal, tuple(damage))
+        plan = plan_of_run(folder, state)
+        return RunFolder(folder, _with_port(plan, port), state, journal, tuple(damage))
 
     return _held(folder, take_up)
+
+
+def plan_of_run(folder: Path, state: RunState) -> CapturePlan:
+    """The plan with which the capture in a folder began.
+
+    **Raises:** `InputError` if it is missing or was changed: it contains the angles and gravity of the positions.
+    """
+    path = folder / PLAN_NAME
+    if not path.is_file():
+        raise InputError(f"{path}: this file is missing; restore the plan of this capture")
+    plan = read_plan(path)
+    if state.session.get("plan_sha256") not in (None, sha256_of(path)):
+        raise InputError(f"{path}: this file was changed after the capture began; restore the original")
+    return plan
 
 
 def _held(folder: Path, use: Callable[[Journal], RunFolder]) -> RunFolder:

@@ -1,6 +1,7 @@
 """The intervals at rest of a recording: runs of still windows, joined over knocks, and reasons against other intervals."""
 
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -58,6 +59,11 @@ class Stillness:
         judged = {"joins": self.joins, "size_judged": self.size_judged}
         intervals = [interval.as_dict() for interval in self.intervals]
         return {"still": asdict(self.criterion) | noise | judged, "intervals": intervals}
+
+    def rejecting(self, reasons: Mapping[int, str]) -> "Stillness":
+        """The same with reasons against some of the used intervals, by their first row."""
+        intervals = [replace(one, reason=one.reason or reasons.get(one.start, "")) for one in self.intervals]
+        return replace(self, intervals=intervals)
 
     @property
     def one_attitude(self) -> bool:
