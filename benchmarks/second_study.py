@@ -123,11 +123,11 @@ class Outcome:
         return self.verdict == "unexplained"
 
 
-def drawn(kind: str, number: int, seed: int) -> Case:
-    """The case of a number."""
+def drawn(kind: str, number: int, seed: int, sizes: Sequence[float] = SIZES) -> Case:
+    """The case of a number, of one of these sizes in turn."""
     order = list(KINDS).index(kind)
     rng = np.random.default_rng([seed, order, number])
-    d, plans = SIZES[number % len(SIZES)], [*head.PLANS]
+    d, plans = sizes[number % len(sizes)], [*head.PLANS]
     known, with_columns = bool(rng.integers(2)), bool(rng.integers(2)) or kind in NEEDS_COLUMNS
     for tried in range(_TRIES * len(plans)):
         sd, name = (

@@ -1,0 +1,247 @@
+"""The parts of the diagnosis that `ablation.py` switches off, one at a time, in its process alone.
+
+An entry replaces functions or constants. A file is reached by it where, in the ordinary run, the replacement would have given
+another result than the function: of the other files the answers are equal by construction, as the program is deterministic.
+"""
+
+import ast
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+
+import tumblecal.diagnosis
+from tumblecal.diagnosis import diagnose
+from tumblecal.diagnosis.exact import kinks
+from tumblecal.diagnosis.head import together
+from tumblecal.diagnosis.lack_of_fit import lack_of_fit
+from tumblecal.diagnosis.screening import jumps_tried, noise_change, screen
+from tumblecal.diagnosis.sets import cause_sets, classes, prior, search
+
+
+# Number of causes from which on `sets of four causes` are reached.
+_FOUR = 4
+
+
+@dataclass(frozen=True)
+class Replaced:
+    """One function (or constant) of a module or class, by what it gives when it is switched off.
+
+    - `instead`: called with the arguments; the replacement itself if `constant`; None: nothing is replaced, it is watched only.
+    - `same`: whether a result of the function, and of the replacement, are equal.
+    - `reaches`: by the object before, called with the arguments, the function, its result: for functions that change an object.
+    """
+
+    owner: Any
+    name: str
+    instead: Any = None
+    same: Callable[[Any, Any], bool] = lambda own, other: own is other
+    constant: bool = False
+    reaches: Callable[[Callable, tuple, dict], tuple[Any, bool]] | None = None
+
+    def watched(self, function: Callable, reached: Callable[[], None]) -> Callable:
+        """The function, which reports where the replacement would differ."""
+
+        def call(*arguments, **options):
+            if self.reaches is not None:
+                result, differs = self.reaches(function, arguments, options)
+            else:
+                result = function(*arguments, **options)
+                differs = not self.same(result, self.instead(*arguments, **options))
+            if differs:
+                reached()
+            return result
+
+        return call
+
+
+@dataclass(frozen=True)
+class Suspect:
+    """A part of the diagnosis. `code`: files of `diagnosis/`, or `file:function`, that would go with it."""
+
+    name: str
+    replaced: tuple[Replaced, ...]
+    code: tuple[str, ...]
+
+    @property
+    def lines(self) -> int:
+        """Number of lines that would go."""
+        return sum(map(_lines, self.code))
+
+
+def _lines(code: str) -> int:
+    folder = Path(next(iter(tumblecal.diagnosis.__path__)))
+    file, _, name = code.partition(":")
+    text = (folder / file).read_text()
+    if not name:
+        return len(text.splitlines())
+    *outer, last = name.split(".")
+    nodes = ast.walk(ast.parse(text))
+    if outer:
+        nodes = next(node for node in nodes if isinstance(node, ast.ClassDef) and node.name == outer[0]).body
+    node = next(node for node in nodes if isinstance(node, ast.FunctionDef) and node.name == last)
+    first = min([node.lineno, *(decorator.lineno for decorator in node.decorator_list)])
+    return (node.end_lineno or first) - first + 2
+
+
+def _first(screened, *_):
+    """The screen as it was."""
+    return screened
+
+
+def _none(*_, **__):
+    return None
+
+
+def _empty(*_, **__) -> list:
+    return []
+
+
+def _false(*_, **__) -> bool:
+    return False
+
+
+def _grown(function: Callable, arguments: tuple, options: dict) -> tuple[Any, bool]:
+    """A step of a search, and whether it scored anything."""
+    before = len(arguments[0]._kept)
+    result = function(*arguments, **options)
+    return result, len(arguments[0]._kept) != before
+
+
+def _enlarged_to_four(function: Callable, arguments: tuple, options: dict) -> tuple[Any, bool]:
+    """Sets that are scored with one cause more."""
+    return function(*arguments, **options), bool(np.any(arguments[1].causes >= _FOUR - 1))
+
+
+def _scored_of_four(function: Callable, arguments: tuple, options: dict) -> tuple[Any, bool]:
+    """Sets that are scored themselves."""
+    priors = function(*arguments, **options)
+    return priors, bool(np.any(priors.causes >= _FOUR))
+
+
+def _classes_without_changes(groups, coefficients, shares, changes):
+    return _NEAR(groups, coefficients, shares, None)
+
+
+def _same_classes(own, other) -> bool:
+    return own[0] == other[0] and bool(np.array_equal(own[1], other[1]))
+
+
+def _no_curve(*_) -> lack_of_fit._Together:
+    return lack_of_fit._Together(np.zeros(0, int), np.zeros((0, 0)), np.zeros(0))
+
+
+_NEAR = classes._near
+_UP_TO_THREE = prior._LOG_SIZE.copy()
+_UP_TO_THREE[_FOUR:] = -np.inf
+_WITH_A_JUMP = Replaced(screen, "with_a_jump", _first)
+_EACH_ALONE = Replaced(screen, "each_alone", _first)
+_SIGNS_SOUGHT = Replaced(screen, "signs_sought", _first)
+_JUMP_EXPLAINS = Replaced(screen, "jump_explains", _false)
+# Those that free most lines first.
+SUSPECTS = (
+    Suspect(
+        "signs at zero input, whole",
+        (_WITH_A_JUMP, _EACH_ALONE, _SIGNS_SOUGHT, _JUMP_EXPLAINS),
+        (
+            "exact/kinks.py", "exact/signs.py", "exact/jump_pairs.py", "screening/jumps_tried.py",
+            "screening/screen.py:Screening._jumps_tried", "screening/screen.py:Screening._uncontradicted",
+            "screening/screened.py:Screened.parts_of_leading_effects", "screening/screened.py:Screened.undone",
+        ),
+    ),
+    Suspect(
+        "kinks", (Replaced(jumps_tried, "kink_start", _none),),
+        ("exact/kinks.py", "exact/jump_pairs.py", "exact/signs.py:sign_choices", "screening/jumps_tried.py:signs_sought"),
+    ),
+    Suspect("tests of positions in error", (
+        Replaced(screen, "detected_positions", _first),
+        Replaced(search, "off_together", _empty, lambda own, other: own == other),
+    ), ("sets/positions_off.py", "detection/detect.py:detected_positions")),
+    Suspect(
+        "location", (Replaced(diagnose, "located", _empty, lambda own, other: own == other),), ("findings/location.py",)
+    ),
+    Suspect(
+        "one curve", (
+            Replaced(
+                lack_of_fit.LackOfFit, "_of_one_curve", _no_curve, lambda own, other: len(own.numbers) == len(other.numbers)
+            ),
+        ),
+        (
+            "lack_of_fit/one_curve.py:one_curve", "lack_of_fit/one_curve.py:fitted", "lack_of_fit/one_curve.py:_in_direction",
+            "lack_of_fit/one_curve.py:_moved", "lack_of_fit/lack_of_fit.py:LackOfFit._of_one_curve",
+            "lack_of_fit/lack_of_fit.py:LackOfFit._side_by_side", "lack_of_fit/processes.py:Process.of_one_curve",
+        ),
+    ),
+    Suspect("two levels", (Replaced(together, "two_levels", _empty),), ("head/two_levels.py",)),
+    Suspect("jumps tried", (_WITH_A_JUMP, _EACH_ALONE), (
+        "screening/jumps_tried.py:each_alone", "screening/jumps_tried.py:with_a_jump",
+        "screening/jumps_tried.py:_each_without_one", "screening/screen.py:Screening._jumps_tried",
+        "screening/screen.py:Screening._uncontradicted", "screening/screened.py:Screened.parts_of_leading_effects",
+        "screening/screened.py:Screened.undone", "exact/kinks.py:without_faults", "exact/kinks.py:turns_a_sign",
+        "exact/kinks.py:most_left",
+    )),
+    Suspect(
+        "second reading of slips", (Replaced(diagnose, "of_angles", _empty, lambda own, other: own == other),),
+        ("screening/slips.py", "diagnose.py:Diagnoser._credence"),
+    ),
+    Suspect(
+        "patchwork",
+        tuple(Replaced(module, "is_patchwork", _false) for module in (classes, noise_change)),
+        ("sets/patchwork.py", "sets/classes.py:Groups.patchwork"),
+    ),
+    Suspect("signs", (_SIGNS_SOUGHT, _JUMP_EXPLAINS), (
+        "exact/signs.py:jump_explains", "exact/signs.py:_left_out", "exact/signs.py:_rows_of",
+        "screening/jumps_tried.py:signs_sought",
+    )),
+    Suspect("setting changes", (Replaced(classes, "_near", _classes_without_changes, _same_classes),), (
+        "sets/setting_changes.py",
+    )),
+    Suspect("expansion and exchange of families", (
+        Replaced(search.Search, "_expand_families", _none, reaches=_grown),
+        Replaced(search.Search, "_exchange_for_families", _none, reaches=_grown),
+    ), (
+        "sets/search.py:Search._expand_families", "sets/search.py:Search._may_score",
+        "sets/search.py:Search._exchange_for_families",
+    )),
+    Suspect("jump pairs", (Replaced(kinks, "_likeliest", _empty, lambda own, other: own == other),), (
+        "exact/jump_pairs.py", "exact/kinks.py:_likeliest",
+    )),
+    Suspect("level", (Replaced(noise_change, "level_change", _none),), (
+        "screening/level.py", "screening/noise_change.py:_sure_level",
+    )),
+    Suspect("sets of four causes", (
+        Replaced(cause_sets, "MOST_CAUSES", _FOUR - 1, constant=True),
+        Replaced(search, "MOST_CAUSES", _FOUR - 1, constant=True),
+        Replaced(prior, "_LOG_SIZE", _UP_TO_THREE, constant=True),
+        Replaced(search.Search, "_keep", reaches=_enlarged_to_four),
+        Replaced(search.Search, "_score", reaches=_scored_of_four),
+    ), ()),
+)  # fmt: skip
+
+
+@contextmanager
+def without(suspect: Suspect) -> Iterator[None]:
+    """The diagnosis with a part switched off."""
+    with ExitStack() as stack:
+        for replaced in suspect.replaced:
+            if replaced.instead is not None:
+                stack.enter_context(patch.object(replaced.owner, replaced.name, replaced.instead))
+        yield
+
+
+@contextmanager
+def watched(suspects: Sequence[Suspect]) -> Iterator[set[str]]:
+    """The ordinary diagnosis; holds the names of the suspects that it reached."""
+    reached: set[str] = set()
+    with ExitStack() as stack:
+        for suspect in suspects:
+            for replaced in suspect.replaced:
+                if not replaced.constant:
+                    function = getattr(replaced.owner, replaced.name)
+                    call = replaced.watched(function, lambda name=suspect.name: reached.add(name))
+                    stack.enter_context(patch.object(replaced.owner, replaced.name, call))
+        yield reached
