@@ -8,6 +8,7 @@ import ast
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -15,9 +16,7 @@ from unittest.mock import patch
 import numpy as np
 
 import tumblecal.diagnosis
-from tumblecal.diagnosis import diagnose
 from tumblecal.diagnosis.exact import kinks
-from tumblecal.diagnosis.head import together
 from tumblecal.diagnosis.lack_of_fit import lack_of_fit
 from tumblecal.diagnosis.screening import jumps_tried, noise_change, screen
 from tumblecal.diagnosis.sets import cause_sets, classes, prior, search
@@ -135,6 +134,9 @@ def _no_curve(*_) -> lack_of_fit._Together:
     return lack_of_fit._Together(np.zeros(0, int), np.zeros((0, 0)), np.zeros(0))
 
 
+# Modules whose names their packages give to a function.
+_DIAGNOSE = import_module("tumblecal.diagnosis.diagnose")
+_TOGETHER = import_module("tumblecal.diagnosis.head.together")
 _NEAR = classes._near
 _UP_TO_THREE = prior._LOG_SIZE.copy()
 _UP_TO_THREE[_FOUR:] = -np.inf
@@ -162,7 +164,7 @@ SUSPECTS = (
         Replaced(search, "off_together", _empty, lambda own, other: own == other),
     ), ("sets/positions_off.py", "detection/detect.py:detected_positions")),
     Suspect(
-        "location", (Replaced(diagnose, "located", _empty, lambda own, other: own == other),), ("findings/location.py",)
+        "location", (Replaced(_DIAGNOSE, "located", _empty, lambda own, other: own == other),), ("findings/location.py",)
     ),
     Suspect(
         "one curve", (
@@ -176,7 +178,7 @@ SUSPECTS = (
             "lack_of_fit/lack_of_fit.py:LackOfFit._side_by_side", "lack_of_fit/processes.py:Process.of_one_curve",
         ),
     ),
-    Suspect("two levels", (Replaced(together, "two_levels", _empty),), ("head/two_levels.py",)),
+    Suspect("two levels", (Replaced(_TOGETHER, "two_levels", _empty),), ("head/two_levels.py",)),
     Suspect("jumps tried", (_WITH_A_JUMP, _EACH_ALONE), (
         "screening/jumps_tried.py:each_alone", "screening/jumps_tried.py:with_a_jump",
         "screening/jumps_tried.py:_each_without_one", "screening/screen.py:Screening._jumps_tried",
@@ -185,7 +187,7 @@ SUSPECTS = (
         "exact/kinks.py:most_left",
     )),
     Suspect(
-        "second reading of slips", (Replaced(diagnose, "of_angles", _empty, lambda own, other: own == other),),
+        "second reading of slips", (Replaced(_DIAGNOSE, "of_angles", _empty, lambda own, other: own == other),),
         ("screening/slips.py", "diagnose.py:Diagnoser._credence"),
     ),
     Suspect(

@@ -18,7 +18,7 @@ import blind_units
 import hand_held_null
 import stated_sd
 from blind_instrument import SIGMA
-from simulated_files import SIMULATORS
+from simulated_files import SIMULATORS, name_of
 from tumblecal.data import write_positions
 
 
@@ -58,9 +58,9 @@ def written(folder: Path, real: Path | None, *, of_each_kind: int = _OF_EACH_KIN
     for simulator, kinds in SIMULATORS.items():
         for kind, drawn in kinds.items():
             for number in range(of_each_kind):
-                simulated = drawn(SEED, number)
-                path = folder / f"{simulated.name}.csv"
-                simulated.write(path)
+                path = folder / f"{name_of(simulator, kind, number)}.csv"
+                if not path.exists():
+                    drawn(SEED, number).write(path)
                 plain.append((f"{simulator}: {kind}", path))
     for kind, path, write in _others(folder):
         write(path)
@@ -76,7 +76,7 @@ def written(folder: Path, real: Path | None, *, of_each_kind: int = _OF_EACH_KIN
     singles = [path for kind, path in plain if kind in ("stress: one d=7", "stress: two d=8", "second: cable pulls")]
     calls += [
         _call(f"single {path.stem}", [("single file", _copied(path, folder / f"single_{path.name}"))])
-        for path in singles[:12]
+        for path in singles[:5]
     ]
     calls += [*_with_samples(folder), *_of_units(folder)]
     if real is not None:
@@ -118,7 +118,7 @@ def _others(folder: Path) -> Iterator[tuple[str, Path, object]]:
             folder / f"recording_{number}.csv",
             lambda path, data=data: write_positions(path, data),
         )
-    for number in range(16):
+    for number in range(8):
         rng = np.random.default_rng([SEED, 2, number])
         case = blind_study.hidden(rng, "4x12", blind_study.one_of(blind_conditions.NAMES), (12,))
         columns = blind_conditions.columns_of(case.setup, case.measured, bool(number % 2))

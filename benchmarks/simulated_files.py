@@ -88,8 +88,12 @@ class Simulated:
     @property
     def name(self) -> str:
         """A name for the file, without its suffix."""
-        words = f"{self.simulator}, {self.kind}, {self.number}"
-        return "".join(letter if letter.isalnum() else "_" for letter in words)
+        return name_of(self.simulator, self.kind, self.number)
+
+
+def name_of(simulator: str, kind: str, number: int) -> str:
+    """The name of a file, without its suffix."""
+    return "".join(letter if letter.isalnum() else "_" for letter in f"{simulator}, {kind}, {number}")
 
 
 Kind = Callable[[int, int], Simulated]
