@@ -24,22 +24,25 @@ from tumblecal.diagnosis.sets import cause_sets, classes, prior, search
 
 # Number of causes from which on `sets of four causes` are reached.
 _FOUR = 4
+# Digits of log posteriors that are compared.
+_DIGITS = 5
 
 
 @dataclass(frozen=True)
 class Replaced:
     """One function (or constant) of a module or class, by what it gives when it is switched off.
 
-    - `instead`: called with the arguments; the replacement itself if `constant`; None: nothing is replaced, it is watched only.
+    - `instead`: called with the arguments; None: nothing is replaced, it is watched only. `watch`: whether it tells which files
+      are reached.
     - `same`: whether a result of the function, and of the replacement, are equal.
-    - `reaches`: by the object before, called with the arguments, the function, its result: for functions that change an object.
+    - `reaches`: gives, for the function and its arguments, its result and whether the replacement would differ.
     """
 
     owner: Any
     name: str
     instead: Any = None
     same: Callable[[Any, Any], bool] = lambda own, other: own is other
-    constant: bool = False
+    watch: bool = True
     reaches: Callable[[Callable, tuple, dict], tuple[Any, bool]] | None = None
 
     def watched(self, function: Callable, reached: Callable[[], None]) -> Callable:
@@ -104,22 +107,34 @@ def _false(*_, **__) -> bool:
     return False
 
 
-def _grown(function: Callable, arguments: tuple, options: dict) -> tuple[Any, bool]:
-    """A step of a search, and whether it scored anything."""
-    before = len(arguments[0]._kept)
-    result = function(*arguments, **options)
-    return result, len(arguments[0]._kept) != before
+def _searched(*replaced: tuple[Any, str, Any]) -> tuple["Replaced", "Replaced"]:
+    """The watch of replacements that act within a search: it is done a second time with them, and what it ranks is compared."""
+
+    def again(own, method: Callable, arguments: tuple, options: dict) -> Any:
+        with ExitStack() as stack:
+            for owner, name, instead in (*replaced, (search.Search, "run", _RUN)):
+                stack.enter_context(patch.object(owner, name, instead))
+            other = search.Search(own.pool, own.z, own.known)
+            if method is _RUN and getattr(own, "after_several", False):
+                _SEVERAL(other)
+            return method(other, *arguments, **options)
+
+    def run(function: Callable, arguments: tuple, options: dict) -> tuple[Any, bool]:
+        ranked = function(*arguments, **options)
+        return ranked, _scores(ranked) != _scores(again(arguments[0], _RUN, arguments[1:], options))
+
+    def several(function: Callable, arguments: tuple, options: dict) -> tuple[Any, bool]:
+        odds = function(*arguments, **options)
+        arguments[0].after_several = True
+        return odds, abs(odds - again(arguments[0], _SEVERAL, (), {})) > 10.0**-_DIGITS
+
+    return Replaced(search.Search, "run", reaches=run), Replaced(search.Search, "several", reaches=several)
 
 
-def _enlarged_to_four(function: Callable, arguments: tuple, options: dict) -> tuple[Any, bool]:
-    """Sets that are scored with one cause more."""
-    return function(*arguments, **options), bool(np.any(arguments[1].causes >= _FOUR - 1))
-
-
-def _scored_of_four(function: Callable, arguments: tuple, options: dict) -> tuple[Any, bool]:
-    """Sets that are scored themselves."""
-    priors = function(*arguments, **options)
-    return priors, bool(np.any(priors.causes >= _FOUR))
+def _scores(ranked: cause_sets.Ranked) -> dict[cause_sets.Members, float]:
+    """The log posteriors of the sets that are not negligible."""
+    values = np.round(ranked.log_posterior, _DIGITS).tolist()
+    return dict(zip(cause_sets.sets_of(ranked.members), values, strict=True))
 
 
 def _classes_without_changes(groups, coefficients, shares, changes):
@@ -140,6 +155,14 @@ _TOGETHER = import_module("tumblecal.diagnosis.head.together")
 _NEAR = classes._near
 _UP_TO_THREE = prior._LOG_SIZE.copy()
 _UP_TO_THREE[_FOUR:] = -np.inf
+_THREE_CAUSES = (
+    (cause_sets, "MOST_CAUSES", _FOUR - 1),
+    (search, "MOST_CAUSES", _FOUR - 1),
+    (prior, "_LOG_SIZE", _UP_TO_THREE),
+)
+_NO_FAMILIES = ((search.Search, "_expand_families", _none), (search.Search, "_exchange_for_families", _none))
+_NO_POSITIONS = (search, "off_together", _empty)
+_RUN, _SEVERAL = search.Search.run, search.Search.several
 _WITH_A_JUMP = Replaced(screen, "with_a_jump", _first)
 _EACH_ALONE = Replaced(screen, "each_alone", _first)
 _SIGNS_SOUGHT = Replaced(screen, "signs_sought", _first)
@@ -161,7 +184,8 @@ SUSPECTS = (
     ),
     Suspect("tests of positions in error", (
         Replaced(screen, "detected_positions", _first),
-        Replaced(search, "off_together", _empty, lambda own, other: own == other),
+        Replaced(*_NO_POSITIONS, watch=False),
+        *_searched(_NO_POSITIONS),
     ), ("sets/positions_off.py", "detection/detect.py:detected_positions")),
     Suspect(
         "location", (Replaced(_DIAGNOSE, "located", _empty, lambda own, other: own == other),), ("findings/location.py",)
@@ -203,8 +227,8 @@ SUSPECTS = (
         "sets/setting_changes.py",
     )),
     Suspect("expansion and exchange of families", (
-        Replaced(search.Search, "_expand_families", _none, reaches=_grown),
-        Replaced(search.Search, "_exchange_for_families", _none, reaches=_grown),
+        *(Replaced(*own, watch=False) for own in _NO_FAMILIES),
+        *_searched(*_NO_FAMILIES),
     ), (
         "sets/search.py:Search._expand_families", "sets/search.py:Search._may_score",
         "sets/search.py:Search._exchange_for_families",
@@ -216,11 +240,8 @@ SUSPECTS = (
         "screening/level.py", "screening/noise_change.py:_sure_level",
     )),
     Suspect("sets of four causes", (
-        Replaced(cause_sets, "MOST_CAUSES", _FOUR - 1, constant=True),
-        Replaced(search, "MOST_CAUSES", _FOUR - 1, constant=True),
-        Replaced(prior, "_LOG_SIZE", _UP_TO_THREE, constant=True),
-        Replaced(search.Search, "_keep", reaches=_enlarged_to_four),
-        Replaced(search.Search, "_score", reaches=_scored_of_four),
+        *(Replaced(*own, watch=False) for own in _THREE_CAUSES),
+        *_searched(*_THREE_CAUSES),
     ), ()),
 )  # fmt: skip
 
@@ -242,7 +263,7 @@ def watched(suspects: Sequence[Suspect]) -> Iterator[set[str]]:
     with ExitStack() as stack:
         for suspect in suspects:
             for replaced in suspect.replaced:
-                if not replaced.constant:
+                if replaced.watch:
                     function = getattr(replaced.owner, replaced.name)
                     call = replaced.watched(function, lambda name=suspect.name: reached.add(name))
                     stack.enter_context(patch.object(replaced.owner, replaced.name, call))
