@@ -1,5 +1,9 @@
 """What stands in the pages of docs/ and in the README is what the program understands: commands, TOML, Python."""
 
+import ast
+import doctest
+import importlib
+import inspect
 import re
 import shlex
 import shutil
@@ -9,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+import tumblecal as package
 from tumblecal.cli.commands import app
 from tumblecal.data import write_positions
 
@@ -20,10 +25,78 @@ RUN_ELSEWHERE = {
     "README.md": "tests/test_readme.py",
     "python.md": "tests/test_readme.py",
     "files.md": "tests/data/test_calibration_extended.py",
+    "extending.md": "tests/test_readme.py",
+    "index.md": "tests/test_readme.py",
     "own_effects.md": "tests/effects/test_users_effects.py",
 }
 # Pages whose shell blocks are run here, in this order: each has what those before it made.
 WAY_OUT = ("certificate", "budget", "devices", "history")
+
+
+# Packages with an `__all__`: the API reference documents these names, those of `tumblecal` itself, and no others.
+PUBLIC = ("chain", "data", "devices", "diagnosis", "effects", "estimation", "noise", "planning")
+
+
+def public_objects(folder: str) -> dict[str, object]:
+    """The public names of a folder, or with "" of the package itself."""
+    module = importlib.import_module(f"tumblecal.{folder}" if folder else "tumblecal")
+    names = module.__all__ if folder else ["InputError", "enable_float64", *package._FROM]
+    return {name: getattr(module, name) for name in names}
+
+
+@pytest.mark.parametrize("folder", ["", *PUBLIC])
+def test_every_public_name_has_an_example_that_runs(folder, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    finder, runner = doctest.DocTestFinder(exclude_empty=False), doctest.DocTestRunner()
+    module, printed = importlib.import_module(f"tumblecal.{folder}" if folder else "tumblecal"), []
+    documented = module.__doc__ or ""
+    for name, thing in {"": module, **public_objects(folder)}.items():
+        own = inspect.isclass(thing) or inspect.isfunction(thing)
+        if name and not own:  # an alias or a table has no docstring of its own
+            assert re.search(rf">>> .*\b{name}\b", documented), f"{name}: no example in the docstring of its package"
+            continue
+        tests = (
+            finder.find(thing, name or folder, module=False)
+            if name
+            else [doctest.DocTestParser().get_doctest(documented, {}, folder, None, None)]
+        )
+        assert not name or tests[0].examples, f"{name}: no example"
+        for test in tests:
+            runner.run(test, out=printed.append)
+    assert not runner.failures, "".join(printed)
+
+
+def test_every_package_with_public_names_is_in_the_reference():
+    source = ROOT / "src" / "tumblecal"
+    assert sorted(PUBLIC) == sorted(
+        file.parent.name for file in source.glob("*/__init__.py") if "__all__" in file.read_text(encoding="utf-8")
+    )
+    assert all((ROOT / "docs" / "api" / f"{folder}.md").is_file() for folder in PUBLIC)
+
+
+def messages_of_the_program() -> list[str]:
+    """Texts of the source as runs of words; an inserted value is a `…`."""
+    texts = []
+    for file in (ROOT / "src").rglob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.JoinedStr):
+                parts = node.values
+            elif isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mod) and isinstance(node.left, ast.Constant):
+                parts = [node.left]
+            else:
+                parts = [node] if isinstance(node, ast.Constant) else []
+            values = [part.value if isinstance(part, ast.Constant) else "…" for part in parts]
+            texts.append(re.sub(r"%d\.%d", "…", "".join(value for value in values if isinstance(value, str))))
+    return texts
+
+
+def test_messages_of_the_troubleshooting_page_are_the_program_s():
+    """The first column quotes messages; what differs between them, or is joined from several texts, is a `…`."""
+    page = (ROOT / "docs" / "troubleshooting.md").read_text(encoding="utf-8")
+    quoted = [row.removeprefix("| `").partition("` | ")[0] for row in page.splitlines() if row.startswith("| `")]
+    texts = "\n".join(messages_of_the_program())
+    pieces = [(message, piece) for message in quoted for piece in message.split("…") if len(piece.strip()) > 3]
+    assert len(quoted) > 40 and not [both for both in pieces if both[1].strip() not in texts]
 
 
 def commands() -> list:

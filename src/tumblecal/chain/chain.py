@@ -33,7 +33,14 @@ class Chain(Shown, eqx.Module):
 
     `chain + link` is the chain with one more link at the place of that link.
 
-    **Example:** `nominal_chain(settings([0.0, 1.5], [0.0, 0.8])).names`
+    Examples:
+        >>> from tumblecal.chain import nominal_chain, settings
+        >>> where = settings(alpha=[0.0, 1.5], beta=[0.0, 0.8])  # rad
+        >>> chain = nominal_chain(where).named({"bias_z": 1e-3})
+        >>> chain(where).shape, round(float(chain(where)[0, 2]), 6)
+        ((2, 3), 1.001)
+        >>> chain.names[-2:], chain.units[-2:]
+        (('dbeta_0', 'dbeta_1'), ('rad', 'rad'))
     """
 
     links: tuple[Link, ...]
@@ -61,7 +68,16 @@ class Chain(Shown, eqx.Module):
         return next((nominal for nominal in stated if nominal is not None), None)
 
     def __add__(self, link: Link) -> "Chain":
-        """The chain with `link` after the last link of the same or an earlier place."""
+        """The chain with `link` after the last link of the same or an earlier place.
+
+        Examples:
+            >>> from tumblecal.chain import nominal_chain, settings
+            >>> from tumblecal.effects import catalogue
+            >>> where = settings([0.0, 1.5], [0.0, 0.8])
+            >>> (link,) = catalogue()["second_order.z"].make(where)
+            >>> (nominal_chain(where) + link).names[-1]
+            'second_order.z'
+        """
         position = sum(1 for other in self.links if other.place <= link.place)
         return Chain((*self.links[:position], link, *self.links[position:]))
 
@@ -131,6 +147,12 @@ class Chain(Shown, eqx.Module):
 
         A matrix gives every position a separate copy of each number. The derivatives by the copies of a position are
         its rows of the Jacobian, so that three backward passes give all rows.
+
+        Examples:
+            >>> from tumblecal.chain import nominal_chain, settings
+            >>> chain = nominal_chain(settings([0.0], [0.0]))
+            >>> chain.at(chain.vector + 1e-3).vector.tolist() == [1e-3] * len(chain.names)
+            True
         """
         return with_values(self, self.free, vector)
 
@@ -138,6 +160,12 @@ class Chain(Shown, eqx.Module):
         """The chain with the parameters in `values` (by name, base units) set, free or not.
 
         **Raises:** `KeyError` for a name that the chain lacks.
+
+        Examples:
+            >>> from tumblecal.chain import nominal_chain, settings
+            >>> chain = nominal_chain(settings([0.0], [0.0])).named({"gamma_21": 2e-4})
+            >>> float(chain.vector[chain.names.index("gamma_21")])
+            0.0002
         """
         remaining = dict(values)
 
@@ -153,7 +181,13 @@ class Chain(Shown, eqx.Module):
         return chain
 
     def fixed(self, names: set[str]) -> "Chain":
-        """The chain with the leaves in `names` (leaf names such as `dbeta`) fixed at their values."""
+        """The chain with the leaves in `names` (leaf names such as `dbeta`) fixed at their values.
+
+        Examples:
+            >>> from tumblecal.chain import nominal_chain, settings
+            >>> nominal_chain(settings([0.0], [0.0])).fixed({"dtheta", "gamma", "dbeta"}).names
+            ('dK_x', 'dK_y', 'dK_z', 'bias_x', 'bias_y', 'bias_z')
+        """
         return with_parameters(self, lambda leaf: dataclasses.replace(leaf, free=False) if leaf.name in names else leaf)
 
 
@@ -169,6 +203,11 @@ def hand_held_chain(where: Where) -> Chain:
     """The model of a set of unknown attitudes: the sensor's nine parameters, and two tilts for each position.
 
     The angles of head and mount are fixed at zero, because the tilts absorb them.
+
+    Examples:
+        >>> from tumblecal.chain import hand_held_chain, settings
+        >>> len(hand_held_chain(settings([0.0, 1.5], [0.0, 0.8])).names)  # 9, and two tilts for each position
+        13
     """
     fixed = {"dbeta": Leaf("pitch", free=False), "dtheta": Leaf(free=False)}
     return Chain(tuple(nominal_link(name, where, fixed) for name in HAND_HELD))
@@ -192,6 +231,11 @@ def nominal_chain(
     - `dbeta_by`, `dtheta_by`, `bias_by`, `scale_by`: index columns of those leaves; None means shared.
     - `mount_nominal`: intended orientation of each mounting, 3x3 each.
     - `small_angle`: the paper's first-order mount in place of the exact one.
+
+    Examples:
+        >>> from tumblecal.chain import nominal_chain, settings
+        >>> len(nominal_chain(settings([0.0, 1.5, 3.0], [0.0, 0.8, 1.6])).names)  # 12 + 3 pitch settings
+        15
     """
     leaves = {"dbeta": Leaf(dbeta_by), "dtheta": Leaf(dtheta_by), "bias": Leaf(bias_by), "dK": Leaf(scale_by)}
     names = ("small_angle_mount" if small_angle and name == "mount" else name for name in NOMINAL)

@@ -12,7 +12,13 @@ from tumblecal.chain.where import Where
 
 
 class Place(enum.IntEnum):
-    """Places along the chain, from the ground to the reading. `chain + link` puts a link after the last of its place."""
+    """Places along the chain, from the ground to the reading. `chain + link` puts a link after the last of its place.
+
+    Examples:
+        >>> from tumblecal.chain import Place
+        >>> Place.MOUNT < Place.TRIAD < Place.OUTPUT
+        True
+    """
 
     GRAVITY = 10
     BASE = 20
@@ -34,6 +40,12 @@ class State(eqx.Module):
 
     `alpha`, `beta`: true angles, rad. `f`: specific force in the current frame, g; after the triad it is u, the ideal input
     along each sensitive axis. `reading`: output of the instrument, g.
+
+    Examples:
+        >>> from tumblecal.chain import nominal_chain, settings
+        >>> where = settings([0.0], [0.0])
+        >>> [round(float(component[0]), 6) for component in nominal_chain(where).state(where).f]
+        [0.0, 0.0, 1.0]
     """
 
     alpha: Float[Array, " positions"]
@@ -50,7 +62,23 @@ def start(where: Where) -> State:
 
 
 class Link(eqx.Module):
-    """One step of the chain; final subclasses have `Parameter` leaves and convert one state to the next."""
+    """One step of the chain; final subclasses have `Parameter` leaves and convert one state to the next.
+
+    Examples:
+        >>> import equinox as eqx
+        >>> from tumblecal.chain import Link, Parameter, Place, coefficients, nominal_chain, settings
+        >>> class ConstantOnX(Link):
+        ...     place = Place.READING
+        ...     size: Parameter
+        ...
+        ...     def __call__(self, state, where):
+        ...         x, y, z = state.reading
+        ...         return eqx.tree_at(lambda s: s.reading, state, (x + self.size.at(where)[0], y, z))
+        >>> where = settings([0.0], [0.0])
+        >>> chain = nominal_chain(where) + ConstantOnX(coefficients("constant", unit="g"))
+        >>> float(chain.named({"constant": 0.002})(where)[0, 0])
+        0.002
+    """
 
     place: ClassVar[Place]
     # Whether it needs `Where.inputs_before`.

@@ -23,6 +23,13 @@ class Parameter:
     `value` has one row for each group of the index column `by` (a single row if `by` is None: shared by all data) and one
     column for each component. `free` leaves are estimated, the others are fixed. `scale` is a typical size, used only for
     conditioning.
+
+    Examples:
+        >>> from tumblecal.chain import coefficients, settings
+        >>> where = settings([0.0, 0.0, 1.5], [0.0, 0.8, 0.8])
+        >>> leaf = coefficients("dbeta", unit="rad", by="pitch", where=where)
+        >>> leaf.names, leaf.value.shape
+        (('dbeta_0', 'dbeta_1'), (2, 1))
     """
 
     value: Float[Array | np.ndarray, "groups components *positions"]
@@ -83,13 +90,27 @@ def _unstacked(values: Array | np.ndarray, shape: tuple[int, ...]) -> tuple[Comp
 
 
 def parameters_of(tree: object) -> tuple[Parameter, ...]:
-    """All leaves of a chain, a link or several links, in their order."""
+    """All leaves of a chain, a link or several links, in their order.
+
+    Examples:
+        >>> from tumblecal.chain import nominal_chain, parameters_of, settings
+        >>> sorted(leaf.name for leaf in parameters_of(nominal_chain(settings([0.0], [0.0]))))
+        ['bias', 'dK', 'dbeta', 'dtheta', 'gamma', 'levelling']
+    """
     nodes = jax.tree.leaves(tree, is_leaf=lambda node: isinstance(node, Parameter))
     return tuple(node for node in nodes if isinstance(node, Parameter))
 
 
 def with_parameters(tree: Tree, changed: Callable[[Parameter], Parameter]) -> Tree:
-    """A chain or a link with each of its leaves changed."""
+    """A chain or a link with each of its leaves changed.
+
+    Examples:
+        >>> from dataclasses import replace
+        >>> from tumblecal.chain import nominal_chain, settings, with_parameters
+        >>> chain = nominal_chain(settings([0.0], [0.0]))
+        >>> with_parameters(chain, lambda leaf: replace(leaf, free=leaf.name == "bias")).names
+        ('bias_x', 'bias_y', 'bias_z')
+    """
     return jax.tree.map(
         lambda node: changed(node) if isinstance(node, Parameter) else node,
         tree,
@@ -103,6 +124,13 @@ def with_values(
     """A chain or a link with the values of some leaves taken, in turn, from the entries of a vector.
 
     **Raises:** `ValueError` for a vector of the wrong length.
+
+    Examples:
+        >>> import numpy as np
+        >>> from tumblecal.chain import coefficients, parameters_of, with_values
+        >>> leaf = coefficients("bias", ("x", "y", "z"), unit="g")
+        >>> with_values(leaf, parameters_of(leaf), np.array([1e-3, 2e-3, 3e-3])).value.tolist()
+        [[0.001, 0.002, 0.003]]
     """
     count = sum(leaf.value.size for leaf in leaves)
     if count != vector.shape[0]:
@@ -139,6 +167,11 @@ def coefficients(
     - `scale`: typical size.
 
     **Raises:** `InputError` for an index column that the data lack.
+
+    Examples:
+        >>> from tumblecal.chain import coefficients
+        >>> coefficients("dK", ("x", "y", "z"), unit="1").names
+        ('dK_x', 'dK_y', 'dK_z')
     """
     suffixes: tuple[str, ...] = ("",)
     if by is not None:

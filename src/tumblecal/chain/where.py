@@ -34,7 +34,11 @@ class Where:
     also at other times and temperatures. `inputs_before`: the ideal inputs u at the previous position in the same run and
     mounting (for the first position: at itself), g; a chain provides them to links that look back.
 
-    **Example:** `settings([0.0, 1.5], [0.0, 0.8]).names("pitch")`
+    Examples:
+        >>> from tumblecal.chain import settings
+        >>> where = settings([0.0, 1.5], [0.0, 0.8], run=["a", "b"])
+        >>> where.names("pitch"), where.names("run"), where.index("run").tolist()
+        (('_0', '_1'), ('@run=a', '@run=b'), [0, 1])
     """
 
     __repr__ = brief
@@ -181,6 +185,13 @@ def settings(
     - `clock`: labels of the clock of `time_s`; one for all if omitted.
 
     **Returns:** the settings; pitch settings are numbered by increasing beta, runs and mounts as they first appear.
+
+    Examples:
+        >>> import numpy as np
+        >>> from tumblecal.chain import settings
+        >>> alpha, beta = np.radians([0, 90, 0, 90]), np.radians([0, 0, 45, 45])
+        >>> settings(alpha, beta, temperature_degc=[25.0, 25.1, 25.2, 25.3]).index("pitch").tolist()
+        [0, 0, 1, 1]
     """
     alpha, beta = np.asarray(alpha, float), np.asarray(beta, float)
     if alpha.shape != beta.shape or alpha.ndim != 1:

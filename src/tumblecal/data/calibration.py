@@ -42,6 +42,13 @@ class Calibration(Shown):
     vectors from that frame to the fixture, `f_fixture = alignment f`; None for data with several mountings. `gravity` is
     the value of one g; None if the data do not state it. `parameters` are those of the fit, including mount angles; None
     in files of earlier versions. `use`: whether it may be used. `extra` has the other keys of the file.
+
+    Examples:
+        >>> import numpy as np
+        >>> from tumblecal.data import Calibration
+        >>> calibration = Calibration(np.diag([1.001, 1.0, 1.0]), np.array([0.001, 0.0, 0.0]), np.zeros((12, 12)))
+        >>> calibration.corrected(np.array([[1.001, 0.0, 0.0]])).round(6).tolist()  # g
+        [[1.001, 0.0, 0.0]]
     """
 
     matrix: Float[np.ndarray, "3 3"]
@@ -136,7 +143,19 @@ class Calibration(Shown):
 
 
 def write_calibration(path: Path, calibration: Calibration) -> None:
-    """Write a calibration file, completely or not at all."""
+    """Write a calibration file, completely or not at all.
+
+    Examples:
+        >>> from pathlib import Path
+        >>> from tempfile import TemporaryDirectory
+        >>> import numpy as np
+        >>> from tumblecal.data import Calibration, read_calibration, write_calibration
+        >>> with TemporaryDirectory() as folder:
+        ...     file = Path(folder, "calibration.json")
+        ...     write_calibration(file, Calibration(np.eye(3), np.zeros(3), np.zeros((12, 12)), serial_number="A-17"))
+        ...     print(read_calibration(file).serial_number)
+        A-17
+    """
     write_text(path, calibration_text(calibration))
 
 
@@ -167,6 +186,19 @@ def read_calibration(path: Path | str) -> Calibration:
 
     **Raises:** `InputError` for a file that is not a calibration: a missing or infinite number, a singular matrix, an invalid
     covariance, invalid parameters, terms or use, or parameters that contradict matrix and bias.
+
+    Examples:
+        >>> from pathlib import Path
+        >>> from tempfile import TemporaryDirectory
+        >>> import numpy as np
+        >>> import tumblecal
+        >>> from tumblecal.data import Calibration, write_calibration
+        >>> with TemporaryDirectory() as folder:
+        ...     file = Path(folder, "calibration.json")
+        ...     write_calibration(file, Calibration(np.eye(3), np.array([0.001, 0.0, 0.0]), np.zeros((12, 12))))
+        ...     calibration = tumblecal.load(file)
+        >>> calibration.corrected(np.array([[0.001, 0.0, 1.0]])).tolist()  # g
+        [[0.0, 0.0, 1.0]]
     """
     path = Path(path)
     if path.is_dir():

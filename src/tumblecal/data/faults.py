@@ -1,4 +1,4 @@
-"""The faults of a file: the first few of each kind, and the number of the others."""
+"""The faults of a file: one line for each kind, with the other places of the same kind."""
 
 import re
 
@@ -6,7 +6,8 @@ from tumblecal.ground.errors import InputError
 
 
 MOST_FAULTS = 20
-_MOST_OF_KIND = 3
+# Further places of a kind that are listed; the others are counted.
+_MOST_PLACES = 2
 # Parts that differ between faults of one kind: quoted cells and numbers.
 _SPECIFIC = re.compile(r"'[^']*'|\"[^\"]*\"|[-+.\w]*\d[-+.\w]*")
 
@@ -16,7 +17,7 @@ class Faults:
 
     def __init__(self, source: str):
         self.source = source
-        self._kinds: dict[tuple[str | None, str], list[str]] = {}
+        self._kinds: dict[tuple[str | None, str], dict[str, str]] = {}
 
     def __bool__(self) -> bool:
         return bool(self._kinds)
@@ -28,21 +29,32 @@ class Faults:
 
         - `text`: fault and remedy. `place`: in the file, such as `:line 3`. `column`: of the cell, if any.
         """
-        where = self.source + place + (f", column {column}" if column is not None else "")
-        self._kinds.setdefault((column, _SPECIFIC.sub("", text)), []).append(f"{where}: {text}")
+        kind = _SPECIFIC.sub("", text) if place else text
+        self._kinds.setdefault((column, kind), {}).setdefault(place, text)
 
     def stop(self) -> None:
-        """Raise the collected faults.
+        """Raise the collected faults: `FILE:line 3, column az_g: fault; remedy (also in lines 5, 8 and 14 more)`.
 
         **Raises:** `InputError` if there are any.
         """
         lines = list[str]()
         for (column, _), faults in self._kinds.items():
-            lines += faults[:_MOST_OF_KIND]
-            if len(faults) > _MOST_OF_KIND:
-                where = self.source + (f", column {column}" if column is not None else "")
-                lines.append(f"{where}: and {len(faults) - _MOST_OF_KIND} more rows like these")
+            (place, text), *others = faults.items()
+            where = self.source + place + (f", column {column}" if column is not None else "")
+            lines.append(f"{where}: {text}{_also([other for other, _ in others])}")
         if len(lines) > MOST_FAULTS:
             lines[MOST_FAULTS:] = [f"{self.source}: and {len(lines) - MOST_FAULTS} more faults"]
         if lines:
             raise InputError(lines)
+
+
+def _also(places: list[str]) -> str:
+    """Further places, such as ` (also in lines 5, 8 and 14 more)`; "" if there are none."""
+    if not places:
+        return ""
+    word = places[0].lstrip(":").split()[0]
+    numbers = [place.split()[-1] for place in places[:_MOST_PLACES]]
+    numbers += [f"{len(places) - _MOST_PLACES} more"] if len(places) > _MOST_PLACES else []
+    *first, last = numbers
+    listed = f"{', '.join(first)} and {last}" if first else last
+    return f" (also in {word}{'s' if len(places) > 1 else ''} {listed})"

@@ -37,6 +37,18 @@ def read_positions(
       ignored, and positions without a name are numbered. `one_of_several`: as in `renamed`.
 
     **Raises:** `InputError` with every fault, each with file, line and column.
+
+    Examples:
+        >>> from pathlib import Path
+        >>> from tempfile import TemporaryDirectory
+        >>> import tumblecal
+        >>> with TemporaryDirectory() as folder:
+        ...     file = Path(folder, "mine.csv")
+        ...     _ = file.write_text("Angle;Pitch;X;Y;Z\\n0;0;0,001;0;9,81\\n180;0;0,002;0;-9,80\\n")
+        ...     names = {"alpha_deg": "Angle", "beta_deg": "Pitch", "ax_ms2": "X", "ay_ms2": "Y", "az_ms2": "Z"}
+        ...     data = tumblecal.read_positions(file, names=names)
+        >>> data.names, data.readings.round(3).tolist()
+        (('p1', 'p2'), [[0.0, 0.0, 1.0], [0.0, 0.0, -0.999]])
     """
     path = Path(path)
     if path.is_dir():
@@ -123,7 +135,21 @@ def _parquet_table(path: Path) -> Table:
 
 
 def write_positions(path: Path | str, data: PositionSet) -> None:
-    """Write a position set, Parquet or CSV according to the file name, completely or not at all, with full precision."""
+    """Write a position set, Parquet or CSV according to the file name, completely or not at all, with full precision.
+
+    Examples:
+        >>> from pathlib import Path
+        >>> from tempfile import TemporaryDirectory
+        >>> import numpy as np
+        >>> from tumblecal.data import PositionSet, write_positions
+        >>> data = PositionSet(("a",), np.zeros(1), np.zeros(1), np.array([[0.0, 0.0, 1.0]]), comments={"operator": "Li"})
+        >>> with TemporaryDirectory() as folder:
+        ...     write_positions(Path(folder, "p.csv"), data)
+        ...     print(Path(folder, "p.csv").read_text(), end="")
+        # operator: Li
+        position,alpha_deg,beta_deg,ax_g,ay_g,az_g
+        a,0,0,0,0,1
+    """
     path = Path(path)
     columns = data.columns
     if path.suffix == ".parquet":

@@ -69,6 +69,17 @@ class PositionSet(Shown):
     gravity. `files`: files whose positions were joined. `ignored`: columns of the file that are not used.
 
     **Raises:** `InputError` for columns of a wrong length or shape, numbers that are not finite, or sd not above 0.
+
+    Examples:
+        >>> import numpy as np
+        >>> from tumblecal.data import PositionSet
+        >>> up_down = np.array([[0.001, 0.0, 1.002], [0.001, 0.0, -0.998]])  # g
+        >>> data = PositionSet(("up", "down"), np.array([0.0, 180.0]), np.zeros(2), up_down)
+        >>> len(data), data.readings.shape, data.time_s
+        (2, (2, 3), None)
+        >>> PositionSet(("up",), np.zeros(1), np.zeros(1), up_down)
+        Traceback (most recent call last):
+        tumblecal.ground.errors.InputError: positions: readings has the shape (2, 3); it must be (1, 3), for 1 names
     """
 
     names: tuple[str, ...]

@@ -1,4 +1,15 @@
-"""Formats of other programs and devices: one entry for each target, in the file of its family."""
+"""Formats of other programs and devices: one entry for each target, in the file of its family.
+
+`TARGETS` has the `Target` of each name that `tumblecal export --to` accepts.
+
+Examples:
+    >>> import numpy as np
+    >>> from tumblecal.data import Calibration
+    >>> from tumblecal.devices import TARGETS, Export
+    >>> export = Export(Calibration(np.eye(3), np.array([0.001, 0.0, 0.0]), np.zeros((12, 12))), gravity_ms2=9.81)
+    >>> print(TARGETS["ardupilot"].write(export).splitlines()[0])
+    INS_ACCOFFS_X,0.00980999973
+"""
 
 from pathlib import Path
 
@@ -29,6 +40,16 @@ def read_any(given: str, gravity_ms2: float = STANDARD_GRAVITY_MS2) -> Calibrati
     **Returns:** the calibration; from the file of a target with a covariance of zeros (unknown) and `provenance["format"]`.
 
     **Raises:** `InputError` if it cannot be read.
+
+    Examples:
+        >>> from pathlib import Path
+        >>> from tempfile import TemporaryDirectory
+        >>> from tumblecal.devices import read_any
+        >>> with TemporaryDirectory() as folder:
+        ...     _ = Path(folder, "A.txt").write_text("A = [1.001 0 0; 0 1 0; 0 0 1];\\nb = [0 0 -0.0098];\\n")
+        ...     calibration = read_any(f"matlab:{folder}/A.txt", gravity_ms2=9.8)
+        >>> calibration.matrix.diagonal().tolist(), calibration.bias.round(6).tolist()
+        ([1.001, 1.0, 1.0], [0.0, 0.0, 0.001])
     """
     name, colon, file = given.partition(":")
     if not colon or (name not in TARGETS and Path(given).exists()):

@@ -37,6 +37,14 @@ class Export:
     - `header`: lines for formats with comments.
     - `temperatures_degc`: temperature range of thermal terms, if given. `run_s`: operating time of the device, s, if given.
     - `noise`: coefficients of each axis as written by `reduce`, if given.
+
+    Examples:
+        >>> import numpy as np
+        >>> from tumblecal.data import Calibration
+        >>> from tumblecal.devices import Export
+        >>> calibration = Calibration(np.eye(3), np.array([1e-3, 0.0, 0.0]), np.zeros((12, 12)))
+        >>> Export(calibration, gravity_ms2=9.81).bias_ms2.round(5).tolist()
+        [0.00981, 0.0, 0.0]
     """
 
     calibration: Calibration
@@ -64,6 +72,11 @@ class Target:
     - `carries`: included parts, of `cross terms`, `bias`, `bias temperature` (third order, within a range), `terms` (all).
     - `on_device`: the calibration that the device applies, with words on the difference.
     - `notes`: notes for the user; `source`: source of the convention.
+
+    Examples:
+        >>> from tumblecal.devices import TARGETS
+        >>> TARGETS["px4"].lacks, TARGETS["json"].lacks
+        (['cross terms'], [])
     """
 
     name: str
@@ -111,7 +124,13 @@ class Numbers:
 
 @dataclass(frozen=True)
 class Loss:
-    """A loss of a format, and its largest error at 1 g for this unit, mg; `per`: for each degC or h."""
+    """A loss of a format, and its largest error at 1 g for this unit, mg; `per`: for each degC or h.
+
+    Examples:
+        >>> from tumblecal.devices import Loss
+        >>> str(Loss("bias over temperature", 0.0213, "degC"))
+        'bias over temperature: up to 0.0213 mg per degC'
+    """
 
     what: str
     mg: float
@@ -130,6 +149,18 @@ def losses(target: Target, export: Export, whole: Calibration, text: str) -> lis
     **Arguments:**
 
     - `export`: the exported content, `text`: the file. `whole`: the complete calibration.
+
+    Examples:
+        >>> import numpy as np
+        >>> from tumblecal.data import Calibration
+        >>> from tumblecal.devices import TARGETS, Export, losses
+        >>> matrix = np.eye(3) + [[0.02, 0.0, 0.0], [3e-4, 0.02, 0.0], [0.0, 0.0, 0.02]]
+        >>> whole = Calibration(matrix, np.array([0.01, 0.01, 0.01]), np.zeros((12, 12)))
+        >>> target = TARGETS["ardupilot"]
+        >>> export = Export(target.carried(whole), gravity_ms2=9.81)
+        >>> for loss in losses(target, export, whole, target.write(export)):
+        ...     print(loss)
+        cross terms (off the matrix' diagonal): up to 0.294 mg
     """
     lost, before = list[Loss](), whole
     span, run_s = export.temperatures_degc, export.run_s

@@ -66,14 +66,20 @@ def _extended(screened: Screened) -> Fit:
 class Diagnoser:
     """Diagnoses data sets. Compiled models and null distributions of plans are made once and reused.
 
-    **Example:** `diagnoser = Diagnoser(); verdicts = [diagnoser(data, noise_sd=0.1e-3).verdict for data in sets]`
-
     **Arguments:**
 
     - `entries`: the catalogue, with the user's effects if any.
     - `nested`: whether the selection of causes is repeated in every fold of the cross-validation (a second or more).
     - `references`: null distributions of plans.
     - `usual`: largest usual sizes of parameters, base units, for those that differ from `estimation.plausibility.USUAL`.
+
+    Examples:
+        >>> import tumblecal
+        >>> from tumblecal.diagnosis import Diagnoser
+        >>> rig, diagnoser = tumblecal.read_rig("hidden_effect"), Diagnoser(nested=False)
+        >>> files = [tumblecal.simulate(rig, seed=seed, noise_sd=0.1e-3) for seed in (4, 5)]
+        >>> [diagnoser(data, noise_sd=0.1e-3).verdict for data in files]
+        ['ambiguous', 'ambiguous']
     """
 
     entries: Catalogue = field(default_factory=catalogue)
@@ -239,6 +245,11 @@ def diagnose(data: PositionSet, entries: Catalogue | None = None, **options) -> 
 
     **Raises:** `InputError` for data that cannot be diagnosed.
 
-    **Example:** `diagnose(read_positions("positions.csv"), noise_sd=0.1e-3).verdict`
+    Examples:
+        >>> import tumblecal
+        >>> data = tumblecal.simulate(tumblecal.read_rig("hidden_effect"), seed=4, noise_sd=0.1e-3)
+        >>> diagnosis = tumblecal.diagnose(data, noise_sd=0.1e-3)
+        >>> diagnosis.verdict, diagnosis.labels
+        ('ambiguous', ('bias_drift.x', 'second_order.z'))
     """
     return Diagnoser(catalogue() if entries is None else entries)(data, **options)

@@ -46,8 +46,6 @@ if TYPE_CHECKING:
 class Diagnosis(Shown):
     """The result of a diagnosis.
 
-    **Example:** `diagnosis = diagnose(data, noise_sd=0.1e-3); print(diagnosis.verdict, diagnosis.labels)`
-
     - `verdict`: adequate, identified, ambiguous or unexplained.
     - `setup_errors`: set-up errors, corrected first. `implausible`: parameters beyond the usual range.
     - `noise_wrong`: faults of the assumed noise, by id; the tests use the corrected noise. `assumed_p_value`: p-value under
@@ -62,6 +60,15 @@ class Diagnosis(Shown):
     - `nested`: whether the selection of causes is repeated in every fold.
 
     Quantities that only a report needs are computed at first access.
+
+    Examples:
+        >>> import tumblecal
+        >>> data = tumblecal.simulate(tumblecal.read_rig("hidden_effect"), seed=4, noise_sd=0.1e-3)
+        >>> diagnosis = tumblecal.diagnose(data, noise_sd=0.1e-3)
+        >>> diagnosis.table()["probability"][0] == diagnosis.best.probability
+        True
+        >>> diagnosis.extended.rms < diagnosis.nominal.rms
+        True
     """
 
     screened: Screened

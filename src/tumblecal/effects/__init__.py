@@ -1,4 +1,13 @@
-"""The catalogue of effects: possible errors of the nominal chain, one entry each."""
+"""The catalogue of effects: possible errors of the nominal chain, one entry each.
+
+`Catalogue` is the type of a catalogue, a `dict` of `Effect` by id; `AXES` are the names of the axes.
+
+Examples:
+    >>> from tumblecal.effects import AXES, Catalogue, catalogue
+    >>> nonlinear: Catalogue = {id: effect for id, effect in catalogue().items() if id.startswith("second_order")}
+    >>> list(nonlinear) == [f"second_order.{axis}" for axis in AXES]
+    True
+"""
 
 from tumblecal.effects.catalogue import Catalogue, catalogue, entry, links
 from tumblecal.effects.effect import Effect, OutputTerm, angle_effect, output_effect

@@ -34,6 +34,12 @@ def catalogue(*files: Path | str) -> Catalogue:
     - `files`: Python files, each with a list `EFFECTS`.
 
     **Raises:** `InputError` for a file that cannot be used.
+
+    Examples:
+        >>> from tumblecal.effects import catalogue
+        >>> effect = catalogue()["second_order.z"]
+        >>> effect.symbol, effect.unit, effect.physics
+        ('K2', 'mg/g^2', 'K2 u^2')
     """
     return extended([read_source(Path(file)) for file in files])
 
@@ -54,6 +60,14 @@ def entry(entries: Catalogue, id: str) -> Effect:
     """One entry.
 
     **Raises:** `InputError` naming near ids.
+
+    Examples:
+        >>> from tumblecal.effects import catalogue, entry
+        >>> entry(catalogue(), "bias_drift.x").needs
+        ('time_s',)
+        >>> entry(catalogue(), "bias_drif.x")
+        Traceback (most recent call last):
+        tumblecal.ground.errors.InputError: no effect 'bias_drif.x'; did you mean bias_drift.x, bias_drift.z, bias_drift.y?
     """
     if id in entries:
         return entries[id]
@@ -80,7 +94,15 @@ def _everywhere() -> Where:
 
 
 def links(entries: Catalogue, ids: tuple[str, ...], where) -> dict[str, tuple]:
-    """The links (all variants) of the given effects for given settings, coefficients zero."""
+    """The links (all variants) of the given effects for given settings, coefficients zero.
+
+    Examples:
+        >>> from tumblecal.chain import settings
+        >>> from tumblecal.effects import catalogue, links
+        >>> made = links(catalogue(), ("second_order.x",), settings([0.0], [0.0]))
+        >>> [type(link).__name__ for link in made["second_order.x"]]
+        ['OutputTerm']
+    """
     made = {}
     for id in ids:
         effect = entry(entries, id)
@@ -114,7 +136,11 @@ def read_rig_with_effects(path: Path | str, entries: Catalogue | None = None) ->
 
     **Raises:** `InputError` with every fault and its dotted path.
 
-    **Example:** `tumblecal.read_rig("paper24")`
+    Examples:
+        >>> import tumblecal
+        >>> rig = tumblecal.read_rig("paper24")
+        >>> len(rig.plan), rig.noise_sd_g, rig.truth["bias"]
+        (24, 0.00015, (0.0011, -0.00075, 0.0008))
     """
     return read_rig(path, *links_and_units(catalogue() if entries is None else entries))
 

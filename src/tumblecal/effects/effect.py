@@ -71,7 +71,11 @@ class Effect:
     - `pauses`: for an effect of time, the pauses of unknown length that it allows: "" none, "between runs", or "any".
     - `of_time`: the power of time with which it changes the bias of its axis; 0 for any other function.
 
-    **Example:** `tumblecal.effects.entry(catalogue(), "second_order.y").unit`
+    Examples:
+        >>> from tumblecal.effects import catalogue
+        >>> effect = catalogue()["index_eccentricity"]
+        >>> effect.unit, effect.typical, effect.needs
+        ('mrad', 0.1, ())
     """
 
     def __repr__(self) -> str:
@@ -147,7 +151,16 @@ def of_head(links: Sequence[Link]) -> bool:
 
 
 class OutputTerm(Link):
-    """Terms added to one output: `A_axis += sum of coefficient * term(u, where)`."""
+    """Terms added to one output: `A_axis += sum of coefficient * term(u, where)`.
+
+    Examples:
+        >>> from tumblecal.chain import coefficients, nominal_chain, settings
+        >>> from tumblecal.effects import OutputTerm
+        >>> where = settings([0.0], [0.0])
+        >>> square = OutputTerm(coefficients("k2", unit="1/g"), axis=2, terms=(lambda u, where: u[2] ** 2,))
+        >>> round(float((nominal_chain(where) + square).named({"k2": 5e-4})(where)[0, 2]), 7)
+        1.0005
+    """
 
     place: ClassVar[Place] = Place.READING
     size: Parameter
@@ -203,6 +216,14 @@ def output_effect(
     **Returns:** the catalogue entry.
 
     **Raises:** `InputError` for another axis, or terms without names.
+
+    Examples:
+        >>> from tumblecal.effects import output_effect
+        >>> output_effect(
+        ...     "fourth_order.y", "y", lambda u, where: u[1] ** 4, unit="mg/g^4", typical=0.2,
+        ...     physics="K4 u^4", cause="Fourth-order nonlinearity of the y axis.",
+        ... )
+        Effect(fourth_order.y, mg/g^4: Fourth-order nonlinearity of the y axis.)
     """
     if axis not in AXES:
         raise InputError(f"effect {id!r}: axis {axis!r} is not one of x, y, z")
@@ -273,6 +294,17 @@ def angle_effect(
     **Returns:** the catalogue entry.
 
     **Raises:** `InputError` for another angle, or terms without names.
+
+    Examples:
+        >>> import jax.numpy as jnp
+        >>> from tumblecal.chain import settings
+        >>> from tumblecal.effects import angle_effect
+        >>> third = angle_effect(
+        ...     "index_third", "alpha", lambda alpha, where: jnp.cos(3 * alpha), unit="mrad", typical=0.1,
+        ...     physics="alpha + c cos(3 alpha)", cause="The index has three errors per turn.",
+        ... )
+        >>> [link.size.names for link in third.make(settings([0.0], [0.0]))]
+        [('index_third',)]
     """
     kinds = {"alpha": SpindleAngleTerm, "beta": PitchAngleTerm}
     if angle not in kinds:

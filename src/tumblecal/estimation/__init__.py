@@ -1,13 +1,16 @@
 """From a chain and data to an estimate: problem, exact fit, harmonics, Kalman filters, identifiability."""
 
 from tumblecal.estimation.fit import Code, Fit
+from tumblecal.estimation.methods import Calibrated, calibrate
 from tumblecal.estimation.problem import Problem, default_chain, problem_of, where_of
 
 
 __all__ = [
+    "Calibrated",
     "Code",
     "Fit",
     "Problem",
+    "calibrate",
     "default_chain",
     "problem_of",
     "where_of",

@@ -28,7 +28,13 @@ _ROUNDING_G = 1e-12
 
 
 class Code(enum.Enum):
-    """How an estimation ended; the value is the message."""
+    """How an estimation ended; the value is the message.
+
+    Examples:
+        >>> from tumblecal.estimation import Code
+        >>> Code.CONVERGED.good, Code.NON_FINITE.value
+        (True, 'not converged: the residuals became infinite or not a number')
+    """
 
     CONVERGED = "converged"
     CONVERGED_BY_FALLBACK = "Gauss-Newton failed; Levenberg-Marquardt converged"
@@ -69,6 +75,16 @@ class Fit(Shown):
     - `code`: convergence. `history`: of a recursive estimator.
     - `unidentifiable` (free, directions): shifts of the values by one standard deviation each, along directions that the
       data do not determine and for which a distribution is assumed; empty if there are none. The covariance includes them.
+
+    Examples:
+        >>> import tumblecal
+        >>> data = tumblecal.simulate(tumblecal.read_rig("paper24"), seed=1)
+        >>> fit = tumblecal.calibrate(data, noise_sd=0.15e-3).exact
+        >>> fit.covariance.shape, fit.residuals.shape, fit.dof, fit.message
+        ((15, 15), (24, 3), 57, 'converged')
+        >>> low, high = fit.interval(0.95)[fit.names.index("bias_z")]
+        >>> bool(low < 0.8e-3 < high)  # the true bias of the simulation, g
+        True
     """
 
     method: str

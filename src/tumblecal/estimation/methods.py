@@ -44,6 +44,15 @@ class Calibrated(Shown):
     `implausible`: implausible parameters of the exact fit. `setup_errors`: corrected before the fit. `floor`:
     dispersion between positions in addition to the sd columns, if any. `level`: the stated noise level, if the
     residuals contradict it. `entries`: the catalogue of the chain's effects.
+
+    Examples:
+        >>> import tumblecal
+        >>> data = tumblecal.simulate(tumblecal.read_rig("paper24"), seed=1)
+        >>> calibrated = tumblecal.calibrate(data, noise_sd=0.15e-3)
+        >>> calibrated.table().columns
+        ['parameter', 'value', 'sd', 'unit', 'harmonic', 'kalman', 'iterated']
+        >>> calibrated.implausible, calibrated.setup_errors, calibrated.exact.chi2_p_value > 0.01
+        ((), (), True)
     """
 
     fits: dict[str, Fit]
@@ -108,6 +117,16 @@ def calibrate(
     user effects was made.
 
     **Raises:** `InputError` for set-up errors in readings or angles, and for positions that cannot determine the parameters.
+
+    Examples:
+        >>> import tumblecal
+        >>> data = tumblecal.simulate(tumblecal.read_rig("paper24"), seed=1)
+        >>> calibrated = tumblecal.calibrate(data, noise_sd=0.15e-3)
+        >>> list(calibrated.fits)
+        ['exact', 'harmonic', 'kalman', 'iterated']
+        >>> fit = calibrated.exact
+        >>> f"bias_z = {1e3 * fit.value('bias_z'):.2f} mg, u = {1e3 * fit.sd[fit.names.index('bias_z')]:.2f} mg"
+        'bias_z = 0.81 mg, u = 0.05 mg'
     """
     entries = entries or catalogue()
     corrected, setup_errors = checked(data, chain, entries)

@@ -41,6 +41,17 @@ class Problem:
       if the noise is unknown). `data`: the position set as measured, for names and labels. Compiled programs do not depend on
       these three.
     - `retained`: mask of the positions in the fit; None: all.
+
+    Examples:
+        >>> import jax.numpy as jnp
+        >>> import tumblecal
+        >>> from tumblecal.estimation import problem_of
+        >>> data = tumblecal.simulate(tumblecal.read_rig("paper24"), seed=1)
+        >>> problem = problem_of(data, noise_sd=0.15e-3)
+        >>> problem.residual(jnp.zeros(15)).shape  # white rows: 24 positions, 3 axes
+        (72,)
+        >>> problem.without((0, 5)).takes_part.sum().item()
+        22
     """
 
     __repr__ = brief
@@ -204,6 +215,13 @@ def where_of(data: PositionSet) -> Where:
     """The settings of a position set.
 
     For unknown attitudes the names do not contain the pitch settings, so that all such sets of one size have the same model.
+
+    Examples:
+        >>> import tumblecal
+        >>> from tumblecal.estimation import where_of
+        >>> data = tumblecal.simulate(tumblecal.read_rig("paper24"), seed=1)
+        >>> where_of(data).names("pitch")
+        ('_0', '_1', '_2')
     """
     where = settings(
         data.alpha,
@@ -234,6 +252,13 @@ def default_chain(data: PositionSet) -> Chain:
 
     **Raises:** `InputError` if mountings differ by more than a turn of the triad, or if the turn is not clear from
     the readings.
+
+    Examples:
+        >>> import tumblecal
+        >>> from tumblecal.estimation import default_chain
+        >>> data = tumblecal.simulate(tumblecal.read_rig("paper24"), seed=1)
+        >>> len(default_chain(data).names)
+        15
     """
     if data.hand_held:
         return hand_held_chain(where_of(data))
@@ -266,6 +291,17 @@ def problem_of(
       several correlated parameters.
 
     **Raises:** `InputError` for a prior on a parameter that the chain lacks, or an sd that is not positive.
+
+    Examples:
+        >>> import tumblecal
+        >>> from tumblecal.estimation import problem_of
+        >>> data = tumblecal.simulate(tumblecal.read_rig("paper24"), seed=1)
+        >>> problem = problem_of(data, noise_sd=0.15e-3, priors={"dbeta": (0.0, 1e-3)})  # rad
+        >>> problem.known, problem.priors
+        (True, 3)
+        >>> problem_of(data, priors={"dbeta": (0.0, 1e-3)})  # doctest: +ELLIPSIS
+        Traceback (most recent call last):
+        tumblecal.ground.errors.InputError: a prior needs a stated noise: give sd columns or --noise-sd (...)
     """
     chain = default_chain(data) if chain is None else chain
     if noise_sd is not None and not SMALLEST_SD_G <= noise_sd <= LARGEST_SD_G:

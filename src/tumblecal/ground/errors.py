@@ -24,7 +24,13 @@ class InputError(ValueError):
     - `faults`: one line, or several for several faults of a file. Control characters, for example in a file name, are
       escaped, and very long lines are shortened.
 
-    **Example:** `raise InputError("a.csv:line 3, column az_g: the cell is empty; write a number")`
+    Examples:
+        >>> import tumblecal
+        >>> try:
+        ...     tumblecal.read_positions("missing.csv")
+        ... except tumblecal.InputError as error:
+        ...     print(error.faults)
+        ('missing.csv: no such file',)
     """
 
     faults: tuple[str, ...]

@@ -7,7 +7,12 @@ def enable_float64() -> None:
     Calibration differences are 1e-6 of the signal and less, so all computations need float64. The default of JAX is float32:
     call this once, before any array is created. The command line calls it; a chain cannot be built without it.
 
-    **Example:** `tumblecal.enable_float64()`
+    Examples:
+        >>> import tumblecal
+        >>> tumblecal.enable_float64()
+        >>> import jax.numpy as jnp
+        >>> jnp.zeros(3).dtype.name
+        'float64'
     """
     import jax
 

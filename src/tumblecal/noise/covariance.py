@@ -19,6 +19,13 @@ class Covariance:
     `values` has one of five forms, stated by `form`: `"rows"` (rows): a diagonal; `"between"` (positions,
     positions): the same for the three axes; `"by_axis"` (3, positions, positions): the axes independent; `"blocks"`
     (positions, 3, 3): the positions independent; `"full"` (rows, rows).
+
+    Examples:
+        >>> import numpy as np
+        >>> from tumblecal.noise import Covariance
+        >>> noise = Covariance.of_sd(np.full((24, 3), 1e-4))  # g
+        >>> noise.count, noise.whiten(np.full(72, 2e-4))[0].round(6).item()
+        (72, 2.0)
     """
 
     values: np.ndarray

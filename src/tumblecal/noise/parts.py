@@ -24,7 +24,14 @@ MATTERS = 0.05
 @dataclass(frozen=True, eq=False)
 class Dwells:
     """When the positions are measured: start of each dwell, s, samples in each (one number for all, or one of each), and
-    their period, s."""
+    their period, s.
+
+    Examples:
+        >>> import numpy as np
+        >>> from tumblecal.noise import Dwells
+        >>> Dwells(np.array([0.0, 30.0]), np.array([1000, 500]), 0.01).counts.tolist()
+        [1000, 500]
+    """
 
     start_s: Float[np.ndarray, " positions"]
     samples: int | Int[np.ndarray, " positions"]
@@ -43,7 +50,14 @@ class Dwells:
 
 
 def regular_dwells(positions: int, dwell_s: float, move_s: float, rate_hz: float) -> Dwells:
-    """Positions measured one after the other, `dwell_s` each, with `move_s` between them."""
+    """Positions measured one after the other, `dwell_s` each, with `move_s` between them.
+
+    Examples:
+        >>> from tumblecal.noise import regular_dwells
+        >>> dwells = regular_dwells(positions=3, dwell_s=10, move_s=20, rate_hz=100)
+        >>> dwells.start_s.tolist(), dwells.samples
+        ([0.0, 30.0, 60.0], 1000)
+    """
     samples = round(dwell_s * rate_hz)
     if samples < 1:
         raise ValueError(f"a dwell of {dwell_s:g} s contains no sample at {rate_hz:g} Hz")
@@ -52,7 +66,16 @@ def regular_dwells(positions: int, dwell_s: float, move_s: float, rate_hz: float
 
 @dataclass(frozen=True, eq=False)
 class White:
-    """White noise: `N`, g/sqrt(Hz), the sd of a mean over one second."""
+    """White noise: `N`, g/sqrt(Hz), the sd of a mean over one second.
+
+    Examples:
+        >>> import numpy as np
+        >>> from tumblecal.noise import White, regular_dwells
+        >>> white = White(np.full(3, 60e-6))  # g/sqrt(Hz)
+        >>> variance = white.mean_covariance(regular_dwells(2, 100.0, 0.0, 125.0))[0]
+        >>> np.sqrt(variance.diagonal()).round(9).tolist()  # 60 ug / sqrt(100 s)
+        [6e-06, 6e-06]
+    """
 
     N: PerAxis
 
@@ -70,6 +93,13 @@ class Quantisation:
     """Rounding to multiples of `step`, g, of a signal noisy enough (sd at least half a step) to dither it.
 
     Its error is then white with variance step^2/12 a sample; `period_s` is the sample period.
+
+    Examples:
+        >>> import numpy as np
+        >>> from tumblecal.noise import Quantisation
+        >>> steps = Quantisation(np.full(3, 1e-3), period_s=0.01)  # g
+        >>> np.sqrt(steps.allan_variance(np.array([0.01]))[0, 0]).round(8).item()  # 1 mg / sqrt(12)
+        0.00028868
     """
 
     step: PerAxis
@@ -86,7 +116,16 @@ class Quantisation:
 
 @dataclass(frozen=True, eq=False)
 class GaussMarkov:
-    """Exponentially correlated noise of variance `sd^2`, g^2, and correlation time `time_s`."""
+    """Exponentially correlated noise of variance `sd^2`, g^2, and correlation time `time_s`.
+
+    Examples:
+        >>> import numpy as np
+        >>> from tumblecal.noise import GaussMarkov, regular_dwells
+        >>> slow = GaussMarkov(np.full(3, 1e-4), time_s=100.0)  # g
+        >>> covariance = slow.mean_covariance(regular_dwells(2, 1.0, 99.0, 100.0))[0]
+        >>> round(float(covariance[0, 1] / covariance[0, 0]), 3)  # exp(-1) after one correlation time
+        0.369
+    """
 
     sd: PerAxis
     time_s: float
@@ -115,7 +154,15 @@ class GaussMarkov:
 
 @dataclass(frozen=True, eq=False)
 class RandomWalk:
-    """Acceleration random walk: `K`, g/sqrt(s); zero at the first sample of all."""
+    """Acceleration random walk: `K`, g/sqrt(s); zero at the first sample of all.
+
+    Examples:
+        >>> import numpy as np
+        >>> from tumblecal.noise import RandomWalk
+        >>> walk = RandomWalk(np.full(3, 1e-6))  # g/sqrt(s)
+        >>> np.sqrt(walk.allan_variance(np.array([300.0]))[0, 0]).round(9).item()  # K sqrt(tau / 3)
+        1e-05
+    """
 
     K: PerAxis
 
@@ -140,6 +187,14 @@ class Flicker:
     per unit of ln T has the spectrum A/f between the two times, and the flat Allan variance `2 ln2/pi B^2` for
     A = B^2/pi (El-Sheimy, Hou and Niu 2008). A flicker spectrum without bounds has no variance; an instrument's does
     have them.
+
+    Examples:
+        >>> import numpy as np
+        >>> from tumblecal.noise import Flicker
+        >>> flicker = Flicker(np.full(3, 1e-5))  # g
+        >>> deviation = np.sqrt(flicker.allan_variance(np.array([10.0]))[0, 0])
+        >>> round(float(deviation / 1e-5), 2)  # sqrt(2 ln 2 / pi)
+        0.66
     """
 
     B: PerAxis
@@ -169,7 +224,15 @@ Part: TypeAlias = White | Quantisation | Flicker | GaussMarkov | RandomWalk
 
 @dataclass(frozen=True, eq=False)
 class Noise:
-    """Independent parts, added."""
+    """Independent parts, added.
+
+    Examples:
+        >>> import numpy as np
+        >>> from tumblecal.noise import Flicker, Noise, White
+        >>> noise = Noise((White(np.full(3, 60e-6)), Flicker(np.full(3, 20e-6))))
+        >>> noise.allan_deviation(np.array([1.0, 100.0]))[:, 0].round(7).tolist()
+        [6.14e-05, 1.46e-05]
+    """
 
     parts: tuple[Part, ...]
 

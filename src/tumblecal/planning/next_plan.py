@@ -67,6 +67,11 @@ class NextPlan:
     - `confirming`: readings that test the named cause, with the predictions of the cause and of its strongest alternative.
     - `conditions`: under which the values are valid. `promise`: what the best positions would settle between the leading
       explanations, None if there is only one; `needed`: sufficient number of positions if it is uncertain, None if none is.
+
+    Examples:
+        >>> from tumblecal.planning import NextPlan
+        >>> NextPlan().positions
+        0
     """
 
     singles: tuple[NextPosition, ...] = ()
@@ -94,6 +99,14 @@ def next_plan(diagnosis: Diagnosis, allowed: Allowed | None = None) -> NextPlan:
 
     - `diagnosis`: of the present data.
     - `allowed`: angles and mountings that may be used.
+
+    Examples:
+        >>> import tumblecal
+        >>> from tumblecal.planning import Allowed
+        >>> data = tumblecal.simulate(tumblecal.read_rig("hidden_effect"), seed=4, noise_sd=0.1e-3)
+        >>> plan = tumblecal.next_plan(tumblecal.diagnose(data, noise_sd=0.1e-3), Allowed(remount=False))
+        >>> plan.purpose, plan.positions
+        ('separate the leading explanations', 4)
     """
     if diagnosis.data.hand_held:
         return _by_hand(diagnosis)

@@ -23,6 +23,11 @@ class Allowed:
     `alpha_deg`, `beta_deg`: the angles that may be used; None: every 15 degrees (pitch: within the range of the data, and
     the settings of the data).
     `remount`: whether the triad can be turned in its fixture.
+
+    Examples:
+        >>> from tumblecal.planning import Allowed
+        >>> Allowed(alpha_deg=(0.0, 90.0, 180.0, 270.0), remount=False).beta_deg is None  # the range of the data
+        True
     """
 
     alpha_deg: tuple[float, ...] | None = None

@@ -41,6 +41,12 @@ def simulated(rig: Rig, seed: int, noise_sd: float | None = None) -> PositionSet
     - `noise_sd`: takes precedence over that of the rig, g.
 
     **Raises:** `InputError` if neither states the noise.
+
+    Examples:
+        >>> import tumblecal
+        >>> data = tumblecal.simulate(tumblecal.read_rig("paper24"), seed=1)
+        >>> len(data), data.comments["noise_sd_g"]
+        (24, '0.00015')
     """
     noise_sd = rig.noise_sd_g if noise_sd is None else noise_sd
     if noise_sd is None:
