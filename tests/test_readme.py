@@ -13,7 +13,9 @@ pytestmark = pytest.mark.usefixtures("fully_compiled")
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
-PYTHON = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
+# Pages whose Python runs after the README's, in its folder; the shell block of docs/index.md is one of the README's.
+PYTHON = [(ROOT / "docs" / page).read_text(encoding="utf-8") for page in ("python.md", "extending.md")]
+INDEX = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
 # The two set-up commands are run by .ci/run itself.
 _SET_UP = "python3 -m venv"
 # Long; the guided run makes a new folder each time, so that its second run is a first one, and that a diagnosis replaces the
@@ -43,6 +45,7 @@ def run(folder: Path, *arguments: str) -> str:
 
 def test_the_shell_s_blocks_and_then_python_s(folder):
     whole, again = "".join(blocks("sh")), "".join(blocks("sh", *_LONG))
+    assert all(line in whole for block in blocks("sh", page=INDEX) for line in block.splitlines())  # docs/index.md
     assert all(words in whole for words in _LONG) and again.count("tumblecal ") >= 3
     for shell in (whole, again):
         printed = " ".join(run(folder, "bash", "-euo", "pipefail", "-c", shell).split())
@@ -59,7 +62,7 @@ def test_the_shell_s_blocks_and_then_python_s(folder):
     verdicts = [(folder / name / "verdict.txt").read_text(encoding="utf-8") for name in ("diagnosis", "again")]
     assert verdicts[0].startswith("AMBIGUOUS") and verdicts[1].startswith("IDENTIFIED")
     assert "bias_drift.x" in verdicts[1] and "second_order.z" in verdicts[1]
-    python = "".join(blocks("python") + blocks("python", page=PYTHON))
+    python = "".join(block for page in (README, *PYTHON) for block in blocks("python", page=page))
     said = run(folder, sys.executable, "-W", "error::DeprecationWarning", "-c", python)
     # The README's own clean data hold nothing but noise, whose sd the example states too low.
     assert "noise_attitude" not in said

@@ -1,6 +1,6 @@
 """
-What a second mounting is worth
-===============================
+Gain of a second mounting
+=========================
 
 With the x axis along the spindle, scale factor, bias and pitch error of that axis are almost fully correlated. A
 mounting turned by 90 degrees determines them.

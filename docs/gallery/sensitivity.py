@@ -1,6 +1,6 @@
 """
-Derivative of an estimate with respect to the readings
-======================================================
+Sensitivity to each reading
+===========================
 
 The fit is differentiable. The derivative of bias_z with respect to every reading shows which positions determine
 it.

@@ -41,6 +41,6 @@ def _effects() -> str:
                 "required columns": ", ".join(f"`{column}`" for column in effect.needs),
                 "source": effect.source,
             }
-            lines += [f"### {effect.id}", "", effect.physics, "", "| | |", "|---|---|"]
+            lines += [f"### {effect.id}", "", effect.physics, "", "| property | value |", "|---|---|"]
             lines += [f"| {name} | {text} |" for name, text in rows.items() if text] + [""]
     return "\n".join(lines)
