@@ -99,6 +99,14 @@ def test_messages_of_the_troubleshooting_page_are_the_program_s():
     assert len(quoted) > 40 and not [both for both in pieces if both[1].strip() not in texts]
 
 
+@pytest.mark.parametrize("page", ["architecture", "extending"])
+def test_files_that_a_page_names_exist(page):
+    text = (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8")
+    named = re.findall(r"`((?:\w+/)+(?:\w+\.py)?)[`:]", text)
+    parents = (ROOT, ROOT / "src" / "tumblecal", ROOT / "src" / "tumblecal" / "diagnosis")
+    assert len(named) > 10 and not [path for path in named if not any((parent / path).exists() for parent in parents)]
+
+
 def commands() -> list:
     """Every command line of the pages, with its page; what stands after `#`, `|` or `&` left out."""
     listed = []

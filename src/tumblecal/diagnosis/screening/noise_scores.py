@@ -52,7 +52,7 @@ class NoiseScores:
     """Noise alternatives with the sets of causes that may go with them.
 
     - `log_posterior`: of each set under each alternative, unnormalised, on the scale of the search's `top`; -inf where the pair
-      is hopeless. `without_outliers`: each set less its outlying positions, which heavy tails stand for.
+      is hopeless. `without_outliers`: each set without its outlying positions, which heavy tails replace.
     """
 
     tried: NoiseAlternatives

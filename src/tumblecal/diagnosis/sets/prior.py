@@ -51,10 +51,10 @@ class SetPriors(NamedTuple):
 
     @classmethod
     def of(cls, pool: Pool, sets: Int[np.ndarray, "sets most"]) -> "SetPriors":
-        """Those of some sets."""
+        """The priors of some sets, as rows of indices into the pool."""
         there = sets >= 0
         if not there.any():
-            # Of the empty set alone; a pool may contain no cause.
+            # Only the empty set: a pool may contain no cause.
             none, count = np.zeros(len(sets), int), np.zeros(len(sets))
             return cls(pool, sets, there, none, none, count)
         outliers = (pool.is_outlier[sets] & there).sum(axis=1)
