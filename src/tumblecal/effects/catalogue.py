@@ -45,7 +45,7 @@ def catalogue(*files: Path | str) -> Catalogue:
 
 
 def extended(sources: Sequence[Source]) -> Catalogue:
-    """The same with the files' texts given.
+    """The catalogue with the effects of files whose texts are given.
 
     **Raises:** `InputError` for a text that cannot be used.
     """

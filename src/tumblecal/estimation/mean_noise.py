@@ -105,7 +105,7 @@ class MeanNoise:
         return f"{self.lasts} {self.level:g}"
 
     def record(self) -> dict:
-        """The same in numbers."""
+        """The noise of the means in numbers."""
         return {
             "source": self.source,
             "dwell_s": self.dwell_s,

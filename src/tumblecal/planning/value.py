@@ -28,7 +28,7 @@ class Value(Protocol):
         ...
 
     def per_position(self, cells: Sequence[np.ndarray], values: np.ndarray) -> Float[np.ndarray, " proposals"]:
-        """The same in an additive measure, per position."""
+        """Value of each proposal in an additive measure, per position."""
         ...
 
     def take(self, cells: np.ndarray) -> None:

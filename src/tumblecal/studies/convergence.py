@@ -77,7 +77,7 @@ class Convergence:
         return 1e-6 * data_set * self.trials
 
     def trials_of(self, chunk: int) -> int:
-        """Data sets in a chunk, those of all its runs."""
+        """Number of data sets in a chunk, over all its runs."""
         return min(CHUNK, self.table.runs - chunk * CHUNK) * self.table.data_sets
 
     def trials_in(self, arrays: Mapping[str, np.ndarray]) -> float:

@@ -79,7 +79,7 @@ class Protocol:
     options: tuple[str, ...] = ()
 
     def decoder_options(self, columns: str, unit: str, *, whole: bool = False) -> dict[str, Any]:
-        """Those of these options that the decoder has: columns and unit of text lines, and whether the stream is complete."""
+        """The options that the decoder has: columns and unit of text lines, and whether the stream is complete."""
         given = {"columns": columns, "unit": unit, "whole": whole}
         return {name: value for name, value in given.items() if value and name in self.options}
 

@@ -54,7 +54,7 @@ def identity_comments(state: RunState, attempts: Sequence[Attempt], names: Seque
 
 
 def identity_content(state: RunState, attempts: Sequence[Attempt], names: Sequence[str]) -> dict[str, Any]:
-    """The same for reduction.json."""
+    """The identity of the instrument for reduction.json."""
     places = unconfirmed(state, attempts)
     return {
         "confirmed": not places and state.serial_number is not None,

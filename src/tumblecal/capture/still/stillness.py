@@ -61,7 +61,7 @@ class Stillness:
         return {"still": asdict(self.criterion) | noise | judged, "intervals": intervals}
 
     def rejecting(self, reasons: Mapping[int, str]) -> "Stillness":
-        """The same with reasons against some of the used intervals, by their first row."""
+        """This result with reasons against some of the used intervals, by their first row."""
         intervals = [replace(one, reason=one.reason or reasons.get(one.start, "")) for one in self.intervals]
         return replace(self, intervals=intervals)
 

@@ -68,7 +68,7 @@ class SeenEffects:
         return {number: (seen, row) for numbers, seen in self.groups for row, number in enumerate(numbers.tolist())}
 
     def of(self, number: int) -> Visibility:
-        """That of one effect."""
+        """The visibility of one effect."""
         seen, row = self._rows[number]
         return seen.of(row, self.slots[number])
 

@@ -90,7 +90,7 @@ class _Terms(NamedTuple):
         return each[:, :, times] * self.factors[:, None, factor]
 
     def projected(self, at: Tangent, numbers: tuple[int, ...]) -> Float[np.ndarray, "terms nu"]:
-        """The same in the residual space, as rows; `numbers` in ascending order."""
+        """The signals of the terms in the residual space, as rows; `numbers` in ascending order."""
         times, factor = _made_of(self.names, self.of_head, numbers)
         outputs, probe = at.responses.transpose(1, 2, 0), at.evaluation.jacobian[:, :, at.model.probe]
         each = np.concatenate([outputs, probe.mT @ outputs], axis=1).swapaxes(0, 1)

@@ -102,7 +102,7 @@ class Pool:
 
     @cached_property
     def faults(self) -> Int[np.ndarray, " faults"]:
-        """Indices of these."""
+        """Indices of the causes without coefficients."""
         return np.flatnonzero(self.is_fault)
 
     @cached_property
@@ -156,7 +156,7 @@ class Pool:
 
     @cached_property
     def outlying(self) -> frozenset[int]:
-        """Indices of these."""
+        """Indices of the outlying positions among the causes."""
         return frozenset(np.flatnonzero(self.is_outlier).tolist())
 
     @cached_property

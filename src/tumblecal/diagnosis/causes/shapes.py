@@ -50,7 +50,7 @@ class _Shapes(NamedTuple):
         return at.problem.rows(products(self.signals_at(at), self.factors[number].T))
 
     def projected(self, made_of: "_Signals") -> Float[np.ndarray, "shapes products nu"]:
-        """The same of all in the residual space, as rows."""
+        """The signals of all shapes in the residual space, as rows."""
         shapes, factors, count = self.factors.shape
         fields = (made_of.turns if self.turns else made_of.outputs)[:, : self.signals]
         seen = self.factors.reshape(-1, count) @ fields.reshape(count, -1)
@@ -75,7 +75,7 @@ class _Signals(NamedTuple):
 
     @classmethod
     def of(cls, at: Tangent) -> "_Signals":
-        """Those of a problem."""
+        """The signals of a problem."""
         outputs, probe = at.responses.transpose(1, 2, 0), at.evaluation.jacobian[:, :, at.model.probe]
         squares = at.whole_responses**2
         return cls(outputs, probe.mT @ outputs, squares, (probe**2 * squares[:, :, None]).sum(axis=1))
@@ -95,7 +95,7 @@ def shape_causes(at: Tangent) -> list[CauseTable]:
 
 
 def _visible(at: Tangent, made_of: _Signals, kinds: list[_Shapes], log_weights: tuple[float, float]) -> CauseTable:
-    """Those of some kinds, made of equally many products, that the residuals can show."""
+    """Shapes of some kinds, made of equally many products, that the residuals can show."""
     seen = np.concatenate([kind.projected(made_of) for kind in kinds])
     values, vectors = np.linalg.eigh(seen @ seen.mT)
     # The largest first.

@@ -78,7 +78,7 @@ class CauseTable:
         )
 
     def in_units_of(self, sigma: float) -> "CauseTable":
-        """The same for residuals counted in units of sigma: the signal of a coefficient has no fixed size."""
+        """The table for residuals in units of sigma: the signal of a coefficient has no fixed size."""
         return self if self.fitted else replace(self, rows=self.rows / sigma)
 
 

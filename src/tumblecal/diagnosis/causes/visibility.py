@@ -66,7 +66,7 @@ class Visibilities(NamedTuple):
         return self.signals[self.shown[:, : self.signals.shape[1]]]
 
     def of(self, number: int, slot: Slot) -> Visibility:
-        """That of one effect."""
+        """The visibility of one effect."""
         signals, turned, shown, *sizes = (values[number] for values in self)
         return Visibility(slot, signals[shown[: len(signals)]].T, turned[:, shown], turned[:, ~shown], *sizes)
 

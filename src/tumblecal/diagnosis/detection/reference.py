@@ -70,7 +70,7 @@ class Reference:
 
     @cached_property
     def null_of_unknown(self) -> Float[np.ndarray, " draws"]:
-        """The same where the level of the noise is not known."""
+        """The null distribution if the level of the noise is unknown."""
         return kept_null(self.pool, self.alternatives, False) if self.known else self.null
 
 

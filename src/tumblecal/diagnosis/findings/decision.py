@@ -106,7 +106,7 @@ class Left(NamedTuple):
 
 
 def explanations_left(screened: Screened) -> list[Left]:
-    """Those whose probability is at least a hundredth of that of the most probable one, best first."""
+    """Explanations whose probability is at least a hundredth of that of the most probable one, best first."""
     groups, total = grouped(screened.search, screened.search.ranked())
     shares, sets = np.exp(groups.log_posterior - total), sets_of(groups.sets)
     if screened.detection.detected:

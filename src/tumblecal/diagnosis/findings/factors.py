@@ -71,7 +71,7 @@ def factors(best: Explanation, entries: Catalogue, data: PositionSet) -> tuple[F
 
 
 def factors_of(best: Explanation, entries: Catalogue, columns: Mapping[str, np.ndarray]) -> tuple[Factor, ...]:
-    """The same of an explanation and the columns of the data by name."""
+    """The factors of an explanation, from the columns of the data by name."""
     listed = exchanges(best.labels, best.stated, best.identical)
     apart = dict(zip(best.equivalents, best.apart, strict=False))
 

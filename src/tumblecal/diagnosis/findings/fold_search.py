@@ -133,7 +133,7 @@ class _FoldSearch:
         return best
 
     def _promising(self, sets: list[_FoldSet]) -> list[_FoldSet]:
-        """Those of some sets (fold, members) that are not far behind the best of their fold."""
+        """Sets (fold, members), of those given, that are not far behind the best of their fold."""
         by_part = {each: self._score_by_part(*each) for each in sets}
         scores = {each: score for each, score in by_part.items() if score is not None}
         if alone := [each for each in by_part if each not in scores]:

@@ -50,7 +50,7 @@ class Form(NamedTuple):
     of_input: bool = False
 
     def times(self, words: str, code: str, name: str, axis: int) -> "Form":
-        """The same times one input."""
+        """This form times one input."""
         held = None if self.held is None else self.held | {"powers": [int(k == axis) for k in range(3)]}
         unit = "/g" if not self.unit else f"/g{self.unit}"
         return self._replace(
@@ -59,7 +59,7 @@ class Form(NamedTuple):
         )  # fmt: skip
 
     def both(self, other: "Form") -> "Form":
-        """The same times another of one function."""
+        """This form times another form of one function."""
         return other._replace(
             family=f"{self.family} times {other.family}",
             name=f"{self.name}_{other.name}",

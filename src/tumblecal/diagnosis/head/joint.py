@@ -47,7 +47,7 @@ class SharedExplanation:
 
     @property
     def head_spreads(self) -> tuple[str, ...]:
-        """Those of them that are errors of the head."""
+        """Effects with a different amount in each unit that are errors of the head."""
         return tuple(spread.signal.label for spread in self.weighed.spreads if spread.signal.of_head)
 
 

@@ -58,7 +58,7 @@ class Weighed:
 
     @property
     def without(self) -> float:
-        """The same of nothing shared."""
+        """Log posterior that nothing is shared, on the same scale."""
         return self.log_evidence + self.search.posterior(())
 
     def coefficients(self, members: Sequence[int]) -> Float[np.ndarray, " columns"]:

@@ -148,6 +148,6 @@ class Components:
 
 
 def components_of(products: Float[np.ndarray, "processes signals signals"]) -> Components:
-    """Those of signals with these products with each other."""
+    """The components of signals, from their products with each other."""
     variances, mixed = np.linalg.eigh(products)
     return Components(np.where(variances > _ROUNDING * variances[:, -1:], variances, 0.0), mixed)

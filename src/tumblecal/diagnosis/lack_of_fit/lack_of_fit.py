@@ -46,7 +46,7 @@ class LackOfFit:
 
     @cached_property
     def visible(self) -> tuple[Process, ...]:
-        """These processes."""
+        """The processes that the residuals can show."""
         return tuple(self.listed.process(number) for number in self.numbers.tolist())
 
     @property

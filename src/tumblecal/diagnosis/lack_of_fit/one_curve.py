@@ -78,7 +78,7 @@ def best_curve(
     z: Float[np.ndarray, " nu"],
     known: bool,
 ) -> Curve:
-    """Those of processes by their signals' products with each other and with the residual."""
+    """The curves of processes, from their signals' products with each other and with the residual."""
     variances, turn = np.linalg.eigh(products)
     along, scales = (inner[:, None] @ turn)[:, 0], scales_of(products)[:, :, None]
     scaled = scales * np.maximum(variances, 0.0)[:, None]

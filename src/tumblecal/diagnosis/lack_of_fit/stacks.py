@@ -37,7 +37,7 @@ class Stack:
 
     @classmethod
     def of(cls, numbers: Int[np.ndarray, " processes"], signals: Float[np.ndarray, "processes signals nu"]) -> "Stack":
-        """That of these signals."""
+        """The stack of these signals."""
         wide = signals.shape[1] > signals.shape[2]
         narrow = np.asarray(np.linalg.qr(signals, mode="r")) if wide else signals
         return cls(numbers, signals, narrow, narrow @ narrow.mT)

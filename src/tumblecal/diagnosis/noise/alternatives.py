@@ -41,7 +41,7 @@ class NoiseAlternatives:
         return np.array([tried.log_weight for tried in self.listed])
 
     def without(self, labels: tuple[str, ...]) -> "NoiseAlternatives":
-        """Those of other labels."""
+        """The alternatives with other labels than these."""
         if not labels:
             return self
         return NoiseAlternatives(self.at, tuple(tried for tried in self.listed if tried.label not in labels))

@@ -99,7 +99,7 @@ class NoiseModel:
 
 
 def noise_models(at: Tangent) -> list[NoiseModel]:
-    """Those of one problem."""
+    """The noise models that are tried for one problem."""
     positions = len(at.problem.readings)
     listed = [*_unequal(positions), *_by_group(at), *([_level(positions)] if at.problem.known else [])]
     for label, family in _families(at).items():

@@ -24,7 +24,7 @@ class Repeats:
 
     @classmethod
     def of(cls, at: Tangent) -> "Repeats":
-        """Those of a problem; free attitudes are never repeated."""
+        """The repeated attitudes of a problem; free attitudes are never repeated."""
         problem, attitude = at.problem, np.asarray(at.problem.where.attitude)
         # The same to the last digit is one reading written twice, or rounded: it shows no noise.
         _, first, same = np.unique(

@@ -63,7 +63,7 @@ class NoiseScores:
 
     @classmethod
     def of(cls, screened: Screened, tried: NoiseAlternatives) -> "NoiseScores":
-        """Those of a screen."""
+        """The noise alternatives of a screen, with their scores."""
         return cls.among(screened.search, _sets(screened), tried, many_outliers(screened))
 
     @classmethod

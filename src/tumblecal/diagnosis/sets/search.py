@@ -268,7 +268,7 @@ class Search:
                 return
 
     def _may_score(self, sets: list[Members], least: float) -> list[Members]:
-        """Those of some sets of effects whose score may be as high as `least`."""
+        """Sets of effects, of those given, whose score may be as high as `least`."""
         if least == -np.inf or not sets:
             return sets
         rows, total = rows_of(sets), float(self.z @ self.z)
