@@ -1,4 +1,4 @@
-"""The site's own rules: the catalogue of effects is a page made from the code; links out of docs/ go to the repository."""
+"""The site's own rules: effects and commands are pages made from the code; links out of docs/ go to the repository."""
 
 import re
 
@@ -7,14 +7,22 @@ from mkdocs.structure.files import File, Files
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Add the catalogue of effects as a page."""
+    """Add the catalogue of effects and the commands with their options as pages."""
     files.append(File.generated(config, "effects.md", content=_effects()))
+    files.append(File.generated(config, "commands.md", content=_commands()))
     return files
 
 
 def on_page_markdown(markdown: str, config: MkDocsConfig, **_: object) -> str:
     """Let links to files outside docs/ lead to the repository."""
     return re.sub(r"\]\(\.\./", f"]({config.repo_url}/blob/main/", markdown)
+
+
+def _commands() -> str:
+    from tumblecal.cli.commands import app
+
+    written = app.generate_docs()
+    return written.replace("# tumblecal\n", "# Commands\n\nGenerated from the code, as `tumblecal COMMAND --help` prints it.\n", 1)
 
 
 def _effects() -> str:
