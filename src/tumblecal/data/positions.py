@@ -77,9 +77,9 @@ class PositionSet(Shown):
         >>> data = PositionSet(("up", "down"), np.array([0.0, 180.0]), np.zeros(2), up_down)
         >>> len(data), data.readings.shape, data.time_s
         (2, (2, 3), None)
-        >>> PositionSet(("up",), np.zeros(1), np.zeros(1), up_down)
+        >>> PositionSet(("up",), np.zeros(1), np.zeros(1), np.full((1, 3), np.nan))
         Traceback (most recent call last):
-        tumblecal.ground.errors.InputError: positions: readings has the shape (2, 3); it must be (1, 3), for 1 names
+        tumblecal.ground.errors.InputError: positions: readings has numbers that are not finite; remove these positions
     """
 
     names: tuple[str, ...]
