@@ -1,6 +1,5 @@
 """What stands in the pages of docs/ and in the README is what the program understands: commands, TOML, Python."""
 
-import ast
 import doctest
 import importlib
 import inspect
@@ -74,27 +73,12 @@ def test_every_package_with_public_names_is_in_the_reference():
     assert all((ROOT / "docs" / "api" / f"{folder}.md").is_file() for folder in PUBLIC)
 
 
-def messages_of_the_program() -> list[str]:
-    """Texts of the source as runs of words; an inserted value is a `…`."""
-    texts = []
-    for file in (ROOT / "src").rglob("*.py"):
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.JoinedStr):
-                parts = node.values
-            elif isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mod) and isinstance(node.left, ast.Constant):
-                parts = [node.left]
-            else:
-                parts = [node] if isinstance(node, ast.Constant) else []
-            values = [part.value if isinstance(part, ast.Constant) else "…" for part in parts]
-            texts.append(re.sub(r"%d\.%d", "…", "".join(value for value in values if isinstance(value, str))))
-    return texts
-
-
 def test_messages_of_the_troubleshooting_page_are_the_program_s():
     """The first column quotes messages; what differs between them, or is joined from several texts, is a `…`."""
     page = (ROOT / "docs" / "troubleshooting.md").read_text(encoding="utf-8")
     quoted = [row.removeprefix("| `").partition("` | ")[0] for row in page.splitlines() if row.startswith("| `")]
-    texts = "\n".join(messages_of_the_program())
+    source = "\n".join(file.read_text(encoding="utf-8") for file in (ROOT / "src").rglob("*.py"))
+    texts = re.sub(r"([\"'])\s+f?\1", "", source)  # adjacent texts are one
     pieces = [(message, piece) for message in quoted for piece in message.split("…") if len(piece.strip()) > 3]
     assert len(quoted) > 40 and not [both for both in pieces if both[1].strip() not in texts]
 
