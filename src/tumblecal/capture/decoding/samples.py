@@ -141,13 +141,15 @@ class Stated:
     Parameters
     ----------
     range_g
-        Full scale in g, if the stream does not state it.
+        Full scale in g, if the stream does not state it. Default: none. Example: --range-g 10.
     rate_hz
-        Sample rate in Hz, if the stream does not state it; needed for the time column.
+        Sample rate in Hz for the column of times, if the stream does not state it. Default: none. Example: --rate-hz 100.
     columns
-        For text lines: quantity of each column (ax, ay, az, gx, gy, gz, t, counter, time, or - for an unused column).
+        For lines of text: quantity of each column (ax, ay, az, gx, gy, gz, t, counter, time, or - for an unused one).
+        Default: recognised. Example: --columns time,ax,ay,az,-.
     unit
-        For text lines: unit of the accelerations: g, mg, m/s2, or for example "LSB 16384/g".
+        For lines of text: unit of the accelerations: g, mg, m/s2, or counts for one g. Default: guessed from their size.
+        Example: --unit 'LSB 16384/g'.
     """
 
     range_g: float | None = None
