@@ -1,9 +1,7 @@
-"""Calibration of accelerometer triads on a dividing head, and diagnosis of what the model gets wrong.
+"""Calibration of accelerometer triads on a dividing head, and diagnosis of errors of the model.
 
-The folders are the data's way: `ground` → `chain` → `effects` → `data` → `noise` → `capture` → `estimation` →
-`simulation` → `diagnosis` → `planning` → `studies` → `report` → `cli`. Importing this package loads neither JAX nor
-matplotlib; they load with the folder that needs them. The names that one types first are here, each loaded when it is used:
-`read_positions`, `read_rig`, `simulate`, `calibrate`, `diagnose`, `next_plan`, `load`.
+Importing this package loads neither JAX nor matplotlib; they load with the folder that needs them. The first names of a script
+are here, each loaded when it is used: `read_positions`, `read_rig`, `simulate`, `calibrate`, `diagnose`, `next_plan`, `load`.
 """
 
 # This file is read by Pythons that can read nothing else here: no syntax newer than 3.6 before the check.
