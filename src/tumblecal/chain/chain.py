@@ -232,6 +232,8 @@ def nominal_chain(
     - `mount_nominal`: intended orientation of each mounting, 3x3 each.
     - `small_angle`: the paper's first-order mount in place of the exact one.
 
+    **Raises:** `InputError` for an index column that the data lack.
+
     Examples:
         >>> from tumblecal.chain import nominal_chain, settings
         >>> len(nominal_chain(settings([0.0, 1.5, 3.0], [0.0, 0.8, 1.6])).names)  # 12 + 3 pitch settings

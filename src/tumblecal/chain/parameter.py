@@ -166,7 +166,7 @@ def coefficients(
     - `free`: whether it is estimated.
     - `scale`: typical size.
 
-    **Raises:** `InputError` for an index column that the data lack.
+    **Raises:** `InputError` for an index column that the data lack; `ValueError` for `by` without `where`.
 
     Examples:
         >>> from tumblecal.chain import coefficients

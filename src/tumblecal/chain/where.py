@@ -186,6 +186,8 @@ def settings(
 
     **Returns:** the settings; pitch settings are numbered by increasing beta, runs and mounts as they first appear.
 
+    **Raises:** `ValueError` for angles that are not two columns of one length.
+
     Examples:
         >>> import numpy as np
         >>> from tumblecal.chain import settings

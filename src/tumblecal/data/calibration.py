@@ -145,6 +145,8 @@ class Calibration(Shown):
 def write_calibration(path: Path, calibration: Calibration) -> None:
     """Write a calibration file, completely or not at all.
 
+    **Raises:** `InputError` for a file that cannot be written.
+
     Examples:
         >>> from pathlib import Path
         >>> from tempfile import TemporaryDirectory

@@ -137,6 +137,8 @@ def _parquet_table(path: Path) -> Table:
 def write_positions(path: Path | str, data: PositionSet) -> None:
     """Write a position set, Parquet or CSV according to the file name, completely or not at all, with full precision.
 
+    **Raises:** `InputError` for a file that cannot be written.
+
     Examples:
         >>> from pathlib import Path
         >>> from tempfile import TemporaryDirectory

@@ -52,6 +52,8 @@ class Dwells:
 def regular_dwells(positions: int, dwell_s: float, move_s: float, rate_hz: float) -> Dwells:
     """Positions measured one after the other, `dwell_s` each, with `move_s` between them.
 
+    **Raises:** `ValueError` for a dwell without a sample.
+
     Examples:
         >>> from tumblecal.noise import regular_dwells
         >>> dwells = regular_dwells(positions=3, dwell_s=10, move_s=20, rate_hz=100)
