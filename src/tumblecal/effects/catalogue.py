@@ -96,7 +96,7 @@ def _everywhere() -> Where:
 def links(entries: Catalogue, ids: tuple[str, ...], where) -> dict[str, tuple]:
     """The links (all variants) of the given effects for given settings, coefficients zero.
 
-    **Raises:** `InputError` for an unknown id, an effect that is no link of the chain, or settings without a column that it needs.
+    **Raises:** `InputError` for an unknown id, an effect that is no link, or settings without a column that it needs.
 
     Examples:
         >>> from tumblecal.chain import settings
