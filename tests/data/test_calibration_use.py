@@ -1,14 +1,14 @@
 """`use` of a calibration file: read, written, in words, and rejected where it is not understood."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tumblecal import InputError
 from tumblecal.data.calibration import Calibration, read_calibration, write_calibration
-from tumblecal.data.calibration_use import NOT_STATED, Use, combined, read_use
+from tumblecal.data.calibration_use import NOT_STATED, StatedUse, Use, combined
+from tumblecal.ground.strict_json import validated
 
 
 SAID = [
@@ -60,25 +60,25 @@ def test_a_file_of_an_earlier_version_states_no_use(tmp_path):
 
 
 WRONG = [
-    ("yes", "'yes' is not an object"),
-    ({"answer": "maybe"}, "use.answer: 'maybe' is not one of yes, within, only, no"),
-    ({"answer": ["no"]}, "use.answer: ['no'] is not one of"),
-    ({"answer": "no", "reason": 3}, "use.reason: 3 is not text"),
+    ("yes", "use: must be an object"),
+    ({"answer": "maybe"}, "use.answer: must be 'yes', 'within', 'only' or 'no' (got 'maybe')"),
+    ({"answer": ["no"]}, "use.answer: must be 'yes'"),
+    ({"answer": "no", "reason": 3}, "use.reason: must be a text in quotation marks (got 3)"),
     ({"answer": "within"}, "temperature_degc must be stated with 'within'"),
     ({"answer": "yes", "temperature_degc": [1, 2]}, "not with 'yes'"),
     ({"answer": "within", "temperature_degc": [30, 20]}, "the lowest temperature must come first"),
-    ({"answer": "within", "temperature_degc": [30, None]}, "is not a list of two numbers"),
+    ({"answer": "within", "temperature_degc": [30, None]}, "use.temperature_degc.1: must be a number (got None)"),
     ({"answer": "only"}, "parameters must be listed with 'only'"),
-    ({"answer": "only", "parameters": ["dK_q"]}, "use.parameters: ['dK_q']"),
-    ({"answer": "only", "parameters": "dK_x"}, "use.parameters: 'dK_x'"),
-    ({"answer": "no", "size_g": -1}, "use.size_g: -1 is not a number above 0"),
+    ({"answer": "only", "parameters": ["dK_q"]}, "use.parameters.0: must be one of dK_x"),
+    ({"answer": "only", "parameters": "dK_x"}, "use.parameters: "),
+    ({"answer": "no", "size_g": -1}, "use.size_g: must be above 0 (got -1)"),
 ]  # fmt: skip
 
 
 @pytest.mark.parametrize(("stated", "fault"), WRONG, ids=[fault for _, fault in WRONG])
 def test_a_use_that_is_not_understood_is_rejected(stated, fault):
     with pytest.raises(InputError) as caught:
-        read_use(Path("c.json"), stated)
+        validated(stated, StatedUse, "c.json", "use")
     assert str(caught.value).startswith("c.json: use") and fault in str(caught.value)
 
 

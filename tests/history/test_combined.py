@@ -60,7 +60,7 @@ def test_a_budget_of_other_data_is_not_taken(tumblecal, tmp_path, folder):
     assert "0 of 1 added" in tumblecal("history", tmp_path / "lab.db", "--add", folder).out
     (folder / "budget.json").write_text("{}")
     outcome = tumblecal("compare", folder / "calibration.json", folder / "calibration.json")
-    assert outcome.code == 2 and "no budget of a whole sensor" in outcome.lines[0]
+    assert outcome.code == 2 and "budget.json: schema is None, not 'tumblecal.budget_result/1'" in outcome.lines[0]
 
 
 def test_a_budget_of_another_model_is_not_taken(tumblecal, tmp_path, configs, folder):

@@ -106,11 +106,11 @@ class Budget:
         """The fit with the combined covariance, for what is derived from it."""
         return replace(self.fit, covariance=self.covariance)
 
-    def _terms(self, left_out: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+    def _terms(self, omitted: int | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Standard uncertainties that are combined, and their degrees of freedom; noise and parts of a diagnosis are one."""
         sizes = np.vstack([self.type_a, self.sizes])
-        if left_out is not None:
-            sizes[left_out] = 0.0
+        if omitted is not None:
+            sizes[omitted] = 0.0
         first = 1 + len(self.diagnosis_parts)
         of_noise = self.fit.dof if self.fit.noise == "estimated" else np.inf
         of_noise = of_noise if self.noise_dof is None else self.noise_dof

@@ -3,11 +3,11 @@
 from pathlib import Path
 
 from tumblecal.data.calibration import Calibration
+from tumblecal.data.result_records import DIAGNOSIS, REMEDY, RESULT, DiagnosisFile, ResultFile
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.json_file import read_json_object
+from tumblecal.ground.strict_json import read_record
 
 
-_FILES = ("result.json", "diagnosis.json")
 _REMEDY = (
     "correct the measurement, or the statements on it (usual sizes: [usual] in a rig; priors; the head), and calibrate "
     "again"
@@ -25,24 +25,23 @@ def reservation(folder: Path, calibration: Calibration, *, use_anyway: bool = Fa
     judgement of different data.
     """
     calibration.use.require(folder / "calibration.json", anyway=use_anyway)
-    path = folder / _FILES["verdict" in calibration.provenance]
+    name, record = (DIAGNOSIS, DiagnosisFile) if "verdict" in calibration.provenance else (RESULT, ResultFile)
+    path, digest = folder / name, calibration.provenance.get("sha256")
     if not path.exists():
         return ""
-    content = read_json_object(path)
-    source, digest = content.get("source"), calibration.provenance.get("sha256")
-    if isinstance(source, dict) and digest and source.get("sha256") not in (None, digest):
+    result = read_record(path, record, REMEDY)
+    if digest and result.sha256 not in (None, digest):
         raise InputError(f"{path}: its data differ from those of calibration.json in this folder; calibrate again")
-    judged, implausible = content.get("judgement"), content.get("implausible")
-    judged = judged if isinstance(judged, dict) and judged.get("tone") != "good" else {}
-    headline = str(judged.get("headline", ""))
-    if not use_anyway and isinstance(implausible, list) and implausible:
-        named = ", ".join(str(listed.get("parameter")) for listed in implausible if isinstance(listed, dict))
+    judged = result.judgement
+    headline = "" if judged.tone == "good" else judged.headline
+    if not use_anyway and result.implausible:
+        named = ", ".join(listed.parameter for listed in result.implausible)
         raise InputError(
             f"{path}: implausible: {named}: no certificate for a calibration with values far outside the usual range; "
             f"{_REMEDY}"
         )
-    if judged.get("refused") and not use_anyway:
-        raise InputError(f"{path}: judgement: {headline} No certificate is written; {judged.get('advice')}")
+    if judged.refused and not use_anyway:
+        raise InputError(f"{path}: judgement: {judged.headline} No certificate is written; {judged.advice}")
     use = calibration.use
     limited = use.answer in ("only", "no") or use.size_g is not None
     words = [f"Judgement of the calibration: {headline}"] if headline else []

@@ -14,13 +14,13 @@ from tumblecal.certificate.judged import head_covariance, head_words, reservatio
 from tumblecal.data.budget_result import NAME, BudgetResult, read_budget
 from tumblecal.data.calibration import Calibration, read_calibration
 from tumblecal.data.coverage_factor import coverage_factors
-from tumblecal.data.noise_dof import with_dof_of_result
 from tumblecal.data.not_applied import losses_words
 from tumblecal.data.positions import ATTITUDES, UNKNOWN
+from tumblecal.data.result_records import DIAGNOSIS, REMEDY, DiagnosisFile, with_dof_of_result
 from tumblecal.data.sensor_parameters import GROUPS, SENSOR, leaf_of
 from tumblecal.data.uncertainty_parts import PARTS
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.json_file import read_json_object
+from tumblecal.ground.strict_json import read_record
 
 
 LEVEL = 0.95
@@ -167,28 +167,25 @@ def results_of(folder: Path, budget: Path | None, limits: Mapping[str, float], *
 
 def _outcome(folder: Path, calibration: Calibration) -> str:
     """The result for the model, in words: the verdict of a diagnosis, otherwise that of the fit."""
-    path = folder / "diagnosis.json"
+    path = folder / DIAGNOSIS
     if not path.exists():
         return "The nominal model was fitted; no diagnosis was made."
-    content = read_json_object(path)
-    causes = ", ".join(map(str, content.get("causes") or []))
+    diagnosis = read_record(path, DiagnosisFile, REMEDY)
+    causes = ", ".join(diagnosis.causes)
     words = {
         "adequate": "The data are consistent with the nominal model.",
         "identified": f"In addition to the nominal model the data show {causes}; the fitted model includes it.",
         "ambiguous": f"In addition to the nominal model the data show {_explanations(calibration, causes)}.",
     }
-    return words.get(
-        str(content.get("verdict")), "The data contradict the nominal model; the cause was not identified."
-    )
+    return words.get(diagnosis.verdict, "The data contradict the nominal model; the cause was not identified.")
 
 
 def _explanations(calibration: Calibration, causes: str) -> str:
     """The possible causes that the data cannot distinguish, and those of the stated values."""
     averaged = calibration.provenance.get("averaged_over")
-    if not isinstance(averaged, list):
+    if averaged is None:
         return f"{causes}, or an indistinguishable explanation; the values apply to the former"
-    members = [member for member in averaged if isinstance(member, dict)]
-    each = [" and ".join(map(str, member.get("causes") or ["no further effect"])) for member in members]
+    each = [" and ".join(member.get("causes") or ["no further effect"]) for member in averaged]
     listed = f"one of: {'; '.join(each)}"
     mean = "The values are the probability-weighted mean over these models, and the uncertainty includes their spread"
     return f"{listed}. {mean}"

@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from tumblecal.chain.frames import Component
-from tumblecal.chain.where import Where, check_index
+from tumblecal.chain.where import Where, check_index, register_unchecked
 
 
 Tree = TypeVar("Tree")
@@ -64,21 +64,7 @@ class Parameter:
         )
 
 
-_STATIC = ("name", "components", "unit", "by", "suffixes", "free", "scale")
-
-
-def _flattened(leaf: Parameter) -> tuple[tuple[Any], tuple]:
-    return (leaf.value,), tuple(getattr(leaf, name) for name in _STATIC)
-
-
-def _unflattened(static: tuple, values: Sequence[Any]) -> Parameter:
-    """Reconstruction by JAX, whose leaf is not always an array; therefore without checks."""
-    leaf = object.__new__(Parameter)
-    vars(leaf).update(zip(_STATIC, static, strict=True), value=values[0])
-    return leaf
-
-
-jax.tree_util.register_pytree_node(Parameter, _flattened, _unflattened)
+register_unchecked(Parameter, ("value",), ("name", "components", "unit", "by", "suffixes", "free", "scale"))
 
 
 def _unstacked(values: Array | np.ndarray, shape: tuple[int, ...]) -> tuple[Component, ...]:

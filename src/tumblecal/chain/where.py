@@ -135,6 +135,26 @@ class Where:
         return going_on
 
 
+def register_unchecked(cls: type, traced: Sequence[str], static: Sequence[str], **constant: Any) -> None:
+    """Register a dataclass as a pytree of its fields; JAX reconstructs it without checks, because its leaves are not always
+    arrays.
+
+    **Arguments:**
+
+    - `constant`: values of further fields of a reconstructed object.
+    """
+
+    def flattened(tree: Any) -> tuple[tuple, tuple]:
+        return tuple([getattr(tree, name) for name in traced]), tuple([getattr(tree, name) for name in static])
+
+    def unflattened(values: tuple, leaves: Sequence[Any]) -> Any:
+        tree = object.__new__(cls)
+        vars(tree).update(zip(traced, leaves, strict=True), **dict(zip(static, values, strict=True)), **constant)
+        return tree
+
+    jax.tree_util.register_pytree_node(cls, flattened, unflattened)
+
+
 _COLUMNS = (
     "alpha",
     "beta",
@@ -146,20 +166,7 @@ _COLUMNS = (
     "mean_degc",
     "inputs_before",
 )
-
-
-def _flattened(where: Where) -> tuple[tuple, tuple]:
-    return tuple(getattr(where, name) for name in _COLUMNS), where.labels
-
-
-def _unflattened(labels: tuple, columns: Sequence[Any]) -> Where:
-    """Reconstruction by JAX, whose leaves are not always arrays; therefore without checks."""
-    where = object.__new__(Where)
-    vars(where).update(zip(_COLUMNS, columns, strict=True), labels=labels)
-    return where
-
-
-jax.tree_util.register_pytree_node(Where, _flattened, _unflattened)
+register_unchecked(Where, _COLUMNS, ("labels",))
 
 
 def settings(

@@ -22,7 +22,7 @@ def compare(old: str, new: str, /, *, quiet: Quiet = False) -> None:
     new
         The later one, in the same forms.
     """
-    from tumblecal.data.noise_dof import with_dof_of_result
+    from tumblecal.data.result_records import with_dof_of_result
     from tumblecal.devices import read_any
     from tumblecal.ground.gravity import STANDARD
     from tumblecal.history.comparison import compare as compared

@@ -4,7 +4,7 @@ import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
@@ -211,20 +211,16 @@ def _noise(path: Path) -> tuple[dict[str, float], ...]:
 
     **Raises:** `InputError` for a file that is not a reduction.
     """
-    import json
-
-    from tumblecal.data.calibration_parts import is_number
     from tumblecal.ground.axes import AXES
     from tumblecal.ground.errors import InputError
-    from tumblecal.ground.text_file import read_text
+    from tumblecal.ground.json_file import read_json
+    from tumblecal.ground.strict_json import Size, validated
 
     try:
-        axes = [json.loads(read_text(path, "JSON"))["axes"][axis]["noise"] for axis in AXES]
+        content: Any = read_json(path)
+        axes = [content["axes"][axis]["noise"] for axis in AXES]
         sizes = tuple({key: axis[key] for key in ("white_g_per_rthz", "walk_g_per_rts")} for axis in axes)
-    except InputError:
-        raise
-    except (ValueError, KeyError, TypeError, RecursionError) as error:
+    except (KeyError, TypeError) as error:
         raise InputError(f"{path}: no noise of three axes; give the reduction.json of tumblecal reduce") from error
-    if not all(is_number(value) and value >= 0 for axis in sizes for value in axis.values()):
-        raise InputError(f"{path}: noise: coefficients must be numbers, not below 0")
+    validated(sizes, tuple[dict[str, Size], ...], str(path), "noise")
     return sizes

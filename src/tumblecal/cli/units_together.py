@@ -35,36 +35,36 @@ def diagnose_units(
     from tumblecal.report.head_words import units_text
 
     screened: list[Screened] = []
-    taken, refused = [], {}
+    usable, refused = [], {}
     with single_blas_thread(), batch.output.working(f"screening {len(read)} units"):
         for number, positions in enumerate(read):
             try:
                 screened.append(batch.screened(positions))
-                taken.append(number)
+                usable.append(number)
             except InputError as fault:
                 refused[number] = fault
-    if len(taken) < 2:
+    if len(usable) < 2:
         faults = [text for fault in refused.values() for text in fault.faults]
         raise InputError([*faults, "--units: fewer than two units can be diagnosed; common errors need at least two"])
     with single_blas_thread(), batch.output.working("estimating errors common to the units"):
-        measured = together(screened, [str(files[k]) for k in taken], batch.usual)
+        measured = together(screened, [str(files[k]) for k in usable], batch.usual)
     del screened
-    heads = [measured.known_to(number) for number in range(len(taken))]
-    chosen = [files[k] for k in taken]
-    processes = processes_for(len(taken)) if workers is None else workers
+    heads = [measured.known_to(number) for number in range(len(usable))]
+    chosen = [files[k] for k in usable]
+    processes = processes_for(len(usable)) if workers is None else workers
     rows: dict[int, dict] = {number: summary_row(files[number], fault) for number, fault in refused.items()}
     faults = [text for fault in refused.values() for text in fault.faults]
     # They describe the results of the units before the first one is replaced.
     remove_results(out, (*UNITS_SET, SUMMARY))
-    outcomes = batch.run(chosen, [folders[k] for k in taken], [read[k] for k in taken], processes, heads)
+    outcomes = batch.run(chosen, [folders[k] for k in usable], [read[k] for k in usable], processes, heads)
     try:
-        for number, (row, more, text) in zip(taken, outcomes, strict=True):
+        for number, (row, more, text) in zip(usable, outcomes, strict=True):
             rows[number] = row
             faults += more
             batch.output.say(f"{number + 1} of {len(files)}  {text}")
     finally:
         write_summary(out / SUMMARY, [rows[number] for number in sorted(rows)])
-    units = [(folders[k].name, rows[k]) for k in taken]
+    units = [(folders[k].name, rows[k]) for k in usable]
     with result_set(out, UNITS_SET) as aside:
         written = write_units(aside, measured, units, batch.entries, figures=batch.results.figures is not False)
     batch.output.say(f"{units_text(measured, units, batch.entries)}\nwritten: {out}/: {', '.join(written)}")

@@ -1,31 +1,75 @@
 """`budget.json`: the contributions of a budget to the uncertainty of a calibration."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import NormalDist
+from typing import Annotated, Literal
 
 import numpy as np
 from jaxtyping import Float
+from pydantic import AliasPath, Field, model_validator
 
 from tumblecal.data.calibration import Calibration
-from tumblecal.data.calibration_parts import covariance, is_number, numbers
+from tumblecal.data.calibration_file import Covariance
 from tumblecal.data.coverage_factor import coverage_factors, effective_dof
 from tumblecal.data.sensor_parameters import GROUPS, SENSOR, SensorParameters, leaf_of
-from tumblecal.ground.errors import InputError
-from tumblecal.ground.json_file import read_json_object
-from tumblecal.ground.text_file import shown
+from tumblecal.ground.strict_json import Finite, Record, Size, Text, read_record
 from tumblecal.ground.units import in_words
 from tumblecal.ground.units import shown as shown_unit
 
 
 NAME = "budget.json"
-# Smallest ratio of a rounded coverage factor to the exact one.
-_ROUNDED = 0.99
 # Standard uncertainties with a smaller relative difference are due to the same noise.
 _SAME_NOISE = 0.01
-# Smallest degrees of freedom of an input, as in `chain.considered`.
-_LEAST_DOF = 0.5
+# Smallest ratio of a rounded coverage factor to the exact one.
+_ROUNDED = 0.99
+
+
+class BudgetInput(Record):
+    """Degrees of freedom of an input, as in `chain.considered`; None: infinitely many."""
+
+    dof: Annotated[Finite, Field(ge=0.5)] | None = None
+
+
+class BudgetParameter(Record):
+    """Value, standard uncertainties (base units) and coverage factor of a parameter."""
+
+    value: Finite
+    u_type_a: Size
+    contributions: dict[str, Size]
+    k: Finite
+
+
+class BudgetFile(Record):
+    """The keys of `budget.json` that the program reads again."""
+
+    schema_: Annotated[Literal["tumblecal.budget_result/1"], Field(alias="schema")]
+    sha256: Text | None = Field(validation_alias=AliasPath("source", "sha256"))
+    level: Annotated[Finite, Field(ge=0.5, lt=1)]
+    inputs: dict[str, BudgetInput]
+    parameters: dict[str, BudgetParameter]
+    type_b_covariance: Covariance
+    diagnosis: list[Text] | None = None
+
+    @model_validator(mode="after")
+    def _of_a_whole_sensor(self) -> "BudgetFile":
+        if missing := [name for name in SENSOR if name not in self.parameters]:
+            raise ValueError(f"parameters: {', '.join(missing)} missing; make a budget of a whole sensor")
+        if len(self.type_b_covariance) != len(self.parameters):
+            raise ValueError(f"type_b_covariance: must be of {len(self.parameters)} parameters; make the budget again")
+        # The factor of a normal distribution is the smallest.
+        least = NormalDist().inv_cdf(0.5 + self.level / 2)
+        for name, stated in self.parameters.items():
+            if missing := [label for label in self.inputs if label not in stated.contributions]:
+                raise ValueError(
+                    f"parameters.{name}.contributions: {', '.join(missing)} missing; make the budget again"
+                )
+            if stated.k < _ROUNDED * least:
+                raise ValueError(
+                    f"parameters.{name}.k: {stated.k:g} is no coverage factor at a probability of {self.level:g}, which is "
+                    f"{least:.3g} or more; make the budget again with tumblecal budget"
+                )
+        return self
 
 
 @dataclass(frozen=True)
@@ -103,62 +147,19 @@ def read_budget(path: Path) -> BudgetResult:
 
     **Raises:** `InputError` for a file that is not a budget of a whole sensor, or has a wrong coverage factor.
     """
-    content = read_json_object(path)
-    try:
-        parameters, level, inputs = content["parameters"], content["level"], content["inputs"]
-        stated = {key: [own[key] for own in parameters.values()] for key in ("value", "u_type_a", "k")}
-        stated["contributions"] = [[own["contributions"][label] for own in parameters.values()] for label in inputs]
-        freedom = {label: own.get("dof") for label, own in inputs.items()}
-        sha256 = content["source"]["sha256"]
-        missing = [name for name in SENSOR if name not in parameters]
-    except (KeyError, TypeError, AttributeError) as error:
-        raise InputError(
-            f"{path}: no budget of a whole sensor in it ({error}); make one with tumblecal budget"
-        ) from error
-    if missing:
-        raise InputError(f"{path}: no budget of a whole sensor in it ({', '.join(missing)} missing); make one of it")
-    _check_coverage(path, level, dict(zip(parameters, stated["k"], strict=True)))
-    names, size = tuple(parameters), len(parameters)
-    values = numbers(path, stated, "value", (size,), "parameters.")
-    type_b = SensorParameters(names, values, covariance(path, content, size, key="type_b_covariance"))
-    type_a = numbers(path, stated, "u_type_a", (size,), "parameters.")
-    contributions = numbers(path, stated, "contributions", (len(freedom), size), "parameters.")
+    file = read_record(path, BudgetFile, "make a budget with tumblecal budget")
+    parameters, dof = file.parameters, [given.dof for given in file.inputs.values()]
+    values, type_a = np.array([(stated.value, stated.u_type_a) for stated in parameters.values()]).T
+    contributions = [[stated.contributions[label] for stated in parameters.values()] for label in file.inputs]
     return BudgetResult(
-        type_b, type_a, contributions, _freedom(path, freedom), float(level), sha256, "diagnosis" in content
+        type_b=SensorParameters(tuple(parameters), values, file.type_b_covariance),
+        type_a=type_a,
+        contributions=np.array(contributions).reshape(len(dof), len(parameters)),
+        dof=np.array([np.inf if each is None else each for each in dof]),
+        level=file.level,
+        sha256=file.sha256,
+        diagnosed=file.diagnosis is not None,
     )
-
-
-def _freedom(path: Path, stated: Mapping[str, object]) -> Float[np.ndarray, " inputs"]:
-    """Degrees of freedom of the inputs.
-
-    **Raises:** `InputError` for what is no such number.
-    """
-    for label, dof in stated.items():
-        if dof is not None and not (is_number(dof) and dof >= _LEAST_DOF):
-            raise InputError(
-                f"{path}: inputs.{label}.dof: {shown(dof)} is no number of degrees of freedom ({_LEAST_DOF:g} or more); make "
-                "the budget again with tumblecal budget"
-            )
-    return np.array([np.inf if dof is None else dof for dof in stated.values()], float)
-
-
-def _check_coverage(path: Path, level: object, factors: Mapping[str, object]) -> None:
-    """Check the level and that each coverage factor is one of it.
-
-    **Raises:** `InputError` for a level that is no probability, a factor that is no number, or smaller than that of a normal
-    distribution, which has the smallest.
-    """
-    if not is_number(level) or not 0.5 <= level < 1:
-        raise InputError(f"{path}: level: {shown(level)} is not a probability from 0.5 to below 1")
-    least = NormalDist().inv_cdf(0.5 + level / 2)
-    faults = [
-        f"{path}: parameters.{name}.k: {shown(k)} is no coverage factor at a probability of {level:g}, which is {least:.3g} "
-        "or more; make the budget again with tumblecal budget"
-        for name, k in factors.items()
-        if not (is_number(k) and k >= _ROUNDED * least)
-    ]
-    if faults:
-        raise InputError(faults)
 
 
 def with_budget_in_folder(file: Path, calibration: Calibration) -> SensorParameters | None:

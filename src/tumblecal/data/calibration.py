@@ -12,25 +12,27 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.data.calibration_extended import columns_needed, corrected, linear
-from tumblecal.data.calibration_parts import agreeing, checked_matrix, covariance, is_number, numbers, parameters
+from tumblecal.data.calibration_file import (
+    ORDER,
+    UNITS_OF,
+    CalibrationFile,
+    StatedGravity,
+    StatedParameters,
+    require_agreement,
+)
 from tumblecal.data.calibration_terms import Term, terms_of
-from tumblecal.data.calibration_use import NOT_STATED, Use, read_use
+from tumblecal.data.calibration_use import NOT_STATED, Use
 from tumblecal.data.not_applied import NotApplied, not_applied
 from tumblecal.data.sensor_parameters import SensorParameters, of_matrix
 from tumblecal.ground.atomic import write_text
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.gravity import Gravity, checked_gravity, record_of
-from tumblecal.ground.json_file import read_json
+from tumblecal.ground.gravity import Gravity, record_of
 from tumblecal.ground.showing import Screen, Shown
-from tumblecal.ground.text_file import shown
+from tumblecal.ground.strict_json import read_record
 
 
 SCHEMA = "tumblecal.calibration/1"
-UNITS_OF = {"A": "g", "f": "g", "matrix": "1", "bias": "g", "alignment": "1"}
-_OWN = {"schema", "equation", "matrix", "bias", "covariance", "covariance_order", "alignment", "units", "gravity"}
-_OWN |= {"temperature_degc", "serial_number", "provenance", "parameters", "use"}
-ORDER = (*(f"matrix_{row}{column}" for row in "123" for column in "123"), "bias_x", "bias_y", "bias_z")
 
 
 @dataclass(frozen=True, repr=False)
@@ -67,8 +69,10 @@ class Calibration(Shown):
     def dof(self) -> float | None:
         """Degrees of freedom of the estimated noise in `covariance` (`provenance["dof"]`); infinite for stated noise, None in
         files of earlier versions, which do not state them."""
-        stated = self.provenance.get("dof")
-        return max(float(stated), 1.0) if is_number(stated) else math.inf if "dof" in self.provenance else None
+        if "dof" not in self.provenance:
+            return None
+        stated = self.provenance["dof"]
+        return math.inf if stated is None else max(float(stated), 1.0)
 
     @property
     def sensor(self) -> SensorParameters:
@@ -163,24 +167,27 @@ def write_calibration(path: Path, calibration: Calibration) -> None:
 
 def calibration_text(calibration: Calibration) -> str:
     """The text of a calibration file."""
-    content = {
-        "schema": SCHEMA,
-        "equation": "f = matrix (A - bias); f_fixture = alignment f",
-        "matrix": calibration.matrix.tolist(),
-        "bias": calibration.bias.tolist(),
-        "covariance": calibration.covariance.tolist(),
-        "covariance_order": list(ORDER),
-        "alignment": None if calibration.alignment is None else calibration.alignment.tolist(),
-        "units": UNITS_OF,
-        "gravity": record_of(calibration.gravity),
-        "temperature_degc": calibration.temperature_degc,
-        "serial_number": calibration.serial_number,
-        **({"use": record} if (record := calibration.use.record()) else {}),
-        "provenance": calibration.provenance,
-        **({} if calibration.parameters is None else {"parameters": _record(calibration.parameters)}),
-        **calibration.extra,
+    optional = {
+        "use": calibration.use if calibration.use.answer else None,
+        "parameters": None if calibration.parameters is None else StatedParameters.of(calibration.parameters),
     }
-    return json.dumps(content, indent=1, allow_nan=False) + "\n"
+    file = CalibrationFile.model_construct(
+        schema=SCHEMA,
+        equation="f = matrix (A - bias); f_fixture = alignment f",
+        matrix=calibration.matrix,
+        bias=calibration.bias,
+        covariance=calibration.covariance,
+        covariance_order=[*ORDER],
+        alignment=calibration.alignment,
+        units=UNITS_OF,
+        gravity=StatedGravity.model_construct(**record_of(calibration.gravity)),
+        temperature_degc=calibration.temperature_degc,
+        serial_number=calibration.serial_number,
+        provenance=calibration.provenance,
+        **{key: part for key, part in optional.items() if part is not None},
+        **calibration.extra,
+    )
+    return json.dumps(file.model_dump(by_alias=True, exclude_unset=True), indent=1, allow_nan=False) + "\n"
 
 
 def read_calibration(path: Path | str) -> Calibration:
@@ -205,64 +212,21 @@ def read_calibration(path: Path | str) -> Calibration:
     path = Path(path)
     if path.is_dir():
         raise InputError(f"{path}: a folder; give the file, {path / 'calibration.json'}")
-    content = read_json(path)
-    if not isinstance(content, dict) or content.get("schema") != SCHEMA:
-        schema = shown(content.get("schema") if isinstance(content, dict) else None)
-        raise InputError(f"{path}: schema is {schema}, not {SCHEMA!r}; give the calibration.json of calibrate")
-    for key, wanted in (("units", UNITS_OF), ("covariance_order", list(ORDER))):
-        if content.get(key, wanted) != wanted:
-            raise InputError(f"{path}: {key}: differs from the value that calibrate writes; restore it")
-    temperature, serial = content.get("temperature_degc"), content.get("serial_number")
-    if not (temperature is None or is_number(temperature)):
-        raise InputError(f"{path}: temperature_degc: {shown(temperature)} is not a number")
-    if not (serial is None or isinstance(serial, str)):
-        raise InputError(f"{path}: serial_number: {shown(serial)} is not text")
-    matrix = checked_matrix(numbers(path, content, "matrix", (3, 3)), path)
-    bias = numbers(path, content, "bias", (3,))
-    own = parameters(path, _table(path, content, "parameters")) if "parameters" in content else None
-    terms_of(content.get("terms", []), str(path))
+    file = read_record(path, CalibrationFile, "give the calibration.json of calibrate")
+    gravity = file.gravity
+    parameters = None if file.parameters is None else file.parameters.parameters()
+    if parameters is not None:
+        require_agreement(path, file, parameters)
     return Calibration(
-        matrix=matrix,
-        bias=bias,
-        covariance=covariance(path, content, len(ORDER)),
-        alignment=None if content.get("alignment") is None else numbers(path, content, "alignment", (3, 3)),
-        temperature_degc=temperature,
-        serial_number=serial,
-        gravity=_gravity(path, content.get("gravity")),
-        provenance=_provenance(path, content),
-        parameters=None if own is None else agreeing(path, matrix, bias, own),
-        use=read_use(path, content.get("use")),
-        extra={key: value for key, value in content.items() if key not in _OWN},
+        matrix=file.matrix,
+        bias=file.bias,
+        covariance=file.covariance,
+        alignment=file.alignment,
+        temperature_degc=file.temperature_degc,
+        serial_number=file.serial_number,
+        gravity=None if gravity is None or gravity.value_ms2 is None else Gravity(gravity.value_ms2, gravity.source),
+        provenance=file.provenance,
+        parameters=parameters,
+        use=file.use or NOT_STATED,
+        extra=(file.model_extra or {}) | ({"terms": file.terms} if "terms" in file.model_fields_set else {}),
     )
-
-
-def _record(parameters: SensorParameters) -> dict[str, Any]:
-    arrays = {"values": parameters.values.tolist(), "covariance": parameters.covariance.tolist()}
-    left = {"determined": [name not in parameters.undetermined for name in parameters.names]}
-    return {"names": list(parameters.names), **arrays, **(left if parameters.undetermined else {})}
-
-
-def _provenance(path: Path, content: dict[str, Any]) -> dict[str, Any]:
-    provenance = _table(path, content, "provenance")
-    if not ((dof := provenance.get("dof")) is None or (is_number(dof) and dof >= 1)):
-        raise InputError(
-            f"{path}: provenance.dof: {shown(dof)} is no number from 1 on, nor null (the noise was stated)"
-        )
-    not_applied(provenance, str(path))
-    return provenance
-
-
-def _gravity(path: Path, stated: object) -> Gravity | None:
-    if stated is None:
-        return None
-    value = stated.get("value_ms2") if isinstance(stated, dict) else None
-    source = stated.get("source") if isinstance(stated, dict) else None
-    if not (isinstance(source, str) and (value is None or is_number(value))):
-        raise InputError(f"{path}: gravity: must have value_ms2 and source")
-    return None if value is None else checked_gravity(value, source, f"{path}: gravity.value_ms2")
-
-
-def _table(path: Path, content: dict[str, Any], key: str) -> dict[str, Any]:
-    if not isinstance(value := content.get(key, {}), dict):
-        raise InputError(f"{path}: {key}: {shown(value)} is not an object")
-    return value

@@ -3,22 +3,21 @@
 A term adds `coefficient * kind(u_x^i u_y^j u_z^k) * (T - reference_degc)^degc_power * hours` to the reading of one axis.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import reduce
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from jaxtyping import Float
+from pydantic import BeforeValidator, ConfigDict, Field
 
-from tumblecal.data.calibration_parts import is_number
 from tumblecal.ground.axes import AXES
-from tumblecal.ground.errors import InputError
-from tumblecal.ground.text_file import shown
+from tumblecal.ground.strict_json import Finite, Flag, Text, one_of, validated
 
 
 KINDS = {"product": lambda value: value, "abs": np.abs, "sign": np.sign}
-_HIGHEST = 9
+Power = Annotated[int, Field(strict=True, ge=0, le=9)]
 
 
 @dataclass(frozen=True)
@@ -32,16 +31,18 @@ class Term:
     - `effect`: id of the catalogue entry, "" if not stated. `determined`: whether the data determined it separately.
     """
 
-    axis: str
-    coefficient: float
-    powers: tuple[int, int, int] = (0, 0, 0)
-    kind: str = "product"
-    degc_power: int = 0
-    reference_degc: float = 0.0
-    per_hour: bool = False
-    reference_s: float = 0.0
-    effect: str = ""
-    determined: bool = True
+    __pydantic_config__ = ConfigDict(extra="forbid")
+
+    axis: Annotated[Text, one_of(AXES)]
+    coefficient: Finite
+    powers: tuple[Power, Power, Power] = (0, 0, 0)
+    kind: Annotated[Text, one_of((*KINDS,))] = "product"
+    degc_power: Power = 0
+    reference_degc: Finite = 0.0
+    per_hour: Flag = False
+    reference_s: Finite = 0.0
+    effect: Text = ""
+    determined: Flag = True
 
     @property
     def thermal(self) -> bool:
@@ -81,6 +82,26 @@ class Term:
         return record | ({"determined": self.determined, "effect": self.effect} if self.effect else {})
 
 
+def _in_full(stated: Any) -> Any:
+    """A stated term with `degc_power` in place of `per_degc`, the form of all versions for a power of one.
+
+    **Raises:** `ValueError` for a missing key that has a default only for terms that do not need it.
+    """
+    if not isinstance(stated, dict):
+        return stated
+    needed = {"per_degc": "reference_degc", "degc_power": "reference_degc", "per_hour": "reference_s"}
+    for key in ("powers", *(needed[key] for key in needed if stated.get(key))):
+        if key not in stated:
+            raise ValueError(f"{key} is missing; add it")
+    power = {"degc_power": int(per_degc)} if isinstance(per_degc := stated.get("per_degc"), bool) else {}
+    if power and stated.get("degc_power", 1) != 1:
+        raise ValueError("degc_power contradicts per_degc, a power of 1; state degc_power alone")
+    return {key: value for key, value in stated.items() if key != "per_degc" or not power} | power
+
+
+Terms = list[Annotated[Term, BeforeValidator(_in_full)]]
+
+
 def terms_of(stated: object, named: str = "calibration") -> tuple[Term, ...]:
     """The terms that a calibration file states.
 
@@ -88,14 +109,9 @@ def terms_of(stated: object, named: str = "calibration") -> tuple[Term, ...]:
 
     - `named`: the file, for faults.
 
-    **Raises:** `InputError`, one line for each key that is missing, unknown, or is not what it may be.
+    **Raises:** `InputError`, one line for each fault.
     """
-    if not isinstance(stated, list):
-        raise InputError(f"{named}: terms: {shown(stated)} is not a list")
-    faults = [f"{named}: terms.{number}{fault}" for number, term in enumerate(stated) for fault in _faults(term)]
-    if faults:
-        raise InputError(faults)
-    return tuple([_term(term) for term in stated])
+    return tuple(validated(stated, Terms, named, "terms"))
 
 
 def undetermined_words(terms: Sequence[Term]) -> str:
@@ -104,58 +120,3 @@ def undetermined_words(terms: Sequence[Term]) -> str:
     if not ids:
         return ""
     return f"not determined separately, so the correction is valid near 1 g: {', '.join(ids)}"
-
-
-def _term(stated: dict[str, Any]) -> Term:
-    values = {key: value for key, value in stated.items() if key not in ("per_degc", "powers")}
-    power = stated.get("degc_power", int(stated.get("per_degc", False)))
-    i, j, k = stated["powers"]
-    return Term(**values | {"powers": (i, j, k), "degc_power": power})
-
-
-def _are_powers(value: object) -> bool:
-    return isinstance(value, list) and len(value) == 3 and all(_is_power(power) for power in value)
-
-
-def _is_power(value: object) -> bool:
-    return type(value) is int and 0 <= value <= _HIGHEST
-
-
-# Condition of each key, as a function and in words.
-_Rule = tuple[Callable[[object], bool], str]
-_FLAG: _Rule = (lambda value: isinstance(value, bool), "true or false")
-_MUST: dict[str, _Rule] = {
-    "axis": (lambda value: value in AXES, "one of 'x', 'y', 'z'"),
-    "coefficient": (is_number, "a number (g)"),
-    "powers": (_are_powers, f"three whole numbers from 0 to {_HIGHEST}, of the inputs along x, y and z"),
-}
-_MAY: dict[str, _Rule] = {
-    "kind": (lambda value: isinstance(value, str) and value in KINDS, "one of 'product', 'abs', 'sign'"),
-    "per_degc": _FLAG,
-    "degc_power": (_is_power, f"a whole number from 0 to {_HIGHEST}, the power of the temperature"),
-    "per_hour": _FLAG,
-    "reference_degc": (is_number, "a number (degC), from which the temperature counts"),
-    "reference_s": (is_number, "a number (s), from which per_hour counts"),
-    "effect": (lambda value: isinstance(value, str), "text"),
-    "determined": _FLAG,
-}
-# What a key that is not false or zero needs as well.
-_WITH = {"per_degc": "reference_degc", "degc_power": "reference_degc", "per_hour": "reference_s"}
-
-
-def _faults(term: object) -> Iterator[str]:
-    if not isinstance(term, dict):
-        yield f": {shown(term)} is not an object"
-        return
-    needed = {_WITH[key] for key in _WITH if term.get(key)}
-    rules = _MUST | {key: rule for key, rule in _MAY.items() if key in term or key in needed}
-    for key, (fits, allowed) in rules.items():
-        if key not in term:
-            yield f".{key} is missing; it must be {allowed}"
-        elif not fits(term[key]):
-            yield f".{key}: {shown(term[key])}; it must be {allowed}"
-    yield from (
-        f".{shown(key)}: unknown; there are {', '.join(_MUST | _MAY)}" for key in term if key not in _MUST | _MAY
-    )
-    if term.get("per_degc") is True and term.get("degc_power", 1) != 1:
-        yield f".degc_power: {shown(term['degc_power'])} contradicts per_degc, a power of 1; state degc_power alone"

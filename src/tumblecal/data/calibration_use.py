@@ -3,12 +3,13 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, TypeGuard, get_args
+from typing import Annotated, Any, Literal
 
-from tumblecal.data.calibration_parts import is_number
+from pydantic import AfterValidator, ConfigDict, Field
+
 from tumblecal.data.sensor_parameters import SENSOR
 from tumblecal.ground.errors import InputError, one_line
-from tumblecal.ground.text_file import shown
+from tumblecal.ground.strict_json import Finite, Text, one_of
 from tumblecal.ground.units import in_words
 from tumblecal.ground.units import shown as unit_shown
 
@@ -29,11 +30,13 @@ class Use:
     - `size_g`: remaining systematic error (g), if its size is known: the calibration is valid to about this size.
     """
 
+    __pydantic_config__ = ConfigDict(extra="ignore")
+
     answer: Answer | None = None
-    reason: str = ""
-    temperature_degc: tuple[float, float] | None = None
-    parameters: tuple[str, ...] = ()
-    size_g: float | None = None
+    reason: Annotated[Text, AfterValidator(one_line)] = ""
+    temperature_degc: tuple[Finite, Finite] | None = None
+    parameters: tuple[Annotated[Text, one_of(SENSOR)], ...] = ()
+    size_g: Annotated[Finite, Field(gt=0)] | None = None
 
     @property
     def refused(self) -> bool:
@@ -113,41 +116,18 @@ YES = Use("yes")
 NOT_STATED = Use()
 
 
-def read_use(path: Path, stated: object) -> Use:
-    """The object `use` of a JSON file; None (absent): not stated.
-
-    **Raises:** `InputError` for an answer that is not one of the four, for a range, parameters or a size that are not such, and
-    for an answer without its limits.
-    """
-    if stated is None:
-        return NOT_STATED
-    if not isinstance(stated, dict):
-        raise InputError(f"{path}: use: {shown(stated)} is not an object")
-    answer, reason = stated.get("answer"), stated.get("reason", "")
-    if not _is_answer(answer):
-        raise InputError(f"{path}: use.answer: {shown(answer)} is not one of {', '.join(get_args(Answer))}")
-    if not isinstance(reason, str):
-        raise InputError(f"{path}: use.reason: {shown(reason)} is not text")
-    degc, names, size = stated.get("temperature_degc"), stated.get("parameters", []), stated.get("size_g")
-    if degc is not None and not (isinstance(degc, list) and len(degc) == 2 and all(map(is_number, degc))):
-        raise InputError(f"{path}: use.temperature_degc: {shown(degc)} is not a list of two numbers (degC)")
+def _consistent(use: Use) -> Use:
+    """Reject an answer without its limits, or with those of a different answer."""
+    degc, answer = use.temperature_degc, use.answer
+    if answer is None:
+        raise ValueError("answer is missing; add it")
     if degc is not None and degc[0] > degc[1]:
-        raise InputError(f"{path}: use.temperature_degc: {shown(degc)}: the lowest temperature must come first")
-    if not isinstance(names, list) or any(name not in SENSOR for name in names):
-        raise InputError(
-            f"{path}: use.parameters: {shown(names)}; it must be a list of parameters, which are {', '.join(SENSOR)}"
-        )
-    if not (size is None or (is_number(size) and size > 0)):
-        raise InputError(f"{path}: use.size_g: {shown(size)} is not a number above 0 (g)")
-    if (answer == "within" and degc is None and size is None) or (answer == "yes" and degc is not None):
-        raise InputError(
-            f"{path}: use: a range temperature_degc must be stated with 'within' (or size_g), and not with {answer!r}"
-        )
-    if (answer == "only") != bool(names):
-        raise InputError(f"{path}: use: parameters must be listed with 'only', and only then; the answer is {answer!r}")
-    limits = None if degc is None else (float(degc[0]), float(degc[1]))
-    return Use(answer, one_line(reason), limits, tuple(names), None if size is None else float(size))
+        raise ValueError(f"temperature_degc: the lowest temperature must come first (got {[*degc]})")
+    if (answer == "within" and degc is None and use.size_g is None) or (answer == "yes" and degc is not None):
+        raise ValueError(f"temperature_degc must be stated with 'within' (or size_g), and not with {answer!r}")
+    if (answer == "only") != bool(use.parameters):
+        raise ValueError(f"parameters must be listed with 'only', and only then; the answer is {answer!r}")
+    return use
 
 
-def _is_answer(value: object) -> TypeGuard[Answer]:
-    return isinstance(value, str) and value in get_args(Answer)
+StatedUse = Annotated[Use, AfterValidator(_consistent)]

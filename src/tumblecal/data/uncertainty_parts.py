@@ -7,10 +7,8 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.data.calibration import Calibration
-from tumblecal.data.calibration_parts import is_number
 from tumblecal.data.sensor_parameters import SENSOR, SensorParameters
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.text_file import shown
 
 
 # Keys of `provenance`: standard uncertainties by contribution, and the ids of the effects that the last one is about.
@@ -44,30 +42,22 @@ def uncertainty_parts(path: Path, calibration: Calibration) -> UncertaintyParts:
 
     **Raises:** `InputError` for a file without contributions, or with contributions that contradict its covariance.
     """
-    stated = calibration.provenance.get(PARTS)
-    if not isinstance(stated, dict) or not all(isinstance(stated.get(part), dict) for part in (NOISE, *LABELS)):
+    listed = calibration.provenance.get(PARTS) or {}
+    if not all(part in listed for part in (NOISE, *LABELS)):
         raise InputError(f"{path}: no contributions to the uncertainty; give the folder of tumblecal diagnose")
-    listed = {part: stated[part] for part in (NOISE, *LABELS)}
-    names = [name for name in calibration.sensor.names if all(name in part for part in listed.values())]
+    names = [name for name in calibration.sensor.names if all(name in listed[part] for part in (NOISE, *LABELS))]
     if missing := [name for name in SENSOR if name not in names]:
         raise InputError(f"{path}: provenance.{PARTS}: {', '.join(missing)} missing; diagnose the data again")
-    for part, sizes in listed.items():
-        for name in names:
-            if not (is_number(sizes[name]) and sizes[name] >= 0):
-                raise InputError(
-                    f"{path}: provenance.{PARTS}.{part}.{name}: {shown(sizes[name])} is not an uncertainty; diagnose the "
-                    "data again"
-                )
     sensor = calibration.sensor.of(names)
-    sizes = {part: np.array([float(by_name[name]) for name in names]) for part, by_name in listed.items()}
+    sizes = {part: np.array([listed[part][name] for name in names], float) for part in (NOISE, *LABELS)}
     whole = np.linalg.norm(np.stack(list(sizes.values())), axis=0)
     if not np.allclose(whole, sensor.sd, rtol=_SAME, atol=0):
         raise InputError(
             f"{path}: provenance.{PARTS} contradicts the covariance of parameters; diagnose the data again"
         )
     diagnosis_parts = {label: sizes[part] for part, label in LABELS.items()}
-    listed_ids = calibration.provenance.get(UNDETECTED)
-    undetected = frozenset(map(str, listed_ids)) if isinstance(listed_ids, list) else None
+    ids = calibration.provenance.get(UNDETECTED)
+    undetected = None if ids is None else frozenset(ids)
     return UncertaintyParts(sensor, sizes[NOISE], diagnosis_parts, undetected, _causes(calibration))
 
 
@@ -80,8 +70,5 @@ def contribution_words(calibration: Calibration, more: str = "") -> str:
 def _causes(calibration: Calibration) -> frozenset[str]:
     """Ids of the effects of all explanations in the model average."""
     provenance = calibration.provenance
-    averaged = provenance.get("averaged_over")
-    each = (
-        [member.get("causes") for member in averaged if isinstance(member, dict)] if isinstance(averaged, list) else []
-    )
-    return frozenset(str(id) for ids in (provenance.get("causes"), *each) if isinstance(ids, list) for id in ids)
+    models = [provenance, *provenance.get("averaged_over", [])]
+    return frozenset(id for model in models for id in model.get("causes", []))

@@ -16,11 +16,12 @@ from pathlib import Path
 import numpy as np
 
 from tumblecal.data.calibration import Calibration, read_calibration
-from tumblecal.data.calibration_parts import LARGEST, checked_matrix
+from tumblecal.data.calibration_file import require_triad
 from tumblecal.devices import autopilots, c_header, plain, robotics, vectornav
 from tumblecal.devices.target import Export, Loss, Target, losses
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
+from tumblecal.ground.strict_json import LARGEST
 from tumblecal.ground.text_file import read_text
 
 
@@ -61,11 +62,11 @@ def read_any(given: str, gravity_ms2: float = STANDARD_GRAVITY_MS2) -> Calibrati
     path = Path(file)
     try:
         read = TARGETS[name].read(read_text(path, name), gravity_ms2).calibration()
+        if not (np.all(np.abs(read.matrix) <= LARGEST) and np.all(np.abs(read.bias) <= LARGEST)):
+            raise InputError(f"numbers that are not finite, or beyond {LARGEST:g}; correct the file")
+        require_triad(read.matrix)
     except InputError as fault:
         raise InputError([f if f.startswith(f"{path}:") else f"{path}: {f}" for f in fault.faults]) from fault
-    if not (np.all(np.abs(read.matrix) <= LARGEST) and np.all(np.abs(read.bias) <= LARGEST)):
-        raise InputError(f"{path}: numbers that are not finite, or beyond {LARGEST:g}; correct the file")
-    checked_matrix(read.matrix, path)
     return Calibration(
         read.matrix, read.bias, read.covariance, extra=read.extra, provenance={"data": str(path), "format": name}
     )

@@ -40,5 +40,5 @@ def residual_of_readings(fit: Fit) -> tuple[float, int]:
 
 def column_space(jacobian: Float[np.ndarray, "rows parameters"]) -> Float[np.ndarray, "rows rank"]:
     """Orthonormal basis of the column space of a Jacobian of white rows."""
-    left, singular, _ = np.linalg.svd(jacobian, full_matrices=False)
-    return left[:, singular > _RANK * singular[0]]
+    vectors, singular, _ = np.linalg.svd(jacobian, full_matrices=False)
+    return vectors[:, singular > _RANK * singular[0]]

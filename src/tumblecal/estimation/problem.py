@@ -1,6 +1,6 @@
 """A problem: the chain, the settings, the readings with their noise, and the priors."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from tumblecal.chain import Chain, Link, Where, hand_held_chain, nominal_chain, settings
+from tumblecal.chain.where import register_unchecked
 from tumblecal.data import PositionSet
 from tumblecal.estimation.mountings import mount_labels, nominal_rotations, turned_mountings
 from tumblecal.estimation.priors import Priors, prior_of
@@ -194,21 +195,12 @@ class Problem:
         return replace(self, retained=retained)
 
 
-_TRACED = ("chain", "where", "readings", "whitening", "prior_mean", "prior_weights", "retained")
-
-
-def _flattened(problem: Problem) -> tuple[tuple, tuple[bool, bool]]:
-    return tuple(getattr(problem, name) for name in _TRACED), (problem.known, problem.with_prior)
-
-
-def _unflattened(fixed: tuple[bool, bool], traced: Sequence) -> Problem:
-    """Reconstruction by JAX, whose leaves are not always arrays; therefore without checks."""
-    problem = object.__new__(Problem)
-    vars(problem).update(zip(_TRACED, traced, strict=True), known=fixed[0], with_prior=fixed[1], sd=np.ones((0, 3)))
-    return problem
-
-
-jax.tree_util.register_pytree_node(Problem, _flattened, _unflattened)
+register_unchecked(
+    Problem,
+    ("chain", "where", "readings", "whitening", "prior_mean", "prior_weights", "retained"),
+    ("known", "with_prior"),
+    sd=np.ones((0, 3)),
+)
 
 
 def where_of(data: PositionSet) -> Where:

@@ -2,7 +2,6 @@
 
 import json
 from pathlib import Path
-from typing import Any
 
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.plain_text import controls_in
@@ -15,14 +14,7 @@ def read_json(path: Path) -> object:
     **Raises:** `InputError` for a file that cannot be read or is not JSON, a repeated key in an object, and
     texts with control characters.
     """
-    return json_of(path, read_text(path, "JSON"))
-
-
-def json_of(path: Path, text: str) -> object:
-    """The content of the text of a JSON file.
-
-    **Raises:** `InputError` as `read_json` does.
-    """
+    text = read_text(path, "JSON")
     try:
         content = json.loads(text, object_pairs_hook=without_repeats)
         require_plain(content)
@@ -44,17 +36,6 @@ def require_plain(content: object) -> None:
     """
     if (at := next(controls_in(content), None)) is not None:
         raise InputError(f"{at}: the text has control characters; remove them")
-
-
-def read_json_object(path: Path) -> dict[str, Any]:
-    """The object in a JSON file.
-
-    **Raises:** `InputError` as `read_json` does, and for a file with a different content.
-    """
-    content = read_json(path)
-    if not isinstance(content, dict):
-        raise InputError(f"{path}: not a JSON object")
-    return content
 
 
 def without_repeats(pairs: list[tuple[str, object]]) -> dict[str, object]:

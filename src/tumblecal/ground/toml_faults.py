@@ -1,4 +1,4 @@
-"""Faults of TOML files in words: fault, line, key and remedy."""
+"""Faults of TOML and JSON files in words: fault, line, key and remedy."""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -19,8 +19,9 @@ from tumblecal.ground.text_file import shown
 FORMS = ("list", "steps", "number")
 _Keys = tuple[int | str, ...]
 
-_TABLE, _NUMBER, _WHOLE, _DATE = (
+_TABLE, _OBJECT, _NUMBER, _WHOLE, _DATE = (
     "must be a table, such as {{ key = value }}",
+    'must be an object, such as {"key": 1}',
     "must be a number",
     "must be a whole number",
     "must be a day such as 2026-11-22, without quotation marks and time",
@@ -35,8 +36,10 @@ _WORDS = {
     "string_too_short": "must not be empty",
     "bool": "must be true or false, without quotation marks",
     "list": "must be a list, such as [1, 2]",
+    "tuple": "must be a list, such as [1, 2]",
     "dict": _TABLE,
     "model": _TABLE,
+    "dataclass": _TABLE,
     "date": _DATE,
     "greater_than_equal": "must be {ge:g} or more",
     "greater_than": "must be above {gt:g}",
@@ -46,6 +49,7 @@ _WORDS = {
     "too_short": "must have {min_length} or more entries, not {actual_length}",
     "too_long": "must have at most {max_length} entries, not {actual_length}",
 }
+_UNKNOWN = ("extra_forbidden", "unexpected_keyword_argument")
 _COUNTED = ("too_short", "too_long", "missing")
 _PART = r"""(?:[A-Za-z0-9_-]+|"[^"\n]*"|'[^'\n]*')"""
 _DOTTED = rf"{_PART}(?:\s*\.\s*{_PART})*"
@@ -54,9 +58,30 @@ _KEY = re.compile(rf"\s*({_DOTTED})\s*=")
 
 
 def validation_faults(path: Path, error: ValidationError, table: type[BaseModel]) -> list[str]:
-    """One line for each pydantic fault of a file: line, dotted path, fault and remedy."""
-    faults, listed = [], error.errors(include_url=False)
-    unknown = [fault["loc"] for fault in listed if fault["type"] == "extra_forbidden"]
+    """One line for each pydantic fault of a TOML file: line, dotted path, fault and remedy."""
+    return located(
+        path, list(dict.fromkeys(f"{path}: {keys or 'file'}: {text}" for keys, text in _faults(error, table)))
+    )
+
+
+def json_faults(named: str, error: ValidationError, within: str = "") -> list[str]:
+    """One line for each pydantic fault of a part of a JSON file: `named`, dotted path, fault and remedy; one for an array.
+
+    **Arguments:**
+
+    - `within`: dotted path of the part.
+    """
+    of_arrays = dict[str, str]()
+    for keys, text in _faults(error, BaseModel):
+        at = ".".join(filter(None, [within, keys]))
+        of_arrays.setdefault(re.sub(r"(\.\d+)+$", "", at), f"{named}: {f'{at}: ' if at else ''}{text}")
+    return [fault.replace(_TABLE.format(), _OBJECT) for fault in of_arrays.values()]
+
+
+def _faults(error: ValidationError, table: type[BaseModel]) -> Iterator[tuple[str, str]]:
+    """Dotted path and words of each fault."""
+    listed = error.errors(include_url=False)
+    unknown = [fault["loc"] for fault in listed if fault["type"] in _UNKNOWN]
     meant = {at: near for at in unknown if (near := _nearest(at, table))}
     for fault in listed:
         if fault["type"] == "missing" and fault["loc"] in meant.values():
@@ -64,15 +89,14 @@ def validation_faults(path: Path, error: ValidationError, table: type[BaseModel]
         # An unknown key of a table with a fixed set of keys is reported as unknown.
         of_table = fault["loc"][-1:] == ("[key]",)
         at = fault["loc"][:-1] if of_table else fault["loc"]
-        keys = ".".join(str(part) for part in at if part not in FORMS) or "file"
-        if fault["type"] == "extra_forbidden" or of_table:
+        keys = ".".join(str(part) for part in at if part not in FORMS)
+        if fault["type"] in _UNKNOWN or of_table:
             names = re.findall(r"'([^']*)'", str(fault.get("ctx", {}).get("expected", "")))
             near = str(meant[at][-1]) if at in meant else next(iter(get_close_matches(str(at[-1]), names, n=1)), "")
             text = f"unknown key; did you mean {near}?" if near else "unknown key; remove it or check its spelling"
         else:
             text = _words(fault)
-        faults.append(f"{path}: {keys}: {text}")
-    return located(path, list(dict.fromkeys(faults)))
+        yield keys, text
 
 
 def _words(fault: Mapping[str, Any]) -> str:
@@ -80,7 +104,8 @@ def _words(fault: Mapping[str, Any]) -> str:
     words = next((words for name, words in _WORDS.items() if kind.startswith(name)), None)
     text = fault["msg"].removeprefix("Value error, ") if words is None else words.format(**fault.get("ctx", {}))
     got = _as_written(given)
-    included = kind in _COUNTED or isinstance(given, dict) or (isinstance(given, str) and got in text)
+    large = isinstance(given, dict) or (isinstance(given, list) and isinstance(next(iter(given), 0), list))
+    included = kind in _COUNTED or large or (isinstance(given, str) and got in text)
     return text if included else f"{text} (got {got})"
 
 

@@ -61,21 +61,12 @@ def add(path: Path, entry: Entry) -> bool:
 
     **Raises:** `InputError` if the file cannot be written, or is not a history.
     """
-    columns = (
-        entry.kind,
-        entry.serial,
-        entry.date_utc,
-        entry.source,
-        entry.sha256,
-        entry.outcome,
-        entry.rms_g,
-        entry.p_value,
-    )
+    _, _, *columns = COLUMNS.split(", ")
     with _open(path, new=True) as database:
         database.execute("BEGIN IMMEDIATE")
         with database:  # commits, or rolls back
             checksums.ready(database)
-            added = database.execute(_ENTRY, (_key(entry), *columns))
+            added = database.execute(_ENTRY, (_key(entry), *(getattr(entry, name) for name in columns)))
             if not added.rowcount:
                 return False
             number, parameters = added.lastrowid or 0, entry.parameters

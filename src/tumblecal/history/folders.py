@@ -2,7 +2,6 @@
 
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -10,17 +9,16 @@ from tumblecal.data import paper
 from tumblecal.data.budget_result import NAME, with_budget_in_folder
 from tumblecal.data.calibration import read_calibration
 from tumblecal.data.measured import measured_at
-from tumblecal.data.noise_dof import with_dof_of_result
 from tumblecal.data.not_applied import losses_words
+from tumblecal.data.result_records import DIAGNOSIS, REMEDY, RESULT, DiagnosisFile, ResultFile, with_dof_of_result
 from tumblecal.data.sensor_parameters import MOUNT, SENSOR, SensorParameters
-from tumblecal.ground.errors import InputError
-from tumblecal.ground.json_file import json_of
+from tumblecal.ground.strict_json import read_record
 from tumblecal.ground.text_file import read_text
 from tumblecal.history.entry import USE, WHEN, Entry
 
 
 # Documents of each kind of result; calibration.json may be in the same folder.
-KINDS = {"result.json": "calibration", "diagnosis.json": "diagnosis"}
+KINDS = {RESULT: "calibration", DIAGNOSIS: "diagnosis"}
 
 
 def of_folder(folder: Path, kind: str, serial: str | None = None) -> Entry:
@@ -38,32 +36,30 @@ def of_folder(folder: Path, kind: str, serial: str | None = None) -> Entry:
     if path.exists():
         documents[path.name] = read_text(path, "JSON")
         corrected = with_dof_of_result(path, read_calibration(path))
-    try:
-        content: Any = json_of(folder / name, documents[name])
-        columns = (_of_result if kind == "calibration" else _of_diagnosis)(content)
-    except InputError:
-        raise
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise InputError(f"{folder / name}: not a {kind} of tumblecal ({error}); run the command again") from error
-    if corrected is not None and corrected.provenance.get("data") != columns["source"]:
+    result = read_record(folder / name, ResultFile if name == RESULT else DiagnosisFile, REMEDY)
+    outcome = result.outcome
+    if corrected is not None and corrected.provenance.get("data") != result.source:
         corrected = None  # of the other command, in the same folder
     budgeted = with_budget_in_folder(path, corrected) if corrected else None
     if budgeted is not None:
         documents[NAME] = read_text(folder / NAME, "JSON")
     if corrected is not None:
-        columns["outcome"] += "".join([f"; {words}" for words in losses_words(corrected.not_applied, reasons=False)])
-        columns["outcome"] += f"{USE}{corrected.use.answer or 'not stated'}"
+        outcome += "".join([f"; {words}" for words in losses_words(corrected.not_applied, reasons=False)])
+        outcome += f"{USE}{corrected.use.answer or 'not stated'}"
     provenance = corrected.provenance if corrected else {}
     calibrated = corrected.serial_number if corrected else None
     return Entry(
         kind=kind,
         serial=serial or calibrated or "",
         date_utc=_date(folder / name, provenance.get("measured_utc") or provenance.get("date_utc")),
-        sha256=str(provenance.get("sha256") or columns.pop("sha256", None) or ""),
+        sha256=str(provenance.get("sha256") or result.sha256 or ""),
         parameters=budgeted or (corrected.sensor if corrected else None),
         combined=budgeted is not None,
         documents=documents,
-        **{key: value for key, value in columns.items() if key != "sha256"},
+        source=result.source,
+        outcome=outcome,
+        rms_g=result.rms_g,
+        p_value=result.p_value,
     )
 
 
@@ -85,27 +81,6 @@ def paper_runs(covariance: np.ndarray) -> list[Entry]:
         )
         for run in range(3)
     ]
-
-
-def _of_result(content: dict[str, Any]) -> dict[str, Any]:
-    source, noise = content["source"], content["noise"]
-    return {
-        "source": str(source["data"]),
-        "sha256": source["sha256"],
-        "outcome": str(content["methods"]["exact"]["code"]).lower().replace("_", " "),
-        "rms_g": noise["rms_g"],
-        "p_value": noise["chi2_p_value"],
-    }
-
-
-def _of_diagnosis(content: dict[str, Any]) -> dict[str, Any]:
-    causes = ", ".join(content["causes"])
-    return {
-        "source": str(content["source"]),
-        "outcome": content["verdict"] + (f": {causes}" if causes else ""),
-        "rms_g": content["sigma_g"],
-        "p_value": content["detection"]["p_value"],
-    }
 
 
 def _date(path: Path, stated: object) -> str:

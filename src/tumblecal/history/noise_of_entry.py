@@ -21,11 +21,11 @@ def of_noise(parameters: "SensorParameters", documents: Mapping[str, str], *, co
     """
     import numpy as np
 
-    from tumblecal.data.noise_dof import of_result
+    from tumblecal.data.result_records import noise_dof
 
     calibration, result = (_content(documents, name) for name in ("calibration.json", "result.json"))
     provenance = calibration.get("provenance")
-    dof = provenance["dof"] if isinstance(provenance, dict) and "dof" in provenance else of_result(result)
+    dof = provenance["dof"] if isinstance(provenance, dict) and "dof" in provenance else noise_dof(result)
     if not isinstance(dof, int | float) or not math.isfinite(dof):
         return parameters
     noise = calibration.get("parameters") if combined else None

@@ -105,8 +105,8 @@ def within_dwells_comments(within: Sequence[WithinDwells]) -> dict[str, str]:
     """Comments of a position file on changes within dwells: in words, and the largest change (mg) by variable."""
     if not within:
         return {}
-    sizes = {_size_key(own.variable): f"{1e3 * float(np.max(own.change)):.4g}" for own in within}
-    return {WITHIN_DWELLS: " ".join(own.words() for own in within), **sizes}
+    sizes = {_size_key(change.variable): f"{1e3 * float(np.max(change.change)):.4g}" for change in within}
+    return {WITHIN_DWELLS: " ".join(change.words() for change in within), **sizes}
 
 
 def changes_within_dwells(comments: Mapping[str, str]) -> Iterator[tuple[str, float | None]]:
@@ -139,10 +139,10 @@ def without_common_change(
     """
     samples, found = [np.asarray(dwell, float) for dwell in dwells], []
     courses = {TIME: [_centred(np.arange(len(dwell)) / rate_hz) for dwell in dwells]}
-    if temperatures is not None and all(np.isfinite(own).any() for own in temperatures):
-        courses[TEMPERATURE] = [_smooth(own) for own in temperatures]
+    if temperatures is not None and all(np.isfinite(course).any() for course in temperatures):
+        courses[TEMPERATURE] = [_smooth(course) for course in temperatures]
     while courses:
-        tried = {name: _Scores.of(samples, own).change(name) for name, own in courses.items()}
+        tried = {name: _Scores.of(samples, course).change(name) for name, course in courses.items()}
         shown = {name: change for name, change in tried.items() if change is not None}
         if not shown:
             break
@@ -152,9 +152,9 @@ def without_common_change(
         best = TEMPERATURE if same_course and TEMPERATURE in shown else best
         change, course = shown[best].change, courses.pop(best)
         found.append(replace(change, confounded=same_course))
-        for number, own in enumerate(course):
+        for number, part in enumerate(course):
             slopes = change.bias + change.scale * dwells[number].mean(axis=0)
-            samples[number] = samples[number] - own[:, None] * slopes
+            samples[number] = samples[number] - part[:, None] * slopes
     return samples, tuple(found)
 
 
@@ -190,7 +190,7 @@ def _blocks(values: np.ndarray) -> np.ndarray:
 
 def _agree(first: Sequence[np.ndarray], second: Sequence[np.ndarray]) -> bool:
     """Whether two courses are the same up to one factor."""
-    one, other = (np.concatenate([_blocks(own) for own in course]) for course in (first, second))
+    one, other = (np.concatenate([_blocks(part) for part in course]) for course in (first, second))
     size = float(np.linalg.norm(one) * np.linalg.norm(other))
     return size > 0 and abs(float(one @ other)) > _SAME_COURSE * size
 
@@ -221,9 +221,9 @@ class _Scores:
         """Of the samples of dwells and the course in each."""
         along, size, extent = [], [], []
         for dwell, course in zip(dwells, courses, strict=True):
-            own, means = _blocks(course), _blocks(dwell)
-            norm = float(np.linalg.norm(own))
-            along.append(own @ means / norm if norm > 0 else np.zeros(3))
+            blocks, means = _blocks(course), _blocks(dwell)
+            norm = float(np.linalg.norm(blocks))
+            along.append(blocks @ means / norm if norm > 0 else np.zeros(3))
             size.append(norm)
             extent.append(float(np.ptp(course)))
         return cls(

@@ -88,7 +88,7 @@ def _identical_at_1_g(causes: Sequence[Cause], others: Sequence[Cause]) -> bool:
 def _rows_under(causes: Sequence[Cause], diagnosis: Diagnosis, rows: Rows) -> Rows:
     """Rows under an explanation with these causes. Outlier, exchanged or mislabelled positions do not count; a permanent change
     of an axis applies to every new position."""
-    left_out = sorted({position for cause in causes for position in cause.positions})
+    excluded = sorted({position for cause in causes for position in cause.positions})
     old, new = np.zeros((len(rows.old), 0)), np.zeros((*rows.new.shape[:2], 0))
     names = [name.partition("@")[0] for name in diagnosis.model.names]
     for cause in causes:
@@ -101,4 +101,4 @@ def _rows_under(causes: Sequence[Cause], diagnosis: Diagnosis, rows: Rows) -> Ro
             columns = [k for k, name in enumerate(names) if name == parameter]
             here = np.where(shown, rows.old[:, columns].sum(axis=1), 0.0)
             old, new = np.column_stack([old, here]), np.dstack([new, rows.new[:, :, columns].sum(axis=2)])
-    return rows.with_terms(left_out, old, new)
+    return rows.with_terms(excluded, old, new)

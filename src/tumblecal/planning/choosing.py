@@ -34,11 +34,11 @@ class Choosing:
 
         - `least`: the value below which nothing is added, for a number of positions of the proposal.
         """
-        taken: list[tuple[int, float]] = []
+        chosen: list[tuple[int, float]] = []
         spent, open_ = 0, set(range(len(self.listed)))
         costs = np.array([proposal.cost for proposal in self.listed])
         while not value.enough:
-            usable = self._analysable([k for k, _ in taken])
+            usable = self._analysable([k for k, _ in chosen])
             fits = [k for k in sorted(open_) if costs[k] <= MOST_IN_SET - spent and usable[k]]
             if not fits:
                 break
@@ -47,7 +47,7 @@ class Choosing:
             best = int(np.argmax(value.per_position(cells, values)))
             if values[best] < least(int(costs[fits[best]])):
                 break
-            taken.append((fits[best], float(values[best])))
+            chosen.append((fits[best], float(values[best])))
             value.take(self.rows.cells[fits[best]])
             spent += int(costs[fits[best]])
             # The same position is not proposed twice: a turn of four is part of that of eight.
@@ -58,12 +58,12 @@ class Choosing:
                 if (self.listed[k].side, self.listed[k].beta_deg) == (same.side, same.beta_deg)
                 and set(self.listed[k].alpha_deg) & set(same.alpha_deg)
             }
-        return taken
+        return chosen
 
-    def _analysable(self, taken: list[int]) -> Bool[np.ndarray, " listed"]:
-        """Which proposals can be analysed together with those taken: positions of a new mounting must determine its angles."""
+    def _analysable(self, chosen: list[int]) -> Bool[np.ndarray, " listed"]:
+        """Which proposals can be analysed together with those chosen: positions of a new mounting must determine its angles."""
         of_mounting: dict[str, list[np.ndarray]] = {}
-        for k in taken:
+        for k in chosen:
             of_mounting.setdefault(self.listed[k].side, []).append(self.rows.cells[k])
         return np.array(
             [

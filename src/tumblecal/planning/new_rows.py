@@ -55,11 +55,11 @@ class Rows:
         return rows.shape[1] == 0 or np.linalg.matrix_rank(rows, tol=_SEEN * np.max(np.abs(rows))) == rows.shape[1]
 
     def with_terms(
-        self, left_out: Sequence[int], old: Float[np.ndarray, "rows terms"], new: Float[np.ndarray, "cells 3 terms"]
+        self, excluded: Sequence[int], old: Float[np.ndarray, "rows terms"], new: Float[np.ndarray, "cells 3 terms"]
     ) -> "Rows":
-        """Rows without the old positions `left_out`, and with further terms of free coefficients by their old and new rows."""
+        """Rows without the old positions `excluded`, and with further terms of free coefficients by their old and new rows."""
         used = self.old.copy()
-        used[[3 * position + axis for position in left_out for axis in range(3)]] = 0.0
+        used[[3 * position + axis for position in excluded for axis in range(3)]] = 0.0
         group_prior = np.append(self.group_prior, np.zeros(old.shape[1]))
         return replace(
             self, old=np.hstack([used, old]), new=np.concatenate([self.new, new], axis=2), group_prior=group_prior

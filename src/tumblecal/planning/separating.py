@@ -95,10 +95,10 @@ def _under(
     """The positions that separate the alternatives under some conditions."""
     choosing, every = Choosing(listed, evaluated.rows), separation_of(diagnosis, evaluated)
     hopeless = every.inseparable(evaluated.rows.cells)
-    kept = [alternative for k, alternative in enumerate(evaluated.alternatives) if k not in hopeless]
+    separable = [alternative for k, alternative in enumerate(evaluated.alternatives) if k not in hopeless]
     chosen, singles, value = [], [], 0.0
-    if kept:
-        separation = separation_of(diagnosis, EvaluatedAlternatives(evaluated.rows, kept))
+    if separable:
+        separation = separation_of(diagnosis, EvaluatedAlternatives(evaluated.rows, separable))
         singles = choosing.best(separation, most, LEAST_STEP)
         chosen = choosing.greedy(separation, lambda positions: LEAST_STEP)
         value = separation.total if chosen else 0.0
@@ -112,7 +112,9 @@ def _under(
 
 def _as_measured(diagnosis: Diagnosis, chosen: Sequence[Proposal], conditions: Conditions) -> EvaluatedAlternatives:
     """The alternatives with rows of the chosen positions, one after another."""
-    ordered = [Proposal((alpha,), own.beta_deg, own.side) for own in by_pitch(chosen) for alpha in own.alpha_deg]
+    ordered = [
+        Proposal((alpha,), group.beta_deg, group.side) for group in by_pitch(chosen) for alpha in group.alpha_deg
+    ]
     rows = rows_of(diagnosis, ordered, conditions, in_order=True)
     return EvaluatedAlternatives(rows, alternatives_of(diagnosis, rows))
 
@@ -121,8 +123,8 @@ def separation_of(diagnosis: Diagnosis, evaluated: EvaluatedAlternatives) -> Sep
     """The leading explanation and its alternatives."""
     model, leader = diagnosis.model, columns_of(diagnosis.members)
     amplitudes = diagnosis.extended.vector[leader] / model.scales[leader]
-    own = Alternative(diagnosis.best.labels, tuple(leader), 1.0, evaluated.rows)
-    return Separation(model.nominal, own, amplitudes, evaluated.alternatives)
+    leading = Alternative(diagnosis.best.labels, tuple(leader), 1.0, evaluated.rows)
+    return Separation(model.nominal, leading, amplitudes, evaluated.alternatives)
 
 
 def _needs(diagnosis: Diagnosis, alternatives: Sequence[Alternative]) -> set[str]:

@@ -259,8 +259,8 @@ def summary_of(
             for p, name in enumerate(names):
                 needed = settled[m, t, p]
                 never = needed > steps
-                kept = np.sort(np.where(never, np.inf, needed))
-                low, middle, high = (float(kept[min(int(q * len(kept)), len(kept) - 1)]) for q in (0.1, 0.5, 0.9))
+                counts = np.sort(np.where(never, np.inf, needed))
+                low, middle, high = (float(counts[min(int(q * len(counts)), len(counts) - 1)]) for q in (0.1, 0.5, 0.9))
                 rows.append((label, threshold, name, low, middle, high, float(np.mean(never))))
     columns = ("method", "threshold", "parameter", "p10", "median", "p90", "never")
     needed = pl.DataFrame(rows, schema=list(columns), orient="row")

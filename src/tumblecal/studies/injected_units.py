@@ -14,9 +14,9 @@ _TABLES = ("study.inject.", "study.effects.")
 def injected_units(study: Mapping[str, Any]) -> dict[str, str]:
     """Unit of each effect at its dotted path (`study.inject.second_order.y`), in a table or a grid of the study, as the
     catalogue shows it; none of an effect without one."""
-    own, entries = study["study"], entries_of(study)
-    paths = [f"study.{table}.{id}" for table in ("inject", "effects") for id in own.get(table) or ()]
-    paths += [path for path in own.get("grid") or () if path.startswith(_TABLES)]
+    stated, entries = study["study"], entries_of(study)
+    paths = [f"study.{table}.{id}" for table in ("inject", "effects") for id in stated.get(table) or ()]
+    paths += [path for path in stated.get("grid") or () if path.startswith(_TABLES)]
     units = {
         path: entry(entries, next(path.removeprefix(t) for t in _TABLES if path.startswith(t))).unit for path in paths
     }

@@ -59,9 +59,9 @@ def recheck_workers(study: Countable, tables: Mapping[str, Any], store: Store) -
     for worker, chunks in sorted(store.unverified().items()):
         digest = int(study_hash(tables)[:16], 16)
         chunk = chunks[int(np.random.default_rng([digest, *chunks]).integers(len(chunks)))]
-        own, theirs = study.compute(chunk), store.chunk(chunk)
+        mine, theirs = study.compute(chunk), store.chunk(chunk)
         different = sorted(
-            name for name in own.keys() | theirs.keys() if not _same_bits(own.get(name), theirs.get(name))
+            name for name in mine.keys() | theirs.keys() if not _same_bits(mine.get(name), theirs.get(name))
         )
         if different:
             raise Distrusted(
@@ -72,8 +72,8 @@ def recheck_workers(study: Countable, tables: Mapping[str, Any], store: Store) -
     store.forget_workers()
 
 
-def _same_bits(own: np.ndarray | None, theirs: np.ndarray | None) -> bool:
-    if own is None or theirs is None:
+def _same_bits(mine: np.ndarray | None, theirs: np.ndarray | None) -> bool:
+    if mine is None or theirs is None:
         return False
-    own, theirs = np.asarray(own), np.asarray(theirs)
-    return own.shape == theirs.shape and own.dtype == theirs.dtype and own.tobytes() == theirs.tobytes()
+    mine, theirs = np.asarray(mine), np.asarray(theirs)
+    return mine.shape == theirs.shape and mine.dtype == theirs.dtype and mine.tobytes() == theirs.tobytes()
