@@ -34,11 +34,9 @@ from tumblecal.ground.gravity import (
     stated_gravity,
     unit_in_g,
 )
-from tumblecal.ground.units import LARGEST_SD_G, SD_RANGE, SMALLEST_SD_G
+from tumblecal.ground.units import LARGEST_READING_G, LARGEST_SD_G, SD_RANGE, SMALLEST_SD_G
 
 
-# Larger readings are not measurements, and would overflow the sums of squares.
-LARGEST_READING_G = 1e6
 _NOISE_MODEL = "noise_model"
 
 

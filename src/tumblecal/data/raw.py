@@ -23,14 +23,13 @@ from tumblecal.ground.decimal_marks import OTHER, either_words, may_be_thousands
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import STANDARD, UNITS, Gravity, stated_gravity, unit_in_g
 from tumblecal.ground.text_file import comment_in, is_blank, line_in, opened, shown
+from tumblecal.ground.units import LARGEST_READING_G
 
 
 if TYPE_CHECKING:
     import polars as pl
 
 CORRECTED_BY = "corrected_by"
-# Larger numbers are not readings, and would overflow the sums of squares.
-LARGEST_G = 1e6
 # Number of rows in which the decimal mark is searched.
 _SEEN_ROWS = 1000
 
@@ -70,7 +69,7 @@ class Raw:
         # In memory axis by axis, like the columns.
         readings = np.stack([piece.numbers(name) for name in self.columns]).T
         readings = readings if self.to_g == 1 else readings * self.to_g
-        if readings.size and not (np.max(readings) <= LARGEST_G and np.min(readings) >= -LARGEST_G):
+        if readings.size and not (np.max(readings) <= LARGEST_READING_G and np.min(readings) >= -LARGEST_READING_G):
             row, axis = np.unravel_index(np.argmax(np.abs(readings)), readings.shape)
             cell = piece.place(int(row), self.columns[axis])
             raise InputError(f"{cell}: {readings[row, axis]:.3g} g is not a possible reading; remove the row")

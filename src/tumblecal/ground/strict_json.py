@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_args
 
@@ -85,6 +86,10 @@ def read_record(path: Path, model: type[Model], remedy: str) -> Model:
     return validated(content, model, str(path))
 
 
+# Building the adapter of a kind takes milliseconds.
+_adapter = lru_cache(TypeAdapter)
+
+
 def validated(content: object, kind: Any, named: str, within: str = "") -> Any:
     """The content of a part of a file as a model or any other annotation.
 
@@ -95,6 +100,6 @@ def validated(content: object, kind: Any, named: str, within: str = "") -> Any:
     **Raises:** `InputError`, one line for each fault.
     """
     try:
-        return TypeAdapter(kind).validate_python(content)
+        return _adapter(kind).validate_python(content)
     except ValidationError as error:
         raise InputError(json_faults(named, error, within)) from error

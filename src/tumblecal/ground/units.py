@@ -120,6 +120,8 @@ def _example(unit: str) -> str:
 
 # Limits for the precision of weighted sums of squares, far outside those of instruments.
 SMALLEST_SD_G, LARGEST_SD_G = 1e-12, 1e6
+# Larger readings are not measurements, and would overflow the sums of squares.
+LARGEST_READING_G = 1e6
 SD_RANGE = "a standard deviation must be above 0 (1e-12 to 1e6 g)"
 
 
