@@ -35,7 +35,7 @@ def test_no_certificate_is_made_of_a_calibration_not_to_be_used(tumblecal, tmp_p
     (folder / "result.json").write_text(json.dumps(result | {"judgement": hardly}))
     outcome = tumblecal("certificate", folder, "--admin", admin)
     assert outcome.code == 2 and "judgement: Do not use it: hardly determined. No certificate" in outcome.lines[0]
-    (folder / "result.json").write_text(json.dumps(result | {"source": {"sha256": "0" * 64}}))
+    (folder / "result.json").write_text(json.dumps(result | {"source": result["source"] | {"sha256": "0" * 64}}))
     outcome = tumblecal("certificate", folder, "--admin", admin)
     assert outcome.code == 2 and "result.json: its data differ from those of calibration.json" in outcome.lines[0]
 
