@@ -13,7 +13,7 @@ from tumblecal.data.not_applied import NotApplied
 from tumblecal.data.sensor_parameters import SENSOR, SensorParameters, leaf_of, triad_of
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import LEAST_MS2, MOST_MS2
-from tumblecal.ground.strict_json import AS_STATED, Finite, Flag, Record, Shape, Size, Text
+from tumblecal.ground.strict_json import AsStated, Finite, Flag, Record, Shape, Size, Text
 
 
 UNITS_OF = {"A": "g", "f": "g", "matrix": "1", "bias": "g", "alignment": "1"}
@@ -93,9 +93,11 @@ class StatedParameters(Record):
     @classmethod
     def of(cls, parameters: SensorParameters) -> "StatedParameters":
         """The table of parameters; `determined` only if some are not."""
-        stated = {"names": [*parameters.names], "values": parameters.values, "covariance": parameters.covariance}
-        determined = [name not in parameters.undetermined for name in parameters.names]
-        return cls.model_construct(**stated, **({"determined": determined} if parameters.undetermined else {}))
+        names = [*parameters.names]
+        stated: dict[str, Any] = {"names": names, "values": parameters.values, "covariance": parameters.covariance}
+        if parameters.undetermined:
+            stated["determined"] = [name not in parameters.undetermined for name in names]
+        return cls.model_construct(**stated)
 
     def parameters(self) -> SensorParameters:
         """The parameters of this table."""
@@ -144,9 +146,9 @@ class CalibrationFile(Record):
     temperature_degc: Finite | None = None
     serial_number: Text | None = None
     use: Annotated[StatedUse, PlainSerializer(Use.record)] | None = None
-    provenance: Annotated[Provenance, *AS_STATED] = Field(default_factory=dict)
+    provenance: Annotated[dict[str, Any], AsStated(Provenance)] = Field(default_factory=dict)
     parameters: StatedParameters | None = None
-    terms: Annotated[Terms, *AS_STATED] = Field(default_factory=list)
+    terms: Annotated[list[Any], AsStated(Terms)] = Field(default_factory=list)
 
 
 def require_agreement(path: Path, file: CalibrationFile, parameters: SensorParameters) -> None:

@@ -8,6 +8,7 @@ System 1980.
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from tumblecal.ground.decimal_marks import evidence_of, pointed, without_decimal_comma
 from tumblecal.ground.errors import InputError
@@ -115,7 +116,7 @@ def gravity_of_option(text: str) -> Gravity:
     return checked_gravity(normal_gravity(latitude, height), source, named)
 
 
-def record_of(gravity: Gravity | None) -> dict[str, float | str | None]:
+def record_of(gravity: Gravity | None) -> dict[str, Any]:
     """The record in a JSON file."""
     if gravity is None:
         return {"value_ms2": None, "source": "not stated: the readings were in g"}

@@ -13,10 +13,8 @@ from pydantic import (
     ConfigDict,
     Field,
     GetCoreSchemaHandler,
-    PlainSerializer,
     TypeAdapter,
     ValidationError,
-    WrapValidator,
 )
 from pydantic_core import CoreSchema, core_schema
 
@@ -51,12 +49,6 @@ def one_of(names: Sequence[str]) -> AfterValidator:
     return AfterValidator(listed)
 
 
-# Read and written as stated, if it agrees with its model.
-AS_STATED = (
-    WrapValidator(lambda stated, validate: (validate(stated), stated)[1]),
-    PlainSerializer(lambda stated: stated),
-)
-
 Model = TypeVar("Model", bound=Record)
 
 
@@ -71,6 +63,20 @@ class Shape:
         for size in reversed(self.sizes):
             schema = core_schema.list_schema(schema, min_length=size, max_length=size)
         return core_schema.no_info_after_validator_function(np.array, schema)
+
+
+@dataclass(frozen=True)
+class AsStated:
+    """Annotation of a value that is read and written as stated, if it agrees with a model."""
+
+    model: Any
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return core_schema.no_info_wrap_validator_function(
+            lambda stated, validate: (validate(stated), stated)[1],
+            handler.generate_schema(self.model),
+            serialization=core_schema.plain_serializer_function_ser_schema(lambda stated: stated),
+        )
 
 
 def read_record(path: Path, model: type[Model], remedy: str) -> Model:
