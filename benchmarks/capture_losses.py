@@ -19,7 +19,7 @@ from tumblecal.capture.decoding.samples import Counts, Settings
 from tumblecal.capture.emulator.config import Emulation
 from tumblecal.capture.emulator.device import VirtualDevice
 from tumblecal.capture.emulator.instrument import VirtualInstrument
-from tumblecal.capture.log import Kind, LogReader
+from tumblecal.capture.log import LogReader, RecordKind
 from tumblecal.capture.port.recording import Recording
 from tumblecal.capture.protocols.stim300 import Stim300Framing
 
@@ -81,7 +81,7 @@ def main() -> None:
     reopened = 0
     with LogReader(log) as reader:
         for record in reader.records():
-            if record.kind != Kind.BYTES:
+            if record.kind != RecordKind.BYTES:
                 reopened += record.content()["event"] == "reopened"
                 continue
             total += len(record.payload)

@@ -8,7 +8,7 @@ import numpy as np
 import damaged_made as made
 from tumblecal.capture.decoding.samples import Settings, blank
 from tumblecal.capture.journal import JOURNAL_NAME, PLAN_NAME, RAW_NAME, Journal, sha256_of
-from tumblecal.capture.log import Kind, LogWriter
+from tumblecal.capture.log import LogWriter, RecordKind
 from tumblecal.capture.port.recorder import clocks
 from tumblecal.capture.protocols import protocol
 
@@ -72,7 +72,7 @@ def capture(folder: Path) -> dict[str, bytes]:
         for part in range(0, size, size // 2):
             at = begun["monotonic_ns"] + int(1e9 * (60 * position + part / size * 2))
             stop = log.append(
-                Kind.BYTES, frames[position * size + part : position * size + min(part + size // 2, size)], at
+                RecordKind.BYTES, frames[position * size + part : position * size + min(part + size // 2, size)], at
             )
         told = {
             "log_start": start,

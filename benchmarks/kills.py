@@ -35,7 +35,7 @@ from tumblecal.capture.emulator.device import VirtualDevice
 from tumblecal.capture.emulator.instrument import VirtualInstrument
 from tumblecal.capture.emulator.operator import Follower
 from tumblecal.capture.journal import RAW_NAME, read_journal, replayed, sha256_of
-from tumblecal.capture.log import Kind, LogWriter, read_log
+from tumblecal.capture.log import LogWriter, RecordKind, read_log
 from tumblecal.capture.port.recording import Recording
 from tumblecal.capture.protocols import protocol
 from tumblecal.capture.run.run_folder import begin, resume
@@ -157,7 +157,7 @@ def recorder(kills: int, folder: Path, random: np.random.Generator) -> list[str]
     content, records = log.read_bytes(), read_log(log)
     bad = [f"place {stop} is lost" for stop, tail in acknowledged if content[stop - 16 : stop] != tail]
     decoder = protocol("stim300").decoder(Settings((10.0,) * 3))
-    samples = decode_all(decoder, b"".join(r.payload for r in records if r.kind == Kind.BYTES)).samples
+    samples = decode_all(decoder, b"".join(r.payload for r in records if r.kind == RecordKind.BYTES)).samples
     numbers = sequence_of(samples.rate)
     bad += ["samples twice or out of order"] * bool((np.diff(numbers) <= 0).any())
     print(f"  recorder: {len(acknowledged)} places were told to be on the disk; {len(numbers)} samples in the log")

@@ -15,7 +15,7 @@ from tumblecal.capture.decoding.byte_file import decode_file, pieces_of
 from tumblecal.capture.decoding.checks import exclusive_or
 from tumblecal.capture.decoding.framing import decode_all
 from tumblecal.capture.decoding.samples import Settings, Stated, blank
-from tumblecal.capture.log import Kind, LogWriter, read_log
+from tumblecal.capture.log import LogWriter, RecordKind, read_log
 from tumblecal.capture.protocols import protocol
 from tumblecal.capture.protocols.stim300_device import encode, encode_configuration
 from tumblecal.cli.decode import decode
@@ -157,8 +157,8 @@ def test_raw_log_of_a_capture(tmp_path: Path) -> None:
     data = stim300(500)
     log = LogWriter(tmp_path / "raw.log")
     for at in range(0, len(data), 1000):
-        log.append(Kind.BYTES, data[at : at + 1000], at)
-        log.append(Kind.EVENT, b"{}", at)
+        log.append(RecordKind.BYTES, data[at : at + 1000], at)
+        log.append(RecordKind.EVENT, b"{}", at)
     log.close()
     assert b"".join(pieces_of(tmp_path / "raw.log")) == data
     assert decode_file(tmp_path / "raw.log").samples == 500
@@ -167,8 +167,8 @@ def test_raw_log_of_a_capture(tmp_path: Path) -> None:
 def test_a_record_larger_than_the_readers_block(tmp_path: Path) -> None:
     """It was read again and again without end."""
     log = LogWriter(tmp_path / "raw.log")
-    log.append(Kind.BYTES, bytes(6 << 20), 1)
-    log.append(Kind.BYTES, b"after", 2)
+    log.append(RecordKind.BYTES, bytes(6 << 20), 1)
+    log.append(RecordKind.BYTES, b"after", 2)
     log.close()
     code = f"from tumblecal.capture.log import read_log\nfrom pathlib import Path\nread_log(Path({str(log.path)!r}))"
     subprocess.run([sys.executable, "-c", code], check=True, timeout=600)

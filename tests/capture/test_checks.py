@@ -6,7 +6,7 @@ import pytest
 from tumblecal.capture.capture_plan import CapturePlan
 from tumblecal.capture.reduction.dwell_checks import check_dwell
 from tumblecal.capture.run.expectation import Fault, angles_of, judge
-from tumblecal.capture.run.stationarity import Block, Blocks, is_still, stationarity
+from tumblecal.capture.run.stationarity import Block, BlockCutter, is_still, stationarity
 from tumblecal.ground.gravity import normal_gravity
 
 
@@ -78,7 +78,7 @@ def test_coarse_quantisation() -> None:
 
 
 def blocks_of(data: np.ndarray) -> list[Block]:
-    return Blocks(125).add(data)
+    return BlockCutter(125).add(data)
 
 
 def test_a_tilt_step_is_seen() -> None:

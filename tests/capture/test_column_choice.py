@@ -8,7 +8,7 @@ import pytest
 from recording_headers import HEADERS
 from recordings_as_people_have_them import columns_of, motion, renamed, shuffled
 from tumblecal.capture.columns.column_names import parsed, role_of
-from tumblecal.capture.columns.roles import Layout, layout_of
+from tumblecal.capture.columns.roles import ColumnLayout, layout_of
 from tumblecal.capture.columns.still_size import ellipsoid
 from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.capture.recordings.table import of_arrays
@@ -19,7 +19,7 @@ from tumblecal.ground.errors import InputError
 G = 9.80665
 
 
-def chosen(columns: dict[str, np.ndarray], **options) -> Layout:
+def chosen(columns: dict[str, np.ndarray], **options) -> ColumnLayout:
     """The layout of a table of these columns."""
     return layout_of(of_arrays("", columns), RecordingOptions(**options), "log")
 

@@ -16,7 +16,7 @@ from tumblecal.capture.reduction.reduce import reduce
 from tumblecal.capture.reduction.reduction import write_reduction
 from tumblecal.capture.run.identity import WAITS_S, Answer, Identity
 from tumblecal.capture.run.instrument_doubt import LEAST_P, compare, mean_variance
-from tumblecal.capture.run.stationarity import Blocks
+from tumblecal.capture.run.stationarity import BlockCutter
 from tumblecal.data import read_positions
 from tumblecal.ground.errors import InputError
 
@@ -147,7 +147,7 @@ def test_the_comparison_keeps_its_level_in_white_and_slow_noise_and_finds_ten_sd
                 slow = rng.normal(size=(60, 3)).cumsum(0) * 2e-6 if kind == "slow" else np.zeros((60, 3))
                 samples = 2e-4 * rng.normal(size=(1500, 3)) + np.repeat(slow, 25, axis=0) + [0.0, 0.6, 0.8]
                 samples += 1e-4 * (kind == "other") * dwell
-                blocks = Blocks(25).add(samples)
+                blocks = BlockCutter(25).add(samples)
                 means.append(samples.mean(0))
                 variances.append(mean_variance(blocks))
             disagree[kind] += not compare(means[0], variances[0], blocks).agrees

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from disk import file_size_limited
-from tumblecal.capture.log import HEADER_SIZE, Kind, LogReader, LogWriter, read_log
+from tumblecal.capture.log import HEADER_SIZE, LogReader, LogWriter, RecordKind, read_log
 from tumblecal.ground.errors import InputError
 
 
 def write(path: Path, payloads: list[bytes]) -> list[int]:
     writer = LogWriter(path)
-    stops = [writer.append(Kind.BYTES, payload, 1000 + k) for k, payload in enumerate(payloads)]
+    stops = [writer.append(RecordKind.BYTES, payload, 1000 + k) for k, payload in enumerate(payloads)]
     writer.close()
     return stops
 
@@ -38,7 +38,7 @@ def test_every_torn_tail_is_cut(tmp_path: Path) -> None:
         kept = sum(stop <= length for stop in stops)
         writer = LogWriter(path)
         assert writer.position == ([0, *stops][kept]) and writer.cut == length - writer.position
-        writer.append(Kind.EVENT, b"after", 5)
+        writer.append(RecordKind.EVENT, b"after", 5)
         writer.close()
         assert [r.payload for r in read_log(path)] == [*payloads[:kept], b"after"]
 
@@ -66,9 +66,9 @@ def test_reading_while_it_grows(tmp_path: Path) -> None:
     writer = LogWriter(tmp_path / "a.log")
     with LogReader(tmp_path / "a.log") as reader:
         assert list(reader.records()) == []
-        writer.append(Kind.BYTES, b"one", 1)
+        writer.append(RecordKind.BYTES, b"one", 1)
         assert [r.payload for r in reader.records()] == [b"one"]
-        writer.append(Kind.BYTES, b"two", 2)
+        writer.append(RecordKind.BYTES, b"two", 2)
         assert [r.payload for r in reader.records()] == [b"two"]
     writer.close()
 
@@ -84,11 +84,11 @@ def test_one_writer_at_a_time(tmp_path: Path) -> None:
 _FILL = """
 import sys
 from pathlib import Path
-from tumblecal.capture.log import DiskFull, Kind, LogWriter
+from tumblecal.capture.log import DiskFull, RecordKind, LogWriter
 writer, stops = LogWriter(Path(sys.argv[1])), []
 try:
     while True:
-        stops.append(writer.append(Kind.BYTES, b"x" * 1000, 1))
+        stops.append(writer.append(RecordKind.BYTES, b"x" * 1000, 1))
 except DiskFull:
     writer.sync()
     print(len(stops))

@@ -18,7 +18,7 @@ from tumblecal.capture.decoding.samples import Samples, Settings
 from tumblecal.capture.emulator.config import Emulation
 from tumblecal.capture.emulator.device import VirtualDevice
 from tumblecal.capture.emulator.instrument import VirtualInstrument
-from tumblecal.capture.log import Kind, LogWriter, read_log
+from tumblecal.capture.log import LogWriter, RecordKind, read_log
 from tumblecal.capture.port.recording import Recording
 from tumblecal.capture.port.transport import Port
 from tumblecal.capture.protocols import protocol
@@ -57,7 +57,7 @@ class Rig:
 
 
 def decoded(log: Path) -> tuple[Samples, np.ndarray, int]:
-    records = [r for r in read_log(log) if r.kind == Kind.BYTES]
+    records = [r for r in read_log(log) if r.kind == RecordKind.BYTES]
     found = decode_all(protocol("stim300").decoder(Settings((10.0,) * 3)), b"".join(r.payload for r in records))
     stops = np.cumsum([len(r.payload) for r in records])
     stamps = np.array([r.stamp_ns for r in records]) * 1e-9
@@ -65,7 +65,7 @@ def decoded(log: Path) -> tuple[Samples, np.ndarray, int]:
 
 
 def events(log: Path) -> list[dict]:
-    return [r.content() for r in read_log(log) if r.kind == Kind.EVENT]
+    return [r.content() for r in read_log(log) if r.kind == RecordKind.EVENT]
 
 
 def test_unplugs_and_damage_are_counted_exactly(tmp_path: Path) -> None:
@@ -90,7 +90,7 @@ def test_unplugs_and_damage_are_counted_exactly(tmp_path: Path) -> None:
     reopened = list[int]()
 
     def plugged_twice() -> bool:
-        notices = [record.content() for record in recording.poll() if record.kind == Kind.EVENT]
+        notices = [record.content() for record in recording.poll() if record.kind == RecordKind.EVENT]
         reopened.extend(rig.instrument.device.ledger.generated for notice in notices if notice["event"] == "reopened")
         # One and a half seconds of the device follow the second one.
         return len(reopened) == 2 and rig.instrument.device.ledger.generated > reopened[-1] + 3000
@@ -144,7 +144,7 @@ def test_the_recorder_is_started_again(tmp_path: Path) -> None:
     rig.run(0.2)
     recording.poll()
     rig.run(0.5)
-    assert recording.restarts == 1 and any(r.kind == Kind.BYTES for r in recording.poll())
+    assert recording.restarts == 1 and any(r.kind == RecordKind.BYTES for r in recording.poll())
     recording.stop()
     rig.instrument.port.close()
 

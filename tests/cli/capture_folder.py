@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 
 from tumblecal.capture.decoding.samples import Settings, blank
 from tumblecal.capture.journal import PLAN_NAME, RAW_NAME, Journal, sha256_of
-from tumblecal.capture.log import Kind, LogWriter
+from tumblecal.capture.log import LogWriter, RecordKind
 from tumblecal.capture.port.recorder import clocks
 from tumblecal.capture.protocols.stim300 import encode
 
@@ -81,7 +81,7 @@ def write_capture(
         for first in range(0, count, 50):
             last = min(first + 50, count)
             stamp = begun["monotonic_ns"] + int(1e9 * times[position, last - 1])
-            stop = log.append(Kind.BYTES, frames[first * size : last * size], stamp)
+            stop = log.append(RecordKind.BYTES, frames[first * size : last * size], stamp)
         journal.write(
             "accepted",
             position=position,

@@ -11,7 +11,7 @@ import time
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from tumblecal.capture.log import DiskFull, Kind, LogWriter, read_log
+from tumblecal.capture.log import DiskFull, LogWriter, RecordKind, read_log
 from tumblecal.ground.errors import InputError
 
 
@@ -153,7 +153,7 @@ def read_journal(folder: Path, faults: list[str] | None = None) -> list[dict]:
         raise InputError(
             f"{folder}: no {JOURNAL_NAME} here; give the folder of a capture (`tumblecal capture PLAN --out DIR`)"
         )
-    entries = [record.content() for record in read_log(path, faults=faults) if record.kind == Kind.JOURNAL]
+    entries = [record.content() for record in read_log(path, faults=faults) if record.kind == RecordKind.JOURNAL]
     if not entries or entries[0]["entry"] != "session":
         raise InputError(f"{path}: contains no capture; it may have been ended before the first entry")
     return entries
@@ -175,7 +175,9 @@ class Journal:
     def entries(self, faults: list[str] | None = None) -> list[dict]:
         """All entries; `faults` receives a line for each stretch without an entry."""
         return [
-            record.content() for record in read_log(self._writer.path, faults=faults) if record.kind == Kind.JOURNAL
+            record.content()
+            for record in read_log(self._writer.path, faults=faults)
+            if record.kind == RecordKind.JOURNAL
         ]
 
     def write(self, entry: str, **content: object) -> dict:
@@ -186,7 +188,7 @@ class Journal:
         full = {"entry": entry, "wall_ns": time.time_ns(), **content}
         path = self._writer.path
         try:
-            self._writer.append_json(Kind.JOURNAL, full, time.monotonic_ns())
+            self._writer.append_json(RecordKind.JOURNAL, full, time.monotonic_ns())
         except DiskFull as error:
             raise InputError(
                 f"{path}: the disk is full; all accepted positions are stored. Make room, then --resume"

@@ -30,7 +30,7 @@ _BLOCK = 1 << 22
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
-class Kind(IntEnum):
+class RecordKind(IntEnum):
     """Contents of a record: bytes as read from the port, an event (JSON), or a journal entry (JSON)."""
 
     BYTES = 1
@@ -221,7 +221,7 @@ class LogWriter:
             os.fsync(self._descriptor)
         return whole, size - whole
 
-    def append(self, kind: Kind, payload: bytes, stamp_ns: int) -> int:
+    def append(self, kind: RecordKind, payload: bytes, stamp_ns: int) -> int:
         """Append one record and return the place just after it.
 
         **Raises:** `DiskFull`; the log then ends with the last whole record.
@@ -240,7 +240,7 @@ class LogWriter:
         self.position += len(data)
         return self.position
 
-    def append_json(self, kind: Kind, content: dict, stamp_ns: int) -> int:
+    def append_json(self, kind: RecordKind, content: dict, stamp_ns: int) -> int:
         """Append an event or journal entry and put it on the disk."""
         stop = self.append(kind, json.dumps(content, separators=(",", ":")).encode(), stamp_ns)
         self.sync()

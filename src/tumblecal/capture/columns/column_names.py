@@ -15,6 +15,8 @@ LABELS = ("position", "run", "mount")
 NUMBERS = ("alpha_deg", "beta_deg", "approach")
 QUANTITIES = (*FORCE, *RATE, "time", "temperature", *LABELS, *NUMBERS)
 _QUANTITIES = ("acceleration", "rate", "field", "orientation", "gravity", "velocity", "place")
+# States of accelerations that are not those of the sensor with gravity.
+WITHOUT_GRAVITY = frozenset(("linear", "free", "world"))
 _STATES = ("linear", "free", "world", "raw", "processed")
 _UNITS_OF = {
     "acceleration": ("g", "mg", "ms2", "counts"),

@@ -15,10 +15,9 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from tumblecal.capture.protocols.line_columns import UNITS_PER_G
 from tumblecal.capture.recordings.damage import DamageRecord
 from tumblecal.ground.counted import counted
-from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
+from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2, UNITS_PER_G
 
 
 if TYPE_CHECKING:

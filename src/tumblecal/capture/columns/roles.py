@@ -49,7 +49,7 @@ _FAR = 3.0
 
 
 @dataclass(frozen=True)
-class Layout:
+class ColumnLayout:
     """The columns of a table with their quantities and units.
 
     **Arguments:**
@@ -86,7 +86,7 @@ def layout_of(
     path: str,
     only: Collection[str] | None = None,
     wraps: Mapping[str, Wrap] = MappingProxyType({}),
-) -> Layout:
+) -> ColumnLayout:
     """Determine the quantities and units of the columns.
 
     **Arguments:**
@@ -125,7 +125,7 @@ def _layout(
     found: tuple[dict[str, Column], dict[str, ColumnName], "pl.DataFrame"],
     guesses: list[str],
     wraps: Mapping[str, Wrap],
-) -> Layout:
+) -> ColumnLayout:
     (path, only), (given, names, first) = wanted, found
     why = {role: "asked for" if role in columns_of_option(table, options) else "format" for role in given}
     named, fitted = dict(given), None
@@ -194,7 +194,7 @@ def _layout(
         named, words = time_unit(table, named, options, first, path)
         guesses += words
     why = {role: f"{why.get(role, 'name')}{_unit_why(role, stated, options, bool(by_size))}" for role in named}
-    return Layout(table, named, per_g, size, tuple(guesses), why)
+    return ColumnLayout(table, named, per_g, size, tuple(guesses), why)
 
 
 def _other_unit(named: Mapping[str, Column], options: RecordingOptions, size: float) -> list[str]:

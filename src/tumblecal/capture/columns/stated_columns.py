@@ -43,8 +43,8 @@ def columns_of_option(table: SourceTable, options: RecordingOptions) -> dict[str
             other = f"column {columns[other_quantity].name} is {other_quantity} already"
             raise InputError(f"{option}: {other}; name another column for each quantity")
         # If the option gives no unit, the name of the column may give it.
-        own_quantity, own_unit = exact_role(table.roles[name]) if name in table.roles else role_of(name)
-        unit = unit or (own_unit if same_kind(own_quantity, quantity) else "")
+        named_quantity, named_unit = exact_role(table.roles[name]) if name in table.roles else role_of(name)
+        unit = unit or (named_unit if same_kind(named_quantity, quantity) else "")
         columns[quantity] = Column(name, unit)
     return columns
 

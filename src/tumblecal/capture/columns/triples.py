@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from tumblecal.capture.columns.column_names import ColumnName
 from tumblecal.capture.columns.still_size import Ellipsoid, ellipsoid, still_means
-from tumblecal.capture.protocols.line_columns import UNITS_PER_G
 from tumblecal.ground.axes import AXES
+from tumblecal.ground.gravity import UNITS_PER_G
 
 
 _PER_G = {"g": UNITS_PER_G["g"], "mg": UNITS_PER_G["mg"], "ms2": UNITS_PER_G["m/s2"]}

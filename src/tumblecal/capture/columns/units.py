@@ -9,7 +9,6 @@ import numpy as np
 
 from tumblecal.capture.columns.clock_text import FORMS, form_of, seconds_of
 from tumblecal.capture.columns.number_range import Wrap, wraps_of_force, wraps_of_rates
-from tumblecal.capture.protocols.line_columns import UNITS_PER_G
 from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.capture.recordings.table import SourceTable
 from tumblecal.data.cells import LARGEST_NUMBER
@@ -17,6 +16,7 @@ from tumblecal.data.table import DIFFERENT_UNITS
 from tumblecal.data.text_layout import ROW
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.gravity import UNITS_PER_G
 from tumblecal.ground.text_file import shown
 
 

@@ -117,7 +117,7 @@ def _temperatures(calibration: Calibration) -> tuple[Sequence[float], float]:
 
 
 def _check_names(source: Uncorrected, columns: Sequence[str], names: Sequence[str]) -> None:
-    """Check that no other column has one of the names of the corrected readings in the `own` columns.
+    """Check that no other column has one of the names of the corrected readings in these columns.
 
     **Raises:** `InputError` with the first such name.
     """

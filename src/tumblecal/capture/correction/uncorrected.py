@@ -98,23 +98,23 @@ def _recording(source: Path, options: RecordingOptions, needed: Sequence[str]) -
     def stream() -> SampleStream:
         return sample_stream(source, options, in_force_units=True, needed=(*FORCE, *needed), wraps=found.wraps)
 
-    own_stream = stream()
-    contents, schema = own_stream.contents, own_stream.schema
+    samples = stream()
+    contents, schema = samples.contents, samples.schema
     table, columns = contents.layout.table, contents.layout.columns
     left_out = "" if found.all_usable else left_out_words(table.row_word, found.marked(stream().frames_with(())))
     for record in found.damage.records:
         contents.damage.add(record)
     if not table.sheet:
-        comments = {key: value for key, value in own_stream.comments.items() if key not in (COUNTS, "imported_from")}
+        comments = {key: value for key, value in samples.comments.items() if key not in (COUNTS, "imported_from")}
         header = replace(header_of(source, schema.to_frame(), comments), row_word=table.row_word)
-        rows = lambda _: found.marked(own_stream.frames_with(()))  # noqa: E731
+        rows = lambda _: found.marked(samples.frames_with(()))  # noqa: E731
         return Uncorrected(header, rows, contents=contents, damage=contents.damage, left_out=left_out)
     names, axes, text = table.columns, [columns[axis] for axis in FORCE], table.text
     new_unit = any(axis.scale != 1 or axis.offset != 0 for axis in axes)
     comments = {key: value for key, value in table.comments.items() if not (new_unit and key == COUNTS)}
     return Uncorrected(
         replace(header_of(source, schema.to_frame(), comments), row_word=table.row_word),
-        lambda whole: found.marked(own_stream.frames_with(names if whole else ())),
+        lambda whole: found.marked(samples.frames_with(names if whole else ())),
         next(table.pieces(names)).head(0).select(names).schema,
         tuple(axis.name for axis in axes),
         text and replace(text, places=tuple(names.index(axis.name) for axis in axes)),

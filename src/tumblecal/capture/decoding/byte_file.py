@@ -12,7 +12,7 @@ from tumblecal.capture.decoding.losses import commonest_step
 from tumblecal.capture.decoding.sample_table import columns_of, write_pieces
 from tumblecal.capture.decoding.samples import Counts, Decoded, Event, Samples, Settings, Stated
 from tumblecal.capture.decoding.sniff import ENOUGH, guesses
-from tumblecal.capture.log import MAGIC, Kind, LogReader
+from tumblecal.capture.log import MAGIC, LogReader, RecordKind
 from tumblecal.capture.protocols import Decoder, Protocol, protocol
 from tumblecal.capture.protocols.stim300_datagrams import settings_of
 from tumblecal.ground.counted import counted
@@ -43,7 +43,7 @@ def pieces_of(path: Path, faults: list[str] | None = None) -> Iterator[bytes]:
         with LogReader(path) as reader:
             payloads, size = [], 0
             for record in reader.records():
-                if record.kind == Kind.BYTES:
+                if record.kind == RecordKind.BYTES:
                     payloads.append(record.payload)
                     size += len(record.payload)
                 if size >= _PIECE:

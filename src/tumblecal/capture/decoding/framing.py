@@ -284,11 +284,11 @@ class Refusals:
     """Complete and valid frames that a decoder does not read, each kind reported once."""
 
     def __init__(self) -> None:
-        self._said: set[str] = set()
+        self._reported: set[str] = set()
 
     def event(self, stop: int, text: str) -> list[Event]:
         """The event that reports it; none if it was reported before."""
-        if text in self._said:
+        if text in self._reported:
             return []
-        self._said.add(text)
+        self._reported.add(text)
         return [Event(stop, "refused", {"text": text})]

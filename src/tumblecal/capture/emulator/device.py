@@ -17,7 +17,7 @@ from tumblecal.noise.sampling import SampleStream
 
 # Interval at which the true output at rest is recomputed, for effects that drift.
 _REFRESH_S = 5.0
-_KEPT_UP_S = 1.0
+_ON_TIME_S = 1.0
 
 # Readings in local g at (alpha_deg, beta_deg, time_s, temperature_degc): shape (3,).
 TruthFunction = Callable[[float, float, float, float], NDArray[np.float64]]
@@ -56,7 +56,7 @@ class Ledger:
 
     def warning(self) -> str:
         """The effect of a late emulator on the data; empty if it was in time."""
-        if self.longest_behind_s <= _KEPT_UP_S:
+        if self.longest_behind_s <= _ON_TIME_S:
             return ""
         return (
             f"fell behind by up to {self.longest_behind_s:.1f} s of the device's time: samples came late, and noise that "

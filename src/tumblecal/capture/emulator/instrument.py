@@ -111,11 +111,11 @@ class VirtualInstrument:
         data, self._held = self._held + data, b""
         return data
 
-    def _note_lag(self, due: int, left: int) -> None:
+    def _note_lag(self, due: int, remaining: int) -> None:
         """Number of samples due now, and number remaining after this step."""
         ledger, rate = self.device.ledger, self._config.instrument.rate_hz
         ledger.latest_ms = max(ledger.latest_ms, 1e3 * due / rate / self._speed)
-        ledger.behind_s = left / rate
+        ledger.behind_s = remaining / rate
         ledger.longest_behind_s = max(ledger.longest_behind_s, ledger.behind_s)
 
     def _note(self) -> None:

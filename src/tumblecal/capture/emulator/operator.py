@@ -9,7 +9,7 @@ from pathlib import Path
 from tumblecal.capture.emulator.config import Emulation
 from tumblecal.capture.emulator.device import VirtualDevice
 from tumblecal.capture.journal import JOURNAL_NAME
-from tumblecal.capture.log import Kind, LogReader
+from tumblecal.capture.log import LogReader, RecordKind
 
 
 class Typist:
@@ -75,7 +75,7 @@ class Follower:
             return True
         now = device.time_s
         for record in self._reader.records():
-            if record.kind != Kind.JOURNAL:
+            if record.kind != RecordKind.JOURNAL:
                 continue
             entry = record.content()
             if entry["entry"] == "session":

@@ -30,7 +30,7 @@ class VirtualPort:
         self.link = link
         self._waiting = bytearray()
         self._master = self._slave = -1
-        self._taken_at = time.monotonic()
+        self._read_at = time.monotonic()
         self.plug()
 
     def plug(self) -> None:
@@ -62,7 +62,7 @@ class VirtualPort:
 
     def write(self, data: bytes) -> int:
         """Send the bytes that the terminal accepts now, and store the rest; returns the number of bytes that did not fit."""
-        if self._waiting and time.monotonic() - self._taken_at > _UNREAD_S:
+        if self._waiting and time.monotonic() - self._read_at > _UNREAD_S:
             # Without a reader, a port stores nothing for a later one.
             self._waiting.clear()
         overrun = max(0, len(self._waiting) + len(data) - _BUFFER_BYTES)
@@ -71,7 +71,7 @@ class VirtualPort:
             while self._waiting:
                 sent = os.write(self._master, self._waiting[:65536])
                 del self._waiting[:sent]
-                self._taken_at = time.monotonic()
+                self._read_at = time.monotonic()
         return overrun
 
     def read(self) -> bytes:

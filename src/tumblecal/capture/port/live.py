@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from tumblecal.capture.decoding.frame_numbers import FrameNumbers
 from tumblecal.capture.decoding.losses import commonest_step
 from tumblecal.capture.decoding.samples import Counts, Event, Samples, Settings, Status, joined
-from tumblecal.capture.log import Kind
+from tumblecal.capture.log import RecordKind
 from tumblecal.capture.port.recording import Recording
 from tumblecal.capture.protocols import Protocol
 
@@ -94,7 +94,7 @@ class LiveStream:
     def _arrived(self, records: list) -> Arrived:
         data, notices = [], []
         for record in records:
-            if record.kind == Kind.EVENT:
+            if record.kind == RecordKind.EVENT:
                 notices.append(self._noticed(record.content()))
                 continue
             stamp = record.stamp_ns * 1e-9

@@ -14,7 +14,7 @@ import sys
 import time
 from pathlib import Path
 
-from tumblecal.capture.log import DiskFull, Kind, LogWriter
+from tumblecal.capture.log import DiskFull, LogWriter, RecordKind
 from tumblecal.capture.port.transport import Port, available
 from tumblecal.ground.errors import InputError
 
@@ -68,7 +68,7 @@ class Recorder:
 
     def event(self, what: str, **content: object) -> None:
         """Write an event to the log and onto the disk."""
-        self._log.append_json(Kind.EVENT, {"event": what, **content}, time.monotonic_ns())
+        self._log.append_json(RecordKind.EVENT, {"event": what, **content}, time.monotonic_ns())
 
     def run(self) -> None:
         """Record until the input ends or contains the stop command."""
@@ -117,7 +117,7 @@ class Recorder:
             return
         now = time.monotonic_ns()
         if data:
-            self._log.append(Kind.BYTES, data, now)
+            self._log.append(RecordKind.BYTES, data, now)
             if self._silent:
                 self.event("data_again", after_s=(now - self._last_byte_ns) * 1e-9)
             self._last_byte_ns, self._silent = now, False

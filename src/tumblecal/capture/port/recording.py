@@ -36,7 +36,7 @@ class Recording:
         self._reader: LogReader | None = None
         self._start = log.stat().st_size if log.exists() else 0
         self.synced = 0
-        self._told = b""
+        self._output = b""
         self.restarts = 0
         self._launch()
 
@@ -87,8 +87,8 @@ class Recording:
     def _messages(self) -> list[dict]:
         assert self._process is not None and self._process.stdout is not None
         with contextlib.suppress(OSError, ValueError):
-            self._told += self._process.stdout.read() or b""
-        *lines, self._told = self._told.split(b"\n")
+            self._output += self._process.stdout.read() or b""
+        *lines, self._output = self._output.split(b"\n")
         messages = [json.loads(line) for line in lines]
         for message in messages:
             self.synced = message.get("synced", self.synced)

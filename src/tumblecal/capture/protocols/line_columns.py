@@ -10,40 +10,26 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tumblecal.capture.columns.column_names import WITHOUT_GRAVITY, parsed, role_of
+from tumblecal.capture.columns.units import FORCE, RATE
 from tumblecal.data.text_cells import separator_of
 from tumblecal.ground.decimal_marks import marks_of
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
+from tumblecal.ground.gravity import UNITS_PER_G
 
 
-# Units for one standard g.
-UNITS_PER_G: dict[str, float] = {
-    "g": 1.0,
-    "mg": 1000.0,
-    "m/s2": STANDARD_GRAVITY_MS2,
-    "LSB 2048/g": 2048.0,
-    "LSB 4096/g": 4096.0,
-    "LSB 8192/g": 8192.0,
-    "LSB 16384/g": 16384.0,
-    "LSB 256/g": 256.0,
-}
 _LOCK_LINES = 5
 _SURELY_RISING = 12
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$")
 # Words that boards print instead of a missing number.
 _NO_NUMBER = re.compile(r"[+-]?(nan|inf(inity)?|ovf)$", re.IGNORECASE)
 _NUMBER_COMMA = re.compile(r"[+-]?\d+,\d+$")
-_ROLES = {
-    "ax": r"^(acc?(el)?(eration)?[ _.]?x|a_?x|x_?acc?)$",
-    "ay": r"^(acc?(el)?(eration)?[ _.]?y|a_?y|y_?acc?)$",
-    "az": r"^(acc?(el)?(eration)?[ _.]?z|a_?z|z_?acc?)$",
-    "gx": r"^(gyro?[ _.]?x|g_?x|w_?x|rate[ _.]?x)$",
-    "gy": r"^(gyro?[ _.]?y|g_?y|w_?y|rate[ _.]?y)$",
-    "gz": r"^(gyro?[ _.]?z|g_?z|w_?z|rate[ _.]?z)$",
-    "t": r"^(t|temp|temperature|tmp)$",
-    "counter": r"^(seq|n|count(er)?|index|packet|sample|no)$",
-    "time": r"^(time|millis|micros|ms|us|timestamp|t_?ms|t_?us)$",
-}
+_ROLES = ("ax", "ay", "az", "gx", "gy", "gz", "t", "counter", "time")
+# Names without another meaning here.
+_SHORT_NAMES: dict[str, str] = dict.fromkeys(
+    ("seq", "n", "count", "counter", "index", "packet", "sample", "no"), "counter"
+)
+_SHORT_NAMES |= dict.fromkeys(("tms", "tus"), "time") | {f"g_{axis}": f"g{axis}" for axis in "xyz"}
 
 
 @dataclass(frozen=True)
@@ -67,7 +53,7 @@ class LineColumns:
 
     def __post_init__(self) -> None:
         unknown = [c for c in self.columns if c not in _ROLES and c != "-"]
-        missing = [c for c in ("ax", "ay", "az") if c not in self.columns]
+        missing = [c for c in FORCE if c not in self.columns]
         if unknown or missing:
             raise InputError(
                 f"text columns {','.join(self.columns)}: "
@@ -103,20 +89,17 @@ def _has_decimal_comma(lines: list[str], separator: str) -> bool:
 
 def names_of(words: list[str]) -> list[str]:
     """Quantities from a header line; "-" for an unknown name."""
-    roles = []
-    for word in words:
-        name = re.sub(r"[\[(].*", "", word).strip().lower()
-        roles.append(next((r for r, pattern in _ROLES.items() if re.match(pattern, name)), "-"))
-    return roles
+    return [_role_of(word)[0] for word in words]
 
 
-def _unit_of_names(words: list[str]) -> str | None:
-    for word in words:
-        found = re.search(r"[\[(]\s*(g|mg|m/s\^?2|m/s2|ms-2)\s*[\])]", word)
-        if found and re.match(r"a", word.strip().lower()):
-            unit = found.group(1)
-            return unit if unit in ("g", "mg") else "m/s2"
-    return None
+def _role_of(word: str) -> tuple[str, str]:
+    """Quantity and unit of a name; "-" for an unknown one, and for accelerations without gravity."""
+    plain = re.sub(r"[\[(].*", "", word).strip().lower()
+    if plain in _SHORT_NAMES:
+        return _SHORT_NAMES[plain], ""
+    role, unit = role_of(word)
+    role = {"temperature": "t", "T": "t"}.get(role or "-", role)
+    return (role, unit) if role in _ROLES and not parsed(word).states & WITHOUT_GRAVITY else ("-", "")
 
 
 def _unit_of_length(length: float) -> str | None:
@@ -144,16 +127,17 @@ def learn(lines: list[str], header: list[str] | None = None, checked: bool = Fal
         # A leading word, which was removed from the rows.
         header = header[1:]
     roles = names_of(header) if header and len(header) == width else ["-"] * width
-    named = {"ax", "ay", "az"} <= set(roles)
+    named = {*FORCE} <= set(roles)
     if len(good) < (1 if named else _LOCK_LINES) or width < 3:
         return None
     table = np.array(good, float)
     if not named:
         roles = roles_of_values(table, roles)
-    if not {"ax", "ay", "az"} <= set(roles):
+    if not {*FORCE} <= set(roles):
         return None
-    force = table[:, [roles.index(r) for r in ("ax", "ay", "az")]]
-    unit = _unit_of_names(header) if header else None
+    force = table[:, [roles.index(r) for r in FORCE]]
+    units = [unit.replace("ms2", "m/s2") for role, unit in map(_role_of, header or ()) if role in FORCE]
+    unit = next((unit for unit in units if unit in UNITS_PER_G), None)
     unit = unit or _unit_of_length(float(np.median(np.linalg.norm(force, axis=1))))
     if unit is None:
         return None
@@ -171,9 +155,9 @@ def roles_of_values(table: NDArray[np.float64], roles: list[str]) -> list[str]:
         # A column that only rises is a time or a counter: by steady steps, or over many lines.
         rising = (moving > 0).all(0) & ((np.ptp(moving, axis=0) == 0) | (len(moving) >= _SURELY_RISING))
         if _unit_of_length(length) and not rising.any():
-            roles[first : first + 3] = ["ax", "ay", "az"]
+            roles[first : first + 3] = FORCE
             if first + 6 <= width:
-                roles[first + 3 : first + 6] = ["gx", "gy", "gz"]
+                roles[first + 3 : first + 6] = RATE
             break
     for at in range(width):
         step = np.diff(table[:, at])
@@ -200,7 +184,7 @@ def header_words(line: bytes) -> list[str] | None:
     separator = separator_of([text])
     words = text.split() if separator == " " else [w.strip() for w in text.split(separator)]
     words = words[1:] if words and words[0].upper() == "LABEL" else words
-    return words if {"ax", "ay", "az"} <= set(names_of(words)) else None
+    return words if {*FORCE} <= set(names_of(words)) else None
 
 
 def numbers_of(line: bytes, layout: LineColumns) -> list[float] | None:

@@ -20,7 +20,7 @@ from tumblecal.capture.protocols.stim300_datagrams import (
     PADDINGS,
     SIZES,
     VELOCITY_BITS,
-    Layout,
+    FrameLayout,
     settings_of,
     special_event,
     status_flags,
@@ -144,7 +144,7 @@ class Stim300Framing:
         return samples, events
 
     def _fill(
-        self, out: Samples, rows: slice, data: NDArray[np.uint8], starts: NDArray[np.int64], layout: Layout
+        self, out: Samples, rows: slice, data: NDArray[np.uint8], starts: NDArray[np.int64], layout: FrameLayout
     ) -> None:
         def cluster(at: int) -> NDArray[np.int32]:
             return np.stack([_int24(data, starts, at + 3 * axis) for axis in range(3)], axis=1)

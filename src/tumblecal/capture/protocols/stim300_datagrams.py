@@ -15,7 +15,7 @@ from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 
 
 @dataclass(frozen=True)
-class Layout:
+class FrameLayout:
     """One kind of normal frame: its clusters and their places."""
 
     acceleration: int | None = None
@@ -29,7 +29,7 @@ class Layout:
     padding: int = 0
 
 
-def _layout(clusters: str, temperatures: bool, extra: bool) -> Layout:
+def _layout(clusters: str, temperatures: bool, extra: bool) -> FrameLayout:
     at, places = 11, {}
     for letter, name in (("a", "acceleration"), ("i", "inclination")):
         if letter in clusters:
@@ -40,14 +40,14 @@ def _layout(clusters: str, temperatures: bool, extra: bool) -> Layout:
                 places[f"{name}_temperature"], at = at, at + 7
     if extra:
         places["extra"], at = at, at + 4
-    return Layout(**places, counter=at, size=at + 7, padding=-(at + 3) % 4)
+    return FrameLayout(**places, counter=at, size=at + 7, padding=-(at + 3) % 4)
 
 
 _KINDS = [(clusters, temperatures) for temperatures in (False, True) for clusters in ("g", "ga", "gi", "gai")]
 _PLAIN = (0x90, 0x91, 0x92, 0x93, 0x94, 0xA5, 0xA6, 0xA7)
 _PPS = (0xF0, 0xF1, 0xF2, 0xF3, 0xF4, 0xF5, 0xF6, 0xF7)
 _AUX = (0x98, 0x99, 0x9A, 0x9B, 0x9C, 0xAD, 0xAE, 0xAF)
-LAYOUTS: dict[int, Layout] = {
+LAYOUTS: dict[int, FrameLayout] = {
     identifier: _layout(*kind, extra=extra)
     for ids, extra in ((_PLAIN, False), (_PPS, True), (_AUX, True))
     for identifier, kind in zip(ids, _KINDS, strict=True)

@@ -23,7 +23,6 @@ from tumblecal.capture.decoding.samples import (
 )
 from tumblecal.capture.protocols import DeviceCounter, Protocol
 from tumblecal.capture.protocols.line_columns import (
-    UNITS_PER_G,
     LineColumns,
     header_words,
     learn,
@@ -31,7 +30,7 @@ from tumblecal.capture.protocols.line_columns import (
     names_of,
     numbers_of,
 )
-from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
+from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2, UNITS_PER_G
 
 
 _LEARN_LINES = 25

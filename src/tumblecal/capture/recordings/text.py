@@ -57,7 +57,7 @@ def text_table(
         header=layout.header_line,
         text=TextCells(layout, (), layout.decimal) if layout.header_line and layout.form is None else None,
         sheet=layout.header_line is not None,
-        roles={own: role for own, role in roles.items() if own in layout.names},
+        roles={name: role for name, role in roles.items() if name in layout.names},
     )
 
 

@@ -66,9 +66,9 @@ def _on_circle(points: NDArray[np.float64]) -> bool:
     """Whether points (n, 2) are approximately on a circle, by least squares of |p|² = 2 c p + k after their mean; for points on
     a line, whether they are its two ends."""
     points = points - points.mean(0)
-    left, size, _ = np.linalg.svd(points, full_matrices=False)
+    modes, size, _ = np.linalg.svd(points, full_matrices=False)
     if size[1] < _SAME * size[0]:
-        along = left[:, 0] * size[0]
+        along = modes[:, 0] * size[0]
         radii = np.abs(along - (along.max() + along.min()) / 2)
     else:
         design = np.hstack([2 * points, np.ones((len(points), 1))])

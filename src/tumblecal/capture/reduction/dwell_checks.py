@@ -135,10 +135,10 @@ def _warm_up(times: NDArray[np.float64], blocks: NDArray[np.float64]) -> tuple[N
     rounding = k * (1e-14 * np.abs(blocks).max()) ** 2 + 1e-30
     without = (straight**2).sum(0) + rounding
     explained = decays.T @ straight
-    left = ((straight - decays.T[:, :, None] * explained[:, None]) ** 2).sum(1)
-    best = int(np.argmin((left / without).sum(1)))
+    residual = ((straight - decays.T[:, :, None] * explained[:, None]) ** 2).sum(1)
+    best = int(np.argmin((residual / without).sum(1)))
     amplitude = explained[best] / rest[best]
-    f = without / (left[best] + rounding) - 1.0
+    f = without / (residual[best] + rounding) - 1.0
     # Twenty time constants were tried on three axes.
     p = min(1.0, 60 * float(special.fdtrc(1, max(k - 4, 1), np.maximum(f, 0.0) * max(k - 4, 1)).min()))
     return amplitude, float(shares[best] * duration), p

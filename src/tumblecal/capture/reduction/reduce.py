@@ -20,7 +20,7 @@ from tumblecal.capture.journal import (
     replayed,
     sha256_of,
 )
-from tumblecal.capture.log import Kind, read_log
+from tumblecal.capture.log import RecordKind, read_log
 from tumblecal.capture.protocols import Protocol, protocol
 from tumblecal.capture.protocols.stim300 import settings_of
 from tumblecal.capture.reduction.reduction import Reduction, reduction_of
@@ -135,7 +135,9 @@ def decoded_stretch(
     raw: Path, attempt: Attempt, device_protocol: Protocol, settings: Settings | None, options: dict
 ) -> tuple[Samples, NDArray[np.float64], range, list[int]]:
     """Samples of an attempt and shortly before and after it: with stamps, mask of the attempt, and places of replies."""
-    records = [r for r in read_log(raw, attempt.log_before, attempt.log_stop + _AFTER_BYTES) if r.kind == Kind.BYTES]
+    records = [
+        r for r in read_log(raw, attempt.log_before, attempt.log_stop + _AFTER_BYTES) if r.kind == RecordKind.BYTES
+    ]
     decoder = device_protocol.decoder(settings, **options)
     decoded = decode_all(decoder, b"".join(r.payload for r in records))
     stops = np.cumsum([len(r.payload) for r in records])

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tumblecal.capture.columns.roles import Layout
+from tumblecal.capture.columns.roles import ColumnLayout
 from tumblecal.capture.recordings.damage import Damage
 from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.capture.recordings.table import Reader, SourceTable
@@ -39,7 +39,7 @@ class Contents:
 
     reader: Reader
     tables: list[SourceTable]
-    layout: Layout
+    layout: ColumnLayout
     options: RecordingOptions
     damage: Damage
     rows: int = 0

@@ -15,7 +15,7 @@ import numpy as np
 
 from tumblecal.capture.columns.column_names import LABELS
 from tumblecal.capture.columns.number_range import Wrap, wraps_of_force
-from tumblecal.capture.columns.roles import Layout, has_force, layout_of
+from tumblecal.capture.columns.roles import ColumnLayout, has_force, layout_of
 from tumblecal.capture.columns.units import FORCE, RATE, Column
 from tumblecal.capture.decoding.sample_table import write_frames
 from tumblecal.capture.recordings import source_tables
@@ -42,7 +42,8 @@ if TYPE_CHECKING:
 class SampleStream:
     """The table of a recording's samples, in pieces; `contents` counts the rows as they are read.
 
-    `frames_with(names)` gives the frames of all rows, with the columns `WHOLE`, `ROW` and, for these source columns, `OWN`.
+    `frames_with(names)` gives the frames of all rows, with the columns `WHOLE`, `ROW` and, for these columns of the
+    source, `SOURCE_COLUMNS`.
     """
 
     contents: Contents
@@ -203,7 +204,7 @@ def _chosen(path: Path, tables: list[SourceTable], options: RecordingOptions) ->
     return max(with_force, key=lambda table: (any("gx" in role for role in table.roles.values()), table.rows or 0))
 
 
-def _in_force_units(layout: Layout, path: Path) -> Layout:
+def _in_force_units(layout: ColumnLayout, path: Path) -> ColumnLayout:
     if layout.unit != "counts":
         return layout
     if layout.per_g is None:

@@ -9,7 +9,7 @@ import numpy as np
 from tumblecal.capture.columns.clock_text import FORMS
 from tumblecal.capture.columns.column_names import LABELS, NUMBERS
 from tumblecal.capture.columns.number_range import wrapped_record
-from tumblecal.capture.columns.roles import Layout
+from tumblecal.capture.columns.roles import ColumnLayout
 from tumblecal.capture.columns.units import FORCE, RATE, reading_of
 from tumblecal.capture.rows.contents import Contents
 from tumblecal.capture.rows.row_repair import erased_record
@@ -32,7 +32,7 @@ _SHOWN = 5
 _DAY_S = 86400
 
 
-def quantity_names(layout: Layout) -> dict[str, str]:
+def quantity_names(layout: ColumnLayout) -> dict[str, str]:
     """The columns' names in the table of samples, by quantity."""
     order = ("time", *FORCE, *RATE, "temperature", *NUMBERS, *LABELS)
     names = {"time": "time_s", "temperature": "temperature_degc"}
@@ -54,7 +54,7 @@ class RowCount:
             self.rows += int(np.count_nonzero(flags))
 
 
-def frames_of(layout: Layout, contents: Contents, path: str, more: Sequence[str]) -> Iterator["pl.DataFrame"]:
+def frames_of(layout: ColumnLayout, contents: Contents, path: str, more: Sequence[str]) -> Iterator["pl.DataFrame"]:
     """The rows in pieces, as for `SampleStream.frames_with`; rows without a complete reading are counted."""
     import polars as pl
 
@@ -126,7 +126,7 @@ def blank_rows(force: "pl.DataFrame") -> np.ndarray:
     return np.repeat(flags[starts] & (lengths >= FEWEST_ERASED), lengths)
 
 
-def _unread_in(layout: Layout, piece: "pl.DataFrame", frame: "pl.DataFrame", row: int) -> str:
+def _unread_in(layout: ColumnLayout, piece: "pl.DataFrame", frame: "pl.DataFrame", row: int) -> str:
     """The cell of a row that is not a number, in words; the cells in general if its text is not stored."""
     for role, name in quantity_names(layout).items():
         value = frame[name].cast(float).to_numpy()[row] if role in (*FORCE, *RATE, "time", *NUMBERS) else 0.0

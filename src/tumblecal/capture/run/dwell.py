@@ -10,7 +10,7 @@ from tumblecal.capture.decoding.losses import Losses, count_losses, losses_from_
 from tumblecal.capture.decoding.samples import Samples, Status
 from tumblecal.capture.port.live import Arrived, collected
 from tumblecal.capture.protocols import Protocol
-from tumblecal.capture.run.stationarity import Block, Blocks, Stationarity, mean_variance, stationarity
+from tumblecal.capture.run.stationarity import Block, BlockCutter, Stationarity, mean_variance, stationarity
 from tumblecal.ground.counted import counted
 
 
@@ -42,7 +42,7 @@ class Dwell:
     flagged: int = 0
 
     def __post_init__(self) -> None:
-        self._cutter = Blocks(self.block)
+        self._cutter = BlockCutter(self.block)
         self._sum = np.zeros(3)
         self._squares = np.zeros(3)
         self._first: NDArray[np.float64] | None = None
@@ -136,7 +136,7 @@ def losses_of(
     attempt: range,
     special_stops: list[int],
 ) -> Losses:
-    """Losses among the samples of `own`, by the counter if there is one, otherwise by time; the others are context."""
+    """Losses among the samples of `attempt`, by the counter if there is one, otherwise by time; the others are context."""
     counter = protocol.counter
     if counter is None or not len(samples) or samples.counter[0] < 0:
         return losses_from_time(host_s[attempt.start : attempt.stop], None)

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tumblecal.capture.port.live import Arrived
-from tumblecal.capture.run.stationarity import Block, Blocks, is_still
+from tumblecal.capture.run.stationarity import Block, BlockCutter, is_still
 
 
 _RECENT_BLOCKS = 3
@@ -23,7 +23,7 @@ class HeadWatch:
     """
 
     def __init__(self, block: int, to_local_g: float, still_g: float):
-        self._cutter = Blocks(block)
+        self._cutter = BlockCutter(block)
         self._to_local_g, self._still_g = to_local_g, still_g
         self._quiet_rate: NDArray[np.float64] | None = None
         self.blocks: list[Block] = []

@@ -32,7 +32,7 @@ def view_of(guide: Guide) -> View:
     steps, position = plan.steps, max(guide.position, 0)
     speed, last = plan.port.speed, guide.watch.last
     each = (plan.dwell.seconds + plan.dwell.settle_s) / speed
-    left = len(steps) - len(accepted)
+    remaining_positions = len(steps) - len(accepted)
     done = dwell.good if dwell else 0
     needed = dwell.needed if dwell else 0
     remaining = max(needed - done, 0) / guide.rate_hz / speed
@@ -49,7 +49,7 @@ def view_of(guide: Guide) -> View:
         done=done,
         needed=needed,
         left_s=remaining,
-        run_left_s=remaining + each * max(left - (dwell is not None), 0),
+        run_left_s=remaining + each * max(remaining_positions - (dwell is not None), 0),
         mean_g=dwell.mean if dwell else (last.mean if last else blank),
         sd_g=dwell.sd if dwell else (last.sd if last else blank),
         expected_g=plan.expected(position),
@@ -68,8 +68,8 @@ def _note(guide: Guide) -> str:
             seen = " (gravity looks the same as before: turn it, or press Enter)" if guide.must_move else ""
             return f"turn the head there and take your hands away{seen}"
         case Phase.SETTLING:
-            left = guide.plan.dwell.settle_s - guide.settled / guide.rate_hz
-            return f"hands off: {max(left, 0) / guide.plan.port.speed:.0f} s until recording"
+            remaining = guide.plan.dwell.settle_s - guide.settled / guide.rate_hz
+            return f"hands off: {max(remaining, 0) / guide.plan.port.speed:.0f} s until recording"
         case Phase.CLOSING:
             return "done; checking for lost samples"
         case Phase.FINISHED:

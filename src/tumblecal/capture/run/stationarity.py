@@ -24,7 +24,7 @@ class Block:
     n: int
 
 
-class Blocks:
+class BlockCutter:
     """Cuts a stream of samples into blocks of equal size.
 
     **Arguments:**

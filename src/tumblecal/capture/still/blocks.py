@@ -32,7 +32,7 @@ _SAMPLED_ROWS = 50000
 
 
 @dataclass(frozen=True)
-class Blocks:
+class SignalBlocks:
     """Blocks of `size` samples of the accelerations and of the angular rates, if there are any.
 
     **Arguments:**
@@ -77,7 +77,7 @@ def pieces_of(path: Path, columns: list[str], rows: int = _PIECE_ROWS) -> Iterat
         yield first, table.slice(first, rows).select(columns).collect().to_numpy().astype(float)
 
 
-def blocks_of(path: Path, channels: list[str], rate_hz: float, *, timed: bool) -> Blocks:
+def blocks_of(path: Path, channels: list[str], rate_hz: float, *, timed: bool) -> SignalBlocks:
     """The blocks of a table of samples.
 
     **Arguments:**
@@ -118,7 +118,7 @@ def blocks_of(path: Path, channels: list[str], rate_hz: float, *, timed: bool) -
     mean, squares, ends, at_ends, row, start_s, broken = (
         np.concatenate(column, axis=1 if column[0].ndim == 3 else 0) for column in zip(*parts, strict=True)
     )
-    return Blocks(
+    return SignalBlocks(
         size,
         rate_hz,
         rows,

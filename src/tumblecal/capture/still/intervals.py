@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tumblecal.capture.still.blocks import Blocks
+from tumblecal.capture.still.blocks import SignalBlocks
 from tumblecal.capture.still.rough_sensor import rough_sensor
 from tumblecal.capture.still.windows import Windows
 from tumblecal.ground.axes import AXES
@@ -45,7 +45,7 @@ _RESOLVED, _SHARE_AT_END = 1.0, 0.5
 _WANDER, _WANDER_SHARE, _FEWEST = 4.0, 0.03, 3
 
 
-def judged(intervals: list[Interval], blocks: Blocks, windows: Windows) -> tuple[list[Interval], bool]:
+def judged(intervals: list[Interval], blocks: SignalBlocks, windows: Windows) -> tuple[list[Interval], bool]:
     """Intervals with the reasons why some are not used, and whether the attitudes sufficed to check sizes."""
     rows = [_blocks_of(interval, blocks) for interval in intervals]
     for reasons in (_saturation(rows, blocks, windows), _wandering(rows, intervals, blocks, windows)):
@@ -56,7 +56,7 @@ def judged(intervals: list[Interval], blocks: Blocks, windows: Windows) -> tuple
     return _of_odd_size(intervals)
 
 
-def _blocks_of(interval: Interval, blocks: Blocks) -> NDArray[np.int64]:
+def _blocks_of(interval: Interval, blocks: SignalBlocks) -> NDArray[np.int64]:
     """The blocks in an interval, without its knocks."""
     rows = blocks.row
     inside = (rows >= interval.start) & (rows + blocks.size <= interval.stop)
@@ -65,7 +65,7 @@ def _blocks_of(interval: Interval, blocks: Blocks) -> NDArray[np.int64]:
     return np.flatnonzero(inside)
 
 
-def _saturation(rows: list[NDArray[np.int64]], blocks: Blocks, windows: Windows) -> list[str]:
+def _saturation(rows: list[NDArray[np.int64]], blocks: SignalBlocks, windows: Windows) -> list[str]:
     """Check for axes where most samples are one number, the largest or smallest in the interval, although their noise exceeds
     the steps of the numbers. At the end of the range they are saturated, otherwise stuck; coarse steps alone are neither."""
     resolved = (windows.noise[:3] > _RESOLVED * blocks.quantum[:3]) & (blocks.quantum[:3] > 0)
@@ -83,7 +83,9 @@ def _saturation(rows: list[NDArray[np.int64]], blocks: Blocks, windows: Windows)
     return reasons
 
 
-def _wandering(rows: list[NDArray[np.int64]], intervals: list[Interval], blocks: Blocks, windows: Windows) -> list[str]:
+def _wandering(
+    rows: list[NDArray[np.int64]], intervals: list[Interval], blocks: SignalBlocks, windows: Windows
+) -> list[str]:
     """Check for intervals whose means of half seconds scatter much more than those of the others. A hand that wanders by a
     degree, and a sensor that is heated in one attitude, pass."""
     half = windows.length // 2

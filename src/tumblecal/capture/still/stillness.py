@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from tumblecal.capture.recordings.options import Criterion
-from tumblecal.capture.still.blocks import Blocks
+from tumblecal.capture.still.blocks import SignalBlocks
 from tumblecal.capture.still.intervals import Interval, judged
 from tumblecal.capture.still.windows import Windows, trimmed, windows_of
 from tumblecal.ground.gravity import STANDARD, unit_in_g
@@ -20,9 +20,9 @@ _KNOCK_BLOCKS = 3
 # A stretch that is never quieter than this many times the standard deviation at rest is a movement, not a rejected interval.
 _RESTLESS = 3.0
 # A jump is at least this many times the median step in the rest of its run, since the tremble of hands differs.
-_OWN_STEPS = 8.0
+_STEPS_OF_RUN = 8.0
 # Means within this many windows on both sides of a jump differ by this share of it; after a swing they do not.
-_BESIDE_JUMP, _LASTING = 3, 0.5
+_NEAR_JUMP, _LASTING = 3, 0.5
 _LEAST_FOR_LISTING = 0.3
 _ONE_ATTITUDE_DEG = 10.0
 
@@ -44,7 +44,7 @@ class Stillness:
     intervals: list[Interval]
     noise: NDArray[np.float64]
     dof: NDArray[np.float64]
-    blocks: Blocks
+    blocks: SignalBlocks
     joins: int = 0
     size_judged: bool = False
 
@@ -79,7 +79,7 @@ class Stillness:
         return {axis: float(step) for axis, step, noise in steps if step > 2 * noise}
 
 
-def still_intervals(blocks: Blocks, criterion: Criterion = Criterion()) -> Stillness:
+def still_intervals(blocks: SignalBlocks, criterion: Criterion = Criterion()) -> Stillness:
     """Find the intervals at rest of a recording.
 
     **Arguments:**
@@ -101,7 +101,7 @@ def still_intervals(blocks: Blocks, criterion: Criterion = Criterion()) -> Still
     return Stillness(criterion, intervals, windows.noise, windows.dof, blocks, int(joins), size_judged)
 
 
-def _runs(blocks: Blocks, windows: Windows, false_alarm: float) -> list[list[tuple[int, int]]]:
+def _runs(blocks: SignalBlocks, windows: Windows, false_alarm: float) -> list[list[tuple[int, int]]]:
     """Runs (start, stop) of blocks in which each two neighbours are in one still window; split where the mean jumps."""
     still, linked = (_covered(windows.still, windows.length, len(blocks), inner) for inner in (0, 1))
     begins = still & ~(linked & np.concatenate([[False], still[:-1]]))
@@ -124,7 +124,7 @@ def _covered(still: NDArray[np.bool_], length: int, count: int, inner: int) -> N
     return np.cumsum(edges)[:count] > 0
 
 
-def _parted(run: tuple[int, int], blocks: Blocks, windows: Windows) -> list[tuple[int, int]]:
+def _parted(run: tuple[int, int], blocks: SignalBlocks, windows: Windows) -> list[tuple[int, int]]:
     """Split a run where the step between the halves of a window exceeds the limit and lasts: slow drift has no such step, and
     that of a swing does not last."""
     start, stop = run
@@ -132,20 +132,20 @@ def _parted(run: tuple[int, int], blocks: Blocks, windows: Windows) -> list[tupl
     jump = windows.jump[start : max(start, stop - windows.length + 1)]
     for window in np.flatnonzero((jump > 1) & (jump == ndimage.maximum_filter1d(jump, windows.length, mode="nearest"))):
         elsewhere = np.delete(jump, slice(max(0, window - windows.length), window + windows.length))
-        if len(elsewhere) >= windows.length and jump[window] < _OWN_STEPS * np.median(elsewhere):
+        if len(elsewhere) >= windows.length and jump[window] < _STEPS_OF_RUN * np.median(elsewhere):
             continue
         at, axis = start + int(window) + half, int(np.argmax(np.abs(windows.step[start + window] / windows.step_limit)))
-        width = _BESIDE_JUMP * windows.length
+        width = _NEAR_JUMP * windows.length
         before, after = (blocks.mean[a:b, axis] for a, b in ((max(start, at - width), at), (at, min(stop, at + width))))
         if np.abs(after.mean() - before.mean()) > _LASTING * np.abs(windows.step[start + window, axis]):
             return [(start, at), *_parted((at, stop), blocks, windows)]
     return [run]
 
 
-def _joined(runs: list[list[tuple[int, int]]], blocks: Blocks, windows: Windows) -> list[list[tuple[int, int]]]:
+def _joined(runs: list[list[tuple[int, int]]], blocks: SignalBlocks, windows: Windows) -> list[list[tuple[int, int]]]:
     """Join runs that only a knock separates."""
     joined: list[list[tuple[int, int]]] = []
-    width = _BESIDE_JUMP * windows.length
+    width = _NEAR_JUMP * windows.length
     for run in runs:
         (start, stop), before = run[0], joined[-1][-1] if joined else None
         if before and start - before[1] <= _KNOCK_BLOCKS and not blocks.broken[before[1] : start + 1].any():
@@ -161,7 +161,7 @@ def _joined(runs: list[list[tuple[int, int]]], blocks: Blocks, windows: Windows)
     return joined
 
 
-def _interval(run: list[tuple[int, int]], blocks: Blocks, criterion: Criterion, *, moving: bool) -> Interval:
+def _interval(run: list[tuple[int, int]], blocks: SignalBlocks, criterion: Criterion, *, moving: bool) -> Interval:
     """A run as an interval. A guard excludes movement: at a cut of the recording there is no guard, unless a longer one was
     stated; at the ends of the recording there is one if the recording has any movement."""
     stated = criterion.guard_s if criterion.guard_s > Criterion.guard_s else 0.0
@@ -180,7 +180,9 @@ def _interval(run: list[tuple[int, int]], blocks: Blocks, criterion: Criterion, 
     return Interval(start, stop, start_s, start_s + max(length_s, 0.0), mean, knocks, reason)
 
 
-def _restless(intervals: list[Interval], blocks: Blocks, windows: Windows, criterion: Criterion) -> list[Interval]:
+def _restless(
+    intervals: list[Interval], blocks: SignalBlocks, windows: Windows, criterion: Criterion
+) -> list[Interval]:
     """Stretches between the intervals that are nearly at rest, with the reasons against them."""
     edges = [
         0,

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from tumblecal.capture.recordings.options import Criterion
-from tumblecal.capture.still.blocks import Blocks
+from tumblecal.capture.still.blocks import SignalBlocks
 
 
 # A window is calm if its standard deviation is below this share of gravity, or a step of the numbers.
@@ -67,7 +67,7 @@ def _sliding(values: NDArray, length: int) -> NDArray:
     return total[length:] - total[:-length]
 
 
-def windows_of(blocks: Blocks, criterion: Criterion, length: int) -> Windows:
+def windows_of(blocks: SignalBlocks, criterion: Criterion, length: int) -> Windows:
     """The windows of `length` blocks, with the limits for rest."""
     centred = blocks.mean - np.median(blocks.mean, axis=0)
     mean = _sliding(centred, length) / length
