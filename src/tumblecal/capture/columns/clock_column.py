@@ -5,9 +5,9 @@ A column `t` or `T` is the time or the temperature. The other columns decide, th
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
+import polars as pl
 
 from tumblecal.capture.columns.clock_text import form_of
 from tumblecal.capture.columns.column_names import EITHER, ColumnName
@@ -15,16 +15,13 @@ from tumblecal.capture.columns.units import TIME_S, Column, numbers_of, unit_of_
 from tumblecal.ground.errors import InputError
 
 
-if TYPE_CHECKING:
-    import polars as pl
-
 _COLDEST_DEGC, _WARMEST_DEGC = -60.0, 150.0
 # Share of the steps of a clock that differ from the usual step by less than half of it.
 _EQUAL_SHARE, _MOST_BACK = 0.8, 0.01
 _CELLS = 100
 
 
-def settled(named: Mapping[str, Column], first: "pl.DataFrame", path: str) -> tuple[dict[str, Column], list[str]]:
+def settled(named: Mapping[str, Column], first: pl.DataFrame, path: str) -> tuple[dict[str, Column], list[str]]:
     """The columns with `t` and `T` assigned to time or temperature, and messages about them.
 
     **Raises:** `InputError` if neither names nor values show whether such a column is the time.
@@ -49,7 +46,7 @@ def settled(named: Mapping[str, Column], first: "pl.DataFrame", path: str) -> tu
     return known, []
 
 
-def _kind(first: "pl.DataFrame", column: Column) -> str:
+def _kind(first: pl.DataFrame, column: Column) -> str:
     """Time or temperature by the values: a time rises in nearly equal steps at a usual rate; a temperature also falls."""
     if not first[column.name].dtype.is_numeric():
         return "time"
@@ -67,10 +64,8 @@ def _kind(first: "pl.DataFrame", column: Column) -> str:
     return "temperature" if usual and not rises else ""
 
 
-def may_be_times(first: "pl.DataFrame", name: str) -> bool:
+def may_be_times(first: pl.DataFrame, name: str) -> bool:
     """Whether a column with the name of a time can be one: dates, times of day, or numbers that increase."""
-    import polars as pl
-
     cells = first[name].drop_nulls()
     if not cells.dtype.is_numeric():
         return len(cells) > 0 and (cells.dtype != pl.String or form_of(cells.head(_CELLS).to_list()) is not None)
@@ -79,7 +74,7 @@ def may_be_times(first: "pl.DataFrame", name: str) -> bool:
     return len(steps) > 0 and bool(np.mean(steps < 0) <= _MOST_BACK) and bool((steps > 0).any())
 
 
-def clock_by_name(first: "pl.DataFrame", names: Mapping[str, ColumnName]) -> Column | None:
+def clock_by_name(first: pl.DataFrame, names: Mapping[str, ColumnName]) -> Column | None:
     """The clock among columns, or None. Of several with names of times and values that can be times, the one whose name has
     the fewest other words."""
     clocks = sorted(
@@ -92,7 +87,7 @@ def clock_by_name(first: "pl.DataFrame", names: Mapping[str, ColumnName]) -> Col
     return next((Column(name, names[name].unit) for name in (*usable, *clocks)), None)
 
 
-def _parted(first: "pl.DataFrame", clocks: Mapping[str, str]) -> Column | None:
+def _parted(first: pl.DataFrame, clocks: Mapping[str, str]) -> Column | None:
     """A clock in two columns, or None: one has whole seconds, the other the fraction of a second in ms, us or ns, by the units
     of the columns."""
     whole, parts = list[str](), list[Column]()
@@ -107,7 +102,7 @@ def _parted(first: "pl.DataFrame", clocks: Mapping[str, str]) -> Column | None:
     return replace(parts[0], whole=whole[0]) if whole and parts else None
 
 
-def clock_by_values(first: "pl.DataFrame", names: Mapping[str, ColumnName], *, nameless: bool) -> str:
+def clock_by_values(first: pl.DataFrame, names: Mapping[str, ColumnName], *, nameless: bool) -> str:
     """The first column that is a clock by its values, among columns without the name of a time; empty for none.
 
     It has dates or times of day, or, if its name has no known word, numbers that only rise. In a file without names these

@@ -2,11 +2,9 @@
 
 import re
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
+import polars as pl
 
-if TYPE_CHECKING:
-    import polars as pl
 
 _TIME = (
     r"(?P<hour>\d{1,3}):(?P<minute>[0-5]\d):(?P<second>[0-5]\d(?:[.,]\d*)?)"
@@ -42,9 +40,8 @@ def form_of(cells: Sequence[str]) -> str | None:
     return None
 
 
-def seconds_of(name: str, form: str, first_day: float = 0.0) -> "pl.Expr":
+def seconds_of(name: str, form: str, first_day: float = 0.0) -> pl.Expr:
     """The times of a column of text, s, from midnight of a day (counted from 1970); null for cells of another form."""
-    import polars as pl
 
     def of_groups(groups: pl.Series) -> pl.Series:
         # Each cell is split only once.
@@ -55,10 +52,8 @@ def seconds_of(name: str, form: str, first_day: float = 0.0) -> "pl.Expr":
     return pl.col(name).str.extract_groups(_PATTERNS[form]).map_batches(of_groups, return_dtype=pl.Float64)
 
 
-def _seconds(*, dated: bool, first_day: float) -> "pl.Expr":
+def _seconds(*, dated: bool, first_day: float) -> pl.Expr:
     """The seconds of the parts of a time, columns of text."""
-    import polars as pl
-
     hour, minute = (pl.col(unit).cast(pl.Int64, strict=False) for unit in ("hour", "minute"))
     second = pl.col("second").str.replace(",", ".", literal=True).cast(pl.Float64, strict=False)
     half = pl.col("half").str.to_lowercase()

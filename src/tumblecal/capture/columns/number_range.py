@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
+import polars as pl
 from numpy.typing import NDArray
 
 from tumblecal.capture.recordings.damage import DamageRecord
@@ -21,8 +22,6 @@ from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2, UNITS_PER_G
 
 
 if TYPE_CHECKING:
-    import polars as pl
-
     from tumblecal.capture.columns.units import Column
 
 # Bits of the types of sensors and loggers.
@@ -38,7 +37,7 @@ _FULL_SCALES_G = np.array([1, 1.5, 2, 3, 4, 6, 8, 12, 16, 24, 30, 32, 48, 50, 64
 _WRITTEN_UNITS = np.array([1.0, 1000.0, STANDARD_GRAVITY_MS2, 9.8, 9.81])
 
 
-Numbers = TypeVar("Numbers", NDArray, "pl.Expr")
+Numbers = TypeVar("Numbers", NDArray, pl.Expr)
 
 
 @dataclass(frozen=True)

@@ -4,9 +4,9 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from itertools import islice
 from types import MappingProxyType
-from typing import TYPE_CHECKING
 
 import numpy as np
+import polars as pl
 
 from tumblecal.capture.columns.clock_column import clock_by_name, clock_by_values, settled
 from tumblecal.capture.columns.column_choice import Unsettled, chosen
@@ -38,9 +38,6 @@ from tumblecal.data.text_layout import ROW
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.text_file import shown
 
-
-if TYPE_CHECKING:
-    import polars as pl
 
 # At most this many pieces of a file without names are read until the values show the accelerations.
 _MOST_PIECES = 16
@@ -122,7 +119,7 @@ def _layout(
     table: SourceTable,
     options: RecordingOptions,
     wanted: tuple[str, Collection[str] | None],
-    found: tuple[dict[str, Column], dict[str, ColumnName], "pl.DataFrame"],
+    found: tuple[dict[str, Column], dict[str, ColumnName], pl.DataFrame],
     guesses: list[str],
     wraps: Mapping[str, Wrap],
 ) -> ColumnLayout:
@@ -226,7 +223,7 @@ def _of(named: Mapping[str, Column], roles: Collection[str]) -> dict[str, Column
 
 
 def _readable(
-    table: SourceTable, named: dict[str, Column], options: RecordingOptions, first: "pl.DataFrame", path: str
+    table: SourceTable, named: dict[str, Column], options: RecordingOptions, first: pl.DataFrame, path: str
 ) -> tuple[dict[str, Column], list[str]]:
     """The columns that have numbers or need none, and messages about ignored columns.
 
@@ -262,7 +259,7 @@ def _needed(table: SourceTable, given: Mapping[str, Column], names: Mapping[str,
 
 
 def _readings(
-    names: Mapping[str, ColumnName], first: "pl.DataFrame", options: RecordingOptions
+    names: Mapping[str, ColumnName], first: pl.DataFrame, options: RecordingOptions
 ) -> Callable[[str, int], np.ndarray]:
     """A function for the numbers of a column on an axis, with the scale and the offset from the options, corrected into the
     range of their type by the triples of names."""
@@ -289,7 +286,7 @@ def _free_names(table: SourceTable, given: Mapping[str, Column]) -> dict[str, Co
 
 
 def _others(
-    table: SourceTable, names: Mapping[str, ColumnName], named: Mapping[str, Column], first: "pl.DataFrame"
+    table: SourceTable, names: Mapping[str, ColumnName], named: Mapping[str, Column], first: pl.DataFrame
 ) -> dict[str, Column]:
     """Time, temperature, labels, angles, and single axes, by the names of unassigned columns. Of several times, the one whose
     name has the fewest other words, if its values can be times."""
@@ -308,6 +305,6 @@ def _others(
     return others | ({"time": clock} if clock else {})
 
 
-def _numeric_or_empty(first: "pl.DataFrame", column: Column) -> bool:
+def _numeric_or_empty(first: pl.DataFrame, column: Column) -> bool:
     cells = first[column.name]
     return cells.dtype.is_numeric() or not any(str(cell).strip() for cell in cells.drop_nulls())

@@ -3,9 +3,9 @@
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
+import polars as pl
 
 from tumblecal.capture.columns.clock_text import FORMS, form_of, seconds_of
 from tumblecal.capture.columns.number_range import Wrap, wraps_of_force, wraps_of_rates
@@ -19,9 +19,6 @@ from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import UNITS_PER_G
 from tumblecal.ground.text_file import shown
 
-
-if TYPE_CHECKING:
-    import polars as pl
 
 FORCE, RATE = tuple(f"a{axis}" for axis in AXES), tuple(f"g{axis}" for axis in AXES)
 # Xsens counts steps of 0.1 ms (MT Manager), or of 1 us (DOT): with the wrong one, the rate is below that of any IMU.
@@ -57,10 +54,8 @@ class Column:
         return [self.name, self.whole] if self.whole else [self.name]
 
 
-def reading_of(column: Column) -> "pl.Expr":
+def reading_of(column: Column) -> pl.Expr:
     """The readings of a column, or the seconds of a clock of dates or times of day."""
-    import polars as pl
-
     if column.unit in FORMS:
         return seconds_of(column.name, column.unit, column.offset)
     values = pl.col(column.name).cast(pl.Float64, strict=False)
@@ -69,7 +64,7 @@ def reading_of(column: Column) -> "pl.Expr":
     return values + pl.col(column.whole).cast(pl.Float64, strict=False) if column.whole else values
 
 
-def numbers_of(frame: "pl.DataFrame", column: Column) -> np.ndarray:
+def numbers_of(frame: pl.DataFrame, column: Column) -> np.ndarray:
     """The readings of a column, (n,); NaN for cells without a number, or with one too large for any quantity."""
     values = frame.select(reading_of(column)).to_series().to_numpy()
     return np.where(np.abs(values) < LARGEST_NUMBER, values, np.nan)
@@ -171,7 +166,7 @@ def in_range(
     table: SourceTable,
     named: dict[str, Column],
     options: RecordingOptions,
-    first: "pl.DataFrame",
+    first: pl.DataFrame,
     known: Mapping[str, Wrap],
 ) -> dict[str, Column]:
     """The columns with the corrections of numbers outside the range of their type: `known` ones, or from the first rows."""
@@ -186,7 +181,7 @@ def in_range(
     return {role: replace(column, wrap=wraps.get(role)) for role, column in named.items()}
 
 
-def wraps_of(named: Mapping[str, Column], first: "pl.DataFrame", per_g: float | None) -> dict[str, Wrap | None]:
+def wraps_of(named: Mapping[str, Column], first: pl.DataFrame, per_g: float | None) -> dict[str, Wrap | None]:
     """Corrections of accelerations and rates outside the range of their type; `per_g`: as of `per_g_of`."""
     wraps = dict[str, Wrap | None]()
     for roles in (FORCE, tuple(role for role in RATE if role in named)):
@@ -205,14 +200,12 @@ def unit_of_step(step: float) -> str:
 
 
 def time_unit(
-    table: SourceTable, named: dict[str, Column], options: RecordingOptions, first: "pl.DataFrame", path: str
+    table: SourceTable, named: dict[str, Column], options: RecordingOptions, first: pl.DataFrame, path: str
 ) -> tuple[dict[str, Column], list[str]]:
     """The unit of the times: by option, by name, or the first in which the rate is plausible for an IMU.
 
     **Raises:** `InputError` for times that cannot be read, or are not times.
     """
-    import polars as pl
-
     column = named["time"]
     if column.whole:
         return named, []
@@ -252,7 +245,7 @@ def time_unit(
     return named | {"time": Column(column.name, "s", TIME_S[unit])}, guesses
 
 
-def unread(table: SourceTable, first: "pl.DataFrame", column: Column) -> str:
+def unread(table: SourceTable, first: pl.DataFrame, column: Column) -> str:
     """The first cell of a column that is not a number, and its place, for a fault."""
     at = _first_filled(first, column)
     if at is None:
@@ -261,23 +254,21 @@ def unread(table: SourceTable, first: "pl.DataFrame", column: Column) -> str:
     return f"{row}column {column.name}: {shown(first[column.name][at])}"
 
 
-def first_cell(first: "pl.DataFrame", column: Column) -> object:
+def first_cell(first: pl.DataFrame, column: Column) -> object:
     """The first cell of a column that is not a number, or None."""
     at = _first_filled(first, column)
     return None if at is None else first[column.name][at]
 
 
-def _first_filled(first: "pl.DataFrame", column: Column) -> int | None:
+def _first_filled(first: pl.DataFrame, column: Column) -> int | None:
     cells = first[column.name]
     if cells.dtype.is_numeric():
         return None
     return next((k for k, cell in enumerate(cells) if cell is not None and str(cell).strip()), None)
 
 
-def _clock(first: "pl.DataFrame", column: Column) -> Column | None:
+def _clock(first: pl.DataFrame, column: Column) -> Column | None:
     """A column of dates or times of day, with its form as unit and the first day as offset; None for other times."""
-    import polars as pl
-
     cells = first[column.name].drop_nulls()
     if isinstance(cells.dtype, pl.Datetime | pl.Duration | pl.Time) and len(cells):
         scale = TIME_S[getattr(cells.dtype, "time_unit", "ns")]

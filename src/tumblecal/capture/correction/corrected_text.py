@@ -4,9 +4,9 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+import polars as pl
 from jaxtyping import Float
 
 from tumblecal.capture.recordings.table import TextCells
@@ -16,9 +16,6 @@ from tumblecal.data.text_layout import TextLayout
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.text_file import opened
 
-
-if TYPE_CHECKING:
-    import polars as pl
 
 _PIECE = 1 << 23
 _END = re.compile("(\r\n|\n|\r)")
@@ -161,18 +158,14 @@ def _released(text: str, separator: str) -> str:
     return text
 
 
-def _texts(values: Float[np.ndarray, "rows 3"], decimal: str) -> list["pl.Series"]:
+def _texts(values: Float[np.ndarray, "rows 3"], decimal: str) -> list[pl.Series]:
     """Numbers of the three axes as text, with all digits."""
-    import polars as pl
-
     texts = [pl.Series(np.ascontiguousarray(column), dtype=pl.Float64).cast(pl.String) for column in values.T]
     return [text.str.replace(".", decimal, literal=True) for text in texts] if decimal != "." else texts
 
 
-def _with_cells(lines: list[str], cells: TextCells, texts: Sequence["pl.Series"]) -> list[str]:
+def _with_cells(lines: list[str], cells: TextCells, texts: Sequence[pl.Series]) -> list[str]:
     """Lines with new texts in the three cells; blanks and quotation marks around a cell do not change."""
-    import polars as pl
-
     mark, shift, between = cells.layout.separator, 0, cells.layout.separator
     series = pl.Series("line", lines, dtype=pl.String)
     if mark == " ":
@@ -193,8 +186,6 @@ def _with_cells(lines: list[str], cells: TextCells, texts: Sequence["pl.Series"]
 
 def _change(lines: list[str], ends: list[str], before: int, cells: TextCells, changes: HeaderChanges) -> None:
     """Change the header and the comments among some lines, in place; `before` lines precede them."""
-    import polars as pl
-
     for k, line in enumerate(lines):
         if changes.removed and stated([line]).keys() & changes.removed:
             lines[k] = ends[k] = ""

@@ -3,9 +3,9 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+import polars as pl
 from jaxtyping import Float
 
 from tumblecal.capture.correction.corrected_text import HeaderChanges, replaced_text
@@ -20,10 +20,6 @@ from tumblecal.data.reading_checks import ReadingChecks
 from tumblecal.data.text_layout import ROW
 from tumblecal.ground.errors import InputError, one_line
 from tumblecal.ground.gravity import SOURCE_KEY, STANDARD, VALUE_KEY, Gravity, comments_of, unit_in_g
-
-
-if TYPE_CHECKING:
-    import polars as pl
 
 
 # The comment with the rows of the source that have no reading and are not in the corrected file.
@@ -61,8 +57,6 @@ def write_corrected(out: Path, source: Uncorrected, correction: Correction) -> t
 
     **Raises:** `InputError` if rows cannot be corrected, or are from a different unit; nothing is written then.
     """
-    import polars as pl
-
     calibration, header = correction.calibration, source.header.in_g_of(correction.calibration.gravity)
     _same_unit(correction, header)
     _check_needs(correction, header)
@@ -71,7 +65,7 @@ def write_corrected(out: Path, source: Uncorrected, correction: Correction) -> t
     needed = calibration.columns_needed
     checks = ReadingChecks(header.columns, header.row_word, *_temperatures(calibration))
 
-    def corrected(frame: "pl.DataFrame") -> Float[np.ndarray, "rows 3"]:
+    def corrected(frame: pl.DataFrame) -> Float[np.ndarray, "rows 3"]:
         piece = header.with_rows(frame, checks.rows)
         checks.add(piece.readings, piece.row_numbers)
         inputs = {name: piece.numbers(name) for name in needed}
@@ -130,11 +124,9 @@ def _check_names(source: Uncorrected, columns: Sequence[str], names: Sequence[st
 
 
 def _with_force(
-    frame: "pl.DataFrame", corrected: Callable[["pl.DataFrame"], np.ndarray], renamed: Mapping[str, str]
-) -> "pl.DataFrame":
+    frame: pl.DataFrame, corrected: Callable[[pl.DataFrame], np.ndarray], renamed: Mapping[str, str]
+) -> pl.DataFrame:
     """The complete rows of a piece, as in the source, with corrected readings in these columns under new names."""
-    import polars as pl
-
     frame = frame.filter(WHOLE) if WHOLE in frame.columns else frame
     values = corrected(frame)
     columns = (

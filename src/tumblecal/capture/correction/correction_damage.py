@@ -8,9 +8,9 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+import polars as pl
 from numpy.typing import NDArray
 
 from tumblecal.capture.columns.number_range import Wrap
@@ -27,9 +27,6 @@ from tumblecal.data.raw import Raw
 from tumblecal.data.text_layout import ROW
 from tumblecal.ground.atomic import scratch_folder
 
-
-if TYPE_CHECKING:
-    import polars as pl
 
 _RATE = re.compile("g[xyz]_(dps|rads|counts|raw)")
 _MOST_RANGES = 200
@@ -50,10 +47,8 @@ class RowDamage:
     all_usable: bool = True
     wraps: Mapping[str, Wrap] = field(default_factory=dict)
 
-    def marked(self, frames: Iterator["pl.DataFrame"]) -> Iterator["pl.DataFrame"]:
+    def marked(self, frames: Iterator[pl.DataFrame]) -> Iterator[pl.DataFrame]:
         """Frames of all rows; if rows are erased, `WHOLE` marks the others, and `ROW` is the place of each in the source."""
-        import polars as pl
-
         first = 0
         for frame in frames:
             erased, numbers = self.erased[first : first + len(frame)], np.arange(first, first + len(frame)) + 1
@@ -66,7 +61,7 @@ class RowDamage:
 
 
 def row_damage(
-    header: Raw, frames: Iterator["pl.DataFrame"], columns: Sequence[Column], contents: Contents | None = None
+    header: Raw, frames: Iterator[pl.DataFrame], columns: Sequence[Column], contents: Contents | None = None
 ) -> RowDamage:
     """The damage of the rows of a source.
 
@@ -107,10 +102,8 @@ def row_damage(
     return RowDamage(erased, damage, bool(usable.all()) and not erased.any())
 
 
-def _schema(header: Raw) -> "pl.Schema":
+def _schema(header: Raw) -> pl.Schema:
     """The columns that show damage: accelerations, rates, times."""
-    import polars as pl
-
     rates = [name for name in header.frame.columns if _RATE.fullmatch(name)]
     times = [TIME] if TIME in header.frame.columns else []
     return pl.Schema(dict.fromkeys([*header.columns, *rates, *times], pl.Float64))
@@ -118,8 +111,6 @@ def _schema(header: Raw) -> "pl.Schema":
 
 def _sound_rows(header: Raw) -> int:
     """The number of rows of a Parquet file whose readings are all numbers and need not be written again; 0 for others."""
-    import polars as pl
-
     if header.path.suffix != ".parquet" or not all(header.frame[name].dtype.is_numeric() for name in _schema(header)):
         return 0
     usable = pl.all_horizontal(pl.col(header.columns).abs() < LARGEST_NUMBER).all().alias("usable")
@@ -129,12 +120,10 @@ def _sound_rows(header: Raw) -> int:
 
 
 def _write_numbers(
-    path: Path, header: Raw, frames: Iterator["pl.DataFrame"]
-) -> tuple["pl.Schema", NDArray[np.bool_], NDArray[np.bool_]]:
+    path: Path, header: Raw, frames: Iterator[pl.DataFrame]
+) -> tuple[pl.Schema, NDArray[np.bool_], NDArray[np.bool_]]:
     """Write the readings and times of the usable rows as Parquet; return the columns, the mask of these rows, and the mask of
     rows without any number."""
-    import polars as pl
-
     schema = _schema(header)
     usable, blank = [np.zeros(0, bool)], [np.zeros(0, bool)]
 
@@ -153,7 +142,7 @@ def _write_numbers(
     return schema, np.concatenate(usable), np.concatenate(blank)
 
 
-def left_out_words(row_word: str, frames: Iterator["pl.DataFrame"]) -> str:
+def left_out_words(row_word: str, frames: Iterator[pl.DataFrame]) -> str:
     """The rows of a source that are not `WHOLE`, such as `lines 52 to 71, 300`; empty for none."""
     parts = [np.zeros(0, int)]
     for frame in frames:

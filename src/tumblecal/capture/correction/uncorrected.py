@@ -4,7 +4,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+
+import polars as pl
 
 from tumblecal.capture.columns.number_range import Wrap
 from tumblecal.capture.columns.units import FORCE, RATE, Column
@@ -21,9 +22,6 @@ from tumblecal.data.text_layout import ROW
 from tumblecal.ground.decimal_marks import marks_of
 from tumblecal.ground.errors import InputError
 
-
-if TYPE_CHECKING:
-    import polars as pl
 
 # The comment with the scale of counts; corrected readings are in g.
 COUNTS = "counts_per_g"
@@ -46,8 +44,8 @@ class Uncorrected:
     """
 
     header: Raw
-    frames: Callable[[bool], Iterator["pl.DataFrame"]]
-    schema: "pl.Schema | None" = None
+    frames: Callable[[bool], Iterator[pl.DataFrame]]
+    schema: pl.Schema | None = None
     names: tuple[str, ...] = ()
     text: TextCells | None = None
     contents: Contents | None = None
@@ -141,7 +139,7 @@ def _damage_of(source: Path, options: RecordingOptions, needed: Sequence[str]) -
         return found((*FORCE, *needed))
 
 
-def _cells_of(header: Raw, frames: Callable[[], Iterator["pl.DataFrame"]]) -> TextCells | None:
+def _cells_of(header: Raw, frames: Callable[[], Iterator[pl.DataFrame]]) -> TextCells | None:
     """Places of the readings in a text table; the decimal mark is that of other columns if the readings do not show it."""
     if header.layout is None:
         return None

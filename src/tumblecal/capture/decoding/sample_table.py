@@ -3,17 +3,15 @@
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 import numpy as np
+import polars as pl
 
 from tumblecal.capture.decoding.samples import Samples, blank
 from tumblecal.data.parquet import metadata_of, put_checksum
 from tumblecal.ground.atomic import unwritable, written_aside
 
-
-if TYPE_CHECKING:
-    import polars as pl
 
 _ROW_GROUP = 1 << 18
 _Piece = TypeVar("_Piece")
@@ -34,7 +32,6 @@ def write_pieces(path: Path, pieces: Iterator[Samples], columns: frozenset[str],
 
     **Raises:** `InputError` if it cannot be written; exceptions of `pieces` are passed on, and no file remains.
     """
-    import polars as pl
 
     def frames() -> Iterator[pl.DataFrame]:
         first = 0
@@ -47,8 +44,8 @@ def write_pieces(path: Path, pieces: Iterator[Samples], columns: frozenset[str],
 
 def write_frames(
     path: Path,
-    frames: Iterator["pl.DataFrame"],
-    schema: "pl.Schema",
+    frames: Iterator[pl.DataFrame],
+    schema: pl.Schema,
     comments: Mapping[str, str] | None = None,
     lines: Sequence[str] | None = None,
 ) -> None:
@@ -60,7 +57,6 @@ def write_frames(
 
     **Raises:** `InputError` if it cannot be written; exceptions of `frames` are passed on, and no file remains.
     """
-    import polars as pl
     from polars.io.plugins import register_io_source
 
     lines = [f"# {key}: {value}" for key, value in (comments or {}).items()] if lines is None else lines

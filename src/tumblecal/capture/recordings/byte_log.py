@@ -2,7 +2,8 @@
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+import polars as pl
 
 from tumblecal.capture.decoding.byte_file import decode_file
 from tumblecal.capture.decoding.samples import Stated
@@ -16,9 +17,6 @@ from tumblecal.capture.recordings.table import Reader, SourceTable
 from tumblecal.ground.atomic import scratch_folder
 from tumblecal.ground.errors import InputError
 
-
-if TYPE_CHECKING:
-    import polars as pl
 
 _COLUMNS = ("time_s", "ax_g", "ay_g", "az_g", "gx_dps", "gy_dps", "gz_dps", "temperature_degc")
 # `text.py` reads text lines of any layout, except lines with the checksums of a protocol.
@@ -47,9 +45,7 @@ def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceT
         damage.report(words)
     columns = _COLUMNS if contents.rate_hz else _COLUMNS[1:]
 
-    def pieces(wanted: Sequence[str]) -> Iterator["pl.DataFrame"]:
-        import polars as pl
-
+    def pieces(wanted: Sequence[str]) -> Iterator[pl.DataFrame]:
         with scratch_folder(path) as folder:
             decoded = folder / "samples.parquet"
             decode_file(path, contents.protocol.name, out=decoded, stated=stated)

@@ -5,9 +5,9 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+import polars as pl
 
 from tumblecal.capture.recordings.damage import Damage
 from tumblecal.capture.recordings.options import RecordingOptions
@@ -19,9 +19,6 @@ from tumblecal.ground.decoding import damaged
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.text_file import opened
 
-
-if TYPE_CHECKING:
-    import polars as pl
 
 _SEEN = 1000
 _MOST_KINDS, _MOST_ITEMS = 12, 32
@@ -83,15 +80,13 @@ def _rows_of_lines(path: Path) -> Iterator[tuple[int, Row | None]]:
         yield from _rows_in(line, piece)
 
 
-def _flat_frame(line: int, piece: bytes, kinds: Mapping[str, bool]) -> "pl.DataFrame | None":
+def _flat_frame(line: int, piece: bytes, kinds: Mapping[str, bool]) -> pl.DataFrame | None:
     """The rows of lines, if each is an object with exactly these keys, each once; otherwise None.
 
     **Arguments:**
 
     - `kinds`: the keys, and whether their values are numbers (otherwise words).
     """
-    import polars as pl
-
     count = piece.count(b"\n") + (not piece.endswith(b"\n"))
     marks = {b"{": count, b"}": count, b"[": 0, b"\\": 0, b"true": 0, b"false": 0, b"},": 0}
     marks |= {json.dumps(key, ensure_ascii=False).encode(): count for key in kinds}
@@ -184,9 +179,7 @@ def _table(
         column for column, name in source_names.items() if any(isinstance(row.get(name), int | float) for row in seen)
     }
 
-    def frames(columns: Sequence[str], rows: Iterable[tuple[int, Row | None]]) -> Iterator["pl.DataFrame"]:
-        import polars as pl
-
+    def frames(columns: Sequence[str], rows: Iterable[tuple[int, Row | None]]) -> Iterator[pl.DataFrame]:
         schema = {name: pl.Float64 if name in numeric else pl.String for name in columns} | {ROW: pl.Int64}
         cells = (
             (*((row or {}).get(source_names[column]) for column in columns), line)
@@ -197,7 +190,7 @@ def _table(
             series = zip(schema.items(), zip(*piece, strict=True), strict=True)
             yield pl.DataFrame([pl.Series(name, values, dtype, strict=False) for (name, dtype), values in series])
 
-    def pieces(columns: Sequence[str]) -> Iterator["pl.DataFrame"]:
+    def pieces(columns: Sequence[str]) -> Iterator[pl.DataFrame]:
         if lines is None:
             yield from frames(columns, rows())
             return

@@ -2,7 +2,8 @@
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+import polars as pl
 
 from tumblecal.capture.recordings.damage import Damage
 from tumblecal.capture.recordings.options import RecordingOptions
@@ -10,14 +11,10 @@ from tumblecal.capture.recordings.table import Reader, SourceTable
 from tumblecal.data.parquet import parquet_pieces, scan_parquet
 
 
-if TYPE_CHECKING:
-    import polars as pl
-
-
 def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceTable]:
     table, rows, comments = scan_parquet(path)
 
-    def pieces(columns: Sequence[str]) -> Iterator["pl.DataFrame"]:
+    def pieces(columns: Sequence[str]) -> Iterator[pl.DataFrame]:
         yield from parquet_pieces(path, table.select(columns))
 
     return [SourceTable("", tuple(table.collect_schema().names()), pieces, rows, comments=comments, sheet=True)]

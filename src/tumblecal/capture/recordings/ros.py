@@ -9,17 +9,15 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import polars as pl
 
 from tumblecal.capture.recordings.damage import Damage
 from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.capture.recordings.table import Reader, SourceTable, library
 from tumblecal.data.parquet import PIECE_ROWS
 from tumblecal.ground.decoding import decoding
-
-
-if TYPE_CHECKING:
-    import polars as pl
 
 
 MCAP_MAGIC, SQLITE_MAGIC = b"\x89MCAP0\r\n", b"SQLite format 3\x00"
@@ -131,9 +129,7 @@ def _pieces(path: Path, table: tuple[str, str, int], warmth: list[str], damage: 
     """The rows of a topic, given by name, type and number of messages; `first_ns`: receives the time of the first."""
     topic, kind, count = table
 
-    def pieces(columns: Sequence[str]) -> Iterator["pl.DataFrame"]:
-        import polars as pl
-
+    def pieces(columns: Sequence[str]) -> Iterator[pl.DataFrame]:
         with _opened(path) as bag:
             rows, temperature, seen = [], float("nan"), 0
             chosen = [c for c in bag.connections if c.topic in (topic, *warmth)]

@@ -3,6 +3,8 @@
 import zipfile
 from pathlib import Path
 
+import polars as pl
+
 from tumblecal.capture.recordings.damage import Damage
 from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.capture.recordings.table import Reader, SourceTable, library, of_arrays
@@ -10,8 +12,6 @@ from tumblecal.ground.decoding import decoding, silenced
 
 
 def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceTable]:
-    import polars as pl
-
     library("fastexcel", path)
     with decoding(path, "spreadsheet"), silenced():
         if zipfile.is_zipfile(path) and (part := zipfile.ZipFile(path).testzip()):

@@ -3,7 +3,8 @@
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+import polars as pl
 
 from tumblecal.capture.columns.units import FINE
 from tumblecal.capture.recordings.damage import Damage
@@ -13,9 +14,6 @@ from tumblecal.capture.recordings.text_sought import check_late_marks, decoded, 
 from tumblecal.data.text_layout import TextLayout
 from tumblecal.ground.text_file import is_utf16
 
-
-if TYPE_CHECKING:
-    import polars as pl
 
 _TEXT_SHARE = 0.95
 _ROLES = {"SampleTimeFine": f"time_{FINE}"}
@@ -42,7 +40,7 @@ def text_table(
 ) -> SourceTable:
     """The rows of a text with this layout as a table of a source."""
 
-    def pieces(columns: Sequence[str]) -> Iterator["pl.DataFrame"]:
+    def pieces(columns: Sequence[str]) -> Iterator[pl.DataFrame]:
         return layout.frames(
             columns,
             check=partial(check_late_marks, layout),

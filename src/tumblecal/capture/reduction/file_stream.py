@@ -3,9 +3,9 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+import polars as pl
 
 from tumblecal.capture.columns.column_names import role_of
 from tumblecal.capture.columns.units import FORCE, unit_by_size
@@ -20,9 +20,6 @@ from tumblecal.data.positions import PositionSet
 from tumblecal.data.table import TIME_CLOCK
 from tumblecal.ground.errors import InputError
 
-
-if TYPE_CHECKING:
-    import polars as pl
 
 # Step of the table's time between files, s: a gap, so that no interval extends across it.
 _APART_S = 1.0
@@ -49,9 +46,9 @@ class _Written:
 
     file: Path
     contents: Contents
-    table: "pl.LazyFrame"
+    table: pl.LazyFrame
     rows: int
-    columns: dict[str, "pl.DataType"]
+    columns: dict[str, pl.DataType]
     comments: dict[str, str]
 
 
@@ -65,8 +62,6 @@ def write_files(
     **Raises:** `InputError` with the faults of all files that cannot be read, and for files that are not of one recording:
     different units, counts, rates, serial numbers or gravity.
     """
-    import polars as pl
-
     try:
         written = _written(files, folder, options, by)
         with guessed(guesses_of([entry.contents for entry in written])):
@@ -144,9 +139,7 @@ def _go_on(files: Sequence[Contents]) -> bool:
     return len(dated) == 1 and bool(np.isfinite(begins).all() and (begins[1:] > begins[:-1] + lasts[:-1]).all())
 
 
-def _frames(written: Sequence[_Written], columns: list[str], parts: list[FilePart]) -> Iterator["pl.DataFrame"]:
-    import polars as pl
-
+def _frames(written: Sequence[_Written], columns: list[str], parts: list[FilePart]) -> Iterator[pl.DataFrame]:
     row, base = 0, 0.0
     for number, entry in enumerate(written, start=1):
         start, last = row, base

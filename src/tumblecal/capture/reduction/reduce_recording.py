@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import polars as pl
 from numpy.typing import NDArray
 
 from tumblecal.capture.capture_plan import CapturePlan, read_plan
@@ -121,8 +122,6 @@ def reduce_by_name(
     path: Path, samples: Path, context: KnownContext, plan: CapturePlan | None, clock: Mapping[str, str]
 ) -> Reduction:
     """Dwells by the column that names them, with the angles of a plan, if given, by name. `clock`: comments of the clock."""
-    import polars as pl
-
     comments = stated_comments(samples, path, plan, hand_held=context.static and plan is None) | dict(clock)
     frame, stored = read_parquet(samples, check=False)
     if plan is not None:

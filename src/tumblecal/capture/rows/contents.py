@@ -1,9 +1,9 @@
 """The contents of a recording, accumulated while it is written: rows, clock, temperature, gaps, damage."""
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
+import polars as pl
 
 from tumblecal.capture.columns.roles import ColumnLayout
 from tumblecal.capture.recordings.damage import Damage
@@ -13,9 +13,6 @@ from tumblecal.capture.rows.row_order import usual_step
 from tumblecal.capture.still.blocks import LONGEST_STEP_S
 from tumblecal.data.joined_clocks import TIME_BEGAN, TIME_ZERO, moment
 
-
-if TYPE_CHECKING:
-    import polars as pl
 
 # Keys of comments that state the sample rate.
 RATE_KEYS = (
@@ -105,7 +102,7 @@ class Contents:
             return None
         return min(self._rates), max(self._rates)
 
-    def add(self, frame: "pl.DataFrame") -> None:
+    def add(self, frame: pl.DataFrame) -> None:
         """Count a piece."""
         self.rows += len(frame)
         if "temperature_degc" in frame.columns:

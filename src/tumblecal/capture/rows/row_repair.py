@@ -17,9 +17,9 @@ Each kind is searched in the samples on disk, in this order, and the table is wr
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+import polars as pl
 from numpy.typing import NDArray
 
 from tumblecal.capture.recordings.damage import DamageRecord
@@ -28,9 +28,6 @@ from tumblecal.capture.rows.row_runs import FEWEST_ERASED, TIME, RowRuns, runs_o
 from tumblecal.data.parquet import PARQUET_ROWS, scan_parquet
 from tumblecal.ground.counted import counted
 
-
-if TYPE_CHECKING:
-    import polars as pl
 
 _PACKETS = 10
 # Fewest changes of the readings in a packet of samples; erased memory after the last row has one change.
@@ -199,10 +196,8 @@ def rows_per_sample(lengths: NDArray[np.int64]) -> float | None:
     return float(found if multiples >= 0.95 else single.mean())
 
 
-def repaired_frames(path: Path, rows: NDArray[np.int64], begin_s: float = 0.0) -> Iterator["pl.DataFrame"]:
+def repaired_frames(path: Path, rows: NDArray[np.int64], begin_s: float = 0.0) -> Iterator[pl.DataFrame]:
     """These rows of a table, in this order and in pieces, with times from `begin_s` on."""
-    import polars as pl
-
     table, count, _ = scan_parquet(path, check=False)
     rising = bool((np.diff(rows) > 0).all())
     whole = None if rising else table.collect()

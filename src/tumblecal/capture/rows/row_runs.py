@@ -3,18 +3,14 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+import polars as pl
 from numpy.typing import NDArray
 
 from tumblecal.capture.columns.units import Column
 from tumblecal.capture.still.blocks import pieces_of
 from tumblecal.data.text_layout import ROW
-
-
-if TYPE_CHECKING:
-    import polars as pl
 
 
 TIME = "time_s"
@@ -70,13 +66,11 @@ def runs_of(flags: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int
     return starts, np.diff(np.append(starts, len(flags)))
 
 
-def without_erased_rows(first: "pl.DataFrame") -> "pl.DataFrame":
+def without_erased_rows(first: pl.DataFrame) -> pl.DataFrame:
     """The first rows of a source without erased memory, before the quantities of its columns are known.
 
     Erased are rows in which all columns stop, if a column rises in nearly all others (a clock) or all cells are one number.
     """
-    import polars as pl
-
     cells = first.select(pl.exclude(ROW))
     numbers = cells.select(pl.all().cast(pl.Float64, strict=False)).to_numpy()
     if len(numbers) < FEWEST_ERASED:

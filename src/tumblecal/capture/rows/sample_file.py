@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from shutil import copyfile
 from types import MappingProxyType
-from typing import TYPE_CHECKING
 
 import numpy as np
+import polars as pl
 
 from tumblecal.capture.columns.column_names import LABELS
 from tumblecal.capture.columns.number_range import Wrap, wraps_of_force
@@ -34,10 +34,6 @@ from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import comments_of, gravity_of_option
 
 
-if TYPE_CHECKING:
-    import polars as pl
-
-
 @dataclass(frozen=True)
 class SampleStream:
     """The table of a recording's samples, in pieces; `contents` counts the rows as they are read.
@@ -47,10 +43,10 @@ class SampleStream:
     """
 
     contents: Contents
-    frames: Iterator["pl.DataFrame"]
-    schema: "pl.Schema"
+    frames: Iterator[pl.DataFrame]
+    schema: pl.Schema
     comments: dict[str, str]
-    frames_with: Callable[[Sequence[str]], Iterator["pl.DataFrame"]]
+    frames_with: Callable[[Sequence[str]], Iterator[pl.DataFrame]]
 
 
 def sample_stream(
@@ -72,8 +68,6 @@ def sample_stream(
 
     **Raises:** `InputError` for a recording that cannot be read, or has no accelerations.
     """
-    import polars as pl
-
     if options.rate is not None and not 0 < options.rate < 1e7:
         raise InputError(f"--rate {options.rate:g}: not a sample rate; give samples a second, above 0 and below 1e7")
     options = replace(options, columns=",".join(filter(None, [options.columns, by and f"position={by}"])))
@@ -157,7 +151,7 @@ def runs_of_samples(rows: Path, contents: Contents, look: Callable[[np.ndarray],
     return row_runs(rows, channels, timed="time" in named, columns=columns, rate_hz=contents.rate_hz, look=look)
 
 
-def _repaired(rows: Path, runs: RowRuns, contents: Contents, path: Path, schema: "pl.Schema") -> Contents:
+def _repaired(rows: Path, runs: RowRuns, contents: Contents, path: Path, schema: pl.Schema) -> Contents:
     """Repair each kind of damage in the table `rows`, and return its contents."""
     for find in repairs():
         repair = find(runs)
@@ -175,7 +169,7 @@ def _repaired(rows: Path, runs: RowRuns, contents: Contents, path: Path, schema:
     return contents
 
 
-def _counted(frames: Iterator["pl.DataFrame"], contents: Contents) -> Iterator["pl.DataFrame"]:
+def _counted(frames: Iterator[pl.DataFrame], contents: Contents) -> Iterator[pl.DataFrame]:
     for frame in frames:
         contents.add(frame)
         yield frame
@@ -228,5 +222,5 @@ def _comments(contents: Contents, path: Path) -> dict[str, str]:
     return comments | gravity | {"imported_from": path.name}
 
 
-def _whole_rows(frames: Iterator["pl.DataFrame"]) -> Iterator["pl.DataFrame"]:
+def _whole_rows(frames: Iterator[pl.DataFrame]) -> Iterator[pl.DataFrame]:
     return (frame.filter(WHOLE).drop(WHOLE, ROW) for frame in frames)

@@ -2,9 +2,9 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+import polars as pl
 
 from tumblecal.capture.columns.clock_text import FORMS
 from tumblecal.capture.columns.column_names import LABELS, NUMBERS
@@ -20,9 +20,6 @@ from tumblecal.ground.errors import InputError
 from tumblecal.ground.plain_text import CONTROLS
 from tumblecal.ground.text_file import shown
 
-
-if TYPE_CHECKING:
-    import polars as pl
 
 # Columns of the frames of a table that retains its columns: these as a struct, and whether a row has a complete reading.
 SOURCE_COLUMNS, WHOLE = "\x00own", "\x00whole"
@@ -54,10 +51,8 @@ class RowCount:
             self.rows += int(np.count_nonzero(flags))
 
 
-def frames_of(layout: ColumnLayout, contents: Contents, path: str, more: Sequence[str]) -> Iterator["pl.DataFrame"]:
+def frames_of(layout: ColumnLayout, contents: Contents, path: str, more: Sequence[str]) -> Iterator[pl.DataFrame]:
     """The rows in pieces, as for `SampleStream.frames_with`; rows without a complete reading are counted."""
-    import polars as pl
-
     named = quantity_names(layout)
     wanted = list(dict.fromkeys(name for role in named for name in layout.columns[role].names))
     needed = [named[role] for role in (*FORCE, *RATE, "time", *NUMBERS) if role in named]
@@ -113,10 +108,8 @@ def frames_of(layout: ColumnLayout, contents: Contents, path: str, more: Sequenc
         contents.damage.add(erased_record(erased.rows, erased.first, "no axis has a number"))
 
 
-def blank_rows(force: "pl.DataFrame") -> np.ndarray:
+def blank_rows(force: pl.DataFrame) -> np.ndarray:
     """Rows of erased memory: all axes are NaN, or have one number too large for any quantity, in many successive rows."""
-    import polars as pl
-
     first = pl.col(force.columns[0])
     empty = pl.all_horizontal(pl.all().is_nan()) | pl.all_horizontal(
         (pl.all().abs() >= LARGEST_NUMBER) & (pl.all() == first)
@@ -126,7 +119,7 @@ def blank_rows(force: "pl.DataFrame") -> np.ndarray:
     return np.repeat(flags[starts] & (lengths >= FEWEST_ERASED), lengths)
 
 
-def _unread_in(layout: ColumnLayout, piece: "pl.DataFrame", frame: "pl.DataFrame", row: int) -> str:
+def _unread_in(layout: ColumnLayout, piece: pl.DataFrame, frame: pl.DataFrame, row: int) -> str:
     """The cell of a row that is not a number, in words; the cells in general if its text is not stored."""
     for role, name in quantity_names(layout).items():
         value = frame[name].cast(float).to_numpy()[row] if role in (*FORCE, *RATE, "time", *NUMBERS) else 0.0
