@@ -12,7 +12,7 @@ from pkgutil import iter_modules
 from tumblecal.capture.decoding.sniff import unknown_words
 from tumblecal.capture.recordings.damage import Damage
 from tumblecal.capture.recordings.options import RecordingOptions
-from tumblecal.capture.recordings.table import Reader, SourceTable
+from tumblecal.capture.recordings.table import Reader, Source, SourceTable
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.suggested_command import EVERY, suggested
 from tumblecal.ground.text_file import check_zero_bytes, no_text_words
@@ -63,7 +63,7 @@ def source_tables(
         known = "; ".join(reader.title for reader in readers())
         words = f": {unknown_words(head)}" if head else ""
         raise InputError(f"{path}: no format recognises it{words}. Supported formats: {known}")
-    return reader, reader.read(path, options, damage or Damage())
+    return reader, reader.read(Source(path, options, damage or Damage()))
 
 
 def _head(path: Path) -> bytes:

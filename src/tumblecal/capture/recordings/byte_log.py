@@ -10,10 +10,8 @@ from tumblecal.capture.decoding.samples import Stated
 from tumblecal.capture.decoding.sniff import ENOUGH, guesses
 from tumblecal.capture.log import MAGIC
 from tumblecal.capture.protocols import protocols
-from tumblecal.capture.recordings.damage import Damage
-from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.capture.recordings.parquet import READER as PARQUET
-from tumblecal.capture.recordings.table import Reader, SourceTable
+from tumblecal.capture.recordings.table import Reader, Source, SourceTable
 from tumblecal.ground.atomic import scratch_folder
 from tumblecal.ground.errors import InputError
 
@@ -32,24 +30,24 @@ def _recognised(path: Path, head: bytes) -> bool:
     return best.explained >= ENOUGH and best.frames >= 3 and protocols()[best.name].checked
 
 
-def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceTable]:
+def _read(source: Source) -> list[SourceTable]:
     """The table of a log: decoded once to count its contents, and again into a temporary file when it is read."""
-    stated = Stated(options.range_g, options.rate)
-    contents = decode_file(path, options.protocol, stated=stated)
+    stated = Stated(source.options.range_g, source.options.rate)
+    contents = decode_file(source.path, source.options.protocol, stated=stated)
     if not contents.samples:
         refused = next((event.content["text"] for event in contents.events if event.kind == "refused"), "no samples")
-        raise InputError(f"{path}: {refused}")
+        raise InputError(f"{source.path}: {refused}")
     if not contents.good:
-        raise InputError(f"{path}: {contents.statistics()}")
+        raise InputError(f"{source.path}: {contents.statistics()}")
     for words in contents.faults():
-        damage.report(words)
+        source.damage.report(words)
     columns = _COLUMNS if contents.rate_hz else _COLUMNS[1:]
 
     def pieces(wanted: Sequence[str]) -> Iterator[pl.DataFrame]:
-        with scratch_folder(path) as folder:
+        with scratch_folder(source.path) as folder:
             decoded = folder / "samples.parquet"
-            decode_file(path, contents.protocol.name, out=decoded, stated=stated)
-            (table,) = PARQUET.read(decoded, options, damage)
+            decode_file(source.path, contents.protocol.name, out=decoded, stated=stated)
+            (table,) = PARQUET.read(source._replace(path=decoded))
             there = [name for name in wanted if name in table.columns]
             for piece in table.pieces([*there, "status"]):
                 lacking = [pl.lit(None, pl.Float64).alias(name) for name in wanted if name not in there]

@@ -10,9 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from tumblecal.capture.recordings.damage import Damage
-from tumblecal.capture.recordings.options import RecordingOptions
-from tumblecal.capture.recordings.table import Reader, SourceTable, of_arrays
+from tumblecal.capture.recordings.table import Reader, Source, SourceTable, of_arrays
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 
@@ -94,8 +92,8 @@ def _scanned(log: bytes) -> tuple[dict[int, _Kind], dict[int, list[int]], int, i
     return kinds, places, skipped + end - at, first if first >= 0 else at
 
 
-def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceTable]:
-    log = path.read_bytes()
+def _read(source: Source) -> list[SourceTable]:
+    log = source.path.read_bytes()
     kinds, places, skipped, first = _scanned(log)
     tables = [
         table
@@ -104,7 +102,7 @@ def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceT
         for table in _tables(kind, log, np.array(places[number]))
     ]
     if skipped:
-        damage.report(
+        source.damage.report(
             f"{counted(skipped, 'byte')} outside messages, the first at byte {first}: messages there are lost"
         )
     if not tables:
@@ -112,7 +110,7 @@ def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceT
             f"{kinds[number].name} ({len(starts)})" for number, starts in places.items() if number in kinds
         )
         raise InputError(
-            f"{path}: no message has AccX, AccY, AccZ; it has {there or 'none'}. Set LOG_BITMASK to log IMU"
+            f"{source.path}: no message has AccX, AccY, AccZ; it has {there or 'none'}. Set LOG_BITMASK to log IMU"
         )
     return tables
 

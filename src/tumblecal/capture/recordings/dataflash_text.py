@@ -9,8 +9,7 @@ from pathlib import Path
 
 from tumblecal.capture.recordings.damage import Damage
 from tumblecal.capture.recordings.dataflash import FORCE, ROLES
-from tumblecal.capture.recordings.options import RecordingOptions
-from tumblecal.capture.recordings.table import Reader, SourceTable
+from tumblecal.capture.recordings.table import Reader, Source, SourceTable
 from tumblecal.capture.recordings.text import text_table
 from tumblecal.data.line_form import LineForm
 from tumblecal.data.text_cells import pieces_of
@@ -22,17 +21,17 @@ from tumblecal.ground.text_file import shown
 _FORMAT = re.compile(rb"^FMT, *\d+, *\d+, *(\w+), *\w+, *([\w,]+)", re.MULTILINE)
 
 
-def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceTable]:
+def _read(source: Source) -> list[SourceTable]:
     fields, instances = dict[str, list[str]](), dict[str, set[str]]()
-    for piece in pieces_of(path):
+    for piece in pieces_of(source.path):
         fields |= {name.decode(): names.decode().split(",") for name, names in _FORMAT.findall(piece)}
         for name, names in fields.items():
             if set(names) >= FORCE and (found := {*re.findall(_begin(name, names), piece, re.MULTILINE)}):
                 instances.setdefault(name, set()).update(map(bytes.decode, found))
     if not instances:
-        raise InputError(f"{path}: no accelerations among its messages {shown(', '.join(fields))}")
+        raise InputError(f"{source.path}: no accelerations among its messages {shown(', '.join(fields))}")
     return [
-        _table(path, name, fields[name], instance, damage)
+        _table(source.path, name, fields[name], instance, source.damage)
         for name in fields.keys() & instances.keys()
         for instance in sorted(instances[name])
     ]

@@ -5,9 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from tumblecal.capture.recordings.damage import Damage
-from tumblecal.capture.recordings.options import RecordingOptions
-from tumblecal.capture.recordings.table import Reader, SourceTable, library, tables_of_arrays
+from tumblecal.capture.recordings.table import Reader, Source, SourceTable, library, tables_of_arrays
 from tumblecal.ground.decoding import decoding, silenced
 
 
@@ -32,8 +30,8 @@ def arrays_of(path: Path) -> dict[str, np.ndarray]:
     return arrays
 
 
-def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceTable]:
-    return tables_of_arrays(arrays_of(path))
+def _read(source: Source) -> list[SourceTable]:
+    return tables_of_arrays(arrays_of(source.path))
 
 
 READER = Reader("HDF5", lambda path, head: head.startswith(b"\x89HDF\r\n\x1a\n"), _read)

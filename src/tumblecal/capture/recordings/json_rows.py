@@ -9,9 +9,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from tumblecal.capture.recordings.damage import Damage
-from tumblecal.capture.recordings.options import RecordingOptions
-from tumblecal.capture.recordings.table import Reader, SourceTable, tables_of_arrays
+from tumblecal.capture.recordings.table import Reader, Source, SourceTable, tables_of_arrays
 from tumblecal.data.parquet import PIECE_ROWS
 from tumblecal.data.text_cells import pieces_of
 from tumblecal.data.text_layout import ROW
@@ -103,22 +101,23 @@ def _flat_frame(line: int, piece: bytes, kinds: Mapping[str, bool]) -> pl.DataFr
     return frame.with_columns(pl.Series(ROW, range(line, line + count), pl.Int64))
 
 
-def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceTable]:
-    seen = [row for _, row in islice(_rows_of_lines(path), _SEEN)]
+def _read(source: Source) -> list[SourceTable]:
+    seen = [row for _, row in islice(_rows_of_lines(source.path), _SEEN)]
     if sum(row is not None for row in seen) > max(0, _WHOLE_SHARE * (len(seen) - 1)):
-        return _tables(seen, lambda: _rows_of_lines(path), "line", path)
-    with opened(path) as file:
+        return _tables(seen, lambda: _rows_of_lines(source.path), "line", source.path)
+    with opened(source.path) as file:
         try:
             content = json.loads(file.read())
         except (ValueError, RecursionError) as error:
-            raise damaged(path, "JSON file", error) from error
+            raise damaged(source.path, "JSON file", error) from error
     if isinstance(content, list) and content and all(isinstance(item, dict) for item in content):
         rows = [_flat(item) for item in content]
         return _tables(rows[:_SEEN], lambda: enumerate(rows, start=1), "element")
     if tables := tables_of_arrays(_arrays(content) if isinstance(content, dict) else {}):
         return tables
     raise InputError(
-        f"{path}: JSON without samples; samples are read from one object a line, a list of objects, or an object of lists"
+        f"{source.path}: JSON without samples; samples are read from one object a line, a list of objects, or an object of "
+        "lists"
     )
 
 

@@ -7,10 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from tumblecal.capture.recordings.damage import Damage
 from tumblecal.capture.recordings.hdf5 import arrays_of
-from tumblecal.capture.recordings.options import RecordingOptions
-from tumblecal.capture.recordings.table import Reader, SourceTable, tables_of_arrays
+from tumblecal.capture.recordings.table import Reader, Source, SourceTable, tables_of_arrays
 from tumblecal.ground.decoding import decoding, silenced
 
 
@@ -18,16 +16,16 @@ _BEGINS = b"MATLAB "
 _HEADER_SIZE, _TAG_SIZE, _COMPRESSED = 128, 8, 15
 
 
-def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceTable]:
+def _read(source: Source) -> list[SourceTable]:
     from scipy.io import loadmat
 
-    with path.open("rb") as file:
+    with source.path.open("rb") as file:
         head = file.read(10)
     if head.startswith(b"MATLAB 7.3"):
-        return tables_of_arrays(arrays_of(path))
-    with decoding(path, "MATLAB file"), silenced():
-        _check_elements(path)
-        variables = loadmat(path, struct_as_record=True, squeeze_me=True)
+        return tables_of_arrays(arrays_of(source.path))
+    with decoding(source.path, "MATLAB file"), silenced():
+        _check_elements(source.path)
+        variables = loadmat(source.path, struct_as_record=True, squeeze_me=True)
     arrays: dict[str, np.ndarray] = {}
     for name, value in variables.items():
         if not name.startswith("__"):

@@ -4,13 +4,9 @@ A frame is AA, a running number (u16), the length of the payload (u8), ticks of 
 (i16), and the sum of all bytes before it (u16); numbers are big-endian.
 """
 
-from pathlib import Path
-
 import numpy as np
 
-from tumblecal.capture.recordings.damage import Damage
-from tumblecal.capture.recordings.options import RecordingOptions
-from tumblecal.capture.recordings.table import Reader, SourceTable, of_arrays
+from tumblecal.capture.recordings.table import Reader, Source, SourceTable, of_arrays
 from tumblecal.ground.decoding import damaged
 
 
@@ -40,11 +36,11 @@ def _first_frame(data: bytes) -> tuple[int, int]:
     return 0, 0
 
 
-def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceTable]:
-    data = path.read_bytes()
+def _read(source: Source) -> list[SourceTable]:
+    data = source.path.read_bytes()
     start, length = _first_frame(data)
     if not length:
-        raise damaged(path, "MIMU log", "no frame")
+        raise damaged(source.path, "MIMU log", "no frame")
     whole, rows = [], 0
     content = np.frombuffer(data, np.uint8)
     while start + length <= len(data):
@@ -59,7 +55,7 @@ def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceT
         start += good * length if good else 1
     frames = np.concatenate(whole)
     if outside := len(data) - rows * length:
-        damage.report(
+        source.damage.report(
             f"{outside} of {len(data)} bytes are outside complete frames with a correct checksum and are left out"
         )
     ticks = np.ascontiguousarray(frames[:, 4:8]).view(">u4")[:, 0].astype(np.int64)

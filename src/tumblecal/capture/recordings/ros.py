@@ -14,8 +14,7 @@ from typing import Any
 import polars as pl
 
 from tumblecal.capture.recordings.damage import Damage
-from tumblecal.capture.recordings.options import RecordingOptions
-from tumblecal.capture.recordings.table import Reader, SourceTable, library
+from tumblecal.capture.recordings.table import Reader, Source, SourceTable, library
 from tumblecal.data.parquet import PIECE_ROWS
 from tumblecal.ground.decoding import decoding
 
@@ -100,10 +99,10 @@ def _opened(path: Path) -> Iterator[Any]:
         yield bag
 
 
-def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceTable]:
-    with decoding(path, "bag", _ADVICE):
-        check_bag(path)
-    with _opened(path) as bag:
+def _read(source: Source) -> list[SourceTable]:
+    with decoding(source.path, "bag", _ADVICE):
+        check_bag(source.path)
+    with _opened(source.path) as bag:
         topics = {c.topic: (c.msgtype, bag.topics[c.topic].msgcount) for c in bag.connections}
     warmth = [topic for topic, (kind, _) in topics.items() if kind == _TEMPERATURE]
     tables = []
@@ -113,7 +112,7 @@ def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceT
             columns = tuple(name for name in columns if name != "temperature")
         roles = {name: role for name, role in _ROLES.items() if name in columns}
         first_ns = list[int]()
-        pieces = _pieces(path, (topic, kind, count), warmth[:1], damage, first_ns)
+        pieces = _pieces(source.path, (topic, kind, count), warmth[:1], source.damage, first_ns)
         zero_s = partial(_seconds, first_ns)
         tables.append(
             SourceTable(topic, columns, pieces, count, roles, description=kind, row_word="message", zero_s=zero_s)

@@ -1,22 +1,19 @@
 """Spreadsheets (.xlsx, .xls, .ods), by polars and fastexcel: a table for each sheet."""
 
 import zipfile
-from pathlib import Path
 
 import polars as pl
 
-from tumblecal.capture.recordings.damage import Damage
-from tumblecal.capture.recordings.options import RecordingOptions
-from tumblecal.capture.recordings.table import Reader, SourceTable, library, of_arrays
+from tumblecal.capture.recordings.table import Reader, Source, SourceTable, library, of_arrays
 from tumblecal.ground.decoding import decoding, silenced
 
 
-def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceTable]:
-    library("fastexcel", path)
-    with decoding(path, "spreadsheet"), silenced():
-        if zipfile.is_zipfile(path) and (part := zipfile.ZipFile(path).testzip()):
+def _read(source: Source) -> list[SourceTable]:
+    library("fastexcel", source.path)
+    with decoding(source.path, "spreadsheet"), silenced():
+        if zipfile.is_zipfile(source.path) and (part := zipfile.ZipFile(source.path).testzip()):
             raise ValueError(f"{part}: its CRC-32 is wrong")
-        sheets = pl.read_excel(path, sheet_id=0, raise_if_empty=False)
+        sheets = pl.read_excel(source.path, sheet_id=0, raise_if_empty=False)
     tables = []
     for name, sheet in sheets.items():
         if len(sheet):

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -87,6 +87,14 @@ class SourceTable:
         return path if self.header is None else f"{path}:{self.row_word} {self.header}"
 
 
+class Source(NamedTuple):
+    """A file or folder, the options for it, and its damage, to which its format and its rows add."""
+
+    path: Path
+    options: RecordingOptions
+    damage: Damage
+
+
 @dataclass(frozen=True)
 class Reader:
     """A format.
@@ -94,13 +102,13 @@ class Reader:
     **Arguments:**
 
     - `title`: name for messages. `recognises`: whether a path and its first 64 kB have this format.
-    - `read`: the tables of a source with the options; damage is reported if sound rows remain, now or while the rows are
-      read. `rank`: formats of higher rank are tried later.
+    - `read`: the tables of a source; damage is reported if sound rows remain, now or while the rows are read. `rank`:
+      formats of higher rank are tried later.
     """
 
     title: str
     recognises: Callable[[Path, bytes], bool]
-    read: Callable[[Path, RecordingOptions, Damage], list[SourceTable]]
+    read: Callable[[Source], list[SourceTable]]
     rank: int = 0
 
 

@@ -2,14 +2,12 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
-from pathlib import Path
 
 import polars as pl
 
 from tumblecal.capture.columns.units import FINE
 from tumblecal.capture.recordings.damage import Damage
-from tumblecal.capture.recordings.options import RecordingOptions
-from tumblecal.capture.recordings.table import Reader, SourceTable, TextCells
+from tumblecal.capture.recordings.table import Reader, Source, SourceTable, TextCells
 from tumblecal.capture.recordings.text_sought import check_late_marks, decoded, sought_layouts
 from tumblecal.data.text_layout import TextLayout
 from tumblecal.ground.text_file import is_utf16
@@ -30,9 +28,12 @@ def _is_text(head: bytes) -> bool:
     return usual > _TEXT_SHARE * len(text)
 
 
-def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceTable]:
-    layouts, comments = sought_layouts(path, options)
-    return [text_table(name if len(layouts) > 1 else "", layout, comments, damage) for name, layout in layouts.items()]
+def _read(source: Source) -> list[SourceTable]:
+    layouts, comments = sought_layouts(source.path, source.options)
+    return [
+        text_table(name if len(layouts) > 1 else "", layout, comments, source.damage)
+        for name, layout in layouts.items()
+    ]
 
 
 def text_table(

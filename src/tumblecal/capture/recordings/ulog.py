@@ -7,9 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from tumblecal.capture.recordings.damage import Damage
-from tumblecal.capture.recordings.options import RecordingOptions
-from tumblecal.capture.recordings.table import Reader, SourceTable, library, of_arrays
+from tumblecal.capture.recordings.table import Reader, Source, SourceTable, library, of_arrays
 from tumblecal.ground.counted import counted
 from tumblecal.ground.decoding import decoding, silenced
 
@@ -65,17 +63,19 @@ _ROLES = {
 }
 
 
-def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceTable]:
-    pyulog: Any = library("pyulog", path)
-    with decoding(path, "ULog"), silenced():
-        log = pyulog.ULog(str(path))
-        if fault := message_fault(path):
-            damage.report(fault)
+def _read(source: Source) -> list[SourceTable]:
+    pyulog: Any = library("pyulog", source.path)
+    with decoding(source.path, "ULog"), silenced():
+        log = pyulog.ULog(str(source.path))
+        if fault := message_fault(source.path):
+            source.damage.report(fault)
         elif log.file_corruption:
-            damage.report("messages that do not fit their formats were left out; messages next to them may be wrong")
+            source.damage.report(
+                "messages that do not fit their formats were left out; messages next to them may be wrong"
+            )
         if log.dropouts:
             lost_ms = sum(dropout.duration for dropout in log.dropouts)
-            damage.report(f"the logger lost messages {counted(len(log.dropouts), 'time')}, {lost_ms} ms in all")
+            source.damage.report(f"the logger lost messages {counted(len(log.dropouts), 'time')}, {lost_ms} ms in all")
     comments = {"system": str(log.msg_info_dict.get("sys_name", ""))}
     tables = []
     for data in log.data_list:

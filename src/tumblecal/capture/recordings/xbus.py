@@ -13,9 +13,7 @@ from tumblecal.capture.decoding.framing import Found, decoded_by_layout
 from tumblecal.capture.decoding.sample_table import columns_of, table_of
 from tumblecal.capture.decoding.samples import Samples
 from tumblecal.capture.protocols.xsens import MTDATA2, layout_of, messages_in, no_force_words, numbers, samples_of
-from tumblecal.capture.recordings.damage import Damage
-from tumblecal.capture.recordings.options import RecordingOptions
-from tumblecal.capture.recordings.table import Reader, SourceTable, of_arrays
+from tumblecal.capture.recordings.table import Reader, Source, SourceTable, of_arrays
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 
@@ -26,13 +24,13 @@ _FEWEST = 3
 _Layout = list[tuple[int, int, int]]
 
 
-def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceTable]:
-    data = np.fromfile(path, np.uint8)
+def _read(source: Source) -> list[SourceTable]:
+    data = np.fromfile(source.path, np.uint8)
     found = messages_in(data, _PREAMBLE, final=True)
     begins, ends = np.append(found.starts, len(data)), np.append(0, found.starts + found.sizes)
     if skipped := int((begins - ends).sum()):
         first = int(ends[np.argmax(begins > ends)])
-        damage.report(
+        source.damage.report(
             f"{counted(skipped, 'byte')} outside messages with a correct sum, the first at byte {first}: left out"
         )
     places = np.stack([found.starts, found.sizes], axis=1)
@@ -44,13 +42,15 @@ def _read(path: Path, options: RecordingOptions, damage: Damage) -> list[SourceT
         if not good.any():
             continue
         if flagged := int((~good).sum()):
-            damage.report(f"{counted(flagged, 'sample')} marked as faulty by the device, or without a number: left out")
+            source.damage.report(
+                f"{counted(flagged, 'sample')} marked as faulty by the device, or without a number: left out"
+            )
         columns = _columns(samples, ticks, good)
         name = "" if bus == _MASTER else f"bus {bus}"
         tables.append(of_arrays(name, columns, roles={role: role for role in columns}, row_word="sample"))
     if not tables:
         why = next(iter(refused), "no MTData2 message has a specific force")
-        raise InputError(f"{path}: {why}")
+        raise InputError(f"{source.path}: {why}")
     return tables
 
 
