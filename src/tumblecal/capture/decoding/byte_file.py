@@ -256,9 +256,9 @@ def _guessed(path: Path, data: bytes) -> Protocol:
 
 
 def _settings(device_protocol: Protocol, stated: Stated) -> Settings | None:
-    if stated.range_g is None:
-        return Settings(rate_hz=stated.rate_hz) if stated.rate_hz and not device_protocol.range_from_stream else None
-    if stated.range_g not in device_protocol.ranges_g:
+    if stated.range_g is None and device_protocol.range_from_stream:
+        return None
+    if stated.range_g is not None and stated.range_g not in device_protocol.ranges_g:
         known = ", ".join(f"{r:g}" for r in device_protocol.ranges_g) or "none: its output is scaled already"
         raise InputError(f"--range-g {stated.range_g:g}: not a range of {device_protocol.name}; its ranges: {known}")
-    return device_protocol.with_range(Settings(rate_hz=stated.rate_hz), stated.range_g)
+    return device_protocol.settings(stated.range_g, stated.rate_hz)

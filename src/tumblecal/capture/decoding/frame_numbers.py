@@ -70,10 +70,10 @@ class FrameNumbers:
     ) -> Numbered:
         """Number the next frames.
 
-            **Arguments:**
+        **Arguments:**
 
-            - `counter`: as the device sent it, shape (n,).
-            - `content`: returns the contents of the frames of a slice, to recognise repeats; without it there are none.
+        - `counter`: as the device sent it, shape (n,).
+        - `content`: returns the contents of the frames of a slice, to recognise repeats; without it there are none.
         - `restarted`: whether the device restarted its counter before this frame, shape (n,).
         - `replies`: for each reply, the frame of this piece that follows it; n after the last frame.
         """

@@ -116,15 +116,8 @@ class LiveStream:
             none = np.zeros(0, np.int64)
             return Arrived(samples, np.zeros(0), none, none, decoded.events, notices)
         which = np.searchsorted(self._byte_stop, samples.stop)
-        table = np.array(self._records)
-        arrived = Arrived(
-            samples,
-            table[which, 2],
-            table[which, 0].astype(np.int64),
-            table[which, 1].astype(np.int64),
-            decoded.events,
-            notices,
-        )
+        start, stop, stamp_s = np.array(self._records)[which].T
+        arrived = Arrived(samples, stamp_s, start.astype(np.int64), stop.astype(np.int64), decoded.events, notices)
         self._byte_stop, self._records = self._byte_stop[which[-1] :], self._records[which[-1] :]
         return arrived
 

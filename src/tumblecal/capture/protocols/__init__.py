@@ -83,6 +83,12 @@ class Protocol:
         given = {"columns": columns, "unit": unit, "whole": whole}
         return {name: value for name, value in given.items() if value and name in self.options}
 
+    def settings(self, range_g: float | None, rate_hz: float | None) -> Settings | None:
+        """The settings of a device that states none itself; None without any."""
+        if range_g is not None:
+            return self.with_range(Settings(rate_hz=rate_hz), float(range_g))
+        return Settings(rate_hz=rate_hz) if rate_hz else None
+
     def check_range(self, range_g: float, named: str) -> None:
         """Raise for a full scale that such devices do not have; `named` begins the fault.
 

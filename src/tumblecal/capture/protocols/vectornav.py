@@ -67,20 +67,20 @@ _REFUSED_FIELDS = {
 _INSTEAD = "not the specific force: set the device's output to VNIMU or to the binary field UncompAccel"
 
 
-def binary_layout(groups: int, words: list[int]) -> tuple[dict[tuple[int, int], int], int] | None:
-    """Place of each field in a binary message's payload, and the payload's size; None for an unknown field."""
-    places, at, k = {}, 0, 0
-    for group in range(8):
-        if not groups >> group & 1:
-            continue
-        sizes = FIELD_SIZES.get(group)
-        for bit in range(16):
-            if words[k] >> bit & 1:
-                if sizes is None or bit >= len(sizes):
-                    return None
-                places[group, bit], at = at, at + sizes[bit]
-        k += 1
-    return places, at
+def binary_layout(message: bytes) -> tuple[dict[tuple[int, int], int], int] | None:
+    """Place of each field in a binary message, and the message's size; None for an unknown field, or none in a group."""
+    groups = message[1]
+    at = 2 + 2 * groups.bit_count()
+    words = unpack_from(f"<{groups.bit_count()}H", message, 2)
+    places = dict[tuple[int, int], int]()
+    for group, word in zip((g for g in range(8) if groups >> g & 1), words, strict=True):
+        sizes = FIELD_SIZES.get(group, ())
+        if not 0 < word < 1 << len(sizes):
+            return None
+        for bit, size in enumerate(sizes):
+            if word >> bit & 1:
+                places[group, bit], at = at, at + size
+    return places, at + 2
 
 
 class VectorNavFraming:
@@ -116,22 +116,19 @@ class VectorNavFraming:
         return end + 1, line_ok(text[:end].rstrip(b"\r"))
 
     def _binary(self, data: NDArray[np.uint8], offset: int) -> tuple[int, bool]:
-        head = data[offset : offset + 14].tobytes()
+        head = data[offset : offset + 16].tobytes()
         if len(head) < 2:
             return 4, False
         groups = head[1]
         if not groups or groups >= 0x80:
             return 0, False
-        n = groups.bit_count()
-        if len(head) < 2 + 2 * n:
-            return 2 + 2 * n, False
-        words = [int.from_bytes(head[2 + 2 * k : 4 + 2 * k], "little") for k in range(n)]
-        layout = binary_layout(groups, words) if all(words) else None
+        if len(head) < 2 + 2 * groups.bit_count():
+            return 2 + 2 * groups.bit_count(), False
+        layout = binary_layout(head)
         if layout is None:
             return 0, False
-        size = 2 + 2 * n + layout[1] + 2
-        message = data[offset : offset + size].tobytes()
-        return size, len(message) == size and crc16_xmodem(message[1:]) == 0
+        message = data[offset : offset + layout[1]].tobytes()
+        return layout[1], len(message) == layout[1] and crc16_xmodem(message[1:]) == 0
 
     def parse(self, data: NDArray[np.uint8], found: Found, offset: int, final: bool) -> tuple[Samples, list[Event]]:
         """One sample a line or message with a specific force; other lines become events."""
@@ -208,10 +205,8 @@ def _line_row(text: str) -> tuple[list[float], list[float], float, int] | None:
 
 def _fields(message: bytes) -> dict[tuple[int, int], int]:
     """Place of each field in a binary message."""
-    n = message[1].bit_count()
-    words = [int.from_bytes(message[2 + 2 * k : 4 + 2 * k], "little") for k in range(n)]
-    layout = binary_layout(message[1], words)
-    return {key: at + 2 + 2 * n for key, at in layout[0].items()} if layout is not None else {}
+    layout = binary_layout(message)
+    return layout[0] if layout is not None else {}
 
 
 def _binary_row(message: bytes) -> tuple[list[float], list[float], float, int] | None:

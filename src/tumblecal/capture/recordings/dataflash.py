@@ -5,7 +5,6 @@ fields of each type. https://ardupilot.org/dev/docs/code-overview-adding-a-new-l
 """
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -128,21 +127,18 @@ def _tables(kind: _Kind, log: bytes, places: NDArray[np.int64]) -> list[SourceTa
     time = next((name for name in _TIMES if name in columns and columns[name].any()), None)
     roles = {name: role for name, role in ROLES.items() if name in columns and (name == time or name not in _TIMES)}
     if _INSTANCE not in columns:
-        return [_table(kind.name, columns, roles)]
+        return [of_arrays(kind.name, columns, roles=roles, row_word="message")]
     instances = columns.pop(_INSTANCE)
     names = [(number, f"{kind.name}/{number}" if number else kind.name) for number in np.unique(instances).tolist()]
     return [
-        _table(name, {key: column[instances == number] for key, column in columns.items()}, roles)
+        of_arrays(
+            name,
+            {key: column[instances == number] for key, column in columns.items()},
+            roles=roles,
+            row_word="message",
+        )
         for number, name in names
     ]
 
 
-def _table(name: str, columns: dict[str, np.ndarray], roles: dict[str, str]) -> SourceTable:
-    return of_arrays(name, columns, roles=roles, row_word="message")
-
-
-def _recognised(path: Path, head: bytes) -> bool:
-    return head.startswith(_MARK + bytes([_FMT]))
-
-
-READER = Reader("ArduPilot DataFlash .bin", _recognised, _read)
+READER = Reader("ArduPilot DataFlash .bin", lambda path, head: head.startswith(_MARK + bytes([_FMT])), _read)

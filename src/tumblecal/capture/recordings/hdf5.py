@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from tumblecal.capture.recordings.table import Reader, Source, SourceTable, library, tables_of_arrays
+from tumblecal.capture.recordings.table import Reader, library, tables_of_arrays
 from tumblecal.ground.decoding import decoding, silenced
 
 
@@ -30,8 +30,8 @@ def arrays_of(path: Path) -> dict[str, np.ndarray]:
     return arrays
 
 
-def _read(source: Source) -> list[SourceTable]:
-    return tables_of_arrays(arrays_of(source.path))
-
-
-READER = Reader("HDF5", lambda path, head: head.startswith(b"\x89HDF\r\n\x1a\n"), _read)
+READER = Reader(
+    "HDF5",
+    lambda path, head: head.startswith(b"\x89HDF\r\n\x1a\n"),
+    lambda source: tables_of_arrays(arrays_of(source.path)),
+)

@@ -55,9 +55,8 @@ def _check_elements(path: Path) -> None:
 def _collect(arrays: dict[str, np.ndarray], name: str, value: Any) -> None:
     """The arrays of a variable; fields of a struct are `name/field`."""
     if isinstance(value, np.ndarray) and value.dtype.names and value.ndim == 0:
-        for field in value.dtype.names:
-            _collect(arrays, f"{name}/{field}", value[()][field])
-    elif isinstance(value, np.void) and value.dtype.names:
+        value = value[()]
+    if isinstance(value, np.void) and value.dtype.names:
         for field in value.dtype.names:
             _collect(arrays, f"{name}/{field}", value[field])
     elif isinstance(value, np.ndarray):

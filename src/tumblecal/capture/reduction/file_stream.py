@@ -76,11 +76,10 @@ def write_files(
     first = written[0]
     shared = [name for name in first.columns if all(name in entry.columns for entry in written) and name != "time_s"]
     schema = {"time_s": pl.Float64(), **{name: first.columns[name] for name in shared}, TIME_CLOCK: pl.String()}
-    comments_of_first = {key: value for key, value in first.comments.items() if key not in ("imported_from", "rate_hz")}
     same = {
         key: value
-        for key, value in comments_of_first.items()
-        if all(entry.comments.get(key) == value for entry in written)
+        for key, value in first.comments.items()
+        if key not in ("imported_from", "rate_hz") and all(entry.comments.get(key) == value for entry in written)
     }
     parts: list[FilePart] = []
     path = folder / "samples.parquet"

@@ -132,7 +132,7 @@ def _in_order(angles: NDArray[np.float64], tolerance_deg: float) -> NDArray[np.i
         choices = np.array([
             total[i - 1] + _SURPLUS,
             np.concatenate([[np.inf], total[i - 1, :-1] + cost[i - 1]]),
-            np.where(_just_matched(move[i - 1]), again, np.inf),
+            np.where(np.isin(move[i - 1], (1, 2)), again, np.inf),
         ])  # fmt: skip
         move[i] = choices.argmin(0)
         total[i] = choices.min(0)
@@ -151,10 +151,6 @@ def _in_order(angles: NDArray[np.float64], tolerance_deg: float) -> NDArray[np.i
             positions[i - 1] = j - 1
         i, j = i - 1, j - (step == 1)
     return positions
-
-
-def _just_matched(moves: NDArray[np.int8]) -> NDArray[np.bool_]:
-    return (moves == 1) | (moves == 2)
 
 
 def _in_any_order(

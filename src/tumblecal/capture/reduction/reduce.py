@@ -158,10 +158,7 @@ def device_settings(state: RunState, plan: CapturePlan, device_protocol: Protoco
     stated = state.configuration
     if stated is not None and "range_g" in stated:
         return settings_of(stated)
-    rate = float(state.device["rate_hz"])
-    if plan.port.range_g is not None:
-        return device_protocol.with_range(Settings(rate_hz=rate), float(plan.port.range_g))
-    return Settings(rate_hz=rate)
+    return device_protocol.settings(plan.port.range_g, float(state.device["rate_hz"]))
 
 
 def _accepted(
@@ -214,12 +211,6 @@ def _asleep_ns(before: Mapping[str, int], after: Mapping[str, int]) -> int:
     return (after["boot_ns"] - before["boot_ns"]) - (after["monotonic_ns"] - before["monotonic_ns"])
 
 
-def _clock_comments(state: RunState, speed: float) -> dict[str, str]:
-    """Comments that state when the times of a capture were zero, for `data.joined_clocks`."""
-    zero = {TIME_ZERO: moment(state.devices[0]["clocks"]["wall_ns"] * 1e-9)}
-    return zero | ({TIME_SPEED: f"{speed:g}"} if speed != 1 else {})
-
-
 def _position_set(
     folder: Path, attempts: Sequence[Attempt], accepted: Sequence[_Accepted], plan: CapturePlan, state: RunState
 ) -> PositionSet:
@@ -235,7 +226,8 @@ def _position_set(
         "operator": session.get("operator", ""),
         "gravity_ms2": f"{plan.site.gravity.value_ms2:.6f}",
         "gravity_source": plan.site.gravity.source,
-        **_clock_comments(state, plan.port.speed),
+        TIME_ZERO: moment(state.devices[0]["clocks"]["wall_ns"] * 1e-9),
+        TIME_SPEED: f"{plan.port.speed:g}" if plan.port.speed != 1 else "",
         "raw_sha256": sha256_of(folder / RAW_NAME),
         SETUP: CaptureSetup.of(plan).text,
     }

@@ -2,11 +2,13 @@
 
 from dataclasses import dataclass
 from enum import Enum
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tumblecal.capture.capture_plan import CapturePlan
+from tumblecal.ground.axes import AXES
 from tumblecal.ground.frames import angle_between_deg
 
 
@@ -83,19 +85,15 @@ def angles_of(plan: CapturePlan, mean_g: NDArray[np.float64]) -> tuple[float, fl
 
 def _swapped(mean_g: NDArray[np.float64], expected: NDArray[np.float64], tolerance_deg: float) -> str | None:
     """Whether one reversed axis or two exchanged axes would make it fit."""
-    for axis, name in enumerate("xyz"):
-        flipped = mean_g.copy()
-        flipped[axis] *= -1
-        if angle_between_deg(flipped, expected) <= tolerance_deg:
-            return f"the sign of axis {name} seems reversed"
-    if angle_between_deg(-mean_g, expected) <= tolerance_deg:
-        return "all signs seem reversed"
-    for first, second in ((0, 1), (0, 2), (1, 2)):
-        exchanged = mean_g.copy()
-        exchanged[[first, second]] = mean_g[[second, first]]
-        if angle_between_deg(exchanged, expected) <= tolerance_deg:
-            return f"axes {'xyz'[first]} and {'xyz'[second]} seem exchanged"
-    return None
+    changes = {f"the sign of axis {name} seems reversed": np.diag(1 - 2 * np.eye(3)[k]) for k, name in enumerate(AXES)}
+    changes |= {"all signs seem reversed": -np.eye(3)}
+    for first, second in combinations(range(3), 2):
+        order = [{first: second, second: first}.get(k, k) for k in range(3)]
+        changes[f"axes {AXES[first]} and {AXES[second]} seem exchanged"] = np.eye(3)[order]
+    fitting = (
+        words for words, change in changes.items() if angle_between_deg(change @ mean_g, expected) <= tolerance_deg
+    )
+    return next(fitting, None)
 
 
 def _range_hint(size: float) -> str:

@@ -212,8 +212,6 @@ def _settings(run: RunFolder, device_protocol: Protocol) -> Settings | None:
     plan, stated = run.plan, run.state.configuration
     if device_protocol.range_from_stream and stated is not None and "range_g" in stated:
         return settings_of(stated)
-    rate = float(plan.port.rate_hz) if plan.port.rate_hz else None
-    if plan.port.range_g is None:
-        return Settings(rate_hz=rate) if rate else None
-    device_protocol.check_range(plan.port.range_g, f"port.range_g: {plan.port.range_g:g}")
-    return device_protocol.with_range(Settings(rate_hz=rate), float(plan.port.range_g))
+    if plan.port.range_g is not None:
+        device_protocol.check_range(plan.port.range_g, f"port.range_g: {plan.port.range_g:g}")
+    return device_protocol.settings(plan.port.range_g, plan.port.rate_hz)
