@@ -10,7 +10,8 @@ from recordings_made import ATTITUDES, imu_columns, made, text
 
 from hand_held_sessions import Hand, counts, drawn
 from tumblecal.capture.recordings.options import Criterion, KnownContext, RecordingOptions
-from tumblecal.capture.reduction.reduce_recording import NothingStill, reduce_recording
+from tumblecal.capture.reduction.means_at_rest import NothingStill
+from tumblecal.capture.reduction.reduce_recording import reduce_recording
 from tumblecal.capture.still.blocks import blocks_of
 from tumblecal.capture.still.stillness import still_intervals
 from tumblecal.ground.errors import InputError

@@ -228,7 +228,7 @@ def _still_reduction(
     output: Output,
 ) -> None:
     """Write a reduction by still intervals, and print its `words`; if no interval is still, only the figure."""
-    from tumblecal.capture.reduction.reduce_recording import NothingStill
+    from tumblecal.capture.reduction.means_at_rest import NothingStill
     from tumblecal.capture.reduction.reduction import write_reduction
     from tumblecal.report.recording_words import left_out_words
 

@@ -14,15 +14,9 @@ from tumblecal.capture.recordings.guesses import guessed
 from tumblecal.capture.recordings.options import Criterion, KnownContext, RecordingOptions
 from tumblecal.capture.reduction.file_positions import FilePosition, FilePositions, at_step
 from tumblecal.capture.reduction.file_stream import FilePart, guesses_of, rate_of_files, with_clocks, write_files
+from tumblecal.capture.reduction.means_at_rest import check_still, reduced_at_rest, stillness_of
 from tumblecal.capture.reduction.plan_match import matched
-from tumblecal.capture.reduction.reduce_recording import (
-    check_still,
-    reduce_by_name,
-    reduced_at_rest,
-    run_and_mount,
-    stated_comments,
-    stillness_of,
-)
+from tumblecal.capture.reduction.reduce_recording import reduce_by_name, run_and_mount, stated_comments
 from tumblecal.capture.reduction.reduce_table import names_of
 from tumblecal.capture.reduction.reduction import Reduction
 from tumblecal.capture.reduction.still_by_file import (
