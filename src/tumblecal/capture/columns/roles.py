@@ -1,6 +1,6 @@
 """Quantities and units of the columns of a recording: by option, by the format, by name, or by value."""
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from itertools import islice
 from types import MappingProxyType
@@ -12,7 +12,7 @@ from tumblecal.capture.columns.clock_column import clock_by_name, clock_by_value
 from tumblecal.capture.columns.column_choice import Unsettled, chosen
 from tumblecal.capture.columns.column_names import CLOCKS, EITHER, NUMBERS, ColumnName, parsed, role_of
 from tumblecal.capture.columns.number_range import Wrap
-from tumblecal.capture.columns.stated_columns import columns_of_option, given_columns, per_axis, scaled
+from tumblecal.capture.columns.stated_columns import columns_of_option, given_columns, readings_of, scaled
 from tumblecal.capture.columns.triples import ALIKE, Columns, triples_of, usual_unit
 from tumblecal.capture.columns.units import (
     FORCE,
@@ -27,7 +27,6 @@ from tumblecal.capture.columns.units import (
     rate_unit,
     time_unit,
     unread,
-    wraps_of,
 )
 from tumblecal.capture.recordings.guesses import guessed
 from tumblecal.capture.recordings.options import RecordingOptions
@@ -127,7 +126,7 @@ def _layout(
     why = {role: "asked for" if role in columns_of_option(table, options) else "format" for role in given}
     named, fitted = dict(given), None
     if not set(FORCE) & set(given):
-        choice = chosen(Columns(table.columns, names, _readings(names, first, options), per_g_of(options.unit)), path)
+        choice = chosen(Columns(table.columns, names, readings_of(names, first, options), per_g_of(options.unit)), path)
         if choice is not None:
             fitted = choice.size
             guesses += choice.guesses
@@ -256,27 +255,6 @@ def _needed(table: SourceTable, given: Mapping[str, Column], names: Mapping[str,
         for name in table.columns
         if name in assigned or (name in names and (names[name].quantity in read or role_of(name)[0]))
     ]
-
-
-def _readings(
-    names: Mapping[str, ColumnName], first: pl.DataFrame, options: RecordingOptions
-) -> Callable[[str, int], np.ndarray]:
-    """A function for the numbers of a column on an axis, with the scale and the offset from the options, corrected into the
-    range of their type by the triples of names."""
-    scale, offset = per_axis(options.scale, "--scale", 1.0), per_axis(options.offset, "--offset", 0.0)
-    wraps = dict[str, Wrap]()
-    for triple in triples_of({name: meaning for name, meaning in names.items() if name in first.columns}):
-        columns = {
-            role: Column(name, "", scale.get(role, 1.0)) for role, name in zip(FORCE, triple.columns, strict=True)
-        }
-        found = wraps_of(columns, first, per_g_of(options.unit))
-        wraps |= {columns[role].name: wrap for role, wrap in found.items() if wrap}
-
-    def readings(name: str, axis: int) -> np.ndarray:
-        column = Column(name, "", scale.get(FORCE[axis], 1.0), offset.get(FORCE[axis], 0.0), wraps.get(name))
-        return numbers_of(first, column)
-
-    return readings
 
 
 def _free_names(table: SourceTable, given: Mapping[str, Column]) -> dict[str, ColumnName]:

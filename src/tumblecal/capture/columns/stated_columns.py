@@ -1,11 +1,15 @@
 """The columns that options name, with their scales and offsets, and those that the format names."""
 
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
+import polars as pl
 
-from tumblecal.capture.columns.column_names import QUANTITIES, exact_role, role_of, same_kind
-from tumblecal.capture.columns.units import FORCE, Column
+from tumblecal.capture.columns.column_names import QUANTITIES, ColumnName, exact_role, role_of, same_kind
+from tumblecal.capture.columns.number_range import Wrap
+from tumblecal.capture.columns.triples import triples_of
+from tumblecal.capture.columns.units import FORCE, Column, numbers_of, per_g_of, wraps_of
 from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.capture.recordings.table import SourceTable
 from tumblecal.ground.errors import InputError
@@ -98,3 +102,24 @@ def scaled(named: dict[str, Column], options: RecordingOptions) -> dict[str, Col
         role: replace(column, scale=scale.get(role, column.scale), offset=offset.get(role, column.offset))
         for role, column in named.items()
     }
+
+
+def readings_of(
+    names: Mapping[str, ColumnName], first: pl.DataFrame, options: RecordingOptions
+) -> Callable[[str, int], np.ndarray]:
+    """A function for the numbers of a column on an axis, with the scale and the offset from the options, corrected into the
+    range of their type by the triples of names."""
+    scale, offset = per_axis(options.scale, "--scale", 1.0), per_axis(options.offset, "--offset", 0.0)
+    wraps = dict[str, Wrap]()
+    for triple in triples_of({name: meaning for name, meaning in names.items() if name in first.columns}):
+        columns = {
+            role: Column(name, "", scale.get(role, 1.0)) for role, name in zip(FORCE, triple.columns, strict=True)
+        }
+        found = wraps_of(columns, first, per_g_of(options.unit))
+        wraps |= {columns[role].name: wrap for role, wrap in found.items() if wrap}
+
+    def readings(name: str, axis: int) -> np.ndarray:
+        column = Column(name, "", scale.get(FORCE[axis], 1.0), offset.get(FORCE[axis], 0.0), wraps.get(name))
+        return numbers_of(first, column)
+
+    return readings

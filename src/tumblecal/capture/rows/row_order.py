@@ -12,6 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tumblecal.capture.still.blocks import stretches_of
+
 
 # A clock is regular if this share of its steps is within a quarter of the usual one.
 _REGULAR, _REGULAR_WITHIN = 0.8, 0.25
@@ -99,9 +101,7 @@ def order_by_clock(times: NDArray[np.float64]) -> RowOrder | None:
 
 def _rows_of(stamps: NDArray[np.int64], starts: NDArray[np.int64], counts: NDArray[np.int64]) -> NDArray[np.int64]:
     """The rows of some stamps, in order."""
-    lengths = counts[stamps]
-    within = np.arange(lengths.sum()) - np.repeat(np.cumsum(lengths) - lengths, lengths)
-    return np.repeat(starts[stamps], lengths) + within
+    return stretches_of(starts[stamps], counts[stamps])[0]
 
 
 def _longest_rising(stamps: NDArray[np.float64]) -> NDArray[np.bool_]:

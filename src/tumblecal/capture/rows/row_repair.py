@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from tumblecal.capture.recordings.damage import DamageRecord
 from tumblecal.capture.rows.row_order import RowOrder, order_by_clock
 from tumblecal.capture.rows.row_runs import FEWEST_ERASED, TIME, RowRuns, runs_of
+from tumblecal.capture.still.blocks import stretches_of
 from tumblecal.data.parquet import PARQUET_ROWS, scan_parquet
 from tumblecal.ground.counted import counted
 
@@ -150,7 +151,7 @@ def one_of_each(runs: RowRuns) -> Repair | None:
     if ratio is None:
         return None
     samples = np.maximum(np.round(lengths / ratio), 1).astype(int)
-    within = np.arange(samples.sum()) - np.repeat(np.cumsum(samples) - samples, samples)
+    _, within = stretches_of(starts, samples)
     rows = np.repeat(starts, samples) + within * np.repeat(lengths, samples) // np.repeat(samples, samples)
     rates = (
         f": the sensor gives {rate_hz / ratio:.4g} samples a second, the file has {rate_hz:.4g} rows" if rate_hz else ""

@@ -77,6 +77,12 @@ def pieces_of(path: Path, columns: list[str], rows: int = _PIECE_ROWS) -> Iterat
         yield first, table.slice(first, rows).select(columns).collect().to_numpy().astype(float)
 
 
+def stretches_of(starts: NDArray, lengths: NDArray, step: int = 1) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The rows of stretches from `starts` on, of `lengths` rows each at distances of `step`; their numbers in the stretch."""
+    number = np.arange(lengths.sum()) - np.repeat(np.cumsum(lengths) - lengths, lengths)
+    return np.repeat(starts, lengths) + step * number, number
+
+
 def blocks_of(path: Path, channels: list[str], rate_hz: float, *, timed: bool) -> SignalBlocks:
     """The blocks of a table of samples.
 
@@ -105,7 +111,8 @@ def blocks_of(path: Path, channels: list[str], rate_hz: float, *, timed: bool) -
         inside = inside[(inside >= begin - base) & (inside < limit)]
         starts = np.concatenate([[begin - base], inside]).astype(int)
         lengths = (np.append(starts[1:], max(limit, begin - base)) - starts) // size
-        at, broken = _block_starts(starts, lengths, size)
+        at, number = stretches_of(starts, lengths, size)
+        broken = number == 0
         broken[: lengths[0]] = broken[: lengths[0]] & cut
         parts.append(
             (*_block_values(signal, at, size), at + base, table[at, -1] if timed else (at + base) / rate_hz, broken)
@@ -134,12 +141,6 @@ def blocks_of(path: Path, channels: list[str], rate_hz: float, *, timed: bool) -
         at_ends,
         channels[0].rpartition("_")[2],
     )
-
-
-def _block_starts(starts: NDArray, lengths: NDArray, size: int) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """First rows of blocks, in stretches from `starts` on of `lengths` blocks each; whether a block is the first of one."""
-    number = np.arange(lengths.sum()) - np.repeat(np.cumsum(lengths) - lengths, lengths)
-    return np.repeat(starts, lengths) + size * number, number == 0
 
 
 def _block_values(signal: NDArray[np.float64], at: NDArray[np.int64], size: int) -> tuple[NDArray, ...]:
