@@ -2,11 +2,10 @@
 
 import json
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +22,7 @@ SETUP = "capture_setup"
 _NOT_COPIED = {"session": {"title", "mount", "run", "notes"}, "port": {"serial_number"}}
 
 
-@dataclass(frozen=True)
-class FileKind:
+class FileKind(NamedTuple):
     """A kind of file: its name in words, its command, and the keys that no other kind has."""
 
     what: str

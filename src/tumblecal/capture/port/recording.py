@@ -23,7 +23,7 @@ class Recording:
     **Arguments:**
 
     - `log`: the raw log; followed from its end.
-    - `url`, `baud`: the port.
+    - `url`, `baud`: the port, and its speed in bits per second.
 
     `synced`: end of the part of the log that is on the disk.
 
@@ -31,8 +31,7 @@ class Recording:
     """
 
     def __init__(self, log: Path, url: str, baud: int):
-        self.log, self._url, self._baud = log, url, baud
-        self._process: subprocess.Popen | None = None
+        self.log, self._url, self.baud = log, url, baud
         self._reader: LogReader | None = None
         self._start = log.stat().st_size if log.exists() else 0
         self.synced = 0
@@ -43,13 +42,7 @@ class Recording:
     @property
     def pid(self) -> int:
         """Process number of the recorder."""
-        assert self._process is not None
         return self._process.pid
-
-    @property
-    def baud(self) -> int:
-        """Bits per second of the port."""
-        return self._baud
 
     @property
     def position(self) -> int:
@@ -57,7 +50,7 @@ class Recording:
         return self._reader.position if self._reader else self._start
 
     def _launch(self) -> None:
-        command = [sys.executable, "-m", "tumblecal.capture.port.recorder", str(self.log), self._url, str(self._baud)]
+        command = [sys.executable, "-m", "tumblecal.capture.port.recorder", str(self.log), self._url, str(self.baud)]
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True)
         assert self._process.stdout is not None
         os.set_blocking(self._process.stdout.fileno(), False)
@@ -85,7 +78,7 @@ class Recording:
             raise InputError(f"{self.log}: cannot be read ({error.strerror})") from error
 
     def _messages(self) -> list[dict]:
-        assert self._process is not None and self._process.stdout is not None
+        assert self._process.stdout is not None
         with contextlib.suppress(OSError, ValueError):
             self._output += self._process.stdout.read() or b""
         *lines, self._output = self._output.split(b"\n")
@@ -99,7 +92,7 @@ class Recording:
 
         **Raises:** `InputError` if the disk is full or failed, or the port cannot be reopened.
         """
-        assert self._process is not None and self._reader is not None
+        assert self._reader is not None
         error = next((m["error"] for m in self._messages() if "error" in m), None)
         records = list(self._reader.records())
         code = self._process.poll()
@@ -127,14 +120,13 @@ class Recording:
         self._command({"send": data.hex()})
 
     def _command(self, content: dict) -> None:
-        assert self._process is not None and self._process.stdin is not None
+        assert self._process.stdin is not None
         with contextlib.suppress(OSError, ValueError):
             self._process.stdin.write((json.dumps(content) + "\n").encode())
             self._process.stdin.flush()
 
     def stop(self) -> list[Record]:
         """End the recorder cleanly and return the last records."""
-        assert self._process is not None
         self._command({"stop": True})
         try:
             self._process.wait(_STOP_S)
@@ -149,7 +141,6 @@ class Recording:
         return records
 
     def _close_pipes(self) -> None:
-        assert self._process is not None
         for stream in (self._process.stdin, self._process.stdout):
             if stream is not None:
                 with contextlib.suppress(OSError):

@@ -34,7 +34,7 @@ class Identity:
     - `configuration`: its settings as it stated them; None if it did not.
     - `confirmed`: whether the instrument now on the line has stated that serial number.
 
-    `heard` is the serial number that was stated last.
+    `heard`: the serial number that was stated last. `tries`: number of queries since the line was interrupted.
     """
 
     def __init__(
@@ -50,17 +50,12 @@ class Identity:
         self.serial_number = serial_number
         self.answer = Answer.CONFIRMED if confirmed else Answer.NONE
         self.heard: str | None = serial_number if confirmed else None
-        self._tries = 0
+        self.tries = 0
         self._until_s = 0.0
-
-    @property
-    def tries(self) -> int:
-        """Number of queries since the line was interrupted."""
-        return self._tries
 
     def interrupted(self) -> None:
         """Query the instrument after an interruption of the line."""
-        self._tries, self.heard = 0, None
+        self.tries, self.heard = 0, None
         self.answer = Answer.ASKED
         self._ask()
 
@@ -81,10 +76,10 @@ class Identity:
         return self.answer
 
     def _ask(self) -> None:
-        if self.serial_number is None or not self._queries or self._tries == len(WAITS_S):
+        if self.serial_number is None or not self._queries or self.tries == len(WAITS_S):
             self.answer = Answer.NONE
             return
         for query in self._queries:
             self._send(query)
-        self._until_s = time.monotonic() + WAITS_S[self._tries]
-        self._tries += 1
+        self._until_s = time.monotonic() + WAITS_S[self.tries]
+        self.tries += 1
