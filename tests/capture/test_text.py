@@ -49,6 +49,14 @@ def test_header_names_in_another_order() -> None:
     np.testing.assert_allclose(found.samples.force[2], [0.004, 0.002, 0.998])
 
 
+def test_header_names_and_units_are_those_of_recordings() -> None:
+    names = "Timestamp (ms);Accelerometer X [g];Accelerometer Y [g];Accelerometer Z [g];Temperatur;LinAccX"
+    found = decoded([names] + [f"{8 * k};1.7;0.2;{1 + k % 2};21.5;0" for k in range(40)])
+    content = found.events[0].content
+    assert content["columns"] == ("time", "ax", "ay", "az", "t", "-") and content["unit"] == "g"
+    assert found.samples.force[1].tolist() == [1.7, 0.2, 2.0] and found.samples.temperature[0] == 21.5
+
+
 def with_check(body: str) -> str:
     value = 0
     for character in body.encode():
