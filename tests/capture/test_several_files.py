@@ -8,8 +8,8 @@ import pytest
 
 from tumblecal.capture.capture_plan import read_plan
 from tumblecal.capture.recordings.options import Criterion, KnownContext, RecordingOptions
+from tumblecal.capture.reduction.file_names import recording_files
 from tumblecal.capture.reduction.file_positions import positions_by_names, positions_by_table
-from tumblecal.capture.reduction.recording_files import recording_files
 from tumblecal.capture.reduction.reduce_files import reduce_files
 from tumblecal.data import read_positions
 from tumblecal.ground.errors import InputError

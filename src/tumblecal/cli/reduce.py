@@ -54,7 +54,7 @@ def reduce(
     figures
         Figure intervals.svg of the still intervals. Example: --no-figures.
     """
-    from tumblecal.capture.reduction.recording_files import recording_files
+    from tumblecal.capture.reduction.file_names import recording_files
     from tumblecal.ground.blas import single_blas_thread
 
     if context.static and context.plan:

@@ -12,11 +12,10 @@ from tumblecal.capture.port.recorder import clocks
 from tumblecal.capture.run.dwell import Dwell, rate_warning, refusal, warning
 from tumblecal.capture.run.estimate_worker import Estimate, EstimateWorker
 from tumblecal.capture.run.expectation import Fault, Verdict, judge
-from tumblecal.capture.run.head_watch import HeadWatch
 from tumblecal.capture.run.identity import Identity
 from tumblecal.capture.run.instrument_doubt import COMPARED_S, InstrumentDoubt
 from tumblecal.capture.run.run_folder import RunFolder
-from tumblecal.capture.run.stationarity import stationarity
+from tumblecal.capture.run.stationarity import HeadWatch, stationarity
 from tumblecal.ground.frames import angle_between_deg
 from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 
