@@ -21,8 +21,11 @@ def on_page_markdown(markdown: str, config: MkDocsConfig, **_: object) -> str:
 def _commands() -> str:
     from tumblecal.cli.commands import app
 
-    written = app.generate_docs()
-    return written.replace("# tumblecal\n", "# Commands\n\nGenerated from the code, as `tumblecal COMMAND --help` prints it.\n", 1)
+    # The site has a table of contents of its own.
+    written = re.sub(r"## Table of Contents\n.*?(?=\*\*Commands\*\*)", "", app.generate_docs(), flags=re.DOTALL)
+    return written.replace(
+        "# tumblecal\n", "# Commands\n\nGenerated from the code, as `tumblecal COMMAND --help` prints it.\n", 1
+    )
 
 
 def _effects() -> str:
