@@ -13,9 +13,10 @@ from tumblecal.budget.monte_carlo import MonteCarlo
 from tumblecal.data.calibration import ORDER
 from tumblecal.estimation.intrinsic import intrinsic, matrix_and_bias, one_sensor
 from tumblecal.ground.atomic import write_text
+from tumblecal.ground.numbers_shown import decimals, rounded, with_decimals
 from tumblecal.ground.units import shown
 from tumblecal.report.drawing import INK, new_figure, save
-from tumblecal.report.history_list import Row, number, table_text
+from tumblecal.report.history_list import Row, table_text
 from tumblecal.report.page import PageTable, Section, inline_figure, write_page
 from tumblecal.report.result_file import source_of
 from tumblecal.report.verdict import Verdict
@@ -128,9 +129,9 @@ def _of_triad(budget: Budget) -> list[tuple[str, float, float, str]]:
     return list(zip(triad.names, triad.values.tolist(), sizes.tolist(), triad.units, strict=True))
 
 
-def _part(size: float, total: float, factor: float, digits: int = 3) -> str:
+def _part(size: float, total: float, factor: float) -> str:
     """A contribution to an uncertainty in its display unit."""
-    return number(size * factor, digits) if size > _NOTHING * total else _NONE
+    return with_decimals(size * factor, decimals(size * factor)) if size > _NOTHING * total else _NONE
 
 
 def combined_words(budget: Budget) -> str:
@@ -151,16 +152,16 @@ def combined_table(budget: Budget) -> tuple[Row, list[Row]]:
     for j in budget.fit.shared:
         unit, factor = shown(budget.fit.units[j])
         best = int(np.argmin(without[:, j]))
-        u = budget.combined[j]
-        cells = [f"{budget.fit.values[j] * factor:z.4f}"]
-        cells += [_part(size, u, factor) for size in (budget.type_a[j], type_b[j], u)]
-        dof = budget.dof[j]
+        u, expanded, dof = budget.combined[j], budget.expanded[j], budget.dof[j]
+        value, *sizes = rounded(budget.fit.values[j] * factor, u * factor, expanded * factor, without[best, j] * factor)
+        cells = [value, *(_part(size, u, factor) for size in (budget.type_a[j], type_b[j])), sizes[0]]
         cells += [
             f"{dof:.{1 if dof < _FEW_DOF else 0}f}" if dof < 1e4 else "inf",
             f"{budget.coverage[j]:.2f}",
-            number(budget.expanded[j] * factor),
+            sizes[1],
         ]
-        rows.append([budget.names[j], unit, *cells, labels[best], _part(without[best, j], budget.expanded[j], factor)])
+        rest = sizes[2] if without[best, j] > _NOTHING * expanded else _NONE
+        rows.append([budget.names[j], unit, *cells, labels[best], rest])
     return ["parameter", "unit", "value", "u_A", "u_B", "u", "nu", "k", "U", "largest input", "U without"], rows
 
 
@@ -169,7 +170,7 @@ def intrinsic_table(budget: Budget) -> tuple[Row, list[Row]]:
     rows = []
     for name, value, u, unit in _of_triad(budget):
         display, factor = shown(unit)
-        rows.append([name, display, f"{value * factor:z.4f}", number(u * factor)])
+        rows.append([name, display, *rounded(value * factor, u * factor)])
     return ["of the triad alone", "unit", "value", "u"], rows
 
 
@@ -179,7 +180,7 @@ def contributions_table(budget: Budget) -> tuple[Row, list[Row]]:
     for j in budget.fit.shared:
         unit, factor = shown(budget.fit.units[j])
         sizes, u = [budget.type_a[j], *budget.sizes[:, j], budget.combined[j]], budget.combined[j]
-        rows.append([budget.names[j], unit, *(_part(size, u, factor, 2) for size in sizes)])
+        rows.append([budget.names[j], unit, *(_part(size, u, factor) for size in sizes)])
     return ["parameter", "unit", *_labels(budget), "u"], rows
 
 
@@ -217,8 +218,9 @@ def monte_carlo_table(budget: Budget, checked: MonteCarlo) -> tuple[Row, list[Ro
     rows = []
     for j in budget.fit.shared:
         unit, factor = shown(budget.fit.units[j])
-        pairs = (budget.combined[j], checked.sd[j], budget.expanded[j], checked.half_width[j])
-        rows.append([budget.names[j], unit, *(number(size * factor) for size in pairs), f"{checked.within[j]:.3f}"])
+        sizes = (budget.combined[j], checked.sd[j], budget.expanded[j], checked.half_width[j])
+        cells = rounded(0.0, *(size * factor for size in sizes))[1:]
+        rows.append([budget.names[j], unit, *cells, f"{checked.within[j]:.3f}"])
     return ["parameter", "unit", "u", "standard deviation of trials", "U", "half width", "within U"], rows
 
 

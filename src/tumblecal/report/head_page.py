@@ -60,7 +60,7 @@ def _sections(found: Together, units: UnitRows, entries: Catalogue, figures: lis
             [
                 name,
                 "–" if size["mean"] is None else rounded_together(size["mean"], size["mean_sd"]),
-                f"{size['sd_between_units']:.3g}",
+                f"{size['sd_between_units']:.2g}",
                 size["unit"],
             ]
             for sizes in spreads.values()

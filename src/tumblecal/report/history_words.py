@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tumblecal.data.sensor_parameters import GROUPS, leaf_of
-from tumblecal.ground.numbers_shown import p_cell, p_words, rounded_together
+from tumblecal.ground.numbers_shown import decimals, p_cell, p_words, rounded, rounded_together, with_decimals
 from tumblecal.ground.units import shown
 from tumblecal.history.comparison import Comparison
 from tumblecal.history.drift import Drift, drifts, without_drift
@@ -42,10 +42,16 @@ def judged(repeats: Repeats) -> str:
 def trend_row(trend: Trend) -> Row:
     """A parameter over time."""
     unit, factor = shown(trend.unit)
-    expanded = trend.expanded[-1] * factor if trend.sd[-1] > 0 else None
-    last_en = float(trend.en[-1]) if len(trend.en) else None
-    cells = [f"{trend.values[-1] * factor:.4f}", number(expanded), unit, "" if last_en is None else _en(last_en)]
-    return [trend.name, *cells, number(trend.drift * factor), number(trend.drift_sd * factor)]
+    last_en = "" if not len(trend.en) else _en(float(trend.en[-1]))
+    last = _with_uncertainty(trend.values[-1] * factor, trend.expanded[-1] * factor if trend.sd[-1] > 0 else np.nan)
+    return [trend.name, *last, unit, last_en, *_with_uncertainty(trend.drift * factor, trend.drift_sd * factor)]
+
+
+def _with_uncertainty(value: float, uncertainty: float) -> list[str]:
+    """A value and its uncertainty in two cells; "" for one that does not exist."""
+    if not np.isfinite(value):
+        return ["", ""]
+    return rounded(value, uncertainty) if np.isfinite(uncertainty) else [*rounded(value, 0.0)[:1], ""]
 
 
 def _en(value: float) -> str:
@@ -238,10 +244,9 @@ def comparison_text(comparison: Comparison) -> str:
     moved = []
     for part in comparison.moved:
         unit, factor = shown(part.unit)
-        values = [f"{value * factor:z.4f}" for value in (part.old, part.new, part.change)]
-        moved.append(
-            [part.name, *values, number(part.sd * factor if part.sd > 0 else None), number(part.in_sd, 2), unit]
-        )
+        places = decimals(part.sd * factor)
+        sizes = [with_decimals(size * factor, places) for size in (part.old, part.new, part.change, part.sd)]
+        moved.append([part.name, *sizes[:3], sizes[3] if part.sd > 0 else "", number(part.in_sd, 2), unit])
     joint = []
     for test in comparison.joint:
         unit, factor = shown(test.unit) if test.unit else ("", 1.0)

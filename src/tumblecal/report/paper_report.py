@@ -12,7 +12,7 @@ from tumblecal.diagnosis import Diagnosis
 from tumblecal.estimation import Fit
 from tumblecal.estimation.methods import Calibrated
 from tumblecal.ground.atomic import write_text
-from tumblecal.ground.numbers_shown import p_cell
+from tumblecal.ground.numbers_shown import decimals, p_cell, with_decimals
 from tumblecal.ground.units import shown
 from tumblecal.planning import NextPlan
 from tumblecal.report.calibration_words import TITLES
@@ -86,7 +86,8 @@ def _methods_table(table1: Calibrated) -> PageTable:
         unit, factor = shown(exact.units[index])
         cells = [exact.values[index], exact.sd[index], *(result.value(name) for result in others)]
         cells.append(paper.SIMULATION_TRUTH[name])
-        rows.append([name, unit, *(f"{value * factor:.3f}" for value in cells)])
+        places = decimals(exact.sd[index] * factor)
+        rows.append([name, unit, *(with_decimals(value * factor, places) for value in cells)])
     return PageTable(header, rows)
 
 
@@ -96,8 +97,11 @@ def _published_table(fit: Fit) -> PageTable:
     for index, name in enumerate(fit.names):
         unit, factor = shown(fit.units[index])
         cells = [*published[name], fit.values[index], fit.sd[index]]
-        difference_u = (published[name][0] - fit.values[index]) / fit.sd[index]
-        rows.append([name, unit, *(f"{value * factor:.3f}" for value in cells), f"{difference_u:+.1f}"])
+        difference_u, places = (
+            (published[name][0] - fit.values[index]) / fit.sd[index],
+            decimals(fit.sd[index] * factor),
+        )
+        rows.append([name, unit, *(with_decimals(value * factor, places) for value in cells), f"{difference_u:+.1f}"])
     return PageTable(
         ["parameter", "unit", "run 1", "run 2", "run 3", "Table 1, exact", "u", "(run 1 - exact) / u"], rows
     )
