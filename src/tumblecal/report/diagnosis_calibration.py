@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -114,19 +115,32 @@ def _undetected(diagnosis: Diagnosis) -> list[str]:
     return [] if undetected is None else sorted(undetected.effects)
 
 
-def _reference(diagnosis: Diagnosis, given: Sequence[str], terms: Sequence[Term]) -> dict[str, float]:
+def _reference(diagnosis: Diagnosis, given: Sequence[str], terms: Sequence[Term]) -> dict[str, Any]:
     """The time (s) and temperature (degC) to which bias and scale factors refer, if the data have such columns.
+
+    A linear drift has its mean at the mean time. With a bend, or a decay longer than the measurement, the parameters are means
+    over the measurement, so the file states this time instead (`findings.reference`). A shorter decay is not included.
 
     **Arguments:**
 
     - `given`: effects of the given model that the file cannot contain. If one depends on time, the bias refers to the origin
       of that time. `terms`: of the file. If they have several reference temperatures, there is no single one.
     """
-    data, listed, entries = diagnosis.data, {}, diagnosis.entries
+    data, entries = diagnosis.data, diagnosis.entries
+    listed: dict[str, Any] = {}
     # Several clocks have no common time.
     one_clock = data.time_s is not None and data.clock is None
     if one_clock and not any("time_s" in entries[id].needs for id in given if id in entries):
-        listed["time_s"] = float(np.mean(np.asarray(data.time_s)))
+        time, bends, decayed = np.asarray(data.time_s), False, set[str]()
+        for explanation in diagnosis.in_use.weighed:
+            for slot in (cause.slot for cause in explanation.members if "time_s" in cause.slot.needs):
+                names = zip(slot.all_columns, slot.names, strict=True)
+                constants = [explanation.fit.value(name) for column, name in names if column in slot.shape]
+                long = all(constant > np.ptp(time) for constant in constants)
+                bends |= slot.order > 1 or (bool(constants) and long)
+                decayed |= {slot.id} if constants and not long else set()
+        listed |= {"mean_over_s": [float(time.min()), float(time.max())]} if bends else {"time_s": float(np.mean(time))}
+        listed |= {"without": sorted(decayed)} if decayed else {}
     if data.temperature_degc is not None:
         references = {term.reference_degc for term in terms if term.thermal}
         if not references:
