@@ -11,6 +11,7 @@ from tumblecal.diagnosis.causes.cause import NO_SLOT
 from tumblecal.diagnosis.causes.identities import one_function_at_1_g
 from tumblecal.diagnosis.findings.factors import Factor, Reason, factors_of
 from tumblecal.diagnosis.sets.classes import Explanation, verdict_of
+from tumblecal.diagnosis.sets.prior import given_found, one_more
 from tumblecal.effects import catalogue
 from tumblecal.effects.effect import output_effect
 from tumblecal.report.cause_words import less_probable_words
@@ -143,6 +144,30 @@ def test_a_set_of_causes_is_identified_by_the_probability_of_it_alone():
     # Nothing but the evidence against all else makes a set of 0.75 less than sure.
     alone = told("bias_drift.x", "warm_up", own=0.75, shares=[0.01])
     assert alone.single_name and verdict_of(alone, False, False, False) == "ambiguous"
+
+
+def test_noise_alone_is_identified_by_its_probability_too():
+    """One threshold for every kind of statement: 0.96 of the causes, given a noise of 0.75, make 0.72 of both."""
+    noise = told("", own=0.96, shares=[])
+    assert (
+        verdict_of(noise, True, False, False) == "identified" and verdict_of(noise, False, False, False) == "adequate"
+    )
+    doubted = noise.times(0.75)
+    assert doubted.probability == pytest.approx(0.72) and verdict_of(doubted, True, False, False) == "ambiguous"
+    assert verdict_of(doubted, False, False, False) == "adequate"
+    effect = told("index_gain", "index_third", own=0.9, shares=[0.05]).times(0.6)
+    assert effect.class_probability == pytest.approx(0.57) and verdict_of(effect, True, False, False) == "ambiguous"
+
+
+def test_faults_found_before_count_as_causes():
+    """`SIZE_PRIOR` 0.25, 0.69, 0.05 with the orders of a set: none given one is 0.69 to 2 * 0.05, not 0.25 to 0.69."""
+    causes = np.arange(3)
+    assert not given_found(causes, 0).any()
+    assert given_found(causes, 1)[1] == pytest.approx(np.log(2 * 0.05 / 0.69) - np.log(0.69 / 0.25))
+    assert given_found(causes, 2)[1] == pytest.approx(np.log(6 * 0.004 / 0.1) - np.log(0.69 / 0.25))
+    assert one_more(causes) == pytest.approx(np.log([0.69 / 0.25, 0.1 / 0.69, 0.024 / 0.1]))
+    # Beyond the largest set each further cause is as rare as the last.
+    assert one_more(np.array([9])) == pytest.approx(np.log(24 * 0.0003 / 0.024))
 
 
 def test_pieces_of_one_thing_and_what_has_no_name_are_doubted_at_any_odds():

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tumblecal.diagnosis.findings.factors import Factor, Reason
+from tumblecal.diagnosis.screening.noise_change import NoiseFault
 from tumblecal.report.diagnosis_tables import class_tables
 from tumblecal.report.diagnosis_verdict import alternatives, headline, reason_words, title
 from tumblecal.report.verdict import Finding, Unresolved, Verdict, verdict_lines
@@ -149,9 +150,12 @@ def test_titles_are_causes_without_their_explanation(cause, words):
     assert title(cause) == words
 
 
-def diagnosed(verdict="ambiguous", labels=("bias_drift.x", "second_order.z"), **changed):
+DOUBTED = {"noise_level": NoiseFault("every sd times 3", "unexplained")}
+
+
+def diagnosed(verdict="ambiguous", labels=("bias_drift.x", "second_order.z"), probability=0.97, **changed):
     """As much of a diagnosis as a headline needs."""
-    best = SimpleNamespace(labels=labels, probability=0.97, single_name=verdict == "identified")
+    best = SimpleNamespace(labels=labels, probability=probability, single_name=verdict == "identified")
     other = SimpleNamespace(probability=0.02)
     screened = SimpleNamespace(detection=SimpleNamespace(p_value=3.2e-13), explanations=[best, other])
     given = {"setup_errors": (), "noise_labels": (), "implausible": (), "located": [], "level": 1.0, "data": range(24)}
@@ -174,6 +178,15 @@ def diagnosed(verdict="ambiguous", labels=("bias_drift.x", "second_order.z"), **
         (
             diagnosed("identified", (), noise_labels=("noise_unequal",)), 1, 0,
             "The noise is not as assumed; otherwise the data are consistent with the nominal model.",
+        ),
+        (
+            diagnosed("ambiguous", (), noise_labels=("noise_level",), noise_wrong={}, probability=0.6), 1, 0,
+            "The noise is not as assumed (probability 0.60); otherwise the data are consistent with the nominal model.",
+        ),
+        (
+            diagnosed("ambiguous", (), noise_labels=("noise_level",), noise_wrong=DOUBTED), 1, 0,
+            "The noise is not as assumed, or an effect without an entry is present; otherwise the data are consistent with "
+            "the nominal model.",
         ),
         (
             diagnosed("unexplained", (), implausible=(SimpleNamespace(stated=None),)), 1, 0,

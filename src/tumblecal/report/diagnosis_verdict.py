@@ -134,7 +134,11 @@ def _of_data(diagnosis: Diagnosis) -> str:
         "the noise is not as assumed": diagnosis.noise_labels,
     }
     wrong = " and ".join(words for words, there in faults.items() if there)
-    doubt = ", or an effect without an entry is present" if diagnosis.verdict == "ambiguous" else ""
+    doubt = ""
+    if diagnosis.verdict == "ambiguous":
+        unnamed = diagnosis.located or any(fault.rival == UNEXPLAINED for fault in diagnosis.noise_wrong.values())
+        probability = f" (probability {diagnosis.best.probability:.2f})"
+        doubt = ", or an effect without an entry is present" if unnamed else probability
     return f"{as_sentence(wrong)}{doubt}; otherwise the data are consistent with the nominal model."
 
 
@@ -245,11 +249,10 @@ def _evidence(diagnosis: Diagnosis) -> Iterator[str]:
     if not diagnosis.best.labels:
         size, dof = diagnosis.nominal.rms * 1e3, diagnosis.nominal.dof
         yield f"Residuals: {size:.3g} mg rms with {diagnosis.model.nominal} parameters, {dof} degrees of freedom."
+        if diagnosis.noise_labels:
+            yield _probability(diagnosis)
         return
-    of = "this class of causes" if diagnosis.best.separable else "this explanation"
-    others = [e for e in diagnosis.screened.explanations if e is not diagnosis.best and e.probability > _LEAST_OTHER]
-    listed = ", ".join(f"{label_words(e.labels) or 'adequate'} {e.probability:.2f}" for e in others[:_MOST_OTHERS])
-    yield f"Probability of {of} {diagnosis.best.probability:.2f}{f'; next: {listed}' if listed else ''}."
+    yield _probability(diagnosis)
     if diagnosis.screened.contradicted:
         yield "The linearised fit favoured these causes, but their exact fit does not reproduce the data."
     gain = diagnosis.gain
@@ -262,6 +265,15 @@ def _evidence(diagnosis: Diagnosis) -> Iterator[str]:
     yield f"Held-out error {changed(before_mg, after_mg, gain.cv_gain_sd_g * 1e3)} mg ({gain.cv_kind}){same}."
     if after_mg > before_mg:
         yield "Warning: the extended model predicts held-out positions WORSE. Do not use it to correct other positions."
+
+
+def _probability(diagnosis: Diagnosis) -> str:
+    """Probability of the statement, and the next explanations with theirs."""
+    of = "this class of causes" if diagnosis.best.separable else "this explanation"
+    others = [e for e in diagnosis.screened.explanations if e is not diagnosis.best and e.probability > _LEAST_OTHER]
+    nothing = "no other error" if diagnosis.noise_labels else "adequate"
+    listed = ", ".join(f"{label_words(e.labels) or nothing} {e.probability:.2f}" for e in others[:_MOST_OTHERS])
+    return f"Probability of {of} {diagnosis.best.probability:.2f}{f'; next: {listed}' if listed else ''}."
 
 
 def _next(

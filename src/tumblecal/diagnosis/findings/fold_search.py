@@ -85,7 +85,7 @@ class _FoldSearch:
         self._pool, self._z, self._known, self._asides = search.pool, search.z, search.known, asides
         ranked = search.ranked()
         self._starts = [ranked.set_at(rank) for rank in range(min(_SETS, len(ranked.members)))]
-        near = ranked.members[ranked.log_posterior > search.top - _NEAR]
+        near = ranked.members[ranked.log_posterior > ranked.log_posterior[0] - _NEAR]
         numbers = np.unique(near[near >= 0]).tolist()
         # Further causes, and the position of each among them.
         self._near = self._pool.only(np.array(numbers, int))

@@ -81,6 +81,7 @@ class NoiseModel:
       (`repeats.Repeats`).
     - `family`: for a member of a continuous family, the covariance by `level`, which may be refined.
     - `groups`: if groups of readings have different standard deviations.
+    - `recorded`: whether a recording suggests it as the noise, so that it is no fault of the noise.
     - `tail`: degrees of freedom of Student's t, if single readings have heavy tails.
     - `kind`: distinguishes models with the same label. `LEVEL`: the standard deviation of all readings is in error by one
       factor of any size, and the noise counts as unknown.
@@ -96,6 +97,7 @@ class NoiseModel:
     kind: str = ""
     groups: NoiseGroups | None = None
     of_means: bool = False
+    recorded: bool = False
 
 
 def noise_models(at: Tangent) -> list[NoiseModel]:

@@ -4,11 +4,14 @@ If the stated standard deviation is too small, all data look like many causes, a
 looks like many. The same causes are searched again with a free level: if they lead then, the level was wrong.
 """
 
+import numpy as np
+
 from tumblecal.diagnosis.noise.alternatives import NoiseAlternatives
 from tumblecal.diagnosis.noise.models import LEVEL
 from tumblecal.diagnosis.screening.noise_scores import NoiseChange, NoiseScores, without_outliers
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.cause_sets import sets_of
+from tumblecal.diagnosis.sets.prior import SetPriors, one_more
 from tumblecal.diagnosis.sets.search import Search
 
 
@@ -32,5 +35,6 @@ def level_change(screened: Screened) -> NoiseChange | None:
     off = any(screened.pool.causes[k].left_out for k in best)
     if tail is not None and (off or tail.log_odds > levels[0].log_weight):
         return None
-    odds = float(ranked.log_posterior[0]) + levels[0].log_weight - screened.search.top
-    return NoiseChange(levels[0], best, odds)
+    causes = SetPriors.of(screened.pool, ranked.members[:1]).causes
+    odds = float(ranked.log_posterior[0] + one_more(causes)[0]) + levels[0].log_weight - screened.search.top
+    return NoiseChange(levels[0], best, odds, float(1.0 / (1.0 + np.exp(-odds))))

@@ -5,6 +5,7 @@ The screen weighs sets of causes under the noise as assumed, and noise models wi
 
 from collections.abc import Callable
 from dataclasses import replace
+from math import prod
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +17,13 @@ from tumblecal.diagnosis.noise.alternatives import NoiseAlternatives
 from tumblecal.diagnosis.noise.fit import corrected
 from tumblecal.diagnosis.noise.models import LEVEL, NOISIER, NoiseModel
 from tumblecal.diagnosis.screening.level import SURE_LEVEL, level_change
-from tumblecal.diagnosis.screening.noise_scores import NoiseChange, NoiseScores, many_outliers, without_outliers
+from tumblecal.diagnosis.screening.noise_scores import (
+    ASSUMED,
+    NoiseChange,
+    NoiseScores,
+    many_outliers,
+    without_outliers,
+)
 from tumblecal.diagnosis.screening.screen import Screening
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.cause_sets import rows_of
@@ -32,18 +39,23 @@ _MOST_REWEIGHTINGS = 3
 # So many causes or more under a stated level may all stand for another level.
 _SEVERAL = 3
 _OUTLIERS = "outlier_position"
-_RIVAL_WORDS = {UNEXPLAINED: "an effect that is not in the catalogue", _OUTLIERS: "a few outlier positions"}
+_RIVAL_WORDS = {
+    UNEXPLAINED: "an effect that is not in the catalogue",
+    _OUTLIERS: "a few outlier positions",
+    ASSUMED: "the noise as assumed",
+}
 
 
 class NoiseFault(NamedTuple):
-    """The fault of the noise, and the alternative as in `NoiseChange`."""
+    """The fault of the noise, its probability and the alternative as in `NoiseChange`."""
 
     measured: str
     rival: str
+    probability: float = 1.0
 
     @property
     def doubtful(self) -> bool:
-        """Whether the alternative is not a noise."""
+        """Whether the alternative is not another fault of the noise."""
         return self.rival in _RIVAL_WORDS
 
     @property
@@ -78,14 +90,20 @@ def screen_with_noise(
         used.append((label, screened.problem.known))
         problem, said = corrected(screened.at, base.z, base.q, change.model)
         before = wrong.get(label, NoiseFault("", ""))
-        wrong[label] = NoiseFault("; ".join(filter(None, [before.measured, said])), change.rival or before.rival)
-        screened = replace(screening, corrected=True)(problem)
+        wrong[label] = NoiseFault(
+            "; ".join(filter(None, [before.measured, said])),
+            change.rival or before.rival,
+            change.probability * before.probability,
+        )
+        screened = replace(screening, corrected=True, found=screening.found + len(wrong))(problem)
     plain = _without_correction(screening, assumed, screened) if wrong else None
     if plain is not None:
         return plain, {}, assumed_p
     if wrong and _without_name(screened, assumed, len(wrong)):
         wrong = {label: fault._replace(rival=UNEXPLAINED) for label, fault in wrong.items()}
-    return screened, wrong, assumed_p
+    # A statement about causes includes the noise that it assumes.
+    probability = prod(fault.probability for fault in wrong.values())
+    return replace(screened, explanations=[own.times(probability) for own in screened.explanations]), wrong, assumed_p
 
 
 def _sure_level(screening: Screening, first: Screened) -> NoiseChange | None:
@@ -167,7 +185,7 @@ def _as_model(noise: MeanNoise, at: Tangent) -> NoiseModel:
         relative = noise.covariance * by_axis[:, :, None] * by_axis[:, None, :]
     else:
         relative = whitening @ noise.covariance @ whitening.swapaxes(1, 2)
-    return NoiseModel(noise.label, noise.label, noise.log_weight, Covariance.by_axis(relative))
+    return NoiseModel(noise.label, noise.label, noise.log_weight, Covariance.by_axis(relative), recorded=True)
 
 
 def noise_change(screened: Screened, used: tuple[str, ...]) -> NoiseChange | None:

@@ -14,12 +14,14 @@ from tumblecal.diagnosis.evidence import LEAST_FREE, log_evidence, log_evidence_
 from tumblecal.diagnosis.noise.alternatives import NoiseAlternatives
 from tumblecal.diagnosis.noise.models import NoiseModel
 from tumblecal.diagnosis.screening.screened import Screened
-from tumblecal.diagnosis.sets.cause_sets import parts_of
-from tumblecal.diagnosis.sets.prior import log_prior
+from tumblecal.diagnosis.sets.cause_sets import parts_of, rows_of
+from tumblecal.diagnosis.sets.prior import SetPriors, one_more
 from tumblecal.diagnosis.sets.search import Search
-from tumblecal.diagnosis.tuning import MANY_OUTLIERS
+from tumblecal.diagnosis.tuning import MANY_OUTLIERS, SURE
 
 
+# The alternative to a fault of the noise: none.
+ASSUMED = "assumed"
 _MOST_SETS = 8
 # A noise model so far (log) behind, before the set is refitted with it, is not tried.
 _HOPELESS = 10.0
@@ -28,12 +30,16 @@ _HOPELESS = 10.0
 @dataclass(frozen=True)
 class NoiseChange:
     """A noise model that, with the causes `members` (indices into the pool), is more probable than the best set of causes
-    under the noise as assumed; `log_odds` of all of its kind against that set. `rival`: another one, indistinguishable with
-    these data."""
+    under the noise as assumed; `log_odds` of all of its kind against that set.
+
+    - `probability`: of its label, among all noise models and the noise as assumed.
+    - `rival`: the best alternative, if these data do not decide.
+    """
 
     model: NoiseModel
     members: tuple[int, ...]
     log_odds: float
+    probability: float
     rival: str = ""
 
 
@@ -52,7 +58,8 @@ class NoiseScores:
     """Noise alternatives with the sets of causes that may go with them.
 
     - `log_posterior`: of each set under each alternative, unnormalised, on the scale of the search's `top`; -inf where the pair
-      is hopeless. `without_outliers`: each set without its outlying positions, which heavy tails replace.
+      is hopeless. A fault of the noise counts as one more cause. `total`: of all sets under the noise as assumed.
+    - `without_outliers`: each set without its outlying positions, which heavy tails replace.
     """
 
     tried: NoiseAlternatives
@@ -60,6 +67,7 @@ class NoiseScores:
     without_outliers: list[tuple[int, ...]]
     log_posterior: Float[np.ndarray, "sets alternatives"]
     top: float
+    total: float
 
     @classmethod
     def of(cls, screened: Screened, tried: NoiseAlternatives) -> "NoiseScores":
@@ -73,8 +81,9 @@ class NoiseScores:
         """Scores of some sets; `many`: whether heavy tails are also tried with outlier positions."""
         others = [without_outliers(search, members) for members in sets]
         scores = np.full((len(sets), len(tried.listed)), -np.inf)
+        total = float(np.logaddexp.reduce(search.ranked().log_posterior))
         if not sets or not tried.listed:
-            return cls(tried, sets, others, scores, search.top)
+            return cls(tried, sets, others, scores, search.top, total)
         gains = _gains(search, sets, tried)
         posterior = np.array([search.posterior(members) for members in sets])
         worth = posterior[:, None] + gains > search.top - _HOPELESS
@@ -85,7 +94,7 @@ class NoiseScores:
         for row, members in enumerate(sets):
             if np.any(worth[row]):
                 scores[row] = np.where(worth[row], _log_posterior(search, members, tried, gains[row]), -np.inf)
-        return cls(tried, sets, others, scores, search.top)
+        return cls(tried, sets, others, scores, search.top, total)
 
     def most_probable(self, among: Callable[[NoiseModel], bool] = lambda _: True) -> NoiseChange | None:
         """The alternative that, with the causes that go best with it, explains the data best; None where all are hopeless."""
@@ -105,7 +114,17 @@ class NoiseScores:
         k = columns[int(np.argmax(self.log_posterior[row, columns]))]
         model = self.tried.listed[k]
         members = self.sets[row] if model.tail is None else self.without_outliers[row]
-        return NoiseChange(model, members, most - self.top)
+        probability, rival = self._probability(model.label)
+        return NoiseChange(model, members, most - self.top, probability, rival)
+
+    def _probability(self, label: str) -> tuple[float, str]:
+        """Probability of the noise models of a label; where that decides nothing, the best alternative too."""
+        by_label, each = {ASSUMED: self.total}, np.logaddexp.reduce(self.log_posterior, axis=0)
+        for value, model in zip(each.tolist(), self.tried.listed, strict=True):
+            by_label[model.label] = float(np.logaddexp(by_label.get(model.label, -np.inf), value))
+        probability = float(np.exp(by_label.pop(label) - np.logaddexp.reduce([*by_label.values()])))
+        probability /= 1.0 + probability
+        return probability, "" if probability >= SURE else max(by_label, key=by_label.__getitem__)
 
 
 def _gains(
@@ -137,7 +156,9 @@ def _log_posterior(
             total[open_level], [(part[open_level], rank) for part, rank in parts], dof, known=False
         )
         scores[gaussian] = tried.log_weights[gaussian] + own - tried.whitening.half_log_dets
-    return scores + log_prior(search.pool, members)
+    priors = SetPriors.of(search.pool, rows_of([members]))
+    recorded = np.array([model.recorded for model in tried.listed], bool)
+    return scores + priors.own + np.where(recorded, 0.0, one_more(priors.causes))
 
 
 def _sets(screened: Screened) -> list[tuple[int, ...]]:

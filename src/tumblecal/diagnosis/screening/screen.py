@@ -24,6 +24,7 @@ from tumblecal.diagnosis.sets.cause_sets import Members, parts_of
 from tumblecal.diagnosis.sets.classes import explanations
 from tumblecal.diagnosis.sets.patchwork import Neighbours
 from tumblecal.diagnosis.sets.positions_off import positions_off
+from tumblecal.diagnosis.sets.prior import given_found
 from tumblecal.diagnosis.sets.search import Search
 from tumblecal.diagnosis.sets.setting_changes import SettingChanges
 from tumblecal.diagnosis.tuning import (
@@ -55,6 +56,7 @@ class Screening:
     - `size`: false alarms allowed, all causes together.
     - `corrected`: whether the noise was corrected from the data: its level is then unknown.
     - `noise_stands`: whether the stated noise is used in any case, because the readings were computed.
+    - `found`: number of other causes found before: set-up errors, and faults of the noise.
     - `impossible`: ids of effects that would need coefficients beyond those of any head.
     """
 
@@ -64,6 +66,7 @@ class Screening:
     corrected: bool = False
     noise_stands: bool = False
     impossible: frozenset[str] = frozenset()
+    found: int = 0
 
     def first(self, problem: Problem) -> Screened:
         """The screen around the nominal fit, nothing refined."""
@@ -164,7 +167,7 @@ class Screening:
             beside = replace(beside, noise=replace(beside.noise, listed=()))
         null = self.reference.null_of_unknown if self.corrected else self.reference.null
         detection = detect(at, pool, beside, null, self.size, own_null=not self.reference.stands_for(at))
-        search = Search(pool, at.z, known)
+        search = Search(pool, at.z, known, self.found)
         if not detection.detected and not known:
             none = float(log_evidence_of_noise(at.z @ at.z, pool.dof, known))
             together = float(np.logaddexp(search.several(), beside.lack_of_fit - none))
@@ -177,7 +180,8 @@ class Screening:
             search.expand([()])
             ranked = search.ranked()
         sigma = 1.0 if known else search.sigma(ranked.set_at(0))
-        by_label = {label: value + float(np.log(SIZE_PRIOR[1])) for label, value in beside.by_label.items()}
+        of_one = float(np.log(SIZE_PRIOR[1]) + given_found(np.ones(1, int), self.found)[0])
+        by_label = {label: value + of_one for label, value in beside.by_label.items()}
         # Of a large signal, the linear screen gives no probability that could decide between a listed and an unnamed cause.
         named_first = bool(at.z @ at.z - search.left(ranked.set_at(0)) <= (LARGE * sigma) ** 2)
         told = explanations(

@@ -1,6 +1,6 @@
 """From scored sets to explanations: the same names together, and indistinguishable sets in one class."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from operator import attrgetter
 from typing import NamedTuple
@@ -116,6 +116,11 @@ class Explanation:
         """The other equivalents that a measurement could find in its place, with their probabilities."""
         aside = {*self.identical, *self.supersets, *self.powers, *self.separable}
         return tuple([own for own in zip(self.equivalents, self.shares, strict=True) if own[0] not in aside])
+
+    def times(self, probability: float) -> "Explanation":
+        """The same, given something of this probability."""
+        shares = tuple([share * probability for share in self.shares])
+        return replace(self, own_probability=self.own_probability * probability, shares=shares)
 
     @property
     def _claimed(self) -> float:
@@ -353,10 +358,9 @@ def verdict_of(best: Explanation, otherwise_wrong: bool, implausible_fit: bool, 
     - `doubtful`: whether an alternative outside the explanations explains the data equally well or better: an effect in a part
       of the data, or an unexplained error instead of a different noise.
     """
-    if not best.labels:
+    if not best.labels and (implausible_fit or not otherwise_wrong):
         # A fit may be good because a parameter took up what no instrument has: that is no adequate model.
-        named = "ambiguous" if doubtful else "identified"
-        return "unexplained" if implausible_fit else named if otherwise_wrong else "adequate"
+        return "unexplained" if implausible_fit else "adequate"
     if best.unexplained and best.single_name:
         return "unexplained"
     sure = best.single_name and best.probability >= SURE

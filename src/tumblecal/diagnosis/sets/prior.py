@@ -16,6 +16,8 @@ from tumblecal.ground.showing import brief
 # Prior of a set of this many causes, for the product of their weights.
 _LOG_SIZE = np.full(MOST + 2, -np.inf)
 _LOG_SIZE[: MOST_CAUSES + 1] = [log(share) + lgamma(size + 1) for size, share in enumerate(SIZE_PRIOR)]
+# What one further cause changes of it, for each number of causes.
+_ONE_MORE = np.diff(_LOG_SIZE[: MOST_CAUSES + 1])
 # Prior of this many outlying positions as one cause, for the product of their weights.
 _SEVERAL = (
     log(share) - (outliers - 1) * log(FAULT_WEIGHTS["outlier_position"]) + lgamma(outliers + 1)
@@ -30,6 +32,19 @@ _BEFORE = np.tri(MOST + 1, k=-1, dtype=bool)
 def log_prior(pool: Pool, members: Members) -> float:
     """Log prior of one set."""
     return float(SetPriors.of(pool, rows_of([members])).own[0])
+
+
+def one_more(causes: Int[np.ndarray, " sets"]) -> Float[np.ndarray, " sets"]:
+    """Change of the log prior of sets of so many causes by a further one, without its weight; beyond the largest number, that
+    of the last."""
+    return _ONE_MORE[np.minimum(causes, len(_ONE_MORE) - 1)]
+
+
+def given_found(causes: Int[np.ndarray, " sets"], found: int) -> Float[np.ndarray, " sets"]:
+    """Change of the log prior of sets of so many causes, relative to that of none, if `found` other causes (set-up errors,
+    faults of the noise) were found before."""
+    steps = [one_more(causes + k) - one_more(np.zeros(1, int) + k) for k in range(found)]
+    return np.sum(steps, axis=0) if steps else np.zeros(len(causes))
 
 
 class SetPriors(NamedTuple):

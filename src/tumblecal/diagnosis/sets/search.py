@@ -17,7 +17,7 @@ from tumblecal.diagnosis.sets.cause_sets import MOST, MOST_CAUSES, Members, Rank
 from tumblecal.diagnosis.sets.enlarged import Enlarged
 from tumblecal.diagnosis.sets.partial_set import PartialSet, PartialSets, least_left, partial_sets
 from tumblecal.diagnosis.sets.positions_off import off_together
-from tumblecal.diagnosis.sets.prior import SetPriors, log_prior
+from tumblecal.diagnosis.sets.prior import SetPriors, given_found, log_prior
 from tumblecal.diagnosis.tuning import HOPELESS, LARGE, NEGLIGIBLE, OF_ORDERS, SIZE_PRIOR, WIDTH
 from tumblecal.effects import AXES
 
@@ -35,10 +35,10 @@ _Scored = tuple[Int[np.ndarray, "sets most"], Int[np.ndarray, " sets"], Float[np
 
 
 class Search:
-    """All sets evaluated for one data set, with their scores."""
+    """All sets evaluated for one data set, with their scores; `found`: number of other causes found before."""
 
-    def __init__(self, pool: Pool, z: Float[np.ndarray, " nu"], known: bool):
-        self.pool, self.z, self.known = pool, z, known
+    def __init__(self, pool: Pool, z: Float[np.ndarray, " nu"], known: bool, found: int = 0):
+        self.pool, self.z, self.known, self.found = pool, z, known, found
         null = float(log_evidence_of_noise(np.array(z @ z), pool.dof, known)) + np.log(SIZE_PRIOR[0])
         # The sets kept, batch by batch; of each size the best score and its set.
         self._kept: list[_Scored] = [(rows_of([()]), np.zeros(1, int), np.array([null]))]
@@ -91,8 +91,10 @@ class Search:
         return max(self._best)
 
     def ranked(self) -> Ranked:
-        """The evaluated sets that are not negligible, best first."""
+        """The evaluated sets that are not negligible, best first, given the other causes found before."""
         sets, _, scores = self._once(self.top - NEGLIGIBLE)
+        if self.found:
+            scores = scores + given_found(SetPriors.of(self.pool, sets).causes, self.found)
         order = (-scores).argsort(kind="stable")
         return Ranked(sets[order], scores[order])
 
