@@ -1,10 +1,13 @@
 """Findings against the variable that drives them: the points and the curve are the hidden signal, by plain numpy."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from tumblecal.report.finding_figures import card_figures
 from tumblecal.report.finding_signals import _smooth, finding_signals
+from tumblecal.report.unnamed_figure import small_unnamed_figure
 
 
 SIGMA = 1e-4
@@ -56,3 +59,19 @@ def test_a_smooth_function_is_found_and_noise_is_not_one():
 
 def test_every_finding_has_a_picture_and_no_finding_has_one_of_all_residuals(diagnosis, adequate):
     assert sorted(card_figures(diagnosis)) == [1, 2] and list(card_figures(adequate)) == [0]
+
+
+def test_the_card_of_an_unexplained_error_has_the_map_of_its_most_affected_output():
+    """An excess of 0.8 mg on z at six of 24 positions: one map of z with its scale, drawn for the width of a card."""
+    alpha, beta = (grid.ravel() for grid in np.meshgrid(np.arange(0.0, 360.0, 45.0), [0.0, 30.0, 60.0]))
+    inside = (alpha > 100) & (alpha < 250) & (beta > 0)
+    excess = SimpleNamespace(
+        values=np.outer(8e-4 * inside, [0.1, 0.0, 1.0]), positions=inside, region="alpha 135 to 225"
+    )
+    shown = SimpleNamespace(data=SimpleNamespace(alpha_deg=alpha, beta_deg=beta))
+    figure = small_unnamed_figure(shown, SimpleNamespace(excess=excess, law=None))
+    panel, _ = figure.axes
+    (points,) = panel.collections
+    assert panel.get_title() == "z / mg" and figure.get_figwidth() < 4
+    np.testing.assert_allclose(points.get_array(), 0.8 * inside)
+    assert len(panel.lines[0].get_xdata()) == inside.sum() == 6

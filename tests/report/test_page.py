@@ -231,9 +231,14 @@ def test_on_paper_tables_go_over_the_foot_of_a_page(chromium, tmp_path):
 def test_dark_and_folded(chromium, tmp_path):
     """By the reader's system the page is dark or light; a long table is folded, and open on paper."""
     long = PageTable(["", "value"], [[f"row {k}", "1"] for k in range(30)])
-    write_page(tmp_path / "long.html", "Long", "", NOTHING, [Section("Numbers", tables=[long])])
+    drawn = replace(long, rows=long.rows[:2], folded=True)
+    write_page(tmp_path / "long.html", "Long", "", NOTHING, [Section("Numbers", tables=[long, drawn])])
     text = (tmp_path / "long.html").read_text(encoding="utf-8")
-    assert "<summary>all 30 rows</summary>" in text and "details::details-content" in text
+    assert (
+        "<summary>all 30 rows</summary>" in text
+        and "<summary>all 2 rows</summary>" in text
+        and "details::details-content" in text
+    )
     probe = "<script>addEventListener('load', () => document.title = getComputedStyle(document.body).backgroundColor)</script>"
     (tmp_path / "probe.html").write_text(text.replace("</body>", probe + "</body>"), encoding="utf-8")
     shown = {

@@ -194,7 +194,7 @@ def _limits(diagnosis: Diagnosis, drawn: dict[str, PageFigure]) -> Section:
     figures = [replace(figure, on_paper=False) for figure in _chosen(drawn, "limits.svg")]
     if diagnosis.limits:
         words.append(_LIMITS)
-        listed.append(tables.limits_table(diagnosis))
+        listed.append(replace(tables.limits_table(diagnosis), folded=bool(figures)))
     if diagnosis.invisible:
         words.append(_ABSORBED)
         listed.append(tables.invisible_table(diagnosis))

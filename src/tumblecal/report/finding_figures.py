@@ -10,7 +10,7 @@ from tumblecal.ground.axes import AXES
 from tumblecal.report.diagnosis_verdict import first_unnamed
 from tumblecal.report.drawing import AXIS_COLOUR, BAND, INK, MUTED, OUTSIDE, new_figure
 from tumblecal.report.finding_signals import FindingSignal, finding_signals
-from tumblecal.report.unnamed_figure import unnamed_figure
+from tumblecal.report.unnamed_figure import small_unnamed_figure
 
 
 _BEFORE, _AFTER, _CURVE, _LEFT_OUT = "without this effect", "with it", "fitted effect", "excluded from the fit"
@@ -19,8 +19,8 @@ _BEFORE, _AFTER, _CURVE, _LEFT_OUT = "without this effect", "with it", "fitted e
 def card_figures(diagnosis: Diagnosis) -> dict[int, Figure]:
     """Figures for the cards by number of the finding; 0: for the card of a verdict without a finding."""
     drawn = {number: small_figure(signal) for number, signal in finding_signals(diagnosis).items()}
-    if (unexplained := unnamed_figure(diagnosis)) is not None:
-        drawn[first_unnamed(diagnosis)] = unexplained
+    if diagnosis.unnamed is not None:
+        drawn[first_unnamed(diagnosis)] = small_unnamed_figure(diagnosis, diagnosis.unnamed)
     return drawn or {0: overview_figure(diagnosis.nominal)}
 
 

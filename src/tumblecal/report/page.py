@@ -30,7 +30,7 @@ class PageTable:
     """A table: header cells and rows of cells.
 
     - `text`: columns of words, which may break into lines. `shares`: columns of numbers from 0 to 1, drawn as bars.
-    - `marked`: cells (row, column) that are emphasised.
+    - `marked`: cells (row, column) that are emphasised. `folded`: whether it is closed at first, as a figure shows the same.
     """
 
     header: Sequence[str]
@@ -38,6 +38,7 @@ class PageTable:
     text: Sequence[int] = ()
     shares: Sequence[int] = ()
     marked: Collection[tuple[int, int]] = ()
+    folded: bool = False
 
 
 @dataclass(frozen=True)

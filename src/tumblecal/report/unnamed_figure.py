@@ -38,7 +38,19 @@ def unnamed_figure(diagnosis: Diagnosis) -> Figure | None:
     return figure
 
 
-def _map(panel: Axes, diagnosis: Diagnosis, own: Unnamed, axis: int, largest: float) -> None:
+def small_unnamed_figure(diagnosis: Diagnosis, own: Unnamed) -> Figure:
+    """For a card: the most affected output against the variable of the candidate law, without a law its map."""
+    figure = new_figure(3.9, 1.9)
+    panel, largest = figure.subplots(), np.max(np.abs(own.excess.values), axis=0)
+    if own.law is not None:
+        _law(panel, diagnosis, own)
+        return figure
+    _map(panel, diagnosis, own, int(np.argmax(largest)), 1e3 * float(np.max(largest)) or 1.0, beside=True)
+    panel.set_ylabel("beta / deg")
+    return figure
+
+
+def _map(panel: Axes, diagnosis: Diagnosis, own: Unnamed, axis: int, largest: float, *, beside: bool = False) -> None:
     data, values = diagnosis.data, 1e3 * own.excess.values[:, axis]
     drawn = panel.scatter(
         data.alpha_deg, data.beta_deg, c=values, s=26, cmap="RdBu_r", vmin=-largest, vmax=largest, edgecolors=MUTED, lw=0.3
@@ -49,7 +61,8 @@ def _map(panel: Axes, diagnosis: Diagnosis, own: Unnamed, axis: int, largest: fl
     panel.set_title(f"{AXES[axis]} / mg")
     panel.set_xlabel("alpha / deg")
     panel.set_xticks([0, 180, 360] if np.ptp(data.alpha_deg) > 200 else [])
-    panel.figure.colorbar(drawn, ax=panel, orientation="horizontal", shrink=0.9, aspect=25)
+    across = {} if beside else {"orientation": "horizontal", "shrink": 0.9, "aspect": 25}
+    panel.figure.colorbar(drawn, ax=panel, **across)
 
 
 def _law(panel: Axes, diagnosis: Diagnosis, own: Unnamed) -> None:
