@@ -1,15 +1,19 @@
 """Conditions of new positions, and what is promised of them: normal distributions in closed form."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.stats import norm
 
 from tumblecal.data import PositionSet
 from tumblecal.diagnosis.findings.factors import Factor, Reason
+from tumblecal.planning import separating
 from tumblecal.planning.alternatives import Alternative
 from tumblecal.planning.conditions import Conditions, candidates, continued
 from tumblecal.planning.new_rows import Rows
 from tumblecal.planning.promise import Promise, positions_needed, promise_of
+from tumblecal.planning.proposals import Allowed, reversed_run
 from tumblecal.planning.value import Separation
 from tumblecal.report.next_plan_files import conditions_words
 from tumblecal.report.next_plan_words import not_worth_words, settled_numbers
@@ -111,3 +115,25 @@ def test_the_findings_that_a_plan_settles_are_those_that_every_remaining_explana
     none = Promise(0.99, 1e6, (("x", "second_order.z"),), (("second_order.z", "warm_up"),))
     assert settled_numbers([drift, square], every, numbers) == [2]
     assert settled_numbers([drift, square], none, numbers) == []
+
+
+def test_the_last_run_in_the_reverse_order_is_judged_as_a_whole(monkeypatch):
+    """Six positions that each show the signal by one sd: 6 * 1/2 in log odds, as `separation` has it, in the order reversed."""
+    data = PositionSet(
+        tuple("abcd"), np.array([0.0, 90.0, 0.0, 90.0]), np.array([0.0, 30.0, 30.0, 0.0]), np.tile([0.0, 0.0, 1.0], (4, 1)),
+        run=("1", "2", "2", "2"),
+    )  # fmt: skip
+    again = reversed_run(data, Allowed())
+    assert [(one.alpha_deg, one.beta_deg) for one in again] == [((90.0,), 0.0), ((0.0,), 30.0), ((90.0,), 30.0)]
+    assert reversed_run(data, Allowed(beta_deg=(0.0, 30.0))) == again and not reversed_run(
+        data, Allowed(alpha_deg=(0.0,))
+    )
+
+    rows = SimpleNamespace(cells=[np.array([k]) for k in range(6)])
+    monkeypatch.setattr(separating, "rows_of", lambda *_, in_order: rows)
+    monkeypatch.setattr(separating, "alternatives_of", lambda *_: [])
+    monkeypatch.setattr(separating, "separation_of", lambda *_: separation(1.0, positions=6))
+    found = separating._in_reverse(None, again, continued(data), None)
+    assert found.in_reverse and found.listed is again and found.promise == promise_of(separation(1.0, positions=6))
+    assert [k for k, _ in found.chosen] == list(range(6)) and found.value == pytest.approx(3.0, abs=0.01)
+    assert sum(gain for _, gain in found.chosen) == pytest.approx(found.value, abs=0.01)

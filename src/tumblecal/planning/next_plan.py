@@ -19,7 +19,7 @@ from tumblecal.planning.conditions import Conditions, continued
 from tumblecal.planning.confirming import Confirmation, confirmations
 from tumblecal.planning.new_rows import remountings
 from tumblecal.planning.promise import Promise
-from tumblecal.planning.proposals import Allowed, Proposal, proposals
+from tumblecal.planning.proposals import Allowed, Proposal, proposals, reversed_run
 from tumblecal.planning.sampling import REVERSED, SAMPLE, samples
 from tumblecal.planning.separating import separate
 from tumblecal.planning.value import Sharpening
@@ -67,6 +67,7 @@ class NextPlan:
     - `confirming`: readings that test the named cause, with the predictions of the cause and of its strongest alternative.
     - `conditions`: under which the values are valid. `promise`: what the best positions would settle between the leading
       explanations, None if there is only one; `needed`: sufficient number of positions if it is uncertain, None if none is.
+    - `in_reverse`: whether the set is the whole last run again, in the reverse order.
 
     Examples:
         >>> from tumblecal.planning import NextPlan
@@ -85,6 +86,7 @@ class NextPlan:
     conditions: Conditions | None = None
     promise: Promise | None = None
     needed: int | None = None
+    in_reverse: bool = False
 
     @property
     def positions(self) -> int:
@@ -125,13 +127,14 @@ def next_plan(diagnosis: Diagnosis, allowed: Allowed | None = None) -> NextPlan:
         notes.append("The noise is correlated between positions; new positions are assumed independent.")
     notes += _repeats(diagnosis.members)
     with single_blas_thread():
-        first, separated = separate(diagnosis, listed, MOST)
+        first, separated = separate(diagnosis, listed, MOST, reversed_run(diagnosis.data, allowed))
     rows, leader, evaluated = first.rows, columns_of(diagnosis.members), first
     plan = NextPlan(from_rig=diagnosis.from_rig, conditions=continued(diagnosis.data))
     if separated is not None:
         plan = replace(plan, promise=separated.promise, needed=separated.needed)
         if separated.promise.worth_measuring:
             plan, evaluated = replace(plan, conditions=separated.conditions, value=separated.value), separated.evaluated
+            plan = replace(plan, in_reverse=separated.in_reverse)
     if leader:
         amplitudes = diagnosis.extended.vector[leader] / model.scales[leader]
         nominal_model = Alternative((), (), 1.0, evaluated.rows)
@@ -139,7 +142,7 @@ def next_plan(diagnosis: Diagnosis, allowed: Allowed | None = None) -> NextPlan:
         confirming = confirmations(evaluated.rows, listed, model.nominal, (leader, amplitudes), alternative)
         plan = replace(plan, confirming=confirming)
     if separated is not None and separated.promise.worth_measuring:
-        return _with(plan, listed, separated.singles, separated.chosen, SEPARATE, notes)
+        return _with(plan, separated.listed, separated.singles, separated.chosen, SEPARATE, notes)
     watching, choosing = _watched(diagnosis), Choosing(listed, rows)
     sharpening = Sharpening(rows, [*range(model.nominal), *leader], watching)
     worst = model.names[watching[int(np.argmax(sharpening.variances()))]]

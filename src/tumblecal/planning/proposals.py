@@ -12,6 +12,8 @@ from tumblecal.data import PositionSet
 STEP_DEG = 15
 # Numbers of positions of a turn with the triad remounted.
 TURNS = (4, 8)
+# Longer runs are not proposed again as a whole.
+MOST_REVERSED = 100
 # How the triad may be turned in its fixture: words, and the rotation Rx Ry Rz that takes the head's axes to its own.
 SIDES = MappingProxyType({"turned 90 deg about y": (0.0, 90.0, 0.0), "turned 90 deg about z": (0.0, 0.0, 90.0)})
 
@@ -63,6 +65,21 @@ def proposals(data: PositionSet, allowed: Allowed, sides: Sequence[str]) -> list
     measured = [beta for beta in betas if np.any(np.isclose(data.pitch_setting_deg, beta))] or betas
     turns = dict.fromkeys(_turn(alphas, count) for count in TURNS)
     return listed + [Proposal(turn, beta, side) for side in sides for beta in measured for turn in turns]
+
+
+def reversed_run(data: PositionSet, allowed: Allowed) -> list[Proposal]:
+    """All positions of the last run and mounting again, the last one first; none if they are many or may not be set again."""
+    count = len(data)
+    groups = list(zip(data.run or ("1",) * count, data.mount or ("1",) * count, strict=True))
+    rows = [k for k in reversed(range(count)) if groups[k] == groups[-1]]
+    again = [Proposal((float(data.alpha_deg[k]),), float(data.pitch_setting_deg[k]), "") for k in rows]
+    angles = [(one.alpha_deg[0], one.beta_deg) for one in again]
+    usable = all(
+        given is None or np.any(np.isclose(given, angle))
+        for pair in angles
+        for given, angle in zip((allowed.alpha_deg, allowed.beta_deg), pair, strict=True)
+    )
+    return again if usable and len(again) <= MOST_REVERSED else []
 
 
 def by_pitch(chosen: Iterable[Proposal]) -> list[Proposal]:

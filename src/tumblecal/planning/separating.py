@@ -32,6 +32,7 @@ class Separated:
     """Positions that separate explanations.
 
     - `conditions`: under which they are measured; `evaluated`: the alternatives under them.
+    - `listed`: the proposals that the numbers refer to. `in_reverse`: whether they are the last run in the reverse order.
     - `chosen`: numbers of the proposals of the set, in order, with the value that each adds; `singles`: the best single ones,
       with their values. `value`: expected log Bayes factor of the set.
     - `promise`: what it settles. `measured`: the explanations with rows of the set, one position after another.
@@ -44,6 +45,8 @@ class Separated:
     value: float
     promise: Promise
     measured: Separation
+    listed: list[Proposal]
+    in_reverse: bool = False
 
     @property
     def needed(self) -> int | None:
@@ -53,13 +56,16 @@ class Separated:
         return positions_needed(self.measured)
 
 
-def separate(diagnosis: Diagnosis, listed: list[Proposal], most: int) -> tuple[EvaluatedAlternatives, Separated | None]:
+def separate(
+    diagnosis: Diagnosis, listed: list[Proposal], most: int, again: list[Proposal]
+) -> tuple[EvaluatedAlternatives, Separated | None]:
     """The alternatives, and the positions that separate them under the conditions of least effort; None if there is no
     alternative.
 
     **Arguments:**
 
     - `listed`: the proposals. `most`: number of single proposals asked for.
+    - `again`: the last run in the reverse order, which is evaluated as a whole if no conditions are sure to settle it.
     """
     here = continued(diagnosis.data)
     rows = rows_of(diagnosis, listed, here)
@@ -80,6 +86,10 @@ def separate(diagnosis: Diagnosis, listed: list[Proposal], most: int) -> tuple[E
             best = separated
         if best.promise.probability >= _SURE and not best.promise.remaining:
             break
+    else:
+        reverse = _in_reverse(diagnosis, again, here, first) if again else None
+        if reverse is not None and best is not None and _better(reverse.promise, best.promise):
+            best = reverse
     return first, best
 
 
@@ -104,17 +114,29 @@ def _under(
         value = separation.total if chosen else 0.0
     if not chosen:
         promise = Promise(0.0, 1.0, (), tuple([alternative.labels for alternative in evaluated.alternatives]))
-        return Separated(conditions, evaluated, [], [], 0.0, promise, every)
-    measured = _as_measured(diagnosis, [listed[k] for k, _ in chosen], conditions)
-    separation = separation_of(diagnosis, measured)
-    return Separated(conditions, evaluated, chosen, singles, value, promise_of(separation), separation)
+        return Separated(conditions, evaluated, [], [], 0.0, promise, every, listed)
+    groups = by_pitch([listed[k] for k, _ in chosen])
+    ordered = [Proposal((alpha,), group.beta_deg, group.side) for group in groups for alpha in group.alpha_deg]
+    separation = separation_of(diagnosis, _as_measured(diagnosis, ordered, conditions))
+    return Separated(conditions, evaluated, chosen, singles, value, promise_of(separation), separation, listed)
 
 
-def _as_measured(diagnosis: Diagnosis, chosen: Sequence[Proposal], conditions: Conditions) -> EvaluatedAlternatives:
-    """The alternatives with rows of the chosen positions, one after another."""
-    ordered = [
-        Proposal((alpha,), group.beta_deg, group.side) for group in by_pitch(chosen) for alpha in group.alpha_deg
-    ]
+def _in_reverse(
+    diagnosis: Diagnosis, again: list[Proposal], conditions: Conditions, evaluated: EvaluatedAlternatives
+) -> Separated:
+    """The whole run in the reverse order, under the conditions of `evaluated`."""
+    measured = _as_measured(diagnosis, again, conditions)
+    separation, chosen = separation_of(diagnosis, measured), list[tuple[int, float]]()
+    for k, cells in enumerate(measured.rows.cells):
+        chosen.append((k, float(separation.of([cells])[0])))
+        separation.take(cells)
+    value, separation = separation.total, separation_of(diagnosis, measured)
+    promise = promise_of(separation)
+    return Separated(conditions, evaluated, chosen, [], value, promise, separation, again, in_reverse=True)
+
+
+def _as_measured(diagnosis: Diagnosis, ordered: Sequence[Proposal], conditions: Conditions) -> EvaluatedAlternatives:
+    """The alternatives with rows of some positions, one after another."""
     rows = rows_of(diagnosis, ordered, conditions, in_order=True)
     return EvaluatedAlternatives(rows, alternatives_of(diagnosis, rows))
 

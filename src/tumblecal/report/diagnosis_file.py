@@ -83,6 +83,7 @@ def record(diagnosis: Diagnosis, plan: NextPlan, folder: Path | None = None) -> 
         "next_plan": {
             "purpose": plan.purpose or None,
             "watched": plan.watched or None,
+            "in_reverse": plan.in_reverse,
             "value": plan.value,
             "together": [vars(position) for position in plan.together],
             "notes": list(plan.notes),

@@ -88,7 +88,8 @@ def plan_text(diagnosis: Diagnosis, plan: NextPlan, chosen: Iterable[NextPositio
         lines += [f"# The triad {side} in its fixture.", "[positions]", f"mount_rotation_deg = {list(SIDES[side])}", ""]
     elif setup.mount_rotation_deg:
         lines += ["[positions]", f"mount_rotation_deg = {setup.mount_rotation_deg}", ""]
-    for number, (alpha, beta) in enumerate(_cells(chosen), start=1):
+    cells = [(one.alpha_deg, one.beta_deg) for one in chosen] if plan.in_reverse else _cells(chosen)
+    for number, (alpha, beta) in enumerate(cells, start=1):
         name = f"next-{mount}-{number}" if side else f"next-{number}"
         lines += [
             "[[positions.listed]]",

@@ -33,7 +33,9 @@ def next_words(
     if plan.together:
         conditions = "" if plan.conditions is None else conditions_words(plan.conditions)
         promise = _promise(plan, settled_numbers(factors, plan.promise, numbers))
-        yield f"Measure next, to {plan.purpose}: {'; '.join(_grouped(plan.together))}{conditions}. {promise}"
+        whole = f"all {len(plan.together)} positions of the last run again, in the reverse order"
+        positions = whole if plan.in_reverse else "; ".join(_grouped(plan.together))
+        yield f"Measure next, to {plan.purpose}: {positions}{conditions}. {promise}"
         if folder is not None:
             yield from next_commands(diagnosis, plan, folder)
     if plan.purpose == SEPARATE and plan.promise is not None and plan.promise.remaining:
@@ -84,8 +86,7 @@ def not_worth_words(promise: Promise, needed: int | None, about: Sequence[int]) 
     would = (
         f"Some {needed} positions under the same conditions would be."
         if needed is not None
-        else "Other pitch angles, another mounting, a second run in the reverse order (column run), or a larger range of "
-        "time or temperature may be."
+        else "Other pitch angles, another mounting, or a larger range of time or temperature may be."
     )
     odds = "no proposed position separates them" if promise.odds < 2 else f"expected odds {promise.odds:.2g} to 1"
     return f"Not worth measuring {purpose}: {odds}, below {LEAST_WORTH_ODDS:g} to 1. {would}"
