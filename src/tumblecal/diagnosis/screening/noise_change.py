@@ -210,7 +210,9 @@ def _most_probable(screened: Screened, used: tuple[str, ...]) -> NoiseChange | N
     tried = screened.alternatives.noise.without(used)
     scores = NoiseScores.of(screened, tried)
     if many_outliers(screened) and not np.all(tried.is_gaussian):
-        return scores.most_probable(lambda model: model.tail is not None or model.kind in NOISIER)
+        # Tails stand for the outlier positions, so these are no alternative to them.
+        alone = replace(scores, total=-np.inf)
+        return alone.most_probable(lambda model: model.tail is not None or model.kind in NOISIER)
     best = scores.most_probable()
     if best is not None and best.model.label == UNEXPLAINED:
         return best
