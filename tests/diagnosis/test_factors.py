@@ -11,7 +11,7 @@ from tumblecal.diagnosis.causes.cause import NO_SLOT
 from tumblecal.diagnosis.causes.identities import one_function_at_1_g
 from tumblecal.diagnosis.findings.factors import Factor, Reason, factors_of
 from tumblecal.diagnosis.sets.classes import Explanation, verdict_of
-from tumblecal.diagnosis.sets.prior import given_found, one_more
+from tumblecal.diagnosis.sets.prior import given_found
 from tumblecal.effects import catalogue
 from tumblecal.effects.effect import output_effect
 from tumblecal.report.cause_words import less_probable_words
@@ -165,9 +165,8 @@ def test_faults_found_before_count_as_causes():
     assert not given_found(causes, 0).any()
     assert given_found(causes, 1)[1] == pytest.approx(np.log(2 * 0.05 / 0.69) - np.log(0.69 / 0.25))
     assert given_found(causes, 2)[1] == pytest.approx(np.log(6 * 0.004 / 0.1) - np.log(0.69 / 0.25))
-    assert one_more(causes) == pytest.approx(np.log([0.69 / 0.25, 0.1 / 0.69, 0.024 / 0.1]))
-    # Beyond the largest set each further cause is as rare as the last.
-    assert one_more(np.array([9])) == pytest.approx(np.log(24 * 0.0003 / 0.024))
+    # Beyond the largest set each further cause is as rare as its last.
+    assert given_found(np.array([4]), 1) == pytest.approx(np.log(24 * 0.0003 / 0.024) - np.log(0.69 / 0.25))
 
 
 def test_pieces_of_one_thing_and_what_has_no_name_are_doubted_at_any_odds():

@@ -11,7 +11,7 @@ from tumblecal.diagnosis.noise.models import LEVEL
 from tumblecal.diagnosis.screening.noise_scores import NoiseChange, NoiseScores, without_outliers
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.cause_sets import sets_of
-from tumblecal.diagnosis.sets.prior import SetPriors, one_more
+from tumblecal.diagnosis.sets.prior import SetPriors, given_found
 from tumblecal.diagnosis.sets.search import Search
 
 
@@ -36,5 +36,5 @@ def level_change(screened: Screened) -> NoiseChange | None:
     if tail is not None and (off or tail.log_odds > levels[0].log_weight):
         return None
     causes = SetPriors.of(screened.pool, ranked.members[:1]).causes
-    odds = float(ranked.log_posterior[0] + one_more(causes)[0]) + levels[0].log_weight - screened.search.top
-    return NoiseChange(levels[0], best, odds, float(1.0 / (1.0 + np.exp(-odds))))
+    odds = float(ranked.log_posterior[0] + given_found(causes, 1)[0]) + levels[0].log_weight - screened.search.top
+    return NoiseChange(levels[0], best, odds, float(np.exp(-np.logaddexp(0.0, -odds))))

@@ -15,7 +15,7 @@ from tumblecal.diagnosis.noise.alternatives import NoiseAlternatives
 from tumblecal.diagnosis.noise.models import NoiseModel
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.cause_sets import parts_of, rows_of
-from tumblecal.diagnosis.sets.prior import SetPriors, one_more
+from tumblecal.diagnosis.sets.prior import SetPriors, given_found
 from tumblecal.diagnosis.sets.search import Search
 from tumblecal.diagnosis.tuning import MANY_OUTLIERS, SURE
 
@@ -122,8 +122,8 @@ class NoiseScores:
         by_label, each = {ASSUMED: self.total}, np.logaddexp.reduce(self.log_posterior, axis=0)
         for value, model in zip(each.tolist(), self.tried.listed, strict=True):
             by_label[model.label] = float(np.logaddexp(by_label.get(model.label, -np.inf), value))
-        probability = float(np.exp(by_label.pop(label) - np.logaddexp.reduce([*by_label.values()])))
-        probability /= 1.0 + probability
+        probability = float(np.exp(by_label[label] - np.logaddexp.reduce([*by_label.values()])))
+        del by_label[label]
         return probability, "" if probability >= SURE else max(by_label, key=by_label.__getitem__)
 
 
@@ -158,7 +158,7 @@ def _log_posterior(
         scores[gaussian] = tried.log_weights[gaussian] + own - tried.whitening.half_log_dets
     priors = SetPriors.of(search.pool, rows_of([members]))
     recorded = np.array([model.recorded for model in tried.listed], bool)
-    return scores + priors.own + np.where(recorded, 0.0, one_more(priors.causes))
+    return scores + priors.own + np.where(recorded, 0.0, given_found(priors.causes, 1))
 
 
 def _sets(screened: Screened) -> list[tuple[int, ...]]:

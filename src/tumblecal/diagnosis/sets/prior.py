@@ -34,17 +34,12 @@ def log_prior(pool: Pool, members: Members) -> float:
     return float(SetPriors.of(pool, rows_of([members])).own[0])
 
 
-def one_more(causes: Int[np.ndarray, " sets"]) -> Float[np.ndarray, " sets"]:
-    """Change of the log prior of sets of so many causes by a further one, without its weight; beyond the largest number, that
-    of the last."""
-    return _ONE_MORE[np.minimum(causes, len(_ONE_MORE) - 1)]
-
-
 def given_found(causes: Int[np.ndarray, " sets"], found: int) -> Float[np.ndarray, " sets"]:
     """Change of the log prior of sets of so many causes, relative to that of none, if `found` other causes (set-up errors,
-    faults of the noise) were found before."""
-    steps = [one_more(causes + k) - one_more(np.zeros(1, int) + k) for k in range(found)]
-    return np.sum(steps, axis=0) if steps else np.zeros(len(causes))
+    faults of the noise) were found before; beyond the largest set each further cause is as rare as its last."""
+    last = len(_ONE_MORE) - 1
+    steps = (_ONE_MORE[np.minimum(causes + k, last)] - _ONE_MORE[min(k, last)] for k in range(found))
+    return sum(steps, np.zeros(len(causes)))
 
 
 class SetPriors(NamedTuple):
