@@ -57,7 +57,7 @@ def test_browser_shows_the_numbers_the_figures_and_no_errors(page, chromium):
     assert seen["resources"] == 0  # one file holds all of it
     cells = Cells()
     cells.feed(document)
-    assert ["dK_x", "1e-3", "0.354", "0.221"] in [row[:4] for row in cells.rows]
+    assert ["dK_x", "1e-3", "0.35", "0.22"] in [row[:4] for row in cells.rows]
     assert any(
         row[0].startswith("truth of the paper") and row[1] == "1.14" and row[2].startswith("0.34")
         for row in cells.rows
