@@ -47,9 +47,7 @@ def test_compare_on_the_command_line(tumblecal, tmp_path):
         write_calibration(tmp_path / f"{name}.json", own)
     outcome = tumblecal("compare", tmp_path / "old.json", tmp_path / "new.json")
     row = next(line.split() for line in outcome.out.splitlines() if line.startswith("bias_x"))
-    assert row[1:4] == ["1.000", "2.000", "1.000"] and float(row[5]) == pytest.approx(
-        1e-3 / np.sqrt(2e-10), rel=0.02
-    )
+    assert row[1:4] == ["1.000", "2.000", "1.000"] and float(row[5]) == pytest.approx(1e-3 / np.sqrt(2e-10), rel=0.02)
     assert "is of unit A" in outcome.lines[0]
     tumblecal("export", tmp_path / "old.json", "--to", "ardupilot", "--out", tmp_path / "factory.parm")
     outcome = tumblecal("compare", f"ardupilot:{tmp_path / 'factory.parm'}", tmp_path / "new.json")
