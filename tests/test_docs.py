@@ -37,10 +37,14 @@ PUBLIC = ("chain", "data", "devices", "diagnosis", "effects", "estimation", "noi
 
 
 def public_objects(folder: str) -> dict[str, object]:
-    """The public names of a folder, or with "" of the package itself."""
-    module = importlib.import_module(f"tumblecal.{folder}" if folder else "tumblecal")
-    names = module.__all__ if folder else ["InputError", "enable_float64", *package._FROM]
-    return {name: getattr(module, name) for name in names}
+    """The public names of a folder, or with "" those that only the package itself has."""
+    if folder:
+        module = importlib.import_module(f"tumblecal.{folder}")
+        return {name: getattr(module, name) for name in module.__all__}
+    names = ["InputError", "enable_float64", *package._FROM]
+    elsewhere = [thing for other in PUBLIC for thing in public_objects(other).values()]
+    listed = {name: getattr(package, name) for name in names}
+    return {name: thing for name, thing in listed.items() if all(thing is not other for other in elsewhere)}
 
 
 @pytest.mark.parametrize("folder", ["", *PUBLIC])
