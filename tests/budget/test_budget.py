@@ -176,8 +176,8 @@ def test_few_degrees_of_freedom_are_said_beside_the_trials(stated, lab):
     checked = monte_carlo(made, 2000, seed=2)
     assert "The size of use has few degrees of freedom" in monte_carlo_words(made, checked)
     assert "degrees of freedom" not in monte_carlo_words(lab, checked)
-    header, rows = combined_table(made)
-    nu = {row[0]: row[header.index("nu")] for row in rows}
+    table = combined_table(made)
+    nu = {row[0]: row[table.header.index("nu")] for row in table.rows}
     assert nu["bias_y"] == "2.1" and nu["dK_y"] == "inf"  # 2 alone would be another coverage factor
 
 

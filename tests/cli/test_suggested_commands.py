@@ -23,9 +23,8 @@ from tumblecal.estimation.methods import all_methods, checked
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.suggested_command import EVERY, SHARED, suggested
 from tumblecal.report.calibration_judgements import judgements
-from tumblecal.report.calibration_words import noise_words
+from tumblecal.report.calibration_words import noise_words, temperature_words
 from tumblecal.report.narrow import folded
-from tumblecal.report.temperature_words import temperature_words
 
 
 STATED = {

@@ -1,6 +1,5 @@
 """The whole diagnosis on data with one thing hidden."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +10,7 @@ from tumblecal.estimation import exact, problem_of
 from tumblecal.ground.errors import InputError
 from tumblecal.planning import NextPlan
 from tumblecal.report.cause_words import coefficients, less_probable_words
-from tumblecal.report.diagnosis_file import record, write_json
+from tumblecal.report.diagnosis_files import record
 from tumblecal.report.diagnosis_page import write_diagnosis_page
 from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
 
@@ -205,21 +204,6 @@ def test_what_nobody_looks_at_is_not_computed(diagnoser, hidden, monkeypatch):
     assert diagnosis.verdict in {"identified", "ambiguous"} and diagnosis.labels
     monkeypatch.undo()
     assert diagnosis.gain is diagnosis.gain and diagnosis.checks is diagnosis.checks
-
-
-def test_record_is_json_with_the_public_keys(diagnoser, hidden, tmp_path):
-    diagnosis = diagnoser(hidden(1, {"cross_coupling.y.yz": [7e-4]}))
-    write_json(tmp_path / "diagnosis.json", record(diagnosis, NextPlan()))
-    content = json.loads((tmp_path / "diagnosis.json").read_text())
-    assert content["schema"] == "tumblecal.diagnosis/1"
-    assert content["verdict"] in {"identified", "ambiguous"}
-    best = content["explanations"][0]
-    assert best["chosen"] and {"effects", "equivalents", "probability", "coefficients"} <= set(best)
-    assert {"rms_before_g", "rms_after_g", "cv_rms_before_g", "cv_rms_after_g", "delta_bic", "f_p_value"} <= set(
-        content["gain"]
-    )
-    assert content["detection"]["p_value"] < 0.01 and content["detection_limits"] and content["invisible"]
-    assert verdict_of_diagnosis(diagnosis).words().startswith(content["verdict"].upper())
 
 
 def test_too_few_positions_are_refused_before_their_plan_is_compiled(diagnoser, table1, monkeypatch):

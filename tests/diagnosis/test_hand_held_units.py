@@ -10,8 +10,7 @@ from tumblecal.data.positions import attitudes_of
 from tumblecal.diagnosis.head import together
 from tumblecal.ground.errors import InputError
 from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
-from tumblecal.report.hand_held_units import ATTITUDES
-from tumblecal.report.head_words import units_text
+from tumblecal.report.head_words import ATTITUDES, units_text
 
 
 SIGMA, COUNT = 1e-4, 24

@@ -9,7 +9,7 @@ import located as study
 from blind_study import position_set
 from tumblecal.diagnosis.findings.location import located
 from tumblecal.planning import next_plan
-from tumblecal.report.diagnosis_file import record
+from tumblecal.report.diagnosis_files import record
 from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
 
 

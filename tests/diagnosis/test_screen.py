@@ -16,7 +16,7 @@ from tumblecal.diagnosis.exact.insert import fit_with
 from tumblecal.diagnosis.exact.kinks import turns_a_sign
 from tumblecal.ground.program_cache import ProgramCache
 from tumblecal.planning import NextPlan
-from tumblecal.report.diagnosis_file import record
+from tumblecal.report.diagnosis_files import record
 
 
 def test_files_before_do_not_matter(hidden):

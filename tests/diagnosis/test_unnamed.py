@@ -19,8 +19,7 @@ from tumblecal.effects.catalogue import extended
 from tumblecal.effects.users_file import Source
 from tumblecal.planning.proposals import Allowed
 from tumblecal.planning.sampling import samples
-from tumblecal.report.suggested_effect import suggested_effect_text
-from tumblecal.report.unnamed_words import command_for_law, term_words, unnamed_findings
+from tumblecal.report.unnamed_words import command_for_law, suggested_effect_text, term_words, unnamed_findings
 
 
 class Instrument:

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from tumblecal.data import PositionSet
 from tumblecal.data.positions import WITHIN_DWELLS
 from tumblecal.noise.parts import Dwells, Flicker, GaussMarkov, Noise, RandomWalk, White
 from tumblecal.noise.sampling import dwell_records
@@ -14,7 +13,6 @@ from tumblecal.noise.within_dwells import (
     within_dwells_comments,
     without_common_change,
 )
-from tumblecal.report.temperature_words import within_dwells_words
 
 
 RATE_HZ, WHITE = 10.0, 4e-5
@@ -66,8 +64,6 @@ def test_a_change_with_the_temperature_is_told_and_is_no_noise():
     np.testing.assert_allclose(np.mean(quiet, axis=1), dwells.mean(axis=1), atol=1e-12)
     np.testing.assert_allclose(np.std(quiet, axis=1, ddof=1), 4e-4, rtol=0.15)
     assert "x +2.2 mg/degC" in change.words() and "mean temperature of its dwell" in change.words()
-    data = PositionSet(("a",), np.zeros(1), np.zeros(1), up[:1], comments={WITHIN_DWELLS: change.words()})
-    assert within_dwells_words(data) == change.words()
     comments = within_dwells_comments([change])
     assert comments[WITHIN_DWELLS] == change.words() and within_dwells_comments([]) == {}
     ((variable, size),) = changes_within_dwells(comments)

@@ -16,7 +16,7 @@ from tumblecal.estimation.intrinsic import matrix_and_bias
 from tumblecal.estimation.methods import calibrate
 from tumblecal.report.calibration_judgements import use_of
 from tumblecal.report.calibration_limits import expanded_uncertainty, limits
-from tumblecal.report.diagnosis_use import use_of_diagnosis
+from tumblecal.report.diagnosis_calibration import use_of_diagnosis
 
 
 @pytest.fixture(scope="module")

@@ -15,10 +15,9 @@ from tumblecal.ground.units import shown
 from tumblecal.planning import next_plan
 from tumblecal.report.diagnosis_figures import draw_all
 from tumblecal.report.diagnosis_files import write_diagnosis
-from tumblecal.report.diagnosis_limits import limits_figure
-from tumblecal.report.diagnosis_predictive import predictive_figure
 from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
 from tumblecal.report.drawing import OUTSIDE
+from tumblecal.report.evidence_figures import limits_figure, predictive_figure
 
 
 FIGURES = {
@@ -53,6 +52,17 @@ def rows(page) -> list[list[str]]:
 
 def test_what_the_page_is_about_was_found(diagnosis):
     assert set(diagnosis.labels) == {"cross_coupling.y.yz", "outlier_position:p21"}
+
+
+def test_record_has_the_public_keys(folder, diagnosis):
+    content = json.loads((folder / "diagnosis.json").read_text(encoding="utf-8"))
+    assert content["schema"] == "tumblecal.diagnosis/1" and content["verdict"] == diagnosis.verdict
+    best = content["explanations"][0]
+    assert best["chosen"] and {"effects", "equivalents", "probability", "coefficients"} <= set(best)
+    assert {"rms_before_g", "rms_after_g", "cv_rms_before_g", "cv_rms_after_g", "delta_bic", "f_p_value"} <= set(
+        content["gain"]
+    )
+    assert content["detection"]["p_value"] < 0.01 and content["detection_limits"] and content["invisible"]
 
 
 @pytest.mark.parametrize("width", [1000, 500])

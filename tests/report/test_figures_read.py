@@ -11,7 +11,7 @@ from tumblecal.budget.budget_file import read_considered
 from tumblecal.effects.catalogue import catalogue
 from tumblecal.estimation import exact, problem_of
 from tumblecal.report import budget_report
-from tumblecal.report.diagnosis_limits import limits_figure
+from tumblecal.report.evidence_figures import limits_figure
 
 
 @pytest.mark.parametrize("largest", [3.0, 200.0, 2500.0, 4e5])

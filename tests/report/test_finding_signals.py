@@ -5,8 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tumblecal.report.finding_figures import card_figures
-from tumblecal.report.finding_signals import _smooth, finding_signals
+from tumblecal.report.finding_figures import _smooth, card_figures, finding_signals
 from tumblecal.report.unnamed_figure import small_unnamed_figure
 
 

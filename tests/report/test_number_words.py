@@ -9,8 +9,8 @@ from tumblecal.diagnosis.tuning import SURE
 from tumblecal.ground.numbers_shown import capped, changed, p_words, rounded, rounded_together
 from tumblecal.history.comparison import Moved
 from tumblecal.report.budget_report import combined_table, contributions_table, intrinsic_table, monte_carlo_table
+from tumblecal.report.cause_words import ambiguity
 from tumblecal.report.history_words import comparison_text, trend_row
-from tumblecal.report.number_words import ambiguity
 from tumblecal.report.paper_report import _published_table
 
 
@@ -85,11 +85,11 @@ def test_tables_of_results_have_two_digits_of_the_uncertainty_and_values_to_the_
         without=lambda k: np.array([[1.999e-5, 1.3e-5][k]]),
     )  # fmt: skip
     row = ["bias_x", "mg", "1.235", "0.0066", "0.010", "0.012", "inf", "2.00", "0.025", "head", "0.013"]
-    assert combined_table(budget)[1] == [row]
-    assert contributions_table(budget)[1] == [["bias_x", "mg", "0.0066", "0.010", "0.012"]]
+    assert combined_table(budget).rows == [row]
+    assert contributions_table(budget).rows == [["bias_x", "mg", "0.0066", "0.010", "0.012"]]
     checked = SimpleNamespace(sd=[1.26e-5], half_width=[2.51e-5], within=[0.95])
-    assert monte_carlo_table(budget, checked)[1] == [["bias_x", "mg", "0.012", "0.013", "0.025", "0.025", "0.950"]]
+    assert monte_carlo_table(budget, checked).rows == [["bias_x", "mg", "0.012", "0.013", "0.025", "0.025", "0.950"]]
     monkeypatch.setattr("tumblecal.report.budget_report._of_triad", lambda _: [("bias", 1.23456e-3, 1.23e-5, "g")])
-    assert intrinsic_table(budget)[1] == [["bias", "mg", "1.235", "0.012"]]
+    assert intrinsic_table(budget).rows == [["bias", "mg", "1.235", "0.012"]]
     monkeypatch.setattr("tumblecal.report.paper_report.paper.table2", lambda: {"bias_x": [1.2e-3, 1.25e-3, 0.0]})
     assert list(_published_table(fit).rows[0]) == ["bias_x", "mg", "1.200", "1.250", "0.000", "1.235", "0.012", "-2.8"]

@@ -9,8 +9,9 @@ import pytest
 from reading_html import Cells
 
 from tumblecal.data import paper
-from tumblecal.report.page import PageTable, Section, inline_figure, write_page
+from tumblecal.report.page import Section, inline_figure, write_page
 from tumblecal.report.paper_figures import draw_audit, draw_study
+from tumblecal.report.tables import Table
 from tumblecal.report.verdict import Finding, Unresolved, Verdict
 
 
@@ -201,7 +202,7 @@ def test_figures_are_files_too(page):
 
 
 def test_markup_in_the_data_is_text_on_the_page(tmp_path):
-    cells = PageTable(["<i>"], [["&"], ["dK_x by <u>+0.342e-3</u> (+1.5 sd), bias_x by 0.1 mg"]], text=(0,))
+    cells = Table(["<i>"], [["&"], ["dK_x by <u>+0.342e-3</u> (+1.5 sd), bias_x by 0.1 mg"]], text=(0,))
     script = replace(NOTHING, evidence=("<script>alert(1)</script>",))
     write_page(tmp_path / "p.html", "<b>title</b>", "a < b", script, [Section("x", tables=[cells])])
     text = (tmp_path / "p.html").read_text()
@@ -223,14 +224,14 @@ def test_on_paper_two_figures_of_residuals_fill_a_page(chromium, tmp_path):
 
 def test_on_paper_tables_go_over_the_foot_of_a_page(chromium, tmp_path):
     """Five that are a little more than half a page each fill three pages; kept whole, each would leave half a page blank."""
-    table = PageTable(["", "value", ""], [[f"row {k}", "1", "two words " * 10] for k in range(11)], text=(0, 2))
+    table = Table(["", "value", ""], [[f"row {k}", "1", "two words " * 10] for k in range(11)], text=(0, 2))
     write_page(tmp_path / "p.html", "Title", "", NOTHING, [Section(f"Part {k}", tables=[table]) for k in range(5)])
     assert chromium.printed(tmp_path / "p.html") == 3
 
 
 def test_dark_and_folded(chromium, tmp_path):
     """By the reader's system the page is dark or light; a long table is folded, and open on paper."""
-    long = PageTable(["", "value"], [[f"row {k}", "1"] for k in range(30)])
+    long = Table(["", "value"], [[f"row {k}", "1"] for k in range(30)])
     drawn = replace(long, rows=long.rows[:2], folded=True)
     write_page(tmp_path / "long.html", "Long", "", NOTHING, [Section("Numbers", tables=[long, drawn])])
     text = (tmp_path / "long.html").read_text(encoding="utf-8")

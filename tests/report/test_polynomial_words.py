@@ -8,8 +8,8 @@ import pytest
 
 from tumblecal.diagnosis.causes.cause import EFFECT, NO_SLOT, Cause
 from tumblecal.effects import catalogue
+from tumblecal.report.cause_words import by_finding
 from tumblecal.report.diagnosis_verdict import _finding
-from tumblecal.report.polynomial_words import by_finding
 
 
 ENTRIES = catalogue()

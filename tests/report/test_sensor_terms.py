@@ -4,6 +4,7 @@ import json
 import re
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import polars as pl
@@ -15,11 +16,16 @@ from independent import readings as linear_readings
 from tumblecal.cli.model_options import started_from_amplitudes
 from tumblecal.data import PositionSet
 from tumblecal.data.calibration_terms import Term
+from tumblecal.data.calibration_use import Use
+from tumblecal.data.not_applied import NotApplied
 from tumblecal.effects.catalogue import catalogue
+from tumblecal.effects.effect import OF_HEAD, OF_RUN
 from tumblecal.estimation import exact, problem_of, where_of
 from tumblecal.ground.errors import InputError
+from tumblecal.report import diagnosis_calibration
+from tumblecal.report.diagnosis_details import warning_words
 from tumblecal.report.result_file import calibration_of
-from tumblecal.report.temperature_order import undetermined_order
+from tumblecal.report.sensor_terms import undetermined_order
 
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
@@ -114,6 +120,8 @@ def test_what_no_file_holds_is_said_everywhere(tumblecal, tmp_path, measured, co
     assert command == "calibrate" or content["provenance"]["reference"] == {"temperature_degc": 25.0}
     _, said = size_of_force_mg(tumblecal, out / "calibration.json", measured)
     assert all(effect in said for effect in LEFT)
+    if command == "diagnose":  # its warnings: from a record, below
+        return
     # No calibration of a sensor holds the head's errors: nobody is warned of that.
     quiet = tumblecal(command, measured, "--rig", rig, "--out", out, "--no-figures", "--quiet")
     words = " ".join(quiet.lines)
@@ -122,6 +130,16 @@ def test_what_no_file_holds_is_said_everywhere(tumblecal, tmp_path, measured, co
     twin.write_text(measured.read_text() + "# another\n")
     several = tumblecal(command, measured, twin, "--rig", rig, "--out", tmp_path / "several")
     assert several.out.count("not corrected by calibration.json: bias_drift.x (up to") == 2
+
+
+def test_a_diagnosis_warns_of_what_the_sensor_lacks(monkeypatch):
+    losses = [NotApplied("bias_drift.x", OF_RUN, 3.0, 1.0), NotApplied("index_eccentricity", OF_HEAD, 50.0, 20.0)]
+    held = SimpleNamespace(not_applied=losses, use=Use("yes"))
+    monkeypatch.setattr(diagnosis_calibration, "extended_calibration", lambda diagnosis: held)
+    fit = SimpleNamespace(data=SimpleNamespace(gravity=None), chain=SimpleNamespace(free=()))
+    diagnosis = SimpleNamespace(implausible=(), setup_errors=(), extended=fit, nominal=fit)
+    (words,) = warning_words(diagnosis)
+    assert words.startswith("not corrected by calibration.json: bias_drift.x (up to 3 mg")
 
 
 def test_what_the_diagnosis_finds_stands_beside_what_the_rig_has(tumblecal, tmp_path, measured):

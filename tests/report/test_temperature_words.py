@@ -11,7 +11,7 @@ from tumblecal.chain import nominal_chain
 from tumblecal.effects.catalogue import catalogue, links
 from tumblecal.estimation.methods import calibrate
 from tumblecal.estimation.problem import where_of
-from tumblecal.report.temperature_words import temperature_words
+from tumblecal.report.calibration_words import temperature_words
 
 
 @pytest.fixture(scope="module")

@@ -1,11 +1,11 @@
 """The plan of a capture: a TOML file with positions, port, dwell time, and the data of the session."""
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from functools import cached_property
 from itertools import product
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from pydantic import Field, ValidationError, model_validator
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.frames import gravity_in_head, rotation_matrix
 from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2, Gravity, normal_gravity
-from tumblecal.ground.strict_toml import Line, Number, Strict, checked, read_toml, toml_string
+from tumblecal.ground.strict_toml import Line, Number, Strict, checked, read_toml
 
 
 SETUP = "capture_setup"
@@ -227,11 +227,9 @@ class CaptureSetup(Strict):
         content = self.model_dump(exclude_unset=True, exclude=_NOT_COPIED) | {"dwell": self.dwell.model_dump()}
         return json.dumps({name: value for name, value in content.items() if value not in ({}, None)})
 
-    def lines(self, table: str) -> Iterator[str]:
+    def stated(self, table: str) -> dict[str, Any]:
         """The stated keys of one of its tables, as in a plan; all keys of the dwell."""
-        stated = getattr(self, table)
-        for key, value in stated.model_dump(exclude_unset=table != "dwell", exclude=_NOT_COPIED.get(table)).items():
-            yield f"{key} = {toml_string(value) if isinstance(value, str) else repr(value)}"
+        return getattr(self, table).model_dump(exclude_unset=table != "dwell", exclude=_NOT_COPIED.get(table))
 
 
 def setup_of_comment(text: str | None) -> CaptureSetup | None:

@@ -78,9 +78,9 @@ def calibrate(
                 rows.append(_row(file, calibrated))
                 output.say(f"{number} of {len(data)}  {file}: {rows[-1]['judgement']}{_lacking(calibrated)}")
         if not single:
-            from tumblecal.report.calibration_summary import write_summary
+            from tumblecal.report.summary import CALIBRATED, write_summary
 
-            write_summary(out / _SUMMARY, rows)
+            write_summary(out / _SUMMARY, rows, CALIBRATED)
             output.say(f"written: {out}/: summary.csv, a folder for each file")
     if faults:
         raise InputError(faults)
@@ -111,9 +111,9 @@ def _calibrated(
 
 def _row(file: Path, calibrated: "Calibrated | InputError") -> dict:
     """The row of the summary; polars is imported for a batch only."""
-    from tumblecal.report.calibration_summary import summary_row
+    from tumblecal.report.summary import calibration_row
 
-    return summary_row(file, calibrated)
+    return calibration_row(file, calibrated)
 
 
 def _lacking(calibrated: "Calibrated | InputError") -> str:

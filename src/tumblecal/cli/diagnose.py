@@ -217,7 +217,7 @@ def _diagnosed(
 ) -> list[str]:
     """Diagnose the files, print each result when it is ready, and write the summary of a batch; returns the faults."""
     from tumblecal.ground.result_set import remove_results
-    from tumblecal.report.diagnosis_summary import write_summary
+    from tumblecal.report.summary import DIAGNOSED, write_summary
 
     faults: list[str] = []
     rows: list[dict] = []
@@ -241,7 +241,7 @@ def _diagnosed(
     finally:
         # The summary of an interrupted batch has the rows of the finished files.
         if not batch.single:
-            write_summary(summary, rows)
+            write_summary(summary, rows, DIAGNOSED)
     if not batch.single:
         output.say(f"written: {summary.parent}/: {summary.name}, a folder for each file")
     return faults

@@ -137,8 +137,8 @@ class Batch:
         from tumblecal.report.diagnosis_calibration import lacking_of_diagnosis
         from tumblecal.report.diagnosis_details import warning_words
         from tumblecal.report.diagnosis_files import write_diagnosis
-        from tumblecal.report.diagnosis_summary import summary_row
         from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
+        from tumblecal.report.summary import diagnosis_row
         from tumblecal.report.verdict import verdict_lines
 
         if isinstance(read, InputError):
@@ -175,12 +175,12 @@ class Batch:
         else:
             lacking = lacking_of_diagnosis(diagnosis, of_sensor=True)
             text = "; ".join([f"{file}: {diagnosis.verdict}", ", ".join(diagnosis.labels) or "nothing found", *lacking])
-        return summary_row(file, diagnosis), [], text
+        return diagnosis_row(file, diagnosis), [], text
 
     def _refused(self, file: Path, fault: InputError) -> tuple[dict, list[str], str]:
-        from tumblecal.report.diagnosis_summary import summary_row
+        from tumblecal.report.summary import diagnosis_row
 
-        return summary_row(file, fault), list(fault.faults), "" if self.single else f"{file}: rejected"
+        return diagnosis_row(file, fault), list(fault.faults), "" if self.single else f"{file}: rejected"
 
 
 _DIVERGED = (

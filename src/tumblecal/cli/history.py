@@ -238,9 +238,9 @@ def _restore_files(database: Path, number: int, out: Path | None) -> int:
 def _list(database: Path, entries: "Sequence[Entry]") -> None:
     from tumblecal.ground.counted import counted
     from tumblecal.ground.suggested_command import suggested
-    from tumblecal.report.history_list import LISTED, listed_row, table_text
+    from tumblecal.report.history_list import listed
 
-    print(table_text(LISTED, map(listed_row, entries), (1, 2, 3, 6)))
+    print(listed(entries))
     entries = [entry for entry in entries if not entry.damaged]
     units = len({entry.serial for entry in entries} - {""})
     nameless = sum(not entry.serial for entry in entries)

@@ -35,8 +35,7 @@ def import_samples(
     """
     from tumblecal.capture.rows.sample_file import write_samples
     from tumblecal.data.overwriting import protect_inputs
-    from tumblecal.report.import_report import import_document, import_lines
-    from tumblecal.report.recording_words import left_out_words
+    from tumblecal.report.recording_words import import_document, import_lines, left_out_words
 
     output.begin()
 

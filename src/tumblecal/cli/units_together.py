@@ -30,9 +30,9 @@ def diagnose_units(
     from tumblecal.diagnosis.head import together
     from tumblecal.ground.blas import single_blas_thread
     from tumblecal.ground.result_set import remove_results, result_set
-    from tumblecal.report.diagnosis_summary import summary_row, write_summary
     from tumblecal.report.head_files import write_units
     from tumblecal.report.head_words import units_text
+    from tumblecal.report.summary import DIAGNOSED, diagnosis_row, write_summary
 
     screened: list[Screened] = []
     usable, refused = [], {}
@@ -52,7 +52,7 @@ def diagnose_units(
     heads = [measured.known_to(number) for number in range(len(usable))]
     chosen = [files[k] for k in usable]
     processes = processes_for(len(usable)) if workers is None else workers
-    rows: dict[int, dict] = {number: summary_row(files[number], fault) for number, fault in refused.items()}
+    rows: dict[int, dict] = {number: diagnosis_row(files[number], fault) for number, fault in refused.items()}
     faults = [text for fault in refused.values() for text in fault.faults]
     # They describe the results of the units before the first one is replaced.
     remove_results(out, (*UNITS_SET, SUMMARY))
@@ -63,7 +63,7 @@ def diagnose_units(
             faults += more
             batch.output.say(f"{number + 1} of {len(files)}  {text}")
     finally:
-        write_summary(out / SUMMARY, [rows[number] for number in sorted(rows)])
+        write_summary(out / SUMMARY, [rows[number] for number in sorted(rows)], DIAGNOSED)
     units = [(folders[k].name, rows[k]) for k in usable]
     with result_set(out, UNITS_SET) as aside:
         written = write_units(aside, measured, units, batch.entries, figures=batch.results.figures is not False)

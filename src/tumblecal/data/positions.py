@@ -255,3 +255,9 @@ class PositionSet(Shown):
         columns = ("names", "alpha_deg", "beta_deg", "readings", "sd", "run", "mount", "clock", "recorded_noise")
         columns += ("time_s", "temperature_degc", "approach", "n")
         return replace(self, **{name: pick(getattr(self, name)) for name in columns})
+
+
+def identity_words(data: PositionSet) -> str:
+    """The positions at which the instrument did not state its serial number, and the result of a comparison; "" if none."""
+    words = data.comments.get(NOT_CONFIRMED, "")
+    return f"Identity of the instrument not confirmed: {words}" if words else ""

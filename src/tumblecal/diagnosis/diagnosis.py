@@ -217,10 +217,10 @@ class Diagnosis(Shown):
 
     plot_residuals = drawn_by("diagnosis_figures.angle_figure", "Residuals by spindle angle, before and after.")
     plot_columns = drawn_by("diagnosis_figures.column_figure", "The same by input, beta, time and temperature.")
-    plot_harmonics = drawn_by("diagnosis_harmonics.harmonics_figure", "Harmonics of alpha in the residuals.")
+    plot_harmonics = drawn_by("diagnosis_figures.harmonics_figure", "Harmonics of alpha in the residuals.")
     plot_explanations = drawn_by("diagnosis_figures.explanations_figure", "Probabilities of the explanations.")
-    plot_predictive = drawn_by("diagnosis_predictive.predictive_figure", "The residuals, with simulated ones.")
-    plot_limits = drawn_by("diagnosis_limits.limits_figure", "Detection limit of each effect.")
+    plot_predictive = drawn_by("evidence_figures.predictive_figure", "The residuals, with simulated ones.")
+    plot_limits = drawn_by("evidence_figures.limits_figure", "Detection limit of each effect.")
 
     def screen(self) -> Screen:
         """The verdict and its reasons."""

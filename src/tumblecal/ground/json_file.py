@@ -1,7 +1,10 @@
 """JSON files: contents, faults with their line, no repeated keys."""
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
+
+from pydantic_core import to_json
 
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.plain_text import controls_in
@@ -27,6 +30,11 @@ def read_json(path: Path) -> object:
         raise InputError(f"{path}: JSON nested too deeply to read") from error
     except ValueError as error:  # an integer of thousands of digits
         raise InputError(f"{path}: not JSON: {error}") from error
+
+
+def json_text(content: Mapping[str, object]) -> str:
+    """Plain numbers, lists and texts as the text of a JSON file; numbers that are not finite become null."""
+    return to_json(content, indent=1, inf_nan_mode="null").decode() + "\n"
 
 
 def require_plain(content: object) -> None:

@@ -101,3 +101,19 @@ def checked(path: Path, content: Mapping[str, object], table: type[Table]) -> Ta
 def toml_string(text: str) -> str:
     """A text as a TOML basic string; that is a JSON string with escaped DEL and without halves of surrogates."""
     return json.dumps(text.encode("utf-8", "replace").decode("utf-8"), ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def toml_table(name: str, values: Mapping[str, object]) -> list[str]:
+    """The lines of a table, then a blank one; a name in brackets for a table of an array. Values of None are omitted."""
+    return [f"[{name}]", *(f"{key} = {_toml(value)}" for key, value in values.items() if value is not None), ""]
+
+
+def _toml(value: object) -> str:
+    """A text, number, list or inline table."""
+    if isinstance(value, Mapping):
+        return f"{{ {', '.join(f'{key} = {_toml(part)}' for key, part in value.items())} }}"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_toml, value))}]"
+    if isinstance(value, bool):
+        return str(value).lower()
+    return toml_string(value) if isinstance(value, str) else repr(value)

@@ -1,6 +1,5 @@
 """An uncertainty budget: `budget.json`, tables, a figure and a page."""
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -13,12 +12,13 @@ from tumblecal.budget.monte_carlo import MonteCarlo
 from tumblecal.data.calibration import ORDER
 from tumblecal.estimation.intrinsic import intrinsic, matrix_and_bias, one_sensor
 from tumblecal.ground.atomic import write_text
+from tumblecal.ground.json_file import json_text
 from tumblecal.ground.numbers_shown import decimals, rounded, with_decimals
 from tumblecal.ground.units import shown
 from tumblecal.report.drawing import INK, new_figure, save
-from tumblecal.report.history_list import Row, table_text
-from tumblecal.report.page import PageTable, Section, inline_figure, write_page
+from tumblecal.report.page import Section, inline_figure, write_page
 from tumblecal.report.result_file import source_of
+from tumblecal.report.tables import Table
 from tumblecal.report.verdict import Verdict
 
 
@@ -35,29 +35,23 @@ _COLOURS = ("#b8b8b8", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#
 def write_budget(folder: Path, budget: Budget, checked: MonteCarlo | None, notes: Sequence[str] = ()) -> list[str]:
     """Write budget.json, budget.svg and budget.html; returns their names.
 
-    **Arguments:**
-
-    - `notes`: reservations about the fit, for the page.
+    `notes`: reservations about the fit, for the page.
     """
-    content = json.dumps(budget_content(budget, checked), indent=1, allow_nan=False) + "\n"
-    write_text(folder / "budget.json", content)
+    write_text(folder / "budget.json", json_text(budget_content(budget, checked)))
     figure = _drawn(folder / "budget.svg", budget)
-    combined, parts = combined_table(budget), contributions_table(budget)
+    alone = [Section("Independent of the mounting", tables=[intrinsic_table(budget)])] if one_sensor(budget.fit) else []
     sections = [
-        Section("Expanded uncertainties", [combined_words(budget)], tables=[PageTable(*combined, text=(0, 1, 9))]),
-        Section("Contributions", tables=[PageTable(*parts, text=(0, 1))], figures=[inline_figure(figure, _CAPTION)]),
-        Section("Inputs", tables=[PageTable(*inputs_table(budget), text=(0, 1, 3, 4, 6))]),
+        Section("Expanded uncertainties", [combined_words(budget)], tables=[combined_table(budget)]),
+        *alone,
+        Section("Contributions", tables=[contributions_table(budget)], figures=[inline_figure(figure, _CAPTION)]),
+        Section("Inputs", tables=[inputs_table(budget)]),
     ]
-    if one_sensor(budget.fit):
-        sections.insert(
-            1, Section("Independent of the mounting", tables=[PageTable(*intrinsic_table(budget), text=(0, 1))])
-        )
     if checked is not None:
-        table = PageTable(*monte_carlo_table(budget, checked), text=(0, 1))
-        sections.append(Section("Monte Carlo", [monte_carlo_words(budget, checked)], tables=[table]))
+        words, table = monte_carlo_words(budget, checked), monte_carlo_table(budget, checked)
+        sections.append(Section("Monte Carlo", [words], tables=[table]))
     name = Path(budget.fit.data.source).name
     lead = f"{len(budget.fit.data)} positions, {len(budget.inputs)} inputs in addition to the noise."
-    verdict = Verdict("", advice(budget), name, "", evidence=tuple(notes))
+    verdict = Verdict("", advice(budget), evidence=tuple(notes))
     write_page(folder / "budget.html", f"Uncertainty budget of {name}", lead, verdict, sections)
     return ["budget.json", "budget.svg", "budget.html"]
 
@@ -69,15 +63,14 @@ def budget_content(budget: Budget, checked: MonteCarlo | None) -> dict[str, Any]
     """Contents of `budget.json`, base units."""
     labels, without = _labels(budget), _without_each(budget)
     parameters = {}
-    for j, name in enumerate(budget.names):
-        best, dof = int(np.argmin(without[:, j])), float(budget.dof[j])
+    for j, (name, best) in enumerate(zip(budget.names, np.argmin(without, axis=0).tolist(), strict=True)):
         parameters[name] = {
             "value": float(budget.fit.values[j]),
             "unit": budget.fit.units[j],
             "u_type_a": float(budget.type_a[j]),
             "contributions": dict(zip(labels[1:], budget.sizes[:, j].tolist(), strict=True)),
             "u": float(budget.combined[j]),
-            "effective_dof": dof if np.isfinite(dof) else None,
+            "effective_dof": float(budget.dof[j]),
             "k": float(budget.coverage[j]),
             "U": float(budget.expanded[j]),
             "would_reduce_most": {"input": labels[best], "U_without": float(without[best, j])},
@@ -145,7 +138,7 @@ def combined_words(budget: Budget) -> str:
     )
 
 
-def combined_table(budget: Budget) -> tuple[Row, list[Row]]:
+def combined_table(budget: Budget) -> Table:
     """Value, uncertainties and dominant input of each parameter."""
     rows, labels, without = [], _labels(budget), _without_each(budget)
     type_b = np.linalg.norm(budget.sizes, axis=0)
@@ -162,29 +155,30 @@ def combined_table(budget: Budget) -> tuple[Row, list[Row]]:
         ]
         rest = sizes[2] if without[best, j] > _NOTHING * expanded else _NONE
         rows.append([budget.names[j], unit, *cells, labels[best], rest])
-    return ["parameter", "unit", "value", "u_A", "u_B", "u", "nu", "k", "U", "largest input", "U without"], rows
+    header = ["parameter", "unit", "value", "u_A", "u_B", "u", "nu", "k", "U", "largest input", "U without"]
+    return Table(header, rows, text=(0, 1, 9))
 
 
-def intrinsic_table(budget: Budget) -> tuple[Row, list[Row]]:
+def intrinsic_table(budget: Budget) -> Table:
     """Mounting-independent parameters: scale along the input axes, biases, angles between the input axes."""
     rows = []
     for name, value, u, unit in _of_triad(budget):
         display, factor = shown(unit)
         rows.append([name, display, *rounded(value * factor, u * factor)])
-    return ["of the triad alone", "unit", "value", "u"], rows
+    return Table(["of the triad alone", "unit", "value", "u"], rows, text=(0, 1))
 
 
-def contributions_table(budget: Budget) -> tuple[Row, list[Row]]:
+def contributions_table(budget: Budget) -> Table:
     """The standard uncertainty of each parameter by each input."""
     rows = []
     for j in budget.fit.shared:
         unit, factor = shown(budget.fit.units[j])
         sizes, u = [budget.type_a[j], *budget.sizes[:, j], budget.combined[j]], budget.combined[j]
         rows.append([budget.names[j], unit, *(_part(size, u, factor) for size in sizes)])
-    return ["parameter", "unit", *_labels(budget), "u"], rows
+    return Table(["parameter", "unit", *_labels(budget), "u"], rows, text=(0, 1))
 
 
-def inputs_table(budget: Budget) -> tuple[Row, list[Row]]:
+def inputs_table(budget: Budget) -> Table:
     """The inputs as they were stated."""
     rows = []
     for given in budget.inputs:
@@ -193,7 +187,8 @@ def inputs_table(budget: Budget) -> tuple[Row, list[Row]]:
         size = stated.size + (f" (k = {stated.coverage:g})" if stated.coverage != 1 else "")
         row = [given.label, description, size, stated.distribution, f"each {stated.per}" if stated.per else ""]
         rows.append([*row, "" if stated.dof is None else f"{stated.dof:g}", stated.source])
-    return ["input", "description", "size", "distribution", "independent", "nu", "source"], rows
+    header = ["input", "description", "size", "distribution", "independent", "nu", "source"]
+    return Table(header, rows, text=(0, 1, 3, 4, 6))
 
 
 def monte_carlo_words(budget: Budget, checked: MonteCarlo) -> str:
@@ -213,7 +208,7 @@ def monte_carlo_words(budget: Budget, checked: MonteCarlo) -> str:
     )
 
 
-def monte_carlo_table(budget: Budget, checked: MonteCarlo) -> tuple[Row, list[Row]]:
+def monte_carlo_table(budget: Budget, checked: MonteCarlo) -> Table:
     """The trials compared with the budget."""
     rows = []
     for j in budget.fit.shared:
@@ -221,7 +216,8 @@ def monte_carlo_table(budget: Budget, checked: MonteCarlo) -> tuple[Row, list[Ro
         sizes = (budget.combined[j], checked.sd[j], budget.expanded[j], checked.half_width[j])
         cells = rounded(0.0, *(size * factor for size in sizes))[1:]
         rows.append([budget.names[j], unit, *cells, f"{checked.within[j]:.3f}"])
-    return ["parameter", "unit", "u", "standard deviation of trials", "U", "half width", "within U"], rows
+    header = ["parameter", "unit", "u", "standard deviation of trials", "U", "half width", "within U"]
+    return Table(header, rows, text=(0, 1))
 
 
 def advice(budget: Budget) -> str:
@@ -233,13 +229,13 @@ def advice(budget: Budget) -> str:
 
 def budget_text(budget: Budget, checked: MonteCarlo | None) -> str:
     """The budget for a terminal."""
-    parts = [table_text(*combined_table(budget), (0, 1, 9)), combined_words(budget), ""]
-    parts += ["standard uncertainties by input", table_text(*contributions_table(budget), (0, 1)), ""]
-    parts += [table_text(*intrinsic_table(budget), (0, 1)), ""] if one_sensor(budget.fit) else []
+    parts = [combined_table(budget), combined_words(budget), ""]
+    parts += ["standard uncertainties by input", contributions_table(budget), ""]
+    parts += [intrinsic_table(budget), ""] if one_sensor(budget.fit) else []
     parts.append(advice(budget))
     if checked is not None:
-        parts += ["", monte_carlo_words(budget, checked), table_text(*monte_carlo_table(budget, checked), (0, 1))]
-    return "\n".join(parts)
+        parts += ["", monte_carlo_words(budget, checked), monte_carlo_table(budget, checked)]
+    return "\n".join(map(str, parts))
 
 
 def _drawn(path: Path, budget: Budget) -> Path:

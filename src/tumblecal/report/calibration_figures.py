@@ -34,18 +34,10 @@ def residuals_figure(exact: Fit) -> Figure:
         rows = called == beta
         for row, name in enumerate("xyz"):
             panel = panels[row, column]
-            if data.sd is not None:
-                panel.errorbar(
-                    data.alpha_deg[rows],
-                    exact.residuals[rows, row] * 1e3,
-                    yerr=2 * data.sd[rows, row] * 1e3,
-                    fmt="o",
-                    ms=3.5,
-                    color=AXIS_COLOUR[name],
-                    elinewidth=0.8,
-                )
-            else:
-                panel.plot(data.alpha_deg[rows], exact.residuals[rows, row] * 1e3, "o", ms=3.5, color=AXIS_COLOUR[name])
+            bars = None if data.sd is None else 2e3 * data.sd[rows, row]
+            values, look = 1e3 * exact.residuals[rows, row], {"ms": 3.5, "color": AXIS_COLOUR[name], "elinewidth": 0.8}
+            panel.errorbar(data.alpha_deg[rows], values, yerr=bars, fmt="o", **look)
+            if data.sd is None:
                 panel.axhspan(-2e3 * sd, 2e3 * sd, color=BAND, zorder=0)
             panel.axhline(0, color=INK, lw=0.7)
             if row == 0:
@@ -56,12 +48,9 @@ def residuals_figure(exact: Fit) -> Figure:
                 panel.set_xlabel("alpha / deg")
                 panel.set_xticks([0, 90, 180, 270])
     noise = "stated noise" if exact.noise == "stated" else "residuals"
-    bars = (
-        "bars: 2 standard deviations, stated"
-        if data.sd is not None
-        else f"grey band: 2 standard deviations of the {noise}, {2e3 * sd:.2g} mg"
-    )
-    figure.supxlabel(bars, fontsize=8, color="#555555")
+    band = f"grey band: 2 standard deviations of the {noise}, {2e3 * sd:.2g} mg"
+    words = band if data.sd is None else "bars: 2 standard deviations, stated"
+    figure.supxlabel(words, fontsize=8, color="#555555")
     return figure
 
 

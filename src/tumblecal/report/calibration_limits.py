@@ -11,13 +11,12 @@ from jaxtyping import Float
 from tumblecal.data.calibration_use import Use
 from tumblecal.data.coverage_factor import coverage_factors
 from tumblecal.data.not_applied import NotApplied
-from tumblecal.data.positions import PositionSet
+from tumblecal.data.positions import PositionSet, identity_words
 from tumblecal.data.sensor_parameters import SENSOR
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.intrinsic import matrix_and_bias, one_sensor
 from tumblecal.ground.units import in_words
 from tumblecal.noise.within_dwells import TEMPERATURE, changes_within_dwells
-from tumblecal.report.identity_words import identity_words
 from tumblecal.report.sensor_terms import NOT_MISSED, SensorTerms
 
 
@@ -33,9 +32,7 @@ _LEVEL = 0.95
 def limits(fit: Fit, terms: SensorTerms, written: Float[np.ndarray, "12 12"] | None = None) -> Iterator[Use]:
     """All limits of a converged fit's calibration that do not depend on its residuals.
 
-    **Arguments:**
-
-    - `fit`: with the parameters of the file. `terms`: of the file. `written`: covariance of matrix and bias, if not the fit's.
+    `fit`: with the parameters of the file. `terms`: of the file. `written`: covariance of matrix and bias, if not the fit's.
     """
     if one_sensor(fit):
         significant_g = expanded_uncertainty(fit, written)

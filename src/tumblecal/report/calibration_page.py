@@ -11,7 +11,6 @@ from tumblecal.data.calibration import Calibration
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.intrinsic import one_sensor
 from tumblecal.estimation.methods import Calibrated
-from tumblecal.estimation.mountings import mounting_words, turns_of
 from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.ground.numbers_shown import decimals, rounded, with_decimals
 from tumblecal.ground.suggested_command import suggested
@@ -22,19 +21,15 @@ from tumblecal.report.calibration_words import (
     UNLIKELY,
     methods_words,
     noise_words,
+    notes,
     remedy_words,
     wrong_methods,
 )
 from tumblecal.report.finding_figures import overview_figure
-from tumblecal.report.gravity_words import gravity_words
-from tumblecal.report.identity_words import identity_words
-from tumblecal.report.page import PageFigure, PageTable, Section, inline_drawing, inline_figure, write_page
+from tumblecal.report.page import PageFigure, Section, inline_drawing, inline_figure, write_page
 from tumblecal.report.result_file import calibration_of, source_of, strong_correlations
-from tumblecal.report.sensor_terms import held_words, lacking_of_fit
-from tumblecal.report.sentences import as_sentence, command_at_end, ended
-from tumblecal.report.setting_words import many_settings_words, read_settings_words
-from tumblecal.report.temperature_words import temperature_words, within_dwells_words
-from tumblecal.report.verdict import Finding, Verdict
+from tumblecal.report.tables import Table
+from tumblecal.report.verdict import Finding, Verdict, as_sentence, command_at_end, ended
 
 
 _CAPTIONS = {
@@ -63,10 +58,7 @@ _MOST_PAIRS = 8
 def write_calibration_page(path: Path, calibrated: Calibrated, figures: Sequence[str]) -> Path:
     """Write the page.
 
-    **Arguments:**
-
-    - `path`: the HTML file.
-    - `figures`: names of the SVG files in the same folder; they are inserted into the page.
+    `path`: the HTML file. `figures`: names of the SVG files in the same folder; they are inserted into the page.
     """
     exact, judged = calibrated.exact, judgements(calibrated)
     drawn = {name: inline_figure(path.parent / name, _CAPTIONS[name]) for name in figures}
@@ -94,31 +86,26 @@ def calibration_verdict(calibrated: Calibrated) -> Verdict:
     """Use, judgements as findings, tests as evidence, and what to do."""
     exact, judged = calibrated.exact, judgements(calibrated)
     use = use_of(calibrated, judged)
+    corrected = (as_sentence(setup_error.description) for setup_error in calibrated.setup_errors)
     found = [
-        *(
-            f"{as_sentence(setup_error.description)}; corrected in this calibration"
-            for setup_error in calibrated.setup_errors
-        ),
+        *(f"{words}; corrected in this calibration" for words in corrected),
         *(as_sentence(judgement.finding) for judgement in judged if judgement.tone != "good"),
         *(f"Implausible: {words}" for words in implausible_words(calibrated.implausible)),
     ]
+    headline = "One reservation." if len(found) == 1 else f"{len(found)} reservations."
     return Verdict(
         _BADGES[use.answer or "yes"],
-        as_sentence(judged[0].finding) if judged[0].tone == "good" else _headline(len(found)),
+        as_sentence(judged[0].finding) if judged[0].tone == "good" else headline,
         Path(exact.data.source).name,
         use.words,
         found=tuple(map(Finding, found)),
         evidence=tuple(_evidence(exact, calibrated)),
         next=tuple(dict.fromkeys(text for judgement in judged for text in _steps(judgement.advice))),
-        details=tuple(_details(exact, calibrated)),
+        details=tuple(("", words) for words in _details(calibrated)),
     )
 
 
 _BADGES = {"yes": "usable", "within": "usable", "only": "usable in part", "no": "do not use"}
-
-
-def _headline(found: int) -> str:
-    return "One reservation." if found == 1 else f"{found} reservations."
 
 
 def _steps(advice: str) -> Iterator[str]:
@@ -135,20 +122,9 @@ def _evidence(exact: Fit, calibrated: Calibrated) -> Iterator[str]:
         yield f"Do not use the values of {' and '.join(wrong)} for these data (see Methods)."
 
 
-def _details(exact: Fit, calibrated: Calibrated) -> Iterator[tuple[str, str]]:
-    """Heading and text of everything that asks for no action."""
-    texts = [
-        gravity_words(exact),
-        identity_words(exact.data),
-        mounting_words(turns_of(exact.problem.chain, exact.problem.where)),
-        read_settings_words(exact),
-        many_settings_words(exact),
-        within_dwells_words(exact.data),
-        temperature_words(exact, calibrated.entries),
-        *held_words(exact, exact.problem.chain, calibrated.entries),
-        *lacking_of_fit(exact, calibrated.entries),
-    ]
-    yield from (("", ended(as_sentence(text).rstrip("."))) for text in texts if text)
+def _details(calibrated: Calibrated) -> list[str]:
+    """The notes as sentences."""
+    return [ended(as_sentence(text).rstrip(".")) for text in notes(calibrated)]
 
 
 def _sections(calibrated: Calibrated, drawn: dict[str, PageFigure], folder: Path) -> Iterator[Section]:
@@ -158,7 +134,7 @@ def _sections(calibrated: Calibrated, drawn: dict[str, PageFigure], folder: Path
     yield Section(
         "Parameters",
         words=[
-            *(text for _, text in _details(exact, calibrated)),
+            *_details(calibrated),
             "The exact fit. u is the standard uncertainty of the data alone (type A), U the expanded uncertainty: 95 % by "
             f"{'the normal distribution' if exact.noise == 'stated' else 'Student’s t'}.{contradicted}",
         ],
@@ -168,10 +144,7 @@ def _sections(calibrated: Calibrated, drawn: dict[str, PageFigure], folder: Path
     yield from _weak(exact)
     yield Section(
         "Methods",
-        words=[
-            *methods_words(calibrated),
-            *(f"{TITLES[name]}: not run: {why}" for name, why in calibrated.skipped.items()),
-        ],
+        words=list(methods_words(calibrated)),
         tables=[_methods(calibrated)],
         figures=[drawn[name] for name in ("methods.svg",) if name in drawn],
     )
@@ -180,7 +153,7 @@ def _sections(calibrated: Calibrated, drawn: dict[str, PageFigure], folder: Path
     yield _provenance(exact)
 
 
-def _parameters(exact: Fit) -> PageTable:
+def _parameters(exact: Fit) -> Table:
     rows, intervals = [], exact.interval(0.95)
     for k in exact.shared:
         unit, factor = shown(exact.units[k])
@@ -188,7 +161,7 @@ def _parameters(exact: Fit) -> PageTable:
         value, u = rounded(exact.values[k] * factor, exact.sd[k] * factor)
         expanded = with_decimals(half * factor, decimals(half * factor))
         rows.append([exact.names[k], value, u, expanded, unit])
-    return PageTable(["parameter", "value", "u", "U (95 %)", "unit"], rows, text=(0, 4))
+    return Table(["parameter", "value", "u", "U (95 %)", "unit"], rows, text=(0, 4))
 
 
 def _weak(exact: Fit) -> Iterator[Section]:
@@ -197,18 +170,16 @@ def _weak(exact: Fit) -> Iterator[Section]:
     pairs = strong_correlations(exact)[:_MOST_PAIRS]
     if not weak and not pairs:
         return
-    words = [
-        f"{direction.words}: the uncertainty of this combination is {direction.sd_ratio:.0f} times the median."
-        for direction in weak
-    ]
+    size = "the uncertainty of this combination is {:.0f} times the median."
+    words = [f"{direction.words}: {size.format(direction.sd_ratio)}" for direction in weak]
     if remedy := remedy_words(exact):
         words.append(f"To determine it, {remedy}.")
     rows = [[pair["first"], pair["second"], f"{pair['correlation']:+.3f}"] for pair in pairs]
-    tables = [PageTable(["parameter", "correlated with", "correlation"], rows, text=(0, 1))] if rows else []
-    yield Section("Poorly determined parameters", words=words, tables=tables)
+    table = Table(["parameter", "correlated with", "correlation"], rows, text=(0, 1))
+    yield Section("Poorly determined parameters", words=words, tables=[table] if rows else [])
 
 
-def _methods(calibrated: Calibrated) -> PageTable:
+def _methods(calibrated: Calibrated) -> Table:
     exact = calibrated.exact
     others = [name for name in calibrated.fits if name != "exact"]
     rows = []
@@ -219,9 +190,7 @@ def _methods(calibrated: Calibrated) -> PageTable:
         values = [exact.values[k], *(fit.value(name) if name in fit.names else None for fit in fits)]
         cells = [name, *("" if value is None else with_decimals(value * factor, places) for value in values)]
         rows.append([*cells, unit])
-    return PageTable(
-        ["parameter", *(TITLES[name] for name in ("exact", *others)), "unit"], rows, text=(0, 2 + len(others))
-    )
+    return Table(["parameter", *(TITLES[name] for name in ("exact", *others)), "unit"], rows, text=(0, 2 + len(others)))
 
 
 def _applied(calibration: Calibration, folder: Path) -> Section:
@@ -237,7 +206,7 @@ def _applied(calibration: Calibration, folder: Path) -> Section:
             f"In Python, {'with the terms, three' if terms else 'four'} lines:",
         ],
         code=with_terms if terms else _APPLY,
-        tables=[PageTable(["", "matrix A_x", "A_y", "A_z", "bias / mg"], calibration.rows)],
+        tables=[Table(["", "matrix A_x", "A_y", "A_z", "bias / mg"], calibration.rows)],
     )
 
 
@@ -253,4 +222,4 @@ def _provenance(exact: Fit) -> Section:
         ["date (UTC)", datetime.now(UTC).strftime("%Y-%m-%d %H:%M:%S")],
         ["program", f"tumblecal {__version__}"],
     ]
-    return Section("Provenance", tables=[PageTable(["", ""], rows, text=(1,))])
+    return Section("Provenance", tables=[Table(["", ""], rows, text=(1,))])

@@ -1,16 +1,21 @@
-"""A calibration in words: its noise, agreement of the methods, and further measurements that would improve it."""
+"""A calibration in words: noise, methods, gravity, pitch settings, temperature, and measurements that would improve it."""
 
 from collections.abc import Iterator
 
 import numpy as np
 
+from tumblecal.data.positions import WITHIN_DWELLS, identity_words
+from tumblecal.effects import Catalogue
 from tumblecal.estimation.attitudes import attitude_words
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.methods import Calibrated
+from tumblecal.estimation.mountings import mounting_words, turns_of
 from tumblecal.estimation.noise_level import UNLIKELY, ContradictedLevel
 from tumblecal.estimation.problem import default_chain
+from tumblecal.ground.gravity import normal_gravity
 from tumblecal.ground.numbers_shown import p_words
 from tumblecal.ground.suggested_command import suggested
+from tumblecal.report.sensor_terms import effects_in, held_words, lacking_of_fit
 
 
 TITLES = {"exact": "exact", "harmonic": "harmonic", "kalman": "Kalman", "iterated": "iterated Kalman"}
@@ -38,8 +43,25 @@ _OF_RECORDING = (
 )
 
 
+def notes(calibrated: Calibrated) -> list[str]:
+    """Everything to know that asks for no action, a sentence or line each."""
+    exact, entries = calibrated.exact, calibrated.entries
+    texts = [
+        gravity_words(exact),
+        identity_words(exact.data),
+        mounting_words(turns_of(exact.problem.chain, exact.problem.where)),
+        read_settings_words(exact),
+        many_settings_words(exact),
+        exact.data.comments.get(WITHIN_DWELLS, ""),
+        temperature_words(exact, entries),
+        *held_words(exact, exact.problem.chain, entries),
+        *lacking_of_fit(exact, entries),
+    ]
+    return list(filter(None, texts))
+
+
 def methods_words(calibrated: Calibrated) -> Iterator[str]:
-    """Largest difference of each other method from the exact fit, and whether to use its values."""
+    """Largest difference of each other method from the exact fit, and whether to use its values; why others were not run."""
     for name, farthest, parameter in distances(calibrated):
         title = TITLES[name]
         if farthest <= _AGREES:
@@ -49,6 +71,7 @@ def methods_words(calibrated: Calibrated) -> Iterator[str]:
         else:
             why = _why_far(name, calibrated.exact)
             yield f"{title}: differs by {farthest:.3g} u from the exact fit ({parameter}): do not use it for these data; {why}"
+    yield from (f"{TITLES[name]}: not run: {why}" for name, why in calibrated.skipped.items())
 
 
 def _why_far(method: str, exact: Fit) -> str:
@@ -97,13 +120,8 @@ def noise_words(result: Fit, level: ContradictedLevel | None = None) -> str:
         where = f"; run: {suggested('diagnose', *result.data.as_arguments)}" if level.too_small else ""
         return f"noise: {level.words}{where}"
     if not result.dof > 0:
-        whose = (
-            "of the recording"
-            if result.problem.correlated
-            else "not known"
-            if result.noise == "estimated"
-            else "stated"
-        )
+        known = "not known" if result.noise == "estimated" else "stated"
+        whose = "of the recording" if result.problem.correlated else known
         return f"noise: {whose}; goodness of fit cannot be tested: {result.no_freedom_words}"
     if result.noise == "estimated":
         return f"noise: sd {result.sigma * 1e3:.4f} mg, estimated from the residuals (intervals by Student's t)"
@@ -121,3 +139,84 @@ def _stated(result: Fit) -> str:
     if data.n is None or counted is None or counted is data.sd or not np.array_equal(result.problem.sd, counted):
         return "stated"
     return f"stated, with sd columns of {np.median(data.n):g} samples a position, pooled"
+
+
+def gravity_words(fit: Fit) -> str:
+    """A line for the reader; "" for readings in g without a stated gravity."""
+    warning, gravity = gravity_warning(fit), fit.data.gravity
+    return f"WARNING: {warning}" if warning else f"one g is {gravity}" if gravity else ""
+
+
+def gravity_warning(fit: Fit) -> str:
+    """Effect of an assumed gravity on the scale factors; "" if it is stated, or if nothing depends on it."""
+    gravity = fit.data.gravity
+    if gravity is None or not gravity.assumed:
+        return ""
+    least, most = normal_gravity(0.0), normal_gravity(90.0)
+    shift = max(gravity.value_ms2 / least - 1.0, 1.0 - gravity.value_ms2 / most)
+    words = (
+        f"the readings are in m/s^2 and no gravity is stated; {gravity.value_ms2:g} m/s^2 is assumed. The "
+        f"gravity of your site ({least:.3f} to {most:.3f} at sea level) changes every dK by up to {shift * 1e3:.1f}e-3"
+    )
+    spread = [float(sd) for name, sd in zip(fit.names, fit.sd, strict=True) if name.startswith("dK") and sd > 0]
+    in_u = f", {shift / min(spread):.0f} u" if spread else ""
+    return f"{words}{in_u}. State it: --gravity 9.8123, or --gravity lat=48.14,height=520"
+
+
+# More settings than these with so few rows each are not commanded settings.
+_MANY, _ROWS_EACH = 8, 3
+_MOST_SHOWN = 8
+
+
+def read_settings_words(fit: Fit) -> str:
+    """The pitch settings that read pitch angles were assigned to; "" if no pitch angle was read."""
+    data = fit.data
+    called = data.pitch_setting_deg
+    read = ~np.isclose(called, data.beta_deg, rtol=0.0, atol=1e-6)
+    settings = np.unique(called[np.isin(called, called[read])])
+    if not len(settings):
+        return ""
+    read_rows = np.isin(called, settings)
+    angles, spread = (
+        len(np.unique(data.beta_deg[read_rows])),
+        max(np.ptp(data.beta_deg[called == one]) for one in settings),
+    )
+    shown = ", ".join(f"{one:g}" for one in settings[:_MOST_SHOWN]) + (", ..." if len(settings) > _MOST_SHOWN else "")
+    return (
+        f"pitch settings: beta_deg contains read angles, {angles} of them at {len(settings)} "
+        f"setting{'s' if len(settings) > 1 else ''} ({shown} deg; range of one setting up to {spread:.2g} deg). Each position "
+        "uses the angle that was read; each setting has one error dbeta."
+    )
+
+
+def many_settings_words(fit: Fit) -> str:
+    """A warning that nearly every row has a separate pitch setting, with the remedy; "" otherwise."""
+    errors = [leaf for leaf in fit.chain.free if leaf.name == "dbeta" and leaf.by and leaf.by.endswith("pitch")]
+    count = sum(len(leaf.names) for leaf in errors)
+    if count <= _MANY or count * _ROWS_EACH <= len(fit.data):
+        return ""
+    return (
+        f"pitch settings: beta_deg contains {count} in {len(fit.data)} rows. Each has a separate error dbeta, so few degrees "
+        "of freedom remain. If an encoder read the angles (more than half a degree from the setting), write the commanded "
+        "angle; if its readings are exact, use --fix dbeta."
+    )
+
+
+# With typical coefficients such a change (degC) causes several times the noise of a good measurement.
+_MUCH_DEGC = 2.0
+
+
+def temperature_words(fit: Fit, entries: Catalogue) -> str:
+    """That the standard uncertainties do not include the effect of a changed temperature; "" if it hardly changed, is unknown,
+    or the chain has effects of temperature."""
+    degc = fit.data.temperature_degc
+    if degc is None or np.ptp(degc) < _MUCH_DEGC:
+        return ""
+    effects = effects_in(fit.problem.chain, fit.problem.where, entries)
+    if any("reference_degc" in form for effect in effects for form in effect.forms):
+        return ""
+    return (
+        f"The temperature changed by {np.ptp(degc):.2g} degC: the standard uncertainties do not include the effect of this "
+        "change on bias and scale factors. To include it, run: "
+        f"{suggested('diagnose', *fit.data.as_arguments)}"
+    )

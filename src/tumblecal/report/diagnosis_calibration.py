@@ -1,4 +1,4 @@
-"""`calibration.json` of the extended model."""
+"""`calibration.json` of the extended model, and the use of it that the findings allow."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -10,22 +10,113 @@ from jaxtyping import Float
 
 from tumblecal.data.calibration import ORDER, Calibration
 from tumblecal.data.calibration_terms import Term
-from tumblecal.data.calibration_use import Use
+from tumblecal.data.calibration_use import Use, combined
 from tumblecal.data.sensor_parameters import SENSOR, leaf_of
 from tumblecal.data.uncertainty_parts import PARTS, UNDETECTED
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.causes.cause import Cause
+from tumblecal.diagnosis.causes.generic import UNEXPLAINED
 from tumblecal.diagnosis.findings.decision import Weighed, is_thermal
-from tumblecal.diagnosis.findings.determined import combinations
+from tumblecal.diagnosis.findings.determined import combinations, says_something
 from tumblecal.diagnosis.findings.reference import moved_to_reference
 from tumblecal.effects.effect import reason_not_held
 from tumblecal.effects.environment import REFERENCE_DEGC
 from tumblecal.estimation.fit import Fit
-from tumblecal.report.diagnosis_use import not_written, use_of_diagnosis
+from tumblecal.estimation.intrinsic import one_sensor
+from tumblecal.ground.errors import InputError
+from tumblecal.report.calibration_judgements import MOST_MOVED_SD, MOST_TIMES_NOISE
+from tumblecal.report.calibration_limits import DIRECTIONS, gravity_use, limits, undetermined_use
+from tumblecal.report.cause_words import label_words
 from tumblecal.report.effect_forms import require_forms
 from tumblecal.report.result_file import linear_calibration
 from tumblecal.report.sensor_terms import FittedEffect, SensorTerms, Signal, lacking_words, terms_of_chain
 from tumblecal.report.terms_covariance import WITH_TERMS, covariance_in_use
+
+
+# Held-out predictions are worse if their error increases by more than this many standard errors.
+_WORSE_SD = 2.0
+
+
+def not_written(diagnosis: Diagnosis) -> str:
+    """Why a diagnosis writes no calibration; "" if it writes one."""
+    fit = diagnosis.extended
+    if diagnosis.setup_errors:
+        labels = ", ".join(dict.fromkeys(error.label for error in diagnosis.setup_errors))
+        return f"the data must be corrected first ({labels})"
+    if not fit.code.good:
+        return "the exact fit did not converge"
+    if not says_something(fit):
+        return "some parameters are not determined together with the causes found"
+    return "" if one_sensor(fit) else "the model has no single sensor (dK, bias and gamma, one for all data)"
+
+
+def use_of_diagnosis(
+    diagnosis: Diagnosis,
+    terms: SensorTerms,
+    written: Float[np.ndarray, "12 12"] | None = None,
+    explanations: Sequence[Calibration] = (),
+) -> Use:
+    """Whether the calibration of the extended model may be used.
+
+    `terms`: of the file. `written`: as for `limits`. `explanations`: for an average over several, the calibration by each.
+    """
+    used = diagnosis.in_use.as_fit
+    return combined([*_findings(diagnosis), *_disagreement(diagnosis, explanations), *limits(used, terms, written)])
+
+
+def _findings(diagnosis: Diagnosis) -> Iterator[Use]:
+    if diagnosis.implausible:
+        yield Use("no", f"implausible values of {', '.join(one.parameter for one in diagnosis.implausible[:3])}")
+    elif diagnosis.verdict == "unexplained":
+        yield _unexplained(diagnosis, "the nominal model is rejected, and no catalogued effect explains the data")
+    elif (
+        UNEXPLAINED,
+    ) in diagnosis.best.equivalents and 2 * diagnosis.best.own_probability < diagnosis.best.probability:
+        named = label_words(diagnosis.best.labels)
+        yield _unexplained(diagnosis, f"an effect that is not in the catalogue is more probable than {named}")
+    yield from gravity_use(diagnosis.extended)
+    yield from undetermined_use(diagnosis.in_use.as_fit)
+    if diagnosis.members:
+        gain = diagnosis.gain
+        if gain.cv_rms_after_g - gain.cv_rms_before_g > _WORSE_SD * max(gain.cv_gain_sd_g, 0.0):
+            yield Use("no", "with the causes found, held-out positions are predicted worse than without them")
+    if diagnosis.noise_wrong:
+        yield Use("yes", f"its uncertainties are those of the corrected noise ({', '.join(diagnosis.noise_wrong)})")
+
+
+def _unexplained(diagnosis: Diagnosis, reason: str) -> Use:
+    """An error that no catalogued effect explains, or probably none. The calibration is valid to about the largest error. It
+    must not be used if the error or the residuals are many times the noise, or if the noise is unknown."""
+    size = float(np.max(np.abs(diagnosis.extended.residuals[diagnosis.extended.retained])))
+    small = diagnosis.problem.known and diagnosis.extended.level <= MOST_TIMES_NOISE
+    if diagnosis.unnamed is not None:
+        size = max(size, diagnosis.unnamed.excess.largest)
+        small = small and size <= MOST_TIMES_NOISE * diagnosis.sigma_g
+    return Use("yes" if small else "no", reason, size_g=size or None)
+
+
+def _disagreement(diagnosis: Diagnosis, explanations: Sequence[Calibration]) -> Iterator[Use]:
+    """Explanations that the data do not separate are averaged if their corrected readings agree, as for effects that are the
+    same in a field of 1 g. Otherwise only the parameters in which they agree may be used."""
+    if len(explanations) < 2:
+        return
+    fit, data = diagnosis.in_use.weighed[0].fit, diagnosis.data
+    degc = None if data.temperature_degc is None else float(np.mean(data.temperature_degc))
+    time_s = None if data.time_s is None else float(np.mean(data.time_s))
+    try:
+        forces = np.stack([each.corrected(DIRECTIONS, degc, time_s) for each in explanations])
+    except InputError:
+        yield Use("no", "the terms of one of the indistinguishable explanations cannot be inverted for readings of 1 g")
+        return
+    difference = float(np.max(np.abs(forces - forces[0])))
+    if difference <= MOST_TIMES_NOISE * diagnosis.sigma_g:
+        return
+    values = np.array([each.sensor.of(SENSOR).values for each in explanations])
+    places = [fit.names.index(name) for name in SENSOR]
+    moved = np.max(np.abs(values - values[0]), axis=0) / np.maximum(fit.sd[places], 1e-300)
+    names = tuple(name for name, change in zip(SENSOR, moved.tolist(), strict=True) if change <= MOST_MOVED_SD)
+    reason = "the explanations that these data do not separate correct the readings differently"
+    yield Use("only", reason, parameters=names, size_g=difference) if names else Use("no", reason, size_g=difference)
 
 
 def extended_calibration(diagnosis: Diagnosis) -> Calibration | None:
@@ -48,12 +139,13 @@ def extended_calibration(diagnosis: Diagnosis) -> Calibration | None:
     provenance = {"verdict": diagnosis.verdict, "causes": list(diagnosis.labels), "not_applied": []}
     if diagnosis.noise_words and not diagnosis.problem.known:
         provenance["stated_noise"] = f"The residuals contradict the assumed noise: {diagnosis.noise_words}"
-    provenance |= {PARTS: _uncertainty_parts(diagnosis), UNDETECTED: _undetected(diagnosis)}
+    undetected = diagnosis.in_use.undetected
+    provenance |= {PARTS: _uncertainty_parts(diagnosis), UNDETECTED: sorted(undetected.effects) if undetected else []}
     provenance["reference"] = _reference(diagnosis, of_model, terms.listed)
-    if len(weighed) > 1:
-        provenance["averaged_over"] = [
-            {"causes": list(explanation.labels), "probability": explanation.share} for explanation in weighed
-        ]
+    several = weighed if len(weighed) > 1 else ()
+    if several:
+        provenance["averaged_over"] = [{"causes": list(one.labels), "probability": one.share} for one in several]
+    each = [_by_explanation(diagnosis, one) for one in several]
     calibration = linear_calibration(used)
     estimated = terms.by_name if terms.by_name.keys() <= set(diagnosis.in_use.names) else {}
     covariance = covariance_in_use(diagnosis, estimated, provenance["reference"].get("temperature_degc"))
@@ -62,7 +154,7 @@ def extended_calibration(diagnosis: Diagnosis) -> Calibration | None:
         calibration,
         covariance=alone,
         provenance=calibration.provenance | provenance,
-        use=_use(diagnosis, terms, alone),
+        use=use_of_diagnosis(diagnosis, terms, alone, each),
     )
     calibration = terms.put_into(calibration, diagnosis.data.temperature_degc)
     together |= {"covariance": covariance.tolist()}
@@ -75,12 +167,6 @@ def diagnosed_use(diagnosis: Diagnosis) -> Use:
     if calibration is None:
         return Use("no", f"no calibration is written: {not_written(diagnosis)}")
     return calibration.use
-
-
-def _use(diagnosis: Diagnosis, terms: SensorTerms, covariance: Float[np.ndarray, "12 12"]) -> Use:
-    weighed = diagnosis.in_use.weighed
-    each = [_by_explanation(diagnosis, explanation) for explanation in weighed] if len(weighed) > 1 else []
-    return use_of_diagnosis(diagnosis, terms, covariance, each)
 
 
 def _given_terms(diagnosis: Diagnosis, fit: Fit) -> SensorTerms:
@@ -109,22 +195,14 @@ def _uncertainty_parts(diagnosis: Diagnosis) -> dict[str, dict[str, float]]:
     return {part: {name: float(sizes[k]) for name, k in places.items()} for part, sizes in used.parts.items()}
 
 
-def _undetected(diagnosis: Diagnosis) -> list[str]:
-    """Ids of the effects that the contribution of undetected effects is about."""
-    undetected = diagnosis.in_use.undetected
-    return [] if undetected is None else sorted(undetected.effects)
-
-
 def _reference(diagnosis: Diagnosis, given: Sequence[str], terms: Sequence[Term]) -> dict[str, Any]:
     """The time (s) and temperature (degC) to which bias and scale factors refer, if the data have such columns.
 
     A linear drift has its mean at the mean time. With a bend, or a decay longer than the measurement, the parameters are means
     over the measurement, so the file states this time instead (`findings.reference`). A shorter decay is not included.
 
-    **Arguments:**
-
-    - `given`: effects of the given model that the file cannot contain. If one depends on time, the bias refers to the origin
-      of that time. `terms`: of the file. If they have several reference temperatures, there is no single one.
+    `given`: effects of the given model that the file cannot contain. If one depends on time, the bias refers to the origin of
+    that time. `terms`: of the file. If they have several reference temperatures, there is no single one.
     """
     data, entries = diagnosis.data, diagnosis.entries
     listed: dict[str, Any] = {}
@@ -153,10 +231,9 @@ def _reference(diagnosis: Diagnosis, given: Sequence[str], terms: Sequence[Term]
 def _as_written(diagnosis: Diagnosis) -> list[Weighed]:
     """The explanations with the written values: a missing coefficient counts as zero in the mean."""
     used = diagnosis.in_use
-    values = [np.array([used.value(name) for name in explanation.fit.names]) for explanation in used.weighed]
     return [
-        replace(explanation, fit=replace(explanation.fit, values=each))
-        for explanation, each in zip(used.weighed, values, strict=True)
+        replace(one, fit=replace(one.fit, values=np.array([used.value(name) for name in one.fit.names])))
+        for one in used.weighed
     ]
 
 

@@ -2,21 +2,25 @@
 
 from collections.abc import Iterator
 
+from tumblecal.data.positions import WITHIN_DWELLS
 from tumblecal.data.sensor_parameters import SENSOR, leaf_of
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.causes.cause import id_of
 from tumblecal.diagnosis.findings.limits import Invisible
 from tumblecal.estimation.mountings import mounting_words
 from tumblecal.estimation.plausibility import implausible_words
+from tumblecal.ground.counted import counted, shortened
 from tumblecal.ground.numbers_shown import capped, changed, rounded_together
 from tumblecal.ground.units import in_words, shown
+from tumblecal.report.calibration_words import (
+    gravity_warning,
+    gravity_words,
+    many_settings_words,
+    read_settings_words,
+)
 from tumblecal.report.diagnosis_calibration import diagnosed_use, lacking_of_diagnosis
-from tumblecal.report.gravity_words import gravity_warning, gravity_words
 from tumblecal.report.sensor_terms import held_words
-from tumblecal.report.sentences import as_sentence
-from tumblecal.report.setting_words import many_settings_words, read_settings_words
-from tumblecal.report.temperature_words import within_dwells_words
-from tumblecal.report.verdict import NOT_TESTABLE, UNDETECTABLE
+from tumblecal.report.verdict import NOT_TESTABLE, UNDETECTABLE, as_sentence
 
 
 # Headings.
@@ -69,7 +73,7 @@ def _of_model(diagnosis: Diagnosis) -> dict[str, str]:
         HELD: " ".join(f"{as_sentence(words)}." for words in held),
         LACKING: " ".join(f"{_text_of(words)}." for words in lacking_of_diagnosis(diagnosis)),
         "Gravity": "" if gravity_warning(diagnosis.extended) else gravity_words(diagnosis.extended),
-        "Changes within dwells": within_dwells_words(diagnosis.data),
+        "Changes within dwells": diagnosis.data.comments.get(WITHIN_DWELLS, ""),
     }
 
 
@@ -178,10 +182,8 @@ def _undetectable(diagnosis: Diagnosis) -> str:
         f"{capped(abs(harm[id][worst[id]]), '.1f')} u)"
         for id in sorted(worst, key=lambda id: -abs(harm[id][worst[id]]))[:_MOST_WORST]
     )
-    count = len(diagnosis.invisible)
-    return (
-        f"{count} effect{'s' if count > 1 else ''}, wholly or in part{f'; largest harm: {listed}' if listed else ''}."
-    )
+    count = counted(len(diagnosis.invisible), "effect")
+    return f"{count}, wholly or in part{f'; largest harm: {listed}' if listed else ''}."
 
 
 def harm_in_u(diagnosis: Diagnosis, hidden: Invisible) -> dict[str, float]:
@@ -201,7 +203,6 @@ def _not_testable(diagnosis: Diagnosis) -> Iterator[str]:
         else:
             by_reason.setdefault(reason, []).append(id)
     for reason, ids in by_reason.items():
-        more = len(ids) - _MOST_NOT_TESTABLE
-        yield f"{reason}: {', '.join(ids[:_MOST_NOT_TESTABLE])}{f' and {more} more' if more > 0 else ''}."
+        yield f"{reason}: {shortened(ids, _MOST_NOT_TESTABLE)}."
     if renamed:
         yield f"reported under another name if present: {', '.join(dict.fromkeys(renamed))}."

@@ -1,23 +1,24 @@
-"""Figures of a diagnosis: residuals against all recorded variables; the list of all figures."""
+"""Figures of a diagnosis: residuals against all recorded variables, their harmonics, and the list of all figures."""
 
 import textwrap
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
 
 from tumblecal.diagnosis import Diagnosis
+from tumblecal.diagnosis.findings.residuals import Discrepancy, discrepancies
+from tumblecal.estimation.fit import Fit
 from tumblecal.ground.axes import AXES
 from tumblecal.report.cause_words import label_words
-from tumblecal.report.diagnosis_harmonics import harmonics_figure
-from tumblecal.report.diagnosis_limits import limits_figure
-from tumblecal.report.diagnosis_predictive import predictive_figure
 from tumblecal.report.diagnosis_tables import leading
 from tumblecal.report.drawing import AXIS_COLOUR, INK, MUTED, OUTSIDE, Margins, new_figure, new_panels, save
-from tumblecal.report.finding_figures import large_figure
-from tumblecal.report.finding_signals import finding_signals
+from tumblecal.report.evidence_figures import limits_figure, predictive_figure
+from tumblecal.report.finding_figures import finding_signals, large_figure
 from tumblecal.report.unnamed_figure import unnamed_figure
 
 
@@ -189,3 +190,64 @@ def explanations_figure(diagnosis: Diagnosis) -> Figure:
     panel.grid(axis="y", visible=False)
     panel.set_axisbelow(True)
     return figure
+
+
+_RANGE = 6.0
+_MOST_WORDED = 12
+
+
+def harmonics_figure(diagnosis: Diagnosis) -> Figure | None:
+    """A cell for every axis, pitch setting and harmonic, before and after; None if no setting has enough angles."""
+    fits: list[tuple[str, Fit]] = [("nominal model", diagnosis.nominal)]
+    if diagnosis.extended is not diagnosis.nominal:
+        fits.append(("extended model", diagnosis.extended))
+    noise = diagnosis.level
+    cells = [discrepancies(fit, noise) for _, fit in fits]
+    if not cells[0]:
+        return None
+    settings = sorted({harmonic.pitch for harmonic in cells[0]})
+    columns = sorted({(harmonic.order, harmonic.wave) for harmonic in cells[0]})
+    names = ["mean" if order == 0 else f"{wave[0]}{order}" for order, wave in columns]
+    pitch = np.asarray(diagnosis.problem.where.index("pitch"))
+    betas = [f"{diagnosis.data.pitch_setting_deg[pitch == setting][0]:g}" for setting in settings]
+    figure = new_figure(7.5, len(fits) * (0.2 * len(settings) + 0.55) + 0.75)
+    figure.get_layout_engine().set(hspace=0.12)  # type: ignore[union-attr]
+    panels = figure.subplots(len(fits), 3, sharex=True, sharey=True, squeeze=False)
+    image = None
+    for row, ((name, _), of_fit) in enumerate(zip(fits, cells, strict=True)):
+        for panel, axis in zip(panels[row], "xyz", strict=True):
+            image = _table(panel, [harmonic for harmonic in of_fit if harmonic.axis == axis], settings, columns)
+            panel.set_title(f"axis {axis}, {name}")
+            panel.set_xticks(range(len(columns)), names, fontsize=6.5)
+            panel.set_yticks(range(len(settings)), betas, fontsize=7)
+            panel.tick_params(length=0)
+        panels[row, 0].set_ylabel("beta / deg")
+    for panel in panels[-1]:
+        panel.set_xlabel("harmonic of alpha")
+    assert image is not None
+    bar = figure.colorbar(image, ax=panels, shrink=0.9, aspect=12 * len(fits), pad=0.015, extend="both")
+    bar.set_label("harmonic / standard deviation")
+    bar.outline.set_visible(False)  # type: ignore[operator]
+    return figure
+
+
+def _table(panel: Axes, harmonics: list[Discrepancy], settings: list[int], columns: list[tuple[int, str]]) -> AxesImage:
+    """Cells coloured by size; crossed if fitted parameters absorb the harmonic completely."""
+    values = np.full((len(settings), len(columns)), np.nan)
+    panel.set_facecolor("white")
+    for harmonic in harmonics:
+        cell = settings.index(harmonic.pitch), columns.index((harmonic.order, harmonic.wave))
+        if harmonic.in_sd is None:
+            panel.plot(cell[1], cell[0], "x", ms=4, mew=0.7, color="#b0b0b0")
+            continue
+        values[cell] = harmonic.in_sd
+        if len(settings) <= _MOST_WORDED:
+            strong = abs(harmonic.in_sd) > 3
+            words = f"{harmonic.in_sd:.0f}" if strong else f"{round(harmonic.in_sd, 1) + 0.0:.1f}"
+            words = words if abs(harmonic.in_sd) < 999 else ">999" if harmonic.in_sd > 0 else "<-999"
+            ink, weight = "white" if abs(harmonic.in_sd) > 0.62 * _RANGE else INK, "bold" if strong else "normal"
+            panel.text(cell[1], cell[0], words, ha="center", va="center", fontsize=5.5, color=ink, fontweight=weight)
+    for side in panel.spines.values():
+        side.set_visible(False)
+    panel.grid(visible=False)
+    return panel.imshow(values, aspect="auto", cmap=colormaps["RdBu_r"], vmin=-_RANGE, vmax=_RANGE)

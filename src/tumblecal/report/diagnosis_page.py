@@ -14,9 +14,9 @@ from tumblecal.report import diagnosis_tables as tables
 from tumblecal.report.cause_words import label_words
 from tumblecal.report.diagnosis_details import CAUSES, CHANGES, GAIN, HELD, LACKING, UNCERTAINTIES, UNDETERMINED
 from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
-from tumblecal.report.finding_figures import card_figures
-from tumblecal.report.finding_signals import FindingSignal, finding_signals
-from tumblecal.report.page import TONES, PageFigure, PageTable, Section, inline_drawing, inline_figure, write_page
+from tumblecal.report.finding_figures import FindingSignal, card_figures, finding_signals
+from tumblecal.report.page import TONES, PageFigure, Section, inline_drawing, inline_figure, write_page
+from tumblecal.report.tables import Table
 from tumblecal.report.unnamed_figure import CAPTION as UNNAMED_CAPTION
 from tumblecal.report.verdict import NOT_TESTABLE, UNDETECTABLE, Verdict
 
@@ -55,12 +55,9 @@ def write_diagnosis_page(
 ) -> Path:
     """Write the page.
 
-    **Arguments:**
-
-    - `path`: the HTML file.
-    - `diagnosis`; `plan`: what to measure next.
-    - `figures`: names of the SVG files in the same folder; they are put into the page.
-    - `verdict`: the record that is drawn; by default that of the diagnosis, with commands for the page's folder.
+    `path`: the HTML file. `diagnosis`; `plan`: what to measure next. `figures`: names of the SVG files in the same folder; they
+    are put into the page. `verdict`: the record that is drawn; by default that of the diagnosis, with commands for the page's
+    folder.
     """
     verdict = verdict or verdict_of_diagnosis(diagnosis, plan, path.parent)
     signals = finding_signals(diagnosis)
@@ -72,9 +69,7 @@ def write_diagnosis_page(
         verdict,
         list(_sections(diagnosis, drawn, dict(verdict.details))),
         tone=TONES[diagnosis.verdict],
-        pictures={
-            number: inline_drawing(figure, f"card_{number}") for number, figure in card_figures(diagnosis).items()
-        },
+        pictures={k: inline_drawing(figure, f"card_{k}") for k, figure in card_figures(diagnosis).items()},
         plans=list(_plans(plan)),
     )
     return path
@@ -97,10 +92,8 @@ def _caption(diagnosis: Diagnosis, signals: dict[int, FindingSignal], verdict: V
 def _lead(diagnosis: Diagnosis) -> str:
     data = diagnosis.data
     parts = [f"{len(data)} positions, {len(np.unique(data.pitch_setting_deg))} pitch settings"]
-    if len(data.runs) > 1:
-        parts.append(f"{len(data.runs)} runs")
-    if data.mount is not None and len(set(data.mount)) > 1:
-        parts.append(f"{len(set(data.mount))} mountings")
+    several = {"runs": len(data.runs), "mountings": len(set(data.mount or ()))}
+    parts += [f"{count} {name}" for name, count in several.items() if count > 1]
     return f"{', '.join(parts)}, {_noise(diagnosis)}. ± is the standard uncertainty u."
 
 
@@ -126,14 +119,16 @@ def _sections(diagnosis: Diagnosis, drawn: dict[str, PageFigure], details: dict[
         tables=[tables.gain_table(diagnosis)] if inserted else [],
         figures=_chosen(drawn, "predictive.svg"),
     )
-    yield Section("Alternatives", words=[_PROBABILITIES], tables=tables.alternatives_tables(diagnosis))
+    yield Section(
+        "Alternatives",
+        words=[_PROBABILITIES],
+        tables=[*tables.class_tables(diagnosis.factors, diagnosis.best), tables.explanations_table(diagnosis)],
+    )
     found = [name for name in drawn if name.startswith("finding_")]
+    lacking = bool(drawn) and "residual_harmonics.svg" not in drawn
     yield Section(
         "Residuals",
-        words=[
-            *([_COMPONENTS] if found else []),
-            *([] if "residual_harmonics.svg" in drawn or not drawn else [_NO_HARMONICS]),
-        ],
+        words=[*([_COMPONENTS] if found else []), *([_NO_HARMONICS] if lacking else [])],
         figures=_chosen(drawn, "unexplained.svg", *found, *_OF_RESIDUALS),
     )
     changed = [f"{name}: {details[name]}" for name in _OF_CALIBRATION if name in details]
@@ -190,20 +185,18 @@ def _outside(diagnosis: Diagnosis) -> Iterator[str]:
 
 
 def _limits(diagnosis: Diagnosis, drawn: dict[str, PageFigure]) -> Section:
-    listed, words = [], []
     figures = [replace(figure, on_paper=False) for figure in _chosen(drawn, "limits.svg")]
-    if diagnosis.limits:
-        words.append(_LIMITS)
-        listed.append(replace(tables.limits_table(diagnosis), folded=bool(figures)))
-    if diagnosis.invisible:
-        words.append(_ABSORBED)
-        listed.append(tables.invisible_table(diagnosis))
-    if diagnosis.model.not_testable:
-        listed.append(tables.not_testable_table(diagnosis))
-    return Section("Detection limits", words=words, tables=listed, figures=figures)
+    listed = [replace(tables.limits_table(diagnosis), folded=bool(figures))] if diagnosis.limits else []
+    parts = {tables.invisible_table: diagnosis.invisible, tables.not_testable_table: diagnosis.model.not_testable}
+    return Section(
+        "Detection limits",
+        words=[*([_LIMITS] if diagnosis.limits else []), *([_ABSORBED] if diagnosis.invisible else [])],
+        tables=[*listed, *(table(diagnosis) for table, content in parts.items() if content)],
+        figures=figures,
+    )
 
 
-def _plans(plan: NextPlan) -> Iterator[PageTable]:
+def _plans(plan: NextPlan) -> Iterator[Table]:
     yield from (tables.next_table(positions) for positions in (plan.together, plan.singles) if positions)
     if plan.confirming:
         yield tables.confirming_table(plan.confirming, label_words(plan.confirming[0].rival) or "nominal model")
@@ -223,4 +216,4 @@ def _provenance(diagnosis: Diagnosis, others: Sequence[Sequence[str]]) -> Sectio
         ["effects in the catalogue", f"{len(diagnosis.entries)}"],
         *others,
     ]
-    return Section("Provenance", tables=[PageTable(["", ""], rows, text=(1,))])
+    return Section("Provenance", tables=[Table(["", ""], rows, text=(1,))])

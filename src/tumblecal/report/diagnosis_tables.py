@@ -6,6 +6,7 @@ from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.findings.factors import Factor
 from tumblecal.diagnosis.sets.classes import Explanation
 from tumblecal.diagnosis.sets.exchanges import Labels
+from tumblecal.ground.counted import shortened
 from tumblecal.ground.numbers_shown import capped, decimals, p_words, rounded_together, with_decimals
 from tumblecal.ground.units import in_words, shown
 from tumblecal.planning.confirming import Confirmation
@@ -13,7 +14,7 @@ from tumblecal.planning.next_plan import NextPosition
 from tumblecal.report.cause_words import label_words
 from tumblecal.report.diagnosis_details import harm_in_u
 from tumblecal.report.diagnosis_verdict import reason_words
-from tumblecal.report.page import PageTable
+from tumblecal.report.tables import Table
 
 
 _MOST_EXPLANATIONS = 10
@@ -24,22 +25,20 @@ _JOIN = "\u00a0"
 _UNCERTAINTY = ("u", "noise", "other explanations", "undetected effects")
 
 
-def gain_table(diagnosis: Diagnosis) -> PageTable:
+def gain_table(diagnosis: Diagnosis) -> Table:
     """Residuals, held-out error, and expected error of a repeat measurement: nominal and extended model."""
     gain = diagnosis.gain
-    predicted = f"held-out error, {gain.cv_kind}"
     rows = [
         ("residuals, rms", gain.rms_before_g, gain.rms_after_g, None),
-        (predicted, gain.cv_rms_before_g, gain.cv_rms_after_g, gain.cv_gain_sd_g),
+        (f"held-out error, {gain.cv_kind}", gain.cv_rms_before_g, gain.cv_rms_after_g, gain.cv_gain_sd_g),
         ("expected of a repeat measurement", gain.fresh_rms_before_g, gain.fresh_rms_after_g, gain.fresh_gain_sd_g),
     ]
     cells = []
     for name, before, after, u in rows:
-        places = decimals(gain.cv_gain_sd_g * 1e3 if u is None else u * 1e3)
+        places = decimals(1e3 * (gain.cv_gain_sd_g if u is None else u))
         numbers = [with_decimals(1e3 * size, places) for size in (before, after, before - after)]
-        cells.append(
-            [name, *numbers[:2], numbers[2] if u is None else rounded_together((before - after) * 1e3, u * 1e3), "mg"]
-        )
+        numbers[2] = numbers[2] if u is None else rounded_together((before - after) * 1e3, u * 1e3)
+        cells.append([name, *numbers, "mg"])
     if gain.cv_same_causes is not None:
         cells[1][0] += ", cause selection repeated"
         same_causes = with_decimals(gain.cv_rms_kept_g * 1e3, decimals(gain.cv_gain_sd_g * 1e3))
@@ -51,7 +50,7 @@ def gain_table(diagnosis: Diagnosis) -> PageTable:
     ]
     if gain.f_statistic is not None and gain.f_p_value is not None:
         cells.append([f"F test, {p_words(gain.f_p_value)}", "", "", f"F {capped(gain.f_statistic, '.3g')}", ""])
-    return PageTable(["", "nominal model", "extended model", "improvement", "unit"], cells, text=(0, 4))
+    return Table(["", "nominal model", "extended model", "improvement", "unit"], cells, text=(0, 4))
 
 
 def leading(diagnosis: Diagnosis, least: float, most: int) -> list[Explanation]:
@@ -59,12 +58,7 @@ def leading(diagnosis: Diagnosis, least: float, most: int) -> list[Explanation]:
     return [e for e in diagnosis.screened.explanations if e.probability > least or e is diagnosis.best][:most]
 
 
-def alternatives_tables(diagnosis: Diagnosis) -> list[PageTable]:
-    """The members of the leading class as a matrix, and all explanations."""
-    return [*class_tables(diagnosis.factors, diagnosis.best), _explanations_table(diagnosis)]
-
-
-def class_tables(found: Sequence[Factor], best: Explanation) -> list[PageTable]:
+def class_tables(found: Sequence[Factor], best: Explanation) -> list[Table]:
     """Members of the leading class: a matrix of the two findings with the most alternatives (rows: members of one, columns:
     members of the other), and a table for each further finding with alternatives."""
     several = sorted((factor for factor in found if len(factor.members) > 1), key=lambda factor: -len(factor.members))
@@ -74,7 +68,7 @@ def class_tables(found: Sequence[Factor], best: Explanation) -> list[PageTable]:
     matrix = [[_together(row, column, first, second, best) for column in second.members] for row in first.members]
     rows = [[label_words(row), *cells] for row, cells in zip(first.members, matrix, strict=True)]
     header = ["", *map(label_words, second.members)]
-    table = PageTable(header, rows, text=tuple(range(len(header))), marked={(0, 1)})
+    table = Table(header, rows, text=tuple(range(len(header))), marked={(0, 1)})
     return [table, *map(_members_table, others)]
 
 
@@ -88,16 +82,16 @@ def _together(row: Labels, column: Labels, first: Factor, second: Factor, best: 
     return "indistinguishable" if any({*member} == labels for member in best.equivalents) else "not supported"
 
 
-def _members_table(factor: Factor) -> PageTable:
+def _members_table(factor: Factor) -> Table:
     leading, *others = map(label_words, factor.members)
     rows = [
         [leading, "leading"],
         *([other, reason_words(why)] for other, why in zip(others, factor.reasons, strict=True)),
     ]
-    return PageTable(["alternative", "not distinguished because"], rows, text=(0, 1), marked={(0, 1)})
+    return Table(["alternative", "not distinguished because"], rows, text=(0, 1), marked={(0, 1)})
 
 
-def _explanations_table(diagnosis: Diagnosis) -> PageTable:
+def explanations_table(diagnosis: Diagnosis) -> Table:
     """Explanations, most probable first; the class of the first is in the matrix."""
     nothing = "no other error" if diagnosis.setup_errors or diagnosis.noise_labels else "adequate: no error"
     listed = leading(diagnosis, 1e-3, _MOST_EXPLANATIONS)
@@ -112,18 +106,16 @@ def _explanations_table(diagnosis: Diagnosis) -> PageTable:
         for explanation in listed
     ]
     header = ["explanation", "probability", "first member alone", *(["indistinguishable from"] if others else [])]
-    return PageTable(header, rows, text=(0, 3), shares=(1,))
+    return Table(header, rows, text=(0, 3), shares=(1,))
 
 
 def _equivalents(explanation: Explanation, diagnosis: Diagnosis) -> str:
     if explanation is diagnosis.best:
         return ""
-    words = "; ".join(label_words(labels) for labels in explanation.stated[:_MOST_OF_OTHERS])
-    more = len(explanation.stated) - _MOST_OF_OTHERS
-    return f"{words}; and {more} more" if more > 0 else words
+    return shortened(list(map(label_words, explanation.stated)), _MOST_OF_OTHERS, "; ", "; and")
 
 
-def parameters_table(diagnosis: Diagnosis) -> PageTable:
+def parameters_table(diagnosis: Diagnosis) -> Table:
     """Every nominal parameter of sensor and set-up in calibration.json, with its standard uncertainty and the contributions to
     it; first the value of the nominal model, if that differs."""
     chain, inserted = diagnosis.model.nominal_chain, diagnosis.extended is not diagnosis.nominal
@@ -132,28 +124,21 @@ def parameters_table(diagnosis: Diagnosis) -> PageTable:
         if diagnosis.model.layout.of_positions[k]:  # the tilts of a hand-held set
             continue
         unit, scale = shown(chain.units[k])
-        u = used.sd[k] * scale
-        places = decimals(u)
-        values = [*([diagnosis.nominal.values[k]] if inserted else []), used.values[k]]
-        parts = [with_decimals(sizes[k] * scale, places) for sizes in used.parts.values()]
-        cells = [
-            name,
-            unit,
-            *(with_decimals(value * scale, places) for value in values),
-            with_decimals(u, places),
-            *parts,
+        places = decimals(used.sd[k] * scale)
+        before = diagnosis.nominal.values[k]
+        values = [
+            *([before] if inserted else []),
+            used.values[k],
+            used.sd[k],
+            *(part[k] for part in used.parts.values()),
         ]
-        if inserted:
-            change = used.values[k] - diagnosis.nominal.values[k]
-            cells += [capped(change / used.sd[k], "+z.1f")]
-        rows.append(cells)
-    if not inserted:
-        return PageTable(["parameter", "unit", "value", *_UNCERTAINTY], rows, text=(1,))
-    header = ["parameter", "unit", "nominal model", "as written", *_UNCERTAINTY, "change / u"]
-    return PageTable(header, rows, text=(1,))
+        change = [capped((used.values[k] - before) / used.sd[k], "+z.1f")] if inserted else []
+        rows.append([name, unit, *(with_decimals(value * scale, places) for value in values), *change])
+    values, change = (["nominal model", "as written"], ["change / u"]) if inserted else (["value"], [])
+    return Table(["parameter", "unit", *values, *_UNCERTAINTY, *change], rows, text=(1,))
 
 
-def limits_table(diagnosis: Diagnosis) -> PageTable:
+def limits_table(diagnosis: Diagnosis) -> Table:
     """Detection limit of every coefficient, in the order of the catalogue."""
     rows = [
         [
@@ -168,14 +153,15 @@ def limits_table(diagnosis: Diagnosis) -> PageTable:
         for number, (coefficient, size) in enumerate(limit.coefficients.items())
     ]
     header = ["effect", "coefficient", "detection limit (80 % power)", "unit", "typical size", "visible"]
-    return PageTable(header, rows, text=(1, 3))
+    return Table(header, rows, text=(1, 3))
 
 
-def invisible_table(diagnosis: Diagnosis) -> PageTable:
+def invisible_table(diagnosis: Diagnosis) -> Table:
     """Effects, or directions of them, that the nominal parameters absorb, and the changes that they would cause."""
     rows = []
     for id, hidden in _in_order(diagnosis, diagnosis.invisible).items():
-        direction = ", ".join(f"{share:+.2f}{_JOIN}{_suffix(name, id)}" for name, share in hidden.direction.items())
+        parts = {name.removeprefix(id).lstrip("_") or name: share for name, share in hidden.direction.items()}
+        direction = ", ".join(f"{share:+.2f}{_JOIN}{name}" for name, share in parts.items())
         harms, in_u = [], harm_in_u(diagnosis, hidden)
         for name, harm in list(hidden.harm.items())[:_MOST_HARMED]:
             unit, scale = shown(str(harm["unit"]))
@@ -186,11 +172,7 @@ def invisible_table(diagnosis: Diagnosis) -> PageTable:
         alone = len(hidden.direction) == 1 and id in hidden.direction
         rows.append([id, "" if alone else direction, in_words(hidden.size, hidden.unit), ", ".join(harms)])
     header = ["undetectable effect", "direction", "size", "would change"]
-    return PageTable(header, rows, text=(1, 2, 3))
-
-
-def _suffix(name: str, id: str) -> str:
-    return name.removeprefix(id).lstrip("_") or name
+    return Table(header, rows, text=(1, 2, 3))
 
 
 def _in_order(diagnosis: Diagnosis, listed: dict) -> dict:
@@ -198,21 +180,20 @@ def _in_order(diagnosis: Diagnosis, listed: dict) -> dict:
     return {id: listed[id] for id in diagnosis.entries if id in listed}
 
 
-def not_testable_table(diagnosis: Diagnosis) -> PageTable:
+def not_testable_table(diagnosis: Diagnosis) -> Table:
     """The effects that cannot be tested, by reason."""
-    reasons: dict[str, list[str]] = {}
-    for id, reason in diagnosis.model.not_testable.items():
-        reasons.setdefault(reason, []).append(id)
-    return PageTable(["reason", "effects"], [[reason, ", ".join(ids)] for reason, ids in reasons.items()], text=(0, 1))
+    reasons = diagnosis.model.not_testable
+    rows = [
+        [one, ", ".join(id for id, why in reasons.items() if why == one)] for one in dict.fromkeys(reasons.values())
+    ]
+    return Table(["reason", "effects"], rows, text=(0, 1))
 
 
-def next_table(proposed: Sequence[NextPosition]) -> PageTable:
+def next_table(proposed: Sequence[NextPosition]) -> Table:
     """Proposed positions in their order."""
     if any(position.direction for position in proposed):
-        attitudes = [
-            [f"{k}", position.direction, f"{100 * position.value:.0f} %"] for k, position in enumerate(proposed, 1)
-        ]
-        return PageTable(["", "attitude", "improvement"], attitudes, text=(1,))
+        attitudes = [[f"{k}", each.direction, f"{100 * each.value:.0f} %"] for k, each in enumerate(proposed, 1)]
+        return Table(["", "attitude", "improvement"], attitudes, text=(1,))
     rows = [
         [
             f"{rank}",
@@ -223,10 +204,10 @@ def next_table(proposed: Sequence[NextPosition]) -> PageTable:
         ]
         for rank, position in enumerate(proposed, start=1)
     ]
-    return PageTable(["", "alpha / deg", "beta / deg", "mounting", "improvement"], rows, text=(3,))
+    return Table(["", "alpha / deg", "beta / deg", "mounting", "improvement"], rows, text=(3,))
 
 
-def confirming_table(readings: Sequence[Confirmation], alternative: str) -> PageTable:
+def confirming_table(readings: Sequence[Confirmation], alternative: str) -> Table:
     """Readings that test the named cause against its strongest alternative."""
     rows = [
         [
@@ -240,4 +221,4 @@ def confirming_table(readings: Sequence[Confirmation], alternative: str) -> Page
         for reading in readings
     ]
     predicted = ["predicted by the named cause / mg", f"by {alternative} / mg"]
-    return PageTable(["alpha / deg", "beta / deg", "axis", *predicted, "separation / u"], rows, text=(2,))
+    return Table(["alpha / deg", "beta / deg", "axis", *predicted, "separation / u"], rows, text=(2,))

@@ -5,31 +5,32 @@ from pathlib import Path
 
 import numpy as np
 
+from tumblecal.data.positions import identity_words
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.causes.cause import Cause, id_of
 from tumblecal.diagnosis.causes.generic import UNEXPLAINED
 from tumblecal.diagnosis.findings.factors import Factor, Reason
 from tumblecal.estimation.plausibility import implausible_words
+from tumblecal.ground.counted import shortened
 from tumblecal.ground.numbers_shown import changed, p_words
 from tumblecal.planning.next_plan import NextPlan
+from tumblecal.report.calibration_words import gravity_warning, many_settings_words
 from tumblecal.report.cause_words import (
+    ambiguity,
+    by_finding,
     label_words,
     less_probable_words,
+    odds_words,
     patchwork_words,
+    polynomial_words,
     size_words,
     unexplained_words,
 )
 from tumblecal.report.diagnosis_calibration import diagnosed_use
 from tumblecal.report.diagnosis_details import details
-from tumblecal.report.gravity_words import gravity_warning
-from tumblecal.report.identity_words import identity_words
 from tumblecal.report.next_plan_words import next_words
-from tumblecal.report.number_words import ambiguity, odds_words
-from tumblecal.report.polynomial_words import by_finding, polynomial_words
-from tumblecal.report.sentences import as_sentence
-from tumblecal.report.setting_words import many_settings_words
 from tumblecal.report.unnamed_words import command_for_law, unnamed_findings
-from tumblecal.report.verdict import Finding, Unresolved, Verdict
+from tumblecal.report.verdict import Finding, Unresolved, Verdict, as_sentence
 
 
 _NUMBERS = {1: "One", 2: "Two", 3: "Three", 4: "Four", 5: "Five", 6: "Six"}
@@ -52,10 +53,8 @@ _REASONS = {
 def verdict_of_diagnosis(diagnosis: Diagnosis, plan: NextPlan | None = None, folder: Path | None = None) -> Verdict:
     """The verdict of a diagnosis.
 
-    **Arguments:**
-
-    - `plan`: the next measurement, if requested. `folder`: where its plans are written; None: no plans are written, so no
-      commands are suggested.
+    `plan`: the next measurement, if requested. `folder`: where its plans are written; None: no plans are written, so no
+    commands are suggested.
     """
     before = [*_before_causes(diagnosis), *unnamed_findings(diagnosis)]
     together = findings_of_causes(diagnosis)
@@ -93,9 +92,7 @@ def first_unnamed(diagnosis: Diagnosis) -> int:
 def headline(diagnosis: Diagnosis, found: int, open_causes: int) -> str:
     """The consequence of the verdict in a line.
 
-    **Arguments:**
-
-    - `found`: number of findings. `open_causes`: number of causes that others can replace.
+    `found`: number of findings. `open_causes`: number of causes that others can replace.
     """
     if diagnosis.implausible:
         stated = all(unusual.stated is not None for unusual in diagnosis.implausible)
@@ -203,9 +200,7 @@ def _unresolved(diagnosis: Diagnosis, numbers: Mapping[str, int]) -> Iterator[Un
 def alternatives(factor: Factor, numbers: Mapping[str, int]) -> Iterator[Unresolved]:
     """The causes that can take the place of one that was found, those of one reason together.
 
-    **Arguments:**
-
-    - `numbers`: of the findings, by label.
+    `numbers`: of the findings, by label.
     """
     first, *others = factor.members
     by_reason: dict[Reason, list[tuple[str, ...]]] = {}
@@ -228,9 +223,7 @@ def reason_words(reason: Reason) -> str:
 
 
 def _either(sets: Sequence[tuple[str, ...]]) -> str:
-    more = len(sets) - _MOST_MEMBERS
-    listed = " or ".join(label_words(labels) for labels in sets[:_MOST_MEMBERS])
-    return f"{listed}{f' or {more} more' if more > 0 else ''}"
+    return shortened(list(map(label_words, sets)), _MOST_MEMBERS, " or ", " or")
 
 
 def _evidence(diagnosis: Diagnosis) -> Iterator[str]:

@@ -1,15 +1,30 @@
-"""All files of units on one head: diagnosis.json of the batch, verdict, head.toml, the page with its figure."""
+"""All files of units on one head: record, verdict, head.toml, and the page with its figure and a table of units and effects."""
 
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+
+import numpy as np
 
 from tumblecal.diagnosis.head import Together
 from tumblecal.effects import Catalogue
 from tumblecal.ground.atomic import write_text
-from tumblecal.report.diagnosis_file import SCHEMA, write_json
-from tumblecal.report.hand_held_units import session
-from tumblecal.report.head_amounts import UnitRows, level_sizes, shown_in, spread_sizes
-from tumblecal.report.head_page import write_head_page
-from tumblecal.report.head_words import origins, own_estimates, shared_coefficients, units_text
+from tumblecal.ground.json_file import json_text
+from tumblecal.ground.numbers_shown import rounded, rounded_together
+from tumblecal.report.cause_words import label_words
+from tumblecal.report.diagnosis_files import SCHEMA
+from tumblecal.report.head_amounts import (
+    UnitRows,
+    level_sizes,
+    origins,
+    origins_by_class,
+    own_estimates,
+    shared_coefficients,
+    shown_in,
+    spread_sizes,
+)
+from tumblecal.report.head_words import explanation_words, session, units_text, units_verdict
+from tumblecal.report.page import TONES, PageFigure, Section, inline_figure, write_page
+from tumblecal.report.tables import Table
 
 
 _MOST_EXPLANATIONS, _LEAST_SHOWN = 10, 1e-4
@@ -20,14 +35,12 @@ def write_units(
 ) -> list[str]:
     """Write all files of units on one head.
 
-    **Arguments:**
-
-    - `units`: folder and summary line of each, in order. `figures`: whether to write the page and its figure.
+    `units`: folder and summary line of each, in order. `figures`: whether to write the page and its figure.
 
     **Returns:** the files' names.
     """
     text = units_text(found, units, entries)
-    write_json(folder / "diagnosis.json", record(found, units, entries, text))
+    write_text(folder / "diagnosis.json", json_text(record(found, units, entries, text)))
     write_text(folder / "verdict.txt", text + "\n")
     names = ["diagnosis.json", "verdict.txt", "summary.csv"]
     (folder / "head.toml").unlink(missing_ok=True)
@@ -43,26 +56,6 @@ def record(found: Together, units: UnitRows, entries: Catalogue, text: str) -> d
     known = all(unit.at.problem.known for unit in found.units)
     shown = [one for one in joint.explanations if one.probability > _LEAST_SHOWN or one is best][:_MOST_EXPLANATIONS]
     shown.sort(key=lambda explanation: explanation is not best)
-    listed = []
-    for number, (name, row) in enumerate(units):
-        causes = row["causes"].split(" + ") if row.get("causes") else []
-        listed.append(
-            {
-                "source": row["file"],
-                "folder": name,
-                "verdict": row["verdict"],
-                "effects": [cause.split(":")[0] for cause in causes],
-                "causes": causes,
-                "probability": row.get("probability"),
-                "p_value": row.get("p_value"),
-                "outlying": number in found.outlying,
-                "left_out": number in fit.aside,
-                "same_as_shared": bool(causes) and number in found.nothing_of_their_own,
-                "agrees_p_value": found.consistent[number],
-                "shared": own_estimates(found, number, entries),
-                "fault": row.get("fault"),
-            }
-        )
     return {
         "schema": SCHEMA,
         "source": session(found, len(units)),
@@ -103,5 +96,174 @@ def record(found: Together, units: UnitRows, entries: Catalogue, text: str) -> d
             "other_in": [units[k][0] for k in fit.pitch.alone],
             "changed_at": units[fit.pitch.changed][0] if fit.pitch.changed is not None else None,
         },
-        "units": listed,
+        "units": [_unit_record(found, number, name, row, entries) for number, (name, row) in enumerate(units)],
     }
+
+
+def _unit_record(found: Together, number: int, name: str, row: Mapping, entries: Catalogue) -> dict:
+    causes = row["causes"].split(" + ") if row.get("causes") else []
+    return {
+        "source": row["file"],
+        "folder": name,
+        "verdict": row["verdict"],
+        "effects": [cause.split(":")[0] for cause in causes],
+        "causes": causes,
+        "probability": row.get("probability"),
+        "p_value": row.get("p_value"),
+        "outlying": number in found.outlying,
+        "left_out": number in found.fit.aside,
+        "same_as_shared": bool(causes) and number in found.nothing_of_their_own,
+        "agrees_p_value": found.consistent[number],
+        "shared": own_estimates(found, number, entries),
+        "fault": row.get("fault"),
+    }
+
+
+_FIGURE = "shared_by_unit.svg"
+_MOST_PANELS = 6
+_CAPTION = (
+    "Estimate of the common errors by each unit, with its standard uncertainty. Band: common value, plus and minus two "
+    "standard uncertainties. Filled: outlying units."
+)
+
+
+def write_head_page(folder: Path, found: Together, units: UnitRows, entries: Catalogue) -> list[str]:
+    """Write the page and its figure; returns the files' names."""
+    names = []
+    if found.shared:
+        _draw(folder / _FIGURE, found, entries)
+        names.append(_FIGURE)
+    figures = [inline_figure(folder / name, _CAPTION) for name in names]
+    positions = sum(len(unit.at.problem.readings) for unit in found.units)
+    write_page(
+        folder / "diagnosis.html",
+        session(found, len(units)),
+        f"{positions} positions of {len(units)} units.",
+        units_verdict(found, units, entries),
+        list(_sections(found, units, entries, figures)),
+        tone=TONES[found.verdict],
+    )
+    return [*names, "diagnosis.html"]
+
+
+def _sections(found: Together, units: UnitRows, entries: Catalogue, figures: list[PageFigure]) -> Iterator[Section]:
+    if found.fit.head or figures:
+        yield Section("The head", tables=[_head_table(found, entries)] if found.fit.head else [], figures=figures)
+    if not found.hand_held:
+        words = (
+            "Shared: probability that all units have the effect with one coefficient, that of the head. By unit: probability "
+            "that the coefficient differs between units. The rest belongs to single units."
+        )
+        yield Section("Head or sensor", [words], tables=[_origins_table(found, entries), _explanations_table(found)])
+    spreads = [size for sizes in spread_sizes(found, entries).values() for size in sizes.items()]
+    if spreads:
+        rows = [
+            [
+                name,
+                "–" if size["mean"] is None else rounded_together(size["mean"], size["mean_sd"]),
+                f"{size['sd_between_units']:.2g}",
+                size["unit"],
+            ]
+            for name, size in spreads
+        ]
+        table = Table(["coefficient", "mean", "standard deviation between units", "unit"], rows, text=(3,))
+        yield Section("Effects that differ between units", tables=[table])
+    rows_of_levels = [
+        [
+            f"{name} / {size['unit']}",
+            " to ".join(units[part[end]][0] for end in ("first", "last")),
+            *rounded(size["value"], size["sd"]),
+        ]
+        for levels in level_sizes(found, entries)
+        for part in levels["parts"]
+        for name, size in part["coefficients"].items()
+    ]
+    if rows_of_levels:
+        table = Table(["error", "units", "level", "u"], rows_of_levels, text=(1,))
+        yield Section("Two levels of the head", tables=[table])
+    words = (
+        "Causes of each unit with their probability."
+        if found.hand_held
+        else "Each unit is diagnosed with the head as determined by the other units: its causes with their probability, "
+        "and the agreement of its estimate of the shared coefficients with theirs (p-value)."
+    )
+    yield Section("Units and effects", [words], tables=[_units_table(found, units, entries)])
+
+
+def _head_table(found: Together, entries: Catalogue) -> Table:
+    rows = [
+        [name, *rounded(size["value"], size["sd"]), size["unit"]]
+        for name, size in shared_coefficients(found, entries).items()
+    ]
+    return Table(["error", "value", "u", "unit"], rows, text=(3,))
+
+
+def _origins_table(found: Together, entries: Catalogue) -> Table:
+    rows = [
+        [" or ".join(ids), origin["belongs_to"], f"{origin['shared']:.3f}", f"{origin['by_unit']:.3f}"]
+        for ids, origin in origins_by_class(found, entries)
+    ]
+    return Table(["effect, or class of indistinguishable effects", "belongs to", "shared", "by unit"], rows, text=(1,))
+
+
+def _explanations_table(found: Together) -> Table:
+    rows = [
+        [
+            explanation_words(explanation) + (" (acted on)" if explanation is found.joint.best else ""),
+            f"{explanation.probability:.3f}",
+            "; ".join(label_words(labels) for labels in explanation.told.stated[:8]),
+        ]
+        for explanation in found.joint.explanations[:10]
+        if explanation.probability > 1e-3 or explanation is found.joint.best
+    ]
+    return Table(["explanation", "probability", "indistinguishable from"], rows, text=(0, 2))
+
+
+def _units_table(found: Together, units: UnitRows, entries: Catalogue) -> Table:
+    ids = sorted({cause.split(":")[0] for _, row in units for cause in (row.get("causes") or "").split(" + ") if cause})
+    rows = []
+    for number, (name, row) in enumerate(units):
+        causes = (row.get("causes") or "").split(" + ")
+        yes = "as shared" if number in found.nothing_of_their_own else "yes"
+        places = [
+            ", ".join(cause.partition(":")[2] or yes for cause in causes if cause.split(":")[0] == id) for id in ids
+        ]
+        probability = f"{row['probability']:.2f}" if row.get("probability") is not None else ""
+        agrees = f"{found.consistent[number]:.2g}" + (" (outlying)" if number in found.outlying else "")
+        shared = list(_sizes_by_unit(found, number, entries))
+        rows.append([name, *shared, *places, probability, agrees, row["verdict"]])
+    shared_names = [f"{signal.label} / {entries[signal.label].unit}" for signal in found.shared]
+    header = ["unit", *shared_names, *ids, "probability", "agreement, p", "verdict"]
+    return Table(header, rows, text=tuple(range(1, len(header))))
+
+
+def _sizes_by_unit(found: Together, number: int, entries: Catalogue) -> Iterator[str]:
+    """Estimate of each common effect by one unit, in display units; "" if it does not determine it."""
+    estimates = own_estimates(found, number, entries)
+    for signal in found.shared:
+        sizes = [estimates[name] for name in signal.slot.names if name in estimates]
+        yield ", ".join(rounded_together(size["value"], size["sd"]) for size in sizes)
+
+
+def _draw(path: Path, found: Together, entries: Catalogue) -> None:
+    from tumblecal.report.drawing import INK, MUTED, OUTSIDE, new_figure, save
+
+    coefficients, head = shared_coefficients(found, entries), found.fit.head
+    assert head is not None
+    names = [name for signal in found.shared for name in signal.slot.names][:_MOST_PANELS]
+    figure = new_figure(7.5, 1.0 + 1.5 * len(names))
+    axes = figure.subplots(len(names), 1, squeeze=False, sharex=True)[:, 0]
+    numbers = np.arange(1, len(found.units) + 1)
+    for k, (name, panel) in enumerate(zip(names, axes, strict=True)):
+        size = coefficients[name]
+        scale = size["sd"] / float(head.sd[k])
+        panel.axhspan(size["value"] - 2 * size["sd"], size["value"] + 2 * size["sd"], color=MUTED, alpha=0.25, lw=0)
+        panel.axhline(size["value"], color=INK)
+        outside = np.isin(numbers - 1, found.outlying)
+        for chosen, face in ((~outside, "white"), (outside, OUTSIDE)):
+            values, sd = found.fit.own_values[chosen, k] * scale, found.fit.own_sd[chosen, k] * scale
+            panel.errorbar(numbers[chosen], values, sd, fmt="o", ms=4, color=INK, mfc=face, lw=0.9)
+        panel.set_ylabel(f"{name}\n{size['unit']}")
+    axes[-1].xaxis.get_major_locator().set_params(integer=True)
+    axes[-1].set_xlabel("unit, in the order of the files")
+    save(figure, path)

@@ -1,22 +1,35 @@
-"""Units on one head in words: their common errors, the outlying units, and the uncertainty of the errors of the head."""
+"""Units on one head, or of a hand-held session, in words: common errors, outlying units, and the uncertainty of the errors."""
 
 from collections.abc import Collection, Iterator, Sequence
-
-import numpy as np
 
 from tumblecal.chain.head_file import PITCH
 from tumblecal.diagnosis.head import Together
 from tumblecal.diagnosis.head.joint import SharedExplanation
 from tumblecal.effects import Catalogue
-from tumblecal.effects.catalogue import belongs_to
 from tumblecal.estimation.plausibility import implausible_words
+from tumblecal.ground.counted import shortened
 from tumblecal.ground.numbers_shown import p_words, rounded_together
-from tumblecal.ground.units import factor, shown
-from tumblecal.report.cause_words import label_words
-from tumblecal.report.hand_held_units import hand_held_verdict
-from tumblecal.report.head_amounts import UnitRows, between_units_words, level_sizes, shown_in, spread_sizes
-from tumblecal.report.number_words import ambiguity, probability_words
+from tumblecal.report.cause_words import ambiguity, label_words, probability_words
+from tumblecal.report.head_amounts import (
+    UnitRows,
+    between_units_words,
+    level_sizes,
+    shared_coefficients,
+    shown_in,
+    spread_sizes,
+)
 from tumblecal.report.verdict import Finding, Verdict
+
+
+ATTITUDES = (
+    "No dividing head is involved, and no head.toml is written. Assumed: the attitudes of the units are independent; this is "
+    "correct for units on one fixture and for units measured one after the other."
+)
+
+
+def session(found: Together, units: int) -> str:
+    """The session as a title."""
+    return f"{units} units, hand-held" if found.hand_held else f"{units} units on one head"
 
 
 _HEADLINES = {
@@ -32,7 +45,7 @@ _LEAST_LISTED = 0.02
 def units_verdict(found: Together, units: UnitRows, entries: Catalogue) -> Verdict:
     """The verdict on the head and the errors of individual units."""
     if found.hand_held:
-        return hand_held_verdict(found, units, entries)
+        return _hand_held_verdict(found, units, entries)
     joint, best = found.joint, found.joint.best
     others = (e.probability for e in joint.explanations if e is not best)
     way = ambiguity(best.probability, others, indistinguishable=not best.told.single_name)
@@ -52,12 +65,29 @@ def units_verdict(found: Together, units: UnitRows, entries: Catalogue) -> Verdi
     return Verdict(
         found.verdict,
         _headline(found, way, rest),
-        "",
-        "",
         found=tuple(map(Finding, words)),
         evidence=(*evidence, *_others(joint.explanations, best), *_pitch(found, units)),
         next=tuple(_single_units(found, units)),
     )
+
+
+def _hand_held_verdict(found: Together, units: UnitRows, entries: Catalogue) -> Verdict:
+    """The effects that the units have in common, and the causes of single units. Without a dividing head only effects of the
+    sensors can be common to them."""
+    words, common = [], spread_sizes(found, entries)
+    for id, sizes in common.items():
+        count = len(shown_in(found)[id])
+        listed = "; ".join(between_units_words(name, size) for name, size in sizes.items())
+        words.append(f"{id} ({listed}), significant in {count} of {len(units)} units alone. {entries[id].cause}")
+    alone = [f"{name}: {row['causes']} ({row['probability']:.2f})" for name, row in units if row.get("causes")]
+    if common:
+        headline = f"the {len(units)} units have in common {', '.join(common)}, with different coefficients."
+    elif alone:
+        headline = f"no effect is common to the {len(units)} units; {len(alone)} of them have individual causes."
+    else:
+        headline = f"the {len(units)} units have no effect in common, and all are consistent with the nominal model."
+    evidence = (ATTITUDES, *([f"Causes of individual units: {'; '.join(alone)}."] if alone else []))
+    return Verdict(found.verdict, headline, found=tuple(map(Finding, words)), evidence=evidence)
 
 
 def units_text(found: Together, units: UnitRows, entries: Catalogue) -> str:
@@ -81,74 +111,7 @@ def _headline(found: Together, way: str, rest: str) -> str:
 def _all_but(left_out: Collection[int], units: UnitRows) -> str:
     """All units, except those of some numbers."""
     names = [units[k][0] for k in sorted(left_out)]
-    more = f" and {len(names) - _MOST_UNITS} more" if len(names) > _MOST_UNITS else ""
-    return f"all units except {', '.join(names[:_MOST_UNITS])}{more}" if names else "all units"
-
-
-def shared_coefficients(found: Together, entries: Catalogue) -> dict[str, dict]:
-    """Coefficients of the errors of the head: value, standard uncertainty (`sd`) and unit in display units."""
-    listed, head = {}, found.fit.head
-    if head is None:
-        return listed
-    units = {name: entries[signal.label].unit for signal in found.shared for name in signal.slot.names}
-    for name, base, value, sd in zip(head.names, head.units, head.values, head.sd, strict=True):
-        display = units.get(name, shown(base)[0])
-        scale = factor(display, base)
-        listed[name] = {"value": float(value / scale), "sd": float(sd / scale), "unit": display}
-    return listed
-
-
-def own_estimates(found: Together, number: int, entries: Catalogue) -> dict[str, dict]:
-    """Estimate of each shared coefficient by one unit, in display units, without those that it does not determine."""
-    listed, head = {}, found.fit.head
-    sizes = shared_coefficients(found, entries) if found.shared else {}
-    for k, name in enumerate(name for signal in found.shared for name in signal.slot.names):
-        assert head is not None
-        # The uncertainties in base and display units give the scale.
-        scale = sizes[name]["sd"] / float(head.sd[k])
-        value, sd = float(found.fit.own_values[number, k] * scale), float(found.fit.own_sd[number, k] * scale)
-        if np.isfinite(sd):
-            listed[name] = {"value": value, "sd": sd, "unit": sizes[name]["unit"]}
-    return listed
-
-
-def origins(found: Together, entries: Catalogue) -> dict[str, dict]:
-    """Head or sensor: for every effect, the part that it belongs to, and the probabilities that all units share it and that it
-    differs between units."""
-    joint, listed = found.joint, {}
-    for id in dict.fromkeys(slot.id for unit in found.units for slot in unit.at.model.slots):
-        shared, by_unit = joint.shared_probability(id), joint.spread_probability(id)
-        if max(shared, by_unit) > 1e-3 and id in entries:
-            listed[id] = {
-                "belongs_to": belongs_to(entries[id]),
-                "shared": shared,
-                "by_unit": by_unit,
-            }
-    return listed
-
-
-def origins_by_class(found: Together, entries: Catalogue) -> Iterator[tuple[list[str], dict]]:
-    """The origins of the effects, those of one class of indistinguishable explanations together, as the probability is that of
-    the class. The most probable first."""
-    listed = origins(found, entries)
-    classes = [
-        {labels[0] for labels in (explanation.told.labels, *explanation.told.equivalents) if len(labels) == 1}
-        for explanation in found.joint.explanations
-    ]
-    done = set[str]()
-    for id in sorted(listed, key=lambda id: -listed[id]["shared"] - listed[id]["by_unit"]):
-        if id in done:
-            continue
-        members = next((members for members in classes if id in members), {id}) - {id}
-        same = [other for other in listed if other in members and _same_origin(listed[other], listed[id])]
-        done |= {id, *same}
-        yield [other for other in listed if other == id or other in same], listed[id]
-
-
-def _same_origin(one: dict, other: dict) -> bool:
-    """Whether the origins of two effects are equal in a table."""
-    close = all(abs(one[name] - other[name]) < 5e-3 for name in ("shared", "by_unit"))
-    return close and one["belongs_to"] == other["belongs_to"]
+    return f"all units except {shortened(names, _MOST_UNITS)}" if names else "all units"
 
 
 def _shared(found: Together, entries: Catalogue) -> Iterator[str]:
@@ -252,11 +215,9 @@ def _single_units(found: Together, units: UnitRows) -> Iterator[str]:
     ]
     same = [name for k, name, _ in rows if k in found.nothing_of_their_own]
     if same:
-        more = f" and {len(same) - _MOST_UNITS} more" if len(same) > _MOST_UNITS else ""
-        yield f"Diagnosed separately, {', '.join(same[:_MOST_UNITS])}{more} show the same error of the head, whatever its name."
+        yield f"Diagnosed separately, {shortened(same, _MOST_UNITS)} show the same error of the head, whatever its name."
     if single:
-        more = f"; and {len(single) - _MOST_UNITS} more" if len(single) > _MOST_UNITS else ""
-        yield f"Errors of individual units: {'; '.join(single[:_MOST_UNITS])}{more}."
+        yield f"Errors of individual units: {shortened(single, _MOST_UNITS, '; ', '; and')}."
     outlying = [units[k][0] for k in found.outlying]
     if outlying:
         excluded = " They are excluded from the results of the head." if found.fit.aside else ""

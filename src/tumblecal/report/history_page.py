@@ -9,21 +9,18 @@ from tumblecal.data.sensor_parameters import GROUPS, leaf_of
 from tumblecal.ground.units import shown
 from tumblecal.history.repeatability import Trend, UnitHistory
 from tumblecal.report.drawing import BAND, INK, MUTED, OUTSIDE, new_figure, save
-from tumblecal.report.history_list import LISTED, listed_row
+from tumblecal.report.history_list import listed
 from tumblecal.report.history_words import (
-    REPEATS,
-    TRENDS,
     control_words,
     en_words,
     flags,
     interval_words,
-    repeats_row,
-    trend_row,
+    repeats_table,
+    trends_table,
     uncertainty_words,
 )
-from tumblecal.report.page import PageTable, Section, inline_figure, write_page
-from tumblecal.report.sentences import as_sentence
-from tumblecal.report.verdict import Finding, Unresolved, Verdict
+from tumblecal.report.page import Section, inline_figure, write_page
+from tumblecal.report.verdict import Finding, Unresolved, Verdict, as_sentence
 
 
 _CAPTION = (
@@ -42,21 +39,19 @@ def write_history_page(folder: Path, serial: str, history: UnitHistory, risk: fl
         folder / "history.html",
         f"History of {serial}",
         f"{len(history.entries)} independent results{f', {history.months:.1f} months' if history.months else ''}.",
-        _verdict(serial, history, risk),
+        _verdict(history, risk),
         [
-            Section(
-                "Repeatability", tables=[PageTable(REPEATS, list(map(repeats_row, history.repeats)), text=(0, 3, 5))]
-            ),
+            Section("Repeatability", tables=[repeats_table(history)]),
             Section("Control charts", figures=[inline_figure(chart, _CAPTION) for chart in charts]),
-            Section("Drift", tables=[PageTable(TRENDS, list(map(trend_row, history.trends)), text=(0, 3))]),
-            Section("Results", tables=[PageTable(LISTED, list(map(listed_row, history.entries)), text=(1, 2, 3, 6))]),
+            Section("Drift", tables=[trends_table(history)]),
+            Section("Results", tables=[listed(history.entries)]),
         ],
         tone="bad" if flags(history) else "good",
     )
     return [*(chart.name for chart in charts), "history.html"]
 
 
-def _verdict(serial: str, history: UnitHistory, risk: float) -> Verdict:
+def _verdict(history: UnitHistory, risk: float) -> Verdict:
     """Flags as findings, each with the flags that it explains; evidence; and the recalibration interval."""
     flagged = flags(history)
     explained = [
@@ -68,8 +63,6 @@ def _verdict(serial: str, history: UnitHistory, risk: float) -> Verdict:
     return Verdict(
         "flagged" if flagged else "agree",
         f"{len(flagged)} of the results or parameters deserve attention." if flagged else "Nothing is flagged.",
-        serial,
-        "",
         found=tuple(Finding(as_sentence(flag.words)) for flag in flagged),
         unresolved=tuple(explained),
         evidence=tuple(f"{as_sentence(words)}." for words in evidence if words),

@@ -11,19 +11,26 @@ from tumblecal.ground.units import shown
 from tumblecal.history.comparison import Comparison
 from tumblecal.history.drift import Drift, drifts, without_drift
 from tumblecal.history.repeatability import TOGETHER, Repeats, Trend, UnitHistory
-from tumblecal.report.history_list import Row, number, table_text
+from tumblecal.report.tables import Table, number
 
 
-REPEATS = ["of all results", "largest difference", "allowed", "unit", "p", "judgement"]
-TRENDS = ["parameter", "last", "U (95.45 %)", "unit", "E_n", "drift / month", "u"]
 # At most so many E_n of one parameter are listed; more are only counted, as the charts show them.
 _MOST_OF_ONE = 5
-MOVED = ["parameter", "old", "new", "change", "u", "change / u", "unit"]
-JOINT = ["together", "largest change", "unit", "chi2", "dof", "p", "moved", "what would move it"]
 
 
-def repeats_row(repeats: Repeats) -> Row:
-    """Whether repeated results agree, for one kind of parameter."""
+def repeats_table(history: UnitHistory) -> Table:
+    """Whether repeated results agree, for each kind of parameter."""
+    header = ["of all results", "largest difference", "allowed", "unit", "p", "judgement"]
+    return Table(header, list(map(_repeats_row, history.repeats)), text=(0, 3, 5))
+
+
+def trends_table(history: UnitHistory) -> Table:
+    """The parameters over time."""
+    header = ["parameter", "last", "U (95.45 %)", "unit", "E_n", "drift / month", "u"]
+    return Table(header, list(map(trend_row, history.trends)), text=(0, 3))
+
+
+def _repeats_row(repeats: Repeats) -> list[str]:
     unit, factor = shown(repeats.unit) if repeats.unit else ("", 1.0)
     sizes = [f"{repeats.largest * factor:.4f}", f"{repeats.limit * factor:g}"] if repeats.unit else ["", ""]
     return [repeats.what, *sizes, unit, p_cell(repeats.p_value), judged(repeats)]
@@ -39,7 +46,7 @@ def judged(repeats: Repeats) -> str:
     )
 
 
-def trend_row(trend: Trend) -> Row:
+def trend_row(trend: Trend) -> list[str]:
     """A parameter over time."""
     unit, factor = shown(trend.unit)
     last_en = "" if not len(trend.en) else _en(float(trend.en[-1]))
@@ -227,16 +234,14 @@ def history_text(serial: str, history: UnitHistory, risk: float) -> str:
     """The history of a unit for a terminal."""
     first, last = (history.entries[k].date_utc[:10] for k in (0, -1))
     count = len(history.entries)
-    repeats = table_text(REPEATS, map(repeats_row, history.repeats), (0, 3, 5))
-    trends = table_text(TRENDS, map(trend_row, history.trends), (0, 3))
     flagged = list[str]()
     for flag in flags(history):
         flagged += [f"FLAG: {flag.words}", *(f"      explained by this drift: {words}" for words in flag.explained)]
     flagged = flagged or ["nothing is flagged"]
     lines = [f"unit {serial}: {count} independent result{'s' * (count > 1)}, {first} to {last}", ""]
-    lines += [repeats, ""] if count > 1 else []
+    lines += [str(repeats_table(history)), ""] if count > 1 else []
     notes = [en_words(history), control_words(history), interval_words(history, risk), uncertainty_words(history)]
-    return "\n".join([*lines, trends, "", *flagged, *filter(None, notes)])
+    return "\n".join([*lines, str(trends_table(history)), "", *flagged, *filter(None, notes)])
 
 
 def comparison_text(comparison: Comparison) -> str:
@@ -254,4 +259,6 @@ def comparison_text(comparison: Comparison) -> str:
         known = test.p_value is not None
         cells = [number(test.chi2) if known else "", str(test.dof) if known else "", p_cell(test.p_value)]
         joint.append([test.what, size, unit, *cells, "yes" if test.moved else "no" if known else "", test.means])
-    return f"{table_text(MOVED, moved, (0, 6))}\n\n{table_text(JOINT, joint, (0, 2, 6, 7))}"
+    changes = Table(["parameter", "old", "new", "change", "u", "change / u", "unit"], moved, text=(0, 6))
+    tests = ["together", "largest change", "unit", "chi2", "dof", "p", "moved", "what would move it"]
+    return f"{changes}\n\n{Table(tests, joint, text=(0, 2, 6, 7))}"

@@ -1,21 +1,28 @@
 """Text and tables for terminals of any width, without broken words or names."""
 
 import textwrap
-from collections.abc import Iterator, Sequence
 
 from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
-from tumblecal.report.sentences import command_at_end
-
-
-_GAP = 2
+from tumblecal.report.tables import Table
+from tumblecal.report.verdict import command_at_end
 
 
 def print_words(console: Console, words: str, style: str = "") -> None:
     """Print a line, folded between words; a longer word is not broken."""
-    console.print(Text(folded(words, console.width), style=style), no_wrap=True, overflow="ignore", crop=False)
+    _print(console, folded(words, console.width), style)
+
+
+def print_table(console: Console, table: Table) -> None:
+    """Print a table; if it is too wide, in parts below one another."""
+    for header, rows in table.parts(console.width):
+        _print(console, "\n".join(header), "bold")
+        _print(console, "\n".join(rows))
+
+
+def _print(console: Console, text: str, style: str = "") -> None:
+    console.print(Text(text, style=style), no_wrap=True, overflow="ignore", crop=False)
 
 
 def folded(words: str, width: int) -> str:
@@ -34,38 +41,3 @@ def _paragraph(words: str, width: int) -> str:
     if not command or len(words) <= width:
         return "\n".join(wrapped(words))
     return "\n".join([*wrapped(text), f"  {command}"])
-
-
-def print_table(console: Console, header: Sequence[str], rows: Sequence[Sequence[str]], left: Sequence[int]) -> None:
-    """Print a table; if it is too wide, its columns in parts below one another, each with the first column.
-
-    **Arguments:**
-
-    - `left`: left-aligned columns of words; the others contain numbers.
-    """
-    widths = [
-        max(len(line) for cell in column for line in cell.split("\n")) for column in zip(header, *rows, strict=True)
-    ]
-    for part in _parts(widths, console.width):
-        table = Table(box=None, header_style="bold", pad_edge=False)
-        for place in part:
-            words = place in left
-            table.add_column(header[place], justify="left" if words else "right", no_wrap=True, min_width=widths[place])
-        for row in rows:
-            table.add_row(*(Text(row[place]) for place in part))
-        console.print(table, crop=False, overflow="ignore", width=max(console.width, _width([widths[k] for k in part])))
-
-
-def _parts(widths: Sequence[int], room: int) -> Iterator[list[int]]:
-    """Columns that fit in one line, with the first column in each part."""
-    part = [0]
-    for place in range(1, len(widths)):
-        if len(part) > 1 and _width([widths[k] for k in (*part, place)]) > room:
-            yield part
-            part = [0]
-        part.append(place)
-    yield part
-
-
-def _width(widths: Sequence[int]) -> int:
-    return sum(widths) + _GAP * (len(widths) - 1)

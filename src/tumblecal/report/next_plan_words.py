@@ -22,9 +22,7 @@ def next_words(
 ) -> Iterator[str]:
     """Instructions and commands, a paragraph or command each.
 
-    **Arguments:**
-
-    - `folder`: where the plans are written; None: no plans, so no commands. `numbers`: of the findings, by label.
+    `folder`: where the plans are written; None: no plans, so no commands. `numbers`: of the findings, by label.
     """
     factors = diagnosis.factors if plan.promise is not None else ()
     numbers = numbers or {}
@@ -108,9 +106,7 @@ def _grouped(chosen: tuple[NextPosition, ...]) -> Iterator[str]:
 def _promise(plan: NextPlan, settled: Sequence[int]) -> str:
     """The expected result of the plan.
 
-    **Arguments:**
-
-    - `settled`: numbers of the findings that it settles.
+    `settled`: numbers of the findings that it settles.
     """
     if plan.purpose == SEPARATE and plan.promise is not None:
         promise = plan.promise

@@ -16,30 +16,21 @@ from tumblecal.estimation.plausibility import implausible, implausible_words
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.showing import Screen
 from tumblecal.report.calibration_judgements import judgements, use_of
-from tumblecal.report.calibration_words import methods_words, noise_words
+from tumblecal.report.calibration_words import methods_words, noise_words, notes
 from tumblecal.report.cause_words import label_words
 from tumblecal.report.diagnosis_calibration import extended_calibration
 from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
-from tumblecal.report.gravity_words import gravity_words
 from tumblecal.report.result_file import calibration_of
-from tumblecal.report.sensor_terms import held_words, lacking_of_fit
 
 
 def calibrated_screen(calibrated: Calibrated) -> Screen:
     """Whether to trust it and why, the exact fit's parameters, and the other methods in a line each."""
     exact, judged = calibrated.exact, judgements(calibrated)
     screen = exact.screen()
-    notes = [f"use: {use_of(calibrated, judged).words}", judged[0].advice, *(other.words for other in judged[1:])]
-    notes += [*implausible_words(calibrated.implausible), *screen.notes, noise_words(exact, calibrated.level)]
-    notes += [
-        gravity_words(exact),
-        *held_words(exact, exact.problem.chain, calibrated.entries),
-        *lacking_of_fit(exact, calibrated.entries),
-        *methods_words(calibrated),
-    ]
-    return Screen(
-        f"{screen.headline}. {judged[0].headline}", screen.header, screen.rows, [line for line in notes if line]
-    )
+    lines = [f"use: {use_of(calibrated, judged).words}", judged[0].advice, *(other.words for other in judged[1:])]
+    lines += [*implausible_words(calibrated.implausible), *screen.notes, noise_words(exact, calibrated.level)]
+    lines += [*notes(calibrated), *methods_words(calibrated)]
+    return Screen(f"{screen.headline}. {judged[0].headline}", screen.header, screen.rows, list(filter(None, lines)))
 
 
 def diagnosis_screen(diagnosis: Diagnosis) -> Screen:

@@ -4,7 +4,7 @@ It begins with a verdict: badge and headline, use, evidence, a card for each fin
 """
 
 import re
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from tumblecal import __version__
 from tumblecal.ground.atomic import write_text
 from tumblecal.report.drawing import inline
+from tumblecal.report.tables import Table
 from tumblecal.report.verdict import COMMAND, Verdict
 
 
@@ -23,22 +24,6 @@ TONES = {"adequate": "good", "identified": "named", "ambiguous": "open", "unexpl
 # Characters of next steps that the first screen has room for; the rest is folded.
 _ROOM = 1000
 _SHARE = re.compile(r"0?\.\d+|1\.0*|[01]")
-
-
-@dataclass(frozen=True)
-class PageTable:
-    """A table: header cells and rows of cells.
-
-    - `text`: columns of words, which may break into lines. `shares`: columns of numbers from 0 to 1, drawn as bars.
-    - `marked`: cells (row, column) that are emphasised. `folded`: whether it is closed at first, as a figure shows the same.
-    """
-
-    header: Sequence[str]
-    rows: Sequence[Sequence[str]]
-    text: Sequence[int] = ()
-    shares: Sequence[int] = ()
-    marked: Collection[tuple[int, int]] = ()
-    folded: bool = False
 
 
 @dataclass(frozen=True)
@@ -57,7 +42,7 @@ class Section:
     title: str
     words: Sequence[str] = ()
     code: Sequence[str] = ()
-    tables: Sequence[PageTable] = ()
+    tables: Sequence[Table] = ()
     figures: Sequence[PageFigure] = field(default_factory=tuple)
 
 
@@ -106,7 +91,7 @@ def write_page(
     *,
     tone: str = "",
     pictures: Mapping[int, str] | None = None,
-    plans: Sequence[PageTable] = (),
+    plans: Sequence[Table] = (),
 ) -> None:
     """Write a complete page, or none.
 

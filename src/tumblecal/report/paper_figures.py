@@ -57,26 +57,18 @@ def _draw_group(study: PaperStudy, leaf: str, path: Path) -> None:
         unit, factor = shown(study.units[index])
         truth, sd = study.truth[index] * factor, study.single_sd[index] * factor
         axis.axhspan(truth - 2 * sd, truth + 2 * sd, color="#f2f2f2", zorder=0, label="2 sd of one set")
-        axis.plot(
-            number,
-            study.single[:, index] * factor,
-            ".",
-            ms=2,
-            color=METHOD_COLOUR["least squares"],
-            label="least squares, each set",
-        )
+        dots = {"ms": 2, "color": METHOD_COLOUR["least squares"], "label": "least squares, each set"}
+        axis.plot(number, study.single[:, index] * factor, ".", **dots)
         centre, spread = study.kalman[:, index] * factor, 2 * study.kalman_sd[:, index] * factor
-        blue = METHOD_COLOUR["Kalman"]
-        axis.fill_between(
-            number, centre - spread, centre + spread, color=blue, alpha=0.18, lw=0, label="2 sd of Kalman"
-        )
+        blue, band = METHOD_COLOUR["Kalman"], (centre - spread, centre + spread)
+        axis.fill_between(number, *band, color=blue, alpha=0.18, lw=0, label="2 sd of Kalman")
         axis.axhline(truth, color=INK, lw=0.9, ls=":", label="truth")
         axis.plot(number, centre, color=blue, lw=_BELOW, alpha=0.6, label="Kalman")
         axis.plot(number, study.exact_mean[:, index] * factor, **_EXACT)
         axis.set_title(f"{study.names[index]} / {unit}")
         axis.set_xlabel("data set")
-    handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=6, columnspacing=1.2, handlelength=1.6)
+    key = {"loc": "outside lower center", "ncols": 6, "columnspacing": 1.2, "handlelength": 1.6}
+    figure.legend(*axes[0].get_legend_handles_labels(), **key)
     save(figure, path)
 
 
@@ -89,9 +81,8 @@ def _draw_means(study: PaperStudy, path: Path) -> None:
         for axis, index in zip(axes[row], _places(study, leaf), strict=True):
             sd, truth = study.single_sd[index], study.truth[index]
             axis.fill_between(number, -band, band, color="#ececec", lw=0, label="2 sd of the mean")
-            mean, kalman, exact = (
-                (estimates[:, index] - truth) / sd for estimates in (study.mean, study.kalman, study.exact_mean)
-            )
+            estimates = (study.mean, study.kalman, study.exact_mean)
+            mean, kalman, exact = ((each[:, index] - truth) / sd for each in estimates)
             axis.axhline(0, color=INK, lw=0.8, ls=":")
             axis.plot(number, mean, color=METHOD_COLOUR["running mean"], lw=4.5, alpha=0.5, label="running mean")
             axis.plot(number, kalman, color=METHOD_COLOUR["Kalman"], lw=_BELOW, alpha=0.6, label="Kalman")
@@ -102,8 +93,7 @@ def _draw_means(study: PaperStudy, path: Path) -> None:
         axis.set_xlabel("data sets so far")
     for row in axes:
         row[0].set_ylabel("error / sd of one set")
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=4)
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
     save(figure, path)
 
 
@@ -121,8 +111,7 @@ def draw_audit(audit: Audit, table1: Fit, folder: Path) -> dict[str, str]:
         size = f"rms {np.sqrt(np.mean(residuals**2)) * 1e3:.3f} mg"
         axis.set_title(f"Table 1 less prediction of: {name} ({size}{scale})", loc="left")
     rows[-1].set_xticks(range(len(table1.data)), table1.data.names, rotation=90)
-    handles, labels = rows[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=3)
+    figure.legend(*rows[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
     save(figure, folder / "table1_residuals.svg")
     return {
         "table1_residuals.svg": "Residuals of the measured Table 1 under its best fit, under the parameters of the "
@@ -134,11 +123,9 @@ def _residual_panel(axis, data: PositionSet, residuals: np.ndarray) -> None:
     """Residuals of the three axes by position, with lines between pitch settings."""
     position = np.arange(len(data))
     for column, name in enumerate("xyz"):
-        offset = (column - 1) * 0.22
-        axis.vlines(position + offset, 0, residuals[:, column] * 1e3, color=AXIS_COLOUR[name], lw=1.1)
-        axis.plot(
-            position + offset, residuals[:, column] * 1e3, ".", color=AXIS_COLOUR[name], ms=4, label=f"axis {name}"
-        )
+        across, size, colour = position + (column - 1) * 0.22, residuals[:, column] * 1e3, AXIS_COLOUR[name]
+        axis.vlines(across, 0, size, color=colour, lw=1.1)
+        axis.plot(across, size, ".", color=colour, ms=4, label=f"axis {name}")
     axis.axhline(0, color=INK, lw=0.7)
     for border in np.nonzero(np.diff(data.beta_deg))[0]:
         axis.axvline(border + 0.5, color=MUTED, lw=0.8, ls=":")

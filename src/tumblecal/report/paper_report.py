@@ -1,6 +1,5 @@
 """The study of the paper as files: figures, `study.json`, `page.html`, `findings.txt`."""
 
-import json
 import textwrap
 from pathlib import Path
 from typing import Any
@@ -12,16 +11,18 @@ from tumblecal.diagnosis import Diagnosis
 from tumblecal.estimation import Fit
 from tumblecal.estimation.methods import Calibrated
 from tumblecal.ground.atomic import write_text
+from tumblecal.ground.json_file import json_text
 from tumblecal.ground.numbers_shown import decimals, p_cell, with_decimals
 from tumblecal.ground.units import shown
 from tumblecal.planning import NextPlan
 from tumblecal.report.calibration_words import TITLES
+from tumblecal.report.diagnosis_tables import invisible_table, limits_table
 from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
-from tumblecal.report.page import PageTable, Section, inline_figure, write_page
-from tumblecal.report.paper_diagnosis import diagnosis_section
+from tumblecal.report.page import Section, inline_figure, write_page
 from tumblecal.report.paper_figures import draw_audit, draw_study
 from tumblecal.report.paper_words import findings, paper_verdict
 from tumblecal.report.result_file import result_content
+from tumblecal.report.tables import Table
 from tumblecal.studies.paper_audit import Audit
 from tumblecal.studies.paper_study import PaperStudy
 
@@ -41,8 +42,7 @@ def write_paper_study(
     """Write everything into `folder`; `diagnosis` and `plan`: of Table 1. Returns the findings."""
     words = findings(study, audit, table1.exact)
     study_figures, audit_figures = draw_study(study, folder), draw_audit(audit, table1.exact, folder)
-    content = _content(study, audit, table1, words)
-    write_text(folder / "study.json", json.dumps(content, indent=1, allow_nan=False) + "\n")
+    write_text(folder / "study.json", json_text(_content(study, audit, table1, words)))
     write_text(folder / "findings.txt", "\n\n".join(textwrap.fill(text, 100) for text in words) + "\n")
     sections = [
         Section(
@@ -57,13 +57,20 @@ def write_paper_study(
             ["Published parameters of the three runs, and the exact fit of Table 1 (the data of run 1)."],
             tables=[_published_table(table1.exact)],
         ),
-        diagnosis_section(diagnosis, plan),
+        Section(
+            "Diagnosis of Table 1",
+            [
+                *verdict_of_diagnosis(diagnosis, plan).words().splitlines(),
+                "Detection limits with these positions, and undetectable effects:",
+            ],
+            tables=[limits_table(diagnosis), invisible_table(diagnosis)],
+        ),
         Section("Findings", words),
         Section(
             "Simulation: the paper's figures 4 to 9",
             figures=[inline_figure(folder / name, caption) for name, caption in study_figures.items()],
         ),
-        Section("Files", tables=[PageTable(["file", "contents"], _FILES, text=(0, 1))]),
+        Section("Files", tables=[Table(["file", "contents"], _FILES, text=(0, 1))]),
     ]
     write_page(
         folder / "page.html",
@@ -77,7 +84,7 @@ def write_paper_study(
     return words
 
 
-def _methods_table(table1: Calibrated) -> PageTable:
+def _methods_table(table1: Calibrated) -> Table:
     exact = table1.exact
     others = [result for name, result in table1.fits.items() if name != "exact"]
     header = ["parameter", "unit", "exact", "u", *(TITLES[result.method] for result in others), "simulation truth"]
@@ -88,45 +95,37 @@ def _methods_table(table1: Calibrated) -> PageTable:
         cells.append(paper.SIMULATION_TRUTH[name])
         places = decimals(exact.sd[index] * factor)
         rows.append([name, unit, *(with_decimals(value * factor, places) for value in cells)])
-    return PageTable(header, rows)
+    return Table(header, rows)
 
 
-def _published_table(fit: Fit) -> PageTable:
+def _published_table(fit: Fit) -> Table:
     published = paper.table2()
     rows = []
     for index, name in enumerate(fit.names):
         unit, factor = shown(fit.units[index])
         cells = [*published[name], fit.values[index], fit.sd[index]]
-        difference_u, places = (
-            (published[name][0] - fit.values[index]) / fit.sd[index],
-            decimals(fit.sd[index] * factor),
-        )
-        rows.append([name, unit, *(with_decimals(value * factor, places) for value in cells), f"{difference_u:+.1f}"])
-    return PageTable(
-        ["parameter", "unit", "run 1", "run 2", "run 3", "Table 1, exact", "u", "(run 1 - exact) / u"], rows
-    )
+        places, u = decimals(fit.sd[index] * factor), fit.sd[index]
+        difference_u = f"{(published[name][0] - fit.values[index]) / u:+.1f}"
+        rows.append([name, unit, *(with_decimals(value * factor, places) for value in cells), difference_u])
+    return Table(["parameter", "unit", "run 1", "run 2", "run 3", "Table 1, exact", "u", "(run 1 - exact) / u"], rows)
 
 
-def _explanations_table(audit: Audit) -> PageTable:
-    rows = [
-        [e.name, f"{e.f:.2f}", p_cell(e.p_value), f"{e.largest_g * 1e3:+.3f}", f"{e.smallest_g * 1e3:+.3f}"]
-        for e in audit.explanations
-    ]
+def _explanations_table(audit: Audit) -> Table:
     third = paper.table3()
-    rows += [
-        [
-            f"Table 3 states, run {run + 1}",
-            "",
-            "",
-            f"{third['largest'][run] * 1e3:+.3f}",
-            f"{third['smallest'][run] * 1e3:+.3f}",
-        ]
-        for run in range(3)
-    ]
-    return PageTable(["parameters", "F", "p", "largest residual / mg", "smallest / mg"], rows)
+    listed = [(e.name, f"{e.f:.2f}", p_cell(e.p_value), e.largest_g, e.smallest_g) for e in audit.explanations]
+    for run, (largest, smallest) in enumerate(zip(third["largest"], third["smallest"], strict=True), 1):
+        listed.append((f"Table 3 states, run {run}", "", "", largest, smallest))
+    rows = [[*row[:3], *(f"{size * 1e3:+.3f}" for size in row[3:])] for row in listed]
+    return Table(["parameters", "F", "p", "largest residual / mg", "smallest / mg"], rows)
 
 
 def _content(study: PaperStudy, audit: Audit, table1: Calibrated, words: list[str]) -> dict[str, Any]:
+    final = {
+        "running_mean": study.mean,
+        "kalman": study.kalman,
+        "kalman_diffuse": study.diffuse,
+        "exact": study.exact_mean,
+    }
     return {
         "schema": SCHEMA,
         "findings": words,
@@ -138,12 +137,7 @@ def _content(study: PaperStudy, audit: Audit, table1: Calibrated, words: list[st
                     "unit": study.units[index],
                     "truth": study.truth[index],
                     "single_sd": study.single_sd[index],
-                    "final": {
-                        "running_mean": study.mean[-1, index],
-                        "kalman": study.kalman[-1, index],
-                        "kalman_diffuse": study.diffuse[-1, index],
-                        "exact": study.exact_mean[-1, index],
-                    },
+                    "final": {name: estimates[-1, index] for name, estimates in final.items()},
                     "scatter_of_single_exact_fits": float(np.std(study.exact[:, index], ddof=1)),
                 }
                 for index, name in enumerate(study.names)
@@ -156,14 +150,8 @@ def _content(study: PaperStudy, audit: Audit, table1: Calibrated, words: list[st
         "table3_g": {name: list(values) for name, values in paper.table3().items()},
         "audit": {
             "explanations": [
-                {
-                    "parameters": e.name,
-                    "f": e.f,
-                    "dof": list(e.dof),
-                    "p_value": e.p_value,
-                    "largest_residual_g": e.largest_g,
-                    "smallest_residual_g": e.smallest_g,
-                }
+                {"parameters": e.name, "f": e.f, "dof": e.dof, "p_value": e.p_value}
+                | {"largest_residual_g": e.largest_g, "smallest_residual_g": e.smallest_g}
                 for e in audit.explanations
             ],
             "noise": {

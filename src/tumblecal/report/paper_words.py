@@ -10,7 +10,6 @@ from tumblecal.studies.paper_study import PaperStudy
 
 
 _UNLIKELY = 0.01
-_COMMANDS = ("tumblecal calibrate data.csv", "tumblecal diagnose data.csv")
 
 
 def findings(study: PaperStudy, audit: Audit, table1: Fit) -> list[str]:
@@ -26,30 +25,15 @@ def findings(study: PaperStudy, audit: Audit, table1: Fit) -> list[str]:
     ]
 
 
-def headline(audit: Audit) -> str:
-    """The finding about Table 1 in a line."""
-    truth, run = audit.explanations[:2]
-    explained = (
-        f"{'' if e.p_value > _UNLIKELY else 'not '}by {_named(e.name)} ({p_words(e.p_value)})" for e in (truth, run)
-    )
-    return f"Table 1, which the paper calls measured, is explained {', '.join(explained)}."
-
-
-def _named(parameters: str) -> str:
-    return parameters if parameters.startswith("Table") else f"the {parameters}"
-
-
 def paper_verdict(study: PaperStudy, audit: Audit, table1: Fit, verdict: str) -> Verdict:
-    """The first screen: findings, evidence, and how to calibrate another unit.
-
-    **Arguments:**
-
-    - `verdict`: of the diagnosis of Table 1, in a line.
-    """
-    sd = study.single_sd / np.sqrt(len(study.single))
-    error_u = np.max(np.abs(study.exact_mean[-1] - study.truth) / sd)
-    difference = np.max(np.abs(study.exact_mean[-1] - study.mean[-1]) / study.single_sd)
+    """The first screen: findings, evidence, and how to calibrate another unit; `verdict`: of the diagnosis of Table 1, in a
+    line."""
     weak = table1.identifiability.weak if table1.identifiability else ()
+    (error_u, _), difference = _largest_error_u(study), _difference(study)
+    explained = []
+    for e in audit.explanations[:2]:
+        name = e.name if e.name.startswith("Table") else f"the {e.name}"
+        explained.append(f"{'' if e.p_value > _UNLIKELY else 'not '}by {name} ({p_words(e.p_value)})")
     found = [
         f"Noise: Table 1 shows {1e3 * audit.noise.observed_g:.3f} mg, the stated instrument would show "
         f"{1e3 * audit.noise.white_g:.2f} mg or more.",
@@ -57,36 +41,43 @@ def paper_verdict(study: PaperStudy, audit: Audit, table1: Fit, verdict: str) ->
         "one set.",
         "With a diffuse prior the Kalman filter is the running mean of least squares; faster convergence is due to the prior.",
     ]
-    evidence = [
-        f"Simulated with known true values: the exact fit of {len(study.single)} data sets differs by at most {error_u:.1f} u.",
-        f"Table 1: {verdict}",
-        *(f"Poorly determined: {direction.words}; a second mounting determines it." for direction in weak[:1]),
-    ]
     return Verdict(
         "",
-        headline(audit),
-        "Table 1",
-        "",
+        f"Table 1, which the paper calls measured, is explained {', '.join(explained)}.",
         found=tuple(map(Finding, found)),
-        evidence=tuple(evidence),
+        evidence=(
+            f"Simulated with known true values: the exact fit of {len(study.single)} data sets differs by at most "
+            f"{error_u:.1f} u.",
+            f"Table 1: {verdict}",
+            *(f"Poorly determined: {direction.words}; a second mounting determines it." for direction in weak[:1]),
+        ),
         next=(
             "To calibrate a unit, put angles and mean readings of each position into a CSV file (tumblecal calibrate --help). "
             "calibration/calibration.html states whether the result may be used.",
-            *_COMMANDS,
+            "tumblecal calibrate data.csv",
+            "tumblecal diagnose data.csv",
         ),
     )
 
 
+def _largest_error_u(study: PaperStudy) -> tuple[float, str]:
+    """The largest error of the exact fit of all data sets, in its standard uncertainty, and its parameter."""
+    errors = np.abs(study.exact_mean[-1] - study.truth) / (study.single_sd / np.sqrt(len(study.single)))
+    return float(np.max(errors)), study.names[int(np.argmax(errors))]
+
+
+def _difference(study: PaperStudy) -> float:
+    """Largest difference of the running mean of least squares from the exact fit, in standard deviations of one set."""
+    return float(np.max(np.abs(study.exact_mean[-1] - study.mean[-1]) / study.single_sd))
+
+
 def _methods(study: PaperStudy) -> str:
-    last = np.max(np.abs(study.exact_mean[-1] - study.mean[-1]) / study.single_sd)
-    sets = len(study.single)
-    sd = study.single_sd / np.sqrt(sets)
-    worst = int(np.argmax(np.abs(study.exact_mean[-1] - study.truth) / sd))
+    error_u, name = _largest_error_u(study)
     return (
-        f"Simulation: {sets} data sets with the paper's parameters and 0.15 mg noise: after all of them the exact fit and "
-        f"the running mean of linear least squares differ by at most {last:.3f} standard deviations of one set, so the "
-        f"small-angle equations are adequate at these magnitudes. The largest error of the exact fit is "
-        f"{abs(study.exact_mean[-1] - study.truth)[worst] / sd[worst]:.1f} u ({study.names[worst]})."
+        f"Simulation: {len(study.single)} data sets with the paper's parameters and 0.15 mg noise: after all of them the exact "
+        f"fit and the running mean of linear least squares differ by at most {_difference(study):.3f} standard deviations of "
+        "one set, so the small-angle equations are adequate at these magnitudes. The largest error of the exact fit is "
+        f"{error_u:.1f} u ({name})."
     )
 
 

@@ -1,8 +1,12 @@
-"""Messages of `tumblecal import` and `tumblecal reduce` about a recording, a line each."""
+"""Messages of `tumblecal import` and `tumblecal reduce` about a recording, a line each, and the document of an import."""
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from tumblecal.capture.columns.units import FORCE
 from tumblecal.ground.counted import counted
 from tumblecal.ground.gravity import unit_in_g
 
@@ -13,17 +17,10 @@ if TYPE_CHECKING:
     from tumblecal.capture.rows.contents import Contents
     from tumblecal.capture.still.stillness import Stillness
 
+
 # Units as people write them.
 UNITS = {"ms2": "m/s^2", "dps": "deg/s", "rads": "rad/s"} | {unit: unit for unit in ("g", "mg", "counts")}
 _MOST = 12
-
-
-def contents_words(contents: "Contents", *, tables: bool) -> Iterator[str]:
-    """Contents of a recording; `tables`: all of them, not only that with the samples."""
-    yield from layout_words(contents, tables=tables)
-    yield from rate_words(contents)
-    yield from left_out_words(contents)
-    yield from temperature_words(contents)
 
 
 def temperature_words(contents: "Contents") -> Iterator[str]:
@@ -35,19 +32,18 @@ def temperature_words(contents: "Contents") -> Iterator[str]:
         yield f"temperature {low:.2f} to {high:.2f} degC{without}"
 
 
-def recording_words(contents: "Contents", *, kept: bool) -> Iterator[str]:
-    """Contents of a recording that is corrected; for a table whose columns are `kept`, only its readings."""
-    if not kept:
-        yield from contents_words(contents, tables=False)
-        return
+def recording_words(contents: "Contents", *, kept: bool = False) -> Iterator[str]:
+    """Contents of a recording; for a table whose columns are `kept`, only its readings."""
     yield from layout_words(contents)
+    yield from () if kept else rate_words(contents)
     yield from left_out_words(contents)
+    yield from () if kept else temperature_words(contents)
 
 
-def layout_words(contents: "Contents", *, tables: bool = False) -> Iterator[str]:
+def layout_words(contents: "Contents") -> Iterator[str]:
     """The columns of a recording, with the assumptions about them."""
     layout = contents.layout
-    yield from format_words(contents, tables=tables)
+    yield from format_words(contents, tables=False)
     columns = (f"{role}={column.name}" for role, column in layout.columns.items())
     yield f"columns: {', '.join(columns)}"
     per_g = f" ({layout.per_g:g} a g)" if layout.per_g else ""
@@ -80,20 +76,23 @@ def rate_words(contents: "Contents") -> Iterator[str]:
         f" at {rate:.6g} Hz, {contents.rows / rate:.1f} s" if rate else ", rate not known (--rate)"
     )
     if contents.mixed_rates:
-        yield "the rate changes between {:.4g} and {:.4g} Hz; the sd of means use the average".format(
-            *contents.mixed_rates
-        )
+        low, high = contents.mixed_rates
+        yield f"the rate changes between {low:.4g} and {high:.4g} Hz; the sd of means use the average"
     if contents.missing:
         yield f"{counted(contents.missing, 'sample')} missing according to the clock"
     if contents.equal_times:
         yield f"{counted(contents.equal_times, 'sample')} with the time of the previous one"
-    back = [gap for gap in contents.gaps if gap[1] < 0]
+    ahead, back = _gaps(contents)
     if back:
         yield f"the clock jumps back {counted(len(back), 'time')}, first at {back[0][0]:.2f} s; no interval goes across"
-    ahead = [gap for gap in contents.gaps if gap[1] > 0]
     if ahead:
         total = sum(gap[1] for gap in ahead)
         yield f"{counted(len(ahead), 'gap')}, {total:.1f} s in all, first at {ahead[0][0]:.2f} s; no interval goes across"
+
+
+def _gaps(contents: "Contents") -> tuple[list, list]:
+    """Gaps (time, duration) of the clock, and its jumps back."""
+    return [gap for gap in contents.gaps if gap[1] > 0], [gap for gap in contents.gaps if gap[1] < 0]
 
 
 def interval_words(stillness: "Stillness") -> Iterator[str]:
@@ -124,7 +123,7 @@ def interval_words(stillness: "Stillness") -> Iterator[str]:
 
 def reduction_words(reduction: "RecordingReduction") -> Iterator[str]:
     """The recording, its still intervals, and their assignment to the plan."""
-    yield from contents_words(reduction.contents, tables=False)
+    yield from recording_words(reduction.contents)
     if reduction.stillness is None:
         return
     yield from interval_words(reduction.stillness)
@@ -138,10 +137,9 @@ def files_words(reduction: "FilesReduction") -> Iterator[str]:
     of_all = list(layout_words(reduction.parts[0].contents))
     yield from of_all
     for part in reduction.parts:
-        differing = [
-            line for line in layout_words(part.contents) if line not in of_all and not line.startswith("accelerations")
-        ]
-        about = [*differing, *left_out_words(part.contents), *list(rate_words(part.contents))[1:]]
+        about = [line for line in layout_words(part.contents) if not line.startswith("accelerations")]
+        about = [line for line in about if line not in of_all]
+        about += [*left_out_words(part.contents), *list(rate_words(part.contents))[1:]]
         yield from (f"{part.file}: {line}" for line in about)
     rows = sum(part.stop - part.start for part in reduction.parts)
     yield f"{counted(rows, 'sample')} of {counted(len(reduction.parts), 'file')} at {reduction.table.rate_hz:.6g} Hz"
@@ -150,9 +148,78 @@ def files_words(reduction: "FilesReduction") -> Iterator[str]:
     else:
         yield from interval_words(reduction.stillness)
     if reduction.by_gravity:
-        listed = ", ".join(
-            f"{position.file.name} {position.name}" for position in reduction.positions if position.known
-        )
-        yield f"positions by the direction of gravity: {listed}"
+        known = [f"{position.file.name} {position.name}" for position in reduction.positions if position.known]
+        yield f"positions by the direction of gravity: {', '.join(known)}"
     if reduction.clock_words:
         yield reduction.clock_words
+
+
+SCHEMA = "tumblecal.import/1"
+_REPEATS = "repeats"
+_RATE_BY = {True: "from the times, without gaps", False: "asked for, or stated in the file"}
+
+
+def import_document(source: Path, out: Path, contents: "Contents") -> dict[str, object]:
+    """The document of `tumblecal import` for programs; what is not known is null.
+
+    `{"schema": "tumblecal.import/1", "source", "output", "format", "tables": [{"name", "rows", "taken"}], "rows",
+    "left_out": {"rows", "first"}, "rate_hz", "duration_s", "columns": {"ax": {"column", "unit", "why"}}, "accelerations":
+    {"unit", "counts_per_g", "size"}, "guesses": [line], "gaps": {"count", "total_s", "first_s"}, "clock_back": {"count",
+    "first_s"}, "temperature_degc": [low, high], "repeats": record or null, "damage": [record]}`; records as in
+    `capture.recordings.damage`.
+    """
+    layout, damage = contents.layout, contents.damage.records
+    ahead, back = _gaps(contents)
+    rate, (low, high) = contents.rate_hz, contents.temperature
+    return {
+        "schema": SCHEMA,
+        "source": str(source),
+        "output": str(out),
+        "format": contents.reader.title,
+        "tables": [{"name": one.name, "rows": one.rows, "taken": one is layout.table} for one in contents.tables],
+        "rows": contents.rows,
+        "left_out": {"rows": contents.unreadable, "first": contents.places},
+        "rate_hz": rate,
+        "duration_s": contents.rows / rate if rate else None,
+        "columns": {
+            role: {"column": column.name, "unit": column.unit or None, "why": layout.why[role]}
+            for role, column in layout.columns.items()
+        },
+        "accelerations": {"unit": layout.unit, "counts_per_g": layout.per_g, "size": layout.size},
+        "guesses": list(layout.guesses),
+        "gaps": {
+            "count": len(ahead),
+            "total_s": sum(gap[1] for gap in ahead),
+            "first_s": ahead[0][0] if ahead else None,
+        },
+        "clock_back": {"count": len(back), "first_s": back[0][0] if back else None},
+        "temperature_degc": [low, high] if np.isfinite([low, high]).all() and low <= high else None,
+        "repeats": next((record.as_dict() for record in damage if record.kind == _REPEATS), None),
+        "damage": [record.as_dict() for record in damage],
+    }
+
+
+def import_lines(contents: "Contents") -> list[str]:
+    """The table for people: what was found, and by what evidence; below it the guesses, with the options that override them."""
+    layout, damage = contents.layout, contents.damage.records
+    first, *clock = rate_words(contents)
+    per_g = f" ({layout.per_g:g} a g)" if layout.per_g else ""
+    rows: list[tuple[str, str, str, str]] = [
+        ("item", "found", "unit", "evidence"),
+        ("rows", counted(contents.rows, "sample"), "", next(left_out_words(contents), "none left out")),
+        ("rate", first.partition(" at ")[2] or "not known (--rate)", "", _RATE_BY["time" in layout.columns]),
+    ]
+    for role, column in layout.columns.items():
+        unit = UNITS.get(column.unit, column.unit) + (per_g if role in FORCE else "")
+        rows.append((role, column.name, unit, layout.why[role]))
+    rows.append(("size", f"about {layout.size:.5g}", UNITS[layout.unit], "of gravity in ax, ay, az"))
+    repeats = [record.words for record in damage if record.kind == _REPEATS]
+    others = [record.words for record in damage if record.kind != _REPEATS]
+    low, high = contents.temperature
+    rest = {"gaps": clock, "repeats": repeats, "damage": others, "temperature": list(temperature_words(contents))}
+    if low > high:
+        del rest["temperature"]
+    wide = [max(len(row[k]) for row in [*rows, *((name, "", "") for name in rest)]) for k in range(3)]
+    table = ["  ".join(cell.ljust(width) for cell, width in zip(row, (*wide, 0), strict=True)).rstrip() for row in rows]
+    table += [f"{name:{wide[0]}}  {words}" for name, lines in rest.items() for words in lines or ["none"]]
+    return [*format_words(contents, tables=True), *table, *layout.guesses]

@@ -1,7 +1,6 @@
 """`result.json` and `calibration.json` of a calibration."""
 
 import hashlib
-import json
 from collections.abc import Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -17,13 +16,13 @@ from tumblecal.data.positions import ATTITUDES, UNKNOWN
 from tumblecal.data.sensor_parameters import SENSOR, SensorParameters, leaf_of
 from tumblecal.effects import Catalogue, catalogue
 from tumblecal.estimation.fit import Fit
-from tumblecal.estimation.identifiability import Direction
 from tumblecal.estimation.intrinsic import intrinsic, matrix_and_bias, one_sensor
 from tumblecal.estimation.methods import Calibrated
 from tumblecal.estimation.mountings import turns_of
 from tumblecal.ground.atomic import write_text
 from tumblecal.ground.frames import rotation_matrix
 from tumblecal.ground.gravity import record_of
+from tumblecal.ground.json_file import json_text
 from tumblecal.report.calibration_judgements import judgements, use_of
 from tumblecal.report.sensor_terms import terms_of_chain
 
@@ -36,13 +35,11 @@ STRONG_CORRELATION = 0.9
 def write_calibrated(folder: Path, calibrated: Calibrated, said: Mapping[str, Any] | None = None) -> list[str]:
     """Write `result.json` into `folder`, and `calibration.json` of an exact fit that converged.
 
-    **Arguments:**
-
-    - `said`: further entries of its provenance, such as that of the head (`MeasuredHead.record`).
+    `said`: further entries of its provenance, such as that of the head (`MeasuredHead.record`).
 
     **Returns:** their names.
     """
-    write_text(folder / "result.json", json.dumps(result_content(calibrated), indent=1, allow_nan=False) + "\n")
+    write_text(folder / "result.json", json_text(result_content(calibrated)))
     if not calibrated.exact.code.good or not one_sensor(calibrated.exact):
         return ["result.json"]
     calibration, use = calibration_of(calibrated.exact, calibrated.entries), use_of(calibrated)
@@ -58,8 +55,7 @@ def result_content(calibrated: Calibrated) -> dict[str, Any]:
     """Contents of `result.json` (DESIGN section 6)."""
     exact, judged = calibrated.exact, judgements(calibrated)
     data = exact.data
-    turns = turns_of(calibrated.exact.problem.chain, calibrated.exact.problem.where)
-    seen = exact.identifiability
+    turns, seen = turns_of(exact.problem.chain, exact.problem.where), exact.identifiability
     assert seen is not None  # the exact fit always has it
     return {
         "schema": SCHEMA,
@@ -78,14 +74,14 @@ def result_content(calibrated: Calibrated) -> dict[str, Any]:
         "judgements": [judgement.record() for judgement in judged],
         "use": use_of(calibrated, judged).record(),
         "noise": {
-            "sigma_g": finite(exact.sigma),
+            "sigma_g": exact.sigma,
             "kind": exact.noise,
             "chi2": exact.chi2 if exact.noise == "stated" else None,
             "dof": exact.dof,
             "chi2_p_value": exact.chi2_p_value,
             "contradicted_level": None if calibrated.level is None else vars(calibrated.level),
             "floor_g": None if calibrated.floor is None else calibrated.floor.floor_g,
-            "rms_g": float(np.sqrt(np.mean(exact.residuals**2))),
+            "rms_g": exact.rms,
         },
         "residuals": [
             {"position": name, "alpha_deg": alpha, "beta_deg": beta, "x_g": x, "y_g": y, "z_g": z}
@@ -97,7 +93,10 @@ def result_content(calibrated: Calibrated) -> dict[str, Any]:
             "rank": seen.rank,
             "free": seen.free,
             "singular_values": seen.singular_values.tolist(),
-            "weak": [_direction(direction) for direction in seen.weak],
+            "weak": [
+                {"words": weak.words, "coefficients": weak.coefficients, "sd_ratio": weak.sd_ratio}
+                for weak in seen.weak
+            ],
             "correlations": strong_correlations(exact),
         },
         "intrinsic": _intrinsic(exact),
@@ -107,9 +106,7 @@ def result_content(calibrated: Calibrated) -> dict[str, Any]:
 def calibration_of(result: Fit, entries: Catalogue | None = None) -> Calibration:
     """The calibration of a fit: matrix and bias of the sensor, and the terms of the effects in its chain.
 
-    **Arguments:**
-
-    - `entries`: the catalogue of the effects in the chain; by default that of the program.
+    `entries`: the catalogue of the effects in the chain; by default that of the program.
 
     **Raises:** `KeyError` when the sensor's parameters are not all estimated, one for all data; `InputError` for a form of a
     user effect that no file can contain.
@@ -123,14 +120,15 @@ def linear_calibration(result: Fit) -> Calibration:
 
     **Raises:** `KeyError` when the sensor's parameters are not all estimated, one for all data.
     """
-    data = result.data
+    data, degc = result.data, result.data.temperature_degc
     matrix, bias, covariance = matrix_and_bias(result)
+    turned = [result.value(name) for name in ("dtheta_x", "dtheta_y", "dtheta_z") if name in result.names]
     return Calibration(
         matrix=matrix,
         bias=bias,
         covariance=covariance,
-        alignment=_alignment(result),
-        temperature_degc=None if data.temperature_degc is None else float(np.mean(data.temperature_degc)),
+        alignment=rotation_matrix(np.array(turned)).T if len(turned) == 3 else None,
+        temperature_degc=None if degc is None else float(np.mean(degc)),
         serial_number=data.serial_number,
         gravity=data.gravity,
         provenance={
@@ -138,19 +136,13 @@ def linear_calibration(result: Fit) -> Calibration:
             **({ATTITUDES: UNKNOWN} if any(leaf_of(name) == "tilt" for name in result.names) else {}),
             "method": result.method,
             "code": result.code.name,
-            "sigma_g": finite(result.sigma),
+            "sigma_g": float(result.sigma) if np.isfinite(result.sigma) else None,
             "dof": result.dof if result.noise == "estimated" else None,
-            **_temperatures(data),
+            **({} if degc is None else {"temperature_range_degc": [float(np.min(degc)), float(np.max(degc))]}),
             "date_utc": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
         },
         parameters=_sensor_and_mount(result),
     )
-
-
-def _temperatures(data: PositionSet) -> dict[str, list[float]]:
-    """The range within which thermal terms were measured, degC."""
-    degc = data.temperature_degc
-    return {} if degc is None else {"temperature_range_degc": [float(np.min(degc)), float(np.max(degc))]}
 
 
 def _sensor_and_mount(result: Fit) -> SensorParameters:
@@ -183,51 +175,29 @@ def strong_correlations(result: Fit) -> list[dict[str, Any]]:
     return sorted(pairs, key=lambda pair: -abs(pair["correlation"]))
 
 
-def finite(value: float) -> float | None:
-    """A number for JSON: None (null) if it is not finite."""
-    return float(value) if np.isfinite(value) else None
-
-
 def _method(result: Fit) -> dict[str, Any]:
     level = result.interval(0.95)
     return {
         "parameters": {
-            name: {
-                "value": float(value),
-                "sd": finite(sd),
-                "unit": unit,
-                "interval_95": [finite(low), finite(high)],
-            }
-            for name, value, sd, unit, (low, high) in zip(
-                result.names, result.values, result.sd, result.units, level, strict=True
+            name: {"value": value, "sd": sd, "unit": unit, "interval_95": interval}
+            for name, value, sd, unit, interval in zip(
+                result.names, result.values.tolist(), result.sd.tolist(), result.units, level.tolist(), strict=True
             )
         },
-        "covariance": [[finite(value) for value in row] for row in result.covariance],
+        "covariance": result.covariance.tolist(),
         "code": result.code.name,
         "message": result.message,
-        "sigma_g": finite(result.sigma),
+        "sigma_g": result.sigma,
         "dof": result.dof,
         "statistics": result.statistics,
     }
-
-
-def _direction(direction: Direction) -> dict[str, Any]:
-    return {"words": direction.words, "coefficients": direction.coefficients, "sd_ratio": direction.sd_ratio}
 
 
 def _intrinsic(result: Fit) -> dict[str, Any]:
     if not one_sensor(result):
         return {}
     triad = intrinsic(result)
-    sd = np.sqrt(np.diag(triad.covariance))
-    return {
-        name: {"value": float(value), "sd": finite(deviation), "unit": unit}
-        for name, value, deviation, unit in zip(triad.names, triad.values, sd, triad.units, strict=True)
-    }
-
-
-def _alignment(result: Fit) -> np.ndarray | None:
-    names = [f"dtheta_{axis}" for axis in "xyz"]
-    if not all(name in result.names for name in names):
-        return None
-    return rotation_matrix(np.array([result.value(name) for name in names])).T
+    sizes = zip(
+        triad.names, triad.values.tolist(), np.sqrt(np.diag(triad.covariance)).tolist(), triad.units, strict=True
+    )
+    return {name: {"value": value, "sd": sd, "unit": unit} for name, value, sd, unit in sizes}

@@ -15,14 +15,18 @@ from tumblecal.effects import Catalogue
 from tumblecal.effects.effect import NO_FORMS, OF_HEAD, OF_MOUNT, reason_not_held
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.intrinsic import one_sensor
+from tumblecal.ground.axes import AXES
 from tumblecal.report.effect_forms import per_hour, require_forms, term_of_form
-from tumblecal.report.temperature_order import undetermined_order
 
 
 _EQUATION = (
     "A = diag(1 + dK) u + bias + sum of coefficient * product of u^powers * (T - reference_degc)^degc_power, "
     "per_degc being a degc_power of 1"
 )
+# Order of the usual model; temperatures that differ by less than this share of their range count as one.
+_USUAL_ORDER, _SAME_SHARE = 3, 0.1
+_WORDS = {2: "second", 3: "third"}
+_GRID = 401
 # Without these the force in the frame of the triad is correct.
 NOT_MISSED = (OF_HEAD, OF_MOUNT)
 # A signal of an effect in the readings of the data, g; None if unknown.
@@ -49,10 +53,8 @@ class FittedEffect:
 def effects_in(chain: Chain, where: Where, entries: Catalogue) -> Iterator[FittedEffect]:
     """The effects of a chain in addition to the nominal links: those that are estimated, or kept at more than zero.
 
-    **Arguments:**
-
-    - `where`: the settings that the chain was made for. `entries`: the catalogue; an effect without an entry has
-      the name of its leaf.
+    `where`: the settings that the chain was made for. `entries`: the catalogue; an effect without an entry has the name of its
+    leaf.
     """
     acting = [leaf for leaf in chain.parameters if leaf.name not in UNIT_OF_LEAF and (leaf.free or leaf.value.any())]
     remaining = {leaf.name: leaf for leaf in acting}
@@ -75,25 +77,23 @@ class SensorTerms:
 
     def __init__(self):
         self._terms: dict[str, Term] = {}
-        self._reasons: dict[str, str] = {}
-        self._signals: dict[str, Signal] = {}
+        self._lacking: dict[str, NotApplied] = {}
 
     def has(self, id: str) -> bool:
         """Whether an effect was added."""
-        return id in self._reasons or any(term.effect == id for term in self._terms.values())
+        return id in self._lacking or any(term.effect == id for term in self._terms.values())
 
     def add(self, effect: FittedEffect, fit: Fit, determined: Collection[str], signal: Signal = None) -> None:
         """Add an effect as it was fitted.
 
-        **Arguments:**
-
-        - `determined`: names of the coefficients that the data determine separately.
-        - `signal`: contribution of the effect to the readings of the data, g.
+        `determined`: names of the coefficients that the data determine separately. `signal`: contribution of the effect to the
+        readings of the data, g.
 
         **Raises:** `InputError` for a form of a user effect that no calibration file can contain.
         """
         if not effect.held:
-            self._reasons[effect.id], self._signals[effect.id] = effect.reason, signal
+            sizes = () if signal is None else (np.max(np.abs(signal)), np.sqrt(np.mean(np.square(signal))))
+            self._lacking[effect.id] = NotApplied(effect.id, effect.reason, *(1e3 * float(size) for size in sizes))
             return
         values = dict(zip(fit.names, fit.values.tolist(), strict=True))
         units = dict(zip(fit.names, fit.units, strict=True))
@@ -118,15 +118,7 @@ class SensorTerms:
     @property
     def not_applied(self) -> list[NotApplied]:
         """The effects that the file cannot contain, the reasons, and their sizes in the data."""
-        listed = []
-        for id, reason in self._reasons.items():
-            signal = self._signals[id]
-            if signal is None:
-                listed.append(NotApplied(id, reason))
-            else:
-                largest, rms = float(np.max(np.abs(signal))), float(np.sqrt(np.mean(np.square(signal))))
-                listed.append(NotApplied(id, reason, 1e3 * largest, 1e3 * rms))
-        return listed
+        return list(self._lacking.values())
 
     def losses(self, temperature_degc: Float[np.ndarray, " positions"] | None) -> list[NotApplied]:
         """All corrections that the file lacks: `not_applied`, and an order of the dependence on temperature that the data, at
@@ -139,11 +131,9 @@ class SensorTerms:
     ) -> Calibration:
         """The calibration with these terms; its provenance lists the missing corrections, if any.
 
-        **Arguments:**
-
-        - `temperature_degc`: of the data.
+        `temperature_degc`: of the data.
         """
-        provenance: dict = {IDS: list(self._reasons)} if self._reasons else {}
+        provenance: dict = {IDS: list(self._lacking)} if self._lacking else {}
         if losses := self.losses(temperature_degc):
             provenance[LOSSES] = [loss.record() for loss in losses]
         calibration = replace(calibration, provenance=calibration.provenance | provenance)
@@ -158,9 +148,7 @@ def terms_of_chain(
 ) -> SensorTerms:
     """The terms of the effects in a given chain, such as that of a rig, at the values of a fit of it.
 
-    **Arguments:**
-
-    - `signal`: contribution of an effect to the readings; by default from the Jacobian of the fit.
+    `signal`: contribution of an effect to the readings; by default from the Jacobian of the fit.
     """
     terms = SensorTerms()
     for effect in effects_in(chain, fit.problem.where, entries):
@@ -194,9 +182,7 @@ def held_words(fit: Fit, chain: Chain, entries: Catalogue) -> Iterator[str]:
 def lacking_words(losses: Sequence[NotApplied], *, of_sensor: bool = False) -> Iterator[str]:
     """Fitted effects that calibration.json does not contain, with reasons and sizes, in words.
 
-    **Arguments:**
-
-    - `of_sensor`: without effects of the head and of the mount, which the frame of the triad does not need.
+    `of_sensor`: without effects of the head and of the mount, which the frame of the triad does not need.
     """
     for loss in losses:
         if not (of_sensor and loss.reason in NOT_MISSED):
@@ -210,3 +196,55 @@ def lacking_of_fit(fit: Fit, entries: Catalogue, *, of_sensor: bool = False) -> 
         kept = {effect.id for effect in effects_in(chain, fit.problem.where, entries) if effect.kept}
         losses = terms_of_chain(fit, chain, entries).losses(fit.data.temperature_degc)
         yield from lacking_words([loss for loss in losses if loss.effect not in kept], of_sensor=of_sensor)
+
+
+def _temperature_levels(temperature_degc: Float[np.ndarray, " positions"]) -> list[float]:
+    """The separate temperatures of some positions, degC, each the mean of those that count as one."""
+    degc = np.sort(np.asarray(temperature_degc, float))
+    width, levels = _SAME_SHARE * float(np.ptp(degc)), list[list[float]]()
+    for value in degc.tolist():
+        if levels and value <= levels[-1][0] + width:
+            levels[-1].append(value)
+        else:
+            levels.append([value])
+    return [float(np.mean(level)) for level in levels]
+
+
+def undetermined_order(
+    terms: Sequence[Term], temperature_degc: Float[np.ndarray, " positions"] | None
+) -> NotApplied | None:
+    """The order of the dependence on temperature that is not determined, with the size (mg) that it has between the
+    measured temperatures if it changes the readings over their range as much as the terms do; None if third order, that of the
+    usual model of an accelerometer, is determined.
+
+    A polynomial that is zero at every temperature measured changes no reading of the data: one of second order with two
+    temperatures, one of third order with three.
+    """
+    thermal = [term for term in terms if term.thermal]
+    if temperature_degc is None or not thermal:
+        return None
+    levels = np.array(_temperature_levels(temperature_degc))
+    order = len(levels)
+    if not 1 < order <= _USUAL_ORDER:
+        return None
+    half, middle = np.ptp(levels) / 2, (levels[0] + levels[-1]) / 2
+    grid = np.linspace(-1, 1, _GRID)
+    hidden = np.prod(grid[:, None] - (levels - middle) / half, axis=1)
+    size = 1e3 * _change(thermal, middle + half * grid)
+    at = ", ".join(f"{level:.3g}" for level in levels)
+    return NotApplied(
+        f"temperature^{order}",
+        f"not determined: a {_WORDS[order]}-order dependence of the same size as the terms of temperature would be zero at the "
+        f"{order} temperatures measured ({at} degC) and act between them",
+        float(size * np.max(np.abs(hidden))),
+        float(size * np.sqrt(np.mean(hidden**2))),
+    )
+
+
+def _change(thermal: Sequence[Term], degc: Float[np.ndarray, " grid"]) -> float:
+    """Half of the change of a reading at 1 g over the temperatures, of the axis on which it is largest, g."""
+    inputs = np.ones((len(degc), 3))
+    along = np.zeros((3, len(degc)))
+    for term in thermal:
+        along[AXES.index(term.axis)] += term.factor(degc, None) * term.of_inputs(inputs)
+    return float(np.max(np.ptp(along, axis=1))) / 2

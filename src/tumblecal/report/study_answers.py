@@ -6,9 +6,11 @@ from typing import Any
 
 import numpy as np
 import polars as pl
+from rich.console import Console
 
 from tumblecal.ground.units import in_words, shown
-from tumblecal.report.page import PageTable
+from tumblecal.report.narrow import print_table, print_words
+from tumblecal.report.tables import Table
 
 
 Frames = Mapping[str, pl.DataFrame]
@@ -24,18 +26,20 @@ class Answer:
     headline: str
     tone: str
     words: tuple[str, ...]
-    table: PageTable
+    table: Table
+
+
+def print_answer(answer: Answer, console: Console) -> None:
+    """Print the answer, then the table behind it."""
+    print_words(console, answer.headline, style="bold")
+    for words in answer.words:
+        print_words(console, words)
+    print_table(console, answer.table)
 
 
 def answer_of(kind: str, content: Mapping[str, Any], frames: Frames) -> Answer:
     """The answer of a study of that kind; `content` of its JSON file, `frames` its tables."""
-    return {
-        "coverage": _coverage,
-        "sweep": _sweep,
-        "convergence": _convergence,
-        "linearization": _linearization,
-        "power": _power,
-    }[kind](content, frames)
+    return _ANSWERS[kind](content, frames)
 
 
 def _path_line(content: Mapping[str, Any]) -> str:
@@ -76,7 +80,7 @@ def _coverage(content: Mapping[str, Any], frames: Frames) -> Answer:
             f"{content['nees_expected']} parameters.",
             "Stated, estimated: the interval uses the stated noise, or that of the residuals.",
         ),
-        PageTable(header, table_rows, text=(0, 5)),
+        Table(header, table_rows, text=(0, 5)),
     )
 
 
@@ -118,7 +122,7 @@ def _sweep(content: Mapping[str, Any], frames: Frames) -> Answer:
             "Each point is a separate coverage study. The estimation bias is in standard uncertainties stated by the fit; it "
             "shifts the interval by this amount.",
         ),
-        PageTable(header, rows, text=(len(content["grid"]) + 3, len(header) - 1)),
+        Table(header, rows, text=(len(content["grid"]) + 3, len(header) - 1)),
     )
 
 
@@ -163,7 +167,7 @@ def _convergence(content: Mapping[str, Any], frames: Frames) -> Answer:
             "NEES and NIS after the last set, divided by their expectation: 1 if the stated covariance of a filter is correct, "
             "more if it is too small.",
         ),
-        PageTable(header, rows, text=(0,)),
+        Table(header, rows, text=(0,)),
     )
 
 
@@ -198,7 +202,7 @@ def _linearization(content: Mapping[str, Any], frames: Frames) -> Answer:
             "and so require smaller errors.",
             f"{content['instruments']} random instruments a size, without noise; {content['failed']} fits failed.",
         ),
-        PageTable(header, rows, text=(0, *(3 + 2 * k for k in range(len(paths))))),
+        Table(header, rows, text=(0, *(3 + 2 * k for k in range(len(paths))))),
     )
 
 
@@ -220,5 +224,8 @@ def _power(content: Mapping[str, Any], frames: Frames) -> Answer:
         f"Detected in {_DETECTED:.0%} of the runs: {'; '.join(detected)}.",
         "named",
         ("Named: the effect is among those that the diagnosis names. Size 0: false alarms.",),
-        PageTable(["effect", "size", "unit", "runs", "detected", "named", "failed"], rows, text=(0, 2)),
+        Table(["effect", "size", "unit", "runs", "detected", "named", "failed"], rows, text=(0, 2)),
     )
+
+
+_ANSWERS = dict(coverage=_coverage, sweep=_sweep, convergence=_convergence, linearization=_linearization, power=_power)

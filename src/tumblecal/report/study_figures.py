@@ -20,13 +20,7 @@ COLOURS = ("#b8b8b8", "#E69F00", "#56B4E9", "#0072B2", "#D55E00", "#CC3311", "#0
 
 def draw(kind: str, content: Mapping[str, Any], frames: Mapping[str, pl.DataFrame], folder: Path) -> list[Path]:
     """Draw the figures of a study; returns their paths."""
-    drawn = {
-        "coverage": _coverage,
-        "sweep": _sweep,
-        "convergence": _convergence,
-        "linearization": _linearization,
-        "power": _power,
-    }[kind](content, frames)
+    drawn = _DRAWN[kind](content, frames)
     return [save(figure, folder / f"{name}.svg") for name, figure in drawn.items()]
 
 
@@ -37,9 +31,10 @@ def _coverage(content: Mapping[str, Any], frames: Mapping[str, pl.DataFrame]):
     place = np.arange(len(rows))
     z = rows["bias"].to_numpy() / rows["predicted_sd"].to_numpy()
     error = rows["bias_se"].to_numpy() / rows["predicted_sd"].to_numpy()
-    bias.errorbar(place, z, yerr=2 * error, fmt="o", ms=3, color=INK, capsize=2)
+    look = {"fmt": "o", "ms": 3, "color": INK, "capsize": 2}
+    bias.errorbar(place, z, yerr=2 * error, **look)
     bias.set_ylabel("bias / predicted sd (2 se)")
-    spread.errorbar(place, rows["sd_over_predicted"], yerr=2 / np.sqrt(2 * trials), fmt="o", ms=3, color=INK, capsize=2)
+    spread.errorbar(place, rows["sd_over_predicted"], yerr=2 / np.sqrt(2 * trials), **look)
     spread.axhline(1, color=MUTED, lw=0.8)
     spread.set_ylabel("sd / predicted sd")
     for level, colour in zip(content["levels"], COLOURS[1:], strict=False):
@@ -195,3 +190,6 @@ def _power(content: Mapping[str, Any], frames: Mapping[str, pl.DataFrame]):
     panels[0].set_ylabel("share of runs")
     panels[0].legend()
     return {"power": figure}
+
+
+_DRAWN = dict(coverage=_coverage, sweep=_sweep, convergence=_convergence, linearization=_linearization, power=_power)

@@ -8,8 +8,9 @@ from typing import Any
 import polars as pl
 
 from tumblecal import __version__
-from tumblecal.report.page import PageTable, Section, inline_figure, write_page
+from tumblecal.report.page import Section, inline_figure, write_page
 from tumblecal.report.study_answers import Answer
+from tumblecal.report.tables import Table
 from tumblecal.report.verdict import Verdict
 
 
@@ -48,19 +49,17 @@ def write_study_page(
 ) -> Path:  # fmt: skip
     """Write `KIND.html` into the folder of the study.
 
-    **Arguments:**
-
-    - `content`: of the JSON file; `frames`: the tables; `answer`: of the study; `figures`: SVG files in the folder.
+    `content`: of the JSON file; `frames`: the tables; `answer`: of the study; `figures`: SVG files in the folder.
     """
     path = folder / f"{kind}.html"
     sections = [
         Section("Results", tables=[answer.table]),
         Section("Figures", figures=[inline_figure(figure, _CAPTIONS[figure.stem]) for figure in figures]),
         _files(kind, frames, figures),
-        Section("Settings", tables=[PageTable(["", ""], list(_studied(content)), text=(1,))]),
+        Section("Settings", tables=[Table(["", ""], list(_studied(content)), text=(1,))]),
     ]
     title = str(content["title"] or f"Study of {kind}")
-    verdict = Verdict("", answer.headline, title, "", evidence=answer.words)
+    verdict = Verdict("", answer.headline, evidence=answer.words)
     write_page(path, title, _QUESTIONS[kind], verdict, sections, tone=answer.tone)
     return path
 
@@ -70,7 +69,7 @@ def _files(kind: str, frames: Mapping[str, pl.DataFrame], figures: Sequence[Path
     rows += [[f"{kind}_{name}.parquet", f"{_FILES[name]} ({len(frame)} rows)"] for name, frame in frames.items()]
     rows += [[figure.name, "a figure of this page"] for figure in figures]
     rows += [["chunks/, manifest.json", "completed parts: the same command resumes from them; they can be deleted"]]
-    return Section("Files", tables=[PageTable(["file", "contents"], rows, text=(0, 1))])
+    return Section("Files", tables=[Table(["file", "contents"], rows, text=(0, 1))])
 
 
 def _studied(content: Mapping[str, Any]) -> Iterator[list[str]]:

@@ -1,23 +1,26 @@
 """Terminal output of `tumblecal calibrate`: estimates of all methods, quality of the fit, poorly determined parameters."""
 
+from collections.abc import Iterator
+
 import numpy as np
 from rich.console import Console
 
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.methods import Calibrated
-from tumblecal.estimation.mountings import mounting_words, turns_of
 from tumblecal.estimation.noise_level import ContradictedLevel
 from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.ground.units import shown
 from tumblecal.report.calibration_judgements import judgements, use_of
-from tumblecal.report.calibration_words import TITLES, methods_words, noise_words, remedy_words
-from tumblecal.report.gravity_words import gravity_words
-from tumblecal.report.identity_words import identity_words
+from tumblecal.report.calibration_words import (
+    TITLES,
+    methods_words,
+    noise_words,
+    notes,
+    remedy_words,
+)
 from tumblecal.report.narrow import print_table, print_words
 from tumblecal.report.result_file import strong_correlations
-from tumblecal.report.sensor_terms import held_words, lacking_of_fit
-from tumblecal.report.setting_words import many_settings_words, read_settings_words
-from tumblecal.report.temperature_words import temperature_words, within_dwells_words
+from tumblecal.report.tables import Table
 
 
 def print_calibration(calibrated: Calibrated, console: Console | None = None) -> None:
@@ -27,30 +30,17 @@ def print_calibration(calibrated: Calibrated, console: Console | None = None) ->
     print_words(console, "")
     print_words(console, exact.data.source, style="bold")
     _print_table(calibrated, console)
-    turned = mounting_words(turns_of(calibrated.exact.problem.chain, calibrated.exact.problem.where))
     judged = judgements(calibrated)
     for line in [
         f"use: {use_of(calibrated, judged).words}",
         *(judgement.words for judgement in judged),
         *(f"IMPLAUSIBLE: {words}" for words in implausible_words(calibrated.implausible)),
         *(f"corrected: {setup_error.description}" for setup_error in calibrated.setup_errors),
-        *filter(
-            None,
-            [
-                identity_words(exact.data),
-                gravity_words(exact),
-                turned,
-                read_settings_words(exact),
-                many_settings_words(exact),
-            ],
-        ),
+        *notes(calibrated),
         *quality(exact, calibrated.level),
-        *filter(None, [within_dwells_words(exact.data), temperature_words(exact, calibrated.entries)]),
-        *held_words(exact, exact.problem.chain, calibrated.entries),
-        *lacking_of_fit(exact, calibrated.entries),
         *methods_words(calibrated),
         *weaknesses(exact),
-        *_skipped(calibrated),
+        *_only_exact(calibrated.exact),
     ]:
         print_words(console, line)
 
@@ -71,7 +61,7 @@ def _print_table(calibrated: Calibrated, console: Console) -> None:
             else:
                 cells.append("-")
         rows.append(cells)
-    print_table(console, header, rows, left=(0, 3))
+    print_table(console, Table(header, rows, text=(0, 3)))
 
 
 def quality(result: Fit, level: ContradictedLevel | None = None) -> list[str]:
@@ -111,13 +101,12 @@ def weaknesses(result: Fit) -> list[str]:
     return lines
 
 
-def _skipped(calibrated: Calibrated) -> list[str]:
-    lines = [f"{TITLES[name]}: not run: {reason}" for name, reason in calibrated.skipped.items()]
-    if calibrated.exact.problem.correlated:
-        lines.append(
+def _only_exact(exact: Fit) -> Iterator[str]:
+    """The statements that only the exact fit uses."""
+    if exact.problem.correlated:
+        yield (
             "noise: the exact fit uses the noise model of the recording, with the correlation between neighbouring positions; "
             "the other methods assume independent positions with the sd columns"
         )
-    if calibrated.exact.problem.with_prior:
-        lines.append("Only the exact fit uses the stated priors.")
-    return lines
+    if exact.problem.with_prior:
+        yield "Only the exact fit uses the stated priors."

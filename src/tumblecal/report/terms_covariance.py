@@ -31,10 +31,8 @@ def covariance_in_use(
 ) -> Float[np.ndarray, "entries entries"]:
     """The covariance of matrix and bias (the order of `ORDER`), then of the terms' coefficients, in the units of the file.
 
-    **Arguments:**
-
-    - `terms`: that were estimated, by the names of their coefficients.
-    - `reference_degc`: temperature for which the parameters are meant.
+    `terms`: that were estimated, by the names of their coefficients. `reference_degc`: temperature for which the parameters are
+    meant.
     """
     used, of_terms = diagnosis.in_use, [diagnosis.in_use.names.index(name) for name in terms]
     places, count = [used.names.index(name) for name in SENSOR], len(ORDER)

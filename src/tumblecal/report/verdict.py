@@ -1,5 +1,6 @@
 """A verdict as a record, and its one layout: five labelled blocks that fit on a screen, a rule, and the details below it."""
 
+import re
 import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -59,8 +60,8 @@ class Verdict:
 
     verdict: str
     headline: str
-    source: str
-    use: str
+    source: str = ""
+    use: str = ""
     found: tuple[Finding, ...] = ()
     unresolved: tuple[Unresolved, ...] = ()
     evidence: tuple[str, ...] = ()
@@ -87,7 +88,7 @@ class Verdict:
     def _paragraphs(self, *, lists: bool) -> Iterator[str]:
         yield f"{self.verdict.upper()}: {self.headline}"
         yield f"Use of calibration.json: {self.use}."
-        yield from (f"Found: {_numbered(number, one.sentence)}" for number, one in enumerate(self.found, 1))
+        yield from (f"Found: {number}. {one.sentence}" for number, one in enumerate(self.found, 1))
         yield from (f"Unresolved: {one.sentence}" for one in self.unresolved)
         yield from (*self.evidence, *self.next)
         yield from (
@@ -102,7 +103,7 @@ def verdict_lines(verdict: Verdict, width: int = WIDTH) -> list[str]:
     below the rule, whole, the same ones at every width.
     """
     blocks: dict[str, Sequence[str]] = {
-        "FOUND": [_numbered(number, one) for number, one in enumerate(_aligned(verdict.found), 1)],
+        "FOUND": [f"{number}. {one}" for number, one in enumerate(_aligned(verdict.found), 1)],
         "UNRESOLVED": [one.sentence for one in verdict.unresolved],
         "EVIDENCE": verdict.evidence,
         "NEXT": verdict.next,
@@ -125,10 +126,6 @@ def verdict_lines(verdict: Verdict, width: int = WIDTH) -> list[str]:
     for before, (name, text) in zip(headings, verdict.details, strict=False):
         below += _detail("" if name == before and width >= WIDTH else name, text, width)
     return [*lines, "-" * width, *below] if below else lines
-
-
-def _numbered(number: int, words: str) -> str:
-    return f"{number}. {words}"
 
 
 def _aligned(found: Sequence[Finding]) -> list[str]:
@@ -178,3 +175,23 @@ def _folded(text: str, width: int) -> list[str]:
     hanging = "   " if text[:1].isdigit() and text[1:3] == ". " else ""
     options = {"break_long_words": False, "break_on_hyphens": False, "subsequent_indent": hanging}
     return textwrap.wrap(text, width, **options) or [""]
+
+
+# A command to be pasted ends a text: it is not folded, and no full stop follows it.
+_COMMAND = re.compile(r"(.*: )(tumblecal \S.*)", re.DOTALL)
+
+
+def command_at_end(words: str) -> tuple[str, str]:
+    """Words without the command that ends them, and the command; "" where none does."""
+    match = _COMMAND.fullmatch(words)
+    return (match[1].rstrip(), match[2]) if match else (words, "")
+
+
+def ended(words: str) -> str:
+    """Words with a full stop, unless a command ends them."""
+    return words if command_at_end(words)[1] else f"{words}."
+
+
+def as_sentence(words: str) -> str:
+    """Words with a capital letter first, unless they begin with a name of a parameter or effect."""
+    return words if "_" in words.partition(" ")[0] else words[:1].upper() + words[1:]

@@ -83,10 +83,9 @@ def run_study(
 
     from tumblecal.data.overwriting import protect_inputs
     from tumblecal.ground.atomic import writable_folder
-    from tumblecal.report.study_answers import answer_of
+    from tumblecal.report.study_answers import answer_of, print_answer
     from tumblecal.report.study_figures import draw
     from tumblecal.report.study_page import write_study_page
-    from tumblecal.report.study_terminal import print_answer
     from tumblecal.studies.run import run, study_of
     from tumblecal.studies.study_tables import read_study
 
