@@ -3,17 +3,20 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
 import blind_instrument as blind
 from blind_independent import INDEPENDENT
 from blind_independent_more import INDEPENDENT_MORE
+from blind_judge import Case
 from blind_mistakes import AXES, MISTAKES, OF_ANGLES, Columns
 from blind_plans import remounted, swept, twice
 from blind_sized import Sized, sized_to
 from blind_unlisted import LATER, UNLISTED, square_of_another_axis
 from blind_unseen import LATEST, UNSEEN
+from tumblecal.data import PositionSet, read_positions
 
 
 PLANS = {"3x4": (3, 4), "3x8": (3, 8), "4x12": (4, 12), "5x16": (5, 16)}
@@ -54,19 +57,8 @@ class Condition:
     plans: tuple[str, ...] = tuple(PLANS)
 
 
-@dataclass(frozen=True)
-class Case:
-    """One position file; `accepted`: the sets of labels of which each is a right answer."""
-
-    condition: str
-    plan: str
-    known: bool
-    accepted: tuple[tuple[str, ...], ...]
-    columns: Columns
-
-
-def drawn(name: str, rng: np.random.Generator) -> Case:
-    """A case of a condition."""
+def drawn(name: str, rng: np.random.Generator, number: int = 0) -> Case:
+    """A case of a condition; `data`: the columns of its position file."""
     condition = CONDITIONS[name]
     plan, known = str(rng.choice(condition.plans)), bool(rng.integers(2))
     for _ in range(_TRIES):
@@ -101,7 +93,7 @@ def drawn(name: str, rng: np.random.Generator) -> Case:
         if condition.unlisted is square_of_another_axis:
             # Lies in their span where attitudes are free: the same signal under other names.
             accepted = (*accepted, tuple(f"third_order.{axis}" for axis in blind.AXES))
-        return Case(name, plan, known, accepted, columns)
+        return Case(name, number, plan, known, accepted, columns, refusal=bool(condition.mistake))
     raise RuntimeError(f"{name}: nothing drawn in {_TRIES} tries with {plan}")
 
 
@@ -173,6 +165,13 @@ def columns_of(setup: blind.Setup, measured: np.ndarray, known: bool, repeat: st
     if setup.mounting is not None:
         columns["mount"] = np.array(list("ABC"))[setup.mounting]
     return columns
+
+
+def positions_of(columns: Columns) -> PositionSet:
+    """The position set that is read from these columns."""
+    with TemporaryDirectory() as folder:
+        write(Path(folder) / "unit.csv", columns)
+        return read_positions(Path(folder) / "unit.csv", check_size=False)
 
 
 def write(path: Path, columns: Columns) -> None:

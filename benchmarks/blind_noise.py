@@ -1,16 +1,12 @@
-"""One hidden effect in noise that is not as assumed: is the effect named, and is the noise?
+"""One hidden effect in noise that is not as assumed: is the effect named, and is the noise? A simulator of `blind_study.py`.
 
-    python benchmarks/blind_noise.py --cases 120
-
-Instruments and effects are those of the blind study. The assumption is white Gaussian noise, equal on all axes, its sd
+Instruments and effects are those of the catalogue study. The assumption is white Gaussian noise, equal on all axes, its sd
 stated or unknown; the truth is one axis five times as noisy, Student's t, noise correlated from position to position, or
 an attitude that every position repeats only to some extent. The effect's size d is the norm of its part that the nominal
 model cannot reach, in the metric of the true noise. `nothing` rows have no effect: there nothing may be named but noise.
 """
 
-import argparse
-import time
-from collections import Counter
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -20,6 +16,7 @@ import tumblecal
 
 
 tumblecal.enable_float64()
+from blind_judge import Answer, Case, answer_of_diagnosis  # noqa: E402
 from tumblecal.data import PositionSet  # noqa: E402
 from tumblecal.diagnosis import Diagnoser  # noqa: E402
 
@@ -33,6 +30,7 @@ LABELS = {
     "coloured": "noise_coloured",
     "attitude": "noise_attitude",
 }
+KINDS = {f"{noise} {words}": (noise, d) for noise in NOISES for words, d in (("d=10", 10.0), ("nothing", 0.0))}
 
 
 def covariance(kind: str, setup: blind.Setup, rng: np.random.Generator) -> np.ndarray:
@@ -112,50 +110,22 @@ def excused(kind: str) -> tuple[str, ...]:
     return ("noise_", "outlier_position") if kind == "heavy" else ("noise_",)
 
 
-def main():
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--cases", type=int, default=160)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--d", type=float, default=10.0)
-    parser.add_argument("--only", default="", help="noises whose name holds this text")
-    parser.add_argument("--detail", action="store_true", help="list what was missed")
-    args = parser.parse_args()
-    noises = [name for name in NOISES if args.only in name]
-    per = max(1, args.cases // (len(noises) * 8))
+def cases(kind: str, count: int, seed: int) -> Iterator[Case]:
+    """A fourth of the cases each for both plans and for noise stated and unknown."""
+    number, (noise, d) = 0, KINDS[kind]
+    for plan in PLANS:
+        for known in (True, False):
+            rng = np.random.default_rng([seed, NOISES.index(noise), list(PLANS).index(plan), d > 0])
+            for _ in range(max(1, count // 4)):
+                setup, readings, name = case(rng, plan, noise, d)
+                data, truth = position_set(setup, readings, known), () if name is None else (name,)
+                yield Case(kind, number, plan, known, (truth,), data, LABELS[noise], d, excused(noise))
+                number += 1
+
+
+def answered(drawn: Iterable[Case]) -> Iterator[tuple[Case, Answer]]:
+    """Diagnosed, with whether the noise is named."""
     diagnoser = Diagnoser(nested=False)
-    started, total = time.time(), Counter()
-    for kind in noises:
-        for d in (args.d, 0.0):
-            for plan in PLANS:
-                for known in (True, False):
-                    tally, missed = Counter(), []
-                    rng = np.random.default_rng([args.seed, NOISES.index(kind), list(PLANS).index(plan), d > 0])
-                    for _ in range(per):
-                        setup, readings, name = case(rng, plan, kind, d)
-                        diagnosis = diagnoser(position_set(setup, readings, known))
-                        truth = () if name is None else (name,)
-                        own = tuple(label for label in diagnosis.best.labels if not label.startswith(excused(kind)))
-                        right = own == truth or truth in diagnosis.best.equivalents
-                        sure = bool(own) and diagnosis.best.single_name and diagnosis.best.probability > 0.9
-                        tally["right"] += right
-                        tally["noise"] += LABELS[kind] in diagnosis.labels
-                        tally["wrong&sure"] += sure and not right and "unexplained" not in own
-                        if not right or LABELS[kind] not in diagnosis.labels:
-                            missed.append(f"{truth} -> {diagnosis.labels} {diagnosis.best.probability:.2f}")
-                    total.update({(kind, d, what): count for what, count in tally.items()})
-                    print(
-                        f"{kind:9s} {f'd={d:g}' if d else 'nothing':8s} {plan:5s} {'known' if known else 'unknown':8s}"
-                        + "".join(f" {what} {tally[what]}/{per}" for what in ("right", "noise", "wrong&sure")),
-                        flush=True,
-                    )
-                    for line in missed if args.detail else ():
-                        print("     ", line)
-    print(f"\nall plans, known and unknown ({time.time() - started:.0f} s)")
-    for kind in noises:
-        for d in (args.d, 0.0):
-            shown = ", ".join(f"{what} {total[kind, d, what]}/{4 * per}" for what in ("right", "noise", "wrong&sure"))
-            print(f"{kind:9s} {f'd={d:g}' if d else 'nothing':8s} {shown}")
-
-
-if __name__ == "__main__":
-    main()
+    for case in drawn:
+        diagnosis = diagnoser(case.data)
+        yield case, answer_of_diagnosis(diagnosis, measures={"noise named": case.hidden in diagnosis.labels})

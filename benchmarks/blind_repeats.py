@@ -1,14 +1,11 @@
-"""Every attitude measured twice, with an error that belongs to the attitude: is it taken for noise?
+"""Every attitude measured twice, with an error that belongs to the attitude: is it taken for noise? Of `blind_study.py`.
 
-    python benchmarks/blind_repeats.py --cases 18 --what axis
-
-`axis`: an error of one axis, another at each attitude, the same in both readings of it; `two`: two attitudes off on all axes;
-`noise`: one axis three times as noisy, which is noise; `null`: nothing. 3 x 8 and 4 x 12 positions in one run and in two, noise
-stated and unknown. Errors have a norm of `--d` noise sd in what the nominal model cannot reach.
+`axis`: an error of one axis, different at each attitude, the same in both readings of it; `two`: two attitudes with an error on
+all axes; `noise`: one axis three times as noisy, which is noise; `null`: nothing. 3 x 8 and 4 x 12 positions in one run and in
+two, noise stated and unknown. Errors have a norm of `D` noise sd in the part that the nominal model cannot reach.
 """
 
-import argparse
-from collections import Counter
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
@@ -19,15 +16,18 @@ import tumblecal
 
 
 tumblecal.enable_float64()
+from blind_judge import UNEXPLAINED, Answer, Case, answer_of_diagnosis  # noqa: E402
 from tumblecal.data import PositionSet  # noqa: E402
 from tumblecal.diagnosis import Diagnoser  # noqa: E402
 
 
 PLANS = ((3, 8), (4, 12))
-WHAT = ("axis", "two", "noise", "null")
+D = 14.0
+# What is to be named of each.
+KINDS = {"axis": (UNEXPLAINED,), "two": (UNEXPLAINED,), "noise": ("noise_unequal",), "null": ()}
 
 
-def case(rng: np.random.Generator, number: int, what: str, d: float) -> PositionSet:
+def case(rng: np.random.Generator, number: int, what: str) -> PositionSet:
     """One data set."""
     how, known = ("one run", "two runs")[number % 2], number % 3 > 0
     once = blind.random_setup(rng, *PLANS[number // 6 % 2])
@@ -41,28 +41,22 @@ def case(rng: np.random.Generator, number: int, what: str, d: float) -> Position
         sd[rng.integers(3)] = 3.0
     error = np.vstack([own, own])
     shown = np.linalg.norm(blind.unreachable(setup) @ error.ravel())
-    error *= d / shown if shown else 0.0
+    error *= D / shown if shown else 0.0
     clean = blind.readings(setup, setup.nominal, {})
     readings = clean + blind.SIGMA * (sd * rng.normal(size=clean.shape) + error)
     runs = tuple("1" * count + "2" * count) if how == "two runs" else None
     return PositionSet(**vars(blind_noise.position_set(setup, readings, known)) | {"run": runs})
 
 
-def main():
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--cases", type=int, default=18)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--what", choices=WHAT, default="axis")
-    parser.add_argument("--d", type=float, default=14.0)
-    args = parser.parse_args()
-    rng, found, diagnoser = np.random.default_rng([args.seed, 9, len(args.what)]), Counter(), Diagnoser(nested=False)
-    for number in range(args.cases):
-        diagnosis = diagnoser(case(rng, number, args.what, args.d))
-        ids = sorted({label.partition(":")[0] for label in diagnosis.labels})
-        found[f"{diagnosis.verdict} {' + '.join(ids)}".strip()] += 1
-    for words, count in found.most_common():
-        print(f"{words}: {count} of {args.cases}")
+def cases(kind: str, count: int, seed: int) -> Iterator[Case]:
+    """So many data sets."""
+    rng = np.random.default_rng([seed, 9, len(kind)])
+    for number in range(count):
+        data = case(rng, number, kind)
+        yield Case(kind, number, f"{len(data)} positions", data.sd is not None, (KINDS[kind],), data, d=D)
 
 
-if __name__ == "__main__":
-    main()
+def answered(drawn: Iterable[Case]) -> Iterator[tuple[Case, Answer]]:
+    """Diagnosed."""
+    diagnoser = Diagnoser(nested=False)
+    return ((case, answer_of_diagnosis(diagnoser(case.data))) for case in drawn)

@@ -1,35 +1,35 @@
-"""Many units on one head: is an error of the head named, and is a sensor's never called the head's?
+"""Many units on one head: is an error of the head named, and is a sensor's never called the head's? Of `blind_study.py`.
 
-    python benchmarks/blind_units.py --batches 40 --only "8 units"
-    python benchmarks/blind_units.py --seconds 200
+Hides effects in batches of the blind instrument (plain numpy), whose units differ in everything else, and gives each batch to
+`tumblecal diagnose --units`. The size d is the norm, in sigma, of the part that the nominal model leaves of the effect in the
+first unit. `right`: the hidden error, or one of its equivalents, is the best explanation; `wrong`: an error is called shared
+that is not. `--option alone` names the same errors file by file; `--option screen` stops where the command would diagnose every
+unit again with the head known: the same answer on the shared errors, in a tenth of the time.
 
-hides effects in batches of the blind instrument (plain numpy), whose units differ in everything else, and gives each batch to
-`tumblecal diagnose --units`. The size d is the norm, in sigma, of what the nominal model leaves of the effect in the first
-unit. `named`: the hidden error, or one of its equivalents, is the best explanation; `wrongly shared`: anything is called
-shared that is not. `--seconds N` times the command on N units. `--alone` names the same errors file by file. `--screen` stops
-where the command would diagnose every unit again beside the head: the same answer on what is shared, in a tenth of the time.
+    python benchmarks/blind_units.py 8 200
+
+times the command on so many units.
 """
 
-import argparse
 import json
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy import stats
 
 import blind_instrument as blind
 import tumblecal
 
 
 tumblecal.enable_float64()
+from blind_judge import Answer, Case  # noqa: E402
 from blind_noise import position_set  # noqa: E402
-from tumblecal.data import PositionSet, read_positions, write_positions  # noqa: E402
+from tumblecal.data import PositionSet, write_positions  # noqa: E402
 from tumblecal.diagnosis import Diagnoser  # noqa: E402
 from tumblecal.diagnosis.head import together  # noqa: E402
 
@@ -130,7 +130,7 @@ def either_sign(rng, count):
     return rng.normal(0, 1, count)
 
 
-CONDITIONS = {
+KINDS = {
     "8 units, d = 3.5": Condition(8, of_the_head(3.5)),
     "8 units, d = 2.5": Condition(8, of_the_head(2.5)),
     "8 units, d = 3.5, noise unknown": Condition(8, of_the_head(3.5), known=False),
@@ -203,73 +203,47 @@ class Screened:
         return found.joint.best.told.labels, list(found.joint.best.told.equivalents)
 
 
-class Alone:
-    """Each unit by itself: named is a share of the units."""
-
-    def __init__(self):
-        self.diagnoser = Diagnoser(nested=False)
-
-    def share(self, sets: list[PositionSet], name: str) -> float:
-        """Share of the units in which the effect is named."""
-        told = [self.diagnoser.begun(positions).screened.best for positions in sets]
-        return float(np.mean([best.labels == (name,) or (name,) in best.equivalents for best in told]))
+def cases(kind: str, count: int, seed: int) -> Iterator[Case]:
+    """So many batches."""
+    condition, number = KINDS[kind], list(KINDS).index(kind)
+    rng = np.random.default_rng([seed, number])
+    for k in range(count):
+        sets, name = batch(condition, rng)
+        yield Case(kind, k, f"{condition.units} units", condition.known, (() if name is None else (name,),), sets)
 
 
-def interval(count: int, of: int) -> str:
-    low, high = stats.binomtest(count, of).proportion_ci(method="wilson")
-    return f"{count / of:6.1%} ({low:.1%} to {high:.1%})"
+def answered(drawn: Iterable[Case], screen: bool = False, alone: bool = False) -> Iterator[tuple[Case, Answer]]:
+    """Diagnosed by the command; a shared name is a claim without a probability."""
+    answer, diagnoser = Screened() if screen else by_command, Diagnoser(nested=False)
+    for case in drawn:
+        (labels, equivalents), measures = answer(case.data), {}
+        (truth,) = case.accepted
+        if alone and truth:
+            named = [diagnoser.begun(positions).screened.best for positions in case.data]
+            measures["file by file"] = float(np.mean([truth in (best.labels, *best.equivalents) for best in named]))
+        yield (
+            case,
+            Answer(
+                labels,
+                (labels, *equivalents),
+                1.0,
+                "",
+                bool(labels),
+                bool(labels),
+                tuple(equivalents),
+                measures=measures,
+            ),
+        )
 
 
-def timed(counts: list[int], seed: int) -> None:
-    for count in counts:
-        sets, _ = batch(Condition(count, of_the_head(3.5)), np.random.default_rng([seed, count]))
+def main():
+    for count in map(int, sys.argv[1:]):
+        sets, _ = batch(Condition(count, of_the_head(3.5)), np.random.default_rng([1, count]))
         with tempfile.TemporaryDirectory() as folder:
             files = written(Path(folder), sets)
             started = time.perf_counter()
             command(files, Path(folder) / "out", "--units")
             print(f"{count} units of 24 positions: {time.perf_counter() - started:.1f} s", flush=True)
-            assert len(read_positions(files[0])) == 24
-
-
-def main():
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--batches", type=int, default=20)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--only", default="", help="conditions whose name holds this text")
-    parser.add_argument("--screen", action="store_true")
-    parser.add_argument("--alone", action="store_true")
-    parser.add_argument("--detail", action="store_true", help="list what was wrong")
-    parser.add_argument(
-        "--seconds", type=int, nargs="*", default=[], help="time batches of so many units, and nothing else"
-    )
-    args = parser.parse_args()
-    if args.seconds:
-        timed(args.seconds, args.seed)
-        return
-    answer = Screened() if args.screen else by_command
-    alone = Alone()
-    for number, (title, condition) in enumerate(CONDITIONS.items()):
-        if args.only not in title:
-            continue
-        rng, named, wrong, single = np.random.default_rng([args.seed, number]), 0, 0, []
-        started = time.perf_counter()
-        for _ in range(args.batches):
-            sets, name = batch(condition, rng)
-            labels, equivalents = answer(sets)
-            right = labels == (() if name is None else (name,)) or (name,) in equivalents
-            named += right
-            wrong += bool(labels) and not right
-            if args.alone and name is not None:
-                single.append(alone.share(sets, name))
-            if args.detail and not right:
-                print("     ", name, "->", labels, equivalents)
-        hidden = "named" if name is not None else "none shared"
-        by_file = f"  file by file {np.mean(single):.1%}" if single else ""
-        print(
-            f"{title:62s} {hidden} {interval(named, args.batches)}  wrongly shared {interval(wrong, args.batches)}{by_file}"
-            f"  ({(time.perf_counter() - started) / args.batches:.1f} s a batch)",
-            flush=True,
-        )
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ import tumblecal
 
 
 tumblecal.enable_float64()
-from blind_study import position_set  # noqa: E402
+from blind_noise import position_set  # noqa: E402
 from tumblecal.data.sensor_parameters import SENSOR  # noqa: E402
 from tumblecal.diagnosis import Diagnoser  # noqa: E402
 from tumblecal.diagnosis.findings.decision import is_thermal  # noqa: E402

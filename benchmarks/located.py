@@ -17,7 +17,7 @@ import tumblecal
 
 
 tumblecal.enable_float64()
-from blind_study import PLANS, position_set  # noqa: E402
+from blind_noise import PLANS, position_set  # noqa: E402
 from tumblecal.diagnosis import Diagnoser, Diagnosis  # noqa: E402
 
 

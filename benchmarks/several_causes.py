@@ -10,7 +10,7 @@ import argparse
 
 import numpy as np
 
-import blind_study as study
+import blind_catalogue as study
 from tumblecal.diagnosis.evidence import log_evidence_of_noise
 from tumblecal.diagnosis.sets.search import Search
 from tumblecal.diagnosis.tuning import SEVERAL_SHARE

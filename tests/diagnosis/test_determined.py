@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import blind_catalogue as study
 import blind_instrument as blind
-import blind_study as study
 from blind_noise import position_set
 from tumblecal.diagnosis.causes.effects import seen_effects
 from tumblecal.diagnosis.exact.insert import fit_with
@@ -123,7 +123,7 @@ def test_intervals_of_all_effects_hold_the_truth():
     setup = blind.random_setup(rng, 3, 8)
     projector, clean = blind.unreachable(setup), blind.readings(setup, setup.nominal, {})
     measured = clean + blind.SIGMA * np.random.default_rng(99).normal(size=clean.shape)
-    screened, noise_wrong = bench(study.Case(setup, measured, (), clean, {}), known=True)
+    screened, noise_wrong = bench(study.Hidden(setup, measured, (), clean, {}), known=True)
     assert noise_wrong == () and screened.problem.known
     for id in blind.COEFFICIENTS:
         tried = [cause for cause in screened.pool.causes if cause.label == id]

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import blind_catalogue as study
 import blind_instrument as blind
-import blind_study as study
 from tumblecal.certificate.results import results_of
 from tumblecal.data.calibration import read_calibration
 from tumblecal.data.sensor_parameters import SENSOR
@@ -106,7 +106,7 @@ def test_intervals_of_the_sensor_hold_the_truth_whatever_effect_is_fitted():
     setup = blind.random_setup(rng, 3, 8)
     projector, clean = blind.unreachable(setup), blind.readings(setup, setup.nominal, {})
     measured = clean + blind.SIGMA * np.random.default_rng(99).normal(size=clean.shape)
-    screened, noise_wrong = bench(study.Case(setup, measured, (), clean, {}), known=True)
+    screened, noise_wrong = bench(study.Hidden(setup, measured, (), clean, {}), known=True)
     assert noise_wrong == () and screened.problem.known
     for id in ("bias_by_pitch.y", "bias_by_pitch.z", "spindle_wobble_1", "fixture_flexure", "cross_axis_square.x"):
         (cause,) = (own for own in screened.pool.causes if own.label == id)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import located as study
-from blind_study import position_set
+from blind_noise import position_set
 from tumblecal.diagnosis.findings.location import located
 from tumblecal.planning import next_plan
 from tumblecal.report.diagnosis_files import record

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 import blind_instrument as blind
-from blind_conditions import CONDITIONS, Case, drawn, write
-from blind_stress import chosen, judged
+from blind_conditions import CONDITIONS, drawn, write
+from blind_judge import Case, judged
+from blind_stress import answer_of_record
+from blind_study import chosen
 from tumblecal.data import read_positions
 
 
@@ -27,7 +29,7 @@ def test_conditions_are_what_they_say(tmp_path, name):
     condition, rng = CONDITIONS[name], np.random.default_rng(7)
     for _ in range(2):
         case = drawn(name, rng)
-        write(tmp_path / "unit.csv", case.columns)
+        write(tmp_path / "unit.csv", case.data)
         data = read_positions(tmp_path / "unit.csv", check_size=False)
         assert (data.sd is not None) == case.known and len(data.runs) == 1 + ("two runs" in name)
         unlisted, slip = condition.unlisted is not None, bool(condition.mistake)
@@ -40,7 +42,7 @@ def test_conditions_are_what_they_say(tmp_path, name):
 
 
 def case_of(condition, *accepted):
-    return Case(condition, "3x8", True, accepted, {})
+    return Case(condition, 0, "3x8", True, accepted, {}, refusal="mistake" in condition)
 
 
 def record_of(causes, equivalents=(), probability=0.95, verdict="identified", set_up=(), rivals=None):
@@ -57,7 +59,7 @@ def record_of(causes, equivalents=(), probability=0.95, verdict="identified", se
 
 SLIP = {"id": "pitch_reversed", "words": "", "equal": [{"id": "settings_exchanged", "words": ""}]}
 OTHER_END = record_of(["pitch_reversed"], set_up=[SLIP])
-# Condition, accepted, what was said, whether it is right, strict, sure and wrong.
+# Condition, accepted, the answer, whether it is right, strict, wrong.
 JUDGED = [
     ("nothing", [()], record_of([], verdict="adequate"), True, True, False),
     ("nothing", [()], record_of(["gravity_value"]), False, False, True),
@@ -79,14 +81,14 @@ JUDGED = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("condition", "accepted", "record", "right", "strict", "sure"), JUDGED)
-def test_the_judge(condition, accepted, record, right, strict, sure):
-    verdict = judged(case_of(condition, *accepted), record, "" if record else "refused in words")
-    assert (verdict.right, verdict.strict, verdict.sure) == (right, strict, sure)
+@pytest.mark.parametrize(("condition", "accepted", "record", "right", "strict", "wrong"), JUDGED)
+def test_the_judge(condition, accepted, record, right, strict, wrong):
+    verdict = judged(case_of(condition, *accepted), answer_of_record(record, "" if record else "refused in words"))
+    assert (verdict.right, verdict.strict, verdict.wrong) == (right, strict, wrong)
 
 
 def test_a_traceback_is_no_refusal():
-    verdict = judged(case_of("mistake: dead axis"), None, "crash (1): LinAlgError")
+    verdict = judged(case_of("mistake: dead axis"), answer_of_record(None, "crash (1): LinAlgError"))
     assert verdict.crashed and not verdict.right
 
 

@@ -39,9 +39,9 @@ GENERIC_TEST_WEIGHT = 0.03
 FAMILY_TEST_WEIGHT = 0.1
 # A fault without an entry above.
 OTHER_FAULT_WEIGHT, OTHER_FAULT_TEST_WEIGHT = 0.06, 0.02
-# The same of terms that are there for a while, or around an angle, alone. (benchmarks/blind_stress.py --only unlisted)
+# The same of terms that are there for a while, or around an angle, alone. (blind_study.py --simulator stress --only unlisted)
 SHAPE_WEIGHT, SHAPE_TEST_WEIGHT = 0.06, 0.02
-# The same of what moves smoothly with anything. (benchmarks/blind_stress.py --only unlisted)
+# The same of what moves smoothly with anything. (blind_study.py --simulator stress --only unlisted)
 LACK_OF_FIT_WEIGHT, LACK_OF_FIT_TEST_WEIGHT = 0.2, 0.1
 # A process of several fields is weighed as one curve for all of them where it is no farther (log) behind the best.
 NEAR_CURVE = 8.0
@@ -81,8 +81,8 @@ HAND_HELD_SIZE = 0.0065
 # noise alone to Ville's bound on their Bayes factor. (benchmarks/several_causes.py)
 SEVERAL_SIZE, SEVERAL_SHARE = 0.2, 0.02
 # The same for two and three outlier positions together, or one with an effect. With more pairs than so many, those of 24
-# positions, each outlier position is visible by itself, and with an effect from fewer on. (benchmarks/blind_stress.py --only
-# "outlier(s)*")
+# positions, each outlier position is visible by itself, and with an effect from fewer on. (blind_study.py --simulator stress
+# --only "outlier(s)*")
 POSITIONS_SIZE, MOST_POSITION_PAIRS, MOST_POSITIONS_BESIDE = 0.1, 300, 20
 # A p-value within this factor of the size is close: it is found again from the data set's own null distribution. A plan's own
 # quantiles were within a factor of 1.4 of its data sets', those of another hand-held set's attitudes within four. (by 41 data
