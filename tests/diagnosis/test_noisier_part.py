@@ -41,20 +41,20 @@ def test_noise_that_is_larger_in_a_part_is_named_and_nothing_beside_it(diagnoser
 
 def test_an_effect_is_named_beside_a_setting_that_is_noisier(diagnoser):
     rng, right = np.random.default_rng(6), 0
-    for _ in range(3):
+    for _ in range(2):
         setup = blind.random_setup(rng, 4, 12)
         clean = blind.readings(setup, setup.nominal, {"second_order.y": np.array([3e-3])})
         readings = clean + blind.SIGMA * sd_at_a_setting(setup, clean) * rng.normal(size=clean.shape)
         diagnosis = diagnoser(blind_noise.position_set(setup, readings, known=True))
         right += ("second_order.y",) in (diagnosis.best.labels, *diagnosis.best.equivalents)
         assert "noise_unequal" in diagnosis.noise_wrong
-    assert right == 3
+    assert right == 2
 
 
 def test_a_setting_with_two_of_four_positions_off_is_not_surely_noisier(diagnoser):
     """Both would explain it about as well, and both are said; eight times noisier throughout it is noise still."""
     rng, off, noisier = np.random.default_rng(13), 0, 0
-    for _ in range(6):
+    for _ in range(3):
         setup = blind.random_setup(rng, 3, 4)
         clean = blind.readings(setup, setup.nominal, {}) + blind.SIGMA * rng.normal(size=(12, 3))
         here = setup.pitch == 1
@@ -65,4 +65,4 @@ def test_a_setting_with_two_of_four_positions_off_is_not_surely_noisier(diagnose
         off += told.verdict != "identified" or "outlier_position" in told.labels[0]
         told = diagnoser(blind_noise.position_set(setup, all_four, known=True))
         noisier += "noise_unequal" in told.noise_wrong
-    assert off == 6 and noisier >= 5
+    assert off == 3 and noisier >= 2

@@ -52,9 +52,9 @@ def test_one_reference_serves_all_data_of_a_plan(hidden):
 
 def test_what_is_remembered_of_a_kind_of_plan_goes_with_its_programs(hidden, monkeypatch):
     monkeypatch.setattr(sys.modules[Diagnoser.__module__], "_MOST_MODELS", 1)
-    diagnoser, data = Diagnoser(nested=False), hidden(33, {})
-    for rows in (24, 23):
-        diagnoser(data.chosen(np.arange(rows)))
+    diagnoser = Diagnoser(nested=False)
+    for plan, rows in {(3, 8): 24, (3, 4): 12}.items():
+        diagnoser(hidden(33, {}, plan=plan))
         assert [made.at.problem.readings.shape for made in diagnoser.references._made.values()] == [(rows, 3)]
 
 
@@ -168,7 +168,7 @@ def test_the_newest_null_distributions_are_kept(tmp_path):
 def test_whether_an_input_turns_its_sign_is_told_before_the_exact_fit(diagnoser, hidden):
     """Where the linear solution says that none does, the exact fit leaves what the screen says that it leaves."""
     turned, still = 0, []
-    for seed in range(40, 52):
+    for seed in range(40, 46):
         screened = diagnoser(hidden(seed, {"bias_asymmetry.x": [6e-4]})).screened
         kinked = [k for k in screened.pool.effects.tolist() if screened.pool.causes[k].slot.kinked]
         for k in kinked:
@@ -179,5 +179,5 @@ def test_whether_an_input_turns_its_sign_is_told_before_the_exact_fit(diagnoser,
             turned += really
             if not really:
                 still.append(fit_with(screened.at, effects).chi2 - screened.search.left((k,)))
-    assert turned and len(still) > 10
+    assert turned and len(still) > 5
     np.testing.assert_allclose(still, 0.0, atol=1.0)  # KINK is 4

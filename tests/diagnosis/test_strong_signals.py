@@ -1,4 +1,7 @@
-"""What is easy must be easy: strong effects, several gross positions, effects on all axes; blind cases in plain numpy."""
+"""Strong effects, several gross positions, effects on all axes: blind cases in plain numpy, a few of each kind.
+
+How often each is found is counted by `benchmarks/blind_study.py`; its simulator `seeds` has the cases that once failed.
+"""
 
 import zlib
 from dataclasses import replace
@@ -8,9 +11,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 from test_rates import least
 
+import blind_catalogue as study
 import blind_instrument as blind
-import blind_study as study
-from blind_conditions import drawn, write
+from blind_conditions import CONDITIONS, drawn, positions_of
+from blind_judge import right as is_right
 from blind_noise import position_set
 from tumblecal.data import read_positions
 from tumblecal.diagnosis.exact.insert import fit_with
@@ -20,7 +24,7 @@ from tumblecal.estimation.setup_correction import correct_setup_errors
 from tumblecal.simulation.position_means import simulated
 
 
-CASES = 5
+CASES = 2
 WITH_WOBBLE = "bias, scale factor and a wobble"
 
 
@@ -35,7 +39,7 @@ def named(bench, known, draw, cases=CASES):
     for seed in range(cases):
         case = draw(np.random.default_rng([8, seed]))
         screened, noise = bench(case, known)
-        count += study.right(screened.best, case.truth, noise)
+        count += is_right(screened.best, case.truth, noise)
     return count
 
 
@@ -43,27 +47,27 @@ def named(bench, known, draw, cases=CASES):
 def test_strong_effects_are_the_easiest(bench, sizes, known):
     names_of = study.several(len(sizes))
     count = named(bench, known, lambda rng: study.hidden(rng, "3x8", names_of, sizes, most_cosine=0.5))
-    assert count >= least(0.96, CASES)
+    assert count == CASES
 
 
 @pytest.mark.parametrize("known", [True, False])
-@pytest.mark.parametrize(("plan", "cases"), [("3x4", 8), ("3x8", CASES)])
-def test_a_large_jump_at_zero_input_is_found_though_it_spoils_the_signs(bench, known, plan, cases):
+@pytest.mark.parametrize("plan", ["3x4", "3x8"])
+def test_a_large_jump_at_zero_input_is_found_though_it_spoils_the_signs(bench, known, plan):
     def jump(rng):
         return [f"bias_asymmetry.{rng.choice(list('xyz'))}"]
 
-    count = named(bench, known, lambda rng: study.hidden(rng, plan, jump, (1000,)), cases)
-    assert count >= least(0.97, cases)
+    count = named(bench, known, lambda rng: study.hidden(rng, plan, jump, (1000,)))
+    assert count == CASES
 
 
 @pytest.mark.parametrize("names", [("base_levelling", "bias_asymmetry.z"), ("index_gain", "bias_asymmetry.y")])
 def test_a_large_jump_is_found_beside_another_large_effect(bench, names):
     """Exact fits began without the other effect: inputs near zero took other signs, and positions looked faulty."""
-    count = named(bench, False, lambda rng: study.hidden(rng, "3x8", lambda _: names, (300, 300)), 9)
-    assert count >= least(0.98, 9)
+    count = named(bench, False, lambda rng: study.hidden(rng, "3x8", lambda _: names, (300, 300)), 3)
+    assert count == 3
 
 
-@pytest.mark.parametrize(("other", "seed"), [("third_order.z", 14), ("cross_coupling.y.xy", 1), ("scale_drift.z", 15)])
+@pytest.mark.parametrize(("other", "seed"), [("third_order.z", 14)])
 def test_a_large_jump_is_found_beside_another_large_effect_at_few_positions(bench, other, seed):
     """With wrong signs neither leads: what no entry describes, or three causes in place of two, led in these."""
 
@@ -72,23 +76,22 @@ def test_a_large_jump_is_found_beside_another_large_effect_at_few_positions(benc
 
     case = study.hidden(np.random.default_rng([20, seed]), "3x4", names, (300, 300), most_cosine=0.5)
     screened, noise = bench(case, True)
-    assert study.right(screened.best, case.truth, noise)
+    assert is_right(screened.best, case.truth, noise)
 
 
-@pytest.mark.parametrize("plan", ["3x8", "4x9"])
+@pytest.mark.parametrize("plan", ["3x8", "4x12"])
 def test_two_errors_that_every_head_has_are_no_index_off_by_radians(bench, plan):
     """Where the spindle points up an index off by any angle explains anything: it was named, surely, in each of these."""
-    study.PLANS.setdefault("4x9", (4, 9))
     names = ("axis_perpendicularity", "base_levelling")
     right = named(bench, True, lambda rng: study.hidden(rng, plan, lambda _: names, (50, 50), most_cosine=1.0))
-    assert right >= CASES - 1
+    assert right == CASES
 
 
 def test_an_index_off_by_less_is_named(bench):
     def draw(rng):
         return study.hidden(rng, "3x8", lambda _: ("index_zero",), (100,))
 
-    assert named(bench, True, draw) >= CASES
+    assert named(bench, True, draw) == CASES
 
 
 def test_a_large_effect_that_does_not_jump_is_told_without_a_search_of_signs(bench, monkeypatch):
@@ -99,7 +102,7 @@ def test_a_large_effect_that_does_not_jump_is_told_without_a_search_of_signs(ben
             np.random.default_rng([10, seed]), "4x12", lambda _: ["third_order.y", "index_gain"], (300, 20)
         )
         screened, noise = bench(case, bool(seed % 2))
-        assert study.right(screened.best, case.truth, noise)
+        assert is_right(screened.best, case.truth, noise)
 
 
 def test_a_position_off_beside_a_large_effect_is_told_without_a_search_of_signs(bench, monkeypatch):
@@ -133,27 +136,24 @@ def with_outliers(outliers, effects, plan="3x8", size=12):
             off[position] = rng.normal(size=3)
             measured += off * size * blind.SIGMA / np.linalg.norm(projector @ off.ravel())
         labels = [f"outlier_position:{case.setup.names[position]}" for position in positions]
-        return study.Case(case.setup, measured, tuple(sorted([*case.truth, *labels])), case.clean, case.effects)
+        return study.Hidden(case.setup, measured, tuple(sorted([*case.truth, *labels])), case.clean, case.effects)
 
     return draw
 
 
-@pytest.mark.parametrize(("outliers", "effects", "known"), [(2, 0, False), (3, 0, False), (3, 1, True)])
+@pytest.mark.parametrize(("outliers", "effects", "known"), [(2, 0, False), (3, 1, True)])
 def test_several_gross_positions_are_named(bench, outliers, effects, known):
-    assert named(bench, known, with_outliers(outliers, effects)) >= least(0.9, CASES)
+    assert named(bench, known, with_outliers(outliers, effects)) == CASES
 
 
-@pytest.mark.parametrize(
-    ("plan", "outliers", "effects", "share"), [("3x4", 2, 0, 0.72), ("4x4", 3, 0, 0.87), ("4x4", 1, 1, 0.92)]
-)
-def test_at_few_positions_gross_ones_do_not_hide_anything_in_unknown_noise(bench, plan, outliers, effects, share):
+def test_at_few_positions_gross_ones_do_not_hide_anything_in_unknown_noise(bench):
     """Each makes the noise look larger: in many of these nothing was detected, though both together leave no doubt."""
-    draw, cases = with_outliers(outliers, effects, plan, size=8), 24
+    draw, cases = with_outliers(2, 0, "3x4", size=8), 12
     detected = 0
     for seed in range(cases):
         screened, noise = bench(draw(np.random.default_rng([8, seed])), False)
         detected += bool(noise) or screened.detection.detected
-    assert detected >= least(share, cases)
+    assert detected >= least(0.72, cases)
 
 
 def test_an_effect_on_all_axes_of_unknown_noise(bench):
@@ -161,7 +161,7 @@ def test_an_effect_on_all_axes_of_unknown_noise(bench):
         names = tuple(f"bias_drift.{axis}" for axis in blind.AXES)
         return study.hidden(rng, "3x8", lambda _: names, (7, 7, 7))
 
-    assert named(bench, False, draw) >= least(0.9, CASES)
+    assert named(bench, False, draw) == CASES
 
 
 @pytest.mark.parametrize("name", ["scale_drift.x", "third_order.x", "scale_temperature.x"])
@@ -177,8 +177,8 @@ def test_an_effect_of_tenths_of_a_g_is_no_mislabelled_setting(name):
 def test_a_kink_at_zero_of_a_hundred_millig(diagnoser, axis):
     """The linear screen, far from the solution, left 60 sigma of it: another effect and something without a name led."""
     rng, name = np.random.default_rng([44, 1]), f"scale_asymmetry.{axis}"
-    for number in range(4):
-        setup = blind.random_setup(rng, 6, 6)
+    for number in range(2):
+        setup = blind.random_setup(rng, 4, 12)
         drawn_size = blind.sized(setup, blind.unreachable(setup), name, 1000, rng)
         assert drawn_size is not None
         clean = blind.readings(setup, setup.nominal, {name: drawn_size[0]})
@@ -203,7 +203,7 @@ def test_a_bias_by_pitch_is_no_mislabelled_setting(diagnoser):
 
 def test_a_mislabelled_setting_stays_one_beside_what_is_not_named(diagnoser):
     """Weighed against the angles as written, whose pitch error would be what no head has."""
-    for seed in range(3):
+    for seed in range(CASES):
         case = study.hidden(np.random.default_rng([11, seed]), "4x12", study.several(2), (30, 30))
         data = position_set(case.setup, case.measured, known=True)
         data = replace(data, beta_deg=np.where(np.abs(data.beta_deg - 30) < 1, 42.0, data.beta_deg))
@@ -222,47 +222,57 @@ def swapped_beside(size):
             apart = np.linalg.norm(blind.unreachable(case.setup) @ (measured - case.measured).ravel())
             if 12 * blind.SIGMA < apart < 60 * blind.SIGMA:
                 label = "swapped_positions:" + "+".join(case.setup.names[k] for k in pair)
-                return study.Case(case.setup, measured, tuple(sorted([*case.truth, label])), case.clean, case.effects)
+                return study.Hidden(case.setup, measured, tuple(sorted([*case.truth, label])), case.clean, case.effects)
 
     return draw
 
 
 def test_in_unknown_noise_a_swap_is_found_beside_a_large_effect(bench):
     """The level of the noise was told from residuals with the effect in them: the swap was lost in it."""
-    assert named(bench, False, swapped_beside(1000)) >= least(0.95, CASES)
+    assert named(bench, False, swapped_beside(1000)) == CASES
 
 
-def told_right(diagnoser, tmp_path, condition, cases):
+@pytest.fixture
+def on_one_plan(monkeypatch):
+    """The stress study's conditions on 3 x 8 positions alone, which are compiled for other tests as well."""
+    for name, condition in CONDITIONS.items():
+        monkeypatch.setitem(CONDITIONS, name, replace(condition, plans=("3x8",)))
+
+
+def told_right(diagnoser, condition, cases):
     """In how many cases of a condition of the stress study the hidden set is the best explanation or one of its equals."""
     rng, right = np.random.default_rng([1710, zlib.crc32(condition.encode())]), 0
-    for k in range(cases):
+    for _ in range(cases):
         case = drawn(condition, rng)
-        write(tmp_path / f"{k}.csv", case.columns)
-        diagnosis = diagnoser(read_positions(tmp_path / f"{k}.csv", check_size=False))
+        diagnosis = diagnoser(positions_of(case.data))
         told = [diagnosis.labels, *diagnosis.best.equivalents]
         right += case.accepted[0] in [tuple(sorted(labels)) for labels in told] and not diagnosis.noise_wrong
     return right
 
 
-def test_a_swap_is_found_beside_a_jump_at_zero_input(diagnoser, tmp_path):
+@pytest.mark.usefixtures("on_one_plan")
+def test_a_swap_is_found_beside_a_jump_at_zero_input(diagnoser):
     """The signs were sought in readings of which two were exchanged: none of them explained these."""
     condition = "swap beside a jump at zero input, d = 1000"
-    assert told_right(diagnoser, tmp_path, condition, CASES) >= least(0.93, CASES)
+    assert told_right(diagnoser, condition, 4) >= 3
 
 
+@pytest.mark.usefixtures("on_one_plan")
 @pytest.mark.parametrize(("words", "size"), [("bias and scale factor", 10), (WITH_WOBBLE, 100)])
-def test_a_run_in_a_chamber_has_six_coefficients(diagnoser, tmp_path, words, size):
+def test_a_run_in_a_chamber_has_six_coefficients(diagnoser, words, size):
     """Bias and scale factor of all axes follow the temperature: two causes of three coefficients each, more than a set had."""
-    assert told_right(diagnoser, tmp_path, f"{words} in a chamber, d = {size} each", 4) >= 4
+    assert told_right(diagnoser, f"{words} in a chamber, d = {size} each", CASES) == CASES
 
 
-def test_a_run_in_a_chamber_may_have_nine_coefficients(diagnoser, tmp_path):
+@pytest.mark.usefixtures("on_one_plan")
+def test_a_run_in_a_chamber_may_have_nine_coefficients(diagnoser):
     """Three causes of three coefficients were not tried where one curve without a name was better than two of them; found under
     a noise that had been corrected for what was left, they were not looked at under the noise as stated."""
     condition = "bias, its square and scale factor in a chamber, d = 100 each"
-    assert told_right(diagnoser, tmp_path, condition, 3) == 3
+    assert told_right(diagnoser, condition, 1) == 1
 
 
+@pytest.mark.usefixtures("on_one_plan")
 @pytest.mark.parametrize(
     "condition",
     [
@@ -271,50 +281,44 @@ def test_a_run_in_a_chamber_may_have_nine_coefficients(diagnoser, tmp_path):
         "remounted, one met less often, d = 8",
     ],
 )
-def test_what_was_before_is_found_however_the_triad_stands(diagnoser, tmp_path, condition):
+def test_what_was_before_is_found_however_the_triad_stands(diagnoser, condition):
     """The position before counted as commanded: with a mount of degrees it was another, and with a turned triad none."""
-    assert told_right(diagnoser, tmp_path, condition, 6) >= 5
+    assert told_right(diagnoser, condition, CASES) == CASES
 
 
 STRONG = ("slip ring is sooty", "particle in the cavity", "auto zero droops")
 
 
+@pytest.mark.usefixtures("on_one_plan")
 @pytest.mark.parametrize("words", STRONG)
-def test_a_strong_cause_without_a_name_gets_none(diagnoser, tmp_path, words):
+def test_a_strong_cause_without_a_name_gets_none(diagnoser, words):
     """What is rough in it looked like noise of one axis, and its steps like as many jumps of a bias, each surely so."""
-    rng, name, told = np.random.default_rng(851), f"independent: {words}, d = 100", 0
-    for k in range(CASES):
-        write(tmp_path / f"{k}.csv", drawn(name, rng).columns)
-        diagnosis = diagnoser(read_positions(tmp_path / f"{k}.csv", check_size=False))
-        classes = (diagnosis.labels, *diagnosis.best.equivalents)
-        rivals = [fault.rival for fault in diagnosis.noise_wrong.values()]
-        told += any("unexplained" in labels for labels in classes) or "unexplained" in rivals
-        assert (
-            diagnosis.verdict != "identified" or diagnosis.best.probability < 0.9 or "unexplained" in diagnosis.labels
-        )
-    assert told >= least(0.9, CASES)
+    rng, name = np.random.default_rng(851), f"independent: {words}, d = 100"
+    diagnosis = diagnoser(positions_of(drawn(name, rng).data))
+    classes = (diagnosis.labels, *diagnosis.best.equivalents)
+    rivals = [fault.rival for fault in diagnosis.noise_wrong.values()]
+    assert any("unexplained" in labels for labels in classes) or "unexplained" in rivals
+    assert diagnosis.verdict != "identified" or diagnosis.best.probability < 0.9 or "unexplained" in diagnosis.labels
 
 
-@pytest.mark.parametrize("seed", [0, 2, 10])
-def test_an_effect_that_jumps_is_found_beside_another(hidden, diagnoser, seed):
+def test_an_effect_that_jumps_is_found_beside_another(hidden, diagnoser):
     """At the nominal fit the inputs near zero have other signs than at the true parameters: these positions looked faulty."""
     effects = {"bias_asymmetry.x": [4e-3], "cross_coupling.z.yz": [2e-2]}
-    best = diagnoser(hidden(seed, effects)).best
+    best = diagnoser(hidden(0, effects)).best
     assert tuple(sorted(effects)) in (best.labels, *best.equivalents)
 
 
-@pytest.mark.parametrize(("seed", "number"), [(93, 17), (121, 24), (106, 2)])
-def test_a_noise_that_large_effects_seem_to_need_is_not_told(diagnoser, tmp_path, seed, number):
+@pytest.mark.parametrize(("seed", "number"), [(106, 2)])
+def test_a_noise_that_large_effects_seem_to_need_is_not_told(diagnoser, seed, number):
     """Two effects of 100 sigma in noise as it was stated, which looked like another one: around the nominal fit; beside causes
     that are nearly collinear; with the signs of an effect that jumps wrong."""
     rng = np.random.default_rng([seed, zlib.crc32(b"two, d = 100")])
     case = [drawn("two, d = 100", rng) for _ in range(number + 1)][-1]
-    write(tmp_path / "unit.csv", case.columns)
-    diagnosis = diagnoser(read_positions(tmp_path / "unit.csv", check_size=False))
+    diagnosis = diagnoser(positions_of(case.data))
     assert case.known and diagnosis.labels == case.accepted[0] and not diagnosis.noise_wrong
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_attitudes_unknown_an_effect_as_large_as_the_inputs_stops_nothing(diagnoser, tmp_path, seed):
     """The robust start ran away there, and the model was said to be singular."""
     rng = np.random.default_rng([87, seed])
@@ -326,7 +330,7 @@ def test_attitudes_unknown_an_effect_as_large_as_the_inputs_stops_nothing(diagno
     assert diagnosis.verdict in ("identified", "ambiguous", "unexplained")
 
 
-@pytest.mark.parametrize("noise_sd_g", [1e-9, 1e-10])
+@pytest.mark.parametrize("noise_sd_g", [1e-10])
 def test_noise_a_million_times_smaller_than_the_effects_is_told_from_them(diagnoser, configs, noise_sd_g):
     """What was left counted as rounding there, and its random pattern as coloured noise. A simulation of the chain itself: of
     another simulator the second order would show."""

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+import blind_catalogue as study
 import blind_instrument as blind
-import blind_study as study
+from blind_judge import right as is_right
 from blind_noise import position_set
 from tumblecal.diagnosis.screening import jumps_tried
 from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
@@ -15,7 +16,7 @@ def test_one_gross_mistake_is_told_without_a_search_of_signs(diagnoser, monkeypa
     """A fault took five times as long as a file without one: jumps were sought in its place and beside it."""
     searched = []
     monkeypatch.setattr(jumps_tried, "kink_start", lambda *given: searched.append(given))
-    for seed in range(4):
+    for seed in range(2):
         rng = np.random.default_rng([12, seed])
         setup = blind.random_setup(rng, 3, 8)
         readings = blind.readings(setup, setup.nominal, {}) + blind.SIGMA * rng.normal(size=(24, 3))
@@ -38,7 +39,7 @@ def test_one_gross_mistake_is_told_without_a_search_of_signs(diagnoser, monkeypa
 def test_two_strong_effects_that_are_nearly_alike_are_both_named(diagnoser, names, known):
     """What is left of the second beside the first decides, not its share: with less than 14 % left one of them alone was
     named, and the rest was taken for noise, stated or not."""
-    for seed in range(4):
+    for seed in range(2):
         rng = np.random.default_rng([14, seed])
         setup = blind.random_setup(rng, 4, 6)
         hours = (setup.time_s - setup.time_s.mean()) / 3600.0
@@ -64,11 +65,11 @@ def test_an_index_set_anew_is_named_though_the_spindle_points_up_at_a_setting(kn
     """Its coefficient there, which no reading shows, came to tenths of a radian beside another error of the head: the whole
     effect was taken for impossible."""
     bench, names, right = study.Bench(), ("axis_perpendicularity", "index_zero", "scale_temperature.z"), 0
-    for seed in range(4):
+    for seed in range(2):
         case = study.hidden(np.random.default_rng([8, seed]), "4x12", lambda _: names, (17, 28, 33), most_cosine=1.0)
         screened, noise = bench(case, known)
-        right += study.right(screened.best, case.truth, noise)
-    assert right >= 3
+        right += is_right(screened.best, case.truth, noise)
+    assert right == 2
 
 
 @pytest.mark.parametrize("seed", [2, 8])

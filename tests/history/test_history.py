@@ -150,21 +150,21 @@ def test_table2_s_runs_differ_by_more_than_they_may(tumblecal, tmp_path):
 
 def test_repeats_that_agree_are_flagged_as_seldom_as_they_should():
     flagged, en = 0, []
-    for _ in range(100):
+    for _ in range(40):
         judged = unit_history(results(5), PAPER_LIMITS)
         flagged += judged.repeats[-1].p_value < 0.05
         en += [trend.en for trend in judged.trends]
-    assert 0 <= flagged <= 13  # 5 expected
-    assert np.mean(np.abs(en) > 1) == pytest.approx(0.0455, abs=0.015)  # k = 2
+    assert flagged <= 7  # 2 expected
+    assert np.mean(np.abs(en) > 1) == pytest.approx(0.0455, abs=0.02)  # k = 2
 
 
 def test_drift_its_sd_and_the_interval():
     drift, pulls, due = 4e-5, [], []
-    for _ in range(40):
+    for _ in range(15):
         judged = unit_history(results(12, drift_a_month=drift), PAPER_LIMITS)
         pulls += [(trend.drift - drift) / trend.drift_sd for trend in judged.trends]
         due.append(judged.interval(0.05)[0])
-    assert np.mean(pulls) == pytest.approx(0, abs=0.15) and np.std(pulls) == pytest.approx(1, abs=0.12)
+    assert np.mean(pulls) == pytest.approx(0, abs=0.25) and np.std(pulls) == pytest.approx(1, abs=0.2)
     # 5e-4 of scale at 4e-5 a month are 12.5 months; scatter and the drift's sd take of it.
     assert 8 < np.median(due) < 11.1 and max(due) <= 11.1
     still = unit_history(results(12), PAPER_LIMITS)
@@ -219,14 +219,14 @@ def test_what_no_drift_explains_is_flagged_beside_it():
 
 
 def test_units_that_do_not_drift_are_seldom_said_to():
-    """At 5 % for all parameters together: 40 units, of 5 and of 12 results, some of which scatter by more than is stated."""
+    """At 5 % for all parameters together: 20 units, of 5 and of 12 results, some of which scatter by more than is stated."""
     said = 0
-    for seed in range(40):
+    for seed in range(20):
         entries = drifting({}, count=5 if seed % 2 else 12, seed=seed)
         for entry in entries if seed % 4 < 2 else []:
             entry.parameters.values[:] += 3e-4 * np.random.default_rng(entry.number + 100 * seed).normal(size=12)
         said += any("drifts" in flag.words for flag in flags(unit_history(entries, PAPER_LIMITS)))
-    assert said <= 6
+    assert said <= 4
 
 
 def test_no_p_value_is_zero():
@@ -261,12 +261,12 @@ def test_control_charts_flag_the_result_that_stands_apart():
 def test_units_that_did_not_move_are_seldom_flagged_by_their_control_charts():
     """Of the limits themselves one of 12 charts of 20 results is passed in every second unit."""
     flagged, passed = 0, 0
-    for _ in range(60):
+    for _ in range(24):
         judged = unit_history(results(20), PAPER_LIMITS)
         flagged += any("control limits" in flag.words for flag in flags(judged))
         passed += (beyond := any(trend.outside.any() for trend in judged.trends))
         assert bool(control_words(judged)) <= beyond
-    assert passed > 15 and flagged <= 8  # 3 expected
+    assert passed > 5 and flagged <= 5  # 1 expected
 
 
 def test_a_standard_measured_every_day_is_told_on_a_screen():
@@ -363,10 +363,10 @@ def test_ten_thousand_are_listed_at_once(tmp_path):
 def test_kills_and_two_writers_lose_nothing():
     """The short version of benchmarks/history_file.py."""
     script = Path(__file__).parents[2] / "benchmarks" / "history_file.py"
-    counts = ["--kills", "4", "--creations", "40", "--rows", "0"]
+    counts = ["--kills", "3", "--creations", "12", "--rows", "0"]
     done = subprocess.run([sys.executable, script, *counts], capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
-    assert "4 kills; lost or torn: 0" in done.stdout and "at once; refused or lost: 0" in done.stdout
+    assert "3 kills; lost or torn: 0" in done.stdout and "at once; refused or lost: 0" in done.stdout
 
 
 @pytest.mark.parametrize(
