@@ -173,7 +173,7 @@ def _set_up_again(d: float, first: int):
 
 UNIT_KINDS = {f"head set up again, d = {d}": blind_units.Condition(_UNITS, _set_up_again(d, 4)) for d in (4, 8, 30)}
 UNIT_KINDS |= {
-    title: blind_units.CONDITIONS[title]
+    title: blind_units.KINDS[title]
     for title in ("8 units, d = 3.5", "8 units, nothing", "8 units, a sensor's effect of 8 times 0.3 to 1.7")
 }
 

@@ -93,6 +93,16 @@ def stated(best: "Explanation", truth: Labels, noise: Iterable[str] = ()) -> boo
     return _against(truth, best, noise).stated
 
 
+def with_unexplained(best: "Explanation", noise: Iterable[str] = ()) -> bool:
+    """Whether the statement includes a cause without a name, and no fault of the noise is reported."""
+    return _against((UNEXPLAINED,), best, noise).right
+
+
+def sure(best: "Explanation") -> bool:
+    """Whether one set is claimed with a probability above `SURE`."""
+    return bool(best.labels and best.single_name and best.probability > SURE)
+
+
 def _against(truth: Labels, best: "Explanation", noise: Iterable[str]) -> "Outcome":
     answer = answer_of(best, noise, "", bool(best.labels))
     return judged(Case("", 0, "", True, (truth,), None), answer)

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
+import blind_catalogue
 import blind_conditions
-import blind_study
 import blind_units
 import hand_held_null
 import stated_sd
@@ -120,7 +120,7 @@ def _others(folder: Path) -> Iterator[tuple[str, Path, object]]:
         )
     for number in range(8):
         rng = np.random.default_rng([SEED, 2, number])
-        case = blind_study.hidden(rng, "4x12", blind_study.one_of(blind_conditions.NAMES), (12,))
+        case = blind_catalogue.hidden(rng, "4x12", blind_catalogue.one_of(blind_conditions.NAMES), (12,))
         columns = blind_conditions.columns_of(case.setup, case.measured, bool(number % 2))
         rows = np.sort(rng.permutation(len(case.measured))[: rng.integers(24, 40)])
         columns = {name: values[rows] for name, values in columns.items()}
@@ -131,7 +131,7 @@ def _with_samples(folder: Path) -> Iterator[Call]:
     """Position means with the samples that they are the means of."""
     for number in range(4):
         rng = np.random.default_rng([SEED, 3, number])
-        case = blind_study.hidden(rng, "3x8", blind_study.one_of(blind_conditions.NAMES), (10,))
+        case = blind_catalogue.hidden(rng, "3x8", blind_catalogue.one_of(blind_conditions.NAMES), (10,))
         noise = SIGMA * np.sqrt(_SAMPLES) * rng.normal(size=(len(case.clean), _SAMPLES, 3))
         samples = case.clean[:, None] + noise
         path, table = folder / f"samples_{number}.csv", folder / f"of_samples_{number}.csv"
@@ -148,7 +148,7 @@ def _with_samples(folder: Path) -> Iterator[Call]:
 
 def _of_units(folder: Path) -> Iterator[Call]:
     for number, title in enumerate(_UNITS):
-        sets, _ = blind_units.batch(blind_units.CONDITIONS[title], np.random.default_rng([SEED, 4, number]))
+        sets, _ = blind_units.batch(blind_units.KINDS[title], np.random.default_rng([SEED, 4, number]))
         files = [folder / f"batch{number}_unit{k}.csv" for k in range(len(sets))]
         for path, data in zip(files, sets, strict=True):
             write_positions(path, data)

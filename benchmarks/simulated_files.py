@@ -1,7 +1,7 @@
 """Position files of three simulators, by kind and number: for `golden_answers.py` and `ablation.py`.
 
-- `stress`: instruments of `blind_instrument.py`, with the groups of `blind_study.py`, conditions of `blind_stress.py`, effects
-  in a part of the data (`located.py`) and noise that is not as stated.
+- `stress`: instruments of `blind_instrument.py`, with the kinds of `blind_catalogue.py`, conditions of `blind_stress.py`,
+  effects in a part of the data (`located.py`) and noise that is not as stated.
 - `second`: the mechanisms of `second_instrument.py`, by the rules of `second_study.py`, also of 60 sigma.
 - `in use`: single effects of `in_use_instrument.py` of 7 to 300 sigma, pairs, all at once; and the causes without an entry that
   `blind_independent.py` and `blind_independent_more.py` describe.
@@ -17,16 +17,16 @@ from pathlib import Path
 
 import numpy as np
 
+import blind_catalogue
 import blind_conditions
 import blind_noise
-import blind_study
 import in_use
 import in_use_instrument
 import located
 import second_study
 from blind_conditions import CONDITIONS
 from blind_instrument import SIGMA
-from blind_judge import UNEXPLAINED
+from blind_judge import UNEXPLAINED, Case
 from tumblecal.data import PositionSet, write_positions
 
 
@@ -56,7 +56,7 @@ _NOISES = {
 }
 _LEVELS = {
     "stated sd too small": ((), ()),
-    "stated sd too small, one d = 8": (blind_study.one_of(blind_conditions.NAMES), (8,)),
+    "stated sd too small, one d = 8": (blind_catalogue.one_of(blind_conditions.NAMES), (8,)),
 }
 # Ids of the catalogue by the names of `in_use_instrument.py`: of the head, and of one axis.
 _HEAD = {
@@ -107,15 +107,15 @@ def _of_set(simulator: str, kind: str, number: int, accepted: Sequence[Labels], 
     return Simulated(simulator, kind, number, tuple(map(tuple, accepted)), lambda path: write_positions(path, data))
 
 
-def _of_case(simulator: str, kind: str, number: int, case: blind_conditions.Case) -> Simulated:
-    return Simulated(simulator, kind, number, case.accepted, lambda path: blind_conditions.write(path, case.columns))
+def _of_case(simulator: str, kind: str, number: int, case: Case) -> Simulated:
+    return Simulated(simulator, kind, number, case.accepted, lambda path: blind_conditions.write(path, case.data))
 
 
 def _of_group(kind: str, seed: int, number: int) -> Simulated:
     """A case of a group of the blind study, plan and stated noise in turn."""
-    names_of, sizes, options = blind_study.GROUPS[kind]
-    plan, known = list(blind_study.PLANS)[number % 2], bool(number // 2 % 2)
-    case = blind_study.hidden(_rng(seed, number, kind), plan, names_of, sizes, **options)
+    names_of, sizes, options = blind_catalogue.KINDS[kind]
+    plan, known = list(blind_catalogue.PLANS)[number % 2], bool(number // 2 % 2)
+    case = blind_catalogue.hidden(_rng(seed, number, kind), plan, names_of, sizes, **options)
     accepted = (UNEXPLAINED,) if kind.startswith("unknown") else case.truth
     return _of_set("stress", kind, number, [accepted], blind_noise.position_set(case.setup, case.measured, known))
 
@@ -133,14 +133,14 @@ def _of_any(simulator: str, kind: str, begin: str, end: str, seed: int, number: 
 
 def _in_a_part(kind: str, seed: int, number: int) -> Simulated:
     """An effect that acts at one pitch setting, or in the second half."""
-    plan, known = list(blind_study.PLANS)[number % 2], bool(number // 2 % 2)
+    plan, known = list(blind_catalogue.PLANS)[number % 2], bool(number // 2 % 2)
     setup, readings, name = located.case(_rng(seed, number, kind), plan, kind.partition(" in ")[2], 15.0)
     return _of_set("stress", kind, number, [(name,)], blind_noise.position_set(setup, readings, known))
 
 
 def _in_other_noise(kind: str, seed: int, number: int) -> Simulated:
     """White noise of one size is stated, or none; the noise is of another kind."""
-    plan, known, (noise, d) = list(blind_study.PLANS)[number % 2], bool(number // 2 % 2), _NOISES[kind]
+    plan, known, (noise, d) = list(blind_catalogue.PLANS)[number % 2], bool(number // 2 % 2), _NOISES[kind]
     setup, readings, name = blind_noise.case(_rng(seed, number, kind), plan, noise, d)
     accepted = tuple(sorted([blind_noise.LABELS[noise], *([name] if name else [])]))
     return _of_set("stress", kind, number, [accepted], blind_noise.position_set(setup, readings, known))
@@ -149,7 +149,7 @@ def _in_other_noise(kind: str, seed: int, number: int) -> Simulated:
 def _of_wrong_level(kind: str, seed: int, number: int) -> Simulated:
     """The stated sd is too small by a factor of 2 to 5; the size of an effect is in true sigma."""
     rng, (names_of, sizes) = _rng(seed, number, kind), _LEVELS[kind]
-    case = blind_study.hidden(rng, list(blind_study.PLANS)[number % 2], names_of or (lambda _: ()), sizes)
+    case = blind_catalogue.hidden(rng, list(blind_catalogue.PLANS)[number % 2], names_of or (lambda _: ()), sizes)
     data = blind_noise.position_set(case.setup, case.measured, True)
     data = replace(data, sd=np.full(data.readings.shape, SIGMA / rng.uniform(2, 5)))
     return _of_set("stress", kind, number, [tuple(sorted(["noise_level", *case.truth]))], data)
@@ -157,7 +157,7 @@ def _of_wrong_level(kind: str, seed: int, number: int) -> Simulated:
 
 def _second(kind: str, seed: int, number: int) -> Simulated:
     case = second_study.drawn(kind, number, seed, SECOND_SIZES)
-    return _of_set("second", kind, number, [case.truth], case.data)
+    return _of_set("second", kind, number, [case.accepted[0]], case.data)
 
 
 def _in_use(kind: str, sizes: Sequence[float], seed: int, number: int) -> Simulated:
@@ -221,7 +221,7 @@ def _measured(plan: in_use_instrument.Schedule, readings: np.ndarray, *, known: 
 
 
 SIMULATORS: dict[str, dict[str, Kind]] = {
-    "stress": {kind: partial(_of_group, kind) for kind in blind_study.GROUPS}
+    "stress": {kind: partial(_of_group, kind) for kind in blind_catalogue.KINDS}
     | {kind: partial(_of_condition, kind) for kind in _STRESS}
     | {kind: partial(_of_any, "stress", kind, *ends) for kind, ends in _ANY_OF.items()}
     | {kind: partial(_in_a_part, kind) for kind in ("one in one setting", "one in second half")}
