@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 
 
+pytestmark = pytest.mark.usefixtures("fully_compiled")
+
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 # Pages whose Python runs after the README's, in its folder; the shell block of docs/index.md is one of the README's.
