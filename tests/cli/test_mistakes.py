@@ -239,7 +239,7 @@ MISTAKES = {
     "no calibration": ("apply good.csv good.csv", "not JSON"),
     "a later calibration": ("apply newer.json good.csv", "schema is 'tumblecal.calibration/9'"),
     "a matrix that is none": ("apply singular.json good.csv", "matrix: a matrix with scales from"),
-    "a bias too short": ("apply short.json good.csv", "bias must have 3 finite numbers"),
+    "a bias too short": ("apply short.json good.csv", "bias: must have 3 or more entries, not 2"),
     "half a calibration": ("apply broken.json good.csv", "not JSON"),
     "another unit's log": ("apply cal.json log.csv", "serial number B2, but cal.json is of A1"),
     "corrected into a spreadsheet": (
