@@ -1,6 +1,7 @@
 """Ablation of the diagnosis: which of its parts change answers, and are the changed answers better?
 
     python benchmarks/ablation.py run journal.jsonl --minutes 30
+    python benchmarks/ablation.py run outliers.jsonl --kind outlier --suspect positions
     python benchmarks/ablation.py table journal.jsonl
 
 `run` goes round after round: it diagnoses one file of each kind of `simulated_files.py` as usual, then again without each
@@ -12,14 +13,15 @@ from the rounds that are complete for the suspect.
 - lost, gained: answers that are right only with, and only without the suspect. difference: of the share of right answers of all
   files, without less with, with its 95 % interval (Agresti and Min 2005, for matched pairs).
 - identified: right answers with that verdict. wrong, sure: another single name with a probability above 0.9.
+- CPU: of the reached files, with and without, the watch of `reached` aside.
 """
 
 import argparse
 import json
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import nullcontext
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -27,12 +29,14 @@ import numpy as np
 from scipy.stats import binomtest
 
 from ablation_files import UNIT_KINDS, File, Units, files_of
-from ablation_suspects import SUSPECTS, watched, without
+from ablation_suspects import SUSPECTS, Suspect, watched, without
 from tumblecal.cli.start import start
 
 
 # Suspects in the units taken together.
 _OF_UNITS = ("two levels",)
+# Most files reach these: of a file that reaches no other the time is not compared.
+_REACHED_BY_MOST = {"one curve", "sets of four causes", "patchwork", "setting changes", *_OF_UNITS}
 # One in so many rounds has the units as well.
 _UNITS_EVERY = 2
 
@@ -55,51 +59,74 @@ class Journal:
             file.write(json.dumps(row) + "\n")
 
 
-def run(journal: Journal, seed: int, minutes: float, most_rounds: int) -> None:
+@dataclass(frozen=True)
+class Asked:
+    """What is diagnosed: seed, texts of which a kind must have one (none: all kinds), suspects."""
+
+    seed: int
+    kinds: tuple[str, ...]
+    suspects: tuple[Suspect, ...]
+
+    def files(self, number: int, diagnosers: dict) -> list[File | Units]:
+        """The files of a round."""
+        with TemporaryDirectory() as folder:
+            files: list[File | Units] = [*files_of(self.seed, number, Path(folder), diagnosers, self.kinds)]
+        if number % _UNITS_EVERY == 0 and not self.kinds:
+            files += [Units(kind, number, self.seed, diagnosers) for kind in UNIT_KINDS]
+        return files
+
+
+def run(journal: Journal, asked: Asked, minutes: float, most_rounds: int) -> None:
     """Rounds until the time is over."""
     started, diagnosers = time.time(), {}
     for number in range(most_rounds):
-        for words in _round(journal, seed, number, diagnosers):
+        for words in _round(journal, asked, number, diagnosers):
             if words:
                 print(f"round {number}, {time.time() - started:.0f} s: {words}", flush=True)
             if time.time() - started > 60 * minutes:
                 return
 
 
-def _round(journal: Journal, seed: int, number: int, diagnosers: dict) -> Iterator[str]:
+def _round(journal: Journal, asked: Asked, number: int, diagnosers: dict) -> Iterator[str]:
     """One round, step by step."""
-    with TemporaryDirectory() as folder:
-        files: list[File | Units] = [*files_of(seed, number, Path(folder), diagnosers)]
-    if number % _UNITS_EVERY == 0:
-        files += [Units(kind, number, seed, diagnosers) for kind in UNIT_KINDS]
+    files = asked.files(number, diagnosers)
     for file in files:
-        yield from _one(journal, file, number, "")
+        yield from _one(journal, file, number, None, asked.suspects)
     yield f"{len(files)} files as usual"
-    for suspect in SUSPECTS:
+    for suspect in asked.suspects:
         reached = [file for file in files if suspect.name in journal.rows[file.key, ""]["reached"]]
         for file in reached:
-            yield from _one(journal, file, number, suspect.name)
+            yield from _one(journal, file, number, suspect, ())
         yield f"{len(reached)} files without {suspect.name}"
 
 
-def _one(journal: Journal, file: File | Units, number: int, suspect: str) -> Iterator[str]:
-    """One line of the journal, if it is not there."""
-    if (file.key, suspect) in journal.rows:
+def _one(
+    journal: Journal, file: File | Units, number: int, suspect: Suspect | None, seen: Sequence[Suspect]
+) -> Iterator[str]:
+    """One line of the journal, if it is not there; `seen`: the suspects that are watched."""
+    name = suspect.name if suspect else ""
+    if (file.key, name) in journal.rows:
         return
-    listed = [own for own in SUSPECTS if isinstance(file, File) or own.name in _OF_UNITS]
-    chosen = next((own for own in SUSPECTS if own.name == suspect), None)
-    with without(chosen) if chosen else nullcontext(), watched(() if chosen else listed) as reached:
+    seen = [own for own in seen if isinstance(file, File) or own.name in _OF_UNITS]
+    with without(suspect) if suspect else nullcontext(), watched(seen) as reached:
         answer, seconds = file.answer()
+    if not reached <= _REACHED_BY_MOST:
+        # What is watched takes longer.
+        seconds = file.answer()[1]
     simulator, kind = (
         ("units", file.kind) if isinstance(file, Units) else (file.simulated.simulator, file.simulated.kind)
     )
-    where = {"file": file.key, "simulator": simulator, "kind": kind, "round": number, "suspect": suspect}
+    where = {"file": file.key, "simulator": simulator, "kind": kind, "round": number, "suspect": name}
     journal.add(where | asdict(answer) | {"said": list(answer.said), "seconds": seconds, "reached": sorted(reached)})
     yield ""
 
 
-def pairs(journal: Journal, suspect: str) -> list[tuple[dict, dict]]:
+def pairs(journals: Sequence[Journal], suspect: str) -> list[tuple[dict, dict]]:
     """With and without a suspect: of all files of the rounds that are complete for it."""
+    return [pair for journal in journals for pair in _pairs(journal, suspect)]
+
+
+def _pairs(journal: Journal, suspect: str) -> list[tuple[dict, dict]]:
     usual = [row for (_, own), row in journal.rows.items() if not own]
     there = {file for file, own in journal.rows if own == suspect}
     incomplete = {row["round"] for row in usual if suspect in row["reached"] and row["file"] not in there}
@@ -114,14 +141,14 @@ def difference(lost: int, gained: int, files: int) -> tuple[float, float, float]
     return (gained - lost) / max(files, 1), float(middle - 1.96 * sd), float(middle + 1.96 * sd)
 
 
-def table(journal: Journal) -> Iterator[str]:
+def table(journals: Sequence[Journal], suspects: Sequence[Suspect]) -> Iterator[str]:
     """Markdown: a row for each suspect and simulator."""
     heads = ("suspect", "lines", "simulator", "files", "reached", "changed", "lost", "gained", "sign test p",
-             "difference / %", "identified", "wrong, sure", "CPU of reached files / s")  # fmt: skip
+             "difference / %", "identified", "wrong, sure", "CPU / s")  # fmt: skip
     yield f"| {' | '.join(heads)} |"
     yield "|---" * len(heads) + "|"
-    for suspect in SUSPECTS:
-        both = pairs(journal, suspect.name)
+    for suspect in suspects:
+        both = pairs(journals, suspect.name)
         simulators = ("units",) if suspect.name in _OF_UNITS else ("stress", "second", "in use", "all")
         for simulator in simulators:
             names = ("stress", "second", "in use") if simulator == "all" else (simulator,)
@@ -138,7 +165,8 @@ def _cells(own: list[tuple[dict, dict]], suspect: str) -> str:
     counts = [
         f"{sum(a[what] for a, _ in own)} to {sum(b[what] for _, b in own)}" for what in ("identified", "wrong_sure")
     ]
-    seconds = f"{sum(a['seconds'] for a, _ in reached):.1f} to {sum(b['seconds'] for _, b in reached):.1f}"
+    timed = [pair for pair in reached if not {*pair[0]["reached"]} <= _REACHED_BY_MOST]
+    seconds = f"{sum(a['seconds'] for a, _ in timed):.1f} to {sum(b['seconds'] for _, b in timed):.1f}"
     cells = [
         len(own),
         len(reached),
@@ -151,32 +179,35 @@ def _cells(own: list[tuple[dict, dict]], suspect: str) -> str:
     return " | ".join(map(str, [*cells, *counts, seconds]))
 
 
-def changes(journal: Journal, suspect: str) -> Iterator[str]:
+def changes(journals: Sequence[Journal], suspects: Sequence[Suspect]) -> Iterator[str]:
     """The files whose answer changes without a suspect, a line each."""
-    for a, b in pairs(journal, suspect):
-        if (a["verdict"], a["said"], a["right"]) != (b["verdict"], b["said"], b["right"]):
-            words = [
-                f"{own['verdict']} {' + '.join(own['said'])} {own['probability']:.2f}{' right' * own['right']}"
-                for own in (a, b)
-            ]
-            yield f"{a['file']}: {words[0]} -> {words[1]}"
+    for suspect in suspects:
+        for a, b in pairs(journals, suspect.name):
+            if (a["verdict"], a["said"], a["right"]) != (b["verdict"], b["said"], b["right"]):
+                yield f"without {suspect.name}: {a['file']}: {_words(a)} -> {_words(b)}"
+
+
+def _words(row: dict) -> str:
+    return f"{row['verdict']} {' + '.join(row['said'])} {row['probability']:.2f}{' right' * row['right']}"
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("command", choices=("run", "table", "changes"))
-    parser.add_argument("journal", type=Path)
+    parser.add_argument("journals", type=Path, nargs="+", help="one for run; the others are added together")
     parser.add_argument("--minutes", type=float, default=30.0)
     parser.add_argument("--rounds", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=4501)
-    parser.add_argument("--suspect", default="", help="of changes")
+    parser.add_argument("--kind", action="append", default=[], help="only kinds of files with this text; repeatable")
+    parser.add_argument("--suspect", action="append", default=[], help="only suspects with this text; repeatable")
     asked = parser.parse_args()
-    journal = Journal(asked.journal)
+    suspects = tuple(own for own in SUSPECTS if not asked.suspect or any(text in own.name for text in asked.suspect))
+    journals = [Journal(path) for path in asked.journals]
     if asked.command == "run":
         start()
-        run(journal, asked.seed, asked.minutes, asked.rounds)
+        run(journals[0], Asked(asked.seed, tuple(asked.kind), suspects), asked.minutes, asked.rounds)
     else:
-        print("\n".join(table(journal) if asked.command == "table" else changes(journal, asked.suspect)))
+        print("\n".join(table(journals, suspects) if asked.command == "table" else changes(journals, suspects)))
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """The files of `ablation.py`, diagnosed and judged: single files of three simulators, and batches of units."""
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -178,12 +179,14 @@ UNIT_KINDS |= {
 }
 
 
-def files_of(seed: int, number: int, folder: Path, diagnosers: dict[object, Diagnoser]) -> list[File]:
-    """One file of each kind of each simulator, those of one plan together."""
+def files_of(
+    seed: int, number: int, folder: Path, diagnosers: dict[object, Diagnoser], texts: Sequence[str] = ()
+) -> list[File]:
+    """One file of each kind of each simulator, those of one plan together; `texts`: only of kinds that have one of these."""
     files = []
     for kinds in SIMULATORS.values():
         for kind, drawn in kinds.items():
-            if kind not in _NOT_JUDGED:
+            if kind not in _NOT_JUDGED and (not texts or any(text in kind for text in texts)):
                 simulated = drawn(seed, number)
                 path = folder / f"{simulated.name}.csv"
                 simulated.write(path)
