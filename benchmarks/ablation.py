@@ -117,7 +117,13 @@ def _one(
         ("units", file.kind) if isinstance(file, Units) else (file.simulated.simulator, file.simulated.kind)
     )
     where = {"file": file.key, "simulator": simulator, "kind": kind, "round": number, "suspect": name}
-    journal.add(where | asdict(answer) | {"said": list(answer.said), "seconds": seconds, "reached": sorted(reached)})
+    noted = {
+        "said": list(answer.said),
+        "seconds": seconds,
+        "reached": sorted(reached),
+        "watched": [own.name for own in seen],
+    }
+    journal.add(where | asdict(answer) | noted)
     yield ""
 
 
@@ -127,7 +133,7 @@ def pairs(journals: Sequence[Journal], suspect: str) -> list[tuple[dict, dict]]:
 
 
 def _pairs(journal: Journal, suspect: str) -> list[tuple[dict, dict]]:
-    usual = [row for (_, own), row in journal.rows.items() if not own]
+    usual = [row for (_, own), row in journal.rows.items() if not own and suspect in row["watched"]]
     there = {file for file, own in journal.rows if own == suspect}
     incomplete = {row["round"] for row in usual if suspect in row["reached"] and row["file"] not in there}
     chosen = [row for row in usual if row["round"] not in incomplete]

@@ -204,6 +204,14 @@ CHAMBER = {
     "bias, scale factor and a wobble": (*SIX, "spindle_wobble_2"),
     "bias, its square and scale factor": (*SIX, *(f"bias_temperature_square.{axis}" for axis in blind.AXES)),
 }
+
+
+def a_jump_and_another(rng: np.random.Generator) -> list[str]:
+    """An effect that jumps with the sign of an input, and one that does not."""
+    others = [name for name in NAMES if name not in JUMPS]
+    return [str(rng.choice(JUMPS)), str(rng.choice(others))]
+
+
 CONDITIONS: dict[str, Condition] = {
     "nothing": Condition(),
     "nothing, 10 deg mount, 0.2 g bias": Condition(mount_deg=10.0, bias_g=0.2),
@@ -212,6 +220,7 @@ CONDITIONS: dict[str, Condition] = {
     **{f"three, d = {d}": Condition(several(3), (d, d, d), plans=LARGER) for d in (12, 30)},
     **{f"two, d = {d} and 8": Condition(several(2), (d, 8)) for d in (100, 1000)},
     **{f"a jump at zero input, d = {d}": Condition(several(1, JUMPS), (d,)) for d in (30, 100, 1000)},
+    **{f"a jump at zero input and another, d = {d} each": Condition(a_jump_and_another, (d, d)) for d in (30, 300)},
     "three, d = 1000, 20 and 9": Condition(several(3), (1000, 20, 9), plans=LARGER),
     **{
         f"{kind} beside {words}, d = {d}": Condition(names, (d,), plans=LARGER, **gross)
