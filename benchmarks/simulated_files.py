@@ -36,9 +36,7 @@ SECOND_SIZES = (7.0, 15.0, 60.0)
 _STRESS = (
     "one, d = 30", "one, d = 100", "one, d = 1000", "two, d = 30", "two, d = 100", "three, d = 30", "two, d = 100 and 8",
     "a jump at zero input, d = 30", "a jump at zero input, d = 100", "a jump at zero input, d = 1000",
-    "a jump at zero input and another, d = 30 each",
-    "a jump at zero input and another, d = 300 each",
-   
+    "a jump at zero input and another, d = 30 each", "a jump at zero input and another, d = 300 each",
     "outlier beside one, d = 100", "outlier beside a jump at zero input, d = 100", "swap beside a jump at zero input, d = 100",
     "bias and scale factor in a chamber, d = 10 each", "bias and scale factor in a chamber, d = 100 each",
     "10 deg mount, one d = 8", "0.2 g bias, one d = 8", "on three axes, d = 4 each", "drift on three axes, d = 7 each",
