@@ -12,8 +12,6 @@ from scipy.spatial.transform import Rotation
 from tumblecal.diagnosis import Diagnoser
 from tumblecal.diagnosis.detection import kept_null
 from tumblecal.diagnosis.detection.detect import SIZE, null_distribution, statistics
-from tumblecal.diagnosis.exact.insert import fit_with
-from tumblecal.diagnosis.exact.kinks import turns_a_sign
 from tumblecal.ground.program_cache import ProgramCache
 from tumblecal.planning import NextPlan
 from tumblecal.report.diagnosis_files import record
@@ -163,21 +161,3 @@ def test_the_newest_null_distributions_are_kept(tmp_path):
     cache.put("program", b"")
     cache.keep_newest("null-", 2)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["null-3", "null-4", "program"]
-
-
-def test_whether_an_input_turns_its_sign_is_told_before_the_exact_fit(diagnoser, hidden):
-    """Where the linear solution says that none does, the exact fit leaves what the screen says that it leaves."""
-    turned, still = 0, []
-    for seed in range(40, 46):
-        screened = diagnoser(hidden(seed, {"bias_asymmetry.x": [6e-4]})).screened
-        kinked = [k for k in screened.pool.effects.tolist() if screened.pool.causes[k].slot.kinked]
-        for k in kinked:
-            effects = [screened.pool.causes[k]]
-            inputs = screened.at.model.evaluate(screened.problem.where, fit_with(screened.at, effects).vector).inputs
-            really = np.any(np.sign(inputs) != np.sign(screened.at.evaluation.inputs))
-            assert turns_a_sign(screened.at, effects) == really
-            turned += really
-            if not really:
-                still.append(fit_with(screened.at, effects).chi2 - screened.search.left((k,)))
-    assert turned and len(still) > 5
-    np.testing.assert_allclose(still, 0.0, atol=1.0)  # KINK is 4

@@ -109,8 +109,6 @@ LARGE = 25.0
 # The exact fit of a large effect contradicts the linear screen when it leaves so much of what was explained there: over three
 # hundred large effects whose explanation is right leave less than 0.005 of it.
 CONTRADICTED = 0.05
-# An effect with a jump is tried around its own exact fit when that leaves this much less (sigma^2) than the linear one.
-KINK = 4.0
 SETTLED = 0.9
 # Alternatives to the leading set with a separate time constant are fitted exactly from this probability on.
 RIVAL_SHARE = 0.05

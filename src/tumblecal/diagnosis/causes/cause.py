@@ -43,6 +43,7 @@ class Cause(NamedTuple):
     - `offset` (nu): the signal of a cause without a coefficient.
     - `slot`, `directions`: columns of the full vector that it changes (`NO_SLOT`: none), and their directions.
     - `terms`: white rows of signals with separate coefficients, in addition to those of the full vector.
+    - `signs`: of the input at each position, for a variant of an effect that jumps with them.
     - `positions`: positions at fault; `left_out`: those of them that the fit excludes.
     - `lasting`: nominal parameters that change at a position and remain so: later measurements show the change too.
     - `words`: its description, in addition to the label.
@@ -60,6 +61,7 @@ class Cause(NamedTuple):
     slot: Slot = NO_SLOT
     directions: Float[np.ndarray, "columns rank"] | None = None
     terms: tuple[Float[np.ndarray, " rows"], ...] = ()
+    signs: Float[np.ndarray, " positions"] | None = None
     positions: tuple[int, ...] = ()
     left_out: tuple[int, ...] = ()
     lasting: tuple[str, ...] = ()

@@ -15,6 +15,7 @@ from tumblecal.diagnosis.causes.faults import FAULTS, OUTLIER
 from tumblecal.diagnosis.causes.generic import generic_causes
 from tumblecal.diagnosis.causes.jumps import jumps
 from tumblecal.diagnosis.causes.shapes import shape_causes
+from tumblecal.diagnosis.causes.sign_variants import SIGNS, sign_variants
 from tumblecal.diagnosis.causes.table import Blocks, CauseTable, MadeCauses, tables_of
 from tumblecal.diagnosis.causes.together import Together, polynomials
 from tumblecal.diagnosis.causes.visibility import Visibility
@@ -178,11 +179,12 @@ class Pool:
     @cached_property
     def starts(self) -> Int[np.ndarray, " causes"]:
         """A number for each effect that is there from several starts of its time constant, the same from each; else -1."""
-        labels, starts = [self.labels[k] for k in self.effects.tolist()], np.full(self.size, -1)
+        variants = np.concatenate([self.effects, self.numbers_of(SIGNS)])
+        labels, starts = [self.labels[k] for k in variants.tolist()], np.full(self.size, -1)
         if len(set(labels)) < len(labels):
             number = {label: k for k, label in enumerate(labels)}
             own = np.array([number[label] for label in labels])
-            starts[self.effects] = np.where(np.bincount(own)[own] > 1, own, -1)
+            starts[variants] = np.where(np.bincount(own)[own] > 1, own, -1)
         return starts
 
     @cached_property
@@ -274,7 +276,12 @@ def _by_width(
 
 
 def pooled(
-    at: Tangent, level: float, generic: tuple[int, ...] | None = None, visible: frozenset[str] | None = None
+    at: Tangent,
+    level: float,
+    generic: tuple[int, ...] | None = None,
+    visible: frozenset[str] | None = None,
+    *,
+    signs: bool = False,
 ) -> Pool:
     """Effects of the catalogue, faults of single positions, jumps at one, and generic terms.
 
@@ -283,9 +290,12 @@ def pooled(
     - `level`: sd of the white rows; faults smaller than a few of it are no candidates.
     - `generic`: numbers of the generic terms to use; if omitted, they are selected here.
     - `visible`: the effects that are visible without any error, as in `causes.effects`.
+    - `signs`: whether effects that jump are candidates with other signs of their inputs too.
     """
     seen = seen_effects(at)
     effects = effect_causes(at, seen, visible)
     faults = (table for candidates in FAULTS if (table := candidates(at, level)) is not None)
     terms, generic = generic_causes(at, effects, generic)
-    return Pool((effects, *faults, *clipped(at), *jumps(at), terms, *shape_causes(at)), at.dof, seen, generic)
+    variants = sign_variants(at) if signs else []
+    tables = (effects, *faults, *clipped(at), *jumps(at), terms, *shape_causes(at), *variants)
+    return Pool(tables, at.dof, seen, generic)

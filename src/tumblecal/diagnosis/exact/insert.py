@@ -9,9 +9,10 @@ from jaxtyping import Float
 from scipy.linalg.lapack import dtrtri  # type: ignore[attr-defined]
 
 from tumblecal.diagnosis.causes.cause import Cause
+from tumblecal.diagnosis.causes.sign_variants import start_with_signs
 from tumblecal.diagnosis.exact.hidden import hidden_shifts
 from tumblecal.diagnosis.model.full_model import FullModel
-from tumblecal.diagnosis.model.tangent import Tangent, white_residual, white_rows
+from tumblecal.diagnosis.model.tangent import Tangent, tangent, white_residual, white_rows
 from tumblecal.diagnosis.tuning import HIDDEN, LARGE
 from tumblecal.estimation.chain_programs import Evaluation
 from tumblecal.estimation.fit import Code, Fit
@@ -89,6 +90,9 @@ def fit_with(at: Tangent, causes: Sequence[Cause]) -> Fit:
             columns = list(cause.slot.columns)
             shown = cause.directions @ (cause.directions.T @ (at.vector[columns] / model.scales[columns]))
             vector[columns] = model.scales[columns] * shown
+    if any(cause.signs is not None for cause in causes):
+        undone = at if problem is at.problem else tangent(model, problem, at.vector)
+        vector = start_with_signs(undone, causes, directions_of(undone, causes))
     evaluation = at.evaluation
     if problem.where is not at.problem.where or not np.array_equal(at.vector, vector):
         evaluation = model.evaluate(problem.where, vector)

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from tumblecal.chain import Where
-from tumblecal.diagnosis.findings.law_shapes import Form, forms, values_of
+from tumblecal.diagnosis.findings.law_shapes import Form, forms, nonzero_functions
 from tumblecal.diagnosis.findings.left_over import LeftOver
 from tumblecal.effects import AXES
 from tumblecal.ground.showing import brief
@@ -224,8 +224,7 @@ def candidate_law(
     - `whole`: residual of the fit without it. `inputs`: g.
     - `head`: change of the readings per rad of the spindle angle and of the pitch angle, g.
     """
-    listed = forms(where)
-    every = _Dictionary(listed, values_of(listed, where, inputs), head)
+    every = _Dictionary(*nonzero_functions(forms(where), where, inputs), head)
     taken = every.chosen(whole)
     if not taken:
         return None

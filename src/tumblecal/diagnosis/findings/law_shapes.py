@@ -26,6 +26,8 @@ _MOST_STEPS = 40
 _THRESHOLDS = np.arange(-6, 7) * 0.15
 # Widths (rad) of smooth bumps, and of how many neighbouring angles boxes are at most.
 _WIDTHS, _MOST_ANGLES = (0.2, 0.4, 0.8), 8
+# Values of a function below this are rounding.
+_ROUNDING = 1e-9
 _INPUTS = {f"u_{axis}": (f"u[{k}]", k) for k, axis in enumerate(AXES)}
 
 
@@ -78,6 +80,21 @@ def values_of(
     for column, code in enumerate(code for form in listed for code in form.code):
         values[:, column] = eval(code, named)
     return values
+
+
+def nonzero_functions(
+    listed: Sequence[Form], where: Where, inputs: Float[np.ndarray, "positions 3"]
+) -> tuple[list[Form], Float[np.ndarray, "positions functions"]]:
+    """Forms without their functions that are zero at every position, whose coefficients no reading shows, and the values."""
+    values = values_of(listed, where, inputs)
+    nonzero = np.max(np.abs(values), axis=0) > _ROUNDING
+    shown, kept = iter(nonzero.tolist()), []
+    for form in listed:
+        pairs = [pair for pair in zip(form.words, form.code, strict=True) if next(shown)]
+        if pairs:
+            words, code = zip(*pairs, strict=True)
+            kept.append(form._replace(words=words, code=code))
+    return kept, values[:, nonzero]
 
 
 def forms(where: Where) -> list[Form]:

@@ -14,11 +14,9 @@ from tumblecal.diagnosis.detection.detect import detect, detected_positions, det
 from tumblecal.diagnosis.detection.reference import Reference
 from tumblecal.diagnosis.evidence import log_evidence_of_noise
 from tumblecal.diagnosis.exact.insert import fit_with
-from tumblecal.diagnosis.exact.signs import jump_explains
 from tumblecal.diagnosis.model.full_model import FullModel
 from tumblecal.diagnosis.model.layout import Slot
 from tumblecal.diagnosis.model.tangent import robust_start, tangent
-from tumblecal.diagnosis.screening.jumps_tried import each_alone, signs_sought, with_a_jump
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.cause_sets import Members, parts_of
 from tumblecal.diagnosis.sets.classes import explanations
@@ -29,6 +27,7 @@ from tumblecal.diagnosis.sets.search import Search
 from tumblecal.diagnosis.sets.setting_changes import SettingChanges
 from tumblecal.diagnosis.tuning import (
     CURVED,
+    HOPELESS,
     LARGE,
     MOST_RELINEARISATIONS,
     RIVAL_SHARE,
@@ -43,8 +42,8 @@ from tumblecal.estimation.problem import Problem
 _log = logging.getLogger(__name__)
 # A coefficient is too large when it is so by this many of its standard deviations.
 _SURE_SD = 2.0
-# Rounds in which an effect that jumps with an input's sign is looked for.
-_MOST_KINKS = 3
+# Sets with a sign variant that are fitted exactly from each start.
+_MOST_VARIED = 3
 
 
 @dataclass(frozen=True)
@@ -58,6 +57,7 @@ class Screening:
     - `noise_stands`: whether the stated noise is used in any case, because the readings were computed.
     - `found`: number of other causes found before: set-up errors, and faults of the noise.
     - `impossible`: ids of effects that would need coefficients beyond those of any head.
+    - `signs`: whether effects that jump with an input's sign are candidates with other signs too.
     """
 
     model: FullModel
@@ -67,6 +67,7 @@ class Screening:
     noise_stands: bool = False
     impossible: frozenset[str] = frozenset()
     found: int = 0
+    signs: bool = False
 
     def first(self, problem: Problem) -> Screened:
         """The screen around the nominal fit, nothing refined."""
@@ -78,44 +79,32 @@ class Screening:
         The screen is linear around the nominal fit; where the winner's exact fit contradicts that, it is repeated around
         the exact fit. Where that needs an effect of an impossible size, it is repeated without the effect.
         """
-        screened = self._settled(first or self.first(problem))
+        first = first or self.first(problem)
+        screened = self._relinearised(first)
+        if screened.detection.detected and not screened.settled:
+            screened = self._signs_varied(screened, first)
         impossible = _impossible(screened)
         return replace(self, impossible=self.impossible | impossible)(problem) if impossible else screened
 
-    def _settled(self, screened: Screened) -> Screened:
-        """The screen around what leads, effects that jump with an input's sign tried; `screened`: around the nominal fit."""
-        large = screened.large
-        if not (screened.detection.detected and (large or screened.few_faults)):
-            return self._jumps_tried(screened)
-        again = self._relinearised(screened)
-        if again.fitted_causes:
-            # Most of what is large does not jump, and is only far from where it was linearised.
-            if (screened.settled and again.settled) or not jump_explains(again.at, again.members, again.sigma):
-                return again
-            better = signs_sought(again, self.around) if large else again
-            if better is not again:
-                return self._jumps_tried(better)
-        if screened.settled:
-            return self._uncontradicted(again)
-        return self._jumps_tried(each_alone(screened, self.around) if large else screened)
-
-    def _jumps_tried(self, screened: Screened) -> Screened:
-        """The screen around what leads once no effect that jumps leads to a better one."""
-        for _ in range(_MOST_KINKS):
-            if not screened.detection.detected or screened.settled:
+    def _signs_varied(self, screened: Screened, first: Screened) -> Screened:
+        """The most probable of a screen and of those around the exact fits of sets with a sign variant. These are sought around
+        the nominal fit `first` and, where the signal is large and that fit may be far off, around the instrument without
+        errors."""
+        starts = [first.at.vector, *([self.model.start] if screened.large else [])]
+        for vector in starts:
+            varied = replace(self, signs=True).around(vector, screened.problem, screened.pool.visible)
+            for members in varied.with_signs[:_MOST_VARIED]:
+                causes = [varied.pool.causes[k] for k in members]
+                fit = fit_with(varied.at, causes)
+                if not fit.code.good or varied.search.posterior_at(members, fit.chi2) < screened.top - HOPELESS:
+                    continue
+                around = self.around(fit.vector, screened.problem, screened.pool.visible, causes)
+                again = self._relinearised(around)
+                if again.detection.detected and again.improves(screened):
+                    screened = again
+            if screened.settled:
                 break
-            better = with_a_jump(screened, self.around)
-            if better is screened:
-                break
-            screened = better
-        return self._uncontradicted(self._relinearised(screened))
-
-    def _uncontradicted(self, screened: Screened) -> Screened:
-        """A screen around what leads; with an effect that jumps where its exact fit contradicts it and that is better."""
-        if not screened.contradicted:
-            return screened
-        better = with_a_jump(screened, self.around)
-        return screened if better is screened else self._relinearised(better)
+        return screened
 
     def _relinearised(self, screened: Screened) -> Screened:
         """The screen repeated around the exact fit of what leads, until that agrees with it."""
@@ -124,7 +113,7 @@ class Screening:
         for _ in range(MOST_RELINEARISATIONS):
             members = screened.members
             if not any(cause.slot.columns for cause in members):
-                if screened.few_faults:
+                if members and all(cause.positions for cause in members):
                     screened = replace(screened, fit=fit_with(screened.at, members))
                 break
             own = fit = fit_with(screened.at, members)
@@ -161,7 +150,7 @@ class Screening:
         evaluated together in any case."""
         at = tangent(self.model, problem, vector)
         known, level = problem.known, at.rough_level
-        pool = pooled(at, level, self.reference.pool.generic, visible).without(self.impossible)
+        pool = pooled(at, level, self.reference.pool.generic, visible, signs=self.signs).without(self.impossible)
         beside = alternatives(at, pool.effect_blocks)
         if self.noise_stands:
             beside = replace(beside, noise=replace(beside.noise, listed=()))

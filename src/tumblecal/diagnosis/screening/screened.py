@@ -8,15 +8,14 @@ from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.diagnosis.causes.effects import SeenEffects
 from tumblecal.diagnosis.causes.generic import UNEXPLAINED
 from tumblecal.diagnosis.causes.pool import Pool
+from tumblecal.diagnosis.causes.sign_variants import SIGNS
 from tumblecal.diagnosis.detection.alternatives import Alternatives
 from tumblecal.diagnosis.detection.detect import Detection
-from tumblecal.diagnosis.exact.kinks import without_faults
-from tumblecal.diagnosis.exact.signs import FEW_FAULTS
 from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.diagnosis.sets.cause_sets import Members
 from tumblecal.diagnosis.sets.classes import Explanation
 from tumblecal.diagnosis.sets.search import Search
-from tumblecal.diagnosis.tuning import CONTRADICTED, SETTLED, SIZE_PRIOR
+from tumblecal.diagnosis.tuning import CONTRADICTED, SETTLED, SIZE_PRIOR, UNMOVED
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.problem import Problem
 from tumblecal.ground.showing import brief
@@ -92,26 +91,22 @@ class Screened:
         """Whether effects lead alone; for a large one that jumps with the sign of an input, whether it is the only one."""
         members = self.members
         jumps = len(members) > 1 and any(cause.slot.kinked for cause in members) and self.large
-        return self._named_effects and not (jumps or self.contradicted)
+        effects = bool(members) and all(cause.slot.columns for cause in members)
+        return effects and not (jumps or self.contradicted)
 
     @property
-    def fitted_causes(self) -> bool:
-        """Whether effects, with or without faults of positions, lead, and their exact fit agrees with the screen."""
-        return self.fit is not None and self.fit.code.good and self._effects_and_faults and not self.contradicted
+    def with_signs(self) -> list[Members]:
+        """The explanations with a sign variant, the most probable first."""
+        variants = frozenset(self.pool.numbers_of(SIGNS).tolist())
+        return [told.members for told in self.explanations if variants & {*told.members}]
 
-    @property
-    def few_faults(self) -> bool:
-        """Whether faults of positions lead, alone or with effects, and are so few that a jump can be tried without each of
-        them."""
-        return self._effects_and_faults and 0 < sum(bool(cause.positions) for cause in self.members) <= FEW_FAULTS
-
-    @property
-    def _effects_and_faults(self) -> bool:
-        return bool(self.members) and all(cause.slot.columns or cause.positions for cause in self.members)
-
-    @property
-    def _named_effects(self) -> bool:
-        return bool(self.members) and all(cause.slot.columns for cause in self.members)
+    def improves(self, other: "Screened") -> bool:
+        """Whether it is more probable than another screen of the same problem. Where the same causes lead, one must jump and
+        the difference exceed rounding: otherwise no sign mattered."""
+        gain = 0.0
+        if self.best.labels == other.best.labels:
+            gain = 0.5 * UNMOVED if any(cause.slot.kinked for cause in self.members) else np.inf
+        return self.top > other.top + gain
 
     @property
     def contradicted(self) -> bool:
@@ -135,18 +130,3 @@ class Screened:
         positions may stand for one."""
         plain = self.of_effects or not (self.members or self.large)
         return self.best.class_probability > SETTLED and not self.best.unexplained and plain
-
-    @property
-    def parts_of_leading_effects(self) -> list[Members]:
-        """The effects of the most probable set of causes, and each of them alone, if a large signal seems to have another
-        cause: given it, an effect that jumps may be on the wrong side."""
-        if self.best.members or not self.large:
-            return []
-        leading = next((told.members for told in self.explanations if told.members), ())
-        effects = tuple(k for k in leading if self.pool.causes[k].slot.columns)
-        return [effects, *((k,) for k in effects)]
-
-    def undone(self, faults: Members) -> tuple[Tangent, tuple[Cause, ...]]:
-        """The linearised problem with some faults of the best explanation undone, and its other causes."""
-        at = without_faults(self.at, [self.pool.causes[k] for k in faults])
-        return at, tuple(self.pool.causes[k] for k in self.best.members if k not in faults)
