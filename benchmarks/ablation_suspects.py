@@ -16,9 +16,8 @@ from unittest.mock import patch
 import numpy as np
 
 import tumblecal.diagnosis
-from tumblecal.diagnosis.exact import kinks
 from tumblecal.diagnosis.lack_of_fit import lack_of_fit
-from tumblecal.diagnosis.screening import jumps_tried, noise_change, screen
+from tumblecal.diagnosis.screening import noise_change, screen
 from tumblecal.diagnosis.sets import cause_sets, classes, prior, search
 
 
@@ -95,6 +94,11 @@ def _first(screened, *_):
     return screened
 
 
+def _second(_, screened, *__):
+    """The screen as it was, of a method."""
+    return screened
+
+
 def _none(*_, **__):
     return None
 
@@ -163,24 +167,15 @@ _THREE_CAUSES = (
 _NO_FAMILIES = ((search.Search, "_expand_families", _none), (search.Search, "_exchange_for_families", _none))
 _NO_POSITIONS = (search, "off_together", _empty)
 _RUN, _SEVERAL = search.Search.run, search.Search.several
-_WITH_A_JUMP = Replaced(screen, "with_a_jump", _first)
-_EACH_ALONE = Replaced(screen, "each_alone", _first)
-_SIGNS_SOUGHT = Replaced(screen, "signs_sought", _first)
-_JUMP_EXPLAINS = Replaced(screen, "jump_explains", _false)
 # Those that free most lines first.
 SUSPECTS = (
     Suspect(
-        "signs at zero input, whole",
-        (_WITH_A_JUMP, _EACH_ALONE, _SIGNS_SOUGHT, _JUMP_EXPLAINS),
+        "sign variants",
+        (Replaced(screen.Screening, "_signs_varied", _second),),
         (
-            "exact/kinks.py", "exact/signs.py", "exact/jump_pairs.py", "screening/jumps_tried.py",
-            "screening/screen.py:Screening._jumps_tried", "screening/screen.py:Screening._uncontradicted",
-            "screening/screened.py:Screened.parts_of_leading_effects", "screening/screened.py:Screened.undone",
+            "causes/sign_variants.py", "screening/screen.py:Screening._signs_varied",
+            "screening/screened.py:Screened.with_signs", "screening/screened.py:Screened.improves",
         ),
-    ),
-    Suspect(
-        "kinks", (Replaced(jumps_tried, "kink_start", _none),),
-        ("exact/kinks.py", "exact/jump_pairs.py", "exact/signs.py:sign_choices", "screening/jumps_tried.py:signs_sought"),
     ),
     Suspect("tests of positions in error", (
         Replaced(screen, "detected_positions", _first),
@@ -203,13 +198,6 @@ SUSPECTS = (
         ),
     ),
     Suspect("two levels", (Replaced(_TOGETHER, "two_levels", _empty),), ("head/two_levels.py",)),
-    Suspect("jumps tried", (_WITH_A_JUMP, _EACH_ALONE), (
-        "screening/jumps_tried.py:each_alone", "screening/jumps_tried.py:with_a_jump",
-        "screening/jumps_tried.py:_each_without_one", "screening/screen.py:Screening._jumps_tried",
-        "screening/screen.py:Screening._uncontradicted", "screening/screened.py:Screened.parts_of_leading_effects",
-        "screening/screened.py:Screened.undone", "exact/kinks.py:without_faults", "exact/kinks.py:turns_a_sign",
-        "exact/kinks.py:most_left",
-    )),
     Suspect(
         "second reading of slips", (Replaced(_DIAGNOSE, "of_angles", _empty, lambda own, other: own == other),),
         ("screening/slips.py", "diagnose.py:Diagnoser._credence"),
@@ -219,10 +207,6 @@ SUSPECTS = (
         tuple(Replaced(module, "is_patchwork", _false) for module in (classes, noise_change)),
         ("sets/patchwork.py", "sets/classes.py:Groups.patchwork"),
     ),
-    Suspect("signs", (_SIGNS_SOUGHT, _JUMP_EXPLAINS), (
-        "exact/signs.py:jump_explains", "exact/signs.py:_left_out", "exact/signs.py:_rows_of",
-        "screening/jumps_tried.py:signs_sought",
-    )),
     Suspect("setting changes", (Replaced(classes, "_near", _classes_without_changes, _same_classes),), (
         "sets/setting_changes.py",
     )),
@@ -232,9 +216,6 @@ SUSPECTS = (
     ), (
         "sets/search.py:Search._expand_families", "sets/search.py:Search._may_score",
         "sets/search.py:Search._exchange_for_families",
-    )),
-    Suspect("jump pairs", (Replaced(kinks, "_likeliest", _empty, lambda own, other: own == other),), (
-        "exact/jump_pairs.py", "exact/kinks.py:_likeliest",
     )),
     Suspect("level", (Replaced(noise_change, "level_change", _none),), (
         "screening/level.py", "screening/noise_change.py:_sure_level",
