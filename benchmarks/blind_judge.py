@@ -48,7 +48,8 @@ class Answer:
     """The answer to a case, however it was obtained.
 
     - `labels`: all named causes; `classes`: these and the sets that are stated to be indistinguishable from them;
-      `identical`: those of them that are the same function at 1 g. `single`: one set is claimed alone.
+      `identical`: those of them that are the same function at 1 g; `powers`: those with more or fewer powers of the same
+      polynomial. `single`: one set is claimed alone.
     - `detected`: anything is reported. `words`: the first line, or an error message; `refused`, `crashed`: nothing else exists.
     - `measures`: further numbers of the simulator, by column of the table.
     """
@@ -60,6 +61,7 @@ class Answer:
     single: bool
     detected: bool
     identical: tuple[Labels, ...] = ()
+    powers: tuple[Labels, ...] = ()
     words: str = ""
     refused: bool = False
     crashed: bool = False
@@ -70,11 +72,12 @@ def answer_of(best: "Explanation", noise: Iterable[str], verdict: str, detected:
     """The answer with a leading explanation and faults of the noise."""
     noise = tuple(noise)
     labels, *others = (tuple(sorted({*own, *noise})) for own in (best.labels, *best.equivalents))
-    identical = tuple(tuple(sorted({*own, *noise})) for own in best.identical)
+    identical, powers = ([tuple(sorted({*own, *noise})) for own in sets] for sets in (best.identical, best.powers))
     if best.single_name:
         # A cause without a name that is not claimed is no part of the statement.
         others = [own for own in others if UNEXPLAINED not in own]
-    return Answer(labels, (labels, *others), best.probability, verdict, best.single_name, detected, identical, **more)
+    more |= {"identical": tuple(identical), "powers": tuple(powers)}
+    return Answer(labels, (labels, *others), best.probability, verdict, best.single_name, detected, **more)
 
 
 def answer_of_diagnosis(diagnosis: "Diagnosis", **more: Any) -> Answer:
@@ -115,7 +118,8 @@ class Outcome:
     - `right`: the hidden set is in the stated class; for a cause that is in no catalogue, the class includes `unexplained`.
     - `strict`: it is the leading set; `alone`: it, or the same function at 1 g, is the only claim; `identified`: the verdict
       too.
-    - `stated`: the statement that has the probability is true; `wrong`: one other set is claimed with more than `SURE`.
+    - `stated`: the statement that has the probability is true: sets that differ in the number of powers are one explanation;
+      `wrong`: one other set is claimed with more than `SURE`.
     """
 
     kind: str
@@ -159,7 +163,8 @@ def judged(case: Case, answer: Answer) -> Outcome:
     else:
         right, strict = any(own in accepted for own in classes), labels in accepted
         alone = answer.single and right and (strict or any(own in accepted for own in identical))
-        stated = alone if answer.single else right
+        powers = [_without(own, case.excused) for own in answer.powers]
+        stated = alone or any(own in accepted for own in powers) if answer.single else right
     if case.refusal and answer.refused:
         right = strict = stated = alone = True
     claimed = answer.single and bool(labels) and UNEXPLAINED not in labels and answer.probability > SURE
