@@ -155,9 +155,9 @@ def table(journals: Sequence[Journal], suspects: Sequence[Suspect]) -> Iterator[
     yield "|---" * len(heads) + "|"
     for suspect in suspects:
         both = pairs(journals, suspect.name)
-        simulators = ("units",) if suspect.name in _OF_UNITS else ("stress", "second", "in use", "all")
+        simulators = ("units",) if suspect.name in _OF_UNITS else ("stress", "second", "in use", "aimed", "all")
         for simulator in simulators:
-            names = ("stress", "second", "in use") if simulator == "all" else (simulator,)
+            names = ("stress", "second", "in use", "aimed") if simulator == "all" else (simulator,)
             own = [pair for pair in both if pair[0]["simulator"] in names]
             yield f"| {suspect.name} | {suspect.lines} | {simulator} | {_cells(own, suspect.name)} |"
 

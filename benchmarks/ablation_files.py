@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 import blind_units
+from ablation_aimed import AIMED
 from blind_judge import UNEXPLAINED, right, stated, sure, with_unexplained
 from simulated_files import SIMULATORS, Labels, Simulated
 from tumblecal.data import PositionSet, read_positions
@@ -184,7 +185,9 @@ def files_of(
 ) -> list[File]:
     """One file of each kind of each simulator, those of one plan together; `texts`: only of kinds that have one of these."""
     files = []
-    for kinds in SIMULATORS.values():
+    # Kinds made for one rule only where they are asked for.
+    simulators = SIMULATORS | ({"aimed": AIMED} if texts else {})
+    for kinds in simulators.values():
         for kind, drawn in kinds.items():
             if kind not in _NOT_JUDGED and (not texts or any(text in kind for text in texts)):
                 simulated = drawn(seed, number)

@@ -100,15 +100,15 @@ def name_of(simulator: str, kind: str, number: int) -> str:
 Kind = Callable[[int, int], Simulated]
 
 
-def _rng(seed: int, number: int, kind: str) -> np.random.Generator:
+def random_of(seed: int, number: int, kind: str) -> np.random.Generator:
     return np.random.default_rng([seed, number, zlib.crc32(kind.encode())])
 
 
-def _of_set(simulator: str, kind: str, number: int, accepted: Sequence[Labels], data: PositionSet) -> Simulated:
+def of_set(simulator: str, kind: str, number: int, accepted: Sequence[Labels], data: PositionSet) -> Simulated:
     return Simulated(simulator, kind, number, tuple(map(tuple, accepted)), lambda path: write_positions(path, data))
 
 
-def _of_case(simulator: str, kind: str, number: int, case: Case) -> Simulated:
+def of_case(simulator: str, kind: str, number: int, case: Case) -> Simulated:
     return Simulated(simulator, kind, number, case.accepted, lambda path: blind_conditions.write(path, case.data))
 
 
@@ -116,56 +116,56 @@ def _of_group(kind: str, seed: int, number: int) -> Simulated:
     """A case of a group of the blind study, plan and stated noise in turn."""
     names_of, sizes, options = blind_catalogue.KINDS[kind]
     plan, known = list(blind_catalogue.PLANS)[number % 2], bool(number // 2 % 2)
-    case = blind_catalogue.hidden(_rng(seed, number, kind), plan, names_of, sizes, **options)
+    case = blind_catalogue.hidden(random_of(seed, number, kind), plan, names_of, sizes, **options)
     accepted = (UNEXPLAINED,) if kind.startswith("unknown") else case.truth
-    return _of_set("stress", kind, number, [accepted], blind_noise.position_set(case.setup, case.measured, known))
+    return of_set("stress", kind, number, [accepted], blind_noise.position_set(case.setup, case.measured, known))
 
 
 def _of_condition(kind: str, seed: int, number: int) -> Simulated:
-    return _of_case("stress", kind, number, blind_conditions.drawn(kind, _rng(seed, number, kind)))
+    return of_case("stress", kind, number, blind_conditions.drawn(kind, random_of(seed, number, kind)))
 
 
 def _of_any(simulator: str, kind: str, begin: str, end: str, seed: int, number: int) -> Simulated:
     """A case of one condition of those of these names."""
-    rng = _rng(seed, number, kind)
+    rng = random_of(seed, number, kind)
     names = [name for name in CONDITIONS if name.startswith(begin) and name.endswith(end)]
-    return _of_case(simulator, kind, number, blind_conditions.drawn(names[rng.integers(len(names))], rng))
+    return of_case(simulator, kind, number, blind_conditions.drawn(names[rng.integers(len(names))], rng))
 
 
 def _in_a_part(kind: str, seed: int, number: int) -> Simulated:
     """An effect that acts at one pitch setting, or in the second half."""
     plan, known = list(blind_catalogue.PLANS)[number % 2], bool(number // 2 % 2)
-    setup, readings, name = located.case(_rng(seed, number, kind), plan, kind.partition(" in ")[2], 15.0)
-    return _of_set("stress", kind, number, [(name,)], blind_noise.position_set(setup, readings, known))
+    setup, readings, name = located.case(random_of(seed, number, kind), plan, kind.partition(" in ")[2], 15.0)
+    return of_set("stress", kind, number, [(name,)], blind_noise.position_set(setup, readings, known))
 
 
 def _in_other_noise(kind: str, seed: int, number: int) -> Simulated:
     """White noise of one size is stated, or none; the noise is of another kind."""
     plan, known, (noise, d) = list(blind_catalogue.PLANS)[number % 2], bool(number // 2 % 2), _NOISES[kind]
-    setup, readings, name = blind_noise.case(_rng(seed, number, kind), plan, noise, d)
+    setup, readings, name = blind_noise.case(random_of(seed, number, kind), plan, noise, d)
     accepted = tuple(sorted([blind_noise.LABELS[noise], *([name] if name else [])]))
-    return _of_set("stress", kind, number, [accepted], blind_noise.position_set(setup, readings, known))
+    return of_set("stress", kind, number, [accepted], blind_noise.position_set(setup, readings, known))
 
 
 def _of_wrong_level(kind: str, seed: int, number: int) -> Simulated:
     """The stated sd is too small by a factor of 2 to 5; the size of an effect is in true sigma."""
-    rng, (names_of, sizes) = _rng(seed, number, kind), _LEVELS[kind]
+    rng, (names_of, sizes) = random_of(seed, number, kind), _LEVELS[kind]
     case = blind_catalogue.hidden(rng, list(blind_catalogue.PLANS)[number % 2], names_of or (lambda _: ()), sizes)
     data = blind_noise.position_set(case.setup, case.measured, True)
     data = replace(data, sd=np.full(data.readings.shape, SIGMA / rng.uniform(2, 5)))
-    return _of_set("stress", kind, number, [tuple(sorted(["noise_level", *case.truth]))], data)
+    return of_set("stress", kind, number, [tuple(sorted(["noise_level", *case.truth]))], data)
 
 
 def _second(kind: str, seed: int, number: int) -> Simulated:
     # Instruments far too bad for the mechanism are drawn again.
     with np.errstate(all="ignore"):
         case = second_study.drawn(kind, number, seed, SECOND_SIZES)
-    return _of_set("second", kind, number, [case.accepted[0]], case.data)
+    return of_set("second", kind, number, [case.accepted[0]], case.data)
 
 
 def _in_use(kind: str, sizes: Sequence[float], seed: int, number: int) -> Simulated:
     """An instrument with single effects of these sizes (sigma), each of the head or of one axis."""
-    rng, plans = _rng(seed, number, kind), in_use.PLANS[1:]
+    rng, plans = random_of(seed, number, kind), in_use.PLANS[1:]
     plan, turns = in_use_instrument.schedule(plans[number % len(plans)], rng)
     plain = in_use_instrument.instrument(plan, turns, rng, [])
     for _ in range(_TRIES):
@@ -180,7 +180,7 @@ def _in_use(kind: str, sizes: Sequence[float], seed: int, number: int) -> Simula
     measured = in_use_instrument.readings(own, plan)
     measured = measured + in_use.SIGMA * rng.normal(size=measured.shape)
     truth = tuple(sorted(found[0] for found in drawn if found))
-    return _of_set("in use", kind, number, [truth], _measured(plan, measured, known=bool(number // 3 % 2)))
+    return of_set("in use", kind, number, [truth], _measured(plan, measured, known=bool(number // 3 % 2)))
 
 
 def _single(plain, plan, turns, d: float, rng) -> tuple[str, dict[str, np.ndarray], np.ndarray] | None:
@@ -206,7 +206,7 @@ def _whole(kind: str, effects: str, seed: int, number: int) -> Simulated:
     _, own, plan, rng = in_use.drawn(offset + number + 1 + number // 3, 17, effects)
     clean = in_use_instrument.readings(own, plan)
     data = _measured(plan, clean + in_use.SIGMA * rng.normal(size=clean.shape), known=bool(number // 3 % 2))
-    return _of_set("in use", kind, number, [()] if effects == "none" else [], data)
+    return of_set("in use", kind, number, [()] if effects == "none" else [], data)
 
 
 def _measured(plan: in_use_instrument.Schedule, readings: np.ndarray, *, known: bool) -> PositionSet:
