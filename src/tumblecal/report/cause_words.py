@@ -110,7 +110,7 @@ def patchwork_words(diagnosis: Diagnosis) -> str:
             "The outlier position is close to zero input of a jump. A dead zone, or a jump that follows the output instead of "
             "the input, gives the same reading."
         )
-    imitates = is_patchwork(best.labels, len(best.labels), neighbours=neighbours)
+    imitates = is_patchwork(best.labels, neighbours=neighbours)
     return (
         "Several jumps and outlier positions together usually imitate one effect without an entry." if imitates else ""
     )

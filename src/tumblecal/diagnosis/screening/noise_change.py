@@ -26,9 +26,7 @@ from tumblecal.diagnosis.screening.noise_scores import (
 )
 from tumblecal.diagnosis.screening.screen import Screening
 from tumblecal.diagnosis.screening.screened import Screened
-from tumblecal.diagnosis.sets.cause_sets import rows_of
 from tumblecal.diagnosis.sets.patchwork import is_patchwork
-from tumblecal.diagnosis.sets.prior import SetPriors
 from tumblecal.diagnosis.tuning import LEAST_NOISE_ODDS, MOST_UNEQUAL, SIZE_PRIOR
 from tumblecal.estimation.mean_noise import MeanNoise
 from tumblecal.estimation.problem import Problem
@@ -121,10 +119,9 @@ def _without_name(screened: Screened, assumed: Problem, noises: int) -> bool:
     """Whether what looks like another noise may be a part of something without a name: that leads under the noise corrected,
     or what leads there is patchwork with it, or one axis would be noisier than others ever are."""
     leading, best = screened.explanations[0], screened.best
-    causes = int(SetPriors.of(screened.pool, rows_of([best.members])).causes[0])
     by_axis = np.median(screened.problem.sd / assumed.sd, axis=0)
     uneven = np.max(by_axis) > MOST_UNEQUAL * np.min(by_axis)
-    return leading.unexplained or is_patchwork(best.labels, causes, noises) or bool(uneven)
+    return leading.unexplained or is_patchwork(best.labels, noises) or bool(uneven)
 
 
 def _without_correction(screening: Screening, problem: Problem, corrected: Screened) -> Screened | None:

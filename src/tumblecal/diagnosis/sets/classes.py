@@ -148,9 +148,8 @@ class Groups(NamedTuple):
 
     def patchwork(self, neighbours: Neighbours | None) -> list[int]:
         """Numbers of those that may as well be one thing without a name."""
-        told = enumerate(zip(self.labels, self.causes.tolist(), strict=True))
-        named = [(k, own, causes) for k, (own, causes) in told if UNEXPLAINED not in own]
-        return [k for k, own, causes in named if is_patchwork(own, causes, neighbours=neighbours)]
+        named = [(k, own) for k, own in enumerate(self.labels) if UNEXPLAINED not in own]
+        return [k for k, own in named if is_patchwork(own, neighbours=neighbours)]
 
     def with_noise(self, noise: dict[str, float]) -> "Groups":
         """With alternatives that are covariances, by the log posterior of each label, the most probable first; an unexplained
@@ -295,19 +294,16 @@ def _near(
     fewer |= (causes > causes[:, None]) & (coefficients <= coefficients[:, None]) & ~(unnamed[:, None] | unnamed)
     near = fewer & (odds <= np.where(imitated, NEGLIGIBLE, LEAST_ODDS))
     held, less = _one_holds_the_other(groups.labels), coefficients[:, None] < coefficients
-    special, by_setting = np.zeros_like(held), np.zeros_like(held)
+    bound = np.zeros_like(held)
     if changes is not None:
-        # If the input is constant within a setting, a bias and a scale factor by setting are the same signal, and how many
-        # directions each shows is no evidence between them.
-        by_setting = near & changes.by_same_setting(groups.labels) & ~held
-        # What jumps with a change of setting is a special case of what is another at each: no odds part them.
-        special = fewer & changes.special_cases(groups.labels) & less
-        special &= ~(special @ (held & less))
-    near |= special
+        # No odds part what goes by the same setting; how many directions each shows is no evidence between them.
+        bound = fewer & changes.same(groups.labels) & ~held
+        bound &= ~(bound @ (held & less))
+    near |= bound
     # Whether one more of a family is needed is for the probabilities to say.
     near &= ~held
     probable = [k for k, share in enumerate(shares) if share > LEAST_SHARE and causes[k]]
-    return {k: np.flatnonzero(near[k]).tolist() for k in probable}, special | by_setting
+    return {k: np.flatnonzero(near[k]).tolist() for k in probable}, bound
 
 
 def _one_holds_the_other(sets: list[tuple[str, ...]]) -> Bool[np.ndarray, "groups groups"]:

@@ -2,11 +2,11 @@
 a name.
 
 A bias that jumps, a mount that slips, outlier positions and a different kind of noise describe a piece of any signal. Two of
-them at once, or one and two more causes, have a lower prior probability (`tuning.SIZE_PRIOR`) than one error that is not in
-the catalogue. Only the evidence of lack of fit, whose curves are smooth, is lower. They therefore form one class with it. A
-mount that rotates steadily and also slips is one that rotates by a different curve. Neighbouring outlier positions are not two
-accidents. Nor is an outlier position at which the input of a jump is near zero: an error that jumps with the output (a dead
-zone), and not with the input, differs there by the bias.
+them at once have a lower prior probability (`tuning.SIZE_PRIOR`) than one error that is not in the catalogue. Only the
+evidence of lack of fit, whose curves are smooth, is lower. They therefore form one class with it. A mount that rotates steadily
+and also slips is one that rotates by a different curve. Neighbouring outlier positions are not two accidents. Nor is an outlier
+position at which the input of a jump is near zero: an error that jumps with the output (a dead zone), and not with the input,
+differs there by the bias.
 """
 
 from collections.abc import Sequence
@@ -67,16 +67,16 @@ class Neighbours:
         return following | nearest | nearest.T
 
 
-def is_patchwork(labels: Sequence[str], causes: int, noises: int = 0, neighbours: Neighbours | None = None) -> bool:
+def is_patchwork(labels: Sequence[str], noises: int = 0, neighbours: Neighbours | None = None) -> bool:
     """Whether a set of causes may equally be one error without a name.
 
     **Arguments:**
 
-    - `labels`: of the set, each jump by its position. `causes`: how many it counts for (`prior.SetPriors`).
-    - `noises`: number of faults of the assumed noise. `neighbours`: of the positions, if any may be an outlier.
+    - `labels`: of the set, each jump by its position. `noises`: number of faults of the assumed noise.
+    - `neighbours`: of the positions, if any may be an outlier.
     """
     ids = [id_of(label) for label in labels]
-    patches = noises + sum(id in JUMPS for id in ids) + (_POSITIONS in ids)
-    if patches >= 2 or (patches == 1 and noises + causes >= 3) or (_SLIP in ids and not _TURNING.isdisjoint(ids)):
+    pieces = noises + sum(id in JUMPS for id in ids) + (_POSITIONS in ids)
+    if pieces >= 2 or (_SLIP in ids and not _TURNING.isdisjoint(ids)):
         return True
     return neighbours is not None and (neighbours.touch(labels) or neighbours.at_a_jump(labels))
