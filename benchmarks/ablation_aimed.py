@@ -48,10 +48,8 @@ def _by_setting(kind: str, place: str, d: float, seed: int, number: int) -> Simu
     seen = float(np.linalg.norm(blind.unreachable(setup) @ added.ravel()))
     readings = blind.readings(setup, setup.nominal, {}) + added * d * blind.SIGMA / seen
     readings = readings + blind.SIGMA * rng.normal(size=readings.shape)
-    truth = {"of a scale factor": f"scale_by_pitch.{'xyz'[axis]}", "jump at": "", "jump within": ""}.get(
-        place, f"bias_by_pitch.{'xyz'[axis]}"
-    )
-    accepted = (truth or f"bias_jump:{setup.names[begins]}",)
+    by_setting = "scale_by_pitch" if place == "of a scale factor" else "bias_by_pitch"
+    accepted = (f"{by_setting}.{'xyz'[axis]}" if place.startswith("of ") else f"bias_jump:{setup.names[begins]}",)
     return of_set("aimed", kind, number, [accepted], blind_noise.position_set(setup, readings, known))
 
 
