@@ -296,10 +296,14 @@ def _near(
     held, less = _one_holds_the_other(groups.labels), coefficients[:, None] < coefficients
     bound = np.zeros_like(held)
     if changes is not None:
-        # No odds part what goes by the same setting; how many directions each shows is no evidence between them.
-        bound = fewer & changes.same(groups.labels) & ~held
-        bound &= ~(bound @ (held & less))
-    near |= bound
+        jumped, by_setting = changes.pairs(groups.labels)
+        # What jumps with a change of setting is a special case of what is another at each: no odds part them.
+        special = fewer & jumped & less
+        special &= ~(special @ (held & less))
+        # If the input is constant within a setting, a bias and a scale factor by setting are the same signal, and how many
+        # directions each shows is no evidence between them.
+        bound = special | (near & by_setting & ~held)
+        near |= special
     # Whether one more of a family is needed is for the probabilities to say.
     near &= ~held
     probable = [k for k, share in enumerate(shares) if share > LEAST_SHARE and causes[k]]

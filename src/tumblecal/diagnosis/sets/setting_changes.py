@@ -25,15 +25,18 @@ class SettingChanges:
 
     at: Tangent
 
-    def same(self, sets: Sequence[Sequence[str]]) -> Bool[np.ndarray, "sets sets"]:
-        """Which pairs of sets of labels go by the same column, at least one of them by an effect."""
+    def pairs(
+        self, sets: Sequence[Sequence[str]]
+    ) -> tuple[Bool[np.ndarray, "sets sets"], Bool[np.ndarray, "sets sets"]]:
+        """Pairs of sets of labels that go by the same column: the first by a jump and the second by an effect; both by
+        effects."""
         columns = tuple(self.at.problem.where.groups)
         needs = {slot.id: slot.needs for slot in self.at.model.layout.slots}
         follows, begins = (
             np.array([[any(column in of.get(label, ()) for label in own) for column in columns] for own in sets], float)
             for of in (needs, self._begun)
         )
-        return follows @ (follows + begins).T + begins @ follows.T > 0
+        return begins @ follows.T > 0, follows @ follows.T > 0
 
     @cached_property
     def _begun(self) -> dict[str, list[str]]:
