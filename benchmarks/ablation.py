@@ -60,7 +60,7 @@ class Journal:
 
 
 @dataclass(frozen=True)
-class Asked:
+class Selection:
     """What is diagnosed: seed, texts of which a kind must have one (none: all kinds), suspects."""
 
     seed: int
@@ -76,24 +76,24 @@ class Asked:
         return files
 
 
-def run(journal: Journal, asked: Asked, minutes: float, most_rounds: int) -> None:
+def run(journal: Journal, selection: Selection, minutes: float, most_rounds: int) -> None:
     """Rounds until the time is over."""
     started, diagnosers = time.time(), {}
     for number in range(most_rounds):
-        for words in _round(journal, asked, number, diagnosers):
+        for words in _round(journal, selection, number, diagnosers):
             if words:
                 print(f"round {number}, {time.time() - started:.0f} s: {words}", flush=True)
             if time.time() - started > 60 * minutes:
                 return
 
 
-def _round(journal: Journal, asked: Asked, number: int, diagnosers: dict) -> Iterator[str]:
+def _round(journal: Journal, selection: Selection, number: int, diagnosers: dict) -> Iterator[str]:
     """One round, step by step."""
-    files = asked.files(number, diagnosers)
+    files = selection.files(number, diagnosers)
     for file in files:
-        yield from _one(journal, file, number, None, asked.suspects)
+        yield from _one(journal, file, number, None, selection.suspects)
     yield f"{len(files)} files as usual"
-    for suspect in asked.suspects:
+    for suspect in selection.suspects:
         reached = [file for file in files if suspect.name in journal.rows[file.key, ""]["reached"]]
         for file in reached:
             yield from _one(journal, file, number, suspect, ())
@@ -206,14 +206,18 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=4501)
     parser.add_argument("--kind", action="append", default=[], help="only kinds of files with this text; repeatable")
     parser.add_argument("--suspect", action="append", default=[], help="only suspects with this text; repeatable")
-    asked = parser.parse_args()
-    suspects = tuple(own for own in SUSPECTS if not asked.suspect or any(text in own.name for text in asked.suspect))
-    journals = [Journal(path) for path in asked.journals]
-    if asked.command == "run":
+    arguments = parser.parse_args()
+    suspects = tuple(
+        own for own in SUSPECTS if not arguments.suspect or any(text in own.name for text in arguments.suspect)
+    )
+    journals = [Journal(path) for path in arguments.journals]
+    if arguments.command == "run":
         start()
-        run(journals[0], Asked(asked.seed, tuple(asked.kind), suspects), asked.minutes, asked.rounds)
+        run(
+            journals[0], Selection(arguments.seed, tuple(arguments.kind), suspects), arguments.minutes, arguments.rounds
+        )
     else:
-        print("\n".join(table(journals, suspects) if asked.command == "table" else changes(journals, suspects)))
+        print("\n".join(table(journals, suspects) if arguments.command == "table" else changes(journals, suspects)))
 
 
 if __name__ == "__main__":

@@ -34,7 +34,7 @@ class TextLayout:
 
     **Arguments:**
 
-    - `names`: of the columns. `separator`: between cells; a space stands for any blanks.
+    - `names`: of the columns. `separator`: between cells; a space means any blanks.
     - `marks`: the decimal mark of each column and, if there is one, the mark of thousands; empty for a column of words.
     - `header_line`: the line of the names, None if no line has them; `first_line`: that of the first row, both from 1.
     - `form`: conversion of lines with words around their numbers.

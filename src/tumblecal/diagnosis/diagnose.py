@@ -36,6 +36,7 @@ from tumblecal.estimation.problem import Problem, default_chain, problem_of, whe
 from tumblecal.estimation.setup_correction import correct_setup_errors
 from tumblecal.estimation.setup_error import SetupError, undone_by_fit
 from tumblecal.ground.blas import single_blas_thread
+from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 
 
@@ -115,7 +116,8 @@ class Diagnoser:
         corrections, parameters that are not determined.
         """
         if len(data) < 3:
-            raise InputError(f"{data.source}: {len(data)} positions are too few for any test; measure a whole plan")
+            few = f"{counted(len(data), 'position')} {'is' if len(data) == 1 else 'are'}"
+            raise InputError(f"{data.source}: {few} too few for any test; measure a whole plan")
         fold = folds(data, holdout)
         with single_blas_thread():
             begun = self.begun(data, chain, noise_sd, priors, samples)

@@ -112,13 +112,6 @@ def fit_with(at: Tangent, causes: Sequence[Cause]) -> Fit:
     return _fit(problem, model, [cause for cause in causes if cause.slot.columns], unknowns, solution)
 
 
-def linear_solution(at: Tangent, effects: Sequence[Cause]) -> Float[np.ndarray, " full"]:
-    """Full vector at which the linearised problem with some effects has its solution: the first step of `fit_with`."""
-    directions = directions_of(at, effects)
-    step = _inverses(at.jacobian @ directions)[0] @ at.residual
-    return at.model.with_nominal(at.vector[: at.model.nominal]) + at.model.scales * (directions @ step)
-
-
 def _shape_freed(
     problem: Problem, model: FullModel, columns: list[int], unknowns: _Unknowns, solution: _Solution
 ) -> tuple[_Unknowns, _Solution]:

@@ -57,7 +57,6 @@ class Screening:
     - `noise_stands`: whether the stated noise is used in any case, because the readings were computed.
     - `found`: number of other causes found before: set-up errors, and faults of the noise.
     - `impossible`: ids of effects that would need coefficients beyond those of any head.
-    - `signs`: whether effects that jump with an input's sign are candidates with other signs too.
     """
 
     model: FullModel
@@ -67,7 +66,6 @@ class Screening:
     noise_stands: bool = False
     impossible: frozenset[str] = frozenset()
     found: int = 0
-    signs: bool = False
 
     def first(self, problem: Problem) -> Screened:
         """The screen around the nominal fit, nothing refined."""
@@ -92,7 +90,7 @@ class Screening:
         errors."""
         starts = [first.at.vector, *([self.model.start] if screened.large else [])]
         for vector in starts:
-            varied = replace(self, signs=True).around(vector, screened.problem, screened.pool.visible)
+            varied = self.around(vector, screened.problem, screened.pool.visible, signs=True)
             for members in varied.with_signs[:_MOST_VARIED]:
                 causes = [varied.pool.causes[k] for k in members]
                 fit = fit_with(varied.at, causes)
@@ -145,12 +143,14 @@ class Screening:
         problem: Problem,
         visible: frozenset[str] | None = None,
         likely: Sequence[Cause] = (),
+        *,
+        signs: bool = False,
     ) -> Screened:
-        """The screen with the model linearised at a full vector; `visible` as of `pooled`; `likely`: causes whose effects are
-        evaluated together in any case."""
+        """The screen with the model linearised at a full vector; `visible`, `signs` as of `pooled`; `likely`: causes whose
+        effects are evaluated together in any case."""
         at = tangent(self.model, problem, vector)
         known, level = problem.known, at.rough_level
-        pool = pooled(at, level, self.reference.pool.generic, visible, signs=self.signs).without(self.impossible)
+        pool = pooled(at, level, self.reference.pool.generic, visible, signs=signs).without(self.impossible)
         beside = alternatives(at, pool.effect_blocks)
         if self.noise_stands:
             beside = replace(beside, noise=replace(beside.noise, listed=()))
