@@ -13,7 +13,7 @@ from blind_judge import UNEXPLAINED, right, stated, sure, with_unexplained
 from simulated_files import SIMULATORS, Labels, Simulated
 from tumblecal.data import PositionSet, read_positions
 from tumblecal.diagnosis import Diagnoser, Diagnosis
-from tumblecal.diagnosis.head.together import Together, together
+from tumblecal.diagnosis.units.together import Together, together
 from tumblecal.ground.errors import InputError
 
 

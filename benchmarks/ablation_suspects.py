@@ -155,7 +155,7 @@ def _no_curve(*_) -> lack_of_fit._Together:
 
 # Modules whose names their packages give to a function.
 _DIAGNOSE = import_module("tumblecal.diagnosis.diagnose")
-_TOGETHER = import_module("tumblecal.diagnosis.head.together")
+_TOGETHER = import_module("tumblecal.diagnosis.units.together")
 _NEAR = classes._near
 _UP_TO_THREE = prior._LOG_SIZE.copy()
 _UP_TO_THREE[_FOUR:] = -np.inf

@@ -23,10 +23,10 @@ from blind_judge import UNEXPLAINED, Answer, Case, Outcome, answer_of, interval 
 from blind_noise import position_set  # noqa: E402
 from tumblecal.diagnosis.causes.cause import Cause  # noqa: E402
 from tumblecal.diagnosis.detection.reference import References  # noqa: E402
-from tumblecal.diagnosis.exact.insert import fit_with  # noqa: E402
 from tumblecal.diagnosis.findings.determined import combinations  # noqa: E402
 from tumblecal.diagnosis.findings.gain import gain  # noqa: E402
 from tumblecal.diagnosis.model.full_model import FullModel, model_of  # noqa: E402
+from tumblecal.diagnosis.refine.insert import fit_with  # noqa: E402
 from tumblecal.diagnosis.screening.noise_change import screen_with_noise  # noqa: E402
 from tumblecal.diagnosis.screening.screen import Screening  # noqa: E402
 from tumblecal.diagnosis.screening.screened import Screened  # noqa: E402

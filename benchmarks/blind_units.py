@@ -31,7 +31,7 @@ from blind_judge import Answer, Case  # noqa: E402
 from blind_noise import position_set  # noqa: E402
 from tumblecal.data import PositionSet, write_positions  # noqa: E402
 from tumblecal.diagnosis import Diagnoser  # noqa: E402
-from tumblecal.diagnosis.head import together  # noqa: E402
+from tumblecal.diagnosis.units import together  # noqa: E402
 
 
 HEAD = (

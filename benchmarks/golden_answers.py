@@ -87,11 +87,11 @@ def _answer(folder: Path) -> dict | None:
     return json.loads(file.read_text()) if file.exists() else None
 
 
-def write(folder: Path, real: Path | None, workers: int) -> Path:
-    """Write the answers of this tree's program; returns their file."""
+def write(folder: Path, real: Path | None, workers: int, only: str = "") -> Path:
+    """Write the answers of this tree's program; returns their file. `only`: part of the names of the calls."""
     parts, answers, started = folder / "parts", folder / ANSWERS, time.time()
     parts.mkdir(parents=True, exist_ok=True)
-    calls = written(folder / "files", real)
+    calls = [call for call in written(folder / "files", real) if only in call.name]
     print(
         f"{sum(len(call.files) for call in calls)} files in {len(calls)} calls ({time.time() - started:.0f} s)",
         flush=True,
@@ -122,12 +122,13 @@ def main() -> int:
     writing.add_argument("folder", type=Path)
     writing.add_argument("--real", type=Path, help="folder with further position files")
     writing.add_argument("--workers", type=int, default=1)
+    writing.add_argument("--only", default="", help="only calls with this in their names, such as 'batch 03' or units")
     comparing = commands.add_parser("compare", help="compare two files of answers")
     comparing.add_argument("before", type=Path)
     comparing.add_argument("after", type=Path)
     asked = parser.parse_args()
     if asked.command == "write":
-        answers = write(asked.folder, asked.real, asked.workers)
+        answers = write(asked.folder, asked.real, asked.workers, asked.only)
         print(f"written: {answers}: {len(read(answers))} answers, {answers.stat().st_size / 1e6:.1f} MB")
         return 0
     differences = compared(read(asked.before), read(asked.after))

@@ -12,8 +12,8 @@ import numpy as np
 
 import blind_catalogue as study
 from tumblecal.diagnosis.evidence import log_evidence_of_noise
+from tumblecal.diagnosis.priors import SEVERAL_SHARE
 from tumblecal.diagnosis.sets.search import Search
-from tumblecal.diagnosis.tuning import SEVERAL_SHARE
 
 
 study.PLANS["3x4"] = (3, 4)

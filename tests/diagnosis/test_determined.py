@@ -10,8 +10,8 @@ import blind_catalogue as study
 import blind_instrument as blind
 from blind_noise import position_set
 from tumblecal.diagnosis.causes.effects import seen_effects
-from tumblecal.diagnosis.exact.insert import fit_with
 from tumblecal.diagnosis.findings.determined import combinations, says_something
+from tumblecal.diagnosis.refine.insert import fit_with
 from tumblecal.planning import next_plan
 from tumblecal.report.cause_words import size_words
 from tumblecal.report.diagnosis_files import write_diagnosis

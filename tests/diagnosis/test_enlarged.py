@@ -7,9 +7,9 @@ from tumblecal.diagnosis.causes.cause import EFFECT, Cause
 from tumblecal.diagnosis.causes.faults import swap
 from tumblecal.diagnosis.causes.pool import Pool
 from tumblecal.diagnosis.evidence import log_evidence
+from tumblecal.diagnosis.priors import COLLINEAR
 from tumblecal.diagnosis.sets.enlarged import Enlarged
 from tumblecal.diagnosis.sets.partial_set import partial_sets
-from tumblecal.diagnosis.tuning import COLLINEAR
 
 
 DOF = 24

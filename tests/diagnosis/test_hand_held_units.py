@@ -7,7 +7,7 @@ import pytest
 
 from tumblecal.data import PositionSet
 from tumblecal.data.positions import attitudes_of
-from tumblecal.diagnosis.head import together
+from tumblecal.diagnosis.units import together
 from tumblecal.ground.errors import InputError
 from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
 from tumblecal.report.head_words import ATTITUDES, units_text

@@ -10,7 +10,7 @@ import blind_instrument as blind
 import blind_noise
 from tumblecal.chain.head_file import MeasuredHead
 from tumblecal.data import PositionSet
-from tumblecal.diagnosis.head import together
+from tumblecal.diagnosis.units import together
 from tumblecal.estimation.plausibility import implausible_head
 from tumblecal.report.head_amounts import shown_in, spread_sizes
 from tumblecal.report.head_files import write_units

@@ -11,7 +11,7 @@ import blind_instrument as blind
 from tumblecal.certificate.results import results_of
 from tumblecal.data.calibration import read_calibration
 from tumblecal.data.sensor_parameters import SENSOR
-from tumblecal.diagnosis.exact.insert import fit_with
+from tumblecal.diagnosis.refine.insert import fit_with
 from tumblecal.planning import next_plan
 from tumblecal.report.diagnosis_details import shifts
 from tumblecal.report.diagnosis_files import write_diagnosis

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from tumblecal.diagnosis.head.pitch import pitch_settings
-from tumblecal.diagnosis.head.unit_fit import Information
+from tumblecal.diagnosis.units.pitch import pitch_settings
+from tumblecal.diagnosis.units.unit_fit import Information
 
 
 SHARED, SETTINGS = 2, 3

@@ -11,11 +11,11 @@ from tumblecal.diagnosis.causes.cause import EFFECT, NO_SLOT, Cause
 from tumblecal.diagnosis.causes.faults import swap
 from tumblecal.diagnosis.causes.pool import Pool
 from tumblecal.diagnosis.evidence import LARGEST, SMALLEST, gain
+from tumblecal.diagnosis.priors import EFFECT_WEIGHT, FAULT_WEIGHTS, OF_ORDERS, ON_AXES, SIZE_PRIOR
 from tumblecal.diagnosis.sets.cause_sets import keys_of, rows_of
 from tumblecal.diagnosis.sets.occam import further_powers
 from tumblecal.diagnosis.sets.prior import SetPriors, log_prior
 from tumblecal.diagnosis.sets.search import Search
-from tumblecal.diagnosis.tuning import EFFECT_WEIGHT, FAULT_WEIGHTS, OF_ORDERS, ON_AXES, SIZE_PRIOR
 
 
 DOF = 20

@@ -12,7 +12,7 @@ from blind_unlisted import LATER, UNLISTED
 from blind_unseen import LATEST, UNSEEN
 from tumblecal.diagnosis.lack_of_fit.one_curve import best_curve, one_curve
 from tumblecal.diagnosis.model.full_model import FullModel
-from tumblecal.diagnosis.tuning import LACK_OF_FIT_TEST_WEIGHT
+from tumblecal.diagnosis.priors import LACK_OF_FIT_TEST_WEIGHT
 from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
 
 

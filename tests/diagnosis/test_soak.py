@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import blind_instrument as blind
-from tumblecal.diagnosis.exact.insert import fit_with
+from tumblecal.diagnosis.refine.insert import fit_with
 
 
 IDS = ("bias_temperature.x", "bias_temperature.z", "scale_temperature.y")

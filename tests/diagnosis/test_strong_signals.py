@@ -17,7 +17,7 @@ from blind_conditions import CONDITIONS, drawn, positions_of
 from blind_judge import right as is_right
 from blind_noise import position_set
 from tumblecal.data import read_positions
-from tumblecal.diagnosis.exact.insert import fit_with
+from tumblecal.diagnosis.refine.insert import fit_with
 from tumblecal.effects.catalogue import read_rig_with_effects
 from tumblecal.estimation.setup_correction import correct_setup_errors
 from tumblecal.simulation.position_means import simulated

@@ -11,7 +11,7 @@ from tumblecal.data import read_positions
 from tumblecal.diagnosis import Diagnoser
 from tumblecal.diagnosis.noise.covariances import coloured
 from tumblecal.diagnosis.noise.whitening import Whitening
-from tumblecal.diagnosis.tuning import HAND_HELD_SIZE, SIZE
+from tumblecal.diagnosis.priors import HAND_HELD_SIZE, SIZE
 from tumblecal.estimation import exact, problem_of, where_of
 from tumblecal.estimation.intrinsic import matrix_and_bias
 from tumblecal.estimation.methods import all_methods

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tumblecal.diagnosis.tuning import SURE
+from tumblecal.diagnosis.priors import SURE
 from tumblecal.ground.numbers_shown import capped, changed, p_words, rounded, rounded_together
 from tumblecal.history.comparison import Moved
 from tumblecal.report.budget_report import combined_table, contributions_table, intrinsic_table, monte_carlo_table

@@ -27,7 +27,7 @@ def diagnose_units(
     out: Path,
 ) -> list[str]:
     """Screen each unit, estimate common errors, diagnose each unit given these, and write all results; returns the faults."""
-    from tumblecal.diagnosis.head import together
+    from tumblecal.diagnosis.units import together
     from tumblecal.ground.blas import single_blas_thread
     from tumblecal.ground.result_set import remove_results, result_set
     from tumblecal.report.head_files import write_units

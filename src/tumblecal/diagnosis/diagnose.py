@@ -11,7 +11,6 @@ from tumblecal.chain import Chain
 from tumblecal.data import PositionSet
 from tumblecal.diagnosis.detection.reference import References
 from tumblecal.diagnosis.diagnosis import Diagnosis
-from tumblecal.diagnosis.exact.insert import fit_with
 from tumblecal.diagnosis.findings.determined import require_determined, require_enough
 from tumblecal.diagnosis.findings.gain import folds
 from tumblecal.diagnosis.findings.location import located
@@ -20,12 +19,13 @@ from tumblecal.diagnosis.model.full_model import FullModel, model_of, settings_k
 from tumblecal.diagnosis.model.layout import key_of
 from tumblecal.diagnosis.model.tangent import robust_start, tangent, white_rows
 from tumblecal.diagnosis.noise.rounding import with_rounding
+from tumblecal.diagnosis.priors import HAND_HELD_SIZE, RECORDED_SIZE, SIZE
+from tumblecal.diagnosis.refine.insert import fit_with
 from tumblecal.diagnosis.screening.noise_change import NoiseFault, chosen_mean_noise, screen_with_noise
 from tumblecal.diagnosis.screening.screen import Screening
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.screening.slips import Credence, of_angles
 from tumblecal.diagnosis.sets.classes import verdict_of
-from tumblecal.diagnosis.tuning import HAND_HELD_SIZE, RECORDED_SIZE, SIZE
 from tumblecal.effects import Catalogue, catalogue
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.mean_noise import MeanNoise, recorded_noises, sample_noises

@@ -11,7 +11,6 @@ from jaxtyping import Int
 from tumblecal.chain import Chain
 from tumblecal.data import PositionSet
 from tumblecal.diagnosis.causes.cause import Cause
-from tumblecal.diagnosis.exact.insert import fit_with
 from tumblecal.diagnosis.findings import residuals
 from tumblecal.diagnosis.findings.decision import Average
 from tumblecal.diagnosis.findings.determined import Combination, combinations
@@ -24,6 +23,7 @@ from tumblecal.diagnosis.findings.location import Located
 from tumblecal.diagnosis.findings.unnamed import Unnamed, unnamed
 from tumblecal.diagnosis.findings.unseen import Unseen, unseen
 from tumblecal.diagnosis.model.full_model import FullModel
+from tumblecal.diagnosis.refine.insert import fit_with
 from tumblecal.diagnosis.screening.noise_change import NoiseFault
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.classes import Explanation

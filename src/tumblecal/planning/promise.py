@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tumblecal.diagnosis.tuning import LEAST_ODDS, SURE
+from tumblecal.diagnosis.priors import LEAST_ODDS, SURE
 from tumblecal.planning.value import Separation
 
 

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.causes.cause import Cause, id_of
-from tumblecal.diagnosis.exact.insert import fit_with
+from tumblecal.diagnosis.refine.insert import fit_with
 from tumblecal.estimation.fit import Fit
 from tumblecal.ground.axes import AXES
 from tumblecal.report.diagnosis_verdict import findings_of_causes, first_unnamed

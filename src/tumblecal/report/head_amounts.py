@@ -4,8 +4,8 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from tumblecal.diagnosis.head import Together
-from tumblecal.diagnosis.head.unit import SharedSignal
+from tumblecal.diagnosis.units import Together
+from tumblecal.diagnosis.units.unit import SharedSignal
 from tumblecal.effects import Catalogue
 from tumblecal.effects.catalogue import belongs_to
 from tumblecal.ground.numbers_shown import rounded_together

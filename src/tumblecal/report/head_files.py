@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tumblecal.diagnosis.head import Together
+from tumblecal.diagnosis.units import Together
 from tumblecal.effects import Catalogue
 from tumblecal.ground.atomic import write_text
 from tumblecal.ground.json_file import json_text

@@ -3,8 +3,8 @@
 from collections.abc import Collection, Iterator, Sequence
 
 from tumblecal.chain.head_file import PITCH
-from tumblecal.diagnosis.head import Together
-from tumblecal.diagnosis.head.joint import SharedExplanation
+from tumblecal.diagnosis.units import Together
+from tumblecal.diagnosis.units.joint import SharedExplanation
 from tumblecal.effects import Catalogue
 from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.ground.counted import shortened

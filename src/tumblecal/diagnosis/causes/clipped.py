@@ -6,7 +6,7 @@ from tumblecal.diagnosis.causes.cause import Cause, Kind
 from tumblecal.diagnosis.causes.faults import log_weights
 from tumblecal.diagnosis.causes.table import CauseTable, tables_of
 from tumblecal.diagnosis.model.tangent import Tangent
-from tumblecal.diagnosis.tuning import OUTLIER_VISIBLE
+from tumblecal.diagnosis.priors import OUTLIER_VISIBLE
 from tumblecal.effects import AXES
 from tumblecal.estimation.equal_ends import equal_ends
 

@@ -12,7 +12,7 @@ from tumblecal.diagnosis.causes.table import CauseTable
 from tumblecal.diagnosis.causes.visibility import Visibilities, Visibility, least_signal, visibilities
 from tumblecal.diagnosis.model.layout import Slot
 from tumblecal.diagnosis.model.tangent import Tangent
-from tumblecal.diagnosis.tuning import EFFECT_TEST_WEIGHT, EFFECT_WEIGHT, LEAST_POSSIBLE, SECOND_ORDER, VISIBLE
+from tumblecal.diagnosis.priors import EFFECT_TEST_WEIGHT, EFFECT_WEIGHT, LEAST_POSSIBLE, SECOND_ORDER, VISIBLE
 from tumblecal.ground.showing import brief
 
 

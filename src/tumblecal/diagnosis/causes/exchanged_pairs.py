@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from tumblecal.diagnosis.model.tangent import Tangent
-from tumblecal.diagnosis.tuning import MOST_PAIRS, PAIRS_OF_MANY
+from tumblecal.diagnosis.priors import MOST_PAIRS, PAIRS_OF_MANY
 
 
 # So many positions are paired with all others at once.

@@ -18,7 +18,7 @@ from tumblecal.diagnosis.causes.exchanged_pairs import exchanged_pairs
 from tumblecal.diagnosis.causes.plan_steps import Step, plan_steps
 from tumblecal.diagnosis.causes.table import CauseTable, alike
 from tumblecal.diagnosis.model.tangent import Tangent
-from tumblecal.diagnosis.tuning import (
+from tumblecal.diagnosis.priors import (
     FAR,
     FAULT_TEST_WEIGHTS,
     FAULT_WEIGHTS,

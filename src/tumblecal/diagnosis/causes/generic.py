@@ -16,7 +16,7 @@ from tumblecal.chain import Where
 from tumblecal.diagnosis.causes.cause import Cause, Kind
 from tumblecal.diagnosis.causes.table import CauseTable, alike
 from tumblecal.diagnosis.model.tangent import Tangent
-from tumblecal.diagnosis.tuning import GENERIC_TEST_WEIGHT, GENERIC_WEIGHT, LEAST_VISIBLE_TERM, SAME_TERM
+from tumblecal.diagnosis.priors import GENERIC_TEST_WEIGHT, GENERIC_WEIGHT, LEAST_VISIBLE_TERM, SAME_TERM
 from tumblecal.effects import AXES
 from tumblecal.effects.effect import elapsed
 

@@ -10,7 +10,7 @@ from tumblecal.diagnosis.causes.cause import Cause, Kind
 from tumblecal.diagnosis.causes.faults import log_weights
 from tumblecal.diagnosis.causes.table import CauseTable, alike
 from tumblecal.diagnosis.model.tangent import Tangent
-from tumblecal.diagnosis.tuning import LEAST_VISIBLE_TERM
+from tumblecal.diagnosis.priors import LEAST_VISIBLE_TERM
 from tumblecal.effects import AXES
 
 

@@ -20,7 +20,7 @@ from tumblecal.diagnosis.causes.table import Blocks, CauseTable, MadeCauses, tab
 from tumblecal.diagnosis.causes.together import Together, polynomials
 from tumblecal.diagnosis.causes.visibility import Visibility
 from tumblecal.diagnosis.model.tangent import Tangent
-from tumblecal.diagnosis.tuning import COLLINEAR, FAMILY_TEST_WEIGHT
+from tumblecal.diagnosis.priors import COLLINEAR, FAMILY_TEST_WEIGHT
 from tumblecal.effects import AXES
 from tumblecal.ground.showing import brief
 

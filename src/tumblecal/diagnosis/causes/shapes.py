@@ -15,7 +15,7 @@ from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.diagnosis.causes.generic import GENERIC, UNEXPLAINED
 from tumblecal.diagnosis.causes.table import CauseTable, alike
 from tumblecal.diagnosis.model.tangent import Tangent
-from tumblecal.diagnosis.tuning import LEAST_VISIBLE_TERM, SHAPE_TEST_WEIGHT, SHAPE_WEIGHT
+from tumblecal.diagnosis.priors import LEAST_VISIBLE_TERM, SHAPE_TEST_WEIGHT, SHAPE_WEIGHT
 
 
 # Spindle angles where the triad may be turned, over so many rad about; knots of the time at one pitch setting.

@@ -15,7 +15,7 @@ from tumblecal.diagnosis.causes.cause import Cause, Kind
 from tumblecal.diagnosis.causes.table import CauseTable
 from tumblecal.diagnosis.causes.visibility import least_signal
 from tumblecal.diagnosis.model.tangent import Tangent
-from tumblecal.diagnosis.tuning import EFFECT_WEIGHT, VISIBLE
+from tumblecal.diagnosis.priors import EFFECT_WEIGHT, VISIBLE
 
 
 SIGNS = Kind("signs")

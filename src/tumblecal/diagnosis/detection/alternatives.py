@@ -12,7 +12,7 @@ from tumblecal.diagnosis.causes.table import Blocks
 from tumblecal.diagnosis.lack_of_fit.lack_of_fit import LackOfFit, lack_of_fit
 from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.diagnosis.noise.alternatives import NoiseAlternatives, noise_alternatives
-from tumblecal.diagnosis.tuning import ALTERNATIVES_SHARE
+from tumblecal.diagnosis.priors import ALTERNATIVES_SHARE
 from tumblecal.ground.showing import brief
 
 

@@ -18,7 +18,7 @@ from tumblecal.diagnosis.causes.pool import Pool
 from tumblecal.diagnosis.detection.alternatives import Alternatives
 from tumblecal.diagnosis.evidence import log_evidence, log_evidence_of_noise
 from tumblecal.diagnosis.model.tangent import Tangent
-from tumblecal.diagnosis.tuning import (
+from tumblecal.diagnosis.priors import (
     CLOSE,
     CLOSE_HAND_HELD,
     DRAWS,

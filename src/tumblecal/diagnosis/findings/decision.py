@@ -15,10 +15,10 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.diagnosis.causes.cause import Cause
-from tumblecal.diagnosis.exact.insert import fit_with
 from tumblecal.diagnosis.findings.determined import says_something
 from tumblecal.diagnosis.findings.reference import at_reference
 from tumblecal.diagnosis.findings.undetected_effects import UndetectedEffects
+from tumblecal.diagnosis.refine.insert import fit_with
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.cause_sets import sets_of
 from tumblecal.diagnosis.sets.classes import grouped

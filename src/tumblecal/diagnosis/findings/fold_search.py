@@ -10,12 +10,12 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from tumblecal.diagnosis.findings.gain import fold_errors
+from tumblecal.diagnosis.priors import HOPELESS, SIZE_PRIOR
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.cause_sets import MOST, Members, parts_of, rows_of
 from tumblecal.diagnosis.sets.enlarged import Enlarged
 from tumblecal.diagnosis.sets.partial_set import partial_sets
 from tumblecal.diagnosis.sets.prior import SetPriors
-from tumblecal.diagnosis.tuning import HOPELESS, SIZE_PRIOR
 
 
 # A direction of the residual space that a fold takes with it.

@@ -20,11 +20,11 @@ from tumblecal.diagnosis.findings.effect_signals import EffectDirections, direct
 from tumblecal.diagnosis.findings.reference import at_reference, long_lived, moved_to_reference
 from tumblecal.diagnosis.findings.undetected_effects import UndetectedEffects
 from tumblecal.diagnosis.model.tangent import tangent, unreachable
+from tumblecal.diagnosis.priors import SIZE_PRIOR
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.cause_sets import sets_of
 from tumblecal.diagnosis.sets.classes import grouped
 from tumblecal.diagnosis.sets.prior import log_prior
-from tumblecal.diagnosis.tuning import SIZE_PRIOR
 from tumblecal.effects import Catalogue
 from tumblecal.effects.effect import NO_FORMS, reason_not_held
 from tumblecal.estimation.fit import Fit

@@ -11,8 +11,8 @@ from scipy import special
 
 from tumblecal.diagnosis.evidence import log_evidence
 from tumblecal.diagnosis.model.layout import Slot
+from tumblecal.diagnosis.priors import POWER, VISIBLE
 from tumblecal.diagnosis.screening.screened import Screened
-from tumblecal.diagnosis.tuning import POWER, VISIBLE
 from tumblecal.effects import Catalogue
 from tumblecal.ground.units import factor
 

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.special import ndtri
 
-from tumblecal.diagnosis.tuning import VISIBLE
+from tumblecal.diagnosis.priors import VISIBLE
 from tumblecal.effects import AXES
 from tumblecal.estimation.fit import Fit
 from tumblecal.ground.angle_settings import setting_index

@@ -2,10 +2,10 @@
 
 from dataclasses import replace
 
-from tumblecal.diagnosis.exact.insert import fit_with
 from tumblecal.diagnosis.model.tangent import robust_start, tangent
+from tumblecal.diagnosis.priors import SIZE
+from tumblecal.diagnosis.refine.insert import fit_with
 from tumblecal.diagnosis.screening.screened import Screened
-from tumblecal.diagnosis.tuning import SIZE
 from tumblecal.estimation.plausibility import Implausible, implausible
 
 

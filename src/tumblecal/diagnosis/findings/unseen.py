@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.diagnosis.exact.insert import directions_of
 from tumblecal.diagnosis.findings.effect_signals import directions_at_typical_size
+from tumblecal.diagnosis.refine.insert import directions_of
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.effects import Catalogue
 from tumblecal.estimation.fit import Fit

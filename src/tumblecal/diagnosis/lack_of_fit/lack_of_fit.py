@@ -21,7 +21,7 @@ from tumblecal.diagnosis.lack_of_fit.one_curve import best_curve, one_curve
 from tumblecal.diagnosis.lack_of_fit.processes import Process, Processes, processes
 from tumblecal.diagnosis.lack_of_fit.stacks import Stack, by_size, shown, stacked
 from tumblecal.diagnosis.model.tangent import Tangent
-from tumblecal.diagnosis.tuning import LACK_OF_FIT_TEST_WEIGHT, LACK_OF_FIT_WEIGHT, NEAR_CURVE
+from tumblecal.diagnosis.priors import LACK_OF_FIT_TEST_WEIGHT, LACK_OF_FIT_WEIGHT, NEAR_CURVE
 from tumblecal.ground.showing import brief
 
 

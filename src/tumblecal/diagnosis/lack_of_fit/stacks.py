@@ -12,7 +12,7 @@ from tumblecal.diagnosis.causes.table import Blocks
 from tumblecal.diagnosis.lack_of_fit.components import BySize, Components, components_of, of_one_vector
 from tumblecal.diagnosis.lack_of_fit.processes import Processes
 from tumblecal.diagnosis.model.tangent import Tangent
-from tumblecal.diagnosis.tuning import LEAST_VISIBLE_TERM, SAME_TERM
+from tumblecal.diagnosis.priors import LEAST_VISIBLE_TERM, SAME_TERM
 from tumblecal.ground.showing import brief
 
 

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from scipy.linalg.lapack import dposv  # type: ignore[attr-defined]
 
 from tumblecal.diagnosis.model.full_model import FullModel
-from tumblecal.diagnosis.tuning import LARGE
+from tumblecal.diagnosis.priors import LARGE
 from tumblecal.estimation.chain_programs import Evaluation
 from tumblecal.estimation.identifiability import RANK_TOLERANCE, surely_full_rank
 from tumblecal.estimation.problem import Problem

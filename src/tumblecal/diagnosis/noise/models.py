@@ -13,7 +13,7 @@ from jaxtyping import Float, Int
 
 from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.diagnosis.noise.covariances import across, attitude, coloured
-from tumblecal.diagnosis.tuning import LEVEL_WEIGHT, NOISE_WEIGHT
+from tumblecal.diagnosis.priors import LEVEL_WEIGHT, NOISE_WEIGHT
 from tumblecal.effects import AXES
 from tumblecal.noise.covariance import Covariance
 

@@ -13,7 +13,7 @@ from tumblecal.diagnosis.causes.generic import UNEXPLAINED
 from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.diagnosis.noise.models import NoiseModel
 from tumblecal.diagnosis.noise.repeats import Repeats
-from tumblecal.diagnosis.tuning import GENERIC_WEIGHT, NOISE_WEIGHT
+from tumblecal.diagnosis.priors import GENERIC_WEIGHT, NOISE_WEIGHT
 from tumblecal.noise.covariance import Covariance
 
 

@@ -11,11 +11,12 @@ from typing import NamedTuple
 import numpy as np
 
 from tumblecal.diagnosis.causes.generic import UNEXPLAINED
-from tumblecal.diagnosis.exact.insert import fit_with
 from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.diagnosis.noise.alternatives import NoiseAlternatives
 from tumblecal.diagnosis.noise.fit import corrected
 from tumblecal.diagnosis.noise.models import LEVEL, NOISIER, NoiseModel
+from tumblecal.diagnosis.priors import LEAST_NOISE_ODDS, MOST_UNEQUAL, SIZE_PRIOR
+from tumblecal.diagnosis.refine.insert import fit_with
 from tumblecal.diagnosis.screening.level import SURE_LEVEL, level_change
 from tumblecal.diagnosis.screening.noise_scores import (
     ASSUMED,
@@ -27,7 +28,6 @@ from tumblecal.diagnosis.screening.noise_scores import (
 from tumblecal.diagnosis.screening.screen import Screening
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.patchwork import is_patchwork
-from tumblecal.diagnosis.tuning import LEAST_NOISE_ODDS, MOST_UNEQUAL, SIZE_PRIOR
 from tumblecal.estimation.mean_noise import MeanNoise
 from tumblecal.estimation.problem import Problem
 from tumblecal.noise.covariance import Covariance

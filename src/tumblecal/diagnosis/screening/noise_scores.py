@@ -13,11 +13,11 @@ from jaxtyping import Float
 from tumblecal.diagnosis.evidence import LEAST_FREE, log_evidence, log_evidence_of_noise
 from tumblecal.diagnosis.noise.alternatives import NoiseAlternatives
 from tumblecal.diagnosis.noise.models import NoiseModel
+from tumblecal.diagnosis.priors import MANY_OUTLIERS, SURE
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.cause_sets import parts_of, rows_of
 from tumblecal.diagnosis.sets.prior import SetPriors, given_found
 from tumblecal.diagnosis.sets.search import Search
-from tumblecal.diagnosis.tuning import MANY_OUTLIERS, SURE
 
 
 # The alternative to a fault of the noise: none.

@@ -13,19 +13,10 @@ from tumblecal.diagnosis.detection.alternatives import alternatives
 from tumblecal.diagnosis.detection.detect import detect, detected_positions, detected_together
 from tumblecal.diagnosis.detection.reference import Reference
 from tumblecal.diagnosis.evidence import log_evidence_of_noise
-from tumblecal.diagnosis.exact.insert import fit_with
 from tumblecal.diagnosis.model.full_model import FullModel
 from tumblecal.diagnosis.model.layout import Slot
 from tumblecal.diagnosis.model.tangent import robust_start, tangent
-from tumblecal.diagnosis.screening.screened import Screened
-from tumblecal.diagnosis.sets.cause_sets import Members, parts_of
-from tumblecal.diagnosis.sets.classes import explanations
-from tumblecal.diagnosis.sets.patchwork import Neighbours
-from tumblecal.diagnosis.sets.positions_off import positions_off
-from tumblecal.diagnosis.sets.prior import given_found
-from tumblecal.diagnosis.sets.search import Search
-from tumblecal.diagnosis.sets.setting_changes import SettingChanges
-from tumblecal.diagnosis.tuning import (
+from tumblecal.diagnosis.priors import (
     CURVED,
     HOPELESS,
     LARGE,
@@ -35,6 +26,15 @@ from tumblecal.diagnosis.tuning import (
     SIZE_PRIOR,
     UNMOVED,
 )
+from tumblecal.diagnosis.refine.insert import fit_with
+from tumblecal.diagnosis.screening.screened import Screened
+from tumblecal.diagnosis.sets.cause_sets import Members, parts_of
+from tumblecal.diagnosis.sets.classes import explanations
+from tumblecal.diagnosis.sets.patchwork import Neighbours
+from tumblecal.diagnosis.sets.positions_off import positions_off
+from tumblecal.diagnosis.sets.prior import given_found
+from tumblecal.diagnosis.sets.search import Search
+from tumblecal.diagnosis.sets.setting_changes import SettingChanges
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.problem import Problem
 

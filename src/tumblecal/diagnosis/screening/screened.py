@@ -12,10 +12,10 @@ from tumblecal.diagnosis.causes.sign_variants import SIGNS
 from tumblecal.diagnosis.detection.alternatives import Alternatives
 from tumblecal.diagnosis.detection.detect import Detection
 from tumblecal.diagnosis.model.tangent import Tangent
+from tumblecal.diagnosis.priors import CONTRADICTED, SETTLED, SIZE_PRIOR, UNMOVED
 from tumblecal.diagnosis.sets.cause_sets import Members
 from tumblecal.diagnosis.sets.classes import Explanation
 from tumblecal.diagnosis.sets.search import Search
-from tumblecal.diagnosis.tuning import CONTRADICTED, SETTLED, SIZE_PRIOR, UNMOVED
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.problem import Problem
 from tumblecal.ground.showing import brief

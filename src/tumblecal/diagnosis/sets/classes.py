@@ -12,6 +12,7 @@ from tumblecal.diagnosis.causes.generic import UNEXPLAINED
 from tumblecal.diagnosis.causes.identities import one_function_at_1_g
 from tumblecal.diagnosis.causes.pool import Pool
 from tumblecal.diagnosis.model.layout import Slot
+from tumblecal.diagnosis.priors import INDISTINGUISHABLE, LEAST_ODDS, LISTED, NEGLIGIBLE, SURE
 from tumblecal.diagnosis.sets.cause_sets import Members, Ranked, keys_of, sets_of
 from tumblecal.diagnosis.sets.exchanges import Labels, supersets
 from tumblecal.diagnosis.sets.named_first import named_in_place
@@ -21,7 +22,6 @@ from tumblecal.diagnosis.sets.patchwork import Neighbours, is_patchwork
 from tumblecal.diagnosis.sets.prior import SetPriors
 from tumblecal.diagnosis.sets.search import Search
 from tumblecal.diagnosis.sets.setting_changes import SettingChanges
-from tumblecal.diagnosis.tuning import INDISTINGUISHABLE, LEAST_ODDS, LISTED, NEGLIGIBLE, SURE
 
 
 # Equivalents of sets less probable than this are not looked for.

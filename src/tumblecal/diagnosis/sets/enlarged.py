@@ -16,8 +16,8 @@ from tumblecal.diagnosis.evidence import (
     log_evidence_of_noise,
     shortfall,
 )
+from tumblecal.diagnosis.priors import COLLINEAR
 from tumblecal.diagnosis.sets.partial_set import PartialSets
-from tumblecal.diagnosis.tuning import COLLINEAR
 
 
 class Enlarged:

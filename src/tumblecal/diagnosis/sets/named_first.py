@@ -3,8 +3,8 @@
 from collections.abc import Mapping, Sequence
 
 from tumblecal.diagnosis.causes.generic import UNEXPLAINED
+from tumblecal.diagnosis.priors import LEAST_NAMED
 from tumblecal.diagnosis.sets.exchanges import Labels
-from tumblecal.diagnosis.tuning import LEAST_NAMED
 
 
 def named_in_place(

@@ -10,8 +10,8 @@ from jaxtyping import Float, Int
 
 from tumblecal.diagnosis.causes.pool import Pool
 from tumblecal.diagnosis.evidence import log_evidence
+from tumblecal.diagnosis.priors import COLLINEAR
 from tumblecal.diagnosis.sets.cause_sets import rows_of
-from tumblecal.diagnosis.tuning import COLLINEAR
 
 
 @dataclass(frozen=True)

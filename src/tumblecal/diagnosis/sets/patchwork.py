@@ -2,7 +2,7 @@
 a name.
 
 A bias that jumps, a mount that slips, outlier positions and a different kind of noise describe a piece of any signal. Two of
-them at once have a lower prior probability (`tuning.SIZE_PRIOR`) than one error that is not in the catalogue. Only the
+them at once have a lower prior probability (`priors.SIZE_PRIOR`) than one error that is not in the catalogue. Only the
 evidence of lack of fit, whose curves are smooth, is lower. They therefore form one class with it. A mount that rotates steadily
 and also slips is one that rotates by a different curve. Neighbouring outlier positions are not two accidents. Nor is an outlier
 position at which the input of a jump is near zero: an error that jumps with the output (a dead zone), and not with the input,

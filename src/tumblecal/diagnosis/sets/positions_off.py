@@ -14,9 +14,9 @@ from scipy import special
 
 from tumblecal.diagnosis.causes.pool import Pool
 from tumblecal.diagnosis.evidence import LEAST_FREE
+from tumblecal.diagnosis.priors import MOST_POSITION_PAIRS, MOST_POSITIONS_BESIDE, WIDTH
 from tumblecal.diagnosis.sets.cause_sets import Members
 from tumblecal.diagnosis.sets.partial_set import least_left
-from tumblecal.diagnosis.tuning import MOST_POSITION_PAIRS, MOST_POSITIONS_BESIDE, WIDTH
 
 
 def positions_off(pool: Pool, z: Float[np.ndarray, " nu"]) -> float:

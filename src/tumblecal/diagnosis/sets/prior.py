@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from tumblecal.diagnosis.causes.pool import Pool
+from tumblecal.diagnosis.priors import EFFECT_WEIGHT, FAULT_WEIGHTS, OF_ORDERS, ON_AXES, SEVERAL_OUTLIERS, SIZE_PRIOR
 from tumblecal.diagnosis.sets.cause_sets import MOST, MOST_CAUSES, Members, rows_of
-from tumblecal.diagnosis.tuning import EFFECT_WEIGHT, FAULT_WEIGHTS, OF_ORDERS, ON_AXES, SEVERAL_OUTLIERS, SIZE_PRIOR
 from tumblecal.ground.showing import brief
 
 

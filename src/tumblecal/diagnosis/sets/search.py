@@ -13,12 +13,12 @@ from tumblecal.diagnosis.evidence import (
     log_evidence_at_most,
     log_evidence_of_noise,
 )
+from tumblecal.diagnosis.priors import HOPELESS, LARGE, NEGLIGIBLE, OF_ORDERS, SIZE_PRIOR, WIDTH
 from tumblecal.diagnosis.sets.cause_sets import MOST, MOST_CAUSES, Members, Ranked, keys_of, rows_of
 from tumblecal.diagnosis.sets.enlarged import Enlarged
 from tumblecal.diagnosis.sets.partial_set import PartialSet, PartialSets, least_left, partial_sets
 from tumblecal.diagnosis.sets.positions_off import off_together
 from tumblecal.diagnosis.sets.prior import SetPriors, given_found, log_prior
-from tumblecal.diagnosis.tuning import HOPELESS, LARGE, NEGLIGIBLE, OF_ORDERS, SIZE_PRIOR, WIDTH
 from tumblecal.effects import AXES
 
 

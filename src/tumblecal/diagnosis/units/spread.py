@@ -13,8 +13,8 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.diagnosis.evidence import gain
-from tumblecal.diagnosis.head.unit import Reduced, SharedSignal
-from tumblecal.diagnosis.tuning import BATCH_WEIGHT, HEAD_SPREAD_WEIGHT
+from tumblecal.diagnosis.priors import BATCH_WEIGHT, HEAD_SPREAD_WEIGHT
+from tumblecal.diagnosis.units.unit import Reduced, SharedSignal
 
 
 # Spreads tried, in the noise of one unit's coefficients; a spread below the first is indistinguishable from none.

@@ -3,8 +3,8 @@
 import numpy as np
 
 from tumblecal.chain.head_file import MeasuredHead
-from tumblecal.diagnosis.head.joint import SharedExplanation
-from tumblecal.diagnosis.head.unit import OwnCauses, Unit
+from tumblecal.diagnosis.units.joint import SharedExplanation
+from tumblecal.diagnosis.units.unit import OwnCauses, Unit
 from tumblecal.effects.effect import of_head
 
 

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from tumblecal.diagnosis.detection.detect import null_distribution
-from tumblecal.diagnosis.head.spread import Spread, likely_spreads, widened
-from tumblecal.diagnosis.head.unit import NOTHING, OwnCauses, SharedSignal, Unit
-from tumblecal.diagnosis.head.weighed import Weighed, weigh
+from tumblecal.diagnosis.priors import SIZE, SIZE_PRIOR, SURE
 from tumblecal.diagnosis.sets.classes import Explanation, explanations
-from tumblecal.diagnosis.tuning import SIZE, SIZE_PRIOR, SURE
+from tumblecal.diagnosis.units.spread import Spread, likely_spreads, widened
+from tumblecal.diagnosis.units.unit import NOTHING, OwnCauses, SharedSignal, Unit
+from tumblecal.diagnosis.units.weighed import Weighed, weigh
 
 
 _MOST_ROUNDS, _MOST_SPREADS, _SPREADS_TRIED = 4, 3, 2

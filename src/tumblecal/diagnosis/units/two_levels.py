@@ -11,9 +11,9 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import gammaincc
 
-from tumblecal.diagnosis.head.own_amounts import OwnAmounts, own_amounts, spread_likelihoods
-from tumblecal.diagnosis.head.unit import SharedSignal, Unit
-from tumblecal.diagnosis.head.weighed import Weighed
+from tumblecal.diagnosis.units.own_amounts import OwnAmounts, own_amounts, spread_likelihoods
+from tumblecal.diagnosis.units.unit import SharedSignal, Unit
+from tumblecal.diagnosis.units.weighed import Weighed
 from tumblecal.effects.effect import of_head
 
 

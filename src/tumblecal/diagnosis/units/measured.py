@@ -12,11 +12,11 @@ from jaxtyping import Float
 from scipy.linalg import block_diag
 
 from tumblecal.chain.head_file import PITCH, MeasuredHead
-from tumblecal.diagnosis.head.joint import SharedExplanation
-from tumblecal.diagnosis.head.pitch import PitchSettings, pitch_settings
-from tumblecal.diagnosis.head.set_aside import most_aside, not_of_the_head
-from tumblecal.diagnosis.head.unit import SharedSignal, Unit
-from tumblecal.diagnosis.head.unit_fit import Information, UnitFit, levels_of
+from tumblecal.diagnosis.units.joint import SharedExplanation
+from tumblecal.diagnosis.units.pitch import PitchSettings, pitch_settings
+from tumblecal.diagnosis.units.set_aside import most_aside, not_of_the_head
+from tumblecal.diagnosis.units.unit import SharedSignal, Unit
+from tumblecal.diagnosis.units.unit_fit import Information, UnitFit, levels_of
 
 
 _STEPS = 3

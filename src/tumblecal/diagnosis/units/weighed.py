@@ -15,11 +15,7 @@ from tumblecal.diagnosis.causes.generic import GENERIC, UNEXPLAINED
 from tumblecal.diagnosis.causes.pool import Pool
 from tumblecal.diagnosis.causes.visibility import visibilities
 from tumblecal.diagnosis.evidence import gain
-from tumblecal.diagnosis.head.spread import Spread, deviation, widened
-from tumblecal.diagnosis.head.unit import OwnCauses, Reduced, SharedSignal, Unit
-from tumblecal.diagnosis.sets.cause_sets import Ranked
-from tumblecal.diagnosis.sets.search import Search
-from tumblecal.diagnosis.tuning import (
+from tumblecal.diagnosis.priors import (
     EFFECT_TEST_WEIGHT,
     EFFECT_WEIGHT,
     GENERIC_TEST_WEIGHT,
@@ -27,6 +23,10 @@ from tumblecal.diagnosis.tuning import (
     LEAST_VISIBLE_TERM,
     VISIBLE,
 )
+from tumblecal.diagnosis.sets.cause_sets import Ranked
+from tumblecal.diagnosis.sets.search import Search
+from tumblecal.diagnosis.units.spread import Spread, deviation, widened
+from tumblecal.diagnosis.units.unit import OwnCauses, Reduced, SharedSignal, Unit
 
 
 # Directions of the summed normal equations below this share of the largest contain only rounding errors.

@@ -12,9 +12,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.special import gammaincc
 
-from tumblecal.diagnosis.head.spread import widened
-from tumblecal.diagnosis.head.unit import Reduced, SharedSignal, Unit
-from tumblecal.diagnosis.head.weighed import Weighed, determined
+from tumblecal.diagnosis.units.spread import widened
+from tumblecal.diagnosis.units.unit import Reduced, SharedSignal, Unit
+from tumblecal.diagnosis.units.weighed import Weighed, determined
 
 
 # Spreads tried, in the noise of one unit's coefficients, and none.

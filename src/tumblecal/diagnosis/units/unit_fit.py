@@ -7,9 +7,9 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.chain.head_file import pitch_names
-from tumblecal.diagnosis.head.spread import Spread
-from tumblecal.diagnosis.head.unit import OwnCauses, SharedSignal, Unit, slots_of
 from tumblecal.diagnosis.model.tangent import tangent
+from tumblecal.diagnosis.units.spread import Spread
+from tumblecal.diagnosis.units.unit import OwnCauses, SharedSignal, Unit, slots_of
 
 
 class Information(NamedTuple):

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.special import gammaincc
 
-from tumblecal.diagnosis.head.unit_fit import UnitFit
+from tumblecal.diagnosis.units.unit_fit import UnitFit
 
 
 # Pitch errors are the head's where the units' own estimates scatter no more than their noise does: not less probable.

@@ -9,17 +9,17 @@ from scipy.special import gammaincc
 
 from tumblecal.chain.head_file import MeasuredHead
 from tumblecal.diagnosis.causes.pool import pooled
-from tumblecal.diagnosis.head.joint import Joint, joint
-from tumblecal.diagnosis.head.measured import HeadFit, measured_head
-from tumblecal.diagnosis.head.own_amounts import OwnAmounts, own_amounts
-from tumblecal.diagnosis.head.set_aside import has_head_of_its_own, impossible_effects, most_aside
-from tumblecal.diagnosis.head.two_levels import TwoLevels, two_levels
-from tumblecal.diagnosis.head.unit import Linearised, SharedSignal, Unit, linearised, shared_signals, unit_of
-from tumblecal.diagnosis.head.unit_fit import Information
 from tumblecal.diagnosis.model.tangent import tangent
+from tumblecal.diagnosis.priors import LARGE, MOST_RELINEARISATIONS
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.search import Search
-from tumblecal.diagnosis.tuning import LARGE, MOST_RELINEARISATIONS
+from tumblecal.diagnosis.units.joint import Joint, joint
+from tumblecal.diagnosis.units.measured import HeadFit, measured_head
+from tumblecal.diagnosis.units.own_amounts import OwnAmounts, own_amounts
+from tumblecal.diagnosis.units.set_aside import has_head_of_its_own, impossible_effects, most_aside
+from tumblecal.diagnosis.units.two_levels import TwoLevels, two_levels
+from tumblecal.diagnosis.units.unit import Linearised, SharedSignal, Unit, linearised, shared_signals, unit_of
+from tumblecal.diagnosis.units.unit_fit import Information
 from tumblecal.estimation.plausibility import Implausible, implausible_head
 from tumblecal.ground.errors import InputError
 

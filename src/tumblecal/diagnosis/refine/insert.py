@@ -10,10 +10,10 @@ from scipy.linalg.lapack import dtrtri  # type: ignore[attr-defined]
 
 from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.diagnosis.causes.sign_variants import start_with_signs
-from tumblecal.diagnosis.exact.hidden import hidden_shifts
 from tumblecal.diagnosis.model.full_model import FullModel
 from tumblecal.diagnosis.model.tangent import Tangent, tangent, white_residual, white_rows
-from tumblecal.diagnosis.tuning import HIDDEN, LARGE
+from tumblecal.diagnosis.priors import HIDDEN, LARGE
+from tumblecal.diagnosis.refine.hidden import hidden_shifts
 from tumblecal.estimation.chain_programs import Evaluation
 from tumblecal.estimation.fit import Code, Fit
 from tumblecal.estimation.identifiability import surely_full_rank

@@ -13,13 +13,13 @@ from tumblecal.diagnosis.causes.generic import GENERIC, HEAD_ANGLES, UNEXPLAINED
 from tumblecal.diagnosis.causes.pool import Pool, pooled
 from tumblecal.diagnosis.detection.detect import statistics
 from tumblecal.diagnosis.evidence import log_evidence
-from tumblecal.diagnosis.exact.insert import fit_with
 from tumblecal.diagnosis.model.full_model import FullModel
 from tumblecal.diagnosis.model.layout import Slot
 from tumblecal.diagnosis.model.tangent import Tangent, tangent
+from tumblecal.diagnosis.priors import SIZE_PRIOR
+from tumblecal.diagnosis.refine.insert import fit_with
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.search import Search
-from tumblecal.diagnosis.tuning import SIZE_PRIOR
 from tumblecal.effects.effect import of_head
 
 

@@ -1,4 +1,0 @@
-"""Many units measured on one head: errors of the head, shared by all of them, and errors of single units."""
-
-from tumblecal.diagnosis.head.together import Together as Together
-from tumblecal.diagnosis.head.together import together as together
