@@ -27,7 +27,6 @@ from second_instrument import KINDS, NEEDS_COLUMNS, UNLISTED
 tumblecal.enable_float64()
 from tumblecal.data import PositionSet  # noqa: E402
 from tumblecal.diagnosis import Diagnoser, Diagnosis  # noqa: E402
-from tumblecal.report.diagnosis_calibration import extended_calibration  # noqa: E402
 from tumblecal.report.result_file import calibration_of  # noqa: E402
 
 
@@ -129,7 +128,7 @@ def corrected(case: Case, diagnosis: Diagnosis) -> tuple[float | None, float | N
     degc = rng.uniform(plan.temperature_degc.min(), plan.temperature_degc.max(), ATTITUDES)
     raw = head.outputs(case.hidden.instrument, attitude, degc)
     errors = []
-    for calibration in (extended_calibration(diagnosis), calibration_of(diagnosis.nominal)):
+    for calibration in (diagnosis.calibration, calibration_of(diagnosis.nominal)):
         if calibration is None:
             errors.append(None)
             continue

@@ -29,7 +29,6 @@ from tumblecal.data.sensor_parameters import SENSOR  # noqa: E402
 from tumblecal.diagnosis import Diagnoser, Diagnosis  # noqa: E402
 from tumblecal.diagnosis.findings.decision import is_thermal  # noqa: E402
 from tumblecal.estimation.problem import default_chain  # noqa: E402
-from tumblecal.report.diagnosis_calibration import extended_calibration  # noqa: E402
 
 
 ATTITUDES = 20
@@ -64,7 +63,7 @@ def parameters(own: Instrument, diagnosis: Diagnosis) -> tuple[np.ndarray, np.nd
 
 def corrected(own: Instrument, diagnosis: Diagnosis, rng: np.random.Generator) -> np.ndarray:
     """Errors of corrected readings at new attitudes and temperatures, in standard uncertainties by the file's covariance."""
-    calibration = extended_calibration(diagnosis)
+    calibration = diagnosis.calibration
     force = rng.normal(size=(ATTITUDES, 3))
     force /= np.linalg.norm(force, axis=1, keepdims=True)
     setup = own.setup

@@ -11,7 +11,7 @@ from tumblecal.data.calibration import calibration_text
 from tumblecal.diagnosis.causes.cause import NO_SLOT
 from tumblecal.diagnosis.findings.decision import averaged, explanations_left, is_thermal
 from tumblecal.diagnosis.findings.reference import moved_to_reference
-from tumblecal.report.diagnosis_calibration import _reference, extended_calibration
+from tumblecal.report.diagnosis_calibration import _reference
 
 
 def average_of(screened, acted_on=None):
@@ -54,7 +54,7 @@ def test_mean_and_spread_are_those_of_the_mixture(ambiguous):
 
 def test_calibration_is_the_average(ambiguous):
     diagnosis, average = ambiguous
-    content = json.loads(calibration_text(extended_calibration(diagnosis)))
+    content = json.loads(calibration_text(diagnosis.calibration))
     told = content["provenance"]["averaged_over"]
     assert [own["causes"] for own in told] == [list(own.labels) for own in average.weighed]
     assert content["bias"][0] == pytest.approx(diagnosis.in_use.value("bias_x"), abs=1e-9)
@@ -76,7 +76,7 @@ def test_the_fit_that_was_made_is_that_of_the_explanation_acted_on(ambiguous):
 def test_one_explanation_is_not_averaged(diagnoser, hidden):
     diagnosis = diagnoser(hidden(1, {"index_eccentricity": [1e-3, 0.0]}))
     assert diagnosis.verdict == "identified"
-    assert "averaged_over" not in extended_calibration(diagnosis).provenance
+    assert "averaged_over" not in diagnosis.calibration.provenance
 
 
 def test_the_reference_is_a_time_only_where_the_parameters_are_those_of_one():

@@ -9,7 +9,6 @@ import blind_instrument as blind
 from tumblecal.data import PositionSet
 from tumblecal.data.sensor_parameters import SENSOR
 from tumblecal.diagnosis.findings.unseen import unseen_shifts
-from tumblecal.report.diagnosis_calibration import extended_calibration
 
 
 # Files of each condition; a ramp shares its compiled plan, so that more of them cost little.
@@ -68,7 +67,7 @@ def positions(setup, readings, **labels):
 def in_use(diagnosis):
     """Values and sd of the nine parameters of a written calibration, and the axes whose bias and scale factor have a term of
     temperature."""
-    calibration = extended_calibration(diagnosis)
+    calibration = diagnosis.calibration
     own = calibration.parameters
     at = [own.names.index(name) for name in SENSOR]
     terms = calibration.extra.get("terms", [])

@@ -22,7 +22,6 @@ from tumblecal.effects.catalogue import catalogue
 from tumblecal.effects.effect import OF_HEAD, OF_RUN
 from tumblecal.estimation import exact, problem_of, where_of
 from tumblecal.ground.errors import InputError
-from tumblecal.report import diagnosis_calibration
 from tumblecal.report.diagnosis_details import warning_words
 from tumblecal.report.result_file import calibration_of
 from tumblecal.report.sensor_terms import undetermined_order
@@ -132,12 +131,11 @@ def test_what_no_file_holds_is_said_everywhere(tumblecal, tmp_path, measured, co
     assert several.out.count("not corrected by calibration.json: bias_drift.x (up to") == 2
 
 
-def test_a_diagnosis_warns_of_what_the_sensor_lacks(monkeypatch):
+def test_a_diagnosis_warns_of_what_the_sensor_lacks():
     losses = [NotApplied("bias_drift.x", OF_RUN, 3.0, 1.0), NotApplied("index_eccentricity", OF_HEAD, 50.0, 20.0)]
     held = SimpleNamespace(not_applied=losses, use=Use("yes"))
-    monkeypatch.setattr(diagnosis_calibration, "extended_calibration", lambda diagnosis: held)
     fit = SimpleNamespace(data=SimpleNamespace(gravity=None), chain=SimpleNamespace(free=()))
-    diagnosis = SimpleNamespace(implausible=(), setup_errors=(), extended=fit, nominal=fit)
+    diagnosis = SimpleNamespace(implausible=(), setup_errors=(), extended=fit, nominal=fit, calibration=held)
     (words,) = warning_words(diagnosis)
     assert words.startswith("not corrected by calibration.json: bias_drift.x (up to 3 mg")
 

@@ -164,14 +164,15 @@ class Batch:
         plan = next_plan(diagnosis, self.allowed) if self.single else NextPlan()
         figures = self.single if self.results.figures is None else self.results.figures
         head_record = model.of_head(diagnosis.problem)
+        verdict = verdict_of_diagnosis(diagnosis, plan, folder)
         with result_set(folder, DIAGNOSIS_SET) as aside:
-            written = write_diagnosis(aside, diagnosis, plan, figures=figures, said=head_record)
+            written = write_diagnosis(aside, diagnosis, plan, figures=figures, said=head_record, verdict=verdict)
         self.results.in_history(folder, "diagnosis", diagnosis.data.serial_number)
         self.output.warn(diagnosis.data.source, warning_words(diagnosis))
         if self.single:
             note = f"\n{self.note}" if self.note and diagnosis.verdict != "adequate" else ""
-            verdict = verdict_lines(verdict_of_diagnosis(diagnosis, plan, folder), self.output.columns)
-            text = "\n".join(verdict) + f"{note}\nwritten: {folder}/: {', '.join(written)}"
+            lines = verdict_lines(verdict, self.output.columns)
+            text = "\n".join(lines) + f"{note}\nwritten: {folder}/: {', '.join(written)}"
         else:
             lacking = lacking_of_diagnosis(diagnosis, of_sensor=True)
             text = "; ".join([f"{file}: {diagnosis.verdict}", ", ".join(diagnosis.labels) or "nothing found", *lacking])

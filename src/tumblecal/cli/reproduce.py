@@ -56,13 +56,13 @@ def reproduce(*, out: Path = Path("study"), seed: int = 0) -> None:
         names = (*_SET, *(f"{_DIAGNOSIS}/{name}" for name in DIAGNOSIS_SET))
         with Status("drawing", console=console), result_set(out, names) as aside:
             words = write_paper_study(aside, study, audited, table1, diagnosis, plan)
-            write_diagnosis(aside / _DIAGNOSIS, diagnosis, plan, figures=True)
+            verdict = verdict_of_diagnosis(diagnosis, plan, out / _DIAGNOSIS)
+            write_diagnosis(aside / _DIAGNOSIS, diagnosis, plan, figures=True, verdict=verdict)
     print_calibration(table1, console)
     console.print("\nFindings", style="bold")
     for text in words:
         print_words(console, f"\n{text}")
     console.print("\nDiagnosis of Table 1", style="bold")
-    verdict = verdict_of_diagnosis(diagnosis, plan, out / _DIAGNOSIS)
     for line in verdict_lines(verdict, min(WIDTH, console.width)):
         print_words(console, line)
     console.print(

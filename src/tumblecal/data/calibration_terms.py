@@ -114,6 +114,24 @@ def terms_of(stated: object, named: str = "calibration") -> tuple[Term, ...]:
     return tuple(validated(stated, Terms, named, "terms"))
 
 
+def contributions(
+    terms: Sequence[Term], inputs: Float[np.ndarray, "rows 3"], temperature_degc: Float[np.ndarray, " degc"] | None
+) -> Float[np.ndarray, "terms degc rows 3"]:
+    """Change of the readings (g) by one unit of each term's coefficient, for all inputs (g) at each temperature; without a
+    temperature, one degree from the reference. Time has no influence."""
+    powers = np.array([term.powers for term in terms], int).reshape(-1, 1, 3)
+    products = np.prod(inputs**powers, axis=2)
+    for kind, function in KINDS.items():
+        own = [term.kind == kind for term in terms]
+        products[own] = function(products[own])
+    reference, power = (
+        np.array([(term.reference_degc, term.degc_power) for term in terms]).reshape(-1, 2, 1).swapaxes(0, 1)
+    )
+    factors = np.ones((len(terms), 1)) if temperature_degc is None else (temperature_degc - reference) ** power
+    along = np.array([[term.axis == axis for axis in AXES] for term in terms], float).reshape(-1, 3)
+    return factors[:, :, None, None] * products[:, None, :, None] * along[:, None, None, :]
+
+
 def undetermined_words(terms: Sequence[Term]) -> str:
     """Words on terms that the data determine only in combination; "" if they determine each separately."""
     ids = dict.fromkeys(term.effect or f"a term of axis {term.axis}" for term in terms if not term.determined)

@@ -10,6 +10,7 @@ from jaxtyping import Int
 
 from tumblecal.chain import Chain
 from tumblecal.data import PositionSet
+from tumblecal.data.calibration import Calibration
 from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.diagnosis.findings import residuals
 from tumblecal.diagnosis.findings.decision import Average
@@ -118,6 +119,11 @@ class Diagnosis(Shown):
     def in_use(self) -> Average:
         """Parameters of `calibration.json`, with their covariance."""
         return in_use(self.screened, self.entries, self.extended, self.level, self.verdict)
+
+    @cached_property
+    def calibration(self) -> Calibration | None:
+        """Contents of `calibration.json`; None if no calibration is written."""
+        return of_report("diagnosis_calibration.extended_calibration")(self)
 
     @cached_property
     def unnamed(self) -> Unnamed | None:

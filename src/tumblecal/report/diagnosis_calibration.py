@@ -163,10 +163,9 @@ def extended_calibration(diagnosis: Diagnosis) -> Calibration | None:
 
 def diagnosed_use(diagnosis: Diagnosis) -> Use:
     """Whether the calibration of a diagnosis may be used, and why; `no` where none is written."""
-    calibration = extended_calibration(diagnosis)
-    if calibration is None:
+    if diagnosis.calibration is None:
         return Use("no", f"no calibration is written: {not_written(diagnosis)}")
-    return calibration.use
+    return diagnosis.calibration.use
 
 
 def _given_terms(diagnosis: Diagnosis, fit: Fit) -> SensorTerms:
@@ -183,9 +182,8 @@ def _by_explanation(diagnosis: Diagnosis, explanation: Weighed) -> Calibration:
 
 def lacking_of_diagnosis(diagnosis: Diagnosis, *, of_sensor: bool = False) -> Iterator[str]:
     """Effects that calibration.json does not contain, with reasons and sizes; `of_sensor` as for `lacking_words`."""
-    calibration = extended_calibration(diagnosis)
-    if calibration is not None:
-        yield from lacking_words(calibration.not_applied, of_sensor=of_sensor)
+    if diagnosis.calibration is not None:
+        yield from lacking_words(diagnosis.calibration.not_applied, of_sensor=of_sensor)
 
 
 def _uncertainty_parts(diagnosis: Diagnosis) -> dict[str, dict[str, float]]:

@@ -13,7 +13,7 @@ from tumblecal.ground.gravity import record_of
 from tumblecal.ground.json_file import json_text
 from tumblecal.planning import NextPlan
 from tumblecal.report.cause_words import coefficients, combined, unexplained_words
-from tumblecal.report.diagnosis_calibration import diagnosed_use, extended_calibration
+from tumblecal.report.diagnosis_calibration import diagnosed_use
 from tumblecal.report.diagnosis_details import shifts
 from tumblecal.report.diagnosis_tables import leading
 from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
@@ -21,17 +21,17 @@ from tumblecal.report.next_plan_files import write_next_plan
 from tumblecal.report.rig_files import NAME as EXTENDED_RIG
 from tumblecal.report.rig_files import extended_rig_text
 from tumblecal.report.unnamed_words import SUGGESTED, suggested_effect_text, unnamed_record
-from tumblecal.report.verdict import verdict_lines
+from tumblecal.report.verdict import Verdict, verdict_lines
 
 
 SCHEMA = "tumblecal.diagnosis/1"
 _MOST_EXPLANATIONS = 10
 
 
-def record(diagnosis: Diagnosis, plan: NextPlan, folder: Path | None = None) -> dict:
-    """The diagnosis as plain numbers, lists and texts; coefficients as shown, the rest in g and rad; `folder`: where its plans
-    are written."""
-    verdict = verdict_of_diagnosis(diagnosis, plan, folder)
+def record(diagnosis: Diagnosis, plan: NextPlan, verdict: Verdict | None = None) -> dict:
+    """The diagnosis as plain numbers, lists and texts; coefficients as shown, the rest in g and rad; `verdict`: as for
+    `write_diagnosis`."""
+    verdict = verdict or verdict_of_diagnosis(diagnosis, plan)
     test = diagnosis.screened.detection
     return {
         "schema": SCHEMA,
@@ -160,20 +160,28 @@ def _positions(labels: tuple[str, ...]) -> dict[str, list[str]]:
 
 
 def write_diagnosis(
-    folder: Path, diagnosis: Diagnosis, plan: NextPlan, *, figures: bool, said: Mapping[str, Any] | None = None
+    folder: Path,
+    diagnosis: Diagnosis,
+    plan: NextPlan,
+    *,
+    figures: bool,
+    said: Mapping[str, Any] | None = None,
+    verdict: Verdict | None = None,
 ) -> list[str]:
     """Write diagnosis.json, verdict.txt; calibration.json, extended_rig.toml, suggested_effect.py and plans if there are any;
     figures and page.
 
-    `said`: what else the provenance of the calibration says, such as of the head (`MeasuredHead.record`).
+    `said`: what else the provenance of the calibration says, such as of the head (`MeasuredHead.record`). `verdict`: the record
+    to write; by default that of the diagnosis, with commands for this folder.
 
     **Returns:** their names.
     """
     if not folder.is_dir():
         writable_folder(folder)
-    content, calibration = record(diagnosis, plan, folder), extended_calibration(diagnosis)
+    verdict = verdict or verdict_of_diagnosis(diagnosis, plan, folder)
+    content = record(diagnosis, plan, verdict)
     texts = {"diagnosis.json": json_text(content), "verdict.txt": content["text"] + "\n"}
-    if calibration is not None:
+    if (calibration := diagnosis.calibration) is not None:
         provenance = calibration.provenance | dict(said or {})
         texts["calibration.json"] = calibration_text(replace(calibration, provenance=provenance))
     if rig := extended_rig_text(diagnosis):
@@ -187,5 +195,5 @@ def write_diagnosis(
         from tumblecal.report.diagnosis_page import write_diagnosis_page
 
         drawn = draw_all(diagnosis, folder)
-        names += [*drawn, write_diagnosis_page(folder / "diagnosis.html", diagnosis, plan, drawn).name]
+        names += [*drawn, write_diagnosis_page(folder / "diagnosis.html", diagnosis, plan, drawn, verdict).name]
     return names

@@ -18,7 +18,6 @@ from tumblecal.ground.showing import Screen
 from tumblecal.report.calibration_judgements import judgements, use_of
 from tumblecal.report.calibration_words import methods_words, noise_words, notes
 from tumblecal.report.cause_words import label_words
-from tumblecal.report.diagnosis_calibration import extended_calibration
 from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
 from tumblecal.report.result_file import calibration_of
 
@@ -77,10 +76,9 @@ def save_extended(path: Path, diagnosis: Diagnosis) -> None:
 
     **Raises:** `InputError` where there is none, as `extended_calibration` says.
     """
-    calibration = extended_calibration(diagnosis)
-    if calibration is None:
+    if diagnosis.calibration is None:
         raise InputError(
             f"{diagnosis.data.source}: no calibration to save: the data are mixed up, the fit did not converge, or there "
             "is more than one sensor"
         )
-    write_calibration(path, calibration)
+    write_calibration(path, diagnosis.calibration)

@@ -7,19 +7,17 @@ mean square is added to the variance of the bias. The covariance is then valid f
 """
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
 
 from tumblecal.data.calibration import ORDER
-from tumblecal.data.calibration_extended import values
-from tumblecal.data.calibration_terms import Term
+from tumblecal.data.calibration_terms import Term, contributions
 from tumblecal.data.sensor_parameters import SENSOR
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.estimation.intrinsic import correction_slope
 from tumblecal.report.calibration_limits import DIRECTIONS
-from tumblecal.report.effect_forms import per_hour, term_of_form
+from tumblecal.report.effect_forms import term_of_form
 
 
 # The key of a file for it.
@@ -55,7 +53,7 @@ def covariance_in_use(
         whole[3 * axis : 3 * axis + 3] -= fitted[axis, 1:]
         whole[9 + axis] += fitted[axis, 0]
     covariance = _without_negative(covariance - moved @ products @ moved.T, covariance) + whole @ products @ whole.T
-    missed = np.einsum("kpi,ij,kpj->k", remainder, products, remainder) / len(inputs)
+    missed = np.einsum("kpi,kpi->k", remainder @ products, remainder) / len(inputs)
     covariance[np.arange(9, 12), np.arange(9, 12)] += missed
     return covariance
 
@@ -75,22 +73,19 @@ def _responses(diagnosis: Diagnosis, reference_degc: float | None) -> Float[np.n
     """Contribution of each direction of the undetected effects that a file could contain to the readings, at points of the
     sphere and of the temperature range, g; none without such effects."""
     undetected, model = diagnosis.in_use.undetected, diagnosis.model
-    where, degc = diagnosis.problem.where, diagnosis.data.temperature_degc
-    span = [None] if degc is None else [np.min(degc), np.mean(degc), np.max(degc)]
-    responses = np.zeros((0 if undetected is None else len(undetected.numbers), len(span) * len(DIRECTIONS), 3))
     if undetected is None:
-        return responses
-    for slot in {slot.id: slot for slot in model.slots if slot.id in undetected.effects}.values():
-        entry = diagnosis.entries[slot.id]
-        for form, column, unit in zip(entry.forms, slot.columns, slot.units, strict=False):
+        return np.zeros((0, 0, 3))
+    degc, ids = diagnosis.data.temperature_degc, undetected.effects
+    columns, terms = [], []
+    for slot in {slot.id: slot for slot in model.slots if slot.id in ids}.values():
+        for form, column in zip(diagnosis.entries[slot.id].forms, slot.columns, strict=False):
             # At the time of the reference a drift is zero.
-            if form.get("per_hour"):
-                continue
-            thermal = (
-                {"reference_degc": reference_degc} if "reference_degc" in form and reference_degc is not None else {}
-            )
-            term = term_of_form(form | thermal, where, effect=slot.id, determined=False)
-            size = float(model.scales[column]) * per_hour(term, unit)
-            alone = [values([replace(term, coefficient=size)], DIRECTIONS, warm) for warm in span]
-            responses += undetected.steps[:, column, None, None] * np.concatenate(alone)
-    return responses * ~undetected.named[:, None, None]
+            if not form.get("per_hour"):
+                thermal = "reference_degc" in form and reference_degc is not None
+                stated = form | ({"reference_degc": reference_degc} if thermal else {})
+                terms.append(term_of_form(stated, diagnosis.problem.where, effect=slot.id, determined=False))
+                columns.append(column)
+    span = None if degc is None else np.array([np.min(degc), np.mean(degc), np.max(degc)])
+    signals = contributions(terms, DIRECTIONS, span).reshape(len(terms), -1, 3)
+    sizes = undetected.steps[:, columns] * model.scales[columns] * ~undetected.named[:, None]
+    return np.tensordot(sizes, signals, 1)
