@@ -91,7 +91,7 @@ def write(folder: Path, real: Path | None, workers: int, only: str = "") -> Path
     """Write the answers of this tree's program; returns their file. `only`: part of the names of the calls."""
     parts, answers, started = folder / "parts", folder / ANSWERS, time.time()
     parts.mkdir(parents=True, exist_ok=True)
-    calls = [call for call in written(folder / "files", real) if only in call.name]
+    calls = [call for call in _calls(folder, real) if only in call.name]
     print(
         f"{sum(len(call.files) for call in calls)} files in {len(calls)} calls ({time.time() - started:.0f} s)",
         flush=True,
@@ -107,6 +107,18 @@ def write(folder: Path, real: Path | None, workers: int, only: str = "") -> Path
     unfinished.write_bytes(b"".join((parts / f"{call.name}.jsonl.gz").read_bytes() for call in calls))
     unfinished.replace(answers)
     return answers
+
+
+def _calls(folder: Path, real: Path | None) -> list[Call]:
+    """The calls, their files written by the first run into a folder."""
+    listed = folder / "calls.json"
+    if not listed.exists():
+        calls = [vars(call) | {"files": [str(path) for path in call.files]} for call in written(folder / "files", real)]
+        listed.write_text(json.dumps(calls))
+    calls = json.loads(listed.read_text())
+    return [
+        Call(own["name"], tuple(map(Path, own["files"])), tuple(own["kinds"]), tuple(own["options"])) for own in calls
+    ]
 
 
 def _progress(done, count: int, started: float) -> None:
