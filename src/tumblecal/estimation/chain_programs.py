@@ -33,6 +33,7 @@ class Programs:
     predict: Callable[..., Any]
     predict_nominal: Callable[..., Any]
     evaluate: Callable[..., Any]
+    inputs: Callable[..., Any]
     quiet: bool
 
 
@@ -67,7 +68,7 @@ def programs_of(
     error = np.max(np.abs(slope - (plus - minus) / (2 * step)))
     evaluate = quick if error < 1e-6 * np.max(np.abs(slope)) else _all_at_once(chain, back)
     quiet = bool(np.max(difference) < 1e-12)
-    return Programs(predict, alone if quiet else predict, evaluate, quiet)
+    return Programs(predict, alone if quiet else predict, evaluate, _entering(chain, back), quiet)
 
 
 def _run(chain: Chain, where: Where) -> tuple[Vector, jax.Array]:
@@ -88,6 +89,11 @@ def _predicting(chain: Chain, back: np.ndarray) -> Callable:
         return jnp.stack(_run(chain.at(vector[back]), where)[0], axis=-1)
 
     return cached_program(program, chain, back)
+
+
+def _entering(chain: Chain, back: np.ndarray) -> Callable:
+    """The inputs at a full vector."""
+    return cached_program(lambda where, vector: _run(chain.at(vector[back]), where)[1], chain, back)
 
 
 def _by_position(chain: Chain, back: np.ndarray) -> Callable:

@@ -24,6 +24,10 @@ _ATTITUDES = 240
 _LEAST = 1e-6
 
 
+# The links of an effect, and the number of a variant.
+_Made = tuple[Callable[[Where], tuple[Link, ...]], int]
+
+
 class _Sphere(NamedTuple):
     """Attitudes all over the sphere at times and temperatures of their own; `nominal`: orthonormal basis of what bias and
     matrix of a sensor make of them, for one output."""
@@ -38,7 +42,12 @@ def one_function_at_1_g(first: Collection[Slot], second: Collection[Slot]) -> bo
     others can, with free nominal parameters. False where one of them is not an effect on an output."""
     if not (first and second and all(slot.columns for slot in (*first, *second))):
         return False
-    signals = [[_signals(slot.make, slot.variant) for slot in own] for own in (first, second)]
+    return _one_function(*(tuple([(slot.make, slot.variant) for slot in own]) for own in (first, second)))
+
+
+@lru_cache(maxsize=4096)
+def _one_function(first: tuple[_Made, ...], second: tuple[_Made, ...]) -> bool:
+    signals = [[_signals(*made) for made in own] for own in (first, second)]
     if any(own is None for both in signals for own in both):
         return False
     each = [np.column_stack([own for own in both if own is not None]) for both in signals]

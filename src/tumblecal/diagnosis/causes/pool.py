@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from tumblecal.diagnosis.causes.cause import EFFECT, Cause, Kind, family_of
+from tumblecal.diagnosis.causes.cause import EFFECT, NO_SLOT, Cause, Kind, family_of
 from tumblecal.diagnosis.causes.clipped import clipped
 from tumblecal.diagnosis.causes.effects import SeenEffects, effect_causes, seen_effects
 from tumblecal.diagnosis.causes.faults import FAULTS, OUTLIER
@@ -19,6 +19,7 @@ from tumblecal.diagnosis.causes.sign_variants import SIGNS, sign_variants
 from tumblecal.diagnosis.causes.table import Blocks, CauseTable, MadeCauses, tables_of
 from tumblecal.diagnosis.causes.together import Together, polynomials
 from tumblecal.diagnosis.causes.visibility import Visibility
+from tumblecal.diagnosis.model.layout import Slot
 from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.diagnosis.priors import COLLINEAR, FAMILY_TEST_WEIGHT
 from tumblecal.effects import AXES
@@ -193,10 +194,15 @@ class Pool:
         return self.effects[_on_axes(tuple([self.labels[k] for k in self.effects.tolist()]))]
 
     @cached_property
+    def slots(self) -> list[Slot]:
+        """The slot of every cause, `NO_SLOT` for those without."""
+        return [slot for table in self.tables for slot in (table.slots or [NO_SLOT] * len(table))]
+
+    @cached_property
     def together(self) -> Together:
         """Which effects are one cause together."""
         effects = self.effects.tolist()
-        listed = polynomials([self.causes[k].slot for k in effects])
+        listed = polynomials([self.slots[k] for k in effects])
         return Together(self.size, self.axes, tuple([tuple([effects[number] for number in own]) for own in listed]))
 
     @cached_property

@@ -45,7 +45,8 @@ def sign_variants(at: Tangent) -> list[CauseTable]:
             return Cause(SIGNS, label, *weights, block, slot=slot, directions=np.eye(1), signs=signs[k])
 
         never = np.full(len(rows), -np.inf)
-        tables.append(CauseTable(SIGNS, [slot.id] * len(rows), weight, never, rows, np.arange(len(rows)), made))
+        owners, slots = np.arange(len(rows)), [slot] * len(rows)
+        tables.append(CauseTable(SIGNS, [slot.id] * len(rows), weight, never, rows, owners, made, slots))
     return tables
 
 
@@ -125,11 +126,9 @@ def start_with_signs(
 
 def _input_slopes(at: Tangent, directions: Float[np.ndarray, "full moved"]) -> Float[np.ndarray, "positions 3 moved"]:
     """Change of the inputs (g) for a step along each direction, by finite differences."""
-    step, slopes = 1e-3, []
-    for direction in directions.T:
-        moved = at.vector + step * at.model.scales * direction
-        slopes.append((at.model.evaluate(at.problem.where, moved).inputs - at.evaluation.inputs) / step)
-    return np.stack(slopes, axis=2)
+    step = 1e-3
+    moved = at.vector + step * at.model.scales * directions.T
+    return np.stack([(at.model.inputs(at.problem.where, own) - at.evaluation.inputs) / step for own in moved], axis=2)
 
 
 @lru_cache(maxsize=16)

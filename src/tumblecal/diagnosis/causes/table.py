@@ -9,7 +9,8 @@ from typing import NamedTuple, overload
 import numpy as np
 from jaxtyping import Float, Int
 
-from tumblecal.diagnosis.causes.cause import Cause, Kind
+from tumblecal.diagnosis.causes.cause import NO_SLOT, Cause, Kind
+from tumblecal.diagnosis.model.layout import Slot
 from tumblecal.ground.showing import brief
 
 
@@ -31,7 +32,7 @@ class CauseTable:
     - `labels`, `log_weights`, `log_test_weights`: as of `Cause`.
     - `rows`: orthonormal bases of their signals as rows, one cause after the other, and `owners` the cause of each row; of
       causes without coefficients the offset of each.
-    - `make`: one of them as a `Cause`.
+    - `make`: one of them as a `Cause`. `slots`: the slot of each, if they have any.
     """
 
     __repr__ = brief
@@ -43,6 +44,7 @@ class CauseTable:
     rows: Float[np.ndarray, "rows nu"]
     owners: Int[np.ndarray, " rows"]
     make: Make
+    slots: Sequence[Slot] = ()
 
     def __len__(self) -> int:
         return len(self.log_weights)
@@ -74,7 +76,8 @@ class CauseTable:
             log_test_weights=self.log_test_weights[numbers],
             rows=self.rows[kept],
             owners=np.searchsorted(numbers, self.owners[kept]),
-            make=lambda k, *told: make(int(numbers[k]), *told),
+            make=lambda k, *properties: make(int(numbers[k]), *properties),
+            slots=[self.slots[k] for k in numbers.tolist()] if self.slots else (),
         )
 
     def in_units_of(self, sigma: float) -> "CauseTable":
@@ -114,6 +117,7 @@ def _table_of(kind: Kind, causes: list[Cause], dof: int) -> CauseTable:
         np.concatenate([np.zeros((0, dof)), *signals]),
         np.repeat(np.arange(len(causes)), [len(rows) for rows in signals]),
         lambda k, label, weights, signal: causes[k]._replace(**{field: signal}),
+        [] if all(cause.slot is NO_SLOT for cause in causes) else [cause.slot for cause in causes],
     )
 
 

@@ -111,7 +111,8 @@ def _in_parts(
     def made(k: int, label: str, weights: tuple[float, float], block: np.ndarray) -> Cause:
         return causes[effect[k]]._replace(log_weight=weights[0], log_test_weight=weights[1], block=block)
 
-    table = CauseTable(EFFECT, labels, weights, test_weights, together[order], owner, made)
+    slots = [causes[k].slot for k in effect.tolist()]
+    table = CauseTable(EFFECT, labels, weights, test_weights, together[order], owner, made, slots)
     return Pool((table,), at.dof), part
 
 

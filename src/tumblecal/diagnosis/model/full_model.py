@@ -138,6 +138,10 @@ class FullModel:
         nothing = np.array_equal(vector[self.nominal :], self.start[self.nominal :])
         return np.asarray((self.programs.predict_nominal if nothing else self.programs.predict)(where, vector))
 
+    def inputs(self, where: Where, vector: Float[np.ndarray, " full"]) -> Float[np.ndarray, "positions 3"]:
+        """The ideal inputs alone, g."""
+        return np.asarray(self.programs.inputs(where, vector))
+
     def with_nominal(self, values: Float[np.ndarray, " nominal"]) -> Float[np.ndarray, " full"]:
         """The full vector with these nominal parameters and no effect."""
         return np.concatenate([values, self.start[self.nominal :]])

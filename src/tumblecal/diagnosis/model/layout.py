@@ -122,6 +122,11 @@ class Layout:
         return np.array([slot.kinked for slot in self.slots], bool)
 
     @cached_property
+    def needs(self) -> dict[str, tuple[str, ...]]:
+        """Required columns of each effect, by its id."""
+        return {slot.id: slot.needs for slot in self.slots}
+
+    @cached_property
     def largest(self) -> Float[np.ndarray, " slots"]:
         """The size of a coefficient of each slot beyond which it is no cause, base unit."""
         return np.array([slot.largest for slot in self.slots])

@@ -188,7 +188,7 @@ def _effects_in(pool: Pool, causes: Sequence[Cause]) -> Members:
     slots = {(cause.slot.id, cause.slot.variant) for cause in causes if cause.slot.columns}
     if len(slots) < 2:
         return ()
-    own = ((k, pool.causes[k].slot) for k in pool.effects.tolist())
+    own = ((k, pool.slots[k]) for k in pool.effects.tolist())
     return tuple(k for k, slot in own if (slot.id, slot.variant) in slots)
 
 
@@ -202,7 +202,7 @@ def _better(screened: Screened, fit: Fit, large: bool) -> Fit | None:
     needed = _needed(screened, fit) if large else set()
     sets = [part for part in parts_of(best) if part and needed <= {*part}] if large else []
     rivals = [told.members for told in screened.explanations if told.own_probability > RIVAL_SHARE]
-    sets += [members for members in rivals if any(screened.pool.causes[k].slot.shape for k in members)]
+    sets += [members for members in rivals if any(screened.pool.slots[k].shape for k in members)]
     top, better = search.posterior_at(best, fit.chi2), None
     for members in sorted(set(sets) - {best}):
         other = fit_with(screened.at, [screened.pool.causes[k] for k in members])
@@ -217,7 +217,7 @@ def _needed(screened: Screened, fit: Fit) -> set[int]:
     in standard deviations (Wald's statistic). For one that jumps with the sign of an input this is no indication."""
     needed = set[int]()
     for number in screened.best.members:
-        slot = screened.pool.causes[number].slot
+        slot = screened.pool.slots[number]
         if slot.columns and not slot.kinked:
             sizes, covariance = _coefficients(fit, slot)
             if (

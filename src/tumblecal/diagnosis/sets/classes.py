@@ -11,10 +11,9 @@ from jaxtyping import Bool, Float, Int
 from tumblecal.diagnosis.causes.generic import UNEXPLAINED
 from tumblecal.diagnosis.causes.identities import one_function_at_1_g
 from tumblecal.diagnosis.causes.pool import Pool
-from tumblecal.diagnosis.model.layout import Slot
 from tumblecal.diagnosis.priors import INDISTINGUISHABLE, LEAST_ODDS, LISTED, NEGLIGIBLE, SURE
 from tumblecal.diagnosis.sets.cause_sets import Members, Ranked, keys_of, sets_of
-from tumblecal.diagnosis.sets.exchanges import Labels, supersets
+from tumblecal.diagnosis.sets.exchanges import Labels, membership, supersets
 from tumblecal.diagnosis.sets.named_first import named_in_place
 from tumblecal.diagnosis.sets.occam import further_powers
 from tumblecal.diagnosis.sets.partial_set import partial_sets
@@ -204,9 +203,9 @@ def explanations(
         bound[pieces, unexplained] = True
     found, used = [], set()
     sets, order = sets_of(groups.sets), list(range(len(groups.labels)))
+    powers = further_powers(search.pool.together, groups.sets)
     for k in near:
-        powers = [other for other in range(len(sets)) if further_powers(search.pool, sets[k], sets[other])]
-        alike[k] = alike.get(k, {}) | dict.fromkeys(powers, np.nan)
+        alike[k] = alike.get(k, {}) | dict.fromkeys(np.flatnonzero(powers[k]).tolist(), np.nan)
     if named_first and (named := named_in_place(groups.labels, shares, alike)) is not None:
         first, unnamed_one = named
         alike[first] = {unnamed_one: np.nan} | alike.get(first, {})
@@ -216,7 +215,7 @@ def explanations(
         if k in used:
             continue
         labels, members, unnamed = groups.labels[k], sets[k], bool(groups.unnamed[k])
-        same = {other: _apart(search.pool, members, sets[other]) for other in alike.get(k, {}) if other not in used}
+        same = [other for other in alike.get(k, {}) if other not in used]
         used |= {k, *same}
         found.append(
             Explanation(
@@ -227,17 +226,20 @@ def explanations(
                 apart=tuple([alike[k][other] for other in same]),
                 members=members,
                 noise=labels[0] if not unnamed and labels and labels[0] in noise else "",
-                identical=tuple([groups.labels[other] for other, own in same.items() if one_function_at_1_g(*own)]),
+                identical=tuple(
+                    [groups.labels[other] for other in same if _identical(search.pool, members, sets[other])]
+                ),
                 at_any_odds=tuple([groups.labels[other] for other in same if bound[k, other]]),
             )
         )
     return sorted(found, key=attrgetter("class_probability"), reverse=True)
 
 
-def _apart(pool: Pool, first: Members, second: Members) -> tuple[list[Slot], list[Slot]]:
-    """What causes of each of two sets move that are not in the other."""
-    own, other = ([pool.causes[k].slot for k in a if k not in b] for a, b in ((first, second), (second, first)))
-    return own, other
+def _identical(pool: Pool, first: Members, second: Members) -> bool:
+    """Whether the causes in which two sets differ are one function at 1 g."""
+    return one_function_at_1_g(
+        *(tuple([pool.slots[k] for k in a if k not in b]) for a, b in ((first, second), (second, first)))
+    )
 
 
 def grouped(search: Search, ranked: Ranked) -> tuple[Groups, float]:
@@ -310,12 +312,9 @@ def _near(
     return {k: np.flatnonzero(near[k]).tolist() for k in probable}, bound
 
 
-def _one_holds_the_other(sets: list[tuple[str, ...]]) -> Bool[np.ndarray, "groups groups"]:
+def _one_holds_the_other(sets: list[Labels]) -> Bool[np.ndarray, "groups groups"]:
     """Of which pairs of sets of names one is all of the other, itself included."""
-    number = {name: k for k, name in enumerate(dict.fromkeys(name for own in sets for name in own))}
-    has = np.zeros((len(sets), len(number)))
-    for row, own in enumerate(sets):
-        has[row, [number[name] for name in own]] = 1.0
+    has, _ = membership(sets)
     size = has.sum(axis=1)
     return has @ has.T == np.minimum(size[:, None], size)
 

@@ -3,6 +3,9 @@
 from collections.abc import Collection, Iterable, Sequence
 from typing import NamedTuple
 
+import numpy as np
+from jaxtyping import Float
+
 
 # Ids of the causes of one explanation.
 Labels = tuple[str, ...]
@@ -16,6 +19,15 @@ class Exchange(NamedTuple):
     added: frozenset[str]
     labels: Labels
     identical: bool = False
+
+
+def membership(sets: Sequence[Labels]) -> tuple[Float[np.ndarray, "sets names"], list[str]]:
+    """Which names (1, else 0) each set has, and the names."""
+    number = {name: k for k, name in enumerate(dict.fromkeys(name for own in sets for name in own))}
+    has = np.zeros((len(sets), len(number)))
+    for row, own in enumerate(sets):
+        has[row, [number[name] for name in own]] = 1.0
+    return has, list(number)
 
 
 def supersets(best: Labels, equivalents: Sequence[Labels]) -> tuple[Labels, ...]:

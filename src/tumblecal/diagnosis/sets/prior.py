@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from tumblecal.diagnosis.causes.pool import Pool
+from tumblecal.diagnosis.causes.together import Together
 from tumblecal.diagnosis.priors import EFFECT_WEIGHT, FAULT_WEIGHTS, OF_ORDERS, ON_AXES, SEVERAL_OUTLIERS, SIZE_PRIOR
 from tumblecal.diagnosis.sets.cause_sets import MOST, MOST_CAUSES, Members, rows_of
 from tumblecal.ground.showing import brief
@@ -71,10 +72,15 @@ class SetPriors(NamedTuple):
         causes, log_weight = there.sum(axis=1), np.where(there, pool.log_weights[sets], 0.0).sum(axis=1)
         rows = np.flatnonzero((there & (pool.together.partners[sets, 0] >= 0)).sum(axis=1) > 1)
         if len(rows):
+            # As narrow as the largest of them: -1 is sorted last, as the largest number.
+            several = np.sort(sets[rows].view(np.uint64), axis=1).view(np.int64)[:, : int(causes[rows].max())]
+            causes[rows], log_weight[rows] = _together(pool, several)
             # A member is counted in one way only: with the other axes, or with the other powers.
-            ways = [_together(pool, sets[rows], powers_first=first) for first in (False, True)]
-            better = _LOG_SIZE[ways[1][0]] + ways[1][1] > _LOG_SIZE[ways[0][0]] + ways[0][1]
-            causes[rows], log_weight[rows] = (np.where(better, *both) for both in zip(*reversed(ways), strict=True))
+            both = np.flatnonzero(_of_both(pool.together, several))
+            if len(both):
+                further = _together(pool, several[both], powers_first=True)
+                better = _LOG_SIZE[further[0]] + further[1] > (_LOG_SIZE[causes] + log_weight)[rows[both]]
+                causes[rows[both[better]]], log_weight[rows[both[better]]] = further[0][better], further[1][better]
         causes, log_weight = causes - np.maximum(outliers - 1, 0), log_weight + _LOG_TOGETHER[outliers]
         return cls(pool, sets, there, outliers, causes, log_weight)
 
@@ -109,8 +115,14 @@ class SetPriors(NamedTuple):
         return priors
 
 
+def _of_both(together: Together, sets: Int[np.ndarray, "sets most"]) -> Bool[np.ndarray, " sets"]:
+    """Which sets have a member of a family and of a polynomial."""
+    there = sets >= 0
+    return np.any(there & (together.family[sets] >= 0) & (together.polynomial[sets] >= 0), axis=1)
+
+
 def _together(
-    pool: Pool, sets: Int[np.ndarray, "sets most"], *, powers_first: bool
+    pool: Pool, sets: Int[np.ndarray, "sets most"], *, powers_first: bool = False
 ) -> tuple[Int[np.ndarray, " sets"], Float[np.ndarray, " sets"]]:
     """How many causes sets count for and the log weight of these, each member in the first group that it shares with others."""
     there = sets >= 0

@@ -13,7 +13,7 @@ from tumblecal.diagnosis.evidence import (
     log_evidence_at_most,
     log_evidence_of_noise,
 )
-from tumblecal.diagnosis.priors import HOPELESS, LARGE, NEGLIGIBLE, OF_ORDERS, SIZE_PRIOR, WIDTH
+from tumblecal.diagnosis.priors import LARGE, NEGLIGIBLE, OF_ORDERS, PROMISING, SIZE_PRIOR, WIDTH
 from tumblecal.diagnosis.sets.cause_sets import MOST, MOST_CAUSES, Members, Ranked, keys_of, rows_of
 from tumblecal.diagnosis.sets.enlarged import Enlarged
 from tumblecal.diagnosis.sets.partial_set import PartialSet, PartialSets, least_left, partial_sets
@@ -22,16 +22,14 @@ from tumblecal.diagnosis.sets.prior import SetPriors, given_found, log_prior
 from tumblecal.effects import AXES
 
 
-# Larger sets are looked for once the best pair is no farther (log) behind "adequate".
-PROMISING = 5.0
 _MOST_EXCHANGES = 8
 # Of each batch so many sets are kept in any case: a beam's, by all the ways that lead to each.
 _SEATS = 3 * WIDTH
 # So many numbers of one array are computed at once.
 _NUMBERS_AT_ONCE = 2_000_000
 
-# Sets as rows of sorted indices that end in -1, their sizes, and their scores.
-_Scored = tuple[Int[np.ndarray, "sets most"], Int[np.ndarray, " sets"], Float[np.ndarray, " sets"]]
+# Sets of one size as rows of sorted indices, and their scores.
+_Scored = tuple[Int[np.ndarray, "sets size"], Float[np.ndarray, " sets"]]
 
 
 class Search:
@@ -40,8 +38,9 @@ class Search:
     def __init__(self, pool: Pool, z: Float[np.ndarray, " nu"], known: bool, found: int = 0):
         self.pool, self.z, self.known, self.found = pool, z, known, found
         null = float(log_evidence_of_noise(np.array(z @ z), pool.dof, known)) + np.log(SIZE_PRIOR[0])
-        # The sets kept, batch by batch; of each size the best score and its set.
-        self._kept: list[_Scored] = [(rows_of([()]), np.zeros(1, int), np.array([null]))]
+        # The sets kept of each size, batch by batch; of each size the best score and its set.
+        self._kept: list[list[_Scored]] = [[] for _ in range(MOST + 1)]
+        self._kept[0] = [(rows_of([()], 0), np.array([null]))]
         self._best, self._leading = [null, *[-np.inf] * MOST], [()] * (MOST + 1)
         self._expanded: set[Members] = set()
         self._exchanged: set[Members] = set()
@@ -81,8 +80,8 @@ class Search:
         self._expand_families(self._families, promising)
         if max(self._best[2:]) > promising:
             self.run()
-        _, sizes, scores = self._once()
-        odds = np.logaddexp.reduce(scores[(sizes > 0) & np.isfinite(scores)], initial=-np.inf) - self._best[0]
+        scores = np.concatenate([self._of_size(size)[1] for size in range(1, MOST + 1)])
+        odds = np.logaddexp.reduce(scores[np.isfinite(scores)], initial=-np.inf) - self._best[0]
         return float(odds - np.log1p(-SIZE_PRIOR[0]) + np.log(SIZE_PRIOR[0]))
 
     @property
@@ -92,7 +91,12 @@ class Search:
 
     def ranked(self) -> Ranked:
         """The evaluated sets that are not negligible, best first, given the other causes found before."""
-        sets, _, scores = self._once(self.top - NEGLIGIBLE)
+        sets, scores = np.zeros((0, MOST), int), np.zeros(0)
+        for size in range(MOST + 1):
+            rows, own = self._of_size(size)
+            rows, own = rows[own >= self.top - NEGLIGIBLE], own[own >= self.top - NEGLIGIBLE]
+            sets = np.concatenate([sets, np.pad(rows, ((0, 0), (0, MOST - size)), constant_values=-1)])
+            scores = np.concatenate([scores, own])
         if self.found:
             scores = scores + given_found(SetPriors.of(self.pool, sets).causes, self.found)
         order = (-scores).argsort(kind="stable")
@@ -100,8 +104,8 @@ class Search:
 
     def posterior(self, members: Members) -> float:
         """Log posterior of a set, unnormalised."""
-        own = rows_of([tuple(sorted(members))])
-        known = np.concatenate([scores[(sets == own).all(axis=1)] for sets, _, scores in self._kept])
+        sets, scores = self._of_size(len(members))
+        known = scores[(sets == np.array(sorted(members), int)).all(axis=1)]
         return float(known.max()) if len(known) else self.posterior_at(members, self.left(members))
 
     def posterior_at(self, members: Members, left: float) -> float:
@@ -162,8 +166,8 @@ class Search:
     @property
     def _best_named(self) -> float:
         """The best score of a single cause that has a name: one without, of many coefficients, is better than most sets."""
-        sets, sizes, scores = self._once()
-        return float(scores[(sizes == 1) & self.pool.is_named[sets[:, 0]]].max(initial=-np.inf))
+        sets, scores = self._of_size(1)
+        return float(scores[self.pool.is_named[sets[:, 0]]].max(initial=-np.inf))
 
     def _forward(self, most: int) -> None:
         """The best sets of each size with one more candidate; of more members than causes where the best set has as many."""
@@ -172,13 +176,12 @@ class Search:
                 break
             before = self._best[size]
             self.expand(self._beam(size))
-            if self._best[size + 1] < max(before, self._best[0]) - HOPELESS:
+            if self._best[size + 1] < max(before, self._best[0]) - PROMISING:
                 break
 
     def _beam(self, size: int) -> list[Members]:
         """The best sets of a size; those that are named have seats of their own."""
-        sets, sizes, scores = self._once()
-        sets, scores = sets[sizes == size, :size], scores[sizes == size]
+        sets, scores = self._of_size(size)
         sets = sets[(-scores).argsort(kind="stable")]
         named = np.all(self.pool.is_named[sets], axis=1)
         chosen = [*sets[named][: 2 * WIDTH // 3].tolist(), *sets[: WIDTH // 3].tolist()]
@@ -204,7 +207,7 @@ class Search:
         """The best set with an effect on all axes, or a polynomial, in place of each member with a time constant, or without a
         name: a long warm-up is a drift, many coefficients may be one on every axis, and no exchange of single effects leads
         there."""
-        flexible = [k for k in best if self.pool.causes[k].slot.shape or not self.pool.is_named[k]]
+        flexible = [k for k in best if self.pool.slots[k].shape or not self.pool.is_named[k]]
         several = [*self._families, *self._polynomials]
         sets = {tuple(sorted({*best} - {k} | {*own})) for k in flexible for own in several}
         sets = {members for members in sets if len(best) <= len(members) <= MOST} - self._exchanged
@@ -288,25 +291,27 @@ class Search:
         return priors
 
     def _add(self, sets: Int[np.ndarray, "sets most"], scores: Float[np.ndarray, " sets"]) -> None:
-        """Add scored sets (rows end in -1) to those kept; nothing has its score already."""
+        """Add scored sets (rows end in -1) to those kept; the empty set is there already."""
         # -1 as the largest number.
         sets, sizes = np.sort(sets.view(np.uint64), axis=1).view(np.int64), (sets >= 0).sum(axis=1)
-        self._kept.append((sets, sizes, scores))
         for size in set(sizes.tolist()) - {0}:
-            best = int(np.where(sizes == size, scores, -np.inf).argmax())
-            if scores[best] > self._best[size]:
-                self._best[size], self._leading[size] = float(scores[best]), tuple(sets[best, :size].tolist())
+            own = sizes == size
+            rows, of_size = sets[own, :size], scores[own]
+            self._kept[size].append((rows, of_size))
+            best = int(of_size.argmax())
+            if of_size[best] > self._best[size]:
+                self._best[size], self._leading[size] = float(of_size[best]), tuple(rows[best].tolist())
 
-    def _once(self, least: float = -np.inf) -> _Scored:
-        """The sets kept that score no less, each once."""
-        sets, sizes, scores = (np.concatenate(own) for own in zip(*self._kept, strict=True))
-        here = scores >= least
-        sets, sizes, scores = sets[here], sizes[here], scores[here]
-        # A set reached by several ways has scores that differ a little (collinear parts): the best counts.
-        keys = keys_of(sets)
-        order = np.lexsort((-scores, keys))
-        first = order[np.diff(keys[order], prepend=~keys[order[:1]]) != 0]
-        return sets[first], sizes[first], scores[first]
+    def _of_size(self, size: int) -> _Scored:
+        """The sets kept of a size, each once."""
+        if len(self._kept[size]) > 1:
+            sets, scores = (np.concatenate(own) for own in zip(*self._kept[size], strict=True))
+            # A set reached by several ways has scores that differ a little (collinear parts): the best counts.
+            keys = keys_of(sets)
+            order = np.lexsort((-scores, keys))
+            first = order[np.diff(keys[order], prepend=~keys[order[:1]]) != 0]
+            self._kept[size] = [(sets[first], scores[first])]
+        return self._kept[size][0] if self._kept[size] else (np.zeros((0, size), int), np.zeros(0))
 
 
 def _seat(scores: Float[np.ndarray, "*sets"]) -> float:

@@ -14,6 +14,7 @@ from jaxtyping import Bool
 
 from tumblecal.diagnosis.causes.jumps import JUMPS
 from tumblecal.diagnosis.model.tangent import Tangent
+from tumblecal.diagnosis.sets.exchanges import membership
 from tumblecal.ground.showing import brief
 
 
@@ -30,10 +31,13 @@ class SettingChanges:
     ) -> tuple[Bool[np.ndarray, "sets sets"], Bool[np.ndarray, "sets sets"]]:
         """Pairs of sets of labels that go by the same column: the first by a jump and the second by an effect; both by
         effects."""
-        columns = tuple(self.at.problem.where.groups)
-        needs = {slot.id: slot.needs for slot in self.at.model.layout.slots}
+        columns, needs = tuple(self.at.problem.where.groups), self.at.model.layout.needs
+        has, names = membership(sets)
         follows, begins = (
-            np.array([[any(column in of.get(label, ()) for label in own) for column in columns] for own in sets], float)
+            has
+            @ np.array([[column in of.get(name, ()) for column in columns] for name in names], float).reshape(
+                -1, len(columns)
+            )
             for of in (needs, self._begun)
         )
         return begins @ follows.T > 0, follows @ follows.T > 0
