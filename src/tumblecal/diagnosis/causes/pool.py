@@ -15,7 +15,7 @@ from tumblecal.diagnosis.causes.faults import FAULTS, OUTLIER
 from tumblecal.diagnosis.causes.generic import generic_causes
 from tumblecal.diagnosis.causes.jumps import jumps
 from tumblecal.diagnosis.causes.shapes import shape_causes
-from tumblecal.diagnosis.causes.sign_variants import SIGNS, sign_variants
+from tumblecal.diagnosis.causes.sign_variants import SIGNS
 from tumblecal.diagnosis.causes.table import Blocks, CauseTable, MadeCauses, tables_of
 from tumblecal.diagnosis.causes.together import Together, polynomials
 from tumblecal.diagnosis.causes.visibility import Visibility
@@ -286,8 +286,6 @@ def pooled(
     level: float,
     generic: tuple[int, ...] | None = None,
     visible: frozenset[str] | None = None,
-    *,
-    signs: bool = False,
 ) -> Pool:
     """Effects of the catalogue, faults of single positions, jumps at one, and generic terms.
 
@@ -296,12 +294,10 @@ def pooled(
     - `level`: sd of the white rows; faults smaller than a few of it are no candidates.
     - `generic`: numbers of the generic terms to use; if omitted, they are selected here.
     - `visible`: the effects that are visible without any error, as in `causes.effects`.
-    - `signs`: whether effects that jump are candidates with other signs of their inputs too.
     """
     seen = seen_effects(at)
     effects = effect_causes(at, seen, visible)
     faults = (table for candidates in FAULTS if (table := candidates(at, level)) is not None)
     terms, generic = generic_causes(at, effects, generic)
-    variants = sign_variants(at) if signs else []
-    tables = (effects, *faults, *clipped(at), *jumps(at), terms, *shape_causes(at), *variants)
+    tables = (effects, *faults, *clipped(at), *jumps(at), terms, *shape_causes(at))
     return Pool(tables, at.dof, seen, generic)

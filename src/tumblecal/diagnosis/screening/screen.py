@@ -9,18 +9,19 @@ from jaxtyping import Float
 
 from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.diagnosis.causes.pool import Pool, pooled
-from tumblecal.diagnosis.detection.alternatives import alternatives
-from tumblecal.diagnosis.detection.detect import detect, detected_positions, detected_together
+from tumblecal.diagnosis.causes.sign_variants import sign_variants
+from tumblecal.diagnosis.detection.alternatives import Alternatives, alternatives
+from tumblecal.diagnosis.detection.detect import Detection, detect, detected_positions, detected_together
 from tumblecal.diagnosis.detection.reference import Reference
 from tumblecal.diagnosis.evidence import log_evidence_of_noise
 from tumblecal.diagnosis.model.full_model import FullModel
 from tumblecal.diagnosis.model.layout import Slot
-from tumblecal.diagnosis.model.tangent import robust_start, tangent
+from tumblecal.diagnosis.model.tangent import Tangent, robust_start, tangent
 from tumblecal.diagnosis.priors import (
     CURVED,
-    HOPELESS,
     LARGE,
     MOST_RELINEARISATIONS,
+    PROMISING,
     RIVAL_SHARE,
     SIZE,
     SIZE_PRIOR,
@@ -88,13 +89,15 @@ class Screening:
         """The most probable of a screen and of those around the exact fits of sets with a sign variant. These are sought around
         the nominal fit `first` and, where the signal is large and that fit may be far off, around the instrument without
         errors."""
-        starts = [first.at.vector, *([self.model.start] if screened.large else [])]
-        for vector in starts:
-            varied = self.around(vector, screened.problem, screened.pool.visible, signs=True)
+        starts = [first]
+        if screened.large:
+            starts.append(self.around(self.model.start, screened.problem, screened.pool.visible))
+        for start in starts:
+            varied = self._with_signs(start)
             for members in varied.with_signs[:_MOST_VARIED]:
                 causes = [varied.pool.causes[k] for k in members]
                 fit = fit_with(varied.at, causes)
-                if not fit.code.good or varied.search.posterior_at(members, fit.chi2) < screened.top - HOPELESS:
+                if not fit.code.good or varied.search.posterior_at(members, fit.chi2) < screened.top - PROMISING:
                     continue
                 around = self.around(fit.vector, screened.problem, screened.pool.visible, causes)
                 again = self._relinearised(around)
@@ -103,6 +106,13 @@ class Screening:
             if screened.settled:
                 break
         return screened
+
+    def _with_signs(self, screened: Screened) -> Screened:
+        """A screen with the sign variants as further candidates."""
+        at, tables = screened.at, sign_variants(screened.at)
+        pool = replace(screened.pool, tables=(*screened.pool.tables, *tables)).without(self.impossible)
+        search = Search(pool, at.z, at.problem.known, self.found)
+        return self._explained(at, pool, screened.alternatives, screened.detection, search)
 
     def _relinearised(self, screened: Screened) -> Screened:
         """The screen repeated around the exact fit of what leads, until that agrees with it."""
@@ -143,14 +153,12 @@ class Screening:
         problem: Problem,
         visible: frozenset[str] | None = None,
         likely: Sequence[Cause] = (),
-        *,
-        signs: bool = False,
     ) -> Screened:
-        """The screen with the model linearised at a full vector; `visible`, `signs` as of `pooled`; `likely`: causes whose
-        effects are evaluated together in any case."""
+        """The screen with the model linearised at a full vector; `visible` as of `pooled`; `likely`: causes whose effects are
+        evaluated together in any case."""
         at = tangent(self.model, problem, vector)
         known, level = problem.known, at.rough_level
-        pool = pooled(at, level, self.reference.pool.generic, visible, signs=signs).without(self.impossible)
+        pool = pooled(at, level, self.reference.pool.generic, visible).without(self.impossible)
         beside = alternatives(at, pool.effect_blocks)
         if self.noise_stands:
             beside = replace(beside, noise=replace(beside.noise, listed=()))
@@ -163,6 +171,19 @@ class Screening:
             detection = detected_together(detection, together, self.size)
         if not detection.detected and not known:
             detection = detected_positions(detection, positions_off(pool, at.z), self.size)
+        return self._explained(at, pool, beside, detection, search, likely)
+
+    def _explained(
+        self,
+        at: Tangent,
+        pool: Pool,
+        beside: Alternatives,
+        detection: Detection,
+        search: Search,
+        likely: Sequence[Cause] = (),
+    ) -> Screened:
+        """The sets of causes that explain what was detected; arguments as of `Screened` and `around`."""
+        known = at.problem.known
         if detection.detected:
             ranked = search.run(likely=_effects_in(pool, likely))
         else:
