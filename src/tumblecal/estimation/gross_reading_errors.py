@@ -247,14 +247,14 @@ def _predicted(
         rows, counted = np.flatnonzero(mount == label), np.ones(len(data), bool) if in_g is None else in_g
         if np.sum(counted[rows]) < _FEWEST:
             return None
-        for axis in range(3):
-            reading, design = data.readings[rows, axis], basis[rows]
-            weight = ((np.abs(reading) < _RESTING_G) & counted[rows]).astype(float)
-            for near in (0.5, 0.3, 0.1, 0.05, 0.05):
-                sensor = np.linalg.lstsq(design * np.sqrt(weight)[:, None], reading * np.sqrt(weight), rcond=1e-9)[0]
-                residual = (reading - design @ sensor) / near
-                weight = counted[rows] / (1.0 + residual**2) ** 2
-            predicted[rows, axis] = design @ sensor
+        reading, design = data.readings[rows].T, basis[rows]
+        weight = ((np.abs(reading) < _RESTING_G) & counted[rows]).astype(float)
+        for near in (0.5, 0.3, 0.1, 0.05, 0.05):
+            root = np.sqrt(weight)[:, :, None]
+            sensor = np.linalg.pinv(design * root, rcond=1e-9) @ (root * reading[:, :, None])
+            fitted = (design @ sensor)[:, :, 0]
+            weight = counted[rows] / (1.0 + ((reading - fitted) / near) ** 2) ** 2
+        predicted[rows] = fitted.T
     followed = np.mean(
         (np.max(np.abs(data.readings - predicted), axis=1) < _NEAR_G)[slice(None) if in_g is None else in_g]
     )
