@@ -201,7 +201,7 @@ def explanations(
         unexplained, pieces = groups.labels.index((UNEXPLAINED,)), groups.patchwork(neighbours)
         alike |= {k: alike.get(k, {}) | {unexplained: np.nan} for k in pieces}
         bound[pieces, unexplained] = True
-    found, used = [], set()
+    found, used, unnamed = [], set(), groups.unnamed.tolist()
     sets, order = sets_of(groups.sets), list(range(len(groups.labels)))
     powers = further_powers(search.pool.together, groups.sets)
     for k in near:
@@ -214,7 +214,7 @@ def explanations(
     for k in order:
         if k in used:
             continue
-        labels, members, unnamed = groups.labels[k], sets[k], bool(groups.unnamed[k])
+        labels, members = groups.labels[k], sets[k]
         same = [other for other in alike.get(k, {}) if other not in used]
         used |= {k, *same}
         found.append(
@@ -225,7 +225,7 @@ def explanations(
                 shares=tuple([shares[other] for other in same]),
                 apart=tuple([alike[k][other] for other in same]),
                 members=members,
-                noise=labels[0] if not unnamed and labels and labels[0] in noise else "",
+                noise=labels[0] if not unnamed[k] and labels and labels[0] in noise else "",
                 identical=tuple(
                     [groups.labels[other] for other in same if _identical(search.pool, members, sets[other])]
                 ),

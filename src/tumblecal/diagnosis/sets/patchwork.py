@@ -79,4 +79,6 @@ def is_patchwork(labels: Sequence[str], noises: int = 0, neighbours: Neighbours 
     pieces = noises + sum(id in JUMPS for id in ids) + (_POSITIONS in ids)
     if pieces >= 2 or (_SLIP in ids and not _TURNING.isdisjoint(ids)):
         return True
-    return neighbours is not None and (neighbours.touch(labels) or neighbours.at_a_jump(labels))
+    if neighbours is None or _POSITIONS not in ids:
+        return False
+    return neighbours.touch(labels) or neighbours.at_a_jump(labels)

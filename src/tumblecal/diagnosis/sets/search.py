@@ -91,12 +91,13 @@ class Search:
 
     def ranked(self) -> Ranked:
         """The evaluated sets that are not negligible, best first, given the other causes found before."""
-        sets, scores = np.zeros((0, MOST), int), np.zeros(0)
-        for size in range(MOST + 1):
-            rows, own = self._of_size(size)
-            rows, own = rows[own >= self.top - NEGLIGIBLE], own[own >= self.top - NEGLIGIBLE]
-            sets = np.concatenate([sets, np.pad(rows, ((0, 0), (0, MOST - size)), constant_values=-1)])
-            scores = np.concatenate([scores, own])
+        of_sizes = [self._of_size(size) for size in range(MOST + 1)]
+        scores = np.concatenate([own for _, own in of_sizes])
+        sets, first = np.full((len(scores), MOST), -1), 0
+        for size, (rows, _) in enumerate(of_sizes):
+            sets[first : first + len(rows), :size] = rows
+            first += len(rows)
+        sets, scores = sets[scores >= self.top - NEGLIGIBLE], scores[scores >= self.top - NEGLIGIBLE]
         if self.found:
             scores = scores + given_found(SetPriors.of(self.pool, sets).causes, self.found)
         order = (-scores).argsort(kind="stable")
