@@ -30,7 +30,7 @@ from tumblecal.diagnosis.refine.insert import fit_with  # noqa: E402
 from tumblecal.diagnosis.screening.noise_change import screen_with_noise  # noqa: E402
 from tumblecal.diagnosis.screening.screen import Screening  # noqa: E402
 from tumblecal.diagnosis.screening.screened import Screened  # noqa: E402
-from tumblecal.diagnosis.sets.classes import verdict_of  # noqa: E402
+from tumblecal.diagnosis.sets.explanation import verdict_of  # noqa: E402
 from tumblecal.effects import catalogue  # noqa: E402
 from tumblecal.estimation import default_chain, problem_of, where_of  # noqa: E402
 from tumblecal.estimation.fit import Fit  # noqa: E402

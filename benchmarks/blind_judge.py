@@ -11,7 +11,7 @@ from scipy.stats import binomtest
 
 if TYPE_CHECKING:
     from tumblecal.diagnosis import Diagnosis
-    from tumblecal.diagnosis.sets.classes import Explanation
+    from tumblecal.diagnosis.sets.explanation import Explanation
 
 
 UNEXPLAINED = "unexplained"

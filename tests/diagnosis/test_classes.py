@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import blind_instrument as blind
-from tumblecal.diagnosis.sets.classes import Explanation, verdict_of
-from tumblecal.diagnosis.sets.named_first import named_in_place
+from tumblecal.diagnosis.sets.classes import named_in_place
+from tumblecal.diagnosis.sets.explanation import Explanation, verdict_of
 from tumblecal.diagnosis.sets.patchwork import is_patchwork
 from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
 

@@ -10,7 +10,7 @@ import pytest
 from tumblecal.diagnosis.causes.cause import NO_SLOT
 from tumblecal.diagnosis.causes.identities import one_function_at_1_g
 from tumblecal.diagnosis.findings.factors import Factor, Reason, factors_of
-from tumblecal.diagnosis.sets.classes import Explanation, verdict_of
+from tumblecal.diagnosis.sets.explanation import Explanation, verdict_of
 from tumblecal.diagnosis.sets.prior import given_found
 from tumblecal.effects import catalogue
 from tumblecal.effects.effect import output_effect

@@ -13,7 +13,7 @@ from tumblecal.diagnosis.causes.pool import Pool
 from tumblecal.diagnosis.evidence import LARGEST, SMALLEST, gain
 from tumblecal.diagnosis.priors import EFFECT_WEIGHT, FAULT_WEIGHTS, OF_ORDERS, ON_AXES, SIZE_PRIOR
 from tumblecal.diagnosis.sets.cause_sets import keys_of, rows_of
-from tumblecal.diagnosis.sets.occam import further_powers
+from tumblecal.diagnosis.sets.classes import further_powers
 from tumblecal.diagnosis.sets.prior import SetPriors, log_prior
 from tumblecal.diagnosis.sets.search import Search
 

@@ -25,7 +25,7 @@ from tumblecal.diagnosis.screening.noise_change import NoiseFault, chosen_mean_n
 from tumblecal.diagnosis.screening.screen import Screening
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.screening.slips import Credence, of_angles
-from tumblecal.diagnosis.sets.classes import verdict_of
+from tumblecal.diagnosis.sets.explanation import verdict_of
 from tumblecal.effects import Catalogue, catalogue
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.mean_noise import MeanNoise, recorded_noises, sample_noises

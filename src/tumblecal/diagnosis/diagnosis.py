@@ -27,7 +27,7 @@ from tumblecal.diagnosis.model.full_model import FullModel
 from tumblecal.diagnosis.refine.insert import fit_with
 from tumblecal.diagnosis.screening.noise_change import NoiseFault
 from tumblecal.diagnosis.screening.screened import Screened
-from tumblecal.diagnosis.sets.classes import Explanation
+from tumblecal.diagnosis.sets.explanation import Explanation
 from tumblecal.effects import Catalogue
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.mean_noise import MeanNoise

@@ -12,7 +12,7 @@ from tumblecal.diagnosis.causes.cause import Cause, family_of
 from tumblecal.diagnosis.causes.generic import UNEXPLAINED
 from tumblecal.diagnosis.causes.together import polynomials
 from tumblecal.diagnosis.priors import SURE
-from tumblecal.diagnosis.sets.classes import Explanation
+from tumblecal.diagnosis.sets.explanation import Explanation
 from tumblecal.diagnosis.sets.patchwork import Neighbours, is_patchwork
 from tumblecal.effects.effect import MEAN, elapsed
 from tumblecal.effects.environment import REFERENCE_DEGC

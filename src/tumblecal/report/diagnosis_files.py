@@ -7,7 +7,7 @@ from typing import Any
 
 from tumblecal.data.calibration import calibration_text
 from tumblecal.diagnosis import Diagnosis
-from tumblecal.diagnosis.sets.classes import Explanation
+from tumblecal.diagnosis.sets.explanation import Explanation
 from tumblecal.ground.atomic import writable_folder, write_texts
 from tumblecal.ground.gravity import record_of
 from tumblecal.ground.json_file import json_text

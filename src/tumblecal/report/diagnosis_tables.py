@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.findings.factors import Factor
-from tumblecal.diagnosis.sets.classes import Explanation
 from tumblecal.diagnosis.sets.exchanges import Labels
+from tumblecal.diagnosis.sets.explanation import Explanation
 from tumblecal.ground.counted import shortened
 from tumblecal.ground.numbers_shown import capped, decimals, p_words, rounded_together, with_decimals
 from tumblecal.ground.units import in_words, shown

@@ -21,7 +21,7 @@ from tumblecal.diagnosis.findings.undetected_effects import UndetectedEffects
 from tumblecal.diagnosis.refine.insert import fit_with
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.cause_sets import sets_of
-from tumblecal.diagnosis.sets.classes import grouped
+from tumblecal.diagnosis.sets.groups import grouped
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.plausibility import implausible
 from tumblecal.ground.showing import brief

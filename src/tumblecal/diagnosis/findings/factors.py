@@ -14,8 +14,8 @@ from tumblecal.data import PositionSet
 from tumblecal.diagnosis.causes.cause import id_of
 from tumblecal.diagnosis.causes.generic import UNEXPLAINED
 from tumblecal.diagnosis.priors import INDISTINGUISHABLE
-from tumblecal.diagnosis.sets.classes import Explanation
 from tumblecal.diagnosis.sets.exchanges import Exchange, Labels, exchanges, parts
+from tumblecal.diagnosis.sets.explanation import Explanation
 from tumblecal.effects import Catalogue
 
 

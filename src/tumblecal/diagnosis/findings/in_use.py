@@ -23,7 +23,7 @@ from tumblecal.diagnosis.model.tangent import tangent, unreachable
 from tumblecal.diagnosis.priors import SIZE_PRIOR
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.cause_sets import sets_of
-from tumblecal.diagnosis.sets.classes import grouped
+from tumblecal.diagnosis.sets.groups import grouped
 from tumblecal.diagnosis.sets.prior import log_prior
 from tumblecal.effects import Catalogue
 from tumblecal.effects.effect import NO_FORMS, reason_not_held

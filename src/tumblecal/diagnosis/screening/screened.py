@@ -14,7 +14,7 @@ from tumblecal.diagnosis.detection.detect import Detection
 from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.diagnosis.priors import CONTRADICTED, SETTLED, SIZE_PRIOR, UNMOVED
 from tumblecal.diagnosis.sets.cause_sets import Members
-from tumblecal.diagnosis.sets.classes import Explanation
+from tumblecal.diagnosis.sets.explanation import Explanation
 from tumblecal.diagnosis.sets.search import Search
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.problem import Problem

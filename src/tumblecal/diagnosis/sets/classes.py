@@ -1,172 +1,33 @@
-"""From scored sets to explanations: the same names together, and indistinguishable sets in one class."""
+"""Classes of indistinguishable explanations: which sets of causes can make the signal of which others.
 
-from dataclasses import dataclass, replace
-from functools import cached_property
+Two rules go beyond the signals. Powers of one variable on one output are a polynomial, which is one cause, as the reference of
+the variable is not known: one more or one fewer of its powers is no other cause. And listed causes lead if they are probable:
+an error without a catalogue entry is not claimed then.
+"""
+
+from collections.abc import Mapping, Sequence
 from operator import attrgetter
-from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Int
 
 from tumblecal.diagnosis.causes.generic import UNEXPLAINED
 from tumblecal.diagnosis.causes.identities import one_function_at_1_g
 from tumblecal.diagnosis.causes.pool import Pool
-from tumblecal.diagnosis.priors import INDISTINGUISHABLE, LEAST_ODDS, LISTED, NEGLIGIBLE, SURE
-from tumblecal.diagnosis.sets.cause_sets import Members, Ranked, keys_of, sets_of
-from tumblecal.diagnosis.sets.exchanges import Labels, membership, supersets
-from tumblecal.diagnosis.sets.named_first import named_in_place
-from tumblecal.diagnosis.sets.occam import further_powers
+from tumblecal.diagnosis.causes.together import Together
+from tumblecal.diagnosis.priors import INDISTINGUISHABLE, LEAST_NAMED, LEAST_ODDS, NEGLIGIBLE
+from tumblecal.diagnosis.sets.cause_sets import Members, Ranked, sets_of
+from tumblecal.diagnosis.sets.exchanges import Labels, membership
+from tumblecal.diagnosis.sets.explanation import Explanation
+from tumblecal.diagnosis.sets.groups import Groups, grouped
 from tumblecal.diagnosis.sets.partial_set import partial_sets
-from tumblecal.diagnosis.sets.patchwork import Neighbours, is_patchwork
-from tumblecal.diagnosis.sets.prior import SetPriors
+from tumblecal.diagnosis.sets.patchwork import Neighbours
 from tumblecal.diagnosis.sets.search import Search
 from tumblecal.diagnosis.sets.setting_changes import SettingChanges
 
 
 # Equivalents of sets less probable than this are not looked for.
 LEAST_SHARE = 1e-3
-# Only the best sets are compared with each other.
-_MOST_COMPARED = 60
-# Decimal digits of log posteriors beyond which they are equal.
-_EQUAL_DIGITS = 6
-
-
-@dataclass(frozen=True)
-class Explanation:
-    """A set of named causes.
-
-    - `labels`: ids, positions after a colon; empty: the model is adequate.
-    - `equivalents`: other sets of labels that can produce its signal, and those with fewer or more powers of the same
-      polynomial; `identical`: those of them that are the same function at 1 g, so that no data of a head separate them;
-      `at_any_odds`: those that count regardless of their probability.
-    - `own_probability`: that the truth is this set; `shares`: the same of each equivalent.
-    - `apart`: norm of the part of its signal that each equivalent cannot produce, in noise standard deviations; NaN if
-      unknown.
-    - `members`: the best set of candidates with these labels; `noise`: the noise alternative where it is one.
-    """
-
-    labels: tuple[str, ...]
-    equivalents: tuple[tuple[str, ...], ...]
-    own_probability: float
-    shares: tuple[float, ...]
-    members: tuple[int, ...]
-    noise: str = ""
-    identical: tuple[Labels, ...] = ()
-    at_any_odds: tuple[Labels, ...] = ()
-    apart: tuple[float, ...] = ()
-
-    @property
-    def unexplained(self) -> bool:
-        """Whether a cause that no entry describes is among them."""
-        return UNEXPLAINED in self.labels
-
-    @property
-    def single_name(self) -> bool:
-        """Whether one set of causes is claimed, and no measurement on a head could show another in its place."""
-        return not self.separable
-
-    @property
-    def supersets(self) -> tuple[Labels, ...]:
-        """Equivalents that contain another one, or this one, and causes that the data do not need."""
-        return supersets(self.labels, [own for own in self.equivalents if not {*own} < {*self.labels}])
-
-    @property
-    def powers(self) -> tuple[Labels, ...]:
-        """The same causes with fewer or more powers of a polynomial."""
-        nested = [own for own in self.equivalents if {*own} < {*self.labels} or {*own} > {*self.labels}]
-        return tuple([own for own in nested if own not in self.at_any_odds])
-
-    @property
-    def class_probability(self) -> float:
-        """That the truth is this set or one of its equivalents."""
-        return self.own_probability + sum(self.shares)
-
-    @property
-    def probability(self) -> float:
-        """Of the statement that is made: of this set with what is identical and its powers where one is claimed, otherwise
-        of the whole class."""
-        return self._claimed if self.single_name else self.class_probability
-
-    @cached_property
-    def separable(self) -> tuple[Labels, ...]:
-        """The equivalents that other positions could separate from it and that count: none if it is sure without them,
-        otherwise the most probable ones up to `LISTED` of the class.
-
-        The posterior contains Occam's factor: an additional or a rare coefficient costs probability. Equivalents of a cause
-        without a name count in any case.
-        """
-        aside, left = {*self.identical, *self.supersets, *self.powers}, LISTED * self.class_probability - self._claimed
-        counted = {*self.at_any_odds} - {*self.identical}
-        for share, labels in sorted(zip(self.shares, self.equivalents, strict=True), reverse=True):
-            if labels in aside:
-                continue
-            if self.unexplained or (self._claimed < SURE and left > 0.0):
-                counted.add(labels)
-            left -= share
-        return tuple([own for own in self.equivalents if own in counted])
-
-    @property
-    def stated(self) -> tuple[Labels, ...]:
-        """The members of the class that a statement names with this set: identical or separable."""
-        return tuple([own for own in self.equivalents if own in {*self.identical, *self.separable}])
-
-    @property
-    def less_probable(self) -> tuple[tuple[Labels, float], ...]:
-        """The other equivalents that a measurement could find in its place, with their probabilities."""
-        aside = {*self.identical, *self.supersets, *self.powers, *self.separable}
-        return tuple([own for own in zip(self.equivalents, self.shares, strict=True) if own[0] not in aside])
-
-    def times(self, probability: float) -> "Explanation":
-        """The same, given something of this probability."""
-        shares = tuple([share * probability for share in self.shares])
-        return replace(self, own_probability=self.own_probability * probability, shares=shares)
-
-    @property
-    def _claimed(self) -> float:
-        both, same = zip(self.equivalents, self.shares, strict=True), {*self.identical, *self.powers}
-        return self.own_probability + sum([share for labels, share in both if labels in same])
-
-
-class Groups(NamedTuple):
-    """Sets with the same names taken together, group by group.
-
-    - `labels`: their names; `log_posterior`: of the group. `sets`: the best of each as a row, its representative; empty where
-      that is a noise alternative. `causes`: how many that counts for; `log_prior`: its own.
-    """
-
-    labels: list[tuple[str, ...]]
-    log_posterior: Float[np.ndarray, " groups"]
-    sets: Int[np.ndarray, "groups most"]
-    causes: Int[np.ndarray, " groups"]
-    log_prior: Float[np.ndarray, " groups"]
-
-    @property
-    def unnamed(self) -> Bool[np.ndarray, " groups"]:
-        """Which have a cause that no entry describes."""
-        return np.array([UNEXPLAINED in own for own in self.labels], bool)
-
-    def patchwork(self, neighbours: Neighbours | None) -> list[int]:
-        """Numbers of those that may as well be one thing without a name."""
-        named = [(k, own) for k, own in enumerate(self.labels) if UNEXPLAINED not in own]
-        return [k for k, own in named if is_patchwork(own, neighbours=neighbours)]
-
-    def with_noise(self, noise: dict[str, float]) -> "Groups":
-        """With alternatives that are covariances, by the log posterior of each label, the most probable first; an unexplained
-        one joins the explanations by generic terms."""
-        labels = [*self.labels, *((label,) for label in noise if (label,) not in self.labels)]
-        further = len(labels) - len(self.labels)
-        values = np.array([noise.get(own[0], -np.inf) if len(own) == 1 else -np.inf for own in labels])
-        before = np.append(self.log_posterior, np.full(further, -np.inf))
-        leads = values > before
-        sets = np.concatenate([self.sets, np.full((further, self.sets.shape[1]), -1)])
-        counted = (
-            np.where(leads, 0, np.append(own, np.zeros(further, own.dtype))) for own in (self.causes, self.log_prior)
-        )
-        together, sets = np.logaddexp(before, values), np.where(leads[:, None], -1, sets)
-        order = _best_first(together)
-        return Groups(
-            [labels[k] for k in order.tolist()], together[order], sets[order], *(own[order] for own in counted)
-        )
 
 
 def explanations(
@@ -242,45 +103,6 @@ def _identical(pool: Pool, first: Members, second: Members) -> bool:
     )
 
 
-def grouped(search: Search, ranked: Ranked) -> tuple[Groups, float]:
-    """Sets with the same names added up (several generic terms are one `unexplained`), the best of each group kept as
-    its representative: the best groups, and the logarithm of the sum over all."""
-    numbers, names = _label_numbers(search.pool, ranked.members)
-    labels = np.sort(numbers[ranked.members], axis=1)
-    labels[:, 1:][labels[:, 1:] == labels[:, :-1]] = -1
-    labels = np.sort(labels, axis=1)
-    _, first, group = np.unique(keys_of(labels), return_index=True, return_inverse=True)
-    top = ranked.log_posterior[first]
-    sums = top + np.log(np.bincount(group, np.exp(ranked.log_posterior - top[group])))
-    leading = np.flatnonzero(sums >= np.sort(sums)[-_MOST_COMPARED:][0] - 10.0**-_EQUAL_DIGITS)
-    leading = leading[np.lexsort(labels[first[leading]].T[::-1])]
-    chosen = leading[_best_first(sums[leading])][:_MOST_COMPARED].tolist()
-    chosen += [k for k in np.flatnonzero(np.all(labels[first] < 0, axis=1)).tolist() if k not in chosen]
-    sets, own = ranked.members[first[chosen]], labels[first[chosen]].tolist()
-    named = [tuple([names[number] for number in numbers if number >= 0]) for numbers in own]
-    priors = SetPriors.of(search.pool, sets)
-    groups = Groups(named, sums[chosen], sets, priors.causes, priors.own)
-    return groups, float(np.logaddexp.reduce(sums))
-
-
-def _best_first(log_posterior: Float[np.ndarray, " groups"]) -> Int[np.ndarray, " groups"]:
-    """Numbers of groups in the order of their posteriors; equals stay in the order of their names, which no rounding turns."""
-    return np.argsort(-np.round(log_posterior, _EQUAL_DIGITS), kind="stable")
-
-
-def _label_numbers(pool: Pool, sets: Int[np.ndarray, "sets most"]) -> tuple[Int[np.ndarray, " causes"], list[str]]:
-    """A number for the label of every cause that is in one of some sets, -1 at the end for none, and the labels by number, in
-    alphabetical order."""
-    here = np.zeros(pool.size + 1, bool)
-    here[sets] = True
-    causes, numbers = np.flatnonzero(here[:-1]).tolist(), np.full(pool.size + 1, -1)
-    labels = [pool.labels[k] for k in causes]
-    names = sorted(set(labels))
-    number = {label: k for k, label in enumerate(names)}
-    numbers[causes] = [number[label] for label in labels]
-    return numbers, names
-
-
 def _near(
     groups: Groups, coefficients: Int[np.ndarray, " groups"], shares: list[float], changes: SettingChanges | None
 ) -> tuple[dict[int, list[int]], Bool[np.ndarray, "groups groups"]]:
@@ -349,18 +171,40 @@ def _alike(search: Search, groups: Groups, near: dict[int, list[int]], sigma: fl
     return alike
 
 
-def verdict_of(best: Explanation, otherwise_wrong: bool, implausible_fit: bool, doubtful: bool) -> str:
-    """The verdict: adequate, identified, ambiguous or unexplained.
+def further_powers(together: Together, sets: Int[np.ndarray, "sets most"]) -> Bool[np.ndarray, "sets sets"]:
+    """Which pairs of sets (rows that end in -1) are one and the same with further powers of polynomials that both have."""
+    more = np.zeros((len(sets), len(sets)), bool)
+    # A further member of any other kind excludes a pair.
+    powers = np.append(together.polynomial, -1)[sets]
+    fewer, larger = np.nonzero((sets >= 0).sum(axis=1)[:, None] < (sets >= 0).sum(axis=1))
+    likely = np.any(powers >= 0, axis=1)
+    fewer, larger = (rows[likely[fewer] & likely[larger]] for rows in (fewer, larger))
+    both = sets[fewer][:, :, None] == sets[larger][:, None, :]
+    nested = np.all(np.any(both, axis=2) | (sets[fewer] < 0), axis=1)
+    same = (powers[fewer][:, :, None] == powers[larger][:, None, :]) & (powers[larger] >= 0)[:, None, :]
+    of_both = np.any(same, axis=1) | np.any(both, axis=1) | (sets[larger] < 0)
+    here = nested & np.all(of_both, axis=1)
+    more[fewer[here], larger[here]] = True
+    return more | more.T
+
+
+def named_in_place(
+    labels: Sequence[Labels], shares: Sequence[float], alike: Mapping[int, Mapping[int, float]]
+) -> tuple[int, int] | None:
+    """Numbers of the listed set that leads in the place of one without a name, and of that one: the most probable listed set
+    and the listed ones like it have together a probability of at least `LEAST_NAMED`. None if the leading set has a name, or
+    no listed set is that probable.
 
     **Arguments:**
 
-    - `doubtful`: whether an alternative outside the explanations explains the data equally well or better: an effect in a part
-      of the data, or an unexplained error instead of a different noise.
+    - `labels`, `shares`: of all sets, the most probable first. `alike`: by number, those of the same signal.
     """
-    if not best.labels and (implausible_fit or not otherwise_wrong):
-        # A fit may be good because a parameter took up what no instrument has: that is no adequate model.
-        return "unexplained" if implausible_fit else "adequate"
-    if best.unexplained and best.single_name:
-        return "unexplained"
-    sure = best.single_name and best.probability >= SURE
-    return "identified" if sure and not (doubtful or implausible_fit) else "ambiguous"
+    leader = next((k for k, own in enumerate(labels) if own), None)
+    if leader is None or UNEXPLAINED not in labels[leader]:
+        return None
+    named = {k for k, own in enumerate(labels) if own and UNEXPLAINED not in own}
+    together = {k: shares[k] + sum(shares[other] for other in alike.get(k, {}) if other in named) for k in named}
+    best = max(together, key=lambda k: (together[k], shares[k]), default=None)
+    if best is None or together[best] < LEAST_NAMED:
+        return None
+    return max([best, *(k for k in alike.get(best, {}) if k in named)], key=shares.__getitem__), leader

@@ -21,7 +21,7 @@ class Exchange(NamedTuple):
     identical: bool = False
 
 
-def membership(sets: Sequence[Labels]) -> tuple[Float[np.ndarray, "sets names"], list[str]]:
+def membership(sets: Sequence[Sequence[str]]) -> tuple[Float[np.ndarray, "sets names"], list[str]]:
     """Which names (1, else 0) each set has, and the names."""
     number = {name: k for k, name in enumerate(dict.fromkeys(name for own in sets for name in own))}
     has = np.zeros((len(sets), len(number)))

@@ -12,7 +12,8 @@ import numpy as np
 
 from tumblecal.diagnosis.detection.detect import null_distribution
 from tumblecal.diagnosis.priors import SIZE, SIZE_PRIOR, SURE
-from tumblecal.diagnosis.sets.classes import Explanation, explanations
+from tumblecal.diagnosis.sets.classes import explanations
+from tumblecal.diagnosis.sets.explanation import Explanation
 from tumblecal.diagnosis.units.spread import Spread, likely_spreads, widened
 from tumblecal.diagnosis.units.unit import NOTHING, OwnCauses, SharedSignal, Unit
 from tumblecal.diagnosis.units.weighed import Weighed, weigh
