@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from tumblecal.diagnosis.causes.cause import EFFECT, NO_SLOT, Cause, Kind, family_of
+from tumblecal.diagnosis.causes.cause import EFFECT, NO_SLOT, Cause, Kind
 from tumblecal.diagnosis.causes.clipped import clipped
 from tumblecal.diagnosis.causes.effects import SeenEffects, effect_causes, seen_effects
 from tumblecal.diagnosis.causes.faults import FAULTS, OUTLIER
@@ -17,12 +17,11 @@ from tumblecal.diagnosis.causes.jumps import jumps
 from tumblecal.diagnosis.causes.shapes import shape_causes
 from tumblecal.diagnosis.causes.sign_variants import SIGNS
 from tumblecal.diagnosis.causes.table import Blocks, CauseTable, MadeCauses, tables_of
-from tumblecal.diagnosis.causes.together import Together, polynomials
+from tumblecal.diagnosis.causes.together import Together, on_axes, polynomials
 from tumblecal.diagnosis.causes.visibility import Visibility
 from tumblecal.diagnosis.model.layout import Slot
 from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.diagnosis.priors import COLLINEAR, FAMILY_TEST_WEIGHT
-from tumblecal.effects import AXES
 from tumblecal.ground.showing import brief
 
 
@@ -191,7 +190,7 @@ class Pool:
     @cached_property
     def axes(self) -> Int[np.ndarray, "families 3"]:
         """The causes of each family (`second_order` of `second_order.x`) that is seen on all three axes, axis by axis."""
-        return self.effects[_on_axes(tuple([self.labels[k] for k in self.effects.tolist()]))]
+        return self.effects[on_axes(tuple([self.labels[k] for k in self.effects.tolist()]))]
 
     @cached_property
     def slots(self) -> list[Slot]:
@@ -256,17 +255,6 @@ class Pool:
         if sigma == 1.0:
             return self
         return replace(self, tables=tuple(table.in_units_of(sigma) for table in self.tables))
-
-
-@lru_cache(maxsize=64)
-def _on_axes(labels: tuple[str, ...]) -> Int[np.ndarray, "families 3"]:
-    """The effects of each family seen on all three axes; of an effect with several starts the last."""
-    families: dict[str, dict[str, int]] = {}
-    for k, label in enumerate(labels):
-        if (family := family_of(label)) is not None:
-            families.setdefault(family[0], {})[family[1]] = k
-    on_all = [[axes[axis] for axis in AXES] for axes in families.values() if len(axes) == len(AXES)]
-    return np.array(on_all, int).reshape(-1, len(AXES))
 
 
 @lru_cache(maxsize=64)

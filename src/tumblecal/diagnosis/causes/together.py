@@ -2,12 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from jaxtyping import Int
 
+from tumblecal.diagnosis.causes.cause import family_of
 from tumblecal.diagnosis.model.layout import Slot
+from tumblecal.effects import AXES
 from tumblecal.ground.showing import brief
 
 
@@ -18,6 +20,17 @@ def polynomials(slots: Sequence[Slot]) -> list[tuple[int, ...]]:
         if slot.polynomial:
             powers.setdefault(slot.polynomial, {}).setdefault(slot.order, number)
     return [tuple(own[order] for order in sorted(own)) for own in powers.values() if len(own) > 1]
+
+
+@lru_cache(maxsize=64)
+def on_axes(labels: tuple[str, ...]) -> Int[np.ndarray, "families 3"]:
+    """The effects of each family seen on all three axes; of an effect with several starts the last."""
+    families: dict[str, dict[str, int]] = {}
+    for k, label in enumerate(labels):
+        if (family := family_of(label)) is not None:
+            families.setdefault(family[0], {})[family[1]] = k
+    on_all = [[axes[axis] for axis in AXES] for axes in families.values() if len(axes) == len(AXES)]
+    return np.array(on_all, int).reshape(-1, len(AXES))
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from tumblecal.diagnosis.causes.pool import Pool
 from tumblecal.diagnosis.evidence import (
@@ -14,8 +14,9 @@ from tumblecal.diagnosis.evidence import (
     log_evidence_of_noise,
 )
 from tumblecal.diagnosis.priors import LARGE, NEGLIGIBLE, OF_ORDERS, PROMISING, SIZE_PRIOR, WIDTH
-from tumblecal.diagnosis.sets.cause_sets import MOST, MOST_CAUSES, Members, Ranked, keys_of, rows_of
+from tumblecal.diagnosis.sets.cause_sets import MOST, MOST_CAUSES, Members, Ranked, rows_of
 from tumblecal.diagnosis.sets.enlarged import Enlarged
+from tumblecal.diagnosis.sets.evaluated import Evaluated
 from tumblecal.diagnosis.sets.partial_set import PartialSet, PartialSets, least_left, partial_sets
 from tumblecal.diagnosis.sets.positions_off import off_together
 from tumblecal.diagnosis.sets.prior import SetPriors, given_found, log_prior
@@ -28,9 +29,6 @@ _SEATS = 3 * WIDTH
 # So many numbers of one array are computed at once.
 _NUMBERS_AT_ONCE = 2_000_000
 
-# Sets of one size as rows of sorted indices, and their scores.
-_Scored = tuple[Int[np.ndarray, "sets size"], Float[np.ndarray, " sets"]]
-
 
 class Search:
     """All sets evaluated for one data set, with their scores; `found`: number of other causes found before."""
@@ -38,10 +36,7 @@ class Search:
     def __init__(self, pool: Pool, z: Float[np.ndarray, " nu"], known: bool, found: int = 0):
         self.pool, self.z, self.known, self.found = pool, z, known, found
         null = float(log_evidence_of_noise(np.array(z @ z), pool.dof, known)) + np.log(SIZE_PRIOR[0])
-        # The sets kept of each size, batch by batch; of each size the best score and its set.
-        self._kept: list[list[_Scored]] = [[] for _ in range(MOST + 1)]
-        self._kept[0] = [(rows_of([()], 0), np.array([null]))]
-        self._best, self._leading = [null, *[-np.inf] * MOST], [()] * (MOST + 1)
+        self._evaluated = Evaluated(null)
         self._expanded: set[Members] = set()
         self._exchanged: set[Members] = set()
         self._bases: dict[Members, PartialSet] = {}
@@ -57,12 +52,12 @@ class Search:
             self._score(partial_sets(self.pool, self.z, looked_at))
         self._forward(most)
         # Positions that are off hide each other in what they do to the parameters: no way of single steps need lead to them.
-        if most == MOST and self._best_size > 0 and (off := off_together(self.pool, self.z)):
+        if most == MOST and self._evaluated.best_size > 0 and (off := off_together(self.pool, self.z)):
             self._score(partial_sets(self.pool, self.z, off))
-        if most > 1 and (self._best_size > 1 or self._large):
+        if most > 1 and (self._evaluated.best_size > 1 or self._large):
             # One strong mixture of two effects hides both: every effect is a beginning then.
             self.expand([(k,) for k in self.pool.effects.tolist()])
-        if most > 1 and self._best_size > 1:
+        if most > 1 and self._evaluated.best_size > 1:
             self.expand([*families, *polynomials])
             self._expand_families(families)
             self._forward(most)
@@ -76,28 +71,22 @@ class Search:
         """
         self.expand([()])
         self.expand(self._beam(1))
-        promising = self._best[0] - PROMISING
+        promising = self._evaluated.best[0] - PROMISING
         self._expand_families(self._families, promising)
-        if max(self._best[2:]) > promising:
+        if max(self._evaluated.best[2:]) > promising:
             self.run()
-        scores = np.concatenate([self._of_size(size)[1] for size in range(1, MOST + 1)])
-        odds = np.logaddexp.reduce(scores[np.isfinite(scores)], initial=-np.inf) - self._best[0]
+        scores = np.concatenate([self._evaluated.of_size(size)[1] for size in range(1, MOST + 1)])
+        odds = np.logaddexp.reduce(scores[np.isfinite(scores)], initial=-np.inf) - self._evaluated.best[0]
         return float(odds - np.log1p(-SIZE_PRIOR[0]) + np.log(SIZE_PRIOR[0]))
 
     @property
     def top(self) -> float:
         """Log posterior of the best set, unnormalised."""
-        return max(self._best)
+        return self._evaluated.top
 
     def ranked(self) -> Ranked:
         """The evaluated sets that are not negligible, best first, given the other causes found before."""
-        of_sizes = [self._of_size(size) for size in range(MOST + 1)]
-        scores = np.concatenate([own for _, own in of_sizes])
-        sets, first = np.full((len(scores), MOST), -1), 0
-        for size, (rows, _) in enumerate(of_sizes):
-            sets[first : first + len(rows), :size] = rows
-            first += len(rows)
-        sets, scores = sets[scores >= self.top - NEGLIGIBLE], scores[scores >= self.top - NEGLIGIBLE]
+        sets, scores = self._evaluated.no_less_than(self.top - NEGLIGIBLE)
         if self.found:
             scores = scores + given_found(SetPriors.of(self.pool, sets).causes, self.found)
         order = (-scores).argsort(kind="stable")
@@ -105,9 +94,8 @@ class Search:
 
     def posterior(self, members: Members) -> float:
         """Log posterior of a set, unnormalised."""
-        sets, scores = self._of_size(len(members))
-        known = scores[(sets == np.array(sorted(members), int)).all(axis=1)]
-        return float(known.max()) if len(known) else self.posterior_at(members, self.left(members))
+        score = self._evaluated.score_of(members)
+        return self.posterior_at(members, self.left(members)) if score is None else score
 
     def posterior_at(self, members: Members, left: float) -> float:
         """Log posterior of a set, unnormalised, that leaves another sum of squares than the linear one (an exact fit's)."""
@@ -154,35 +142,31 @@ class Search:
         return [tuple(sorted(own)) for own in listed]
 
     @property
-    def _best_size(self) -> int:
-        return max(range(MOST + 1), key=self._best.__getitem__)
-
-    @property
     def _large(self) -> bool:
         """Whether the best single cause explains much more than noise: what two effects make may look like it."""
-        left = self.left(self._leading[1])
+        left = self.left(self._evaluated.leading[1])
         level = 1.0 if self.known else left / max(1, self.pool.dof - 1)
         return float(self.z @ self.z) - left > LARGE**2 * level
 
     @property
     def _best_named(self) -> float:
         """The best score of a single cause that has a name: one without, of many coefficients, is better than most sets."""
-        sets, scores = self._of_size(1)
+        sets, scores = self._evaluated.of_size(1)
         return float(scores[self.pool.is_named[sets[:, 0]]].max(initial=-np.inf))
 
     def _forward(self, most: int) -> None:
         """The best sets of each size with one more candidate; of more members than causes where the best set has as many."""
         for size in range(1, most):
-            if size >= MOST_CAUSES and self._best_size < size:
+            if size >= MOST_CAUSES and self._evaluated.best_size < size:
                 break
-            before = self._best[size]
+            before = self._evaluated.best[size]
             self.expand(self._beam(size))
-            if self._best[size + 1] < max(before, self._best[0]) - PROMISING:
+            if self._evaluated.best[size + 1] < max(before, self._evaluated.best[0]) - PROMISING:
                 break
 
     def _beam(self, size: int) -> list[Members]:
         """The best sets of a size; those that are named have seats of their own."""
-        sets, scores = self._of_size(size)
+        sets, scores = self._evaluated.of_size(size)
         sets = sets[(-scores).argsort(kind="stable")]
         named = np.all(self.pool.is_named[sets], axis=1)
         chosen = [*sets[named][: 2 * WIDTH // 3].tolist(), *sets[: WIDTH // 3].tolist()]
@@ -194,11 +178,11 @@ class Search:
         for _ in range(_MOST_EXCHANGES):
             smaller: set[Members] = set()
             for size in range(1, most + 1):
-                if self._best[size] > max(self.top - NEGLIGIBLE, self._best[0]):
-                    best = self._leading[size]
+                if self._evaluated.best[size] > max(self.top - NEGLIGIBLE, self._evaluated.best[0]):
+                    best = self._evaluated.leading[size]
                     smaller |= {best[:k] + best[k + 1 :] for k in range(size)}
             if most == MOST:
-                self._exchange_for_families(self._leading[self._best_size])
+                self._exchange_for_families(self._evaluated.leading[self._evaluated.best_size])
             todo = sorted(smaller - self._expanded)
             if not todo:
                 return
@@ -232,7 +216,7 @@ class Search:
         sizes, priors = 1 + there.sum(axis=1), bases.with_each()
         priors[there.nonzero()[0], sets[there]] = -np.inf
         all_named = np.all(named[sets] | ~there, axis=1)[:, None] & named
-        beside = max(self._best[size] for size in set(sizes.tolist()))
+        beside = max(self._evaluated.best[size] for size in set(sizes.tolist()))
         scores = enlarged.evidence + priors
         least = self._least(np.where(enlarged.open, -np.inf, scores), all_named, beside)
         enlarged.settle(scores >= least)
@@ -242,7 +226,7 @@ class Search:
         kept = scores >= self._least(scores, all_named[rows, added], beside)
         together = sets[rows[kept]]
         together[np.arange(len(together)), sizes[rows[kept]] - 1] = added[kept]
-        self._add(together, scores[kept])
+        self._evaluated.add(together, scores[kept])
 
     def _least(
         self, scores: Float[np.ndarray, "*sets"], named: Bool[np.ndarray, "*sets"], beside: float
@@ -266,11 +250,11 @@ class Search:
             if not hopeful:
                 return
             self._score(partial_sets(self.pool, self.z, hopeful))
-            if self._best[size] < least:
+            if self._evaluated.best[size] < least:
                 return
             before = self._beam(size)
             self.expand(before)
-            if self._best[size] < self._best_named:
+            if self._evaluated.best[size] < self._best_named:
                 return
 
     def _may_score(self, sets: list[Members], least: float) -> list[Members]:
@@ -288,31 +272,8 @@ class Search:
     def _score(self, bases: PartialSets) -> SetPriors:
         """Score the sets themselves: their priors."""
         priors = SetPriors.of(self.pool, rows_of(bases.members))
-        self._add(priors.sets, bases.log_evidence(self.pool.dof, self.known) + priors.own)
+        self._evaluated.add(priors.sets, bases.log_evidence(self.pool.dof, self.known) + priors.own)
         return priors
-
-    def _add(self, sets: Int[np.ndarray, "sets most"], scores: Float[np.ndarray, " sets"]) -> None:
-        """Add scored sets (rows end in -1) to those kept; the empty set is there already."""
-        # -1 as the largest number.
-        sets, sizes = np.sort(sets.view(np.uint64), axis=1).view(np.int64), (sets >= 0).sum(axis=1)
-        for size in set(sizes.tolist()) - {0}:
-            own = sizes == size
-            rows, of_size = sets[own, :size], scores[own]
-            self._kept[size].append((rows, of_size))
-            best = int(of_size.argmax())
-            if of_size[best] > self._best[size]:
-                self._best[size], self._leading[size] = float(of_size[best]), tuple(rows[best].tolist())
-
-    def _of_size(self, size: int) -> _Scored:
-        """The sets kept of a size, each once."""
-        if len(self._kept[size]) > 1:
-            sets, scores = (np.concatenate(own) for own in zip(*self._kept[size], strict=True))
-            # A set reached by several ways has scores that differ a little (collinear parts): the best counts.
-            keys = keys_of(sets)
-            order = np.lexsort((-scores, keys))
-            first = order[np.diff(keys[order], prepend=~keys[order[:1]]) != 0]
-            self._kept[size] = [(sets[first], scores[first])]
-        return self._kept[size][0] if self._kept[size] else (np.zeros((0, size), int), np.zeros(0))
 
 
 def _seat(scores: Float[np.ndarray, "*sets"]) -> float:
