@@ -290,7 +290,7 @@ def test_a_file_is_on_the_disk_before_its_name_and_its_name_before_the_return(tm
     assert steps == [5, "rename", "folder"] and path.read_text() == "whole"
     del steps[:]
     write_texts(tmp_path, {"file.txt": "longer", "other.txt": "ab"})
-    assert steps == [6, 2, "rename", "rename", "folder"]
+    assert {*steps[:2]} == {6, 2} and steps[2:] == ["rename", "rename", "folder"]
     assert {own.name: own.read_text() for own in tmp_path.iterdir()} == {"file.txt": "longer", "other.txt": "ab"}
 
 

@@ -75,9 +75,9 @@ def write(folder, texts):
             write_text(aside / name, text)
 
 
-def at_every_event(folder, how):
-    """Folders in which the writing of NEW over OLD ended at one event after the other."""
-    given = [str(folder), how, *map(json.dumps, (OLD, NEW, NAMES))]
+def at_every_event(folder, how, old=OLD):
+    """Folders in which the writing of NEW over an old set ended at one event after the other."""
+    given = [str(folder), how, *map(json.dumps, (old, NEW, NAMES))]
     done = subprocess.run([sys.executable, "-c", EVENTS, *given], capture_output=True, text=True, check=True)
     count = int(done.stdout)
     assert count > 20
@@ -108,6 +108,17 @@ def test_a_kill_at_any_event_leaves_files_of_one_set_alone_and_the_next_set_is_w
             assert there.pop("budget.json") == "budget" and there.pop("mine.svg.txt") and there in (OLD, NEW)
         assert not hidden(folder)
     assert told > 5
+
+
+def test_a_kill_of_the_first_set_leaves_nothing_or_a_set_that_the_next_command_completes(tmp_path):
+    with_parts = 0
+    for folder in at_every_event(tmp_path, "killed", old={}):
+        assert contents(folder).items() <= NEW.items()
+        with_parts += contents(folder) not in ({}, NEW)
+        with result_set(folder, ("budget.json",)):
+            pass
+        assert contents(folder) in ({}, NEW) and not hidden(folder)
+    assert with_parts > 1
 
 
 def test_an_interrupt_at_any_event_leaves_one_whole_set(tmp_path):

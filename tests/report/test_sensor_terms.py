@@ -134,7 +134,7 @@ def test_what_no_file_holds_is_said_everywhere(tumblecal, tmp_path, measured, co
 def test_a_diagnosis_warns_of_what_the_sensor_lacks():
     losses = [NotApplied("bias_drift.x", OF_RUN, 3.0, 1.0), NotApplied("index_eccentricity", OF_HEAD, 50.0, 20.0)]
     held = SimpleNamespace(not_applied=losses, use=Use("yes"))
-    fit = SimpleNamespace(data=SimpleNamespace(gravity=None), chain=SimpleNamespace(free=()))
+    fit = SimpleNamespace(data=SimpleNamespace(gravity=None), problem=SimpleNamespace(chain=SimpleNamespace(free=())))
     diagnosis = SimpleNamespace(implausible=(), setup_errors=(), extended=fit, nominal=fit, calibration=held)
     (words,) = warning_words(diagnosis)
     assert words.startswith("not corrected by calibration.json: bias_drift.x (up to 3 mg")

@@ -179,7 +179,7 @@ class Diagnosis(Shown):
         """The leading explanation."""
         return self.screened.best
 
-    @property
+    @cached_property
     def members(self) -> tuple[Cause, ...]:
         """Causes of the leading explanation."""
         return self.screened.members

@@ -118,7 +118,7 @@ class Fit(Shown):
         """The position set."""
         return self.problem.measured_data
 
-    @property
+    @cached_property
     def chain(self) -> Chain:
         """The chain with its fitted values."""
         return self.problem.chain.named(dict(zip(self.names, self.values.tolist(), strict=True)))

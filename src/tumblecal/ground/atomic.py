@@ -8,6 +8,7 @@ import shutil
 import stat
 import tempfile
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -112,10 +113,13 @@ def write_texts(folder: Path, texts: Mapping[str, str]) -> None:
         for place, text in zip(places, texts.values(), strict=True):
             with unwritable_as_fault(place.path):
                 place.begin()
-                with place.aside.open("wb") as file:
-                    file.write(plain(text.encode("utf-8", "replace").decode("utf-8")).encode("utf-8"))
-                    file.flush()
-                    os.fsync(file.fileno())
+                place.aside.write_bytes(plain(text.encode("utf-8", "replace").decode("utf-8")).encode("utf-8"))
+        # The file system writes all of them at once.
+        with ThreadPoolExecutor(max(len(places), 1)) as pool:
+            flushed = [(place, pool.submit(to_disk, place.aside)) for place in places]
+        for place, done in flushed:
+            with unwritable_as_fault(place.path):
+                done.result()
         for place in places:
             with unwritable_as_fault(place.path):
                 place.take()

@@ -24,7 +24,7 @@ CONTROLS = "[" + "".join(f"\\x{{{first:x}}}-\\x{{{last:x}}}" for first, last in 
 
 def plain(text: str) -> str:
     """A text with escapes such as `\\x1b` in place of its control characters."""
-    return _CONTROL.sub(lambda found: one_line(found[0]), text)
+    return text if first_control(text) is None else _CONTROL.sub(lambda found: one_line(found[0]), text)
 
 
 def first_control(text: str) -> int | None:

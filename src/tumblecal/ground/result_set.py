@@ -2,11 +2,12 @@
 
 The files are written into a hidden folder within the output folder. When all are on disk, the hidden folder is renamed, and the
 set is valid. Then all files of the previous set are removed, the folder is renamed again, and the files are moved to their
-places. If the process is killed at any time, the output folder has files of one set only. The next set that is written there
-first completes unfinished steps.
+places; without a previous set, the folder gets its last name at once. If the process is killed at any time, the output folder
+has files of one set only. The next set that is written there first completes unfinished steps.
 """
 
 import errno
+import fnmatch
 import json
 import os
 import re
@@ -51,9 +52,9 @@ def result_set(folder: Path, names: Sequence[str]) -> Iterator[Path]:
             with unwritable_as_fault(folder):
                 aside.mkdir()
             yield aside
-            _state_earlier(folder, aside, names)
+            replaces = _state_earlier(folder, aside, names)
             with unwritable_as_fault(folder):
-                os.rename(aside, folder / _WHOLE)
+                os.rename(aside, folder / (_WHOLE if replaces else _MOVING))
                 to_disk(folder)
                 finish(folder)
         except BaseException:
@@ -83,10 +84,9 @@ def finish(folder: Path, names: Sequence[str] = ()) -> None:
         to_disk(folder)
         shutil.rmtree(moving)
     shutil.rmtree(folder / _UNFINISHED, ignore_errors=True)
-    for name in names:
-        for path in folder.glob(f".{name}.*"):
-            if re.fullmatch(r"\..+\.[0-9a-f]{8}(\.unfinished)?(\.\w+)?", path.name):
-                remove_unlocked(path)
+    for path in _matching(folder, [f".{name}.*" for name in names]):
+        if re.fullmatch(r"\..+\.[0-9a-f]{8}(\.unfinished)?(\.\w+)?", path.name):
+            remove_unlocked(path)
 
 
 def final_place(path: Path) -> Path:
@@ -121,22 +121,38 @@ def require_whole(path: Path) -> None:
 
 def _earlier(folder: Path, names: Sequence[str]) -> list[Path]:
     """The files of the existing set, by the patterns of their names."""
-    return [path for name in names for path in sorted(folder.glob(name)) if path.is_file() or path.is_symlink()]
+    return [path for path in _matching(folder, names) if path.is_file() or path.is_symlink()]
 
 
-def _state_earlier(folder: Path, aside: Path, names: Sequence[str]) -> None:
+def _matching(folder: Path, patterns: Sequence[str]) -> Iterator[Path]:
+    """The paths of each pattern of a name, in a folder or its subfolders; each folder is listed once."""
+    listed: dict[str, list[str]] = {}
+    for parent, pattern in map(os.path.split, patterns):
+        if parent not in listed:
+            with suppress(FileNotFoundError, NotADirectoryError):
+                listed[parent] = sorted(os.listdir(folder / parent))
+        yield from (folder / parent / name for name in fnmatch.filter(listed.get(parent, ()), pattern))
+
+
+def _state_earlier(folder: Path, aside: Path, names: Sequence[str]) -> bool:
     """List the files to remove before the set is moved; new files get the permissions of those that they replace.
+
+    **Returns:** whether there is any such file; otherwise nothing is listed.
 
     **Raises:** `InputError` for a file that is read-only.
     """
     new = {str(path.relative_to(aside)): path for path in aside.rglob("*") if path.is_file()}
-    for path in _earlier(folder, [*names, *new]):
+    earlier = _earlier(folder, [*names, *new])
+    if not earlier:
+        return False
+    for path in earlier:
         rights, staged = place_of(path).rights, new.get(str(path.relative_to(folder)))
         if rights is not None and staged is not None:
             with suppress(OSError):
                 staged.chmod(rights)
     with written_aside(aside / _EARLIER) as listed:
         listed.write_text(json.dumps([*names, *new]), encoding="utf-8")
+    return True
 
 
 def _removed(path: Path) -> None:

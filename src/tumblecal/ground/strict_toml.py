@@ -1,8 +1,8 @@
 """TOML files of users: strict validation, all faults reported at once, with dotted paths."""
 
-import json
 import tomllib
 from collections.abc import Iterator, Mapping
+from json.encoder import encode_basestring
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_args
 
@@ -100,7 +100,7 @@ def checked(path: Path, content: Mapping[str, object], table: type[Table]) -> Ta
 
 def toml_string(text: str) -> str:
     """A text as a TOML basic string; that is a JSON string with escaped DEL and without halves of surrogates."""
-    return json.dumps(text.encode("utf-8", "replace").decode("utf-8"), ensure_ascii=False).replace("\x7f", "\\u007f")
+    return encode_basestring(text.encode("utf-8", "replace").decode("utf-8")).replace("\x7f", "\\u007f")
 
 
 def toml_table(name: str, values: Mapping[str, object]) -> list[str]:

@@ -191,7 +191,7 @@ def read_settings_words(fit: Fit) -> str:
 
 def many_settings_words(fit: Fit) -> str:
     """A warning that nearly every row has a separate pitch setting, with the remedy; "" otherwise."""
-    errors = [leaf for leaf in fit.chain.free if leaf.name == "dbeta" and leaf.by and leaf.by.endswith("pitch")]
+    errors = [leaf for leaf in fit.problem.chain.free if leaf.name == "dbeta" and leaf.by and leaf.by.endswith("pitch")]
     count = sum(len(leaf.names) for leaf in errors)
     if count <= _MANY or count * _ROWS_EACH <= len(fit.data):
         return ""

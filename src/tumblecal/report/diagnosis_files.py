@@ -112,9 +112,10 @@ def _parameters(diagnosis: Diagnosis) -> dict[str, dict]:
     """Each parameter that is not of one position, as calibration.json states it, base units: value, standard uncertainty `u`
     and its contributions, which add in quadrature."""
     used, model = diagnosis.in_use, diagnosis.model
+    sd, parts = used.sd, used.parts
     return {
-        name: {"value": float(used.values[k]), "u": float(used.sd[k]), "unit": model.units[k]}
-        | {part: float(sizes[k]) for part, sizes in used.parts.items()}
+        name: {"value": float(used.values[k]), "u": float(sd[k]), "unit": model.units[k]}
+        | {part: float(sizes[k]) for part, sizes in parts.items()}
         for k, name in enumerate(model.names)
         if not model.layout.of_positions[k]
     }

@@ -55,7 +55,7 @@ def gain_table(diagnosis: Diagnosis) -> Table:
 
 def leading(diagnosis: Diagnosis, least: float, most: int) -> list[Explanation]:
     """Explanations more probable than `least`, and the one acted on; the first `most` of them."""
-    return [e for e in diagnosis.screened.explanations if e.probability > least or e is diagnosis.best][:most]
+    return [e for e in diagnosis.screened.explanations if e.more_probable_than(least) or e is diagnosis.best][:most]
 
 
 def class_tables(found: Sequence[Factor], best: Explanation) -> list[Table]:

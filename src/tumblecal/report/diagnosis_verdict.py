@@ -263,7 +263,8 @@ def _evidence(diagnosis: Diagnosis) -> Iterator[str]:
 def _probability(diagnosis: Diagnosis) -> str:
     """Probability of the statement, and the next explanations with theirs."""
     of = "this class of causes" if diagnosis.best.separable else "this explanation"
-    others = [e for e in diagnosis.screened.explanations if e is not diagnosis.best and e.probability > _LEAST_OTHER]
+    explanations = diagnosis.screened.explanations
+    others = [e for e in explanations if e is not diagnosis.best and e.more_probable_than(_LEAST_OTHER)]
     nothing = "no other error" if diagnosis.noise_labels else "adequate"
     listed = ", ".join(f"{label_words(e.labels) or nothing} {e.probability:.2f}" for e in others[:_MOST_OTHERS])
     return f"Probability of {of} {diagnosis.best.probability:.2f}{f'; next: {listed}' if listed else ''}."

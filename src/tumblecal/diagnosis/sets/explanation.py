@@ -42,12 +42,12 @@ class Explanation:
         """Whether one set of causes is claimed, and no measurement on a head could show another in its place."""
         return not self.separable
 
-    @property
+    @cached_property
     def supersets(self) -> tuple[Labels, ...]:
         """Equivalents that contain another one, or this one, and causes that the data do not need."""
         return supersets(self.labels, [own for own in self.equivalents if not {*own} < {*self.labels}])
 
-    @property
+    @cached_property
     def powers(self) -> tuple[Labels, ...]:
         """The same causes with fewer or more powers of a polynomial."""
         nested = [own for own in self.equivalents if {*own} < {*self.labels} or {*own} > {*self.labels}]
@@ -63,6 +63,10 @@ class Explanation:
         """Of the statement that is made: of this set with what is identical and its powers where one is claimed, otherwise
         of the whole class."""
         return self._claimed if self.single_name else self.class_probability
+
+    def more_probable_than(self, least: float) -> bool:
+        """Whether `probability` exceeds a number; quick for the many classes that are improbable as a whole."""
+        return self.class_probability > least and self.probability > least
 
     @cached_property
     def separable(self) -> tuple[Labels, ...]:
@@ -98,7 +102,7 @@ class Explanation:
         shares = tuple([share * probability for share in self.shares])
         return replace(self, own_probability=self.own_probability * probability, shares=shares)
 
-    @property
+    @cached_property
     def _claimed(self) -> float:
         both, same = zip(self.equivalents, self.shares, strict=True), {*self.identical, *self.powers}
         return self.own_probability + sum([share for labels, share in both if labels in same])
