@@ -86,6 +86,7 @@ def _responses(diagnosis: Diagnosis, reference_degc: float | None) -> Float[np.n
                 terms.append(term_of_form(stated, diagnosis.problem.where, effect=slot.id, determined=False))
                 columns.append(column)
     span = None if degc is None else np.array([np.min(degc), np.mean(degc), np.max(degc)])
-    signals = contributions(terms, DIRECTIONS, span).reshape(len(terms), -1, 3)
+    points = len(DIRECTIONS) * (1 if span is None else len(span))
+    signals = contributions(terms, DIRECTIONS, span).reshape(len(terms), points, 3)
     sizes = undetected.steps[:, columns] * model.scales[columns] * ~undetected.named[:, None]
     return np.tensordot(sizes, signals, 1)
