@@ -217,8 +217,8 @@ SUSPECTS = (
         "sets/search.py:Search._expand_families", "sets/search.py:Search._may_score",
         "sets/search.py:Search._exchange_for_families",
     )),
-    Suspect("level", (Replaced(noise_change, "level_change", _none),), (
-        "screening/level.py", "screening/noise_change.py:_sure_level",
+    Suspect("level", (Replaced(noise_change, "_free_level", _none),), (
+        "screening/noise_change.py:_free_level", "screening/noise_change.py:_sure_level",
     )),
     Suspect("sets of four causes", (
         *(Replaced(*own, watch=False) for own in _THREE_CAUSES),

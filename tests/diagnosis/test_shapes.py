@@ -146,7 +146,7 @@ def test_a_listed_set_leads_in_place_of_a_function_of_the_temperature(diagnoser)
 
 def test_a_noise_that_lack_of_fit_would_explain_as_well_is_ambiguous(diagnoser):
     diagnosis = diagnoser(unlisted("heater cycles", 1))
-    assert diagnosis.noise_wrong["noise_unequal"].rival == "unexplained" and not diagnosis.best.labels
+    assert diagnosis.noise_wrong["noise_unequal"].alternative == "unexplained" and not diagnosis.best.labels
     assert diagnosis.verdict == "ambiguous"
     words = verdict_of_diagnosis(diagnosis).words()
     assert "or an effect without an entry is present" in words.partition("\n")[0]

@@ -291,8 +291,8 @@ def test_a_strong_cause_without_a_name_gets_none(diagnoser, words):
     rng, name = np.random.default_rng(851), f"independent: {words}, d = 100"
     diagnosis = diagnoser(positions_of(drawn(name, rng).data))
     classes = (diagnosis.labels, *diagnosis.best.equivalents)
-    rivals = [fault.rival for fault in diagnosis.noise_wrong.values()]
-    assert any("unexplained" in labels for labels in classes) or "unexplained" in rivals
+    alternatives = [fault.alternative for fault in diagnosis.noise_wrong.values()]
+    assert any("unexplained" in labels for labels in classes) or "unexplained" in alternatives
     assert diagnosis.verdict != "identified" or diagnosis.best.probability < 0.9 or "unexplained" in diagnosis.labels
 
 

@@ -137,6 +137,25 @@ LEAST_NOISE_ODDS = 2.0
 # From this ratio of the axes' sd on, something on the noisiest axis is as likely: sensors of one triad differ by two or three.
 # (by thought)
 MOST_UNEQUAL = 6.0
+# The sd of one axis relative to the others', of a pitch setting, run or mounting, and, for an input of 1 g, of the noise that
+# comes with the input relative to the rest. (noise)
+AXIS_RATIOS, GROUP_RATIOS, PER_INPUT = (0.25, 0.5, 2.0, 3.0, 5.0, 9.0), (2.0, 4.0, 9.0), (1.5, 4.0, 12.0)
+# Prior frequency of the last two, relative to unequal axes. Fewer positions show no noise of their own, and of more groups none
+# is tried. (noise)
+GROUP_SHARE, PER_INPUT_SHARE, LEAST_IN_GROUP, MOST_GROUPS = 0.5, 0.25, 4, 12
+# A stated sd may be wrong by any factor between these, its logarithm uniform. (by thought)
+SMALLEST_FACTOR, LARGEST_FACTOR = 0.1, 100.0
+# Correlations between neighbouring positions, degrees of freedom of Student's t, and scatter of the attitude in noise sd of a
+# reading at 1 g. (noise)
+CORRELATIONS, TAILS, ATTITUDE_SCATTERS = (0.3, 0.5, 0.7, 0.85, 0.95), (2.0, 4.0), (2.0, 5.0, 15.0, 50.0, 200.0)
+# Sizes of an error of the attitude of all three axes that repeats show, in noise sd. (benchmarks/blind_repeats.py)
+ATTITUDE_ERRORS = (0.7, 1.5, 3.0, 8.0, 30.0)
+# Of the best explanations so many sets of causes are tried with other noises, if a noise is no farther behind (log) before the
+# set is fitted with it. (noise: more find the same)
+MOST_SETS_WITH_NOISE, HOPELESS_NOISE = 8, 10.0
+MOST_NOISE_CORRECTIONS = 3
+# So many causes or more under a stated level may all stand for another level; this far (log) ahead it is sure. (by thought)
+SEVERAL_CAUSES, SURE_LEVEL = 3, 10.0
 # Heavy tails and outlying positions are two words for one thing: few are named by position, that many are tails. (noise)
 MANY_OUTLIERS = 4
 

@@ -133,7 +133,7 @@ def _of_data(diagnosis: Diagnosis) -> str:
     wrong = " and ".join(words for words, there in faults.items() if there)
     doubt = ""
     if diagnosis.verdict == "ambiguous":
-        unnamed = diagnosis.located or any(fault.rival == UNEXPLAINED for fault in diagnosis.noise_wrong.values())
+        unnamed = diagnosis.located or any(fault.alternative == UNEXPLAINED for fault in diagnosis.noise_wrong.values())
         probability = f" (probability {diagnosis.best.probability:.2f})"
         doubt = ", or an effect without an entry is present" if unnamed else probability
     return f"{as_sentence(wrong)}{doubt}; otherwise the data are consistent with the nominal model."

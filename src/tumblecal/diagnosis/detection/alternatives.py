@@ -11,7 +11,7 @@ from tumblecal.diagnosis.causes.generic import UNEXPLAINED
 from tumblecal.diagnosis.causes.table import Blocks
 from tumblecal.diagnosis.lack_of_fit.lack_of_fit import LackOfFit, lack_of_fit
 from tumblecal.diagnosis.model.tangent import Tangent
-from tumblecal.diagnosis.noise.alternatives import NoiseAlternatives, noise_alternatives
+from tumblecal.diagnosis.noise.alternatives import NoiseAlternatives
 from tumblecal.diagnosis.priors import ALTERNATIVES_SHARE
 from tumblecal.ground.showing import brief
 
@@ -72,4 +72,4 @@ class Alternatives:
 
 def alternatives(at: Tangent, effects: Blocks) -> Alternatives:
     """Alternatives for one problem, given effects with these blocks."""
-    return Alternatives(noise_alternatives(at), lack_of_fit(at, effects), at.z, at.problem.known)
+    return Alternatives(NoiseAlternatives.of(at), lack_of_fit(at, effects), at.z, at.problem.known)

@@ -4,16 +4,19 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from scipy.special import gammaln
 
 from tumblecal.diagnosis.evidence import log_evidence_of_noise
 from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.diagnosis.noise.models import LEVEL, NoiseModel, noise_models
-from tumblecal.diagnosis.noise.of_attitude import twins
 from tumblecal.diagnosis.noise.repeats import Repeats
 from tumblecal.diagnosis.noise.whitening import Whitening
 from tumblecal.ground.showing import brief
+
+
+# Steps of the scale of Student's t, each towards the highest likelihood.
+_STEPS = 8
 
 
 @dataclass(frozen=True)
@@ -25,101 +28,110 @@ class NoiseAlternatives:
     at: Tangent
     listed: tuple[NoiseModel, ...]
 
+    @classmethod
+    def of(cls, at: Tangent) -> "NoiseAlternatives":
+        """The noise models that are tried for a problem."""
+        listed = noise_models(at)
+        return cls(at, (*listed, *Repeats.of(at).twins(listed)))
+
     @cached_property
     def is_gaussian(self) -> Bool[np.ndarray, " alternatives"]:
         """Which of them have no tails."""
-        return np.array([tried.tail is None for tried in self.listed], bool)
+        return np.array([model.tail is None for model in self.listed], bool)
 
     @cached_property
     def is_level(self) -> Bool[np.ndarray, " alternatives"]:
         """Which of them leave the level of the noise open."""
-        return np.array([tried.kind == LEVEL for tried in self.listed], bool)
+        return np.array([model.kind == LEVEL for model in self.listed], bool)
 
     @cached_property
     def log_weights(self) -> Float[np.ndarray, " alternatives"]:
         """Logarithms of the prior weights."""
-        return np.array([tried.log_weight for tried in self.listed])
+        return np.array([model.log_weight for model in self.listed])
+
+    @cached_property
+    def by_kind(self) -> tuple[Int[np.ndarray, " alternatives"], Int[np.ndarray, " kinds"]]:
+        """The alternatives of each label and kind together, and where each kind begins."""
+        kinds = [(model.label, model.kind) for model in self.listed]
+        number = {kind: k for k, kind in enumerate(dict.fromkeys(kinds))}
+        own = np.array([number[kind] for kind in kinds], int)
+        order = np.argsort(own, kind="stable")
+        return order, np.searchsorted(own[order], np.arange(len(number)))
 
     def without(self, labels: tuple[str, ...]) -> "NoiseAlternatives":
         """The alternatives with other labels than these."""
         if not labels:
             return self
-        return NoiseAlternatives(self.at, tuple(tried for tried in self.listed if tried.label not in labels))
+        return NoiseAlternatives(self.at, tuple(model for model in self.listed if model.label not in labels))
 
     @cached_property
     def whitening(self) -> Whitening:
         """The covariances of those without tails."""
-        listed = [tried for tried in self.listed if tried.tail is None]
-        of_means = [tried.of_means for tried in listed]
-        return Whitening(
-            self.at, [tried.covariance for tried in listed], self.repeats if any(of_means) else None, of_means
-        )
+        gaussian = [model for model in self.listed if model.tail is None]
+        of_means = [model.of_means for model in gaussian]
+        covariances = [model.covariance for model in gaussian]
+        return Whitening(self.at, covariances, self.repeats if any(of_means) else None, of_means)
 
     @cached_property
     def repeats(self) -> Repeats:
         """Which positions repeat an attitude."""
         return Repeats.of(self.at)
 
-    def log_evidence(self, z: Float[np.ndarray, "draws nu"], known: bool) -> Float[np.ndarray, "draws alternatives"]:
-        """Log evidence with prior weight, on the scale of `evidence.log_evidence`."""
+    def log_evidence(
+        self,
+        z: Float[np.ndarray, "draws nu"],
+        known: bool,
+        squares: Float[np.ndarray, "covariances draws"] | None = None,
+    ) -> Float[np.ndarray, "draws alternatives"]:
+        """Log evidence with prior weight, on the scale of `evidence.log_evidence`; `squares`: sums of squares of the vectors
+        under each covariance, where they are already there."""
         evidence, dof, gaussian = np.zeros((len(self.listed), len(z))), z.shape[1], self.is_gaussian
         if np.any(gaussian):
-            squares = self.whitening.squares(z.T)
+            squares = self.whitening.squares(z.T) if squares is None else squares
             evidence[gaussian] = log_evidence_of_noise(squares, dof, known) - self.whitening.half_log_dets[:, None]
         if np.any(self.is_level):
             evidence[self.is_level] = log_evidence_of_noise(np.sum(z**2, axis=1), dof, known=False)
         for of_means in (False, True):
-            own = np.array([tried.tail is not None and tried.of_means == of_means for tried in self.listed], bool)
-            if np.any(own):
-                tails = np.array([tried.tail for tried in self.listed])[own].astype(float)
+            own = [k for k, model in enumerate(self.listed) if model.tail is not None and model.of_means == of_means]
+            if own:
+                tails = np.array([self.listed[k].tail for k in own], float)
                 evidence[own] = self._with_tails(z, tails, known, of_means)
         return (evidence + self.log_weights[:, None]).T
 
     def _with_tails(
         self, z: Float[np.ndarray, "draws nu"], tails: Float[np.ndarray, " tails"], known: bool, of_means: bool
     ) -> Float[np.ndarray, "tails draws"]:
-        """Log evidence of Student's t: of the readings, or of means over repeats whose differences show the scale."""
-        readings = self.at.basis[: self.at.problem.readings.size]
-        if not of_means:
-            return _heavy(z @ readings.T, z, tails, known)
-        turned, mean = self.repeats.turned(readings), np.repeat(self.repeats.is_mean, 3)
-        means, differences, free = z @ turned[mean].T, z @ turned[~mean].T, float(np.sum(turned[~mean] ** 2))
-        total, shown, dof = np.sum(z**2, axis=1), np.sum(differences**2, axis=1), z.shape[1]
-        variance, pure = (
-            (np.ones(len(z)), np.ones(len(z)))
-            if known
-            else (total / dof, np.maximum(shown / free, 1e-12 * total / dof))
-        )
-        gain = _log_t(means, tails, np.broadcast_to(pure, (len(tails), len(z)))) - _log_normal(means, variance)
-        pure_gain = -0.5 * (free * np.log(pure / variance) + shown * (1.0 / pure - 1.0 / variance))
-        return log_evidence_of_noise(total, dof, known) + pure_gain + gain * (dof - free) / means.shape[1]
+        """Log evidence of Student's t against the normal: of the readings' residuals, each with its own best scale (profile
+        likelihood), or of means over repeats whose differences show the scale."""
+        rows, dof, total = self.at.basis[: self.at.problem.readings.size], z.shape[1], np.vecdot(z, z)
+        variance = np.ones(len(z)) if known else total / dof
+        free, of_differences = 0.0, np.zeros(len(z))
+        if of_means:
+            turned, mean = self.repeats.turned(rows), np.repeat(self.repeats.is_mean, 3)
+            residuals, differences, free = z @ turned[mean].T, z @ turned[~mean].T, float(np.sum(turned[~mean] ** 2))
+            shown = np.vecdot(differences, differences)
+            pure = variance if known else np.maximum(shown / free, 1e-12 * variance)
+            of_differences = -0.5 * (free * np.log(pure / variance) + shown * (1.0 / pure - 1.0 / variance))
+            scale, spread = np.broadcast_to(pure, (len(tails), len(z))), variance
+        else:
+            residuals = z @ rows.T
+            spread = variance if known else np.mean(residuals**2, axis=1)
+            scale = np.ones((len(tails), len(z))) if known else _best_scale(residuals**2, tails, variance)
+        gain = _log_t(residuals, tails, scale) - _log_normal(residuals, spread)
+        # The t's likelihood is that of residuals which have fewer dimensions than rows.
+        return log_evidence_of_noise(total, dof, known) + of_differences + gain * (dof - free) / residuals.shape[1]
 
 
-def noise_alternatives(at: Tangent) -> NoiseAlternatives:
-    """The noise models that are tried against equal, white, Gaussian noise."""
-    listed = noise_models(at)
-    return NoiseAlternatives(at, (*listed, *twins(at, Repeats.of(at), listed)))
-
-
-def _heavy(
-    rows: Float[np.ndarray, "draws readings"],
-    z: Float[np.ndarray, "draws nu"],
+def _best_scale(
+    squares: Float[np.ndarray, "draws readings"],
     tails: Float[np.ndarray, " tails"],
-    known: bool,
+    variance: Float[np.ndarray, " draws"],
 ) -> Float[np.ndarray, "tails draws"]:
-    """Student's t against the normal on the readings' residuals, each with its own best scale (profile likelihood)."""
-    count, dof, squares, tail = rows.shape[1], z.shape[1], rows**2, tails[:, None, None]
-    total = np.sum(z**2, axis=1)
-    variance = total / dof
-    scale = np.ones((len(tails), len(rows))) if known else np.tile(0.5 * variance, (len(tails), 1))
-    for _ in range(8 if not known else 0):
-        trust = (tail + 1) / (tail + squares / scale[:, :, None])
-        scale = np.sum(trust * squares, axis=2) / count
-    scale = np.maximum(scale, 1e-12 * np.maximum(variance, 1e-300))
-    spread = np.ones(len(rows)) if known else np.sum(squares, axis=1) / count
-    # The t's likelihood is that of `count` residuals which have only `dof` dimensions.
-    gain = _log_t(rows, tails, scale) - _log_normal(rows, spread)
-    return log_evidence_of_noise(total, dof, known) + gain * dof / count
+    """The squared scale of the highest likelihood of Student's t, by reweighting (Lange, Little and Taylor 1989)."""
+    scale, tail = np.tile(0.5 * variance, (len(tails), 1)), tails[:, None, None]
+    for _ in range(_STEPS):
+        scale = np.mean((tail + 1) / (tail + squares / scale[:, :, None]) * squares, axis=2)
+    return np.maximum(scale, 1e-12 * np.maximum(variance, 1e-300))
 
 
 def _log_t(

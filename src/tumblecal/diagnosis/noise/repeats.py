@@ -1,13 +1,26 @@
-"""Positions that repeat an attitude: means, and differences (pure error) that no model of the attitude has a part in."""
+"""Positions that repeat an attitude: means, and differences (pure error) that no model of the attitude has a part in.
 
+Differences of repeats show the noise for any model of the attitude. Additional dispersion of the means of repeats is lack of
+fit (Draper and Smith 1998, section 2.1). So every noise model that makes readings noisier has a twin that is no noise and no
+named cause: the means follow that model, the differences the noise as assumed.
+"""
+
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from tumblecal.diagnosis.causes.generic import UNEXPLAINED
 from tumblecal.diagnosis.model.tangent import Tangent
+from tumblecal.diagnosis.noise.models import NoiseModel, noisier_readings
+from tumblecal.diagnosis.priors import ATTITUDE_ERRORS, GENERIC_WEIGHT, NOISE_WEIGHT
 from tumblecal.ground.showing import brief
+from tumblecal.noise.covariance import Covariance
+
+
+_WORDS = "the attitude (repeats of an attitude agree, so this is not noise)"
 
 
 @dataclass(frozen=True)
@@ -63,3 +76,28 @@ class Repeats:
         count = len(self.attitude)
         made = (self.turn @ rows[: 3 * count].reshape(count, -1)).reshape(3 * count, -1)
         return np.concatenate([made, rows[3 * count :]])
+
+    def twins(self, models: Sequence[NoiseModel]) -> list[NoiseModel]:
+        """Twins of noise models as errors of the attitude, and errors of the attitude of all three axes of several sizes, with
+        covariances of means and differences; none without repeats."""
+        if not self.share:
+            return []
+        share = float(np.log(self.share * GENERIC_WEIGHT))
+        weights = self.weights / np.median(self.weights)
+        sizes = np.bincount(self.attitude, weights**2)[self.attitude]
+        made = [
+            self._twin(share - float(np.log(len(ATTITUDE_ERRORS))), np.repeat(1.0 + size**2 * sizes, 3), "rows")
+            for size in ATTITUDE_ERRORS
+        ]
+        for model in noisier_readings(models):
+            weight = model.log_weight + share - float(np.log(NOISE_WEIGHT))
+            made.append(self._twin(weight, model.covariance.values, model.covariance.form, model.tail))
+        return made
+
+    def _twin(self, log_weight: float, values: np.ndarray, form: str, tail: float | None = None) -> NoiseModel:
+        """The model whose means have a covariance."""
+        if form == "blocks":
+            values = np.where(self.is_mean[:, None, None], values, np.eye(3))
+        else:
+            values = np.where(np.repeat(self.is_mean, 3), values, 1.0)
+        return NoiseModel(UNEXPLAINED, _WORDS, log_weight, Covariance(values, form), tail=tail, of_means=True)

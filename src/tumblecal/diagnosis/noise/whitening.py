@@ -1,4 +1,9 @@
-"""Vectors of the residual space made white by several covariances at once."""
+"""Products of residual-space vectors under several covariances at once, without making any row white.
+
+With the precisions P of the white rows and the orthonormal basis Q of the nominal model's column space, the products of
+vectors X of the residual space under a covariance are `X'PX - C'C`, where `L L' = Q'PQ` and `C = L^-1 Q'PX`; half the
+logarithm of its determinant there is that of the whole covariance plus the sum of `log diag L` (Harville 1974).
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,7 +11,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.diagnosis.noise.repeats import Repeats
@@ -15,22 +20,49 @@ from tumblecal.noise.covariance import Covariance
 
 
 class _Form(NamedTuple):
-    """Covariances of one form by their numbers, whether they are `of_means` and differences of repeats, and what makes rows
-    white: inverse roots in that form, where it has such."""
+    """Precisions of the covariances `numbers`, all of one form, and half the logarithms of their determinants; `of_means`:
+    whether of means and differences of repeats."""
 
     form: str
     of_means: bool
     numbers: list[int]
-    inverse: np.ndarray
+    precision: np.ndarray
+    half_log_dets: Float[np.ndarray, " own"]
+
+    @classmethod
+    def of(cls, form: str, of_means: bool, numbers: list[int], values: np.ndarray) -> "_Form":
+        """From the stacked values of the covariances."""
+        if form == "rows":
+            return cls(form, of_means, numbers, 1.0 / values, 0.5 * np.log(values).sum(axis=1))
+        diagonals = np.linalg.cholesky(values).diagonal(axis1=-2, axis2=-1)
+        repeated = 3.0 if form == "between" else 1.0
+        half_log_dets = repeated * np.log(diagonals).reshape(len(numbers), -1).sum(axis=1)
+        return cls(form, of_means, numbers, np.linalg.inv(values), half_log_dets)
+
+    def times(self, rows: Float[np.ndarray, "rows columns"]) -> Float[np.ndarray, "own rows columns"]:
+        """The precisions times the readings' rows."""
+        size, columns, made = len(rows), rows.shape[1], len(self.numbers)
+        if self.form == "rows":
+            return self.precision[:, :, None] * rows
+        if self.form == "by_axis":
+            by_axis = rows.reshape(-1, 3, columns).swapaxes(0, 1)
+            return (self.precision @ by_axis).swapaxes(1, 2).reshape(made, size, columns)
+        shape = {"between": (size // 3, 3 * columns), "blocks": (size // 3, 3, columns), "full": (size, columns)}
+        return (self.precision @ rows.reshape(shape[self.form])).reshape(made, size, columns)
+
+    def squares(self, rows: Float[np.ndarray, "rows columns"]) -> Float[np.ndarray, "own columns"]:
+        """Sums of squares of the readings' rows under each covariance."""
+        if self.form == "rows":
+            return self.precision @ rows**2
+        return np.einsum("rc,krc->kc", rows, self.times(rows))
 
 
 @dataclass(frozen=True)
 class Whitening:
     """Covariances of the readings' white rows on the residual space of a problem.
 
-    If the column space of the nominal model is smaller than its residual space, rows are whitened and their part in the column
-    space is removed. Otherwise (free tilts) the covariances are computed on the residual space. `of_means`: which covariances
-    are of means over `repeats`, and differences.
+    If the column space of the nominal model is larger than its residual space (free tilts), the covariances are computed on
+    the residual space. `of_means`: which covariances are of means over `repeats`, and differences.
     """
 
     __repr__ = brief
@@ -40,106 +72,87 @@ class Whitening:
     repeats: Repeats | None = None
     of_means: Sequence[bool] = ()
 
-    @property
-    def _of_means(self) -> Sequence[bool]:
-        return self.of_means or [False] * len(self.covariances)
-
-    @property
-    def on_rows(self) -> bool:
-        """Whether whole rows are made white."""
-        return self.at.reached.shape[1] <= self.at.dof
-
     @cached_property
     def half_log_dets(self) -> Float[np.ndarray, " covariances"]:
         """Half the logarithms of the determinants on the residual space."""
-        if not self.on_rows:
+        if not self._on_rows:
             return -_log_diagonals(self._roots)
-        # The whole, times that of the precision on what the nominal model reaches.
-        return self._whole_half_log_dets + _log_diagonals(self._reached[1])
+        whole = np.concatenate([form.half_log_dets for form in self._forms])[self._order]
+        return whole + _log_diagonals(self._triangles)
 
-    def whitened(self, x: Float[np.ndarray, "nu columns"]) -> Float[np.ndarray, "covariances white columns"]:
-        """Vectors whitened by each covariance, without their part in the column space of the nominal model."""
-        if not self.on_rows:
-            return self._roots @ x
-        (nominal, triangles), white = self._reached, self._white(self.at.basis @ x)
-        along = np.linalg.solve(triangles, nominal.mT @ white)
-        return white - nominal @ np.linalg.solve(triangles.mT, along)
+    def products(self, x: Float[np.ndarray, "nu columns"]) -> Float[np.ndarray, "covariances columns columns"]:
+        """Products of vectors of the residual space with each other under each covariance."""
+        if not self._on_rows:
+            white = self._roots @ x
+            return white.mT @ white
+        rows, rank = self.at.basis @ x, self.at.reached.shape[1]
+        weighted = self._weighted(rows, np.hstack([self.at.reached, rows]))
+        along = np.linalg.solve(self._triangles, weighted[:, :, :rank].mT)
+        return weighted[:, :, rank:] - along.mT @ along
 
     def squares(self, x: Float[np.ndarray, "nu columns"]) -> Float[np.ndarray, "covariances columns"]:
-        """Sums of squares of these."""
-        if not self.on_rows:
-            return _summed(self._roots @ x)
-        (nominal, triangles), white = self._reached, self._white(self.at.basis @ x)
-        return _summed(white) - _summed(np.linalg.solve(triangles, nominal.mT @ white))
+        """Sums of squares of vectors of the residual space under each covariance; of many in less memory."""
+        if x.shape[1] == 1:
+            return self.products(x)[:, 0]
+        if not self._on_rows:
+            return np.sum((self._roots @ x) ** 2, axis=1)
+        rows, count = self.at.basis @ x, self._count
+        own = np.concatenate([form.squares(self._turned(rows, form)) for form in self._forms])[self._order]
+        along = np.linalg.solve(self._triangles, self._weighted(rows, self.at.reached).mT)
+        return own + np.sum(rows[count:] ** 2, axis=0) - np.sum(along**2, axis=1)
 
-    @cached_property
-    def _roots(self) -> Float[np.ndarray, "covariances nu nu"]:
-        """What makes vectors of the residual space white."""
-        readings, priors = np.split(self.at.basis, [self.at.problem.readings.size])
-        turned = readings if self.repeats is None else self.repeats.turned(readings)
-        rows = [turned if own else readings for own in self._of_means]
-        own = np.stack([x.T @ covariance.times(x) for covariance, x in zip(self.covariances, rows, strict=True)])
-        return np.linalg.inv(np.linalg.cholesky(own + priors.T @ priors))
+    @property
+    def _on_rows(self) -> bool:
+        return self.at.reached.shape[1] <= self.at.dof
 
-    @cached_property
-    def _reached(
-        self,
-    ) -> tuple[Float[np.ndarray, "covariances rows reached"], Float[np.ndarray, "covariances reached reached"]]:
-        """What the nominal model reaches made white, and the lower triangles of the products of its columns."""
-        white = self._white(self.at.reached)
-        return white, np.linalg.cholesky(white.mT @ white)
-
-    @cached_property
-    def _whole_half_log_dets(self) -> Float[np.ndarray, " covariances"]:
-        """Half the logarithms of the determinants of the whole covariances."""
-        half_log_dets = np.zeros(len(self.covariances))
-        for form, _, numbers, inverse in self._forms:
-            if form == "rows":
-                half_log_dets[numbers] = -np.log(inverse).sum(axis=1)
-            elif form in ("between", "blocks"):
-                repeated = 3 if form == "between" else 1
-                half_log_dets[numbers] = -repeated * _log_diagonals(inverse).reshape(len(numbers), -1).sum(axis=1)
-            else:
-                half_log_dets[numbers] = [self.covariances[k].half_log_det for k in numbers]
-        return half_log_dets
+    @property
+    def _count(self) -> int:
+        return self.at.problem.readings.size
 
     @cached_property
     def _forms(self) -> list[_Form]:
-        forms = [(covariance.form, own) for covariance, own in zip(self.covariances, self._of_means, strict=True)]
-        made = []
-        for form, own in dict.fromkeys(forms):
-            numbers = [k for k, other in enumerate(forms) if other == (form, own)]
-            inverse = np.zeros(0)
-            if form in ("rows", "between", "blocks"):
-                values = np.stack([self.covariances[k].values for k in numbers])
-                inverse = 1.0 / np.sqrt(values) if form == "rows" else np.linalg.inv(np.linalg.cholesky(values))
-            made.append(_Form(form, own, numbers, inverse))
-        return made
+        of_means = self.of_means or [False] * len(self.covariances)
+        forms = [(covariance.form, own) for covariance, own in zip(self.covariances, of_means, strict=True)]
+        numbers = {own: [k for k, other in enumerate(forms) if other == own] for own in dict.fromkeys(forms)}
+        return [
+            _Form.of(*own, listed, np.stack([self.covariances[k].values for k in listed]))
+            for own, listed in numbers.items()
+        ]
 
-    def _white(self, rows: Float[np.ndarray, "rows columns"]) -> Float[np.ndarray, "covariances rows columns"]:
-        """Rows made white by each covariance, those of one form at once."""
-        white, count = np.empty((len(self.covariances), *rows.shape)), self.at.problem.readings.size
-        white[:, count:] = rows[count:]
-        whole = {False: rows} | ({} if self.repeats is None else {True: self.repeats.turned(rows)})
-        for form, of_means, numbers, inverse in self._forms:
-            own = whole[of_means]
-            readings = own[:count].reshape(count // 3, 3, -1)
-            if form == "rows":
-                white[numbers, :count] = inverse[:, :, None] * own[:count]
-            elif form == "between":
-                white[numbers, :count] = (inverse @ readings.reshape(count // 3, -1)).reshape(len(numbers), count, -1)
-            elif form == "blocks":
-                white[numbers, :count] = (inverse @ readings).reshape(len(numbers), count, -1)
-            else:
-                white[numbers] = [self.covariances[k].whiten(own) for k in numbers]
-        return white
+    @cached_property
+    def _order(self) -> Int[np.ndarray, " covariances"]:
+        """Where each covariance is in the forms' arrays, one after the other."""
+        return np.argsort([number for form in self._forms for number in form.numbers])
+
+    def _turned(self, rows: Float[np.ndarray, "rows columns"], form: _Form) -> Float[np.ndarray, "readings columns"]:
+        """The readings' rows as a form has them."""
+        turned = self.repeats.turned(rows) if form.of_means and self.repeats is not None else rows
+        return turned[: self._count]
+
+    def _weighted(
+        self, one: Float[np.ndarray, "rows columns"], other: Float[np.ndarray, "rows others"]
+    ) -> Float[np.ndarray, "covariances columns others"]:
+        """Products of rows under the whole covariances; those of priors have variance one."""
+        priors = one[self._count :].T @ other[self._count :]
+        own = [self._turned(one, form).T @ form.times(self._turned(other, form)) for form in self._forms]
+        return np.concatenate(own)[self._order] + priors
+
+    @cached_property
+    def _triangles(self) -> Float[np.ndarray, "covariances reached reached"]:
+        """Lower triangles of the products of the column space's basis."""
+        return np.linalg.cholesky(self._weighted(self.at.reached, self.at.reached))
+
+    @cached_property
+    def _roots(self) -> Float[np.ndarray, "covariances nu nu"]:
+        """Roots of the precisions on the residual space."""
+        readings, priors = np.split(self.at.basis, [self._count])
+        of_means = self.of_means or [False] * len(self.covariances)
+        turned = readings if self.repeats is None else self.repeats.turned(readings)
+        rows = [turned if own else readings for own in of_means]
+        own = np.stack([x.T @ covariance.times(x) for covariance, x in zip(self.covariances, rows, strict=True)])
+        return np.linalg.inv(np.linalg.cholesky(own + priors.T @ priors))
 
 
-def _log_diagonals(triangles: Float[np.ndarray, "*covariances size size"]) -> Float[np.ndarray, "*covariances"]:
+def _log_diagonals(triangles: Float[np.ndarray, "covariances size size"]) -> Float[np.ndarray, " covariances"]:
     """Logarithms of the determinants of triangles."""
     return np.log(triangles.diagonal(axis1=-2, axis2=-1)).sum(axis=-1)
-
-
-def _summed(white: Float[np.ndarray, "covariances white columns"]) -> Float[np.ndarray, "covariances columns"]:
-    """Sums of squares."""
-    return np.einsum("cwx,cwx->cx", white, white)
