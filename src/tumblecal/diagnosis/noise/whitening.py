@@ -82,6 +82,8 @@ class Whitening:
 
     def products(self, x: Float[np.ndarray, "nu columns"]) -> Float[np.ndarray, "covariances columns columns"]:
         """Products of vectors of the residual space with each other under each covariance."""
+        if not self.covariances:
+            return np.zeros((0, x.shape[1], x.shape[1]))
         if not self._on_rows:
             white = self._roots @ x
             return white.mT @ white

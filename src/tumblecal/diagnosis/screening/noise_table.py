@@ -73,7 +73,7 @@ class NoiseTable:
         sets = list(dict.fromkeys([*parts_of(listed[0] if listed else ()), *listed]))
         bases, dof = screened.search.bases(sets), screened.pool.dof
         sets = [members for members, base in zip(sets, bases, strict=True) if base.q.shape[1] + LEAST_FREE <= dof]
-        if many_outliers(screened):
+        if many_outliers(screened) and not np.all(noise.is_gaussian):
             # Tails stand for the outlier positions, so the noise as assumed, which needs these, is no alternative to them.
             return cls.among(screened.search, sets, noise, total=-np.inf, outliers_in_tails=True)
         return cls.among(screened.search, sets, noise)
@@ -104,7 +104,7 @@ class NoiseTable:
             tried &= plain[:, None] | noise.is_gaussian
         # Tails are judged by the residual; the part of the set counts as under the normal distribution.
         scores = normal[:, None] + gains
-        for row in np.flatnonzero(tried.any(axis=1)).tolist():
+        for row in np.flatnonzero(tried.any(axis=1) & noise.is_gaussian.any()).tolist():
             scores[row, noise.is_gaussian] = _evidence(search, bases[row], noise, products[row])
         return cls(search, noise, sets, np.where(tried, scores + prior, -np.inf), total)
 
