@@ -55,7 +55,9 @@ def record(diagnosis: Diagnosis, plan: NextPlan, verdict: Verdict | None = None)
             "chi2_p_value": test.chi2_p_value,
         },
         "noise_model": diagnosis.noise_words or None,
-        "noise_rivals": {label: fault.alternative for label, fault in diagnosis.noise_wrong.items() if fault.alternative},
+        "noise_rivals": {
+            label: fault.alternative for label, fault in diagnosis.noise_wrong.items() if fault.alternative
+        },
         "assumed_noise_p_value": diagnosis.assumed_p_value,
         "mountings": {label: {"rotation_deg": list(turn)} for label, turn in diagnosis.mountings.items()} or None,
         "samples": None if diagnosis.samples is None else diagnosis.samples.record(),
