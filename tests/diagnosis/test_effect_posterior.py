@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from tumblecal.diagnosis.findings import effect_posterior as posterior
-from tumblecal.diagnosis.findings.effect_posterior import Candidate, effect_posterior
+from tumblecal.diagnosis.findings.effect_posterior import Candidates, effect_posterior
 
 
 def by_densities(signals, z, shown, always, candidates):
@@ -16,13 +16,13 @@ def by_densities(signals, z, shown, always, candidates):
         sd = np.array([scale / np.hypot(scale, size) if scale else 0.0 for size in visible])
         sd[~shown] = np.median(sd[shown])
         sd[always] = np.maximum(sd[always], 0.3)
-        for candidate in candidates:
-            sizes = np.geomspace(0.3, 300.0, 16) if candidate.named.any() else [0.0]
+        for named, log_prior in zip(candidates.named, candidates.log_prior, strict=True):
+            sizes = np.geomspace(0.3, 300.0, 16) if named.any() else [0.0]
             for size in sizes:
-                own = np.diag(sd**2 + candidate.named * size**2)
+                own = np.diag(sd**2 + named * size**2)
                 whole = np.eye(len(z)) + signals @ own @ signals.T
                 density = stats.multivariate_normal(np.zeros(len(z)), whole).logpdf(z)
-                weights.append(density + np.log(prior / len(sizes)) + candidate.log_prior)
+                weights.append(density + np.log(prior / len(sizes)) + log_prior)
                 gain = own @ signals.T @ np.linalg.inv(whole)
                 means.append(gain @ z)
                 products.append(own - gain @ signals @ own + np.outer(means[-1], means[-1]))
@@ -38,11 +38,8 @@ def case():
     shown = np.array([True] * 6 + [False])
     always = np.array([False] * 5 + [True, False])
     first = np.array([True, True] + [False] * 5)
-    candidates = [
-        Candidate(np.zeros(7, bool), np.zeros(7, bool), np.log(0.25)),
-        Candidate(first, np.zeros(7, bool), np.log(0.01)),
-        Candidate(np.roll(first, 2), np.zeros(7, bool), np.log(0.02)),
-    ]
+    named = np.array([np.zeros(7, bool), first, np.roll(first, 2)])
+    candidates = Candidates(named, np.zeros_like(named), np.log([0.25, 0.01, 0.02]))
     return signals, shown, always, candidates, rng
 
 
@@ -50,19 +47,30 @@ def case():
 def test_equals_the_sum_over_normal_densities(case, size):
     signals, shown, always, candidates, rng = case
     z = signals @ (size * np.array([1.0, -0.5, 0, 0, 0.1, 0.1, 0.0])) + rng.normal(size=20)
-    found = effect_posterior(signals, z, shown, always, candidates, known=True)
+    found = effect_posterior(signals, z, shown, always, candidates, dof=len(z), known=True)
     mean, products = by_densities(signals, z, shown, always, candidates)
     np.testing.assert_allclose(found.mean, mean, atol=2e-3 * max(1.0, np.abs(mean).max()))
     np.testing.assert_allclose(found.second, products, atol=4e-3 * max(1.0, np.abs(products).max()))
+
+
+def test_only_products_of_the_rows_count(case):
+    """In more rows than directions, in which most of the residual is in none of the signals."""
+    signals, shown, always, candidates, rng = case
+    z = signals @ np.array([4.0, -2.0, 0, 0, 0.1, 0.1, 0.0]) + rng.normal(size=20)
+    few = effect_posterior(signals[:6], z[:6], shown, always, candidates, dof=20, known=True)
+    turned = np.linalg.qr(rng.normal(size=(20, 6)))[0]
+    many = effect_posterior(turned @ signals[:6], turned @ z[:6], shown, always, candidates, dof=20, known=True)
+    np.testing.assert_allclose(many.mean, few.mean, rtol=1e-9)
+    np.testing.assert_allclose(many.second, few.second, atol=1e-9 * few.second.max())
 
 
 def test_a_hidden_coefficient_is_as_large_as_the_others_of_its_effect(case):
     signals, shown, always, candidates, rng = case
     hidden = np.array([False] * 6 + [True])
     z = signals @ np.array([20.0, -25.0, 0, 0, 0, 0, 0]) + rng.normal(size=20)
-    without = effect_posterior(signals, z, shown, always, candidates, known=True)
-    candidates[1] = candidates[1]._replace(of_same_size=hidden)
-    found = effect_posterior(signals, z, shown, always, candidates, known=True)
+    without = effect_posterior(signals, z, shown, always, candidates, dof=len(z), known=True)
+    candidates.of_same_size[1] = hidden
+    found = effect_posterior(signals, z, shown, always, candidates, dof=len(z), known=True)
     assert without.second[6, 6] < 1.0
     # Student's t of two draws about their root mean square, by its 95 % interval: 2.2 times 22.6.
     assert np.sqrt(found.second[6, 6]) == pytest.approx(2.2 * 22.6, rel=0.25)
@@ -79,11 +87,9 @@ def test_an_unlikely_explanation_with_a_huge_coefficient_is_not_followed():
         shown, always = np.ones(30, bool), np.zeros(30, bool)
         truth = rng.normal(size=30)
         z = signals @ truth + rng.normal(size=24)
-        candidates = [
-            Candidate(np.zeros(30, bool), np.zeros(30, bool), np.log(0.25)),
-            Candidate(np.arange(30) == 0, np.zeros(30, bool), np.log(0.01)),
-        ]
-        found = effect_posterior(signals, z, shown, always, candidates, known=True)
+        named = np.arange(30) == [[-1], [0]]
+        candidates = Candidates(named, np.zeros_like(named), np.log([0.25, 0.01]))
+        found = effect_posterior(signals, z, shown, always, candidates, dof=len(z), known=True)
         by_least_squares = signals[:, 0] @ z / (signals[:, 0] @ signals[:, 0])
         squares.append([(found.mean[0] - truth[0]) ** 2, (by_least_squares - truth[0]) ** 2])
         sd = np.sqrt(found.second[0, 0] - found.mean[0] ** 2)
@@ -96,5 +102,5 @@ def test_an_unlikely_explanation_with_a_huge_coefficient_is_not_followed():
 def test_noise_is_found_from_the_residual_where_it_is_unknown(case):
     signals, shown, always, candidates, rng = case
     z = signals @ np.array([3.0, 1.0, 0, 0, 0, 0, 0]) + rng.normal(size=20)
-    found = effect_posterior(signals, z, shown, always, candidates, known=False)
+    found = effect_posterior(signals, z, shown, always, candidates, dof=len(z), known=False)
     np.testing.assert_allclose(found.mean[:2], [3.0, 1.0], atol=0.5)

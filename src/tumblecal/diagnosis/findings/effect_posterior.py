@@ -14,11 +14,11 @@ summed over by their marginal likelihood (Carlin and Louis, Bayes and Empirical 
   the temperature to first order, so these coefficients have at least 0.3 of their typical size.
 """
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
+from scipy.linalg.lapack import dpotrf, dtrtrs  # type: ignore[attr-defined]
 from scipy.special import erfc, ndtri
 
 from tumblecal.ground.showing import brief
@@ -36,15 +36,15 @@ _NEGLIGIBLE = 3e-4
 _OUTSIDE = 0.05
 
 
-class Candidate(NamedTuple):
-    """An explanation: the visible directions of its effects, the other directions with the same assumed size, and its log
-    prior."""
+class Candidates(NamedTuple):
+    """Explanations: the visible directions of the effects of each, the other directions with the same assumed size, and its
+    log prior."""
 
     __repr__ = brief
 
-    named: Bool[np.ndarray, " directions"]
-    of_same_size: Bool[np.ndarray, " directions"]
-    log_prior: float
+    named: Bool[np.ndarray, "candidates directions"]
+    of_same_size: Bool[np.ndarray, "candidates directions"]
+    log_prior: Float[np.ndarray, " candidates"]
 
 
 class EffectPosterior(NamedTuple):
@@ -57,80 +57,76 @@ class EffectPosterior(NamedTuple):
 
 
 class _Background(NamedTuple):
-    """The effects that are not named, of one scale: variances `t^2`, `L' K^-1 L` and `L' K^-1 z` with `K = 1 + L t^2 L'`, the
+    """The effects that are not named, of one scale: variances `t^2`, `K^-1/2 L` and `L' K^-1 z` with `K = 1 + L t^2 L'`, the
     residual's square `z' K^-1 z`, and half of the log determinant of `K`."""
 
     variances: Float[np.ndarray, " directions"]
-    inner: Float[np.ndarray, "directions directions"]
+    white: Float[np.ndarray, "nu directions"]
     towards: Float[np.ndarray, " directions"]
     square: float
     half_log_det: float
 
 
-class _Named(NamedTuple):
-    """One candidate, given one background: eigenvectors of the named block of `inner`, the residual along them, the variance
-    that each size `w` leaves of each, and the log evidence of each size."""
+class _OfOneRank(NamedTuple):
+    """The candidates with equally many named directions, `columns`, for each background: eigenvectors `axes` of the named
+    block of `L' K^-1 L`, the residual along them, and the variance that each size `w` leaves of each."""
 
-    axes: Float[np.ndarray, "named named"]
-    along: Float[np.ndarray, " named"]
-    left: Float[np.ndarray, "sizes named"]
-    log_evidence: Float[np.ndarray, " sizes"]
+    numbers: Int[np.ndarray, " candidates"]
+    columns: Int[np.ndarray, "candidates named"]
+    axes: Float[np.ndarray, "scales candidates named named"]
+    along: Float[np.ndarray, "scales candidates named"]
+    variances: Float[np.ndarray, "scales candidates sizes named"]
 
 
 def effect_posterior(
-    signals: Float[np.ndarray, "nu directions"],
-    z: Float[np.ndarray, " nu"],
+    signals: Float[np.ndarray, "rows directions"],
+    z: Float[np.ndarray, " rows"],
     shown: Bool[np.ndarray, " directions"],
     always: Bool[np.ndarray, " directions"],
-    candidates: Sequence[Candidate],
+    candidates: Candidates,
     *,
+    dof: int,
     known: bool,
 ) -> EffectPosterior:
     """The posterior of all coefficients.
 
     **Arguments:**
 
-    - `signals`, `z`: `L` and `z`, in noise sd. `shown`: which directions the residuals can show; `always`: those that
-      every sensor has.
+    - `signals`, `z`: `L` and `z`, in noise sd, as rows of `dof` dimensions. `shown`: which directions the residuals can show;
+      `always`: those that every sensor has.
     - `known`: whether the noise sd is known; otherwise it is integrated out by the likelihood's power of the sum of squares.
     """
+    if len(z) > signals.shape[1] + 1:
+        # Only their products with each other count.
+        rows = np.asarray(np.linalg.qr(np.column_stack([signals, z]), mode="r"))
+        signals, z = rows[:, :-1], rows[:, -1]
     backgrounds = [_background(signals, z, shown, always, scale) for scale in SCALES]
-    least = 1e-12 * float(z @ z) + 1e-300
-    named = [
-        [_with_named(background, candidate, len(z), least, known=known) for candidate in candidates]
-        for background in backgrounds
-    ]
-    scores = np.full((len(SCALES), len(candidates), len(_NAMED)), -np.inf)
-    for number, beside in enumerate(named):
-        for place, own in enumerate(beside):
-            scores[number, place, : len(own.log_evidence)] = own.log_evidence + np.log(WEIGHTS[number])
+    scores, groups = _scored(backgrounds, candidates, dof, 1e-12 * float(z @ z) + 1e-300, known=known)
     weights = np.exp(scores - np.max(scores))
     weights /= np.sum(weights)
+    products, means = _of_named(groups, np.where(_probable(weights), weights, 0.0), len(shown))
     mean, second = np.zeros(len(shown)), np.zeros((len(shown), len(shown)))
-    absorbed = np.zeros((len(shown), len(_NAMED)))
-    for number, background in enumerate(backgrounds):
-        share, alone = float(np.sum(weights[number])), background.variances * background.towards
+    for share, background, product, size in zip(weights.sum(axis=(1, 2)), backgrounds, products, means, strict=True):
         if share < _NEGLIGIBLE:
             continue
-        parts = [
-            _moments(background, candidates[place], own, weights[number, place, : len(own.log_evidence)])
-            for place, own in enumerate(named[number])
-            if np.sum(weights[number, place]) > _NEGLIGIBLE
-        ]
-        further = sum((part[0] for part in parts), np.zeros(len(shown)))
-        roots = np.hstack([np.zeros((len(shown), 0)), *(part[1] for part in parts)])
+        # Named coefficients `x` beyond the background: it is then what is expected of `z - L x`.
+        named, variances = np.flatnonzero(np.diag(product)), background.variances
+        moved = -variances[:, None] * (background.white.T @ background.white[:, named])
+        moved[named, np.arange(len(named))] += 1.0
+        alone, further = variances * background.towards, moved @ size[named]
         mean += share * alone + further
-        crossed = np.outer(alone, 0.5 * share * alone + further)
-        second += crossed + crossed.T + roots @ roots.T
-        second -= share * background.variances[:, None] * background.inner * background.variances
-        second[np.diag_indices(len(shown))] += share * background.variances
-    sizes = weights.sum(axis=0)
-    for place, candidate in enumerate(candidates):
-        absorbed[candidate.of_same_size] += sizes[place]
+        crossed, drawn = np.outer(alone, 0.5 * share * alone + further), background.white * variances
+        second += crossed + crossed.T + moved @ product[np.ix_(named, named)] @ moved.T - share * (drawn.T @ drawn)
+        second[np.diag_indices(len(shown))] += share * variances
+    absorbed = candidates.of_same_size.T @ weights.sum(axis=0)
     hidden = np.flatnonzero(absorbed.any(axis=1))
     # Their signals are absorbed: the data say of them what they say of the size.
     second[hidden, hidden] += _equal_interval(absorbed[hidden]) ** 2
     return EffectPosterior(mean, second)
+
+
+def _probable(weights: Float[np.ndarray, "scales candidates sizes"]) -> Bool[np.ndarray, "scales candidates 1"]:
+    return np.sum(weights, axis=2, keepdims=True) > _NEGLIGIBLE
 
 
 def _background(
@@ -145,38 +141,58 @@ def _background(
     sd[~shown] = np.median(sd[shown]) if np.any(shown) else 0.0
     sd[always] = np.maximum(sd[always], _LEAST_TEMPERATURE)
     drawn = signals * sd
-    root = np.linalg.cholesky(np.eye(len(z)) + drawn @ drawn.T)
-    solved = np.linalg.solve(root, np.column_stack([signals, z]))
-    rows, rest = solved[:, :-1], solved[:, -1]
-    half_log_det = float(np.sum(np.log(np.diag(root))))
-    return _Background(sd**2, rows.T @ rows, rows.T @ rest, float(rest @ rest), half_log_det)
+    root = dpotrf(np.eye(len(z)) + drawn @ drawn.T, lower=1)[0]
+    white = dtrtrs(root, np.column_stack([signals, z]), lower=1)[0]
+    rows, rest = white[:, :-1], white[:, -1]
+    return _Background(sd**2, rows, rows.T @ rest, float(rest @ rest), float(np.sum(np.log(np.diag(root)))))
 
 
-def _with_named(background: _Background, candidate: Candidate, dof: int, least: float, *, known: bool) -> _Named:
-    own = candidate.named
-    variances, axes = np.linalg.eigh(background.inner[np.ix_(own, own)])
-    along = axes.T @ background.towards[own]
-    sizes = _NAMED[:, None] ** 2 if np.any(own) else np.zeros((1, 1))
-    left = sizes / (1.0 + sizes * np.maximum(variances, 0.0))
-    square = background.square - left @ along**2
-    likelihood = -0.5 * square if known else -0.5 * dof * np.log(np.maximum(square, least))
-    widths = 0.5 * np.sum(np.log1p(sizes * np.maximum(variances, 0.0)), axis=1)
-    prior = candidate.log_prior - np.log(len(sizes))
-    return _Named(axes, along, left, prior + likelihood - widths - background.half_log_det)
+def _scored(
+    backgrounds: list[_Background], candidates: Candidates, dof: int, least: float, *, known: bool
+) -> tuple[Float[np.ndarray, "scales candidates sizes"], list[_OfOneRank]]:
+    """Log posterior of each candidate with each size `w`, for each background; the candidates by their number of named
+    directions. One without any has no size: the first counts for it."""
+    towards = np.stack([background.towards for background in backgrounds])
+    square = np.array([background.square for background in backgrounds])[:, None, None]
+    half_log_det = np.array([background.half_log_det for background in backgrounds])[:, None, None]
+    listed = candidates.named.any(axis=0)
+    place = np.cumsum(listed) - 1
+    white = np.stack([background.white[:, listed] for background in backgrounds])
+    inner, squares = white.mT @ white, _NAMED[:, None] ** 2
+    scores = np.zeros((len(backgrounds), len(candidates.log_prior), len(_NAMED)))
+    counts, groups = candidates.named.sum(axis=1), []
+    for count in np.unique(counts).tolist():
+        numbers = np.flatnonzero(counts == count)
+        columns = np.nonzero(candidates.named[numbers])[1].reshape(len(numbers), count)
+        inside = place[columns]
+        variances, axes = np.linalg.eigh(inner[:, inside[:, :, None], inside[:, None, :]])
+        along = (axes.mT @ towards[:, columns, None])[..., 0]
+        informed = 1.0 + squares * np.maximum(variances, 0.0)[:, :, None]
+        group = _OfOneRank(numbers, columns, axes, along, squares / informed)
+        explained = square - (group.variances @ along[..., None] ** 2)[..., 0]
+        likelihood = -0.5 * explained if known else -0.5 * dof * np.log(np.maximum(explained, least))
+        scores[:, numbers] = likelihood - 0.5 * np.sum(np.log(informed), axis=3) - np.log(len(_NAMED))
+        groups.append(group)
+    without = counts == 0
+    scores[:, without, 0] += np.log(len(_NAMED))
+    scores[:, without, 1:] = -np.inf
+    return scores - half_log_det + np.log(WEIGHTS)[:, None, None] + candidates.log_prior[:, None], groups
 
 
-def _moments(
-    background: _Background, candidate: Candidate, named: _Named, share: Float[np.ndarray, " sizes"]
-) -> tuple[Float[np.ndarray, " directions"], Float[np.ndarray, "directions named"]]:
-    """What named coefficients `x` beyond the background do to the mean of all coefficients, and a root of their mean products,
-    by their share of the probability. The background is then what is expected of `z - L x`."""
-    moved = -background.variances[:, None] * background.inner[:, candidate.named]
-    moved[candidate.named] += np.eye(len(named.along))
-    moved = moved @ named.axes
-    sizes = named.left * named.along
-    products = np.diag(share @ named.left) + (sizes.T * share) @ sizes
-    variances, turned = np.linalg.eigh(products)
-    return moved @ (share @ sizes), moved @ (turned * np.sqrt(np.maximum(variances, 0.0)))
+def _of_named(
+    groups: list[_OfOneRank], weights: Float[np.ndarray, "scales candidates sizes"], count: int
+) -> tuple[Float[np.ndarray, "scales directions directions"], Float[np.ndarray, "scales directions"]]:
+    """Mean products and means of the named coefficients beyond each background, by their share of the probability."""
+    products, means = np.zeros((len(weights), count, count)), np.zeros((len(weights), count))
+    for numbers, columns, axes, along, variances in groups:
+        scale, number = np.nonzero(np.any(weights[:, numbers], axis=2))
+        share, left = weights[scale, numbers[number]], variances[scale, number]
+        axes, sizes, columns = axes[scale, number], left * along[scale, number][:, None], columns[number]
+        own = (sizes * share[..., None]).mT @ sizes
+        own[:, np.arange(own.shape[1]), np.arange(own.shape[1])] += (share[:, None] @ left)[:, 0]
+        np.add.at(products, (scale[:, None, None], columns[:, :, None], columns[:, None]), axes @ own @ axes.mT)
+        np.add.at(means, (scale[:, None], columns), (axes @ (share[:, None] @ sizes).mT)[..., 0])
+    return products, means
 
 
 def _equal_interval(shares: Float[np.ndarray, "hidden sizes"]) -> Float[np.ndarray, " hidden"]:

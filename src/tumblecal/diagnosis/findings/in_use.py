@@ -6,7 +6,7 @@ that of all effects that are no property of the sensor. The covariance is the me
 over all explanations (Hoeting et al. 1999, Statistical Science 14, 382) and over the effects that were not detected.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -14,12 +14,13 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from tumblecal.diagnosis.causes.cause import Cause
+from tumblecal.diagnosis.causes.sign_variants import SIGNS
 from tumblecal.diagnosis.findings.decision import Average, Weighed, averaged, explanations_left, is_thermal, mixed
-from tumblecal.diagnosis.findings.effect_posterior import Candidate, effect_posterior
+from tumblecal.diagnosis.findings.effect_posterior import Candidates, effect_posterior
 from tumblecal.diagnosis.findings.effect_signals import EffectDirections, directions_at_typical_size
 from tumblecal.diagnosis.findings.reference import at_reference, long_lived, moved_to_reference
 from tumblecal.diagnosis.findings.undetected_effects import UndetectedEffects
-from tumblecal.diagnosis.model.tangent import tangent, unreachable
+from tumblecal.diagnosis.model.tangent import tangent
 from tumblecal.diagnosis.priors import SIZE_PRIOR
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.cause_sets import sets_of
@@ -108,7 +109,7 @@ class _Linear(NamedTuple):
 
     - `columns`: of the full vector, the fitted parameters without the named effects' coefficients, `nominal` ones first.
     - `estimator`: estimate of these, scaled, from the rows. `rows`: the residual plus the named effects.
-    - `signals`: of each direction of an effect. `basis`: orthonormal basis of the residual space of the fitted parameters.
+    - `signals`: of each direction of an effect. `column_space`: orthonormal basis of the signals of the fitted parameters.
     - `added`: contribution of each coefficient to the nominal parameters at the reference.
     """
 
@@ -117,8 +118,12 @@ class _Linear(NamedTuple):
     estimator: Float[np.ndarray, "columns rows"]
     rows: Float[np.ndarray, " rows"]
     signals: Float[np.ndarray, "rows directions"]
-    basis: Float[np.ndarray, "rows nu"]
+    column_space: Float[np.ndarray, "rows rank"]
     added: Float[np.ndarray, "nominal full"]
+
+    def residual(self, signals: Float[np.ndarray, "rows ..."]) -> Float[np.ndarray, "rows ..."]:
+        """The part of signals that the fitted parameters cannot produce."""
+        return signals - self.column_space @ (self.column_space.T @ signals)
 
 
 def _linearised(
@@ -140,18 +145,20 @@ def _linearised(
         for column, name in zip(cause.slot.all_columns, cause.slot.names, strict=True)
         if column in cause.slot.shape and fit.noise_covariance[(k := fit.names.index(name)), k] > 0
     ]
-    columns, takes_part = [*range(model.nominal), *shapes], fit.jacobian.any(axis=1)
-    jacobian, own = at.jacobian[takes_part] / sigma, fit.jacobian[takes_part] / sigma
-    terms = own.shape[1] - sum(len(cause.terms) for cause in base.members)
-    fitted = np.hstack([own[:, : model.nominal], jacobian[:, shapes], own[:, terms:]])
+    columns, in_fit = [*range(model.nominal), *shapes], fit.jacobian.any(axis=1)
+    jacobian, fitted = at.jacobian[in_fit] / sigma, fit.jacobian[in_fit] / sigma
+    terms = fitted.shape[1] - sum(len(cause.terms) for cause in base.members)
+    fitted = np.hstack([fitted[:, : model.nominal], jacobian[:, shapes], fitted[:, terms:]])
+    left, singular, right = np.linalg.svd(fitted, full_matrices=False)
+    seen = singular > RANK_TOLERANCE * singular[0]
     amplitudes = [column for cause in base.members for column in cause.slot.columns]
     return _Linear(
         columns,
         model.nominal,
-        np.linalg.pinv(fitted, rcond=RANK_TOLERANCE)[: len(columns)],
-        fit.rows[takes_part] / sigma + jacobian[:, amplitudes] @ (fit.vector / model.scales)[amplitudes],
+        (right[seen, : len(columns)].T / singular[seen]) @ left[:, seen].T,
+        fit.rows[in_fit] / sigma + jacobian[:, amplitudes] @ (fit.vector / model.scales)[amplitudes],
         jacobian @ directions.steps.T,
-        unreachable(fitted)[0],
+        left[:, seen],
         added,
     )
 
@@ -177,11 +184,12 @@ def _estimate(
     model, linear = screened.at.model, _linearised(screened, base, directions, added, sigma)
     always = np.array([id.partition(".")[0] in _OF_EVERY_SENSOR for id in directions.ids], bool)[directions.numbers]
     posterior = effect_posterior(
-        linear.basis.T @ linear.signals,
-        linear.basis.T @ linear.rows,
+        linear.residual(linear.signals),
+        linear.residual(linear.rows),
         directions.shown,
         always & directions.shown,
-        [*_candidates(screened, base, directions)],
+        _candidates(screened, base, directions),
+        dof=len(linear.rows) - linear.column_space.shape[1],
         known=screened.problem.known,
     )
     taken = posterior.mean * taken_out
@@ -213,23 +221,27 @@ def _estimate(
     return _Estimate(values, covariance, shifts, products)
 
 
-def _candidates(screened: Screened, base: Weighed, directions: EffectDirections) -> Iterator[Candidate]:
+def _candidates(screened: Screened, base: Weighed, directions: EffectDirections) -> Candidates:
     """The explanations of the search that have the same faults and are not negligible, with `base` in any case."""
-    search, faults, met = screened.search, _faults(base.members), False
+    search, faults = screened.search, _faults(base.members)
     groups, _ = grouped(search, search.ranked())
-
-    def candidate(causes: Sequence[Cause], weight: float) -> Candidate:
-        ids = {cause.slot.id for cause in causes if cause.slot.columns}
-        own = directions.of(ids)
-        return Candidate(own & directions.shown, own & ~directions.shown, weight)
-
+    labels, numbers = search.pool.labels, {id: number for number, id in enumerate(directions.ids)}
+    acts = np.zeros(search.pool.size, bool)
+    acts[[*search.pool.effects, *search.pool.numbers_of(SIGNS)]] = True
+    ids, weights, met = list[list[str]](), list[float](), False
     listed = zip(groups.labels, sets_of(groups.sets), groups.log_prior.tolist(), groups.log_posterior, strict=True)
-    for labels, members, weight, posterior in listed:
-        causes = [search.pool.causes[k] for k in members]
-        near = posterior > groups.log_posterior[0] - _FAR or labels == base.labels or not labels
-        if near and _faults(causes) == faults:
-            met |= labels == base.labels
-            yield candidate(causes, weight if labels else float(np.log(SIZE_PRIOR[0])))
+    for own, members, weight, posterior in listed:
+        near = posterior > groups.log_posterior[0] - _FAR or own == base.labels or not own
+        if near and tuple(sorted(labels[k] for k in members if not acts[k])) == faults:
+            met |= own == base.labels
+            ids.append([labels[k] for k in members if acts[k]])
+            weights.append(weight if own else float(np.log(SIZE_PRIOR[0])))
     if not met:
         known = base.labels == screened.best.labels and screened.best.members
-        yield candidate(base.members, log_prior(search.pool, screened.best.members) if known else 0.0)
+        ids.append([cause.slot.id for cause in base.members if cause.slot.columns])
+        weights.append(log_prior(search.pool, screened.best.members) if known else 0.0)
+    there = np.zeros((len(ids), len(numbers)), bool)
+    for row, own in enumerate(ids):
+        there[row, [numbers[id] for id in own if id in numbers]] = True
+    there = there[:, directions.numbers]
+    return Candidates(there & directions.shown, there & ~directions.shown, np.array(weights))
