@@ -8,7 +8,7 @@ import pytest
 import blind_instrument as blind
 from tumblecal.data import PositionSet
 from tumblecal.data.sensor_parameters import SENSOR
-from tumblecal.diagnosis.findings.unseen import unseen_shifts
+from tumblecal.diagnosis.findings.limits import undetected_shifts
 
 
 # Files of each condition; a ramp shares its compiled plan, so that more of them cost little.
@@ -126,6 +126,7 @@ def test_shifts_by_the_temperature_grow_with_how_much_it_changes(diagnoser, hidd
     sizes = []
     for data in (steady, wide):
         own = diagnoser(data)
-        moved = unseen_shifts(own.screened, own.entries, own.extended, 1.0, ["bias_temperature.x"])
+        directions = own.directions.only(own.directions.of(["bias_temperature.x"]))
+        moved = undetected_shifts(own.screened, directions, own.extended, 1.0)
         sizes.append(np.trace(moved.covariance))
     assert sizes[1] > sizes[0] > 0

@@ -15,14 +15,14 @@ from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.diagnosis.findings import residuals
 from tumblecal.diagnosis.findings.decision import Average
 from tumblecal.diagnosis.findings.determined import Combination, combinations
+from tumblecal.diagnosis.findings.effect_directions import EffectDirections, effect_directions
 from tumblecal.diagnosis.findings.factors import Factor, factors
 from tumblecal.diagnosis.findings.fold_search import chosen_anew
 from tumblecal.diagnosis.findings.gain import Gain, gain
 from tumblecal.diagnosis.findings.in_use import in_use
-from tumblecal.diagnosis.findings.limits import DetectionLimit, Invisible, invisible, limits
+from tumblecal.diagnosis.findings.limits import DetectionLimit, Invisible, Unseen, invisible, limits, unseen
 from tumblecal.diagnosis.findings.location import Located
 from tumblecal.diagnosis.findings.unnamed import Unnamed, unnamed
-from tumblecal.diagnosis.findings.unseen import Unseen, unseen
 from tumblecal.diagnosis.model.full_model import FullModel
 from tumblecal.diagnosis.refine.insert import fit_with
 from tumblecal.diagnosis.screening.noise_change import NoiseFault
@@ -111,14 +111,19 @@ class Diagnosis(Shown):
         return invisible(self.screened, self.entries, self.level)
 
     @cached_property
+    def directions(self) -> EffectDirections:
+        """The directions of the coefficients of all effects, of typical size."""
+        return effect_directions(self.screened, self.entries)
+
+    @cached_property
     def unseen(self) -> dict[str, Unseen]:
         """Uncertainty of each parameter if undetected effects are present at their typical sizes."""
-        return unseen(self.screened, self.entries, self.extended, self.level)
+        return unseen(self.screened, self.directions, self.extended, self.level)
 
     @cached_property
     def in_use(self) -> Average:
         """Parameters of `calibration.json`, with their covariance."""
-        return in_use(self.screened, self.entries, self.extended, self.level, self.verdict)
+        return in_use(self.screened, self.entries, self.directions, self.extended, self.level, self.verdict)
 
     @cached_property
     def calibration(self) -> Calibration | None:

@@ -18,7 +18,6 @@ from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.diagnosis.causes.generic import UNEXPLAINED
 from tumblecal.diagnosis.findings.decision import Weighed, is_thermal
 from tumblecal.diagnosis.findings.determined import combinations, says_something
-from tumblecal.diagnosis.findings.reference import moved_to_reference
 from tumblecal.effects.effect import reason_not_held
 from tumblecal.effects.environment import REFERENCE_DEGC
 from tumblecal.estimation.fit import Fit
@@ -254,10 +253,9 @@ def _signal(diagnosis: Diagnosis, explanation: Weighed, cause: Cause) -> Signal:
     """Contribution of a cause to the readings, less the part that bias and scale factors at the reference absorb, g."""
     model, vector, columns = diagnosis.model, explanation.fit.vector.copy(), list(cause.slot.columns)
     vector[cause.slot.all_columns] = [explanation.fit.value(name) for name in cause.slot.names]
-    added = moved_to_reference(diagnosis.screened.at, {cause.slot.id}, thermal=is_thermal(explanation.members))
-    without = vector.copy()
+    without, nominal, added = vector.copy(), slice(model.nominal), diagnosis.in_use.to_reference
+    assert added is not None
     without[columns] = 0.0
-    nominal = slice(model.nominal)
     taken_up = added[:, columns] @ (vector[columns] / model.scales[columns])
     without[nominal] += model.scales[nominal] * taken_up
     where = diagnosis.problem.where

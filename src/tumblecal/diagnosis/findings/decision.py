@@ -51,6 +51,8 @@ class Average:
     - `weighed`: the explanations, most probable first. `names`: of the nominal parameters, then of every coefficient that
       one of them has. `values`, `covariance`: base units. `unidentifiable`: as of a fit.
     - `undetected`: contribution of undetected effects to the covariance; None if it is not included.
+    - `to_reference`: contribution of each coefficient of the full vector to the nominal parameters at the reference, as of
+      `moved_to_reference`; None if it is not included.
     """
 
     __repr__ = brief
@@ -61,6 +63,7 @@ class Average:
     covariance: Float[np.ndarray, "names names"]
     unidentifiable: Float[np.ndarray, "names directions"]
     undetected: UndetectedEffects | None = None
+    to_reference: Float[np.ndarray, "nominal full"] | None = None
 
     @property
     def sd(self) -> Float[np.ndarray, " names"]:

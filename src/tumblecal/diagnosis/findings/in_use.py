@@ -16,8 +16,8 @@ from jaxtyping import Bool, Float
 from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.diagnosis.causes.sign_variants import SIGNS
 from tumblecal.diagnosis.findings.decision import Average, Weighed, averaged, explanations_left, is_thermal, mixed
+from tumblecal.diagnosis.findings.effect_directions import EffectDirections
 from tumblecal.diagnosis.findings.effect_posterior import Candidates, effect_posterior
-from tumblecal.diagnosis.findings.effect_signals import EffectDirections, directions_at_typical_size
 from tumblecal.diagnosis.findings.reference import at_reference, long_lived, moved_to_reference
 from tumblecal.diagnosis.findings.undetected_effects import UndetectedEffects
 from tumblecal.diagnosis.model.tangent import tangent
@@ -49,12 +49,15 @@ class _Estimate(NamedTuple):
     products: Float[np.ndarray, "directions directions"]
 
 
-def in_use(screened: Screened, entries: Catalogue, extended: Fit, sigma: float, verdict: str) -> Average:
+def in_use(
+    screened: Screened, entries: Catalogue, directions: EffectDirections, extended: Fit, sigma: float, verdict: str
+) -> Average:
     """For an ambiguous verdict the mean over the explanations, otherwise the leading explanation; with the covariance for use.
 
     **Arguments:**
 
-    - `extended`: exact fit of the leading explanation. `sigma`: noise in units of the white rows.
+    - `directions`: of all effects. `extended`: exact fit of the leading explanation. `sigma`: noise in units of the white
+      rows.
     """
     at, thermal = screened.at, is_thermal(screened.members)
     added = moved_to_reference(at, {slot.id for slot in at.model.slots}, thermal=thermal)
@@ -62,23 +65,26 @@ def in_use(screened: Screened, entries: Catalogue, extended: Fit, sigma: float, 
     if average is None:
         acted_on = at_reference(extended, at, added)
         average = mixed([Weighed(screened.best.labels, 1.0, screened.members, acted_on)])
-    directions = directions_at_typical_size(screened, entries, _STATED, absorbed=True)
-    named = directions.of({cause.slot.id for own in average.weighed for cause in own.members})
-    taken_out = named | (directions.of(_not_of_sensor(screened, entries)) & screened.detection.detected)
+    directions = directions.only(~directions.of(_STATED))
+    named = directions.of({cause.slot.id for weighed in average.weighed for cause in weighed.members})
+    taken_out = named
+    if screened.detection.detected:
+        taken_out = named | directions.of(_not_of_sensor(screened, entries))
     # What is no effect is undone in a fit: explanations with the same faults have one linearisation.
     by_faults: dict[tuple[str, ...], list[Weighed]] = {}
-    for own in average.weighed:
-        by_faults.setdefault(_faults(own.members), []).append(own)
-    shares = [sum(one.share for one in own) for own in by_faults.values()]
+    for weighed in average.weighed:
+        by_faults.setdefault(_faults(weighed.members), []).append(weighed)
+    shares = [sum(weighed.share for weighed in alike) for alike in by_faults.values()]
     estimates = [
-        _estimate(screened, own[0], average, directions, named, taken_out, added, sigma) for own in by_faults.values()
+        _estimate(screened, alike[0], average, directions, named, taken_out, added, sigma)
+        for alike in by_faults.values()
     ]
-    values = sum(share * own.values for share, own in zip(shares, estimates, strict=True))
+    values = sum(share * estimate.values for share, estimate in zip(shares, estimates, strict=True))
     covariance, undetected = np.zeros_like(average.covariance), np.zeros_like(average.covariance)
-    for share, own in zip(shares, estimates, strict=True):
-        off, shifts = own.values - values, own.shifts * ~named
-        covariance += share * (own.covariance + np.outer(off, off))
-        undetected += share * (shifts @ own.products @ shifts.T)
+    for share, estimate in zip(shares, estimates, strict=True):
+        deviation, shifts = estimate.values - values, estimate.shifts * ~named
+        covariance += share * (estimate.covariance + np.outer(deviation, deviation))
+        undetected += share * (shifts @ estimate.products @ shifts.T)
     shifts, products = estimates[0].shifts, estimates[0].products
     absorbed = named & ~directions.shown
     return replace(
@@ -89,6 +95,7 @@ def in_use(screened: Screened, entries: Catalogue, extended: Fit, sigma: float, 
         undetected=UndetectedEffects(
             undetected, shifts, directions.steps, products, directions.numbers, directions.ids, named
         ),
+        to_reference=added,
     )
 
 

@@ -1,20 +1,30 @@
-"""Detection limits of effects, and the influence of undetectable effects on the parameters."""
+"""Detection limits of effects, and the influence on the parameters of effects that are not detected."""
 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from jaxtyping import Float, Int
 from scipy import special
 
 from tumblecal.diagnosis.evidence import log_evidence
+from tumblecal.diagnosis.findings.effect_directions import EffectDirections
 from tumblecal.diagnosis.model.layout import Slot
 from tumblecal.diagnosis.priors import POWER, VISIBLE
+from tumblecal.diagnosis.refine.insert import directions_of
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.effects import Catalogue
+from tumblecal.estimation.fit import Fit
+from tumblecal.estimation.identifiability import RANK_TOLERANCE
+from tumblecal.ground.showing import brief
 from tumblecal.ground.units import factor
+
+
+# So many effects are listed with a parameter.
+_MOST_LISTED = 2
 
 
 @dataclass(frozen=True)
@@ -59,10 +69,10 @@ def limits(screened: Screened, entries: Catalogue, sigma: float) -> dict[str, De
         norm = math.sqrt(_noncentrality(rank, odds, detection.dof, known)) * sigma
         entry = entries[slot.id]
         unit = entry.unit
-        shares = [own / max(whole, 1e-300) for own, whole in zip(projected, wholes, strict=True)]
+        shares = [size / max(whole, 1e-300) for size, whole in zip(projected, wholes, strict=True)]
         sizes = {
-            name: norm / own * scales[column] / factor(unit, base) if share > VISIBLE and norm < math.inf else None
-            for name, column, base, own, share in zip(
+            name: norm / size * scales[column] / factor(unit, base) if share > VISIBLE and norm < math.inf else None
+            for name, column, base, size, share in zip(
                 slot.names, slot.columns, slot.units, projected, shares, strict=False
             )
             if entry.shows(base)
@@ -122,10 +132,10 @@ def invisible(screened: Screened, entries: Catalogue, sigma: float) -> dict[str,
     moved = effects @ inverse.T
     in_sd, shifts = moved / sd, (moved * model.scales[: model.nominal]).tolist()
     ratio = np.where(model.layout.of_positions, -1.0, np.abs(in_sd))
-    order, told = np.argsort(-ratio, axis=1), np.sum(ratio > 0.1 * np.max(ratio, axis=1, keepdims=True), axis=1)
+    order, counts = np.argsort(-ratio, axis=1), np.sum(ratio > 0.1 * np.max(ratio, axis=1, keepdims=True), axis=1)
     listed: dict[str, Invisible] = {}
     for row, (id, (slot, direction, _)) in enumerate(hidden.items()):
-        names = {k: model.names[k] for k in order[row, : told[row]].tolist()}
+        names = {k: model.names[k] for k in order[row, : counts[row]].tolist()}
         listed[id] = Invisible(
             direction={name: share for name, share in zip(slot.names, direction, strict=False) if abs(share) > 0.05},
             size=entries[id].typical,
@@ -137,3 +147,77 @@ def invisible(screened: Screened, entries: Catalogue, sigma: float) -> dict[str,
             },
         )
     return listed
+
+
+@dataclass(frozen=True)
+class Unseen:
+    """Standard deviation of a parameter in `unit`: `sd` if the extended model is correct; `sd_with_unseen`, its root mean
+    square error if further effects may be present; `effects`: those with the largest contributions."""
+
+    sd: float
+    sd_with_unseen: float
+    unit: str
+    effects: tuple[str, ...]
+
+
+class UndetectedShifts(NamedTuple):
+    """Shifts of the nominal parameters (in their scales) by undetected effects: `moved` by each of their directions of typical
+    size; `second`: mean products of the coefficients, given the data; `numbers`: whose each direction is among `ids`."""
+
+    __repr__ = brief
+
+    moved: Float[np.ndarray, "nominal directions"]
+    second: Float[np.ndarray, "directions directions"]
+    numbers: Int[np.ndarray, " directions"]
+    ids: tuple[str, ...]
+
+    @property
+    def covariance(self) -> Float[np.ndarray, "nominal nominal"]:
+        """Mean square of the shifts, about the parameters as they are."""
+        return self.moved @ self.second @ self.moved.T
+
+
+def undetected_shifts(
+    screened: Screened, directions: EffectDirections, extended: Fit, sigma: float
+) -> UndetectedShifts:
+    """The shifts by every visible effect that is not in the explanation.
+
+    Its coefficient is drawn from a normal distribution of the catalogue's typical size about zero. Given the data, the mean
+    square error of the parameters is then that of the extended model plus the contribution of the conditional mean and
+    covariance of the coefficients (Gaussian linear model with random effects; Rasmussen and Williams, Gaussian Processes for
+    Machine Learning, 2.7). Their undetectable part is in `invisible`.
+
+    **Arguments:**
+
+    - `directions`: of the effects to consider. `sigma`: noise in units of the white rows.
+    """
+    at, fitted = screened.at, extended.jacobian / sigma
+    named = {cause.slot.id for cause in screened.members}
+    directions = directions.only(directions.shown & ~directions.of(named))
+    signals = at.varying @ directions.steps.T / sigma
+    # Excluded positions contribute nothing.
+    signals[~fitted.any(axis=1)] = 0.0
+    # The fit's first columns are these directions of the full vector.
+    free = directions_of(at, screened.members)
+    moved = free[: at.model.nominal] @ (np.linalg.pinv(fitted, rcond=RANK_TOLERANCE)[: free.shape[1]] @ signals)
+    residual = signals - extended.column_space @ (extended.column_space.T @ signals)
+    # In typical sizes the coefficients' prior is the unit matrix.
+    covariance = np.linalg.inv(np.eye(residual.shape[1]) + residual.T @ residual)
+    mean = covariance @ (residual.T @ (extended.rows / sigma))
+    return UndetectedShifts(moved, covariance + np.outer(mean, mean), directions.numbers, directions.ids)
+
+
+def unseen(screened: Screened, directions: EffectDirections, extended: Fit, sigma: float) -> dict[str, Unseen]:
+    """For each nominal parameter (without those of one position each), its uncertainty including undetected effects, by
+    `undetected_shifts`; `sigma`: noise in units of the white rows."""
+    shifts, model = undetected_shifts(screened, directions, extended, sigma), screened.at.model
+    of_effect = shifts.numbers[:, None] == np.arange(len(shifts.ids))
+    by_effect = shifts.moved**2 @ (np.diag(shifts.second)[:, None] * of_effect)
+    most = np.argsort(-by_effect, axis=1)[:, :_MOST_LISTED].tolist()
+    sd = extended.sd[: model.nominal]
+    wider = np.hypot(sd, model.scales[: model.nominal] * np.sqrt(np.diag(shifts.covariance)))
+    return {
+        name: Unseen(float(sd[k]), float(wider[k]), model.units[k], tuple([shifts.ids[number] for number in most[k]]))
+        for k, name in enumerate(model.names)
+        if not model.layout.of_positions[k]
+    }

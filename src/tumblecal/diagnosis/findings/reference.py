@@ -29,15 +29,14 @@ def moved_to_reference(at: Tangent, ids: Collection[str], *, thermal: bool) -> F
     - `ids`: of the requested effects; those of temperature are always included.
     - `thermal`: whether effects of temperature are written as terms; their reference is then 25 degC.
     """
-    added, columns = np.zeros((at.model.nominal, len(at.vector))), at.model.layout.thermal
-    if not thermal and columns:
-        added[:, columns] = _absorbed(at.jacobian[:, : at.model.nominal], (at.jacobian - at.varying)[:, columns])
-    slots = [slot for slot in at.model.slots if slot.id in ids]
+    nominal, thermals = at.model.nominal, [] if thermal else at.model.layout.thermal
+    added, slots = np.zeros((nominal, len(at.vector))), [slot for slot in at.model.slots if slot.id in ids]
     timed = [slot for slot in slots if slot.needs == ("time_s",) and not slot.shape]
-    _add_drifts(at, [slot for slot in timed if slot.order < 2], added)
     # A bend has no one middle: parameters are those that the nominal model fits.
     bends = [column for slot in timed if slot.order > 1 for column in slot.columns]
-    added[:, bends] = _absorbed(at.jacobian[:, : at.model.nominal], at.jacobian[:, bends])
+    signals = np.hstack([at.jacobian[:, thermals] - at.varying[:, thermals], at.jacobian[:, bends]])
+    added[:, [*thermals, *bends]] = _absorbed(at.jacobian[:, :nominal], signals)
+    _add_drifts(at, [slot for slot in timed if slot.order < 2], added)
     for slot in slots:
         for link in slot.links:
             if isinstance(link, GroupTerms):
@@ -91,15 +90,15 @@ def _add_drifts(at: Tangent, slots: Sequence[Slot], added: Float[np.ndarray, "no
     time, since = np.asarray(time), np.asarray(elapsed(where))
     clock = np.asarray(where.index("clock")) if where.clocks > 1 else np.zeros(len(time), int)
     for number, first in enumerate(where.clock_starts):
-        own = clock == number
-        steady = np.full_like(time, time[first] + np.mean(since[own]))
+        by_clock = clock == number
+        steady = np.full_like(time, time[first] + np.mean(since[by_clock]))
         steady[first] = time[first]
         groups = where.groups | ({"clock": np.full_like(clock, number)} if where.clocks > 1 else {})
         jacobian = at.model.evaluate(replace(where, time_s=steady, groups=groups), at.vector).jacobian
         rows = np.delete(jacobian, first, axis=0).reshape(-1, jacobian.shape[2]) / np.median(at.problem.sd)
         # What is known of parameters counts here as in a fit: without it a direction may be determined by nothing.
         rows = np.vstack([rows, at.jacobian[at.problem.readings.size :]])
-        added[:, columns] += np.mean(own) * _absorbed(rows[:, : at.model.nominal], rows[:, columns])
+        added[:, columns] += np.mean(by_clock) * _absorbed(rows[:, : at.model.nominal], rows[:, columns])
 
 
 def _add_groups(at: Tangent, slot: Slot, link: GroupTerms, added: Float[np.ndarray, "nominal full"]) -> None:

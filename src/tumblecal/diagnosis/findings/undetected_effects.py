@@ -1,6 +1,7 @@
 """The contribution of effects that were not detected to the uncertainty, from `effect_posterior`."""
 
-from typing import NamedTuple
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -8,7 +9,8 @@ from jaxtyping import Bool, Float, Int
 from tumblecal.ground.showing import brief
 
 
-class UndetectedEffects(NamedTuple):
+@dataclass(frozen=True)
+class UndetectedEffects:
     """Contribution of effects that are not written to some quantities.
 
     - `covariance`: mean square of the shifts about the values that are written.
@@ -27,7 +29,7 @@ class UndetectedEffects(NamedTuple):
     ids: tuple[str, ...]
     named: Bool[np.ndarray, " directions"]
 
-    @property
+    @cached_property
     def effects(self) -> set[str]:
         """Ids of the effects of which nothing is written."""
         return {self.ids[number] for number in np.unique(self.numbers[~self.named]).tolist()}
