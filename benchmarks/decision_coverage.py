@@ -24,7 +24,7 @@ tumblecal.enable_float64()
 from blind_noise import position_set  # noqa: E402
 from tumblecal.data.sensor_parameters import SENSOR  # noqa: E402
 from tumblecal.diagnosis import Diagnoser  # noqa: E402
-from tumblecal.diagnosis.findings.decision import is_thermal  # noqa: E402
+from tumblecal.diagnosis.findings.model_average import is_thermal  # noqa: E402
 from tumblecal.diagnosis.findings.reference import at_reference, moved_to_reference  # noqa: E402
 from tumblecal.estimation.fit import Fit  # noqa: E402
 

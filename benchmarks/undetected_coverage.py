@@ -7,7 +7,7 @@ Simulates the instruments of `undetected_instrument` by each plan, diagnoses the
 calibration.json with the truth: those of dK, bias and gamma, and those of corrected readings at 20 new attitudes and
 temperatures by the covariance of matrix and bias. The other columns are the ablation: covariances without a contribution.
 Widths are median ratios of the standard uncertainty to that by the noise alone. The numbers of
-`diagnosis.findings.undetected_effects` were set with seeds below 100, and 300; statements are from others.
+`diagnosis.findings.effect_posterior` were set with seeds below 100, and 300; statements are from others.
 """
 
 import argparse
@@ -27,7 +27,7 @@ tumblecal.enable_float64()
 from blind_noise import position_set  # noqa: E402
 from tumblecal.data.sensor_parameters import SENSOR  # noqa: E402
 from tumblecal.diagnosis import Diagnoser, Diagnosis  # noqa: E402
-from tumblecal.diagnosis.findings.decision import is_thermal  # noqa: E402
+from tumblecal.diagnosis.findings.model_average import is_thermal  # noqa: E402
 from tumblecal.estimation.problem import default_chain  # noqa: E402
 
 

@@ -9,16 +9,8 @@ import pytest
 
 from tumblecal.data.calibration import calibration_text
 from tumblecal.diagnosis.causes.cause import NO_SLOT
-from tumblecal.diagnosis.findings.decision import averaged, explanations_left, is_thermal
-from tumblecal.diagnosis.findings.reference import moved_to_reference
+from tumblecal.diagnosis.findings.model_average import remaining_explanations
 from tumblecal.report.diagnosis_calibration import _reference
-
-
-def average_of(screened, acted_on=None):
-    left = explanations_left(screened)
-    ids = {slot.id for slot in screened.at.model.slots}
-    added = moved_to_reference(screened.at, ids, thermal=is_thermal(screened.members))
-    return averaged(screened, left, added, acted_on)
 
 
 @pytest.fixture(scope="module")
@@ -26,51 +18,49 @@ def ambiguous(diagnoser, hidden):
     """A second order of one axis, which a product of two inputs imitates."""
     for seed in range(30):
         diagnosis = diagnoser(hidden(seed, {"second_order.z": [3.5e-4]}))
-        average = average_of(diagnosis.screened)
-        if diagnosis.verdict == "ambiguous" and average is not None and average.weighed[0].share < 0.8:
-            return diagnosis, average
+        weighed = diagnosis.in_use.weighed
+        if diagnosis.verdict == "ambiguous" and len(weighed) > 1 and weighed[0].share < 0.8:
+            return diagnosis, weighed
     raise AssertionError("no ambiguous set among thirty")
 
 
-def test_mean_and_spread_are_those_of_the_mixture(ambiguous):
-    """By a million draws of the mixture itself."""
-    diagnosis, average = ambiguous
-    assert sum(own.share for own in average.weighed) == pytest.approx(1.0)
-    names = [name for name in diagnosis.nominal.names if not name.startswith("dbeta")]
-    rng, draws = np.random.default_rng(1), []
-    for own in average.weighed:
-        here = [own.fit.names.index(name) for name in names]
-        block = own.fit.covariance[np.ix_(here, here)]
-        draws.append(rng.multivariate_normal(own.fit.values[here], block, int(2e5 * own.share)))
-    draws = np.concatenate(draws)
-    here = [average.names.index(name) for name in names]
-    sd = np.sqrt(np.diag(average.covariance)[here])
-    np.testing.assert_allclose(average.values[here], draws.mean(axis=0), atol=0.02 * sd.max())
-    np.testing.assert_allclose(sd, draws.std(axis=0), rtol=0.02)
-    assert np.all(
-        sd >= 0.999 * np.min([own.fit.sd[[own.fit.names.index(n) for n in names]] for own in average.weighed], 0)
-    )
+def test_shares_are_the_probabilities_of_the_remaining_explanations(ambiguous):
+    diagnosis, weighed = ambiguous
+    own = {explanation.labels: explanation.own_probability for explanation in diagnosis.screened.explanations}
+    for explanation in diagnosis.screened.explanations:
+        own |= dict(zip(explanation.equivalents, explanation.shares, strict=True))
+    probabilities = np.array([own[explanation.labels] for explanation in weighed])
+    shares = [explanation.share for explanation in weighed]
+    np.testing.assert_allclose(shares, probabilities / probabilities.sum(), rtol=1e-6)
+
+
+def test_the_average_lies_between_the_explanations_and_its_uncertainty_includes_their_difference(ambiguous):
+    diagnosis, weighed = ambiguous
+    used = diagnosis.in_use
+    values = np.array([[explanation.fit.value(name) for explanation in weighed] for name in diagnosis.nominal.names])
+    difference = np.ptp(values, axis=1)
+    here = [used.names.index(name) for name in diagnosis.nominal.names]
+    moved = np.flatnonzero(difference > 1.5 * diagnosis.nominal.sd)
+    assert len(moved) and np.all(used.sd[here][moved] > 0.3 * difference[moved])
 
 
 def test_calibration_is_the_average(ambiguous):
-    diagnosis, average = ambiguous
+    diagnosis, weighed = ambiguous
     content = json.loads(calibration_text(diagnosis.calibration))
     told = content["provenance"]["averaged_over"]
-    assert [own["causes"] for own in told] == [list(own.labels) for own in average.weighed]
+    assert [own["causes"] for own in told] == [list(own.labels) for own in weighed]
     assert content["bias"][0] == pytest.approx(diagnosis.in_use.value("bias_x"), abs=1e-9)
     for term in content["terms"]:
-        whole = [
-            own.fit.value(name) for own in average.weighed for name in own.fit.names if name.startswith(term["effect"])
-        ]
+        whole = [own.fit.value(name) for own in weighed for name in own.fit.names if name.startswith(term["effect"])]
         assert abs(term["coefficient"]) < max(map(abs, whole))
 
 
-def test_the_fit_that_was_made_is_that_of_the_explanation_acted_on(ambiguous):
-    diagnosis, average = ambiguous
-    again = average_of(diagnosis.screened, diagnosis.extended)
-    assert any(own.fit is diagnosis.extended for own in again.weighed)
-    np.testing.assert_array_equal(again.values, average.values)
-    np.testing.assert_array_equal(again.covariance, average.covariance)
+def test_the_fit_that_was_made_is_that_of_the_leading_explanation(ambiguous):
+    diagnosis, _ = ambiguous
+    again, refitted = (remaining_explanations(diagnosis.screened, fit) for fit in (diagnosis.extended, None))
+    assert any(own.fit is diagnosis.extended for own in again)
+    for own, other in zip(again, refitted, strict=True):
+        np.testing.assert_array_equal(own.fit.values, other.fit.values)
 
 
 def test_one_explanation_is_not_averaged(diagnoser, hidden):

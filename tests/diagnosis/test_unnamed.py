@@ -10,10 +10,9 @@ import blind_instrument as blind
 from blind_sized import inputs
 from tumblecal.chain import settings
 from tumblecal.diagnosis.findings.candidate_law import Law, Term, candidate_law
-from tumblecal.diagnosis.findings.excess import Excess, Range, excess
 from tumblecal.diagnosis.findings.law_shapes import forms, nonzero_functions, values_of
-from tumblecal.diagnosis.findings.left_over import LeftOver
-from tumblecal.diagnosis.findings.unnamed import Unnamed
+from tumblecal.diagnosis.findings.residual_space import ResidualSpace
+from tumblecal.diagnosis.findings.unexplained import Excess, Range, Unnamed, excess
 from tumblecal.effects import catalogue
 from tumblecal.effects.catalogue import extended
 from tumblecal.effects.users_file import Source
@@ -41,18 +40,18 @@ class Instrument:
         ]
         self.head = np.stack([(own - plain) / 1e-6 for own in moved], axis=2)
 
-    def left(self, added, known: bool = True) -> tuple[LeftOver, SimpleNamespace]:
+    def left(self, added, known: bool = True) -> tuple[ResidualSpace, SimpleNamespace]:
         """What a fit leaves of the error and noise of 0.1 mg, and the fit."""
         unit = blind.SIGMA if known else 1e-3
         errors = (added + blind.SIGMA * np.random.default_rng(7).normal(size=added.shape)).ravel() / unit
         z = self.basis.T @ errors
-        whole = LeftOver(z, (self.basis / unit).T.reshape(len(z), -1, 3), known)
+        whole = ResidualSpace(z, (self.basis / unit).T.reshape(len(z), -1, 3), known)
         sd = np.full(added.shape, unit)
         problem = SimpleNamespace(where=self.where, sd=sd)
         residuals = (self.basis @ z).reshape(-1, 3) * unit
         return whole, SimpleNamespace(problem=problem, residuals=residuals, retained=np.ones(len(added), bool))
 
-    def law(self, whole: LeftOver) -> Law | None:
+    def law(self, whole: ResidualSpace) -> Law | None:
         return candidate_law(whole, self.where, self.u, self.head)
 
 

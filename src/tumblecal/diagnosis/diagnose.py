@@ -11,10 +11,9 @@ from tumblecal.chain import Chain
 from tumblecal.data import PositionSet
 from tumblecal.diagnosis.detection.reference import References
 from tumblecal.diagnosis.diagnosis import Diagnosis
-from tumblecal.diagnosis.findings.determined import require_determined, require_enough
+from tumblecal.diagnosis.findings.determined import contradicted_priors, require_determined, require_enough
 from tumblecal.diagnosis.findings.gain import folds
 from tumblecal.diagnosis.findings.location import located
-from tumblecal.diagnosis.findings.stated import contradicted_priors
 from tumblecal.diagnosis.model.full_model import FullModel, model_of, settings_key
 from tumblecal.diagnosis.model.layout import key_of
 from tumblecal.diagnosis.model.tangent import robust_start, tangent, white_rows

@@ -13,7 +13,6 @@ from tumblecal.data import PositionSet
 from tumblecal.data.calibration import Calibration
 from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.diagnosis.findings import residuals
-from tumblecal.diagnosis.findings.decision import Average
 from tumblecal.diagnosis.findings.determined import Combination, combinations
 from tumblecal.diagnosis.findings.effect_directions import EffectDirections, effect_directions
 from tumblecal.diagnosis.findings.factors import Factor, factors
@@ -22,7 +21,8 @@ from tumblecal.diagnosis.findings.gain import Gain, gain
 from tumblecal.diagnosis.findings.in_use import in_use
 from tumblecal.diagnosis.findings.limits import DetectionLimit, Invisible, Unseen, invisible, limits, unseen
 from tumblecal.diagnosis.findings.location import Located
-from tumblecal.diagnosis.findings.unnamed import Unnamed, unnamed
+from tumblecal.diagnosis.findings.model_average import Average
+from tumblecal.diagnosis.findings.unexplained import Unnamed, unnamed
 from tumblecal.diagnosis.model.full_model import FullModel
 from tumblecal.diagnosis.refine.insert import fit_with
 from tumblecal.diagnosis.screening.noise_change import NoiseFault

@@ -16,8 +16,8 @@ from tumblecal.data.uncertainty_parts import PARTS, UNDETECTED
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.diagnosis.causes.generic import UNEXPLAINED
-from tumblecal.diagnosis.findings.decision import Weighed, is_thermal
 from tumblecal.diagnosis.findings.determined import combinations, says_something
+from tumblecal.diagnosis.findings.model_average import Weighed, is_thermal
 from tumblecal.effects.effect import reason_not_held
 from tumblecal.effects.environment import REFERENCE_DEGC
 from tumblecal.estimation.fit import Fit
@@ -122,9 +122,9 @@ def extended_calibration(diagnosis: Diagnosis) -> Calibration | None:
     """The calibration with the nonlinear and thermal terms found, and those of the effects that the model was given with; None
     where there is none to write.
 
-    If several explanations remain, parameters and terms are averaged over them (`diagnosis.findings.decision`). They refer to
-    the mean time and temperature of the measurement, with the covariance in use (`diagnosis.findings.in_use`). Effects of the
-    head and of time change the estimates but are no property of the sensor: the file lists them with reason and size, and
+    If several explanations remain, parameters and terms are averaged over them (`diagnosis.findings.model_average`). They
+    refer to the mean time and temperature of the measurement, with the covariance in use (`diagnosis.findings.in_use`).
+    Effects of the head and of time change the estimates but are no property of the sensor: the file lists them with reason and size, and
     contains no term for them.
     None is written if axes or units must be corrected first, for several sensors, or for a fit that did not converge or does
     not determine a parameter.
@@ -254,7 +254,6 @@ def _signal(diagnosis: Diagnosis, explanation: Weighed, cause: Cause) -> Signal:
     model, vector, columns = diagnosis.model, explanation.fit.vector.copy(), list(cause.slot.columns)
     vector[cause.slot.all_columns] = [explanation.fit.value(name) for name in cause.slot.names]
     without, nominal, added = vector.copy(), slice(model.nominal), diagnosis.in_use.to_reference
-    assert added is not None
     without[columns] = 0.0
     taken_up = added[:, columns] @ (vector[columns] / model.scales[columns])
     without[nominal] += model.scales[nominal] * taken_up

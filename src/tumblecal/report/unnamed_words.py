@@ -8,7 +8,7 @@ import numpy as np
 from tumblecal.data.positions import joined_arguments
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.findings.candidate_law import Law, Term
-from tumblecal.diagnosis.findings.unnamed import Unnamed
+from tumblecal.diagnosis.findings.unexplained import Unnamed
 from tumblecal.ground.numbers_shown import changed, rounded_together
 from tumblecal.ground.suggested_command import suggested
 from tumblecal.report.verdict import Finding

@@ -16,7 +16,7 @@ from jaxtyping import Float, Int
 
 from tumblecal.chain import Where
 from tumblecal.diagnosis.findings.law_shapes import Form, forms, nonzero_functions
-from tumblecal.diagnosis.findings.left_over import LeftOver
+from tumblecal.diagnosis.findings.residual_space import ResidualSpace
 from tumblecal.effects import AXES
 from tumblecal.ground.showing import brief
 
@@ -58,7 +58,7 @@ class Term(NamedTuple):
 class Law:
     """A closed form, fitted.
 
-    - `terms`. `signal`: contribution to the readings, g (positions, 3); `left`: residual of the fit with it.
+    - `terms`. `signal`: contribution to the readings, g (positions, 3).
     - `before_g`, `after_g`: root mean square of held-out errors without and with it.
     - `same`: share of the folds that choose the same first form.
     """
@@ -101,62 +101,66 @@ class _Dictionary:
     def columns(self, chosen: Sequence[_Chosen], responses: np.ndarray) -> Float[np.ndarray, "nu columns"]:
         """Signals of some forms: form after form, output after output."""
         carriers = self.carriers(responses)
-        each = [carriers[on] @ self._own(one.form) for one in chosen for on in _outputs(one.on)]
-        return np.hstack(each) if each else np.zeros((len(responses), 0))
+        blocks = [carriers[on] @ self._functions(one.form) for one in chosen for on in _outputs(one.on)]
+        return np.hstack([np.zeros((len(responses), 0)), *blocks])
 
     def signals(
         self, chosen: Sequence[_Chosen], sizes: Float[np.ndarray, " columns"]
     ) -> Float[np.ndarray, "positions 3"]:
         """Contribution of forms of these sizes to the readings, g."""
-        added, rest = np.zeros((len(self.values), 3)), list(sizes)
+        added, first = np.zeros((len(self.values), 3)), 0
         for one in chosen:
+            functions = self._functions(one.form)
             for on in _outputs(one.on):
-                own = self._own(one.form)
-                amount = own @ np.array([rest.pop(0) for _ in range(own.shape[1])])
+                amount = functions @ sizes[first : first + functions.shape[1]]
+                first += functions.shape[1]
                 if on in AXES:
                     added[:, AXES.index(on)] += amount
                 else:
                     added += amount[:, None] * self.head[:, :, ANGLES.index(on)]
         return added
 
-    def _own(self, form: int) -> Float[np.ndarray, "positions functions"]:
+    def _functions(self, form: int) -> Float[np.ndarray, "positions functions"]:
         first = self.first[form]
         return self.values[:, first : first + len(self.listed[form].code)]
 
     def some(self, numbers: Sequence[int]) -> "_Dictionary":
         """Some of the forms alone."""
-        own = np.concatenate([self._own(number) for number in numbers], axis=1)
-        return _Dictionary([self.listed[number] for number in numbers], own, self.head)
+        values = np.concatenate([self._functions(number) for number in numbers], axis=1)
+        return _Dictionary([self.listed[number] for number in numbers], values, self.head)
 
-    def scores(self, left: LeftOver, whole: LeftOver) -> dict[str, Float[np.ndarray, " forms"]]:
+    def scores(self, residual: ResidualSpace, whole: ResidualSpace) -> dict[str, Float[np.ndarray, " forms"]]:
         """By place of action, twice the log odds of each form against none, including its prior weight.
 
         **Arguments:**
 
-        - `left`: residual given the forms selected so far; `whole`: without any.
+        - `residual`: given the forms selected so far; `whole`: without any.
         """
-        carriers, before = self.carriers(left.responses), self.carriers(whole.responses)
-        projected = {on: self.values.T @ own.T for on, own in carriers.items()}
-        sizes = {on: np.sqrt(self.values.T**2 @ np.vecdot(own.T, own.T)) for on, own in before.items()}
-        for on, own in projected.items():
-            own *= (np.linalg.norm(own, axis=1) > _VISIBLE * np.maximum(sizes[on], 1e-300))[:, None]
-        cost, price = np.log(whole.responses[0].size), self._price()
-        scored = {on: np.full(len(self.listed), -np.inf) for on in (*projected, ALL_OUTPUTS)}
+        projected = self._projected(residual, whole)
         widths = np.array([len(form.code) for form in self.listed])
+        scored = {on: np.full(len(self.listed), -np.inf) for on in (*projected, ALL_OUTPUTS)}
         for width in np.unique(widths).tolist():
-            own = np.flatnonzero(widths == width)
-            rows = self.first[own][:, None] + np.arange(width)
+            numbers = np.flatnonzero(widths == width)
+            rows = self.first[numbers][:, None] + np.arange(width)
             together = np.concatenate([projected[axis][rows] for axis in AXES], axis=1)
-            for on, block in (*((on, made[rows]) for on, made in projected.items()), (ALL_OUTPUTS, together)):
-                explained, rank = explained_by(block, left.z)
-                scored[on][own] = left.log_gain(explained) - rank * cost - price[own]
-        for angle in ANGLES:
-            scored[angle] -= _OF_HEAD
-        for number, form in enumerate(self.listed):
-            for on in scored:
-                if (form.of_input and on in ANGLES) or (form.name, on) in _LISTED:
-                    scored[on][number] = -np.inf
+            for on, block in (*((on, signals[rows]) for on, signals in projected.items()), (ALL_OUTPUTS, together)):
+                explained, rank = explained_by(block, residual.z)
+                scored[on][numbers] = residual.log_gain(explained) - rank * np.log(whole.responses[0].size)
+        price = self._price()
+        for on, score in scored.items():
+            in_catalogue = [(form.name, on) in _LISTED or (form.of_input and on in ANGLES) for form in self.listed]
+            score -= price + _OF_HEAD * (on in ANGLES)
+            score[in_catalogue] = -np.inf
         return scored
+
+    def _projected(self, residual: ResidualSpace, whole: ResidualSpace) -> dict[str, Float[np.ndarray, "functions nu"]]:
+        """By place of action, the signal of each function in the residual space; zero if too little of it is visible."""
+        projected = {on: self.values.T @ carrier.T for on, carrier in self.carriers(residual.responses).items()}
+        for on, carrier in self.carriers(whole.responses).items():
+            sizes = np.sqrt(self.values.T**2 @ np.vecdot(carrier.T, carrier.T))
+            visible = np.linalg.norm(projected[on], axis=1) > _VISIBLE * np.maximum(sizes, 1e-300)
+            projected[on] *= visible[:, None]
+        return projected
 
     def _price(self) -> Float[np.ndarray, " forms"]:
         """Minus twice the log of each form's prior weight: equal for families, then for forms of a family, then for places of
@@ -165,7 +169,7 @@ class _Dictionary:
         counts = {family: families.count(family) for family in dict.fromkeys(families)}
         return np.array([2 * np.log(len(counts) * counts[family] * 6) for family in families])
 
-    def chosen(self, whole: LeftOver) -> list[_Chosen]:
+    def chosen(self, whole: ResidualSpace) -> list[_Chosen]:
         """Forms one by one, each the best given those selected before; each is then searched again, given the others."""
         taken: list[_Chosen] = []
         while len(taken) < _MOST_TERMS:
@@ -178,19 +182,21 @@ class _Dictionary:
                 taken[k] = self._best(rest, whole) or taken[k]
         return taken
 
-    def _best(self, beside: Sequence[_Chosen], whole: LeftOver) -> _Chosen | None:
-        left = whole.without(self.columns(beside, whole.responses)) if beside else whole
-        scored = self.scores(left, whole)
+    def _best(self, given: Sequence[_Chosen], whole: ResidualSpace) -> _Chosen | None:
+        scored = self._scores_given(given, whole)
         on = max(scored, key=lambda name: np.max(scored[name]))
         number = int(np.argmax(scored[on]))
         return _Chosen(number, on) if scored[on][number] > 0 else None
 
-    def likely(self, whole: LeftOver, taken: Sequence[_Chosen]) -> list[int]:
+    def _scores_given(self, given: Sequence[_Chosen], whole: ResidualSpace) -> dict[str, Float[np.ndarray, " forms"]]:
+        residual = whole.without(self.columns(given, whole.responses)) if given else whole
+        return self.scores(residual, whole)
+
+    def likely(self, whole: ResidualSpace, taken: Sequence[_Chosen]) -> list[int]:
         """Numbers of the most probable forms, alone or given the first selected one."""
         numbers = {one.form for one in taken}
-        for beside in ([], taken[:1]):
-            left = whole.without(self.columns(beside, whole.responses)) if beside else whole
-            best = np.max(np.stack(list(self.scores(left, whole).values())), axis=0)
+        for given in ([], taken[:1]):
+            best = np.max(np.stack(list(self._scores_given(given, whole).values())), axis=0)
             numbers |= set(np.argsort(-best)[:_LIKELY].tolist())
         return sorted(numbers)
 
@@ -212,7 +218,7 @@ def explained_by(
 
 
 def candidate_law(
-    whole: LeftOver,
+    whole: ResidualSpace,
     where: Where,
     inputs: Float[np.ndarray, "positions 3"],
     head: Float[np.ndarray, "positions 3 angles"],
@@ -240,7 +246,7 @@ def candidate_law(
     return Law(tuple(_terms(every, taken, sizes, sd)), signal, *rms, same)
 
 
-def _fitted(columns: Float[np.ndarray, "nu columns"], whole: LeftOver) -> tuple[np.ndarray, np.ndarray]:
+def _fitted(columns: Float[np.ndarray, "nu columns"], whole: ResidualSpace) -> tuple[np.ndarray, np.ndarray]:
     """Sizes and their standard uncertainties."""
     inverse = np.linalg.pinv(columns, rcond=1e-9)
     level = np.sqrt(whole.without(columns).variance)
@@ -252,14 +258,14 @@ def _terms(every: _Dictionary, taken: Sequence[_Chosen], sizes: np.ndarray, sd: 
     for one in taken:
         form = every.listed[one.form]
         for on in _outputs(one.on):
-            own = slice(at, at + len(form.code))
+            here = slice(at, at + len(form.code))
             at += len(form.code)
-            if one.on != ALL_OUTPUTS or np.any(np.abs(sizes[own]) > _LEAST_SD * sd[own]):
-                yield Term(form, on, tuple(sizes[own].tolist()), tuple(sd[own].tolist()))
+            if one.on != ALL_OUTPUTS or np.any(np.abs(sizes[here]) > _LEAST_SD * sd[here]):
+                yield Term(form, on, tuple(sizes[here].tolist()), tuple(sd[here].tolist()))
 
 
 def _held_out(
-    likely: _Dictionary, whole: LeftOver, where: Where, name: str
+    likely: _Dictionary, whole: ResidualSpace, where: Where, name: str
 ) -> tuple[Float[np.ndarray, "positions 3"], Float[np.ndarray, "positions 3"], float]:
     """Errors of held-out positions without a law, and with one chosen without them; share of folds with the same first form.
     Positions that repeat an attitude are held out together."""
@@ -268,9 +274,9 @@ def _held_out(
     fold = order[attitude] % _FOLDS
     before, after, same = np.zeros((len(fold), 3)), np.zeros((len(fold), 3)), []
     for number in np.unique(fold).tolist():
-        own = fold == number
-        chosen = likely.chosen(whole.without(whole.of_positions(own)))
-        before[own], _ = whole.predicted_errors(own)
-        after[own], _ = whole.predicted_errors(own, likely.columns(chosen, whole.responses) if chosen else None)
+        inside = fold == number
+        chosen = likely.chosen(whole.without(whole.of_positions(inside)))
+        before[inside], _ = whole.predicted_errors(inside)
+        after[inside], _ = whole.predicted_errors(inside, likely.columns(chosen, whole.responses) if chosen else None)
         same.append(bool(chosen) and likely.listed[chosen[0].form].name == name)
     return before, after, float(np.mean(same))

@@ -1,15 +1,20 @@
-"""Coefficients of an effect that the data determine separately, and those of which only combinations are determined."""
+"""Parameters that the data determine: separately, only in combination, or in contradiction to their stated values."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 
 from tumblecal.diagnosis.causes.cause import Cause
+from tumblecal.diagnosis.model.tangent import robust_start, tangent
+from tumblecal.diagnosis.priors import SIZE
+from tumblecal.diagnosis.refine.insert import fit_with
+from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.estimation.attitudes import attitude_words
 from tumblecal.estimation.exact import linearised
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.identifiability import identifiability, sparse_basis, surely_full_rank
+from tumblecal.estimation.plausibility import Implausible, implausible
 from tumblecal.estimation.problem import Problem
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
@@ -23,6 +28,8 @@ _FEW = 12
 _ALONE = 3e-3
 # An sd of so many times a coefficient's scale says nothing of it: effects are met of some hundred times it.
 UNKNOWN = 1e6
+# Share of the priors' weight in the fit that judges them: parameters that the data do not determine keep their stated values.
+_WEAK = 1e-3
 
 
 @dataclass(frozen=True)
@@ -56,8 +63,7 @@ def combinations(fit: Fit, cause: Cause, scales: Float[np.ndarray, " full"]) -> 
         weights = np.round(vector / np.max(np.abs(vector)), 6)
         kept = [k for k in range(len(weights)) if abs(weights[k]) > _ALONE]
         weights *= np.sign(weights[kept[0]])
-        entries, own = [index[slot.columns[k]] for k in kept], weights[kept]
-        combination = _combination(fit, entries, own)
+        combination = _combination(fit, [index[slot.columns[k]] for k in kept], weights[kept])
         # The screen shows it; given the causes of the exact fit, it may be undetermined.
         if combination.sd < UNKNOWN * np.max(scales[[slot.columns[k] for k in kept]]):
             listed.append(combination)
@@ -79,6 +85,19 @@ def says_something(fit: Fit) -> bool:
     """Whether a fit's parameters have standard deviations that say something of them; one that is lost in rounding does not."""
     scales = dict(zip(fit.problem.chain.names, fit.problem.chain.scales.tolist(), strict=True))
     return all(sd < UNKNOWN * scales.get(name, 1.0) for name, sd in zip(fit.names, fit.sd.tolist(), strict=True))
+
+
+def contradicted_priors(screened: Screened) -> tuple[Implausible, ...]:
+    """The parameters whose stated values the data contradict, if the nominal model explains the data without these: a head that
+    was set up again after its measurement."""
+    problem, model = screened.problem, screened.at.model
+    if not (problem.with_prior and problem.known and screened.detection.detected):
+        return ()
+    weak = replace(problem, prior_weights=_WEAK * problem.prior_weights)
+    fit = fit_with(tangent(model, weak, robust_start(model, weak)), ())
+    if not fit.code.good or (fit.chi2_p_value or 0.0) < SIZE:
+        return ()
+    return tuple(unusual for unusual in implausible(replace(fit, problem=problem)) if unusual.stated is not None)
 
 
 def require_enough(problem: Problem) -> None:

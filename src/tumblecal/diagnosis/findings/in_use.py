@@ -15,11 +15,16 @@ from jaxtyping import Bool, Float
 
 from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.diagnosis.causes.sign_variants import SIGNS
-from tumblecal.diagnosis.findings.decision import Average, Weighed, averaged, explanations_left, is_thermal, mixed
 from tumblecal.diagnosis.findings.effect_directions import EffectDirections
 from tumblecal.diagnosis.findings.effect_posterior import Candidates, effect_posterior
+from tumblecal.diagnosis.findings.model_average import (
+    Average,
+    UndetectedEffects,
+    Weighed,
+    is_thermal,
+    remaining_explanations,
+)
 from tumblecal.diagnosis.findings.reference import at_reference, long_lived, moved_to_reference
-from tumblecal.diagnosis.findings.undetected_effects import UndetectedEffects
 from tumblecal.diagnosis.model.tangent import tangent
 from tumblecal.diagnosis.priors import SIZE_PRIOR
 from tumblecal.diagnosis.screening.screened import Screened
@@ -40,8 +45,8 @@ _FAR = 8.0
 
 
 class _Estimate(NamedTuple):
-    """What is written, by one linearisation: `values`, `covariance`; `shifts` of the values by each direction of an effect's
-    coefficients, and `products`: mean products of these about what was taken out."""
+    """The parameters by one linearisation: `values`, `covariance`; `shifts` of the values by each direction of an effect's
+    coefficients, and `products`: mean products of these about the removed means."""
 
     values: Float[np.ndarray, " names"]
     covariance: Float[np.ndarray, "names names"]
@@ -59,36 +64,36 @@ def in_use(
     - `directions`: of all effects. `extended`: exact fit of the leading explanation. `sigma`: noise in units of the white
       rows.
     """
-    at, thermal = screened.at, is_thermal(screened.members)
-    added = moved_to_reference(at, {slot.id for slot in at.model.slots}, thermal=thermal)
-    average = averaged(screened, explanations_left(screened), added, extended) if verdict == "ambiguous" else None
-    if average is None:
-        acted_on = at_reference(extended, at, added)
-        average = mixed([Weighed(screened.best.labels, 1.0, screened.members, acted_on)])
+    at = screened.at
+    added = moved_to_reference(at, {slot.id for slot in at.model.slots}, thermal=is_thermal(screened.members))
+    weighed = remaining_explanations(screened, extended) if verdict == "ambiguous" else []
+    if len(weighed) < 2:
+        weighed = [Weighed(screened.best.labels, 1.0, screened.members, extended)]
+    weighed = [replace(explanation, fit=at_reference(explanation.fit, at, added)) for explanation in weighed]
     directions = directions.only(~directions.of(_STATED))
-    named = directions.of({cause.slot.id for weighed in average.weighed for cause in weighed.members})
-    taken_out = named
+    named = directions.of({cause.slot.id for explanation in weighed for cause in explanation.members})
+    removed = named
     if screened.detection.detected:
-        taken_out = named | directions.of(_not_of_sensor(screened, entries))
+        removed = named | directions.of(_not_of_sensor(screened, entries))
     # What is no effect is undone in a fit: explanations with the same faults have one linearisation.
     by_faults: dict[tuple[str, ...], list[Weighed]] = {}
-    for weighed in average.weighed:
-        by_faults.setdefault(_faults(weighed.members), []).append(weighed)
-    shares = [sum(weighed.share for weighed in alike) for alike in by_faults.values()]
+    for explanation in weighed:
+        by_faults.setdefault(_faults(explanation.members), []).append(explanation)
     estimates = [
-        _estimate(screened, alike[0], average, directions, named, taken_out, added, sigma)
-        for alike in by_faults.values()
+        _estimate(screened, alike[0], weighed, directions, named, removed, added, sigma) for alike in by_faults.values()
     ]
-    values = sum(share * estimate.values for share, estimate in zip(shares, estimates, strict=True))
-    covariance, undetected = np.zeros_like(average.covariance), np.zeros_like(average.covariance)
-    for share, estimate in zip(shares, estimates, strict=True):
+    shares = np.array([sum(explanation.share for explanation in alike) for alike in by_faults.values()])
+    values = np.tensordot(shares, [estimate.values for estimate in estimates], 1)
+    covariance, undetected = np.zeros((len(values), len(values))), np.zeros((len(values), len(values)))
+    for share, estimate in zip(shares.tolist(), estimates, strict=True):
         deviation, shifts = estimate.values - values, estimate.shifts * ~named
         covariance += share * (estimate.covariance + np.outer(deviation, deviation))
         undetected += share * (shifts @ estimate.products @ shifts.T)
     shifts, products = estimates[0].shifts, estimates[0].products
     absorbed = named & ~directions.shown
-    return replace(
-        average,
+    return Average(
+        weighed=tuple(weighed),
+        names=_names(weighed),
         values=values,
         covariance=covariance,
         unidentifiable=shifts[:, absorbed] * np.sqrt(np.diag(products)[absorbed]),
@@ -97,6 +102,11 @@ def in_use(
         ),
         to_reference=added,
     )
+
+
+def _names(weighed: Sequence[Weighed]) -> tuple[str, ...]:
+    """Names of the nominal parameters, then of every coefficient that one of some explanations has."""
+    return tuple(dict.fromkeys(name for explanation in weighed for name in explanation.fit.names))
 
 
 def _not_of_sensor(screened: Screened, entries: Catalogue) -> set[str]:
@@ -173,20 +183,20 @@ def _linearised(
 def _estimate(
     screened: Screened,
     base: Weighed,
-    average: Average,
+    weighed: Sequence[Weighed],
     directions: EffectDirections,
     named: Bool[np.ndarray, " directions"],
-    taken_out: Bool[np.ndarray, " directions"],
+    removed: Bool[np.ndarray, " directions"],
     added: Float[np.ndarray, "nominal full"],
     sigma: float,
 ) -> _Estimate:
-    """What is written where the faults of one explanation are undone.
+    """The parameters if the faults of one explanation are undone.
 
     **Arguments:**
 
-    - `base`: that explanation. `average`: names of what is written, and its values by the exact fits.
-    - `named`: of effects whose coefficients are written. `taken_out`: of effects whose mean is taken out of the parameters.
-    - `added`: what each coefficient adds to the nominal parameters at the reference.
+    - `base`: that explanation. `weighed`: all of them.
+    - `named`: of effects whose coefficients are written. `removed`: of effects whose mean is removed from the parameters.
+    - `added`: contribution of each coefficient to the nominal parameters at the reference.
     """
     model, linear = screened.at.model, _linearised(screened, base, directions, added, sigma)
     always = np.array([id.partition(".")[0] in _OF_EVERY_SENSOR for id in directions.ids], bool)[directions.numbers]
@@ -199,29 +209,31 @@ def _estimate(
         dof=len(linear.rows) - linear.column_space.shape[1],
         known=screened.problem.known,
     )
-    taken = posterior.mean * taken_out
-    products = (
-        posterior.second - np.outer(posterior.mean, taken) - np.outer(taken, posterior.mean) + np.outer(taken, taken)
-    )
-    slots = [cause.slot for own in average.weighed for cause in own.members]
+    mean = posterior.mean * removed
+    crossed = np.outer(posterior.mean, mean)
+    products = posterior.second - crossed - crossed.T + np.outer(mean, mean)
+    slots = [cause.slot for explanation in weighed for cause in explanation.members]
     names_of = dict(enumerate(model.names)) | {
         column: name for slot in slots for column, name in zip(slot.all_columns, slot.names, strict=True)
     }
-    place_of = {name: k for k, name in enumerate(average.names)}
-    shifts, values = np.zeros((len(place_of), len(taken))), average.values.copy()
+    place_of = {name: k for k, name in enumerate(_names(weighed))}
+    shifts, values = np.zeros((len(place_of), len(mean))), np.zeros(len(place_of))
+    for explanation in weighed:
+        # Time constants without a fit here.
+        values[[place_of[name] for name in explanation.fit.names]] += explanation.share * explanation.fit.values
     columns, places = linear.columns, [place_of[names_of[column]] for column in linear.columns]
     moved = -linear.estimator @ linear.signals
     moved[: linear.nominal] += linear.added @ directions.steps.T
     moved *= model.scales[columns][:, None]
     shifts[places] = moved
-    step = model.scales[columns] * (linear.estimator @ linear.rows) + moved @ taken
-    # A step along a time constant means nothing once its amplitude is another.
+    step = model.scales[columns] * (linear.estimator @ linear.rows) + moved @ mean
+    # A step along a time constant is meaningless if its amplitude differs.
     step[linear.nominal :] = 0.0
     values[places] = base.fit.vector[columns] + step
     for column in (column for slot in slots for column in slot.columns):
         place = place_of[names_of[column]]
         shifts[place] = model.scales[column] * directions.steps[:, column] * named
-        values[place] = shifts[place] @ taken
+        values[place] = shifts[place] @ mean
     covariance = shifts @ products @ shifts.T
     spread = model.scales[columns][:, None] * linear.estimator
     covariance[np.ix_(places, places)] += spread @ spread.T
@@ -237,18 +249,18 @@ def _candidates(screened: Screened, base: Weighed, directions: EffectDirections)
     acts[[*search.pool.effects, *search.pool.numbers_of(SIGNS)]] = True
     ids, weights, met = list[list[str]](), list[float](), False
     listed = zip(groups.labels, sets_of(groups.sets), groups.log_prior.tolist(), groups.log_posterior, strict=True)
-    for own, members, weight, posterior in listed:
-        near = posterior > groups.log_posterior[0] - _FAR or own == base.labels or not own
+    for names, members, weight, posterior in listed:
+        near = posterior > groups.log_posterior[0] - _FAR or names == base.labels or not names
         if near and tuple(sorted(labels[k] for k in members if not acts[k])) == faults:
-            met |= own == base.labels
+            met |= names == base.labels
             ids.append([labels[k] for k in members if acts[k]])
-            weights.append(weight if own else float(np.log(SIZE_PRIOR[0])))
+            weights.append(weight if names else float(np.log(SIZE_PRIOR[0])))
     if not met:
         known = base.labels == screened.best.labels and screened.best.members
         ids.append([cause.slot.id for cause in base.members if cause.slot.columns])
         weights.append(log_prior(search.pool, screened.best.members) if known else 0.0)
     there = np.zeros((len(ids), len(numbers)), bool)
-    for row, own in enumerate(ids):
-        there[row, [numbers[id] for id in own if id in numbers]] = True
+    for row, effects in enumerate(ids):
+        there[row, [numbers[id] for id in effects if id in numbers]] = True
     there = there[:, directions.numbers]
     return Candidates(there & directions.shown, there & ~directions.shown, np.array(weights))

@@ -1,4 +1,4 @@
-"""Residual of a fit in the space that its parameters do not reach, and the response of that space to single readings."""
+"""The residual of a fit in the space that its parameters do not reach, and the response of that space to single readings."""
 
 from dataclasses import dataclass, replace
 
@@ -11,12 +11,12 @@ from tumblecal.estimation.fit import Fit
 from tumblecal.ground.showing import brief
 
 
-# A direction counts if more than this share of the largest is left of it.
+# A direction counts if more than this share of the largest remains.
 _SEEN = 1e-6
 
 
 @dataclass(frozen=True)
-class LeftOver:
+class ResidualSpace:
     """The residual of a fit in the space that it cannot reach.
 
     - `z`: the residual there, in units of the stated noise, or in mg. `responses`: of a unit change (g) of each reading.
@@ -30,17 +30,17 @@ class LeftOver:
     known: bool
 
     @classmethod
-    def of(cls, fit: Fit) -> "LeftOver":
+    def of(cls, fit: Fit) -> "ResidualSpace":
         """Residual of a fit, without excluded positions."""
         count = fit.residuals.size
         takes_part = np.ones(len(fit.rows), bool)
         takes_part[:count] = np.repeat(fit.retained, 3)
-        own, _ = unreachable(fit.jacobian[takes_part])
-        basis = np.zeros((len(fit.rows), own.shape[1]))
-        basis[takes_part] = own
+        basis_of_part, _ = unreachable(fit.jacobian[takes_part])
+        basis = np.zeros((len(fit.rows), basis_of_part.shape[1]))
+        basis[takes_part] = basis_of_part
         rows, whitening = basis[:count], np.asarray(fit.problem.whitening)
-        each = rows * whitening[:, None] if whitening.ndim == 1 else fit.problem.whitening_matrix.T @ rows
-        return cls(basis.T @ fit.rows, each.T.reshape(own.shape[1], -1, 3), fit.problem.known)
+        unwhitened = rows * whitening[:, None] if whitening.ndim == 1 else fit.problem.whitening_matrix.T @ rows
+        return cls(basis.T @ fit.rows, unwhitened.T.reshape(basis.shape[1], -1, 3), fit.problem.known)
 
     @property
     def dof(self) -> int:
@@ -54,7 +54,7 @@ class LeftOver:
 
     @property
     def variance(self) -> float:
-        """Of the noise, in the units of `z`: 1 if it is stated, otherwise as the residual has it."""
+        """Of the noise, in the units of `z`: 1 if it is stated, otherwise estimated from the residual."""
         return 1.0 if self.known else self.squares / max(self.dof, 1)
 
     @property
@@ -63,13 +63,13 @@ class LeftOver:
         return float(gammaincc(self.dof / 2, self.squares / 2)) if self.known and self.dof else None
 
     def log_gain(self, explained: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
-        """Twice the logarithm of the likelihood ratio of something that explains so much of the sum of squares."""
+        """Twice the log likelihood ratio of a model that explains this sum of squares."""
         if self.known:
             return explained
         return -self.dof * np.log(np.maximum(1.0 - explained / self.squares, 1e-12))
 
-    def without(self, columns: Float[np.ndarray, "nu columns"]) -> "LeftOver":
-        """In the space that some columns do not reach either."""
+    def without(self, columns: Float[np.ndarray, "nu columns"]) -> "ResidualSpace":
+        """The residual in the space that these columns do not reach either."""
         basis, _ = unreachable(columns)
         return replace(self, z=basis.T @ self.z, responses=np.tensordot(basis.T, self.responses, 1))
 
@@ -79,7 +79,7 @@ class LeftOver:
 
     def predicted_errors(
         self, positions: Bool[np.ndarray, " positions"], law: Float[np.ndarray, "nu terms"] | None = None
-    ) -> tuple[Float[np.ndarray, "own 3"], Float[np.ndarray, "own 3"]]:
+    ) -> tuple[Float[np.ndarray, "held_out 3"], Float[np.ndarray, "held_out 3"]]:
         """Measured minus predicted at some positions from all others, g, and its standard uncertainty by the noise.
 
         **Arguments:**
@@ -90,12 +90,11 @@ class LeftOver:
         whole = readings if law is None else np.hstack([readings, law])
         sizes = np.linalg.norm(whole, axis=0)
         scale = np.where(sizes > 0, sizes, 1.0)
-        left, singular, right = np.linalg.svd(whole / scale, full_matrices=False)
+        vectors, singular, right = np.linalg.svd(whole / scale, full_matrices=False)
         seen = singular > _SEEN * singular[0]
         inverse = (right[seen].T / singular[seen]) / scale[:, None]
-        values, spread = inverse @ (left[:, seen].T @ self.z), np.linalg.norm(inverse, axis=1)
-        spread[sizes == 0] = np.inf  # a position that the fit left out
-        count = readings.shape[1]
-        left_over = self.z - whole @ values
-        level = 1.0 if self.known else np.linalg.norm(left_over) / np.sqrt(max(self.dof - seen.sum(), 1))
+        values, spread = inverse @ (vectors[:, seen].T @ self.z), np.linalg.norm(inverse, axis=1)
+        spread[sizes == 0] = np.inf  # a position that the fit excludes
+        count, residual = readings.shape[1], self.z - whole @ values
+        level = 1.0 if self.known else np.linalg.norm(residual) / np.sqrt(max(self.dof - seen.sum(), 1))
         return values[:count].reshape(-1, 3), level * spread[:count].reshape(-1, 3)

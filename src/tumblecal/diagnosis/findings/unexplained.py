@@ -1,7 +1,8 @@
-"""Location of an unexplained error: the smallest region of angles or times without which the fit explains the rest.
+"""An error that no entry of the catalogue explains: where it is, how large, and which closed form may describe it.
 
-Regions are scanned with an offset on each output (a scan statistic, Kulldorff 1997). Among those that explain about as much as
-the best, the smallest is selected without whose positions no other error remains.
+It is in the smallest region of angles or times without which the fit explains the rest. Regions are scanned with an offset on
+each output (a scan statistic, Kulldorff 1997). Among those that explain about as much as the best, the smallest is selected
+without whose positions no other error remains.
 """
 
 from collections.abc import Sequence
@@ -12,9 +13,10 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from tumblecal.chain import Where
-from tumblecal.diagnosis.findings.candidate_law import Law, explained_by
+from tumblecal.diagnosis.findings.candidate_law import Law, candidate_law, explained_by
 from tumblecal.diagnosis.findings.law_shapes import Form, boxes, pulses, values_of
-from tumblecal.diagnosis.findings.left_over import LeftOver
+from tumblecal.diagnosis.findings.residual_space import ResidualSpace
+from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.effects import AXES
 from tumblecal.estimation.fit import Fit
 from tumblecal.ground.showing import brief
@@ -73,18 +75,43 @@ class Excess:
     @property
     def largest(self) -> float:
         """The largest error, g."""
-        return max((own.largest for own in self.ranges), default=0.0)
+        return max((errors.largest for errors in self.ranges), default=0.0)
 
     @property
     def words(self) -> str:
         """Where, and how large."""
-        sizes = ", ".join(own.words for own in self.ranges)
+        sizes = ", ".join(errors.words for errors in self.ranges)
         if not self.region:
             return f"Excess at all angles and times{f': {sizes}' if sizes else ''}"
         return f"Excess at {self.region}{f': {sizes}' if sizes else ''}; not elsewhere"
 
 
-def excess(whole: LeftOver, fit: Fit, law: Law | None) -> Excess:
+@dataclass(frozen=True)
+class Unnamed:
+    """An error that no entry explains: `fit` is that of the model with the named causes, which leaves it."""
+
+    __repr__ = brief
+
+    fit: Fit
+    law: Law | None
+    excess: Excess
+
+
+def unnamed(at: Tangent, fit: Fit) -> Unnamed:
+    """Region of the residuals of a fit, and a candidate law for them.
+
+    **Arguments:**
+
+    - `at`: a linearisation near the fit.
+    """
+    whole, probe = ResidualSpace.of(fit), at.model.probe
+    # The probe's first two angles turn as the spindle and the pitch axis do.
+    head = at.evaluation.jacobian[:, :, probe][:, :, :2] / at.model.scales[probe][:2]
+    law = candidate_law(whole, fit.problem.where, np.asarray(at.evaluation.inputs), head)
+    return Unnamed(fit, law, excess(whole, fit, law))
+
+
+def excess(whole: ResidualSpace, fit: Fit, law: Law | None) -> Excess:
     """Region in which the residuals of a fit are larger than the noise.
 
     **Arguments:**
@@ -98,9 +125,9 @@ def excess(whole: LeftOver, fit: Fit, law: Law | None) -> Excess:
             continue
         if _explains(whole.without(whole.of_positions(inside)), where):
             values, sd = whole.predicted_errors(inside)
-            every = residuals.copy()
-            every[inside] = values
-            return Excess(form.words[0].strip("[]"), inside, _ranges(values, sd), every)
+            errors = residuals.copy()
+            errors[inside] = values
+            return Excess(form.words[0].strip("[]"), inside, _ranges(values, sd), errors)
     values = residuals if law is None else law.signal
     sd = np.sqrt(whole.variance) * np.asarray(fit.problem.sd)
     return Excess("", np.asarray(fit.retained).copy(), _ranges(values[fit.retained], sd[fit.retained]), residuals)
@@ -114,7 +141,7 @@ def _acts_outside(law: Law | None, inside: Bool[np.ndarray, " positions"]) -> bo
     return bool(np.max(sizes[~inside], initial=0.0) > _OUTSIDE * np.max(sizes))
 
 
-def _ranges(values: Float[np.ndarray, "own 3"], sd: Float[np.ndarray, "own 3"]) -> tuple[Range, ...]:
+def _ranges(values: Float[np.ndarray, "inside 3"], sd: Float[np.ndarray, "inside 3"]) -> tuple[Range, ...]:
     together = np.abs(np.sum(values / sd**2, axis=0)) / np.sqrt(np.sum(1 / sd**2, axis=0))
     sure = (np.max(np.abs(values) / sd, axis=0) > _SURE) | (together > _SURE)
     if not np.any(sure):
@@ -124,14 +151,14 @@ def _ranges(values: Float[np.ndarray, "own 3"], sd: Float[np.ndarray, "own 3"]) 
         for k, axis in enumerate(AXES)
         if sure[k]
     ]
-    return tuple(sorted(listed, key=lambda own: -own.largest))
+    return tuple(sorted(listed, key=lambda errors: -errors.largest))
 
 
 def _inside(form: Form, where: Where) -> Bool[np.ndarray, " positions"]:
     return values_of([form], where, np.zeros((len(np.asarray(where.alpha)), 3)))[:, 0] > 0
 
 
-def _regions(whole: LeftOver, where: Where) -> list[Form]:
+def _regions(whole: ResidualSpace, where: Where) -> list[Form]:
     """The regions in which an offset explains about as much as in the best, the smallest first."""
     listed, scores, counts = _scanned(whole, where)
     best = np.max(scores, initial=-np.inf)
@@ -146,7 +173,7 @@ def _regions(whole: LeftOver, where: Where) -> list[Form]:
     return [listed[k] for k in sorted(near, key=lambda k: counts[k])]
 
 
-def _scanned(whole: LeftOver, where: Where) -> tuple[Sequence[Form], np.ndarray, np.ndarray]:
+def _scanned(whole: ResidualSpace, where: Where) -> tuple[Sequence[Form], np.ndarray, np.ndarray]:
     """All regions, twice the log of what an offset on each output in it is more probable than nothing, and their positions."""
     listed = [*boxes(where), *(pulses(where) if where.time_s is not None else ())]
     count = len(np.asarray(where.alpha))
@@ -160,8 +187,8 @@ def _scanned(whole: LeftOver, where: Where) -> tuple[Sequence[Form], np.ndarray,
     return listed, np.where((counts > 0) & (counts <= _LARGEST * count), scores, -np.inf), counts
 
 
-def _explains(rest: LeftOver, where: Where) -> bool:
-    """Whether nothing is left beyond the noise."""
+def _explains(rest: ResidualSpace, where: Where) -> bool:
+    """Whether the residual is consistent with noise."""
     if rest.p_value is not None:
         return rest.p_value > _EXPLAINED
     return rest.dof > 0 and bool(np.max(_scanned(rest, where)[1], initial=-np.inf) <= 0)
