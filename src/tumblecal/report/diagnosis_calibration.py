@@ -124,8 +124,8 @@ def extended_calibration(diagnosis: Diagnosis) -> Calibration | None:
 
     If several explanations remain, parameters and terms are averaged over them (`diagnosis.findings.model_average`). They
     refer to the mean time and temperature of the measurement, with the covariance in use (`diagnosis.findings.in_use`).
-    Effects of the head and of time change the estimates but are no property of the sensor: the file lists them with reason and size, and
-    contains no term for them.
+    Effects of the head and of time change the estimates but are no property of the sensor: the file lists them with reason and
+    size, and contains no term for them.
     None is written if axes or units must be corrected first, for several sensors, or for a fit that did not converge or does
     not determine a parameter.
     """
