@@ -28,7 +28,7 @@ _VISIBLE = 0.1
 # An angle of the head must explain this much more than an output with a similar signal (twice the log of the odds).
 _OF_HEAD = 6.0
 # Standard deviations by which the sum of squares of held-out errors must fall. Outputs with coefficients below so many u are
-# left out.
+# omitted.
 _SURE, _LEAST_SD = 2.0, 3.0
 # Forms that the catalogue has already, by name and where they act.
 _LISTED = {*((f"product_{axis * 3}", axis) for axis in AXES), *((f"harmonic_{k}", "alpha") for k in (1, 2))}

@@ -186,18 +186,18 @@ def _of_named(
     products, means = np.zeros((len(weights), count, count)), np.zeros((len(weights), count))
     for numbers, columns, axes, along, variances in groups:
         scale, number = np.nonzero(np.any(weights[:, numbers], axis=2))
-        share, left = weights[scale, numbers[number]], variances[scale, number]
-        axes, sizes, columns = axes[scale, number], left * along[scale, number][:, None], columns[number]
-        own = (sizes * share[..., None]).mT @ sizes
-        own[:, np.arange(own.shape[1]), np.arange(own.shape[1])] += (share[:, None] @ left)[:, 0]
-        np.add.at(products, (scale[:, None, None], columns[:, :, None], columns[:, None]), axes @ own @ axes.mT)
+        share, spread = weights[scale, numbers[number]], variances[scale, number]
+        axes, sizes, columns = axes[scale, number], spread * along[scale, number][:, None], columns[number]
+        along_axes, diagonal = (sizes * share[..., None]).mT @ sizes, np.arange(columns.shape[1])
+        along_axes[:, diagonal, diagonal] += (share[:, None] @ spread)[:, 0]
+        np.add.at(products, (scale[:, None, None], columns[:, :, None], columns[:, None]), axes @ along_axes @ axes.mT)
         np.add.at(means, (scale[:, None], columns), (axes @ (share[:, None] @ sizes).mT)[..., 0])
     return products, means
 
 
 def _equal_interval(shares: Float[np.ndarray, "hidden sizes"]) -> Float[np.ndarray, " hidden"]:
     """The sd of the normal distribution about zero that has the 95 % interval of a mixture of some of the sizes `w`, by their
-    probabilities; what is missing to 1 is at zero. The mixture's own mean square is that of its largest sizes."""
+    probabilities; the remaining probability is at zero. The mixture's mean square is that of its largest sizes."""
     ends = np.geomspace(1e-3, 4.0 * _NAMED[-1], 200)
     outside = shares @ erfc(ends / (np.sqrt(2.0) * _NAMED[:, None]))
-    return np.array([np.interp(-_OUTSIDE, -own, ends) for own in outside]) / float(-ndtri(_OUTSIDE / 2))
+    return np.array([np.interp(-_OUTSIDE, -share, ends) for share in outside]) / float(-ndtri(_OUTSIDE / 2))

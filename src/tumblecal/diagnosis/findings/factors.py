@@ -94,16 +94,16 @@ def factors_of(best: Explanation, entries: Catalogue, columns: Mapping[str, np.n
 
 def _factor(part: Labels, listed: Sequence[Exchange], reason: Callable[[Exchange], Reason]) -> Factor:
     """The factor of some causes of the leading explanation."""
-    own = [exchange for exchange in listed if exchange.removed <= {*part}]
-    others = [tuple(sorted({*part} - exchange.removed | exchange.added)) for exchange in own]
-    return Factor((part, *others), tuple(map(reason, own)))
+    within = [exchange for exchange in listed if exchange.removed <= {*part}]
+    others = [tuple(sorted({*part} - exchange.removed | exchange.added)) for exchange in within]
+    return Factor((part, *others), tuple(map(reason, within)))
 
 
 def _of_columns(exchange: Exchange, entries: Catalogue, columns: Mapping[str, np.ndarray]) -> Reason | None:
     """The columns that the exchanged causes follow, where both follow the same or those are fully correlated."""
     removed, added = (
-        {name for label in own for name in _needs(label, entries) if name in columns}
-        for own in (exchange.removed, exchange.added)
+        {name for label in labels for name in _needs(label, entries) if name in columns}
+        for labels in (exchange.removed, exchange.added)
     )
     if removed and removed == added:
         return Reason("range", tuple(sorted(removed)))

@@ -18,12 +18,12 @@ from tumblecal.diagnosis.sets.partial_set import partial_sets
 from tumblecal.diagnosis.sets.prior import SetPriors
 
 
-# A direction of the residual space that a fold takes with it.
+# Least singular value of a direction of the residual space that is lost without a fold.
 _TAKEN = 1e-6
 # The search begins from the best single causes without the fold, and from the best sets of all data and their parts.
 _SINGLES, _SETS = 4, 4
 _MOST_ROUNDS = 8
-# Further causes are those that come this near (log) in a set of all data; of one left-out fold no other gains so much.
+# Further causes are those that come this near (log) in a set of all data; no other gains so much by excluding one fold.
 _NEAR = 8.0
 # So many sets, and numbers of one array, are scored at once.
 _AT_ONCE, _NUMBERS_AT_ONCE = 256, 2_000_000
@@ -44,15 +44,15 @@ def chosen_anew(
     **Returns:** measured minus predicted, g (0 for the group -1), and for each fold whether it selected the same causes, or
     causes that the data cannot distinguish from them.
     """
-    told = [[cause.label for cause in screened.members], *screened.best.equivalents]
-    equal = {frozenset(labels) for labels in told}
+    indistinguishable = [[cause.label for cause in screened.members], *screened.best.equivalents]
+    equal = {frozenset(labels) for labels in indistinguishable}
     errors, rows_of = np.zeros(screened.problem.readings.size), np.repeat(groups, 3)
     folds = [np.flatnonzero(rows_of == fold) for fold in np.unique(groups[groups >= 0])]
     chosen = _chosen_without(folds, screened)
     for members in set(chosen):
-        q, left = _fitted(screened, members)
-        for rows in _of_equal_size([rows for rows, own in zip(folds, chosen, strict=True) if own == members]):
-            errors[rows] = fold_errors(q[rows], left[rows])
+        q, residual = _fitted(screened, members)
+        for rows in _of_equal_size([rows for rows, causes in zip(folds, chosen, strict=True) if causes == members]):
+            errors[rows] = fold_errors(q[rows], residual[rows])
     same = [frozenset(screened.pool.causes[k].label for k in members) in equal for members in chosen]
     return errors.reshape(-1, 3) * screened.problem.sd, np.array(same, bool)
 
@@ -100,16 +100,12 @@ class _FoldSearch:
         folds = range(len(self._asides))
         parts = [part for members in self._starts for part in parts_of(members)]
         best = self._begun(sorted({k for members in self._starts for k in members}))
-        todo = [(fold, members) for fold in folds for members in (*((k,) for k in best[fold]), *parts)]
+        todo = dict.fromkeys((fold, members) for fold in folds for members in (*((k,) for k in best[fold]), *parts))
         for size in range(1, MOST):
-            some = [each for each in dict.fromkeys(todo) if len(each[1]) == size]
-            self._expand(self._promising(some))
+            self._expand(self._promising([each for each in todo if len(each[1]) == size]))
         for _ in range(_MOST_ROUNDS):
             todo = [(fold, part) for fold in folds for part in _exchanged(self._best[fold][1])]
-            todo = [each for each in todo if each[1] and each not in self._scores]
-            if not todo:
-                break
-            self._expand(todo)
+            self._expand([each for each in todo if each[1] and each not in self._scores])
         return [members for _, members in self._best]
 
     def _begun(self, wanted: list[int]) -> list[list[int]]:
@@ -185,14 +181,14 @@ class _FoldSearch:
 
 def _exchanged(members: Members) -> list[Members]:
     """The sets that lead from one to its neighbours with one cause more, or one exchanged."""
-    own = [members] if len(members) < MOST else []
-    return own + [members[:number] + members[number + 1 :] for number in range(len(members))]
+    enlarged = [members] if len(members) < MOST else []
+    return enlarged + [members[:number] + members[number + 1 :] for number in range(len(members))]
 
 
 def _fitted(
     screened: Screened, chosen: Members
 ) -> tuple[Float[np.ndarray, "rows columns"], Float[np.ndarray, " rows"]]:
-    """Orthonormal basis of the nominal model and the chosen causes, and what their fit to all rows leaves."""
+    """Orthonormal basis of the nominal model and the chosen causes, and the residual of their fit to all rows."""
     at = screened.at
     residual, columns = at.residual.copy(), [at.reached]
     for cause in (screened.pool.causes[k] for k in chosen):
@@ -201,6 +197,6 @@ def _fitted(
         elif cause.block is not None:
             # What the nominal model absorbs of a cause needs no column: only its part in the residual space counts.
             columns.append(at.basis @ cause.block)
-    left, singular, _ = np.linalg.svd(np.hstack(columns), full_matrices=False)
-    q = left[:, singular > _TAKEN * singular[0]]
+    vectors, singular, _ = np.linalg.svd(np.hstack(columns), full_matrices=False)
+    q = vectors[:, singular > _TAKEN * singular[0]]
     return q, residual - q @ (q.T @ residual)

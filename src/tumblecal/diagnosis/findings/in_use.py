@@ -166,16 +166,16 @@ def _linearised(
     jacobian, fitted = at.jacobian[in_fit] / sigma, fit.jacobian[in_fit] / sigma
     terms = fitted.shape[1] - sum(len(cause.terms) for cause in base.members)
     fitted = np.hstack([fitted[:, : model.nominal], jacobian[:, shapes], fitted[:, terms:]])
-    left, singular, right = np.linalg.svd(fitted, full_matrices=False)
+    vectors, singular, right = np.linalg.svd(fitted, full_matrices=False)
     seen = singular > RANK_TOLERANCE * singular[0]
     amplitudes = [column for cause in base.members for column in cause.slot.columns]
     return _Linear(
         columns,
         model.nominal,
-        (right[seen, : len(columns)].T / singular[seen]) @ left[:, seen].T,
+        (right[seen, : len(columns)].T / singular[seen]) @ vectors[:, seen].T,
         fit.rows[in_fit] / sigma + jacobian[:, amplitudes] @ (fit.vector / model.scales)[amplitudes],
         jacobian @ directions.steps.T,
-        left[:, seen],
+        vectors[:, seen],
         added,
     )
 

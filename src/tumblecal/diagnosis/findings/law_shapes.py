@@ -6,6 +6,7 @@ temperature, steps and knees of an input, and terms limited to some angles or ti
 
 from collections.abc import Iterator, Sequence
 from itertools import combinations_with_replacement
+from operator import itemgetter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -57,7 +58,7 @@ class Form(NamedTuple):
         unit = "/g" if not self.unit else f"/g{self.unit}"
         return self._replace(
             family=f"{self.family} times input", name=f"{self.name}_{name}", unit=unit, held=held, of_input=True,
-            words=tuple(f"{words} {own}" for own in self.words), code=tuple(f"{code} * {own}" for own in self.code),
+            words=tuple(f"{words} {text}" for text in self.words), code=tuple(f"{code} * {text}" for text in self.code),
         )  # fmt: skip
 
     def both(self, other: "Form") -> "Form":
@@ -65,8 +66,8 @@ class Form(NamedTuple):
         return other._replace(
             family=f"{self.family} times {other.family}",
             name=f"{self.name}_{other.name}",
-            words=tuple(f"{own} {other.words[0]}" for own in self.words),
-            code=tuple(f"{other.code[0]} * {own}" for own in self.code),
+            words=tuple(f"{text} {other.words[0]}" for text in self.words),
+            code=tuple(f"{other.code[0]} * {text}" for text in self.code),
         )
 
 
@@ -101,7 +102,7 @@ def forms(where: Where) -> list[Form]:
     """All forms for data with these columns."""
     waves = list(_harmonics(where))
     listed = [*_products(), *waves, *_of_inputs(), *boxes(where), *_bumps(where)]
-    listed += [wave.times(*own) for wave in waves for own in _each_input()]
+    listed += [wave.times(*by) for wave in waves for by in _each_input()]
     sides = [Form("", f"{name}_beta", (f"{name}(beta)",), (f"jnp.{name}(where.beta)",)) for name in ("sin", "cos")]
     listed += [wave.both(side)._replace(family="harmonic of the head") for wave in waves for side in sides]
     if where.time_s is not None and np.ptp(np.asarray(where.time_s)) > 0:
@@ -123,7 +124,7 @@ def _products() -> Iterator[Form]:
             words = " ".join(f"u_{axis}{f'^{power}' if power > 1 else ''}" for axis, _, power in factors)
             code = " * ".join(f"u[{k}]{f' ** {power}' if power > 1 else ''}" for _, k, power in factors)
             name = f"product_{''.join(axis * power for axis, _, power in factors)}"
-            largest = max(factors, key=lambda own: own[2])[0]
+            largest = max(factors, key=itemgetter(2))[0]
             yield Form(
                 "product", name, (words,), (code,), f"/g^{degree}", held={"powers": powers}, against=f"u_{largest}",
                 of_input=True,
@@ -186,8 +187,8 @@ def _of_time(where: Where, waves: Sequence[Form]) -> Iterator[Form]:
         words = [f"{wave}({count} periods in {_time(span)})" for wave in ("sin", "cos")]
         yield form("period", f"period_{count}", words, [f"jnp.{wave}({angle})" for wave in ("sin", "cos")])
     yield from powers
-    yield from (own.times(*by) for own in (*decays, *powers, *steps) for by in _each_input())
-    yield from (wave.both(own) for own in (*decays, linear, *powers[:1]) for wave in waves)
+    yield from (factor.times(*by) for factor in (*decays, *powers, *steps) for by in _each_input())
+    yield from (wave.both(factor) for factor in (*decays, linear, *powers[:1]) for wave in waves)
     yield from pulses(where)
 
 
@@ -204,7 +205,7 @@ def _of_temperature(where: Where, waves: Sequence[Form]) -> Iterator[Form]:
         )  # fmt: skip
 
     yield form(3)
-    yield from (form(power).times(*own) for power in (2, 3) for own in _each_input())
+    yield from (form(power).times(*by) for power in (2, 3) for by in _each_input())
     yield from (wave.both(form(power))._replace(held=None) for power in (1, 2) for wave in waves)
 
 
@@ -247,8 +248,8 @@ def _bands(where: Where) -> Iterator[_Band]:
             if (first, last) == (0, len(levels) - 1) or (len(levels) > 8 and last - first > 2):
                 continue
             middle, half = 0.5 * (edges[first] + edges[last + 1]), 0.5 * (edges[last + 1] - edges[first])
-            own = [f"{own:.4g}" for own in degrees[first : last + 1]]
-            words = f"beta {' and '.join([', '.join(own[:-1]), own[-1]] if len(own) > 1 else own)}"
+            angles = [f"{angle:.4g}" for angle in degrees[first : last + 1]]
+            words = f"beta {' and '.join([', '.join(angles[:-1]), angles[-1]] if len(angles) > 1 else angles)}"
             code = f"jnp.where(jnp.abs(where.beta - {middle:.6g}) < {half:.6g}, 1.0, 0.0)"
             yield _Band(words, code, f"_beta_{first}_{last}")
 

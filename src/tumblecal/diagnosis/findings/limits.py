@@ -88,7 +88,7 @@ _MOST_EXPLAINED = 1e4
 @lru_cache(maxsize=4096)
 def _noncentrality(rank: int, odds: float, dof: int, known: bool) -> float:
     """Squared norm (in sigma) at which one effect of this rank passes the threshold with 80 % probability; infinite where so
-    few degrees of freedom are left that none does.
+    few degrees of freedom remain that none does.
 
     `odds`: logarithm of the effect's weight in the test less the test's threshold.
     """

@@ -28,7 +28,7 @@ from tumblecal.diagnosis.sets.prior import SetPriors
 
 # A part has at least this many positions, and leaves as many.
 _LEAST_POSITIONS = 3
-_MOST_TOLD = 3
+_MOST_LISTED = 3
 
 Part = tuple[str, Bool[np.ndarray, " positions"]]
 
@@ -46,8 +46,8 @@ class Located(NamedTuple):
     @property
     def words(self) -> str:
         """Effect and part, in words."""
-        beside = "".join(f" with {label.replace(':', ' at ')}" for label in self.beside)
-        return f"{self.effect} {self.part} alone ({self.positions} positions){beside}"
+        others = "".join(f" with {label.replace(':', ' at ')}" for label in self.beside)
+        return f"{self.effect} {self.part} alone ({self.positions} positions){others}"
 
 
 def located(screened: Screened) -> list[Located]:
@@ -61,7 +61,7 @@ def located(screened: Screened) -> list[Located]:
     effects = pool.effects
     if len(members) == 1 and members[0] in effects:
         effects = np.array(members)
-    cut, of_cut = _in_parts(screened, effects, parts)
+    cut, part_of = _in_parts(screened, effects, parts)
     least = 0.0 if screened.best.unexplained else LEAST_LOCATED_ODDS
     whole = search.posterior_at(members, search.left(members)) if members else screened.log_posterior_of_unexplained
     rests = [rest for size in range(max(1, len(members))) for rest in combinations(members, size)]
@@ -69,14 +69,14 @@ def located(screened: Screened) -> list[Located]:
     odds = evidence + SetPriors.of(pool, rows_of(rests)).beside(cut.log_weights) - whole
     best: dict[str, Located] = {}
     for row, k in np.argwhere(odds > least).tolist():
-        label, beside, (words, inside) = cut.labels[k], tuple(pool.labels[own] for own in rests[row]), parts[of_cut[k]]
-        if label not in beside and odds[row, k] > _odds_of(best.get(label)):
-            best[label] = Located(label, words, int(np.sum(inside)), float(odds[row, k]), beside)
-    return sorted(best.values(), key=lambda told: -told.log_odds)[:_MOST_TOLD]
-
-
-def _odds_of(told: Located | None) -> float:
-    return -np.inf if told is None else told.log_odds
+        label, others, (words, inside) = (
+            cut.labels[k],
+            tuple(pool.labels[other] for other in rests[row]),
+            parts[part_of[k]],
+        )
+        if label not in others and (label not in best or odds[row, k] > best[label].log_odds):
+            best[label] = Located(label, words, int(np.sum(inside)), float(odds[row, k]), others)
+    return sorted(best.values(), key=lambda found: -found.log_odds)[:_MOST_LISTED]
 
 
 def _in_parts(
@@ -88,23 +88,23 @@ def _in_parts(
     widths = np.array([len(cause.slot.columns) for cause in causes])
     listed, owners = [], []
     for width in np.unique(widths).tolist():
-        own = np.flatnonzero(widths == width)
-        columns = [column for k in own.tolist() for column in causes[k].slot.columns]
+        alike = np.flatnonzero(widths == width)
+        columns = [column for k in alike.tolist() for column in causes[k].slot.columns]
         signals = _cut(at, columns, every).mT
         whole, shown = (
-            rows.reshape(len(parts), len(own), width, -1).swapaxes(0, 1).reshape(-1, width, rows.shape[2])
+            rows.reshape(len(parts), len(alike), width, -1).swapaxes(0, 1).reshape(-1, width, rows.shape[2])
             for rows in (signals, signals @ at.basis)
         )
         seen = visibilities(whole, shown, VISIBLE, least_signal(at))
         listed.append(seen.rows)
-        numbers = (own[:, None] * len(parts) + np.arange(len(parts))).ravel()
+        numbers = (alike[:, None] * len(parts) + np.arange(len(parts))).ravel()
         owners.append(np.repeat(numbers, seen.shown.sum(axis=1)))
     owner, together = np.concatenate(owners), np.concatenate(listed)
     order = np.argsort(owner, kind="stable")
     shown, owner = np.unique(owner[order], return_inverse=True)
     effect, part = np.divmod(shown, len(parts))
     weights, test_weights = (
-        own[effects[effect]] - np.log(len(parts)) for own in (pool.log_weights, pool.test_log_weights)
+        weights[effects[effect]] - np.log(len(parts)) for weights in (pool.log_weights, pool.test_log_weights)
     )
     labels = [causes[k].label for k in effect.tolist()]
 

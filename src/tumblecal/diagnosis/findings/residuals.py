@@ -75,7 +75,7 @@ def harmonics(fit: Fit, level: float) -> list[Harmonic]:
     sizes = np.divide(sums, norms, out=np.zeros_like(sums), where=norms > 1e-9)
     largest = np.maximum(norms[..., :HARMONICS], norms[..., HARMONICS:])
     sd = (at_setting @ sigma / at_setting.sum(axis=1, keepdims=True))[:, :, None] / np.sqrt(largest)
-    cosines, sines, sds = (own.tolist() for own in (sizes[..., :HARMONICS], sizes[..., HARMONICS:], sd))
+    cosines, sines, sds = (amplitudes.tolist() for amplitudes in (sizes[..., :HARMONICS], sizes[..., HARMONICS:], sd))
     return [
         Harmonic(name, setting, order, cosines[k][axis][order], sines[k][axis][order], sds[k][axis][order])
         for k, setting in enumerate(settings.tolist())
@@ -205,7 +205,7 @@ def discrepancies(fit: Fit, level: float) -> list[Discrepancy]:
     q = fit.column_space
     where = fit.problem.where
     pitch, alpha = np.asarray(where.index("pitch")), np.asarray(where.alpha)
-    told, waves = list[tuple[int, int, str]](), list[np.ndarray]()
+    listed, waves = list[tuple[int, int, str]](), list[np.ndarray]()
     for setting in np.unique(pitch):
         at_setting = np.flatnonzero((pitch == setting) & fit.retained)
         angles = int(setting_index(alpha[at_setting], held=False).max()) + 1
@@ -218,19 +218,18 @@ def discrepancies(fit: Fit, level: float) -> list[Discrepancy]:
             ):
                 if np.sum(values**2) < 1e-9 * len(at_setting):
                     continue
-                told.append((int(setting), order, wave))
+                listed.append((int(setting), order, wave))
                 waves.append(np.zeros(len(alpha)))
                 waves[-1][at_setting] = values
-    if not told:
+    if not listed:
         return []
     rows = _combinations(np.array(waves), fit)
-    left = rows - np.einsum("rk,kaw->raw", q, np.einsum("rk,raw->kaw", q, rows))
-    sizes = np.linalg.norm(left, axis=0)
+    sizes = np.linalg.norm(rows - np.einsum("rk,kaw->raw", q, np.einsum("rk,raw->kaw", q, rows)), axis=0)
     seen, sums = sizes / np.linalg.norm(rows, axis=0), np.einsum("raw,r->aw", rows, fit.rows)
     in_sd = np.where(seen > VISIBLE, sums / np.maximum(sizes * level, 1e-300), np.nan).tolist()
     return [
         Discrepancy(name, *wave, float(seen[axis, k]), None if np.isnan(in_sd[axis][k]) else in_sd[axis][k])
-        for k, wave in enumerate(told)
+        for k, wave in enumerate(listed)
         for axis, name in enumerate(AXES)
     ]
 
