@@ -24,14 +24,16 @@ def ambiguous(diagnoser, hidden):
     raise AssertionError("no ambiguous set among thirty")
 
 
-def test_shares_are_the_probabilities_of_the_remaining_explanations(ambiguous):
+def test_shares_are_in_proportion_to_the_probabilities(ambiguous):
+    """Of those with a name: an error without a name may also be a process, which has no parameters."""
     diagnosis, weighed = ambiguous
+    weighed = [explanation for explanation in weighed if "unexplained" not in explanation.labels]
     own = {explanation.labels: explanation.own_probability for explanation in diagnosis.screened.explanations}
     for explanation in diagnosis.screened.explanations:
         own |= dict(zip(explanation.equivalents, explanation.shares, strict=True))
     probabilities = np.array([own[explanation.labels] for explanation in weighed])
-    shares = [explanation.share for explanation in weighed]
-    np.testing.assert_allclose(shares, probabilities / probabilities.sum(), rtol=1e-6)
+    shares = np.array([explanation.share for explanation in weighed])
+    np.testing.assert_allclose(shares / shares.sum(), probabilities / probabilities.sum(), rtol=1e-6)
 
 
 def test_the_average_lies_between_the_explanations_and_its_uncertainty_includes_their_difference(ambiguous):
