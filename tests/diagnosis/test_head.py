@@ -230,9 +230,11 @@ def test_a_head_such_as_none_is_goes_into_no_file(found, diagnoser, tmp_path):
     assert [own.parameter for own in unusual] == ["dbeta@45", "base_levelling"] and found.implausible == ()
     rows = [(f"unit{k}", {"file": f"unit{k}", "causes": "", "verdict": "adequate"}) for k in range(4)]
     for told, written in ((found, True), (replace(found, implausible=unusual), False)):
-        names = write_units(tmp_path, told, rows, diagnoser.entries, figures=False)
-        assert ("head.toml" in names) == (tmp_path / "head.toml").exists() == written
-        text = (tmp_path / "verdict.txt").read_text()
+        folder = tmp_path / str(written)
+        folder.mkdir()
+        names = write_units(folder, told, rows, diagnoser.entries, figures=False)
+        assert ("head.toml" in names) == (folder / "head.toml").exists() == written
+        text = (folder / "verdict.txt").read_text()
         assert ("IMPLAUSIBLE: dbeta@45 = -4.011 deg" in text) != written and text.startswith("AMBIGUOUS") != written
 
 

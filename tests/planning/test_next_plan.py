@@ -14,9 +14,10 @@ from tumblecal.diagnosis import Diagnoser
 from tumblecal.effects import catalogue
 from tumblecal.estimation import exact, problem_of
 from tumblecal.estimation.problem import where_of
+from tumblecal.ground.atomic import write_texts
 from tumblecal.planning.next_plan import SEPARATE, SHARPEN, next_plan
 from tumblecal.planning.proposals import SIDES, Allowed
-from tumblecal.report.next_plan_files import LABELS, write_next_plan
+from tumblecal.report.next_plan_files import LABELS, next_plan_texts
 
 
 SIGMA = 1e-4
@@ -284,8 +285,9 @@ def test_plans_for_capture_and_a_rig_for_the_analysis(planner, tmp_path):
     data.comments.update(protocol="adxl355", serial_number="N1", gravity_ms2="9.81")
     diagnosis = planner(data)
     proposed = next_plan(diagnosis)
-    names = write_next_plan(tmp_path, diagnosis, proposed)
-    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(names)
+    texts = next_plan_texts(diagnosis, proposed, tmp_path)
+    names = [*texts]
+    write_texts(tmp_path, texts)
     assert "next_rig.toml" in names and any("turned" in name for name in names)
     steps, sides = [], []
     for name in names[:-1]:
@@ -317,7 +319,5 @@ def test_plans_for_capture_and_a_rig_for_the_analysis(planner, tmp_path):
     text = (tmp_path / names[0]).read_text()
     assert "correct them first" in text and "[dwell]\nseconds = 1200.0\nsettle_s = 30.0\nguard_s = 0.0\n" in text
 
-    # Another diagnosis without remounting leaves no file of this one behind.
     there = next_plan(diagnosis, Allowed(remount=False))
-    assert write_next_plan(tmp_path, diagnosis, there) == ["next_positions.toml"]
-    assert [path.name for path in tmp_path.iterdir()] == ["next_positions.toml"]
+    assert [*next_plan_texts(diagnosis, there, tmp_path)] == ["next_positions.toml"]

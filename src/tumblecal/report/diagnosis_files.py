@@ -17,7 +17,7 @@ from tumblecal.report.diagnosis_calibration import diagnosed_use
 from tumblecal.report.diagnosis_details import shifts
 from tumblecal.report.diagnosis_tables import leading
 from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
-from tumblecal.report.next_plan_files import write_next_plan
+from tumblecal.report.next_plan_files import next_plan_texts
 from tumblecal.report.rig_files import NAME as EXTENDED_RIG
 from tumblecal.report.rig_files import extended_rig_text
 from tumblecal.report.unnamed_words import SUGGESTED, suggested_effect_text, unnamed_record
@@ -191,8 +191,9 @@ def write_diagnosis(
         texts[EXTENDED_RIG] = rig
     if suggested := suggested_effect_text(diagnosis):
         texts[SUGGESTED] = suggested
+    texts |= next_plan_texts(diagnosis, plan, folder)
     write_texts(folder, texts)
-    names = [*texts, *write_next_plan(folder, diagnosis, plan)]
+    names = [*texts]
     if figures:
         from tumblecal.report.diagnosis_figures import draw_all
         from tumblecal.report.diagnosis_page import write_diagnosis_page

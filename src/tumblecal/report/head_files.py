@@ -7,7 +7,7 @@ import numpy as np
 
 from tumblecal.diagnosis.units import Together
 from tumblecal.effects import Catalogue
-from tumblecal.ground.atomic import write_text
+from tumblecal.ground.atomic import write_texts
 from tumblecal.ground.json_file import json_text
 from tumblecal.ground.numbers_shown import rounded, rounded_together
 from tumblecal.report.cause_words import label_words
@@ -40,13 +40,12 @@ def write_units(
     **Returns:** the files' names.
     """
     text = units_text(found, units, entries)
-    write_text(folder / "diagnosis.json", json_text(record(found, units, entries, text)))
-    write_text(folder / "verdict.txt", text + "\n")
-    names = ["diagnosis.json", "verdict.txt", "summary.csv"]
-    (folder / "head.toml").unlink(missing_ok=True)
+    texts = {"diagnosis.json": json_text(record(found, units, entries, text)), "verdict.txt": text + "\n"}
     if found.measured is not None:
-        write_text(folder / "head.toml", found.measured.text())
-        names.append("head.toml")
+        texts["head.toml"] = found.measured.text()
+    write_texts(folder, texts)
+    names = [*texts]
+    names.insert(2, "summary.csv")  # written by the command
     return [*names, *(write_head_page(folder, found, units, entries) if figures else [])]
 
 

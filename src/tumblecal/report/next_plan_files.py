@@ -6,7 +6,6 @@ from pathlib import Path
 from tumblecal.capture.capture_plan import SETUP, CaptureSetup, PortTable, setup_of_comment
 from tumblecal.data.positions import joined_arguments
 from tumblecal.diagnosis import Diagnosis
-from tumblecal.ground.atomic import write_text
 from tumblecal.ground.errors import one_line
 from tumblecal.ground.strict_toml import toml_table
 from tumblecal.ground.suggested_command import EVERY, suggested
@@ -26,24 +25,17 @@ _UNKNOWN = (
 LABELS = {side: f"turned_{side.rpartition(' ')[2]}" for side in SIDES}
 
 
-def write_next_plan(folder: Path, diagnosis: Diagnosis, plan: NextPlan) -> list[str]:
-    """Write the plans of the next positions, and the rig that analyses old and new positions of several mountings.
-
-    **Returns:** the names of the files; none where nothing is proposed. Plans of an earlier diagnosis are removed.
-    """
+def next_plan_texts(diagnosis: Diagnosis, plan: NextPlan, folder: Path) -> dict[str, str]:
+    """The plans of the next positions for a folder, and the rig that analyses old and new positions of several mountings, by
+    the names of their files; none where nothing is proposed."""
     # Hands follow words, no plan of a head.
-    together, names = [position for position in plan.together if not position.direction], []
-    for old in (*map(_plan_name, ("", *SIDES)), RIG):
-        (folder / old).unlink(missing_ok=True)
+    together, texts = [position for position in plan.together if not position.direction], {}
     for side in ("", *SIDES):
-        chosen = [position for position in together if position.mount == side]
-        if chosen:
-            names.append(_plan_name(side))
-            write_text(folder / names[-1], plan_text(diagnosis, plan, chosen, side, folder))
+        if chosen := [position for position in together if position.mount == side]:
+            texts[_plan_name(side)] = plan_text(diagnosis, plan, chosen, side, folder)
     if any(position.mount for position in together) and not plan.from_rig:
-        names.append(RIG)
-        write_text(folder / RIG, next_rig_text(diagnosis, plan, _labels(diagnosis)))
-    return names
+        texts[RIG] = next_rig_text(diagnosis, plan, _labels(diagnosis))
+    return texts
 
 
 def plan_text(diagnosis: Diagnosis, plan: NextPlan, chosen: Iterable[NextPosition], side: str, folder: Path) -> str:

@@ -10,7 +10,7 @@ from tumblecal.data import paper
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.estimation import Fit
 from tumblecal.estimation.methods import Calibrated
-from tumblecal.ground.atomic import write_text
+from tumblecal.ground.atomic import write_texts
 from tumblecal.ground.json_file import json_text
 from tumblecal.ground.numbers_shown import decimals, p_cell, with_decimals
 from tumblecal.ground.units import shown
@@ -42,8 +42,8 @@ def write_paper_study(
     """Write everything into `folder`; `diagnosis` and `plan`: of Table 1. Returns the findings."""
     words = findings(study, audit, table1.exact)
     study_figures, audit_figures = draw_study(study, folder), draw_audit(audit, table1.exact, folder)
-    write_text(folder / "study.json", json_text(_content(study, audit, table1, words)))
-    write_text(folder / "findings.txt", "\n\n".join(textwrap.fill(text, 100) for text in words) + "\n")
+    folded = "\n\n".join(textwrap.fill(text, 100) for text in words) + "\n"
+    write_texts(folder, {"study.json": json_text(_content(study, audit, table1, words)), "findings.txt": folded})
     sections = [
         Section(
             "Audit of Table 1",
