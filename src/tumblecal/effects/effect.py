@@ -339,6 +339,8 @@ def base_unit(unit: str) -> tuple[str, float]:
 
 def elapsed(where: Where) -> jax.Array | np.ndarray:
     """Time since the first position, s; with several clocks since the first by the same clock."""
+    if isinstance(where.time_s, np.ndarray) and where.clocks == 1:
+        return where.time_s - np.min(where.time_s)  # outside of a program JAX compiles each operation by itself
     time = jnp.asarray(where.time_s)
     if where.clocks == 1:
         return time - jnp.min(time)
