@@ -13,7 +13,7 @@ from blind_judge import UNEXPLAINED, right, stated, sure, with_unexplained
 from simulated_files import SIMULATORS, Labels, Simulated
 from tumblecal.data import PositionSet, read_positions
 from tumblecal.diagnosis import Diagnoser, Diagnosis
-from tumblecal.diagnosis.units.together import Together, together
+from tumblecal.diagnosis.units import JointDiagnosis, joint_diagnosis
 from tumblecal.ground.errors import InputError
 
 
@@ -142,9 +142,9 @@ class Units:
         diagnoser = self.diagnosers.setdefault("units", Diagnoser(nested=False))
         screened = [diagnoser.begun(data).screened for data in sets]
         started = time.process_time()
-        found = together(screened, [""] * len(sets))
+        found = joint_diagnosis(screened, [""] * len(sets))
         seconds = time.process_time() - started
-        best = found.joint.best.told
+        best = found.joint.best.shared
         of_levels = tuple(sorted(level.signal.label for level in found.levels))
         ok = of_levels == names if levels else best.labels == names or names in best.equivalents
         said = (*best.labels, *(f"{label} (two levels)" for label in of_levels))
@@ -157,7 +157,7 @@ class Units:
         return sets, () if name is None else (name,), "set up again" in self.kind
 
 
-def _probability(found: Together) -> float:
+def _probability(found: JointDiagnosis) -> float:
     return float(found.joint.best.probability)
 
 

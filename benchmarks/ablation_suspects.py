@@ -155,7 +155,7 @@ def _no_curve(*_) -> lack_of_fit._Together:
 
 # Modules whose names their packages give to a function.
 _DIAGNOSE = import_module("tumblecal.diagnosis.diagnose")
-_TOGETHER = import_module("tumblecal.diagnosis.units.together")
+_UNITS = import_module("tumblecal.diagnosis.units.joint")
 _NEAR = classes._near
 _UP_TO_THREE = prior._LOG_SIZE.copy()
 _UP_TO_THREE[_FOUR:] = -np.inf
@@ -197,7 +197,10 @@ SUSPECTS = (
             "lack_of_fit/lack_of_fit.py:LackOfFit._side_by_side", "lack_of_fit/processes.py:Process.of_one_curve",
         ),
     ),
-    Suspect("two levels", (Replaced(_TOGETHER, "two_levels", _empty),), ("head/two_levels.py",)),
+    Suspect(
+        "two levels", (Replaced(_UNITS, "two_levels", _empty),),
+        ("units/amounts.py:two_levels", "units/amounts.py:_split"),
+    ),
     Suspect(
         "second reading of slips", (Replaced(_DIAGNOSE, "of_angles", _empty, lambda own, other: own == other),),
         ("screening/slips.py", "diagnose.py:Diagnoser._credence"),

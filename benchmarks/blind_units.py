@@ -31,7 +31,7 @@ from blind_judge import Answer, Case  # noqa: E402
 from blind_noise import position_set  # noqa: E402
 from tumblecal.data import PositionSet, write_positions  # noqa: E402
 from tumblecal.diagnosis import Diagnoser  # noqa: E402
-from tumblecal.diagnosis.units import together  # noqa: E402
+from tumblecal.diagnosis.units import joint_diagnosis  # noqa: E402
 
 
 HEAD = (
@@ -199,8 +199,8 @@ class Screened:
 
     def __call__(self, sets: list[PositionSet]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
         """Labels of the best explanation and its equivalents."""
-        found = together([self.diagnoser.begun(positions).screened for positions in sets], [""] * len(sets))
-        return found.joint.best.told.labels, list(found.joint.best.told.equivalents)
+        found = joint_diagnosis([self.diagnoser.begun(positions).screened for positions in sets], [""] * len(sets))
+        return found.joint.best.shared.labels, list(found.joint.best.shared.equivalents)
 
 
 def cases(kind: str, count: int, seed: int) -> Iterator[Case]:

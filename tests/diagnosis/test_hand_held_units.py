@@ -7,7 +7,7 @@ import pytest
 
 from tumblecal.data import PositionSet
 from tumblecal.data.positions import attitudes_of
-from tumblecal.diagnosis.units import together
+from tumblecal.diagnosis.units import joint_diagnosis
 from tumblecal.ground.errors import InputError
 from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
 from tumblecal.report.head_words import ATTITUDES, units_text
@@ -45,13 +45,13 @@ def test_sensors_of_one_session(diagnoser):
     """An IndexError in sets/prior.py: without a head no cause is there that all could share."""
     sets = sensors(3, K2)
     screened = [diagnoser.begun(own, noise_sd=SIGMA).screened for own in sets]
-    found = together(screened, [own.source for own in sets])
+    found = joint_diagnosis(screened, [own.source for own in sets])
     rows = [(f"u{k}", {"causes": " + ".join(own.best.labels), "probability": 0.9}) for k, own in enumerate(screened)]
     text = units_text(found, rows, diagnoser.entries)
     assert ATTITUDES in text and found.fit.head is None and "error of the head" not in text
-    assert found.joint.best.spreads == ("second_order.y",) and found.verdict == "identified"
-    (spread,) = found.joint.best.weighed.spreads
-    mean, sd = (own[0] * spread.signal.scales[0] for own in found.amounts(spread.signal).mean)
+    assert found.joint.best.by_unit == ("second_order.y",) and found.verdict == "identified"
+    (effect,) = found.joint.best.hypothesis.random_effects
+    mean, sd = (own[0] * effect.signal.scales[0] for own in found.amounts["second_order.y"].mean)
     assert abs(mean - K2) < 3 * sd < 0.5 * K2
 
 
@@ -70,4 +70,4 @@ def test_hand_held_files_are_not_mixed_with_those_of_a_head():
         return SimpleNamespace(at=SimpleNamespace(model=SimpleNamespace(hand_held=hand_held)))
 
     with pytest.raises(InputError, match=r"u0\.csv: attitudes unknown \(hand-held\), but other files state angles"):
-        together([screened(True), screened(False)], ["u0.csv", "head.csv"])
+        joint_diagnosis([screened(True), screened(False)], ["u0.csv", "head.csv"])

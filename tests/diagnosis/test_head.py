@@ -10,7 +10,7 @@ import blind_instrument as blind
 import blind_noise
 from tumblecal.chain.head_file import MeasuredHead
 from tumblecal.data import PositionSet
-from tumblecal.diagnosis.units import together
+from tumblecal.diagnosis.units import joint_diagnosis
 from tumblecal.estimation.plausibility import implausible_head
 from tumblecal.report.head_amounts import shown_in, spread_sizes
 from tumblecal.report.head_files import write_units
@@ -46,7 +46,7 @@ def units():
 @pytest.fixture(scope="module")
 def found(units, diagnoser):
     screened = [diagnoser.begun(positions).screened for positions in units[1]]
-    return together(screened, [f"unit{k}" for k in range(4)])
+    return joint_diagnosis(screened, [f"unit{k}" for k in range(4)])
 
 
 def stacked(setups, sets) -> tuple[float, float]:
@@ -75,7 +75,7 @@ def stacked(setups, sets) -> tuple[float, float]:
 
 
 def test_the_joint_fit_is_that_of_all_readings_stacked(units, found):
-    assert found.joint.detected and found.joint.best.told.labels == ("base_levelling",)
+    assert found.joint.detected and found.joint.best.shared.labels == ("base_levelling",)
     head, (value, sd) = found.fit.head, stacked(*units)
     assert head is not None and head.names == ("base_levelling",) and found.fit.pitch.p_value < 1e-6
     assert head.sd[0] == pytest.approx(sd, rel=2e-3)
@@ -103,11 +103,11 @@ def test_nothing_is_said_of_one_unit_or_of_a_head_without_error(units, diagnoser
         readings = clean + blind.SIGMA * rng.normal(size=clean.shape)
         plain.append(PositionSet(**{**vars(positions), "readings": readings}))
     screened = [diagnoser.begun(positions).screened for positions in plain]
-    found = together(screened, ["a", "b", "c", "d"])
+    found = joint_diagnosis(screened, ["a", "b", "c", "d"])
     assert found.joint.verdict == "adequate" and not found.joint.detected and found.fit.head is None
     assert found.joint.p_value > 0.05 and found.known_to(0) is None and found.outlying == ()
     with pytest.raises(Exception, match="at least two units"):
-        together(screened[:1], ["a"])
+        joint_diagnosis(screened[:1], ["a"])
 
 
 @pytest.mark.parametrize("seed", [6, 8])
@@ -125,9 +125,9 @@ def test_a_warm_up_of_every_unit_by_an_amount_of_its_own_is_not_the_heads(diagno
             blind_noise.position_set(setup, readings + blind.SIGMA * rng.normal(size=readings.shape), known=True)
         )
     screened = [diagnoser.begun(positions).screened for positions in sets]
-    found = together(screened, [f"unit{k}" for k in range(8)])
-    assert not any(signal.of_head for signal in found.shared) and found.joint.best.told.labels == ()
-    assert found.joint.spread_probability("warm_up") > 0.5
+    found = joint_diagnosis(screened, [f"unit{k}" for k in range(8)])
+    assert not any(signal.of_head for signal in found.shared) and found.joint.best.shared.labels == ()
+    assert found.joint.by_unit_probability("warm_up") > 0.5
     (sizes,) = (own for id, own in spread_sizes(found, diagnoser.entries).items() if id == "warm_up")
     assert len(sizes) == 3 and not any("tau" in name for name in sizes)
 
@@ -143,9 +143,9 @@ def test_strong_warm_ups_each_with_a_time_constant_of_its_own_hide_no_head_and_m
         readings = blind.readings(setup, setup.nominal, {"warm_up": drawn[0], "base_levelling": np.array([level])})
         readings = readings + blind.SIGMA * rng.normal(size=readings.shape)
         sets.append(blind_noise.position_set(setup, readings, known=True))
-    told = together([diagnoser.begun(positions).screened for positions in sets], [f"unit{k}" for k in range(6)]).joint
-    assert told.spread_probability("warm_up") > 0.5
-    assert told.best.told.labels == (("base_levelling",) if level else ())
+    told = joint_diagnosis([diagnoser.begun(positions).screened for positions in sets], [f"unit{k}" for k in range(6)]).joint
+    assert told.by_unit_probability("warm_up") > 0.5
+    assert told.best.shared.labels == (("base_levelling",) if level else ())
 
 
 @pytest.mark.parametrize("mean", [0.0, 1e-3])
@@ -159,8 +159,8 @@ def test_what_each_unit_has_by_an_amount_of_its_own_is_fitted_beside_the_heads_e
         readings = blind.readings(setup, setup.nominal, hidden)
         readings = readings + blind.SIGMA * rng.normal(size=readings.shape)
         sets.append(blind_noise.position_set(setup, readings, known=True))
-    found = together([diagnoser.begun(positions).screened for positions in sets], [f"unit{k}" for k in range(4)])
-    assert found.joint.best.told.labels == ("index_eccentricity",) and found.joint.best.spreads == ("second_order.y",)
+    found = joint_diagnosis([diagnoser.begun(positions).screened for positions in sets], [f"unit{k}" for k in range(4)])
+    assert found.joint.best.shared.labels == ("index_eccentricity",) and found.joint.best.by_unit == ("second_order.y",)
     head = found.fit.head
     assert head is not None and np.all(np.abs(head.values - eccentricity) < 3.5 * head.sd) and np.all(head.sd < 4e-5)
     assert found.outlying == ()
@@ -178,7 +178,7 @@ def test_an_index_that_stands_wrong_at_one_hole_is_shared_and_without_a_name(dia
         assert np.count_nonzero(np.any(wrong != clean, axis=1)) == 3
         readings = wrong + blind.SIGMA * rng.normal(size=wrong.shape)
         sets.append(blind_noise.position_set(setup, readings, known=True))
-    found = together([diagnoser.begun(positions).screened for positions in sets], [f"unit{k}" for k in range(4)])
+    found = joint_diagnosis([diagnoser.begun(positions).screened for positions in sets], [f"unit{k}" for k in range(4)])
     assert found.joint.verdict == "unexplained" and found.joint.p_value < 1e-6 and not found.shared
     assert found.unexplained == ("index angle: at 90 deg alone",) and found.outlying == ()
     # It is every unit's that is diagnosed by itself, and was listed again as each one's own.
@@ -195,7 +195,7 @@ def test_of_a_mean_the_combinations_that_no_unit_shows_are_not_told(diagnoser):
         readings = blind.readings(setup, setup.nominal, {"spindle_wobble_1": own})
         readings = readings + blind.SIGMA * rng.normal(size=readings.shape)
         sets.append(blind_noise.position_set(setup, readings, known=True))
-    found = together([diagnoser.begun(positions).screened for positions in sets], [f"unit{k}" for k in range(6)])
+    found = joint_diagnosis([diagnoser.begun(positions).screened for positions in sets], [f"unit{k}" for k in range(6)])
     sizes = spread_sizes(found, diagnoser.entries)["spindle_wobble_1"]
     means = [size["mean"] for size in sizes.values()]
     assert None in means and all(abs(mean) < 5.0 for mean in means if mean is not None)
@@ -213,8 +213,8 @@ def test_a_unit_with_wrong_labels_is_left_out_of_what_is_said_of_the_head(diagno
         if number == 2:
             setup.alpha = setup.alpha + np.radians(45) * (setup.beta > np.radians(80))
         sets.append(blind_noise.position_set(setup, clean + blind.SIGMA * rng.normal(size=clean.shape), known=True))
-    found = together([diagnoser.begun(positions).screened for positions in sets], [f"unit{k}" for k in range(6)])
-    assert found.joint.best.told.labels == ("index_eccentricity",) and found.joint.best.spreads == ()
+    found = joint_diagnosis([diagnoser.begun(positions).screened for positions in sets], [f"unit{k}" for k in range(6)])
+    assert found.joint.best.shared.labels == ("index_eccentricity",) and found.joint.best.by_unit == ()
     assert found.outlying == (2,) and found.known_to(2) is None
     head, truth = found.fit.head, [4e-4, -3e-4, 1.2e-3, -2.1e-3, 0.8e-3]
     assert head is not None and "unit2" not in head.made_of and found.fit.pitch.common
@@ -256,7 +256,7 @@ def rows(count, causes=""):
 def test_a_head_that_was_levelled_anew_has_two_levels(diagnoser, tmp_path, levels):
     """It was ADEQUATE, with p = 1e-15, and of another size in each unit."""
     hidden = [{"base_levelling": levels[0]}] * 3 + [{"base_levelling": levels[1]}] * 3
-    found = together([diagnoser.begun(positions).screened for positions in units_with(hidden, 31)], ["u"] * 6)
+    found = joint_diagnosis([diagnoser.begun(positions).screened for positions in units_with(hidden, 31)], ["u"] * 6)
     assert found.verdict in ("identified", "ambiguous") and [own.first for own in found.levels] == [3]
     # By itself a unit may call it a spindle out of square; the last has something of its own too.
     write_units(tmp_path, found, [*rows(5, "axis_perpendicularity"), *rows(6, "base_levelling")[5:]], diagnoser.entries)
@@ -277,7 +277,7 @@ def test_a_head_that_was_levelled_anew_has_two_levels(diagnoser, tmp_path, level
 def test_pitch_settings_that_changed_once_are_not_set_anew_each_time(diagnoser):
     pitch = [np.array([1.2e-3, -2.1e-3, 0.8e-3]), np.array([-0.3e-3, 0.9e-3, -1.4e-3])]
     sets = list(units_with([{}] * 5, 34, [pitch[number > 2] for number in range(5)]))
-    found = together([diagnoser.begun(positions).screened for positions in sets], ["u"] * 5)
+    found = joint_diagnosis([diagnoser.begun(positions).screened for positions in sets], ["u"] * 5)
     assert found.fit.pitch.changed == 3 and not found.fit.pitch.common and found.fit.head is None
     assert "from u3 on" in units_text(found, rows(5), diagnoser.entries)
 
@@ -285,8 +285,8 @@ def test_pitch_settings_that_changed_once_are_not_set_anew_each_time(diagnoser):
 def test_levels_in_no_order_are_not_two(diagnoser):
     sizes = np.array([1.0, -0.8, 0.4, -1.2, 0.7, -0.3]) * LEVEL
     screened = [diagnoser.begun(own).screened for own in units_with([{"base_levelling": size} for size in sizes], 32)]
-    found = together(screened, ["u"] * 6)
-    assert found.levels == () and found.verdict != "adequate" and found.joint.best.head_spreads == ("base_levelling",)
+    found = joint_diagnosis(screened, ["u"] * 6)
+    assert found.levels == () and found.verdict != "adequate" and found.joint.best.head_by_unit == ("base_levelling",)
     said = "the head is not the same for all units: base_levelling differs between units"
     assert said in units_text(found, rows(6), diagnoser.entries)
 
@@ -295,7 +295,7 @@ def test_an_effect_of_half_of_the_units_is_said_to_be_in_those_with_the_mean_of_
     """It was in all units, 0 on average."""
     sizes = np.array([1.2, 0.0, 1.5, 0.0, 1.3, 0.0, 1.4, 0.0]) * 1e-3
     screened = [diagnoser.begun(own).screened for own in units_with([{"second_order.z": size} for size in sizes], 33)]
-    found = together(screened, ["u"] * 8)
+    found = joint_diagnosis(screened, ["u"] * 8)
     size = spread_sizes(found, diagnoser.entries)["second_order.z"]["second_order.z"]
     assert size["mean_sd"] < 0.1 and abs(size["mean"] - 1e3 * np.mean(sizes)) < 4 * size["mean_sd"]
     assert 0.4 < size["sd_between_units"] < 1.1 and size["unit"] == "mg/g^2"

@@ -1,13 +1,11 @@
 """Whether pitch errors are the head's, against least squares of all readings together."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from scipy import stats
 
+from tumblecal.diagnosis.units.mixed_model import NormalEquations
 from tumblecal.diagnosis.units.pitch import pitch_settings
-from tumblecal.diagnosis.units.unit_fit import Information
 
 
 SHARED, SETTINGS = 2, 3
@@ -24,8 +22,9 @@ def measured(rng: np.random.Generator, units: int, errors: np.ndarray, seen: np.
 
 
 def compared(each: list[tuple], most_alone: int):
-    fits = [SimpleNamespace(information=Information(design.T @ design, design.T @ y)) for design, y in each]
-    return pitch_settings(fits, np.zeros(SHARED), most_alone)
+    pairs = [(design[:, SHARED:], readings) for design, readings in each]
+    gram, towards = (np.stack(part) for part in zip(*[(x.T @ x, x.T @ y) for x, y in pairs], strict=True))
+    return pitch_settings(NormalEquations(gram, towards), most_alone)
 
 
 def chi2(parts: list[np.ndarray], readings: list[np.ndarray]) -> float:

@@ -7,10 +7,10 @@ from tumblecal.report import head_amounts, head_files, head_words
 
 def explanation(labels, equivalents=(), probability=0.05):
     return SimpleNamespace(
-        told=SimpleNamespace(labels=labels, equivalents=equivalents),
+        shared=SimpleNamespace(labels=labels, equivalents=equivalents),
         probability=probability,
-        spreads=(),
-        head_spreads=(),
+        by_unit=(),
+        head_by_unit=(),
     )
 
 

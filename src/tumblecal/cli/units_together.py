@@ -27,7 +27,7 @@ def diagnose_units(
     out: Path,
 ) -> list[str]:
     """Screen each unit, estimate common errors, diagnose each unit given these, and write all results; returns the faults."""
-    from tumblecal.diagnosis.units import together
+    from tumblecal.diagnosis.units import joint_diagnosis
     from tumblecal.ground.blas import single_blas_thread
     from tumblecal.ground.result_set import remove_results, result_set
     from tumblecal.report.head_files import write_units
@@ -47,7 +47,7 @@ def diagnose_units(
         faults = [text for fault in refused.values() for text in fault.faults]
         raise InputError([*faults, "--units: fewer than two units can be diagnosed; common errors need at least two"])
     with single_blas_thread(), batch.output.working("estimating errors common to the units"):
-        measured = together(screened, [str(files[k]) for k in usable], batch.usual)
+        measured = joint_diagnosis(screened, [str(files[k]) for k in usable], batch.usual)
     del screened
     heads = [measured.known_to(number) for number in range(len(usable))]
     chosen = [files[k] for k in usable]

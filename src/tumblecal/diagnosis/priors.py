@@ -169,3 +169,29 @@ POWER = 0.8
 # Prior weight of an effect of the sensor that all units of a batch have, each by an amount of its own, and of one of the head
 # that differs by unit (a level that is set again, for example). (units)
 BATCH_WEIGHT, HEAD_SPREAD_WEIGHT = 0.3, 0.03
+# Standard deviations between units that are tried, in the noise of one unit's coefficients: a smaller one is indistinguishable
+# from none. So many random effects at most, each time the best few whose log odds against none are not below this. (units)
+TAUS_TRIED = (1.5, 3.0, 6.0, 12.0, 25.0, 50.0, 100.0, 300.0, 1000.0)
+MOST_RANDOM_EFFECTS, RANDOM_EFFECTS_TRIED, LEAST_SPREAD_ODDS = 3, 2, -2.0
+# So many times at most the causes of the units and the shared errors are searched in turn. (units)
+HEAD_ROUNDS = 4
+# Log Bayes factor of one cause of a unit against none below which no set of causes can lead. (units)
+UNIT_SEARCHED = -1.0
+# The residual of a unit is searched once within this distance (in its noise): 877 of 877 searches so near to an earlier one,
+# and 212 of 212 within five times that, found the same causes (96 units with effects of 20 and 30 sigma).
+SAME_RESIDUAL = 0.1
+# A solution so near to where its unit was linearised (in its noise) is not linearised again: the next step was at most a
+# tenth of it (10 units with effects of 30 and 100 sigma).
+SETTLED_UNIT = 0.05
+# A unit deviates if its estimate of the shared errors is less probable than this, over all units together; it shows an effect
+# where noise alone would show as much in one of all units less often than this. (by thought)
+OUTLYING_UNIT, SHOWN_ALONE = 0.01, 0.01
+# Of so many units one may be excluded: the rest must be able to outvote it. (by thought)
+UNITS_FOR_EACH_EXCLUDED = 3
+# A coefficient is too large for a head when it is so by this many of its standard deviations, as in one file. (by thought)
+TOO_LARGE_SD = 2.0
+# Pitch errors are the head's where the units' own estimates scatter no more than their noise does: not less probable. A unit,
+# or a change between two, is separated if chance causes its part of the dispersion less often than this. (by thought)
+PITCH_COMMON, PITCH_SEPARATED = 0.01, 1e-3
+# Two levels are reported from this p-value on, if the units agree with them within the noise (p-value). (by thought)
+LEVELS_SIZE, LEVELS_FIT = 0.01, 0.01

@@ -3,9 +3,10 @@
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
+from jaxtyping import Float
 
-from tumblecal.diagnosis.units import Together
-from tumblecal.diagnosis.units.unit import SharedSignal
+from tumblecal.diagnosis.units import JointDiagnosis
+from tumblecal.diagnosis.units.batch import SharedSignal
 from tumblecal.effects import Catalogue
 from tumblecal.effects.catalogue import belongs_to
 from tumblecal.ground.numbers_shown import rounded_together
@@ -16,40 +17,40 @@ from tumblecal.ground.units import factor, shown
 UnitRows = Sequence[tuple[str, Mapping]]
 
 
-def spread_sizes(found: Together, entries: Catalogue) -> dict[str, dict]:
+def spread_sizes(found: JointDiagnosis, entries: Catalogue) -> dict[str, dict]:
     """For each effect that differs between units: the mean of every coefficient, its standard uncertainty by the noise, and the
     standard deviation between units. Mean and uncertainty are None for a coefficient that is not determined separately."""
     listed = {}
-    for spread in found.joint.best.weighed.spreads:
-        signal, amounts = spread.signal, found.amounts(spread.signal)
-        names, scales = _names_and_scales(signal, entries)
+    for id in found.joint.best.by_unit:
+        amounts = found.amounts[id]
+        names, scales = _names_and_scales(amounts.signal, entries)
         means, sds = amounts.mean
         sizes = zip(names, means * scales, sds * scales, amounts.tau * scales, amounts.determined.tolist(), strict=True)
-        listed[signal.label] = {
+        listed[id] = {
             name: {
                 "mean": float(mean) if alone else None,
                 "mean_sd": float(sd) if alone else None,
                 "sd_between_units": float(between),
-                "unit": entries[signal.label].unit,
+                "unit": entries[id].unit,
             }
             for name, mean, sd, between, alone in sizes
         }
     return listed
 
 
-def shown_in(found: Together) -> dict[str, tuple[int, ...]]:
+def shown_in(found: JointDiagnosis) -> dict[str, tuple[int, ...]]:
     """For each effect that differs between units: numbers of the units in which it is significant alone."""
-    return {spread.signal.label: found.amounts(spread.signal).shown_in for spread in found.joint.best.weighed.spreads}
+    return {id: found.amounts[id].shown_in for id in found.joint.best.by_unit}
 
 
-def level_sizes(found: Together, entries: Catalogue) -> list[dict]:
+def level_sizes(found: JointDiagnosis, entries: Catalogue) -> list[dict]:
     """For each error of the head with two levels: its p-value and, for each part, the numbers of the first and last unit and
     every coefficient that is determined separately, with its standard uncertainty."""
     listed = []
     for levels in found.levels:
         names, scales = _names_and_scales(levels.signal, entries)
-        alone, unit = found.amounts(levels.signal).determined, entries[levels.signal.label].unit
-        bounds = (0, levels.first - 1), (levels.first, len(found.units) - 1)
+        alone, unit = found.amounts[levels.signal.label].determined, entries[levels.signal.label].unit
+        bounds = (0, levels.first - 1), (levels.first, len(found.batch.units) - 1)
         parts = []
         for (first, last), values, sds in zip(bounds, levels.values * scales, levels.sd * scales, strict=True):
             sizes = {
@@ -72,39 +73,45 @@ def _names_and_scales(signal: SharedSignal, entries: Catalogue) -> tuple[tuple[s
     return names, np.array(signal.scales) / [factor(entries[signal.label].unit, base) for base in bases]
 
 
-def shared_coefficients(found: Together, entries: Catalogue) -> dict[str, dict]:
-    """Coefficients of the errors of the head: value, standard uncertainty (`sd`) and unit in display units."""
-    listed, head = {}, found.fit.head
-    if head is None:
-        return listed
+def coefficients_of(found: JointDiagnosis, entries: Catalogue) -> list[tuple[str, str, float]]:
+    """Of the errors of the head: name, display unit, and its size in the base unit; none if there are none."""
+    if (head := found.fit.head) is None:
+        return []
     units = {name: entries[signal.label].unit for signal in found.shared for name in signal.slot.names}
-    for name, base, value, sd in zip(head.names, head.units, head.values, head.sd, strict=True):
-        display = units.get(name, shown(base)[0])
-        scale = factor(display, base)
-        listed[name] = {"value": float(value / scale), "sd": float(sd / scale), "unit": display}
-    return listed
+    displays = [units.get(name, shown(base)[0]) for name, base in zip(head.names, head.units, strict=True)]
+    scales = [factor(display, base) for display, base in zip(displays, head.units, strict=True)]
+    return list(zip(head.names, displays, scales, strict=True))
 
 
-def own_estimates(found: Together, number: int, entries: Catalogue) -> dict[str, dict]:
+def shared_coefficients(found: JointDiagnosis, entries: Catalogue) -> dict[str, dict]:
+    """Coefficients of the errors of the head: value, standard uncertainty (`sd`) and unit in display units."""
+    head = found.fit.head
+    return {} if head is None else _in_display_units(coefficients_of(found, entries), head.values, head.sd)
+
+
+def own_estimates(found: JointDiagnosis, number: int, entries: Catalogue) -> dict[str, dict]:
     """Estimate of each shared coefficient by one unit, in display units, without those that it does not determine."""
-    listed, head = {}, found.fit.head
-    sizes = shared_coefficients(found, entries) if found.shared else {}
-    for k, name in enumerate(name for signal in found.shared for name in signal.slot.names):
-        assert head is not None
-        # The uncertainties in base and display units give the scale.
-        scale = sizes[name]["sd"] / float(head.sd[k])
-        value, sd = float(found.fit.own_values[number, k] * scale), float(found.fit.own_sd[number, k] * scale)
-        if np.isfinite(sd):
-            listed[name] = {"value": value, "sd": sd, "unit": sizes[name]["unit"]}
-    return listed
+    fit = found.fit
+    return _in_display_units(coefficients_of(found, entries), fit.unit_values[number], fit.unit_sd[number])
 
 
-def origins(found: Together, entries: Catalogue) -> dict[str, dict]:
+def _in_display_units(
+    coefficients: list[tuple[str, str, float]], values: Float[np.ndarray, " some"], sds: Float[np.ndarray, " some"]
+) -> dict[str, dict]:
+    """Of the first coefficients, without those of no finite uncertainty."""
+    return {
+        name: {"value": value / scale, "sd": sd / scale, "unit": display}
+        for (name, display, scale), value, sd in zip(coefficients, values.tolist(), sds.tolist(), strict=False)
+        if np.isfinite(sd)
+    }
+
+
+def origins(found: JointDiagnosis, entries: Catalogue) -> dict[str, dict]:
     """Head or sensor: for every effect, the part that it belongs to, and the probabilities that all units share it and that it
     differs between units."""
     joint, listed = found.joint, {}
-    for id in dict.fromkeys(slot.id for unit in found.units for slot in unit.at.model.slots):
-        shared, by_unit = joint.shared_probability(id), joint.spread_probability(id)
+    for id in dict.fromkeys(slot.id for unit in found.batch.units for slot in unit.at.model.slots):
+        shared, by_unit = joint.shared_probability(id), joint.by_unit_probability(id)
         if max(shared, by_unit) > 1e-3 and id in entries:
             listed[id] = {
                 "belongs_to": belongs_to(entries[id]),
@@ -114,12 +121,12 @@ def origins(found: Together, entries: Catalogue) -> dict[str, dict]:
     return listed
 
 
-def origins_by_class(found: Together, entries: Catalogue) -> Iterator[tuple[list[str], dict]]:
+def origins_by_class(found: JointDiagnosis, entries: Catalogue) -> Iterator[tuple[list[str], dict]]:
     """The origins of the effects, those of one class of indistinguishable explanations together, as the probability is that of
     the class. The most probable first."""
     listed = origins(found, entries)
     classes = [
-        {labels[0] for labels in (explanation.told.labels, *explanation.told.equivalents) if len(labels) == 1}
+        {labels[0] for labels in (explanation.shared.labels, *explanation.shared.equivalents) if len(labels) == 1}
         for explanation in found.joint.explanations
     ]
     done = set[str]()

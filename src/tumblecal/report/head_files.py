@@ -3,9 +3,7 @@
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-import numpy as np
-
-from tumblecal.diagnosis.units import Together
+from tumblecal.diagnosis.units import JointDiagnosis
 from tumblecal.effects import Catalogue
 from tumblecal.ground.atomic import write_texts
 from tumblecal.ground.json_file import json_text
@@ -31,7 +29,7 @@ _MOST_EXPLANATIONS, _LEAST_SHOWN = 10, 1e-4
 
 
 def write_units(
-    folder: Path, found: Together, units: UnitRows, entries: Catalogue, *, figures: bool = True
+    folder: Path, found: JointDiagnosis, units: UnitRows, entries: Catalogue, *, figures: bool = True
 ) -> list[str]:
     """Write all files of units on one head.
 
@@ -49,10 +47,10 @@ def write_units(
     return [*names, *(write_head_page(folder, found, units, entries) if figures else [])]
 
 
-def record(found: Together, units: UnitRows, entries: Catalogue, text: str) -> dict:
+def record(found: JointDiagnosis, units: UnitRows, entries: Catalogue, text: str) -> dict:
     """The batch as plain numbers, lists and texts, in the schema of one diagnosis, with `units` added."""
     joint, fit, best = found.joint, found.fit, found.joint.best
-    known = all(unit.at.problem.known for unit in found.units)
+    known = all(unit.at.problem.known for unit in found.batch.units)
     shown = [one for one in joint.explanations if one.probability > _LEAST_SHOWN or one is best][:_MOST_EXPLANATIONS]
     shown.sort(key=lambda explanation: explanation is not best)
     return {
@@ -61,7 +59,7 @@ def record(found: Together, units: UnitRows, entries: Catalogue, text: str) -> d
         "verdict": found.verdict,
         "text": text,
         "implausible": [vars(unusual) for unusual in found.implausible],
-        "causes": list(best.told.labels),
+        "causes": list(best.shared.labels),
         "detection": {
             "statistic": joint.statistic,
             "threshold": joint.threshold,
@@ -71,9 +69,9 @@ def record(found: Together, units: UnitRows, entries: Catalogue, text: str) -> d
         },
         "explanations": [
             {
-                "effects": list(explanation.told.labels),
-                "equivalents": [list(labels) for labels in explanation.told.equivalents],
-                "by_unit": list(explanation.spreads),
+                "effects": list(explanation.shared.labels),
+                "equivalents": [list(labels) for labels in explanation.shared.equivalents],
+                "by_unit": list(explanation.by_unit),
                 "probability": explanation.probability,
                 "chosen": explanation is best,
                 "coefficients": shared_coefficients(found, entries) if explanation is best else {},
@@ -99,7 +97,7 @@ def record(found: Together, units: UnitRows, entries: Catalogue, text: str) -> d
     }
 
 
-def _unit_record(found: Together, number: int, name: str, row: Mapping, entries: Catalogue) -> dict:
+def _unit_record(found: JointDiagnosis, number: int, name: str, row: Mapping, entries: Catalogue) -> dict:
     causes = row["causes"].split(" + ") if row.get("causes") else []
     return {
         "source": row["file"],
@@ -110,9 +108,9 @@ def _unit_record(found: Together, number: int, name: str, row: Mapping, entries:
         "probability": row.get("probability"),
         "p_value": row.get("p_value"),
         "outlying": number in found.outlying,
-        "left_out": number in found.fit.aside,
+        "left_out": number in found.fit.excluded,
         "same_as_shared": bool(causes) and number in found.nothing_of_their_own,
-        "agrees_p_value": found.consistent[number],
+        "agrees_p_value": found.fit.consistent[number],
         "shared": own_estimates(found, number, entries),
         "fault": row.get("fault"),
     }
@@ -126,14 +124,14 @@ _CAPTION = (
 )
 
 
-def write_head_page(folder: Path, found: Together, units: UnitRows, entries: Catalogue) -> list[str]:
+def write_head_page(folder: Path, found: JointDiagnosis, units: UnitRows, entries: Catalogue) -> list[str]:
     """Write the page and its figure; returns the files' names."""
     names = []
     if found.shared:
         _draw(folder / _FIGURE, found, entries)
         names.append(_FIGURE)
     figures = [inline_figure(folder / name, _CAPTION) for name in names]
-    positions = sum(len(unit.at.problem.readings) for unit in found.units)
+    positions = sum(len(unit.at.problem.readings) for unit in found.batch.units)
     write_page(
         folder / "diagnosis.html",
         session(found, len(units)),
@@ -145,7 +143,9 @@ def write_head_page(folder: Path, found: Together, units: UnitRows, entries: Cat
     return [*names, "diagnosis.html"]
 
 
-def _sections(found: Together, units: UnitRows, entries: Catalogue, figures: list[PageFigure]) -> Iterator[Section]:
+def _sections(
+    found: JointDiagnosis, units: UnitRows, entries: Catalogue, figures: list[PageFigure]
+) -> Iterator[Section]:
     if found.fit.head or figures:
         yield Section("The head", tables=[_head_table(found, entries)] if found.fit.head else [], figures=figures)
     if not found.hand_held:
@@ -189,7 +189,7 @@ def _sections(found: Together, units: UnitRows, entries: Catalogue, figures: lis
     yield Section("Units and effects", [words], tables=[_units_table(found, units, entries)])
 
 
-def _head_table(found: Together, entries: Catalogue) -> Table:
+def _head_table(found: JointDiagnosis, entries: Catalogue) -> Table:
     rows = [
         [name, *rounded(size["value"], size["sd"]), size["unit"]]
         for name, size in shared_coefficients(found, entries).items()
@@ -197,7 +197,7 @@ def _head_table(found: Together, entries: Catalogue) -> Table:
     return Table(["error", "value", "u", "unit"], rows, text=(3,))
 
 
-def _origins_table(found: Together, entries: Catalogue) -> Table:
+def _origins_table(found: JointDiagnosis, entries: Catalogue) -> Table:
     rows = [
         [" or ".join(ids), origin["belongs_to"], f"{origin['shared']:.3f}", f"{origin['by_unit']:.3f}"]
         for ids, origin in origins_by_class(found, entries)
@@ -205,12 +205,12 @@ def _origins_table(found: Together, entries: Catalogue) -> Table:
     return Table(["effect, or class of indistinguishable effects", "belongs to", "shared", "by unit"], rows, text=(1,))
 
 
-def _explanations_table(found: Together) -> Table:
+def _explanations_table(found: JointDiagnosis) -> Table:
     rows = [
         [
             explanation_words(explanation) + (" (acted on)" if explanation is found.joint.best else ""),
             f"{explanation.probability:.3f}",
-            "; ".join(label_words(labels) for labels in explanation.told.stated[:8]),
+            "; ".join(label_words(labels) for labels in explanation.shared.stated[:8]),
         ]
         for explanation in found.joint.explanations[:10]
         if explanation.probability > 1e-3 or explanation is found.joint.best
@@ -218,7 +218,7 @@ def _explanations_table(found: Together) -> Table:
     return Table(["explanation", "probability", "indistinguishable from"], rows, text=(0, 2))
 
 
-def _units_table(found: Together, units: UnitRows, entries: Catalogue) -> Table:
+def _units_table(found: JointDiagnosis, units: UnitRows, entries: Catalogue) -> Table:
     ids = sorted({cause.split(":")[0] for _, row in units for cause in (row.get("causes") or "").split(" + ") if cause})
     rows = []
     for number, (name, row) in enumerate(units):
@@ -228,7 +228,7 @@ def _units_table(found: Together, units: UnitRows, entries: Catalogue) -> Table:
             ", ".join(cause.partition(":")[2] or yes for cause in causes if cause.split(":")[0] == id) for id in ids
         ]
         probability = f"{row['probability']:.2f}" if row.get("probability") is not None else ""
-        agrees = f"{found.consistent[number]:.2g}" + (" (outlying)" if number in found.outlying else "")
+        agrees = f"{found.fit.consistent[number]:.2g}" + (" (outlying)" if number in found.outlying else "")
         shared = list(_sizes_by_unit(found, number, entries))
         rows.append([name, *shared, *places, probability, agrees, row["verdict"]])
     shared_names = [f"{signal.label} / {entries[signal.label].unit}" for signal in found.shared]
@@ -236,7 +236,7 @@ def _units_table(found: Together, units: UnitRows, entries: Catalogue) -> Table:
     return Table(header, rows, text=tuple(range(1, len(header))))
 
 
-def _sizes_by_unit(found: Together, number: int, entries: Catalogue) -> Iterator[str]:
+def _sizes_by_unit(found: JointDiagnosis, number: int, entries: Catalogue) -> Iterator[str]:
     """Estimate of each common effect by one unit, in display units; "" if it does not determine it."""
     estimates = own_estimates(found, number, entries)
     for signal in found.shared:
@@ -244,24 +244,23 @@ def _sizes_by_unit(found: Together, number: int, entries: Catalogue) -> Iterator
         yield ", ".join(rounded_together(size["value"], size["sd"]) for size in sizes)
 
 
-def _draw(path: Path, found: Together, entries: Catalogue) -> None:
+def _draw(path: Path, found: JointDiagnosis, entries: Catalogue) -> None:
     from tumblecal.report.drawing import INK, MUTED, OUTSIDE, new_figure, save
 
-    coefficients, head = shared_coefficients(found, entries), found.fit.head
-    assert head is not None
+    coefficients = shared_coefficients(found, entries)
     names = [name for signal in found.shared for name in signal.slot.names][:_MOST_PANELS]
+    estimates = [own_estimates(found, number, entries) for number in range(len(found.batch.units))]
+    outlying = {*found.outlying}
     figure = new_figure(7.5, 1.0 + 1.5 * len(names))
     axes = figure.subplots(len(names), 1, squeeze=False, sharex=True)[:, 0]
-    numbers = np.arange(1, len(found.units) + 1)
-    for k, (name, panel) in enumerate(zip(names, axes, strict=True)):
-        size = coefficients[name]
-        scale = size["sd"] / float(head.sd[k])
+    for name, panel in zip(names, axes, strict=True):
+        size, shown = coefficients[name], {k for k, estimate in enumerate(estimates) if name in estimate}
         panel.axhspan(size["value"] - 2 * size["sd"], size["value"] + 2 * size["sd"], color=MUTED, alpha=0.25, lw=0)
         panel.axhline(size["value"], color=INK)
-        outside = np.isin(numbers - 1, found.outlying)
-        for chosen, face in ((~outside, "white"), (outside, OUTSIDE)):
-            values, sd = found.fit.own_values[chosen, k] * scale, found.fit.own_sd[chosen, k] * scale
-            panel.errorbar(numbers[chosen], values, sd, fmt="o", ms=4, color=INK, mfc=face, lw=0.9)
+        for group, face in ((shown - outlying, "white"), (shown & outlying, OUTSIDE)):
+            numbers = sorted(group)
+            values, sds = ([estimates[k][name][part] for k in numbers] for part in ("value", "sd"))
+            panel.errorbar([k + 1 for k in numbers], values, sds, fmt="o", ms=4, color=INK, mfc=face, lw=0.9)
         panel.set_ylabel(f"{name}\n{size['unit']}")
     axes[-1].xaxis.get_major_locator().set_params(integer=True)
     axes[-1].set_xlabel("unit, in the order of the files")

@@ -3,8 +3,8 @@
 from collections.abc import Collection, Iterator, Sequence
 
 from tumblecal.chain.head_file import PITCH
-from tumblecal.diagnosis.units import Together
-from tumblecal.diagnosis.units.joint import SharedExplanation
+from tumblecal.diagnosis.units import JointDiagnosis
+from tumblecal.diagnosis.units.search import SharedExplanation
 from tumblecal.effects import Catalogue
 from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.ground.counted import shortened
@@ -27,7 +27,7 @@ ATTITUDES = (
 )
 
 
-def session(found: Together, units: int) -> str:
+def session(found: JointDiagnosis, units: int) -> str:
     """The session as a title."""
     return f"{units} units, hand-held" if found.hand_held else f"{units} units on one head"
 
@@ -42,24 +42,24 @@ _MOST_UNITS = 12
 _LEAST_LISTED = 0.02
 
 
-def units_verdict(found: Together, units: UnitRows, entries: Catalogue) -> Verdict:
+def units_verdict(found: JointDiagnosis, units: UnitRows, entries: Catalogue) -> Verdict:
     """The verdict on the head and the errors of individual units."""
     if found.hand_held:
         return _hand_held_verdict(found, units, entries)
     joint, best = found.joint, found.joint.best
     others = (e.probability for e in joint.explanations if e is not best)
-    way = ambiguity(best.probability, others, indistinguishable=not best.told.single_name)
+    way = ambiguity(best.probability, others, indistinguishable=not best.shared.single_name)
     chance = probability_words(joint.p_value, joint.detected)
-    rest, count = _all_but(found.fit.aside, units), len(units) - len(found.fit.aside)
+    rest, count = _all_but(found.fit.excluded, units), len(units) - len(found.fit.excluded)
     evidence = [
         *(f"IMPLAUSIBLE: {words}. No head.toml is written." for words in implausible_words(found.implausible)),
         f"Joint test of {count} units for an error of the head: {p_words(joint.p_value)}; {chance}",
     ]
-    if best.told.labels:
-        same = "; ".join(label_words(labels) for labels in best.told.stated[:8])
+    if best.shared.labels:
+        same = "; ".join(label_words(labels) for labels in best.shared.stated[:8])
         of_class = f" for this class of indistinguishable explanations: {same}" if same else ""
         evidence.append(
-            f"Shared by {rest}: {label_words(best.told.labels)} (probability {best.probability:.2f}{of_class})."
+            f"Shared by {rest}: {label_words(best.shared.labels)} (probability {best.probability:.2f}{of_class})."
         )
     words = [*_shared(found, entries), *_levels(found, units, entries), *_spreads(found, units, entries)]
     return Verdict(
@@ -71,7 +71,7 @@ def units_verdict(found: Together, units: UnitRows, entries: Catalogue) -> Verdi
     )
 
 
-def _hand_held_verdict(found: Together, units: UnitRows, entries: Catalogue) -> Verdict:
+def _hand_held_verdict(found: JointDiagnosis, units: UnitRows, entries: Catalogue) -> Verdict:
     """The effects that the units have in common, and the causes of single units. Without a dividing head only effects of the
     sensors can be common to them."""
     words, common = [], spread_sizes(found, entries)
@@ -90,18 +90,18 @@ def _hand_held_verdict(found: Together, units: UnitRows, entries: Catalogue) -> 
     return Verdict(found.verdict, headline, found=tuple(map(Finding, words)), evidence=evidence)
 
 
-def units_text(found: Together, units: UnitRows, entries: Catalogue) -> str:
+def units_text(found: JointDiagnosis, units: UnitRows, entries: Catalogue) -> str:
     """The verdict on units without layout, a paragraph a line."""
     verdict = units_verdict(found, units, entries)
     head = f"{verdict.verdict.upper()}: {verdict.headline}"
     return "\n".join([head, *(f"- {one.words}" for one in verdict.found), *verdict.evidence, *verdict.next])
 
 
-def _headline(found: Together, way: str, rest: str) -> str:
+def _headline(found: JointDiagnosis, way: str, rest: str) -> str:
     if found.implausible:
         return "the units share an error that is too large for a head; check the set-up first."
-    differing = [levels.signal.label for levels in found.levels] or found.joint.best.head_spreads
-    if found.verdict == "adequate" or found.joint.best.told.labels or not differing:
+    differing = [levels.signal.label for levels in found.levels] or found.joint.best.head_by_unit
+    if found.verdict == "adequate" or found.joint.best.shared.labels or not differing:
         return _HEADLINES[found.verdict].format(way=way, all=rest)
     how = "changes from some unit on" if found.levels else "differs between units"
     reservation = "" if found.verdict == "identified" else "; this is not conclusive"
@@ -114,7 +114,7 @@ def _all_but(left_out: Collection[int], units: UnitRows) -> str:
     return f"all units except {shortened(names, _MOST_UNITS)}" if names else "all units"
 
 
-def _shared(found: Together, entries: Catalogue) -> Iterator[str]:
+def _shared(found: JointDiagnosis, entries: Catalogue) -> Iterator[str]:
     coefficients = shared_coefficients(found, entries)
     for signal in found.shared:
         sizes = "; ".join(f"{name} = {_with_u(coefficients[name])}" for name in signal.slot.names)
@@ -123,7 +123,7 @@ def _shared(found: Together, entries: Catalogue) -> Iterator[str]:
         yield f"an effect that is not in the catalogue; it depends on {words}"
 
 
-def _levels(found: Together, units: UnitRows, entries: Catalogue) -> Iterator[str]:
+def _levels(found: JointDiagnosis, units: UnitRows, entries: Catalogue) -> Iterator[str]:
     for levels in level_sizes(found, entries):
         before, after = ([units[k][0] for k in (part["first"], part["last"])] for part in levels["parts"])
         listed = []
@@ -137,7 +137,7 @@ def _levels(found: Together, units: UnitRows, entries: Catalogue) -> Iterator[st
         )
 
 
-def _spreads(found: Together, units: UnitRows, entries: Catalogue) -> Iterator[str]:
+def _spreads(found: JointDiagnosis, units: UnitRows, entries: Catalogue) -> Iterator[str]:
     in_order, shown = {levels.signal.label for levels in found.levels}, shown_in(found)
     for id, sizes in spread_sizes(found, entries).items():
         if id in in_order:
@@ -170,11 +170,11 @@ def _others(explanations: Sequence[SharedExplanation], best: SharedExplanation) 
 
 def explanation_words(explanation: SharedExplanation) -> str:
     """The effects that the units share, and those that differ between units."""
-    shared = label_words(explanation.told.labels) or "nothing shared"
-    return shared + (f" ({', '.join(explanation.spreads)} by unit)" if explanation.spreads else "")
+    shared = label_words(explanation.shared.labels) or "nothing shared"
+    return shared + (f" ({', '.join(explanation.by_unit)} by unit)" if explanation.by_unit else "")
 
 
-def _pitch(found: Together, units: UnitRows) -> Iterator[str]:
+def _pitch(found: JointDiagnosis, units: UnitRows) -> Iterator[str]:
     fit = found.fit
     if fit.pitch.p_value is None:
         return
@@ -185,7 +185,7 @@ def _pitch(found: Together, units: UnitRows) -> Iterator[str]:
             for name, value, sd in zip(fit.head.names, fit.head.values, fit.head.sd, strict=True)
             if name.startswith(PITCH)
         )
-        rest = _all_but({*fit.aside, *fit.pitch.alone}, units)
+        rest = _all_but({*fit.excluded, *fit.pitch.alone}, units)
         chance = p_words(fit.pitch.p_value)
         yield f"Pitch settings: their errors are equal in {rest} ({chance}) and belong to the head: {sizes}."
         if fit.pitch.alone:
@@ -205,7 +205,7 @@ def _pitch(found: Together, units: UnitRows) -> Iterator[str]:
         )
 
 
-def _single_units(found: Together, units: UnitRows) -> Iterator[str]:
+def _single_units(found: JointDiagnosis, units: UnitRows) -> Iterator[str]:
     in_levels = {levels.signal.label for levels in found.levels}
     rows = [(k, name, row) for k, (name, row) in enumerate(units) if row.get("causes")]
     single = [
@@ -220,7 +220,7 @@ def _single_units(found: Together, units: UnitRows) -> Iterator[str]:
         yield f"Errors of individual units: {shortened(single, _MOST_UNITS, '; ', '; and')}."
     outlying = [units[k][0] for k in found.outlying]
     if outlying:
-        excluded = " They are excluded from the results of the head." if found.fit.aside else ""
+        excluded = " They are excluded from the results of the head." if found.fit.excluded else ""
         yield (
             "Outlying units, without the common error, with a different size of it, or with different pitch settings: "
             f"{', '.join(outlying)}.{excluded} Check them separately, the angles in their files first."

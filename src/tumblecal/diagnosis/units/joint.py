@@ -1,192 +1,191 @@
-"""The joint model of many units: errors that all of them share, and errors of single units.
+"""The joint diagnosis of separately screened units: shared errors, errors of the head, remaining errors of each unit."""
 
-A hypothesis is a set of errors shared by all units with common coefficients, effects that each unit has by a different amount
-(`Spread`), and the causes of single units. The latter two are searched given the leading sets of shared errors, then those
-sets given them, in turn.
-"""
-
-from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
+from jaxtyping import Float
 
-from tumblecal.diagnosis.detection.detect import null_distribution
-from tumblecal.diagnosis.priors import SIZE, SIZE_PRIOR, SURE
-from tumblecal.diagnosis.sets.classes import explanations
-from tumblecal.diagnosis.sets.explanation import Explanation
-from tumblecal.diagnosis.units.spread import Spread, likely_spreads, widened
-from tumblecal.diagnosis.units.unit import NOTHING, OwnCauses, SharedSignal, Unit
-from tumblecal.diagnosis.units.weighed import Weighed, weigh
-
-
-_MOST_ROUNDS, _MOST_SPREADS, _SPREADS_TRIED = 4, 3, 2
-# Effects whose spread is less probable than this (log odds) are not tried.
-_HOPELESS = -2.0
-
-
-@dataclass(frozen=True)
-class SharedExplanation:
-    """A set of errors shared by all units (`told`), with effects that each unit has by a different amount.
-
-    `class_probability`: of the set or its equivalents, over all hypotheses.
-    """
-
-    told: Explanation
-    class_probability: float
-    own_probability: float
-    weighed: Weighed
-
-    @property
-    def probability(self) -> float:
-        """Of the statement that is made (`Explanation.probability`), over all hypotheses."""
-        return self.class_probability * self.told.probability / max(self.told.class_probability, 1e-300)
-
-    @property
-    def spreads(self) -> tuple[str, ...]:
-        """Ids of the effects whose size differs from unit to unit."""
-        return tuple(spread.signal.label for spread in self.weighed.spreads)
-
-    @property
-    def head_spreads(self) -> tuple[str, ...]:
-        """Effects with a different amount in each unit that are errors of the head."""
-        return tuple(spread.signal.label for spread in self.weighed.spreads if spread.signal.of_head)
+from tumblecal.chain.head_file import MeasuredHead
+from tumblecal.diagnosis.model.tangent import tangent
+from tumblecal.diagnosis.priors import LARGE, MOST_RELINEARISATIONS, OUTLYING_UNIT, SETTLED_UNIT, TOO_LARGE_SD
+from tumblecal.diagnosis.screening.screened import Screened
+from tumblecal.diagnosis.sets.search import Search
+from tumblecal.diagnosis.units.amounts import TwoLevels, UnitAmounts, two_levels, unit_amounts
+from tumblecal.diagnosis.units.batch import Batch, SharedSignal, Unit, linearised, shared_signals
+from tumblecal.diagnosis.units.head_fit import HeadFit, head_fit, most_excluded
+from tumblecal.diagnosis.units.search import JointPosterior, SharedExplanation, joint_posterior
+from tumblecal.estimation.plausibility import Implausible, implausible_head
+from tumblecal.ground.errors import InputError
 
 
 @dataclass(frozen=True)
-class Joint:
-    """The result of all units together.
+class JointDiagnosis:
+    """Units on one head.
 
-    `statistic`: log Bayes factor of "the head has an error" against "it has none", with its `p_value` and the `threshold`
-    above which it is used; `dof`: dimension of the space of the shared errors.
+    - `joint`: shared errors, by probability; `fit`: errors of the head; `implausible`: those beyond the usual range.
+    - `levels`: errors of the head that change at some unit.
     """
 
-    explanations: tuple[SharedExplanation, ...]
-    statistic: float
-    threshold: float
-    p_value: float
-    dof: int
+    batch: Batch
+    joint: JointPosterior
+    fit: HeadFit
+    implausible: tuple[Implausible, ...] = ()
+    levels: tuple[TwoLevels, ...] = ()
 
     @property
-    def detected(self) -> bool:
-        """Whether the units share an error."""
-        return self.statistic > self.threshold
-
-    @property
-    def best(self) -> SharedExplanation:
-        """The explanation to act on: the most probable in which the head has an error, the same for all units or another for
-        each; while none is detected, one in which it shares none."""
-        if not self.detected:
-            return next(told for told in self.explanations if not told.told.labels)
-        return next(told for told in self.explanations if told.told.labels or told.head_spreads)
+    def hand_held(self) -> bool:
+        """Whether no head is involved: the attitudes are unknown."""
+        return any(unit.at.model.hand_held for unit in self.batch.units)
 
     @property
     def verdict(self) -> str:
         """The verdict for the shared errors: adequate, identified, ambiguous or unexplained."""
-        told = self.best.told
-        if not told.labels:
-            return self.differing(self.best.head_spreads) if self.detected else "adequate"
-        if told.unexplained:
-            return "unexplained"
-        return "identified" if told.single_name and self.best.probability >= SURE else "ambiguous"
+        by_unit = self.joint.best.by_unit
+        if self.hand_held:
+            return self.joint.differing(by_unit) if by_unit else "adequate"
+        verdict = self.joint.verdict
+        if verdict == "adequate" and self.levels:
+            verdict = self.joint.differing([levels.signal.label for levels in self.levels])
+        if not self.implausible:
+            return verdict
+        return {"adequate": "unexplained", "identified": "ambiguous"}.get(verdict, verdict)
 
-    def differing(self, ids: Collection[str]) -> str:
-        """The verdict on a head of which these errors are not the same for all units: identified or ambiguous."""
-        sure = len(ids) == 1 and all(self.spread_probability(id) >= SURE for id in ids)
-        return "identified" if sure else "ambiguous"
+    @property
+    def measured(self) -> MeasuredHead | None:
+        """The head for later measurements; None if there is no result, an implausible one, or one between two levels."""
+        between = {levels.signal.label for levels in self.levels} & {signal.label for signal in self.shared}
+        return None if self.implausible or between else self.fit.head
 
-    def shared_probability(self, id: str) -> float:
-        """Probability that an effect, or one indistinguishable from it, is shared by all units, with one coefficient."""
-        return sum(
-            told.class_probability
-            for told in self.explanations
-            if any(id in labels for labels in (told.told.labels, *told.told.equivalents))
+    @cached_property
+    def amounts(self) -> dict[str, UnitAmounts]:
+        """Amount in every unit of each effect that differs between units or has two levels, by its id."""
+        varying = (effect.signal for effect in self.joint.best.hypothesis.random_effects)
+        signals = (*(levels.signal for levels in self.levels), *varying)
+        return {signal.label: unit_amounts(self.batch, self.joint.best, signal) for signal in signals}
+
+    @property
+    def shared(self) -> tuple[SharedSignal, ...]:
+        """The effects of the catalogue that all units share, by the explanation acted on."""
+        return tuple(signal for signal in self.joint.best.signals if signal.is_effect)
+
+    @property
+    def unexplained(self) -> tuple[str, ...]:
+        """Further shared errors that are not in the catalogue, in words."""
+        return tuple(signal.words for signal in self.joint.best.signals if not signal.is_effect)
+
+    @property
+    def nothing_of_their_own(self) -> tuple[int, ...]:
+        """Numbers of the units that need no cause in addition to an error of the head without a name or with two levels. This
+        error is not given to them, so their separate diagnoses show it."""
+        if not (self.unexplained or self.levels):
+            return ()
+        causes = enumerate(self.joint.best.hypothesis.unit_causes)
+        return tuple(k for k, own in causes if not own.members and k not in self.fit.excluded)
+
+    @property
+    def outlying(self) -> tuple[int, ...]:
+        """Numbers of the deviating units: by their separate estimate of the shared errors, or because they need an error of
+        the head that no other unit has."""
+        deviating = set(self.fit.excluded)
+        if self.shared:
+            consistent, units = self.fit.consistent, self.batch.units
+            for number, (unit, causes) in enumerate(zip(units, self.joint.best.hypothesis.unit_causes, strict=True)):
+                if consistent[number] < OUTLYING_UNIT / len(units) or unit.without_head(causes) != causes:
+                    deviating.add(number)
+        return tuple(sorted(deviating))
+
+    def known_to(self, number: int) -> MeasuredHead | None:
+        """Prior of the head for the diagnosis of one unit, as measured by the others. There is none for a deviating unit, or
+        if no result of the head can be used later. With unknown noise, the errors from all units are treated as exact."""
+        if number in self.outlying or self.measured is None:
+            return None
+        return self.fit.without(number) if self.batch.noise_known else self.fit.head
+
+
+def joint_diagnosis(
+    screened: Sequence[Screened], sources: Sequence[str], usual: Mapping[str, float] | None = None
+) -> JointDiagnosis:
+    """Diagnose units together that were screened one by one.
+
+    **Arguments:**
+
+    - `sources`: the units' files, in the same order.
+    - `usual`: the largest usual sizes of parameters, as of `estimation.plausibility.implausible`.
+
+    **Raises:** `InputError` for fewer than two units, or if only some are hand-held.
+    """
+    if len(screened) < 2:
+        raise InputError(
+            "--units: at least two units must be diagnosed; one file does not show which errors are shared"
         )
-
-    def spread_probability(self, id: str) -> float:
-        """Probability that every unit has an effect with a different amount."""
-        return sum(told.class_probability for told in self.explanations if id in told.spreads)
-
-
-def joint(units: Sequence[Unit], signals: Sequence[SharedSignal]) -> Joint:
-    """Compare shared errors with errors of single units."""
-    own = [unit.own_causes(unit.z) for unit in units]
-    faults = [unit.faults_of(causes) for unit, causes in zip(units, own, strict=True)]
-    # An error of the head at one angle may look like the same outlier positions in every unit.
-    starts = dict.fromkeys([tuple(own), tuple(faults), (NOTHING,) * len(units)])
-    tried = [weighed for start in starts for weighed in _climbed(units, signals, weigh(units, signals, start))]
-    for _ in range(_MOST_SPREADS):
-        best = max(tried, key=lambda weighed: weighed.top)
-        leading = {id(weighed): weighed for weighed in (best, max(tried, key=lambda weighed: weighed.without))}
-        wider = [more for weighed in leading.values() for more in _with_spread(units, signals, weighed, faults)]
-        tried += wider
-        if not wider or max(weighed.top for weighed in wider) < best.top:
+    hand_held = [unit.at.model.hand_held for unit in screened]
+    if any(hand_held) and not all(hand_held):
+        held = ", ".join(source for source, free in zip(sources, hand_held, strict=True) if free)
+        raise InputError(
+            f"--units: {held}: attitudes unknown (hand-held), but other files state angles of a head; run them separately"
+        )
+    starts = [linearised(unit) for unit in screened]
+    impossible, excluded = frozenset[str](), frozenset[int]()
+    while True:
+        batch = Batch.of(starts, shared_signals(starts, impossible))
+        found = _converged(batch, sources, excluded)
+        too_large = impossible_effects(found.joint.best, found.fit.head) - impossible
+        if too_large:
+            impossible |= too_large
+            continue
+        # A deviating unit would add a part of its error to the shared errors.
+        more = frozenset(found.outlying) | {*found.fit.pitch.alone}
+        if more <= excluded or len(more) > most_excluded(len(starts)):
             break
-    return _told(tried)
+        excluded |= more
+    head, levels = found.fit.head, tuple(two_levels(found.batch, found.joint.best))
+    return replace(found, implausible=implausible_head(head, usual) if head is not None else (), levels=levels)
 
 
-def _climbed(units: Sequence[Unit], signals: Sequence[SharedSignal], start: Weighed) -> Iterator[Weighed]:
-    """Causes of the units and shared errors in turn, each given the other, until neither changes."""
-    weighed = start
-    for _ in range(_MOST_ROUNDS):
-        yield weighed
-        members = weighed.ranked.set_at(0)
-        if not members and not weighed.spreads and weighed is not start:
-            return
-        left = weighed.left(units, members)
-        own = tuple(unit.own_causes(z) for unit, z in zip(units, left, strict=True))
-        if own == weighed.own:
-            return
-        weighed = weigh(units, signals, own, weighed.spreads)
+def impossible_effects(best: SharedExplanation, head: MeasuredHead | None) -> frozenset[str]:
+    """Ids of the effects of an explanation that would need coefficients such as no head has (`Effect.largest`), common to all
+    units or differing between them."""
+    sizes = dict(zip(head.names, np.abs(head.values) - TOO_LARGE_SD * head.sd, strict=True)) if head else {}
+    shared = (
+        signal.label
+        for signal in best.signals
+        if any(sizes.get(name, 0.0) > signal.slot.largest for name in signal.slot.names)
+    )
+    effects = best.hypothesis.random_effects
+    varying = (one.signal for one in effects if one.tau * max(one.signal.scales) > one.signal.slot.largest)
+    return frozenset([*shared, *(signal.label for signal in varying)])
 
 
-def _with_spread(
-    units: Sequence[Unit], signals: Sequence[SharedSignal], weighed: Weighed, faults: Sequence[OwnCauses]
-) -> Iterator[Weighed]:
-    """The hypotheses with one more effect whose size differs from unit to unit."""
-    before = {spread.signal.cause for spread in weighed.spreads}
-    free = [signal for signal in signals if signal.cause not in before]
-    listed: dict[tuple, Spread] = {}
-    for members in dict.fromkeys([weighed.ranked.set_at(0), ()]):
-        for own in (weighed.own, tuple(faults)):
-            reduced = [unit.reduced(causes) for unit, causes in zip(units, own, strict=True)]
-            for spread in weighed.spreads:
-                reduced = [widened(unit, spread) for unit in reduced]
-            shared = weighed.coefficients(members)
-            for odds, spread in likely_spreads(reduced, shared, free, _SPREADS_TRIED):
-                if odds > _HOPELESS:
-                    listed.setdefault(spread.signal.key, spread)
-    for spread in listed.values():
-        start = weigh(units, signals, faults, (*weighed.spreads, spread))
-        yield from _climbed(units, signals, start)
+def _converged(batch: Batch, sources: Sequence[str], excluded: frozenset[int]) -> JointDiagnosis:
+    """The errors that the units share, some of them excluded; around the solution where it is large."""
+    number = 0
+    while True:
+        joint = joint_posterior(batch.excluding(excluded))
+        best = joint.best
+        fit = head_fit(batch, best, sources, excluded)
+        vectors = [unit.at.vector if k in excluded else fit.vectors[k] for k, unit in enumerate(batch.units)]
+        # In the noise of each unit: the shared signal in its residual space, and how far it moves.
+        signals, steps, coefficients = [], [], best.coefficients
+        for unit, vector in zip(best.hypothesis.batch.units, vectors, strict=True):
+            signals.append(np.linalg.norm(unit.response @ coefficients))
+            step = (vector - unit.at.vector) / unit.at.model.scales
+            steps.append(np.linalg.norm(unit.at.jacobian @ step) / unit.sigma)
+        bent = max(signals) > LARGE and max(steps) > SETTLED_UNIT
+        new_noise = number == 0 and bool(best.shared.labels) and not batch.noise_known
+        if number == MOST_RELINEARISATIONS or not (bent or new_noise):
+            return JointDiagnosis(batch, joint, fit)
+        # Again around the shared solution, and with the noise that it leaves.
+        batch, number = Batch.of(_linearised_at(batch, vectors, best), batch.signals), number + 1
 
 
-def _told(tried: Sequence[Weighed]) -> Joint:
-    """Explanations over all hypotheses: each class of sets with the own causes that suit it best."""
-    best: dict[tuple, tuple[float, float, Explanation, Weighed]] = {}
-    for weighed in tried:
-        told = explanations(weighed.search, weighed.ranked, {}, 1.0)
-        total = weighed.log_evidence + float(np.logaddexp.reduce(weighed.ranked.log_posterior))
-        spreads = frozenset(spread.signal.label for spread in weighed.spreads)
-        for explanation in told:
-            key = (frozenset([explanation.labels, *explanation.equivalents]), spreads)
-            score = total + float(np.log(max(explanation.class_probability, 1e-300)))
-            own = total + float(np.log(max(explanation.own_probability, 1e-300)))
-            if key not in best or score > best[key][0]:
-                best[key] = (score, own, explanation, weighed)
-    whole = float(np.logaddexp.reduce([score for score, *_ in best.values()]))
-    listed = [
-        SharedExplanation(told, float(np.exp(score - whole)), float(np.exp(own - whole)), weighed)
-        for score, own, told, weighed in sorted(best.values(), key=lambda row: -row[0])
-    ]
-    with_error = float(np.logaddexp.reduce([score for score, _, told, _ in best.values() if told.labels] or [-np.inf]))
-    sensors_alone = [weighed for weighed in tried if not any(spread.signal.of_head for spread in weighed.spreads)]
-    without = max(weighed.without for weighed in sensors_alone)
-    statistic = with_error - without - float(np.log(1 - SIZE_PRIOR[0]) - np.log(SIZE_PRIOR[0]))
-    pool = max(sensors_alone, key=lambda weighed: weighed.without).search.pool
-    if not pool.causes:
-        # Without a head nothing can be shared.
-        return Joint(tuple(listed), -np.inf, np.inf, 1.0, 0)
-    null = null_distribution(pool, None, True)
-    above = len(null) - int(np.searchsorted(null, statistic))
-    p_value = (above + 1) / (len(null) + 1) if above else min(1 / (len(null) + 1), float(np.exp(-statistic)))
-    return Joint(tuple(listed), statistic, float(np.quantile(null, 1 - SIZE)), p_value, pool.dof)
+def _linearised_at(batch: Batch, vectors: Sequence[Float[np.ndarray, " full"]], best: SharedExplanation) -> list[Unit]:
+    """The units at other vectors, each with the noise that the best explanation leaves."""
+    residuals, causes, units = best.hypothesis.residuals(best.shared.members), best.hypothesis.unit_causes, []
+    for unit, vector, z, own in zip(batch.units, vectors, residuals, causes, strict=True):
+        base = Search(unit.pool, z, True).base(own.members)
+        free = max(1, unit.pool.dof - base.q.shape[1])
+        sigma = 1.0 if unit.at.problem.known else unit.sigma * float(np.sqrt(base.left / free))
+        units.append(Unit.of(tangent(unit.at.model, unit.at.problem, vector), sigma, unit.pool.generic))
+    return units

@@ -1,0 +1,207 @@
+"""Search of the errors that the units share: hypotheses of the mixed model, and the explanations that they make up.
+
+A hypothesis is a set of errors shared by all units with common coefficients, effects that each unit has by a different amount
+(random effects), and the causes of single units. The latter two are searched given the leading sets of shared errors, then
+those sets given them, in turn.
+"""
+
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from tumblecal.diagnosis.detection.detect import null_distribution
+from tumblecal.diagnosis.priors import (
+    HEAD_ROUNDS,
+    LEAST_SPREAD_ODDS,
+    MOST_RANDOM_EFFECTS,
+    RANDOM_EFFECTS_TRIED,
+    SIZE,
+    SIZE_PRIOR,
+    SURE,
+)
+from tumblecal.diagnosis.sets.classes import explanations
+from tumblecal.diagnosis.sets.explanation import Explanation
+from tumblecal.diagnosis.units.batch import NOTHING, Batch, SharedSignal, UnitCauses
+from tumblecal.diagnosis.units.hypotheses import Hypothesis, RandomEffect, hypothesis, likely_random_effects
+
+
+@dataclass(frozen=True, eq=False)
+class SharedExplanation:
+    """A set of errors shared by all units (`shared`), with effects that each unit has by a different amount.
+
+    `class_probability`: of the set or its equivalents, over all hypotheses.
+    """
+
+    shared: Explanation
+    class_probability: float
+    hypothesis: Hypothesis
+
+    @property
+    def probability(self) -> float:
+        """Of the statement that is made (`Explanation.probability`), over all hypotheses."""
+        return self.class_probability * self.shared.probability / max(self.shared.class_probability, 1e-300)
+
+    @property
+    def signals(self) -> tuple[SharedSignal, ...]:
+        """Of the shared errors."""
+        return tuple(self.hypothesis.signals[k] for k in self.shared.members)
+
+    @property
+    def coefficients(self) -> Float[np.ndarray, " columns"]:
+        """Of the shared errors and of the means of random effects, scaled, zero elsewhere."""
+        return self.hypothesis.coefficients(self.shared.members)
+
+    @property
+    def by_unit(self) -> tuple[str, ...]:
+        """Ids of the effects whose size differs from unit to unit."""
+        return tuple(effect.signal.label for effect in self.hypothesis.random_effects)
+
+    @property
+    def head_by_unit(self) -> tuple[str, ...]:
+        """Those of them that are errors of the head."""
+        return tuple(effect.signal.label for effect in self.hypothesis.random_effects if effect.signal.of_head)
+
+
+@dataclass(frozen=True)
+class JointPosterior:
+    """The explanations of all units together, the most probable first.
+
+    `statistic`: log Bayes factor of "the head has an error" against "it has none", with its `p_value` and the `threshold`
+    above which it is used; `dof`: dimension of the space of the shared errors.
+    """
+
+    explanations: tuple[SharedExplanation, ...]
+    statistic: float
+    threshold: float
+    p_value: float
+    dof: int
+
+    @property
+    def detected(self) -> bool:
+        """Whether the units share an error."""
+        return self.statistic > self.threshold
+
+    @property
+    def best(self) -> SharedExplanation:
+        """The explanation to act on: the most probable in which the head has an error, the same for all units or different in
+        each; while none is detected, one in which it shares none."""
+        if not self.detected:
+            return next(explanation for explanation in self.explanations if not explanation.shared.labels)
+        return next(one for one in self.explanations if one.shared.labels or one.head_by_unit)
+
+    @property
+    def verdict(self) -> str:
+        """The verdict for the shared errors: adequate, identified, ambiguous or unexplained."""
+        shared = self.best.shared
+        if not shared.labels:
+            return self.differing(self.best.head_by_unit) if self.detected else "adequate"
+        if shared.unexplained:
+            return "unexplained"
+        return "identified" if shared.single_name and self.best.probability >= SURE else "ambiguous"
+
+    def differing(self, ids: Collection[str]) -> str:
+        """The verdict on a head of which these errors are not the same for all units: identified or ambiguous."""
+        sure = len(ids) == 1 and all(self.by_unit_probability(id) >= SURE for id in ids)
+        return "identified" if sure else "ambiguous"
+
+    def shared_probability(self, id: str) -> float:
+        """Probability that an effect, or one indistinguishable from it, is shared by all units, with one coefficient."""
+        return sum(
+            one.class_probability
+            for one in self.explanations
+            if any(id in labels for labels in (one.shared.labels, *one.shared.equivalents))
+        )
+
+    def by_unit_probability(self, id: str) -> float:
+        """Probability that every unit has an effect with a different amount."""
+        return sum(one.class_probability for one in self.explanations if id in one.by_unit)
+
+
+def joint_posterior(batch: Batch) -> JointPosterior:
+    """Compare shared errors with errors of single units."""
+    units = batch.units
+    causes = tuple([unit.causes_of(unit.z) for unit in units])
+    # Faults of single positions cannot be shared.
+    pairs = zip(units, causes, strict=True)
+    faults = tuple([unit.only(own, lambda cause: bool(cause.positions)) for unit, own in pairs])
+    # An error of the head at one angle may look like the same outlier positions in every unit.
+    starts = dict.fromkeys([causes, faults, (NOTHING,) * len(units)])
+    tried = [climbed for start in starts for climbed in _climbed(hypothesis(batch, start))]
+    for _ in range(MOST_RANDOM_EFFECTS):
+        best = max(tried, key=lambda one: one.top)
+        leading = dict.fromkeys([best, max(tried, key=lambda one: one.without)])
+        wider = [more for one in leading for more in _with_random_effect(one, faults)]
+        tried += wider
+        if not wider or max(more.top for more in wider) < best.top:
+            break
+    return _posterior(tried)
+
+
+def _climbed(start: Hypothesis) -> Iterator[Hypothesis]:
+    """Causes of the units and shared errors in turn, each given the other, until neither changes."""
+    current = start
+    for _ in range(HEAD_ROUNDS):
+        yield current
+        members = current.ranked.set_at(0)
+        if not members and not current.random_effects and current is not start:
+            return
+        residuals = zip(current.batch.units, current.residuals(members), strict=True)
+        causes = tuple([unit.causes_of(z) for unit, z in residuals])
+        if causes == current.unit_causes:
+            return
+        current = hypothesis(current.batch, causes, current.random_effects)
+
+
+def _with_random_effect(before: Hypothesis, faults: tuple[UnitCauses, ...]) -> Iterator[Hypothesis]:
+    """The hypotheses with one more effect whose size differs from unit to unit."""
+    labels = {effect.signal.label for effect in before.random_effects}
+    free = [signal for signal in before.batch.signals if signal.label not in labels]
+    given = [before.equations, before.batch.equations(faults)]
+    for effect in before.random_effects:
+        given = [equations.marginal(*effect.law) for equations in given]
+    found: dict[tuple, RandomEffect] = {}
+    for members in dict.fromkeys([before.ranked.set_at(0), ()]):
+        coefficients = before.coefficients(members)
+        for equations in given:
+            for odds, effect in likely_random_effects(equations.given(coefficients), free, RANDOM_EFFECTS_TRIED):
+                if odds > LEAST_SPREAD_ODDS:
+                    found.setdefault(effect.signal.key, effect)
+    for effect in found.values():
+        yield from _climbed(hypothesis(before.batch, faults, (*before.random_effects, effect)))
+
+
+def _posterior(tried: Sequence[Hypothesis]) -> JointPosterior:
+    """Explanations over all hypotheses: each class of sets with the causes of single units that suit it best."""
+    best: dict[tuple, tuple[float, Explanation, Hypothesis]] = {}
+    for one in tried:
+        total = one.log_evidence + float(np.logaddexp.reduce(one.ranked.log_posterior))
+        by_unit = frozenset(effect.signal.label for effect in one.random_effects)
+        for explanation in explanations(one.search, one.ranked, {}, 1.0):
+            key = (frozenset([explanation.labels, *explanation.equivalents]), by_unit)
+            score = total + float(np.log(max(explanation.class_probability, 1e-300)))
+            if key not in best or score > best[key][0]:
+                best[key] = (score, explanation, one)
+    scores = np.array([score for score, *_ in best.values()])
+    whole = float(np.logaddexp.reduce(scores))
+    listed = tuple(
+        SharedExplanation(explanation, float(np.exp(score - whole)), one)
+        for score, explanation, one in sorted(best.values(), key=lambda row: -row[0])
+    )
+    with_error = np.array([bool(explanation.labels) for _, explanation, _ in best.values()])
+    # The head has no error in common, nor one that differs between units.
+    null = max(
+        (one for one in tried if not any(effect.signal.of_head for effect in one.random_effects)),
+        key=lambda one: one.without,
+    )
+    pool = null.search.pool
+    if not pool.causes:
+        # Without a head nothing can be shared.
+        return JointPosterior(listed, -np.inf, np.inf, 1.0, 0)
+    log_odds = float(np.logaddexp.reduce(scores[with_error], initial=-np.inf)) - null.without
+    statistic = log_odds - float(np.log(1 - SIZE_PRIOR[0]) - np.log(SIZE_PRIOR[0]))
+    draws = null_distribution(pool, None, True)
+    above = len(draws) - int(np.searchsorted(draws, statistic))
+    p_value = (above + 1) / (len(draws) + 1) if above else min(1 / (len(draws) + 1), float(np.exp(-statistic)))
+    return JointPosterior(listed, statistic, float(np.quantile(draws, 1 - SIZE)), p_value, pool.dof)

@@ -1,0 +1,82 @@
+"""Units as a linear mixed model: normal equations against dense covariance matrices of all readings."""
+
+import numpy as np
+import pytest
+from scipy.linalg import block_diag
+from scipy.stats import multivariate_normal
+
+from tumblecal.diagnosis.units.mixed_model import NormalEquations, profiles
+
+
+ROWS, COLUMNS, UNITS = 12, 3, 5
+
+
+@pytest.fixture(scope="module")
+def measured():
+    """Designs (units, rows, columns) and readings of unit noise, whose coefficients differ by 2."""
+    rng = np.random.default_rng(4)
+    designs = rng.normal(size=(UNITS, ROWS, COLUMNS))
+    amounts = np.array([1.0, -2.0, 0.5]) + 2.0 * rng.normal(size=(UNITS, COLUMNS))
+    return designs, np.matvec(designs, amounts) + rng.normal(size=(UNITS, ROWS))
+
+
+def equations(designs, readings) -> NormalEquations:
+    return NormalEquations(designs.mT @ designs, np.vecmat(readings, designs), np.zeros(len(designs)))
+
+
+@pytest.mark.parametrize("columns", [(1,), (0, 2), (0, 1, 2)])
+def test_random_effects_are_integrated_out(measured, columns):
+    designs, readings = measured
+    tau, random = 1.7, designs[:, :, list(columns)]
+    marginal = equations(designs, readings).marginal(columns, tau)
+    deviations = equations(designs, readings).deviations(columns, tau)
+    for unit, (x, b, z) in enumerate(zip(designs, random, readings, strict=True)):
+        covariance = np.eye(ROWS) + tau**2 * b @ b.T
+        dense = multivariate_normal(cov=covariance).logpdf(z) - multivariate_normal(cov=np.eye(ROWS)).logpdf(z)
+        assert marginal.log_evidence[unit] == pytest.approx(dense, rel=1e-9)
+        np.testing.assert_allclose(marginal.gram[unit], x.T @ np.linalg.solve(covariance, x), atol=1e-10)
+        np.testing.assert_allclose(marginal.towards[unit], x.T @ np.linalg.solve(covariance, z), atol=1e-10)
+        predicted = tau**2 * b.T @ np.linalg.solve(covariance, z)
+        np.testing.assert_allclose(deviations[unit, list(columns)], predicted, atol=1e-10)
+
+
+def test_coefficients_of_every_unit_are_eliminated(measured):
+    designs, readings = measured
+    rest = equations(designs, readings).eliminated([1]).of([0, 2])
+    every = np.hstack([np.concatenate(designs[:, :, [0, 2]]), block_diag(*designs[:, :, [1]])])
+    solution = np.linalg.lstsq(every, readings.ravel(), rcond=None)[0]
+    np.testing.assert_allclose(rest.total.solved(), solution[:2], atol=1e-10)
+
+
+def test_likelihoods_of_the_spread_are_those_of_all_readings(measured):
+    """About zero by the density of all readings; restricted by that of contrasts without the mean. One constant apart."""
+    designs, readings = measured
+    taus, whole = np.array([0.0, 0.5, 2.0, 20.0]), equations(designs, readings)
+    stacked, z = np.concatenate(designs), readings.ravel()
+    contrasts = np.linalg.qr(stacked, mode="complete")[0][:, COLUMNS:]
+    dense = []
+    for tau in taus:
+        covariance = np.eye(len(z)) + tau**2 * block_diag(*designs @ designs.mT)
+        dense.append(
+            [
+                multivariate_normal(cov=covariance).logpdf(z),
+                multivariate_normal(cov=contrasts.T @ covariance @ contrasts).logpdf(contrasts.T @ z),
+            ]
+        )
+    found = [(at.about_zero[0], at.restricted[0]) for at in profiles(whole.gram, whole.towards[None], taus)]
+    np.testing.assert_allclose(np.diff(found, axis=0), np.diff(dense, axis=0), rtol=1e-8)
+
+
+def test_heterogeneity_of_groups_is_that_of_least_squares(measured):
+    designs, readings = measured
+    first = np.arange(UNITS) < 2
+
+    def residual(units) -> float:
+        x, z = np.concatenate(designs[units]), readings[units].ravel()
+        return float(np.sum((z - x @ np.linalg.lstsq(x, z, rcond=None)[0]) ** 2))
+
+    each = sum(residual([unit]) for unit in range(UNITS))
+    (one,), (dof,) = equations(designs, readings).heterogeneity(np.ones((1, UNITS), bool))
+    assert one == pytest.approx(residual(np.arange(UNITS)) - each) and dof == (UNITS - 1) * COLUMNS
+    (two,), (dof,) = equations(designs, readings).heterogeneity(first[None], ~first[None])
+    assert two == pytest.approx(residual(first) + residual(~first) - each) and dof == (UNITS - 2) * COLUMNS
