@@ -143,7 +143,9 @@ def test_strong_warm_ups_each_with_a_time_constant_of_its_own_hide_no_head_and_m
         readings = blind.readings(setup, setup.nominal, {"warm_up": drawn[0], "base_levelling": np.array([level])})
         readings = readings + blind.SIGMA * rng.normal(size=readings.shape)
         sets.append(blind_noise.position_set(setup, readings, known=True))
-    told = joint_diagnosis([diagnoser.begun(positions).screened for positions in sets], [f"unit{k}" for k in range(6)]).joint
+    told = joint_diagnosis(
+        [diagnoser.begun(positions).screened for positions in sets], [f"unit{k}" for k in range(6)]
+    ).joint
     assert told.by_unit_probability("warm_up") > 0.5
     assert told.best.shared.labels == (("base_levelling",) if level else ())
 
