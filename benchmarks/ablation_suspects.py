@@ -149,8 +149,8 @@ def _same_classes(own, other) -> bool:
     return own[0] == other[0] and bool(np.array_equal(own[1], other[1]))
 
 
-def _no_curve(*_) -> lack_of_fit._Together:
-    return lack_of_fit._Together(np.zeros(0, int), np.zeros((0, 0)), np.zeros(0))
+def _no_curve(*_) -> dict:
+    return {}
 
 
 # Modules whose names their packages give to a function.
@@ -188,13 +188,12 @@ SUSPECTS = (
     Suspect(
         "one curve", (
             Replaced(
-                lack_of_fit.LackOfFit, "_of_one_curve", _no_curve, lambda own, other: len(own.numbers) == len(other.numbers)
+                lack_of_fit.LackOfFit, "_of_one_curve", _no_curve, lambda own, other: len(own) == len(other)
             ),
         ),
         (
-            "lack_of_fit/one_curve.py:one_curve", "lack_of_fit/one_curve.py:fitted", "lack_of_fit/one_curve.py:_in_direction",
-            "lack_of_fit/one_curve.py:_moved", "lack_of_fit/lack_of_fit.py:LackOfFit._of_one_curve",
-            "lack_of_fit/lack_of_fit.py:LackOfFit._side_by_side", "lack_of_fit/processes.py:Process.of_one_curve",
+            "lack_of_fit/one_curve.py:one_curve", "lack_of_fit/one_curve.py:_in_direction",
+            "lack_of_fit/lack_of_fit.py:LackOfFit._of_one_curve", "lack_of_fit/processes.py:Process.of_one_curve",
         ),
     ),
     Suspect(

@@ -33,7 +33,8 @@ def main():
             z = sigma * rng.standard_normal(pool.dof)
             odds[k] = Search(pool, z, known=False).several()
             none = float(log_evidence_of_noise(z @ z, pool.dof, known=False))
-            lacks[k] = screened.alternatives.lack.log_evidence(z, known=False) - none
+            lack = screened.alternatives.lack
+            lacks[k] = lack.log_evidence(lack.by_size(z[None], False), z, known=False) - none
         for words, limit, values in (
             (words, limit, values)
             for words, values in {"sets": odds, "lack of fit": lacks, "both": np.logaddexp(odds, lacks)}.items()

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tumblecal.diagnosis.lack_of_fit.components import components_of, of_one_vector, scales_of
+from tumblecal.diagnosis.lack_of_fit.components import SIZES, Components, of_one_vector
 
 
 def test_one_residual_vector_and_many_are_weighed_as_by_the_whole_covariance():
@@ -15,9 +15,10 @@ def test_one_residual_vector_and_many_are_weighed_as_by_the_whole_covariance():
         made = of_one_vector(products, [vector @ own for own in (narrow, wide)])
         row = 0
         for signals, own in zip((narrow, wide), products, strict=True):
-            components = components_of(own)
-            many = components.of_vectors(np.swapaxes(components.directions(signals), 1, 2) @ z.T)
-            for k, scales in enumerate(scales_of(own)):
+            components = Components.of(own)
+            many = components.of_vectors(np.swapaxes(signals @ components.normalised, 1, 2) @ z.T)
+            for k, seen in enumerate(np.trace(own, axis1=1, axis2=2)):
+                scales = SIZES**2 / seen
                 whole = np.eye(20) + scales[:, None, None] * (signals[k] @ signals[k].T)
                 explained = (
                     vector @ vector

@@ -53,9 +53,11 @@ def test_a_process_that_an_entry_describes_is_no_rival_of_it(diagnoser, hidden):
 
 def of_one_curve(signals, z, known):
     """A process of three fields with one curve for all."""
-    products, inner = (signals.T @ signals)[None], (z @ signals)[None]
+    # The signals of each component together.
+    signals = signals.reshape(len(signals), 3, -1).swapaxes(1, 2).reshape(len(signals), -1)
+    products, inner = signals.T @ signals, z @ signals
     size = best_curve(products, inner, z, known).size
-    return one_curve(products.reshape(1, 3, -1, 3, signals.shape[1] // 3), inner.reshape(1, 3, -1), size, z, known)
+    return one_curve(products.reshape(-1, 3, len(inner) // 3, 3), inner.reshape(-1, 3), size, z, known)
 
 
 def test_one_curve_for_all_outputs_explains_better_than_three(diagnoser):
@@ -73,9 +75,10 @@ def test_one_curve_for_all_outputs_explains_better_than_three(diagnoser):
     number = at.alternatives.lack.words.index("the outputs: functions of the time, quickly changing")
     rows = at.problem.rows(at.alternatives.lack.visible[number].signals)
     together = of_one_curve(at.at.basis.T @ rows, at.at.z, known=True)
-    assert abs(together.direction[0] @ direction) > 0.97
-    apart = at.alternatives.lack.test_log_evidence(at.at.z[None], True)[0, number] - np.log(LACK_OF_FIT_TEST_WEIGHT)
-    assert together.log_evidence > apart - at.alternatives.lack.log_shares[number] + 3.0
+    assert abs(together.direction @ direction) > 0.97
+    lack = at.alternatives.lack
+    apart = lack.test_log_evidence(lack.by_size(at.at.z[None], True))[0, number] - np.log(LACK_OF_FIT_TEST_WEIGHT)
+    assert together.log_evidence > apart - lack.log_shares[number] + 3.0
     (cause,) = at.members
     assert cause.words.endswith("all by one curve") and len(cause.terms) < 12
 

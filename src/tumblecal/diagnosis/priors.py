@@ -46,6 +46,28 @@ LACK_OF_FIT_WEIGHT, LACK_OF_FIT_TEST_WEIGHT = 0.2, 0.1
 # A process of several fields is weighed as one curve for all of them where it is no farther (log) behind the best.
 NEAR_CURVE = 8.0
 
+# Processes of lack of fit (all: blind_study.py --simulator stress --only "unlisted*"). Correlation lengths of the direction of
+# gravity (rad), of the time and of the temperature (shares of the whole).
+ATTITUDE_LENGTH, TIME_LENGTHS, TEMPERATURE_LENGTH = 0.5, (0.05, 0.2), 0.25
+# The same of an input, g: smooth curves, and the ripple of a converter.
+INPUT_LENGTHS = {"": 0.2, ", quickly bending": 0.07}
+# The same of the head's angles and of the spindle's, short and long: what bends little pays little for it. (Of the outputs
+# what bends little is a polynomial, which the catalogue has.)
+HEAD_LENGTHS = {"": 0.5, ", slowly bending": 1.2}
+SPINDLE_LENGTHS = {"": 0.25, ", slowly bending": 0.7}
+# Oscillations in time: how often in the whole, and over which share of it they keep their phase.
+SWINGS, SWING_LENGTH = range(3, 40), 0.7
+# The prior share, relative to any other process, of each number of oscillations (neighbours are similar), and of steps in
+# time, most of which are one jump that the catalogue has.
+WANDERING_SHARE = 1 / 3
+# How far from the middle (sd, in g) planes lie at which something falls to another side.
+PLANES = 0.5
+# Of a process the components that carry all but this share of it, at most so many, and so many for each position: with as
+# many as positions it would be a scatter from one to the next.
+OMITTED_VARIANCE, MOST_COMPONENTS, COMPONENTS_PER_POSITION = 0.01, 32, 2 / 3
+# Components are fitted from this variance on, in units of the noise's: fitted freely, smaller ones spoil predictions.
+FITTED = 9.0
+
 # A generic term that lies this close (cosine) to an effect of the catalogue, or to an earlier term, adds nothing.
 SAME_TERM = 0.98
 LEAST_VISIBLE_TERM = 0.1

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.diagnosis.causes.generic import UNEXPLAINED
 from tumblecal.diagnosis.causes.table import Blocks
-from tumblecal.diagnosis.lack_of_fit.lack_of_fit import LackOfFit, lack_of_fit
+from tumblecal.diagnosis.lack_of_fit.lack_of_fit import LackOfFit
 from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.diagnosis.noise.alternatives import NoiseAlternatives
 from tumblecal.diagnosis.priors import ALTERNATIVES_SHARE
@@ -37,13 +37,14 @@ class Alternatives:
         `evidence.log_evidence`: the noise, then the lack of fit."""
         own = len(z) == 1 and known == self.known and np.array_equal(z[0], self.z)
         noise = self._noise_evidence[None] if own else self.noise.log_evidence(z, known)
-        return np.hstack([noise + np.log(ALTERNATIVES_SHARE), self.lack.test_log_evidence(z, known)])
+        lack = self._lack_by_size if own else self.lack.by_size(z, known)
+        return np.hstack([noise + np.log(ALTERNATIVES_SHARE), self.lack.test_log_evidence(lack)])
 
     @cached_property
     def by_label(self) -> dict[str, float]:
         """Log evidence of each label, with its prior weight."""
         values = self._noise_evidence
-        labels = np.array([tried.label for tried in self.noise.listed], object)
+        labels = np.array([model.label for model in self.noise.listed], object)
         by_label = {label: float(np.logaddexp.reduce(values[labels == label])) for label in dict.fromkeys(labels)}
         unexplained = np.logaddexp(by_label.get(UNEXPLAINED, -np.inf), self.lack_of_fit)
         return by_label | ({UNEXPLAINED: float(unexplained)} if np.isfinite(unexplained) else {})
@@ -51,25 +52,29 @@ class Alternatives:
     @cached_property
     def lack_of_fit(self) -> float:
         """Log evidence of lack of fit, without that from repeats, including its prior weight."""
-        return self.lack.log_evidence(self.z, self.known)
+        return self.lack.log_evidence(self._lack_by_size, self.z, self.known)
 
     @cached_property
     def unexplained(self) -> Cause | str:
         """The most probable error without a catalogue entry: as a cause to be fitted, or in words for an error shown by
         repeats."""
         shown = [
-            (value, tried.words)
-            for value, tried in zip(self._noise_evidence, self.noise.listed, strict=True)
-            if tried.label == UNEXPLAINED
+            (value, model.words)
+            for value, model in zip(self._noise_evidence, self.noise.listed, strict=True)
+            if model.label == UNEXPLAINED
         ]
         value, words = max(shown, default=(-np.inf, ""))
-        return words if value > self.lack_of_fit else self.lack.cause(self.z, self.known)
+        return words if value > self.lack_of_fit else self.lack.cause(self._lack_by_size, self.z, self.known)
 
     @cached_property
     def _noise_evidence(self) -> Float[np.ndarray, " noises"]:
         return self.noise.log_evidence(self.z[None], self.known)[0]
 
+    @cached_property
+    def _lack_by_size(self) -> Float[np.ndarray, "processes sizes 1"]:
+        return self.lack.by_size(self.z[None], self.known)
+
 
 def alternatives(at: Tangent, effects: Blocks) -> Alternatives:
     """Alternatives for one problem, given effects with these blocks."""
-    return Alternatives(NoiseAlternatives.of(at), lack_of_fit(at, effects), at.z, at.problem.known)
+    return Alternatives(NoiseAlternatives.of(at), LackOfFit.of(at, effects), at.z, at.problem.known)

@@ -34,8 +34,8 @@ class BySize(NamedTuple):
     def log_evidence(self, z: Float[np.ndarray, "draws nu"], known: bool) -> Float[np.ndarray, "processes sizes draws"]:
         """Log evidence of each process and size, on the scale of `evidence.log_evidence`."""
         total = np.vecdot(z, z)
-        left = total - self.explained
-        scores = log_evidence_of_noise(np.maximum(left, 1e-12 * total, out=left), z.shape[1], known)
+        residual_ss = total - self.explained
+        scores = log_evidence_of_noise(np.maximum(residual_ss, 1e-12 * total, out=residual_ss), z.shape[1], known)
         return np.subtract(scores, self.half_log_dets[:, :, None], out=scores)
 
 
@@ -46,60 +46,43 @@ def mean_over_sizes(scores: Float[np.ndarray, "processes sizes draws"]) -> Float
     return highest + np.log(np.exp(above, out=above).sum(axis=1) / len(SIZES))
 
 
-def scales_of(products: Float[np.ndarray, "processes signals signals"]) -> Float[np.ndarray, "processes sizes"]:
-    """The variance of the signals' coefficients at every size."""
-    return _scales(products.trace(axis1=1, axis2=2))
-
-
-def _scales(seen: Float[np.ndarray, " processes"]) -> Float[np.ndarray, "processes sizes"]:
-    """The same by the signals' sums of squares."""
-    return SIZES**2 / np.maximum(seen, 1e-300)[:, None]
-
-
 def of_one_vector(
     products: Sequence[Float[np.ndarray, "processes signals signals"]],
     inner: Sequence[Float[np.ndarray, "processes signals"]],
 ) -> BySize:
     """Of one residual vector, by the signals' products with each other and with it; a list for each number of signals."""
-    reduced = [_tridiagonal(*own) for own in zip(products, inner, strict=True)]
-    diagonal, beside, squares = (np.concatenate(part) for part in zip(*reduced, strict=True))
+    parts = [_tridiagonal(*own) for own in zip(products, inner, strict=True)]
+    diagonal, off_diagonal, squares = (np.concatenate(part) for part in zip(*parts, strict=True))
     counts = np.concatenate([np.full(len(own), own.shape[1]) for own in inner])
     last = np.cumsum(counts) - 1
     first = last + 1 - counts
-    scales = _scales(np.add.reduceat(diagonal, first))
+    scales = SIZES**2 / np.maximum(np.add.reduceat(diagonal, first), 1e-300)[:, None]
     of_columns = np.repeat(scales.T, counts, axis=1)
     # The rest of a process of one size without its last direction, and all of the next process, are separate: no element
     # couples them.
-    beside = of_columns * beside
+    off_diagonal = of_columns * off_diagonal
     of_columns *= diagonal
     of_columns += 1.0
-    pivots = dpttrf(of_columns.ravel(), beside.ravel()[:-1], overwrite_d=1, overwrite_e=1)[0].reshape(of_columns.shape)
+    pivots = dpttrf(of_columns.ravel(), off_diagonal.ravel()[:-1], overwrite_d=1, overwrite_e=1)[0]
+    pivots = pivots.reshape(of_columns.shape)
     explained = scales * squares[:, None] / pivots[:, last].T
-    half_log_dets = 0.5 * np.add.reduceat(np.log(pivots, out=pivots), first, axis=1).T
-    return BySize(explained[:, :, None], half_log_dets)
-
-
-class _Tridiagonal(NamedTuple):
-    """Products, rotated process by process: their diagonals, their off-diagonals (0 last), and the square of the last
-    coordinate of the products with the residual vector, which has no other."""
-
-    diagonal: Float[np.ndarray, " columns"]
-    beside: Float[np.ndarray, " columns"]
-    square: Float[np.ndarray, " processes"]
+    return BySize(explained[:, :, None], 0.5 * np.add.reduceat(np.log(pivots, out=pivots), first, axis=1).T)
 
 
 def _tridiagonal(
     products: Float[np.ndarray, "processes signals signals"], inner: Float[np.ndarray, "processes signals"]
-) -> _Tridiagonal:
+) -> tuple[Float[np.ndarray, " columns"], Float[np.ndarray, " columns"], Float[np.ndarray, " processes"]]:
+    """Products, rotated process by process: their diagonals, their off-diagonals (0 last), and the square of the last
+    coordinate of the products with the residual vector, which has no other."""
     count, signals = inner.shape
     bordered = np.zeros((count, signals + 1, signals + 1))
     bordered[:, :-1, :-1], bordered[:, -1, :-1] = products, inner
-    diagonal, beside = np.empty((count, signals + 1)), np.empty((count, signals))
+    diagonal, off_diagonal = np.empty((count, signals + 1)), np.empty((count, signals))
     for row, matrix in enumerate(bordered.swapaxes(1, 2)):
-        _, diagonal[row], beside[row], _, _ = dsytrd(matrix, lower=0, overwrite_a=1)
-    squares = beside[:, -1] ** 2
-    beside[:, -1] = 0.0
-    return _Tridiagonal(diagonal[:, :-1].ravel(), beside.ravel(), squares)
+        _, diagonal[row], off_diagonal[row], _, _ = dsytrd(matrix, lower=0, overwrite_a=1)
+    squares = off_diagonal[:, -1] ** 2
+    off_diagonal[:, -1] = 0.0
+    return diagonal[:, :-1].ravel(), off_diagonal.ravel(), squares
 
 
 @dataclass(frozen=True)
@@ -115,39 +98,33 @@ class Components:
     variances: Float[np.ndarray, "processes components"]
     mixed: Float[np.ndarray, "processes signals components"]
 
-    @cached_property
-    def precisions(self) -> Float[np.ndarray, "processes components"]:
-        """One over the standard deviations, 0 for omitted ones."""
-        kept = self.variances > 0
-        return np.where(kept, 1.0 / np.sqrt(np.where(kept, self.variances, 1.0)), 0.0)
+    @classmethod
+    def of(cls, products: Float[np.ndarray, "processes signals signals"]) -> "Components":
+        """The components of signals, from their products with each other."""
+        variances, mixed = np.linalg.eigh(products)
+        return cls(np.where(variances > _ROUNDING * variances[:, -1:], variances, 0.0), mixed)
 
     @cached_property
-    def _scaled(self) -> Float[np.ndarray, "processes sizes components"]:
+    def scaled(self) -> Float[np.ndarray, "processes sizes components"]:
         """Variances of the components of processes of every size."""
         total = np.maximum(np.sum(self.variances, axis=1, keepdims=True), 1e-300)
         return (SIZES**2 / total)[:, :, None] * self.variances[:, None]
 
     @cached_property
-    def _explained(self) -> Float[np.ndarray, "processes sizes components"]:
+    def explained(self) -> Float[np.ndarray, "processes sizes components"]:
         """The shares of the squares along the components that processes of every size explain."""
-        return self._scaled / (1.0 + self._scaled)
+        return self.scaled / (1.0 + self.scaled)
+
+    @cached_property
+    def normalised(self) -> Float[np.ndarray, "processes signals components"]:
+        """The signals' shares in orthonormal directions of the components, 0 for omitted ones."""
+        kept = self.variances > 0
+        return self.mixed * np.where(kept, 1.0 / np.sqrt(np.where(kept, self.variances, 1.0)), 0.0)[:, None]
 
     @cached_property
     def _half_log_dets(self) -> Float[np.ndarray, "processes sizes"]:
-        return 0.5 * np.sum(np.log1p(self._scaled), axis=2)
-
-    def directions(
-        self, signals: Float[np.ndarray, "processes nu signals"]
-    ) -> Float[np.ndarray, "processes nu components"]:
-        """Orthonormal directions of the components of these signals, 0 for omitted ones."""
-        return signals @ self.mixed * self.precisions[:, None]
+        return 0.5 * np.sum(np.log1p(self.scaled), axis=2)
 
     def of_vectors(self, along: Float[np.ndarray, "processes components draws"]) -> BySize:
-        """Of many residual vectors, by their coordinates along the directions."""
-        return BySize(self._explained @ along**2, self._half_log_dets)
-
-
-def components_of(products: Float[np.ndarray, "processes signals signals"]) -> Components:
-    """The components of signals, from their products with each other."""
-    variances, mixed = np.linalg.eigh(products)
-    return Components(np.where(variances > _ROUNDING * variances[:, -1:], variances, 0.0), mixed)
+        """Of many residual vectors, by their coordinates along the orthonormal directions."""
+        return BySize(self.explained @ along**2, self._half_log_dets)

@@ -9,9 +9,9 @@ their information each. It needs only the products of the signals with each othe
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
-from tumblecal.diagnosis.lack_of_fit.components import BySize, mean_over_sizes, scales_of
+from tumblecal.diagnosis.lack_of_fit.components import SIZES, Components, mean_over_sizes
 
 
 _CLIMBS = 2
@@ -19,106 +19,80 @@ _CLIMBS = 2
 _LEAST_SQUARE = 1e-12
 
 
-class OneCurve(NamedTuple):
-    """Processes of one curve each: the fields' shares as a unit vector, and the log evidence."""
-
-    direction: Float[np.ndarray, "processes fields"]
-    log_evidence: Float[np.ndarray, " processes"]
-
-
 class Curve(NamedTuple):
-    """The best curves of processes: log evidence of every size, the number of the best, the curve's coefficients there, and
-    the noise variance given the curve."""
+    """The best curve of a process: log evidence, averaged over the sizes; the number of the best size, the curve's
+    coefficients there, and the noise variance given the curve; the signals' components."""
 
-    scores: Float[np.ndarray, "processes sizes 1"]
-    size: Int[np.ndarray, " processes"]
-    coefficients: Float[np.ndarray, "processes signals"]
-    variance: Float[np.ndarray, " processes"]
-
-    @property
-    def log_evidence(self) -> Float[np.ndarray, " processes"]:
-        """Log evidence, the size averaged over."""
-        return mean_over_sizes(self.scores)[:, 0]
+    log_evidence: float
+    size: int
+    coefficients: Float[np.ndarray, " signals"]
+    variance: float
+    components: Components
 
 
-def one_curve(
-    products: Float[np.ndarray, "processes fields signals fields signals"],
-    inner: Float[np.ndarray, "processes fields signals"],
-    size: Int[np.ndarray, " processes"],
-    z: Float[np.ndarray, " nu"],
-    known: bool,
-) -> OneCurve:
-    """Processes with their fields in one direction, by their signals' products with each other and with the residual.
+class OneCurve(NamedTuple):
+    """A process of one curve: the fields' shares as a unit vector, and the log evidence."""
 
-    `size`: the number of the best size with a separate curve for each field.
-    """
-    flat = inner.reshape(len(inner), -1)
-    apart = fitted(products.reshape(len(flat), *flat.shape[1:] * 2), flat, size).reshape(inner.shape)
-    # From the direction in which the curves of each field lie most.
-    direction = np.linalg.eigh(apart @ apart.mT)[1][:, :, -1]
-    for _ in range(_CLIMBS):
-        own = best_curve(*_in_direction(products, inner, direction), z, known)
-        squares, turn = np.linalg.eigh(_moved(products, own.coefficients))
-        moved = turn.mT @ (inner @ own.coefficients[:, :, None])
-        kept = squares > _LEAST_SQUARE * squares[:, -1:]
-        shares = turn @ np.where(kept[:, :, None], moved / np.where(kept, squares, 1.0)[:, :, None], 0.0)
-        size = np.sqrt((shares**2).sum(axis=1))
-        # Where nothing is left there is no direction.
-        direction = np.where(size > 0.0, shares[:, :, 0] / np.where(size > 0.0, size, 1.0), direction)
-    own = best_curve(*_in_direction(products, inner, direction), z, known)
-    beside = np.eye(inner.shape[1]) - direction[:, :, None] * direction[:, None]
-    information = beside @ _moved(products, own.coefficients) @ beside / own.variance[:, None, None]
-    cost = 0.5 * np.linalg.slogdet(np.eye(inner.shape[1]) + information)[1]
-    return OneCurve(direction, own.log_evidence - cost)
+    direction: Float[np.ndarray, " fields"]
+    log_evidence: float
 
 
 def best_curve(
-    products: Float[np.ndarray, "processes signals signals"],
-    inner: Float[np.ndarray, "processes signals"],
+    products: Float[np.ndarray, "signals signals"],
+    inner: Float[np.ndarray, " signals"],
     z: Float[np.ndarray, " nu"],
     known: bool,
 ) -> Curve:
-    """The curves of processes, from their signals' products with each other and with the residual."""
-    variances, turn = np.linalg.eigh(products)
-    along, scales = (inner[:, None] @ turn)[:, 0], scales_of(products)[:, :, None]
-    scaled = scales * np.maximum(variances, 0.0)[:, None]
-    shares, each, total = scales / (1.0 + scaled), np.arange(len(inner)), float(z @ z)
-    by_size = BySize(shares @ along[:, :, None] ** 2, 0.5 * np.log1p(scaled).sum(axis=2))
+    """The best curve of a process, from its signals' products with each other and with the residual."""
+    components, total = Components.of(products[None]), float(z @ z)
+    along = inner @ components.normalised[0]
+    by_size = components.of_vectors(along[None, :, None])
     scores = by_size.log_evidence(z[None], known)
-    best = scores[:, :, 0].argmax(axis=1)
-    left = np.maximum((total - by_size.explained[each, best, 0]) / len(z), 1e-12 * total + 1e-300)
-    coefficients = (turn @ (shares[each, best] * along)[:, :, None])[:, :, 0]
-    return Curve(scores, best, coefficients, np.ones(len(inner)) if known else left)
+    best = int(scores[0, :, 0].argmax())
+    variance = max((total - float(by_size.explained[0, best, 0])) / len(z), 1e-12 * total + 1e-300)
+    coefficients = components.normalised[0] @ (components.explained[0, best] * along)
+    return Curve(float(mean_over_sizes(scores)[0, 0]), best, coefficients, 1.0 if known else variance, components)
 
 
-def fitted(
-    products: Float[np.ndarray, "processes signals signals"],
-    inner: Float[np.ndarray, "processes signals"],
-    size: Int[np.ndarray, " processes"],
-) -> Float[np.ndarray, "processes signals"]:
-    """The most probable coefficients of processes of these sizes, by number."""
-    scales = scales_of(products)[np.arange(len(size)), size]
-    weighed = scales[:, None, None] * products + np.eye(inner.shape[1])
-    return np.linalg.solve(weighed, scales[:, None, None] * inner[:, :, None])[:, :, 0]
+def one_curve(
+    products: Float[np.ndarray, "signals fields signals fields"],
+    inner: Float[np.ndarray, "signals fields"],
+    size: int,
+    z: Float[np.ndarray, " nu"],
+    known: bool,
+) -> OneCurve:
+    """A process with its fields in one direction, by its signals' products with each other and with the residual.
+
+    `size`: the number of the best size with a separate curve for each field.
+    """
+    fields = inner.shape[1]
+    whole = products.reshape(inner.size, inner.size)
+    scale = SIZES[size] ** 2 / max(np.trace(whole), 1e-300)
+    separate = np.linalg.solve(scale * whole + np.eye(inner.size), scale * inner.ravel()).reshape(inner.shape)
+    # From the direction in which the curves of each field lie most.
+    direction = np.linalg.eigh(separate.T @ separate)[1][:, -1]
+    curve, moved = _in_direction(products, inner, direction, z, known)
+    for _ in range(_CLIMBS):
+        squares, turn = np.linalg.eigh(moved)
+        kept = squares > _LEAST_SQUARE * squares[-1]
+        shares = turn[:, kept] @ ((curve.coefficients @ inner @ turn)[kept] / squares[kept])
+        norm = float(np.linalg.norm(shares))
+        # If nothing is explained there is no direction.
+        direction = shares / norm if norm > 0.0 else direction
+        curve, moved = _in_direction(products, inner, direction, z, known)
+    across = np.eye(fields) - np.outer(direction, direction)
+    information = across @ moved @ across / curve.variance
+    return OneCurve(direction, curve.log_evidence - 0.5 * float(np.linalg.slogdet(np.eye(fields) + information)[1]))
 
 
 def _in_direction(
-    products: Float[np.ndarray, "processes fields signals fields signals"],
-    inner: Float[np.ndarray, "processes fields signals"],
-    direction: Float[np.ndarray, "processes fields"],
-) -> tuple[Float[np.ndarray, "processes signals signals"], Float[np.ndarray, "processes signals"]]:
-    """Products and inner products of curves with the fields in one direction."""
-    count, fields, signals = inner.shape
-    along = direction[:, None]
-    half = (along @ products.reshape(count, fields, -1)).reshape(count, signals, fields, signals)
-    return (along[:, None] @ half)[:, :, 0], (along @ inner)[:, 0]
-
-
-def _moved(
-    products: Float[np.ndarray, "processes fields signals fields signals"],
-    coefficients: Float[np.ndarray, "processes signals"],
-) -> Float[np.ndarray, "processes fields fields"]:
-    """Products with each other of what one curve does by each field."""
-    count, fields, signals = products.shape[:3]
-    half = products.reshape(count, -1, signals) @ coefficients[:, :, None]
-    return (coefficients[:, None, None] @ half.reshape(count, fields, signals, fields))[:, :, 0]
+    products: Float[np.ndarray, "signals fields signals fields"],
+    inner: Float[np.ndarray, "signals fields"],
+    direction: Float[np.ndarray, " fields"],
+    z: Float[np.ndarray, " nu"],
+    known: bool,
+) -> tuple[Curve, Float[np.ndarray, "fields fields"]]:
+    """The best curve with the fields in one direction, and the products with each other of its signals in each field."""
+    curve = best_curve((products @ direction).swapaxes(1, 2) @ direction, inner @ direction, z, known)
+    half = products.swapaxes(2, 3) @ curve.coefficients
+    return curve, (curve.coefficients @ half.reshape(len(half), -1)).reshape(half.shape[1:])

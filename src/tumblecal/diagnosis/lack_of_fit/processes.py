@@ -21,8 +21,6 @@ from tumblecal.ground.showing import brief
 
 # Numbers of components are made up to multiples of this: so more variables have as many, and are stacked.
 _PADDED = 4
-# Variables of a scale factor, in addition to the time: the inputs of the other axes.
-_OTHER_INPUTS = {axis: [f"input {other}" for other in AXES if other != axis] for axis in AXES}
 # Products of inputs with the three axes: the turns in the mount.
 _CROSS = np.cross(np.eye(3)[:, None], np.eye(3)).swapaxes(1, 2).reshape(3, 9)
 
@@ -49,44 +47,16 @@ class Process(NamedTuple):
         return products((self.fields @ direction)[:, :, None], self.variable.components)
 
 
-class Kind(NamedTuple):
-    """Processes of the same fields, by their numbers: each of the variables makes one."""
+class Kinds(NamedTuple):
+    """All processes as a table, as determined by the names of the variables: `words` of the kinds and `variables`; kind,
+    variable, first field and number of fields of each process."""
 
-    words: str
-    fields: range
+    words: tuple[str, ...]
     variables: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class Kinds:
-    """All processes as a table, by kind and variable, as determined by the names of the variables.
-
-    `variables`: their words, by which they are numbered.
-    """
-
-    variables: tuple[str, ...]
-    listed: tuple[Kind, ...]
-
-    @cached_property
-    def kind(self) -> Int[np.ndarray, " processes"]:
-        """The kind of each."""
-        return np.repeat(np.arange(len(self.listed)), [len(kind.variables) for kind in self.listed])
-
-    @cached_property
-    def variable(self) -> Int[np.ndarray, " processes"]:
-        """The number of the variable of each."""
-        number = {words: k for k, words in enumerate(self.variables)}
-        return np.array([number[words] for kind in self.listed for words in kind.variables], int)
-
-    @cached_property
-    def width(self) -> Int[np.ndarray, " processes"]:
-        """The number of fields of each."""
-        return np.array([len(kind.fields) for kind in self.listed])[self.kind]
-
-    @cached_property
-    def first_field(self) -> Int[np.ndarray, " processes"]:
-        """The number of the first field of each."""
-        return np.array([kind.fields.start for kind in self.listed])[self.kind]
+    kind: Int[np.ndarray, " processes"]
+    variable: Int[np.ndarray, " processes"]
+    first_field: Int[np.ndarray, " processes"]
+    width: Int[np.ndarray, " processes"]
 
 
 @dataclass(frozen=True)
@@ -124,9 +94,9 @@ class Processes:
 
     def process(self, number: int) -> Process:
         """One of them."""
-        kind, variable = self.kinds.listed[self.kinds.kind[number]], int(self.kinds.variable[number])
-        words = f"{kind.words} {self.kinds.variables[variable]}"
-        return Process(words, self.fields[:, :, kind.fields.start : kind.fields.stop], self.variables[variable])
+        kinds, variable, first = self.kinds, int(self.kinds.variable[number]), int(self.kinds.first_field[number])
+        words = f"{kinds.words[kinds.kind[number]]} {kinds.variables[variable]}"
+        return Process(words, self.fields[:, :, first : first + int(kinds.width[number])], self.variables[variable])
 
 
 def processes(at: Tangent) -> Processes:
@@ -150,24 +120,25 @@ def processes(at: Tangent) -> Processes:
 
 @lru_cache(maxsize=64)
 def _kinds(groups: tuple[tuple[str, ...], ...], hand_held: bool) -> Kinds:
-    """What is followed by what, of the variables' words in the groups of `variables`."""
+    """Which fields follow which of the variables' words in the groups of `variables`."""
     smooth, wandering, swings, attitude, changing, sides, lean, of_inputs, thermal, of_side, *angles = groups
     head, spindle = angles or ((), ())
-    smooth = smooth + thermal
-    kinds = list[Kind]()
+    smooth, head = smooth + thermal, head + of_side
+    # Words, first field, number of fields, variables.
+    kinds = list[tuple[str, int, int, tuple[str, ...]]]()
     for k, axis in enumerate(AXES):
-        followed = attitude + changing + of_inputs + smooth + swings
-        kinds.append(Kind(f"output {axis}: a function of", range(k, k + 1), followed))
-        others = tuple(words for words in of_inputs if words in _OTHER_INPUTS[axis])
-        kinds.append(Kind(f"scale factor {axis}: a function of", range(3 + k, 4 + k), others))
-    followed = attitude + spindle + sides + lean + smooth + wandering
-    kinds.append(Kind("the outputs: functions of", range(3), followed))
-    kinds.append(Kind("the scale factors: functions of", range(3, 6), smooth + wandering))
+        kinds.append((f"output {axis}: a function of", k, 1, attitude + changing + of_inputs + smooth + swings))
+        others = tuple(words for words in of_inputs if words in [f"input {other}" for other in AXES if other != axis])
+        kinds.append((f"scale factor {axis}: a function of", 3 + k, 1, others))
+    kinds.append(("the outputs: functions of", 0, 3, attitude + spindle + sides + lean + smooth + wandering))
+    kinds.append(("the scale factors: functions of", 3, 3, smooth + wandering))
     if not hand_held:
-        head = head + of_side
         for k, name in enumerate(HEAD_ANGLES):
-            kinds.append(Kind(f"{name}: a function of", range(6 + k, 7 + k), head + spindle + smooth + wandering))
-        followed = head + changing + sides + smooth + wandering
-        kinds.append(Kind("a rotation of the triad: a function of", range(6, 9), followed))
-        kinds.append(Kind("a rotation in the mount: a function of", range(9, 12), smooth + wandering))
-    return Kinds(tuple(dict.fromkeys(words for kind in kinds for words in kind.variables)), tuple(kinds))
+            kinds.append((f"{name}: a function of", 6 + k, 1, head + spindle + smooth + wandering))
+        kinds.append(("a rotation of the triad: a function of", 6, 3, head + changing + sides + smooth + wandering))
+        kinds.append(("a rotation in the mount: a function of", 9, 3, smooth + wandering))
+    words, first, width, followed = zip(*kinds, strict=True)
+    variables = tuple(dict.fromkeys(name for own in followed for name in own))
+    kind = np.repeat(np.arange(len(kinds)), [len(own) for own in followed])
+    variable = np.array([variables.index(name) for own in followed for name in own], int)
+    return Kinds(words, variables, kind, variable, np.array(first)[kind], np.array(width)[kind])

@@ -13,26 +13,24 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from tumblecal.chain import Where
+from tumblecal.diagnosis.priors import (
+    ATTITUDE_LENGTH,
+    COMPONENTS_PER_POSITION,
+    HEAD_LENGTHS,
+    INPUT_LENGTHS,
+    MOST_COMPONENTS,
+    OMITTED_VARIANCE,
+    PLANES,
+    SPINDLE_LENGTHS,
+    SWING_LENGTH,
+    SWINGS,
+    TEMPERATURE_LENGTH,
+    TIME_LENGTHS,
+    WANDERING_SHARE,
+)
 from tumblecal.effects import AXES
 
 
-# Correlation lengths of the direction of gravity (rad), of the time and of the temperature (shares of the whole).
-_ATTITUDE, _TIMES, _TEMPERATURE = 0.5, (0.05, 0.2), 0.25
-# The same of an input, g: smooth curves, and the ripple of a converter.
-_INPUT = {"": 0.2, ", quickly bending": 0.07}
-# The same of the head's angles and of the spindle's, short and long: what bends little pays little for it. (Of the outputs
-# what bends little is a polynomial, which the catalogue has.)
-_HEAD, _SPINDLE = {"": 0.5, ", slowly bending": 1.2}, {"": 0.25, ", slowly bending": 0.7}
-# Swings in time: how often in the whole, and over which share of it they keep their phase.
-_SWINGS, _IN_PHASE = range(3, 40), 0.7
-# The prior share, relative to any other process, of each number of oscillations (neighbours are similar), and of steps in
-# time, most of which are one jump that the catalogue has.
-_SHARE = 1 / 3
-# How far from the middle (sd, in g) planes lie at which something falls to another side.
-_PLANES = 0.5
-# Of a process the components that carry all but this share of it, at most so many, and so many for each position: with as
-# many as positions it would be a scatter from one to the next.
-_LEFT_OUT, _MOST_COMPONENTS, _FOR_EACH = 0.01, 32, 2 / 3
 # A share of the largest variance that is no more than rounding.
 _ROUNDING = 1e-13
 
@@ -55,28 +53,28 @@ def of_time(order: tuple[float, ...], pitch: tuple[int, ...]) -> tuple[Variables
     unknown), and swings."""
     time = _shares(np.array(order))
     smooth = {
-        "the time, quickly changing": _smooth(time / _TIMES[0]),
-        "the time, slowly changing": _smooth(time / _TIMES[1]),
+        "the time, quickly changing": _smooth(time / TIME_LENGTHS[0]),
+        "the time, slowly changing": _smooth(time / TIME_LENGTHS[1]),
     }
     smooth |= _since_change(time, np.array(pitch))
     steps = {"the time, in steps": 1.0 - np.abs(time - time.T)}
     made = _variables(smooth | steps)
-    wandering = {words: made.pop(words)._replace(share=_SHARE) for words in steps}
+    wandering = {words: made.pop(words)._replace(share=WANDERING_SHARE) for words in steps}
     return made, wandering, _swings(time)
 
 
 def _swings(time: Float[np.ndarray, "positions 1"]) -> Variables:
     """Swings whose phase wanders smoothly: as signals, of which there are fewer than positions."""
-    counts = [count for count in _SWINGS if 2 * count < len(time) - 1]
+    counts = [count for count in SWINGS if 2 * count < len(time) - 1]
     if not counts:
         return {}
-    variances, vectors = np.linalg.eigh(_smooth(time / _IN_PHASE))
+    variances, vectors = np.linalg.eigh(_smooth(time / SWING_LENGTH))
     kept = variances > _ROUNDING * variances[-1]
     level, phase = vectors[:, kept] * np.sqrt(variances[kept]), 2 * np.pi * np.array(counts)[:, None, None] * time
     signals = np.concatenate([level * np.cos(phase), level * np.sin(phase)], axis=2)
     variances, mixed = np.linalg.eigh(np.swapaxes(signals, 1, 2) @ signals)
     words = [f"the time, in some {count} swings" for count in counts]
-    return _principal(words, variances, signals @ mixed, _SHARE)
+    return _principal(words, variances, signals @ mixed, WANDERING_SHARE)
 
 
 def _since_change(time: Float[np.ndarray, "positions 1"], setting: Int[np.ndarray, " positions"]) -> _Kernels:
@@ -87,7 +85,7 @@ def _since_change(time: Float[np.ndarray, "positions 1"], setting: Int[np.ndarra
     changed, ordered = np.concatenate([[True], np.diff(setting[turn]) != 0]), time[turn, 0]
     since = np.zeros(len(time))
     since[turn] = ordered - ordered[changed][np.cumsum(changed) - 1]
-    return {"the time since the pitch was changed": _smooth(_shares(since) / _TIMES[1])}
+    return {"the time since the pitch was changed": _smooth(_shares(since) / TIME_LENGTHS[1])}
 
 
 def of_readings(
@@ -96,15 +94,15 @@ def of_readings(
     """Variables that depend on the readings: the attitude; the attitude and what changes slowly; the side to which gravity
     pulls; what is touched on one side; the inputs; the temperature."""
     gravity = inputs / np.sqrt(np.vecdot(inputs, inputs))[:, None]
-    of_gravity, (steps, ramps), thermal = _smooth(gravity / _ATTITUDE), _sides(gravity), _by_temperature(where)
+    of_gravity, (steps, ramps), thermal = _smooth(gravity / ATTITUDE_LENGTH), _sides(gravity), _by_temperature(where)
     slowly = {"the time": _slowly(order)} | thermal
-    of_inputs = _smooth((inputs.T[:, None] / np.array([[*_INPUT.values()]]).T).reshape(-1, len(inputs), 1))
+    of_inputs = _smooth((inputs.T[:, None] / np.array([[*INPUT_LENGTHS.values()]]).T).reshape(-1, len(inputs), 1))
     listed: list[_Kernels] = [
         {"the attitude": of_gravity},
         {f"the attitude and {words}": of_gravity * kernel for words, kernel in slowly.items()},
         {"the side to which gravity pulls": steps},
         {"the lean to one side": ramps},
-        dict(zip((f"input {axis}{bending}" for axis in AXES for bending in _INPUT), of_inputs, strict=True)),
+        dict(zip((f"input {axis}{bending}" for axis in AXES for bending in INPUT_LENGTHS), of_inputs, strict=True)),
         thermal,
     ]
     made = _variables({words: kernel for kernels in listed for words, kernel in kernels.items()})
@@ -114,7 +112,7 @@ def of_readings(
 @lru_cache(maxsize=64)
 def _slowly(order: tuple[float, ...]) -> Float[np.ndarray, "positions positions"]:
     """Kernel of what changes slowly in time."""
-    return _smooth(_shares(np.array(order)) / _TIMES[1])
+    return _smooth(_shares(np.array(order)) / TIME_LENGTHS[1])
 
 
 @lru_cache(maxsize=64)
@@ -123,8 +121,10 @@ def of_angles(alpha: tuple[float, ...], beta: tuple[float, ...]) -> tuple[Variab
     spindle = np.stack([np.cos(alpha), np.sin(alpha)], axis=1)
     head = np.column_stack([spindle, beta])
     return (
-        _variables({f"the head's angles{bending}": _smooth(head / length) for bending, length in _HEAD.items()}),
-        _variables({f"the spindle angle{bending}": _smooth(spindle / length) for bending, length in _SPINDLE.items()}),
+        _variables({f"the head's angles{bending}": _smooth(head / length) for bending, length in HEAD_LENGTHS.items()}),
+        _variables(
+            {f"the spindle angle{bending}": _smooth(spindle / length) for bending, length in SPINDLE_LENGTHS.items()}
+        ),
     )
 
 
@@ -132,7 +132,7 @@ def _by_temperature(where: Where) -> _Kernels:
     """Smooth functions of the temperature, where it was measured and changed."""
     if where.temperature_degc is None or np.ptp(np.asarray(where.temperature_degc)) == 0:
         return {}
-    return {"the temperature": _smooth(_shares(np.asarray(where.temperature_degc, float)) / _TEMPERATURE)}
+    return {"the temperature": _smooth(_shares(np.asarray(where.temperature_degc, float)) / TEMPERATURE_LENGTH)}
 
 
 @lru_cache(maxsize=64)
@@ -141,7 +141,7 @@ def of_side(alpha: tuple[float, ...], beta: tuple[float, ...], approach: tuple[f
     if approach is None or np.ptp(approach) == 0:
         return {}
     head = np.column_stack([np.cos(alpha), np.sin(alpha), beta])
-    kernel = np.outer(approach, approach) * _smooth(head / _HEAD[", slowly bending"])
+    kernel = np.outer(approach, approach) * _smooth(head / HEAD_LENGTHS[", slowly bending"])
     return _variables({"the head's angles, opposite from the two sides": kernel})
 
 
@@ -166,8 +166,8 @@ def _principal(
 ) -> Variables:
     """Of components in rising order those that are taken."""
     carried = np.cumsum(np.maximum(variances[:, ::-1], 0.0), axis=1)
-    counts = np.sum(carried < (1 - _LEFT_OUT) * carried[:, -1:], axis=1) + 1
-    counts = np.minimum(counts, min(_MOST_COMPONENTS, int(_FOR_EACH * components.shape[1])))
+    counts = np.sum(carried < (1 - OMITTED_VARIANCE) * carried[:, -1:], axis=1) + 1
+    counts = np.minimum(counts, min(MOST_COMPONENTS, int(COMPONENTS_PER_POSITION * components.shape[1])))
     return {
         name: Variable(own[:, ::-1][:, :count], share)
         for name, own, count in zip(words, components, counts.tolist(), strict=True)
@@ -176,14 +176,14 @@ def _principal(
 
 def _smooth(values: Float[np.ndarray, "*sets positions variables"]) -> Float[np.ndarray, "*sets positions positions"]:
     """A Gaussian kernel of length one."""
-    apart = values[..., :, None, :] - values[..., None, :, :]
-    return np.exp(-0.5 * np.vecdot(apart, apart))
+    difference = values[..., :, None, :] - values[..., None, :, :]
+    return np.exp(-0.5 * np.vecdot(difference, difference))
 
 
 def _sides(direction: Float[np.ndarray, "positions 3"]) -> tuple[np.ndarray, np.ndarray]:
     """Kernels of what falls to one side or the other, and of what is touched on one side alone: sums of steps, and of
     ramps that begin, at planes across the direction of gravity (arc-cosine kernels of order 0 and 1, Cho and Saul 2009)."""
-    beside = np.column_stack([direction, np.full(len(direction), _PLANES)])
-    cosine = np.clip(beside @ beside.T / (1.0 + _PLANES**2), -1.0, 1.0)
+    extended = np.column_stack([direction, np.full(len(direction), PLANES)])
+    cosine = np.clip(extended @ extended.T / (1.0 + PLANES**2), -1.0, 1.0)
     angle = np.arccos(cosine)
     return 1.0 - angle / np.pi, (np.sqrt(1.0 - cosine**2) + (np.pi - angle) * cosine) / np.pi
