@@ -104,22 +104,6 @@ class _Dictionary:
         blocks = [carriers[on] @ self._functions(one.form) for one in chosen for on in _outputs(one.on)]
         return np.hstack([np.zeros((len(responses), 0)), *blocks])
 
-    def signals(
-        self, chosen: Sequence[_Chosen], sizes: Float[np.ndarray, " columns"]
-    ) -> Float[np.ndarray, "positions 3"]:
-        """Contribution of forms of these sizes to the readings, g."""
-        added, first = np.zeros((len(self.values), 3)), 0
-        for one in chosen:
-            functions = self._functions(one.form)
-            for on in _outputs(one.on):
-                amount = functions @ sizes[first : first + functions.shape[1]]
-                first += functions.shape[1]
-                if on in AXES:
-                    added[:, AXES.index(on)] += amount
-                else:
-                    added += amount[:, None] * self.head[:, :, ANGLES.index(on)]
-        return added
-
     def _functions(self, form: int) -> Float[np.ndarray, "positions functions"]:
         first = self.first[form]
         return self.values[:, first : first + len(self.listed[form].code)]
@@ -242,7 +226,9 @@ def candidate_law(
         return None
     columns = every.columns(taken, whole.responses)
     sizes, sd = _fitted(columns, whole)
-    signal = every.signals(taken, sizes)
+    # Of single readings, the columns are the signals themselves.
+    readings = np.eye(head.shape[0] * 3).reshape(-1, *head.shape[:2])
+    signal = (every.columns(taken, readings) @ sizes).reshape(-1, 3)
     return Law(tuple(_terms(every, taken, sizes, sd)), signal, *rms, same)
 
 

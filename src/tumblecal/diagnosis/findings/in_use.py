@@ -131,7 +131,6 @@ class _Linear(NamedTuple):
     """
 
     columns: list[int]
-    nominal: int
     estimator: Float[np.ndarray, "columns rows"]
     rows: Float[np.ndarray, " rows"]
     signals: Float[np.ndarray, "rows directions"]
@@ -171,7 +170,6 @@ def _linearised(
     amplitudes = [column for cause in base.members for column in cause.slot.columns]
     return _Linear(
         columns,
-        model.nominal,
         (right[seen, : len(columns)].T / singular[seen]) @ vectors[:, seen].T,
         fit.rows[in_fit] / sigma + jacobian[:, amplitudes] @ (fit.vector / model.scales)[amplitudes],
         jacobian @ directions.steps.T,
@@ -223,12 +221,12 @@ def _estimate(
         values[[place_of[name] for name in explanation.fit.names]] += explanation.share * explanation.fit.values
     columns, places = linear.columns, [place_of[names_of[column]] for column in linear.columns]
     moved = -linear.estimator @ linear.signals
-    moved[: linear.nominal] += linear.added @ directions.steps.T
+    moved[: model.nominal] += linear.added @ directions.steps.T
     moved *= model.scales[columns][:, None]
     shifts[places] = moved
     step = model.scales[columns] * (linear.estimator @ linear.rows) + moved @ mean
     # A step along a time constant is meaningless if its amplitude differs.
-    step[linear.nominal :] = 0.0
+    step[model.nominal :] = 0.0
     values[places] = base.fit.vector[columns] + step
     for column in (column for slot in slots for column in slot.columns):
         place = place_of[names_of[column]]
