@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from tumblecal.diagnosis.findings import effect_posterior as posterior
+from tumblecal.diagnosis import priors
 from tumblecal.diagnosis.findings.effect_posterior import Candidates, effect_posterior
 
 
@@ -12,7 +12,7 @@ def by_densities(signals, z, shown, always, candidates):
     """Mean and mean products summed over every scale, candidate and size, with the densities of `z` by scipy."""
     visible = np.linalg.norm(signals, axis=0)
     weights, means, products = [], [], []
-    for scale, prior in zip(posterior.SCALES, posterior.WEIGHTS, strict=True):
+    for scale, prior in zip(priors.UNDETECTED_SIZES, priors.UNDETECTED_WEIGHTS, strict=True):
         sd = np.array([scale / np.hypot(scale, size) if scale else 0.0 for size in visible])
         sd[~shown] = np.median(sd[shown])
         sd[always] = np.maximum(sd[always], 0.3)

@@ -60,7 +60,7 @@ def test_no_pair_of_causes_is_much_better_without_a_fold_than_what_was_chosen(di
 
 def test_where_nothing_is_near_the_best_single_causes_are_chosen(diagnoser, hidden, monkeypatch):
     screened = diagnoser(hidden(1, {"cross_coupling.y.yz": [1.5e-3]})).screened
-    monkeypatch.setattr(fold_search, "_NEAR", -1.0)
+    monkeypatch.setattr(fold_search, "NEAR_IN_FOLDS", -1.0)
     folds = list(np.arange(72).reshape(24, 3))
     chosen = _chosen_without(folds, screened)
     assert {screened.pool.causes[k].label for (k,) in chosen} == {"cross_coupling.y.yz"}

@@ -188,6 +188,48 @@ LEAST_LOCATED_ODDS = 3.0
 # Power at which detection limits are stated.
 POWER = 0.8
 
+# Explanations less probable than this share of the most probable one take no part in the mean of the parameters, and at most so
+# many do. Explanations so far (log posterior) behind the best are no candidates for the undetected effects.
+# (benchmarks/decision_coverage.py)
+LEAST_AVERAGED_SHARE, MOST_AVERAGED, MOST_BEHIND = 0.05, 8, 8.0
+# Sizes of the visible signal of undetected effects, noise sd, with their prior weights; the first is that of none.
+# (benchmarks/undetected_coverage.py)
+UNDETECTED_SIZES = (0.0, 0.6, 1.0, 2.0, 5.0, 20.0)
+UNDETECTED_WEIGHTS = (5.0, 2.0, 4.0, 3.0, 2.0, 1.0)
+# Sizes of named effects, typical sizes: from below to far above all that are met, so many. (by thought)
+NAMED_SIZES = (0.3, 300.0, 16)
+# Effects of temperature of every sensor, typical sizes, at least. (benchmarks/undetected_coverage.py)
+LEAST_TEMPERATURE_EFFECT = 0.3
+# A standard deviation of so many times a coefficient's scale says nothing of it: effects of some hundred times it occur. A
+# combination in which the other coefficients have less than this share is one coefficient. (by thought)
+UNKNOWN, ONE_COEFFICIENT = 1e6, 3e-3
+# Columns of the data that effects follow count as fully correlated from this correlation on. If an error so many times as large
+# would be distinguished, the error is too small; otherwise the angles do not separate the causes. (by thought)
+CORRELATED_COLUMNS, LARGER_ERROR = 0.98, 3.0
+# The search in a fold begins from so many of the best single causes without it, and of the best sets of all data and their
+# parts; so many times causes are added, dropped and exchanged. Further causes are those that come this near (log) in a set of
+# all data; no other gains so much by excluding one fold. (by thought)
+FOLD_SINGLES, FOLD_SETS, FOLD_ROUNDS, NEAR_IN_FOLDS = 4, 4, 8, 8.0
+
+# An unexplained error (benchmarks/candidate_laws.py). Regions that explain at least this share of the best are compared, so many
+# of them; none has more of the positions than the third. Regions of time must explain this much more than those of angles (twice
+# the log of the odds).
+NEAR_REGION, REGIONS_COMPARED, LARGEST_REGION, SURELY_TIME = 0.7, 12, 0.5, 6.0
+# A law that has this share of its largest error outside of a region does not act in that alone. The rest is explained if
+# residuals so large have at least this probability.
+OUTSIDE_REGION, EXPLAINED_REST = 0.3, 0.01
+# An output is in error from so many standard uncertainties on; both ends of a range are stated if one is this share of the
+# other.
+SURE_OUTPUT, BOTH_ENDS = 3.5, 0.5
+# A candidate law has at most so many terms; a term counts as visible if the fitted parameters leave more than this share of it.
+LAW_TERMS, VISIBLE_TERM = 3, 0.1
+# In each of so many folds it is chosen from so many of the most probable forms. The sum of squares of held-out errors must fall
+# by so many standard deviations.
+LAW_FOLDS, LIKELY_FORMS, SURE_LAW = 6, 150, 2.0
+# An angle of the head must explain this much more than an output with a similar signal (twice the log of the odds). Outputs
+# with coefficients below so many u are omitted.
+OF_HEAD, LEAST_COEFFICIENT = 6.0, 3.0
+
 # Prior weight of an effect of the sensor that all units of a batch have, each by an amount of its own, and of one of the head
 # that differs by unit (a level that is set again, for example). (units)
 BATCH_WEIGHT, HEAD_SPREAD_WEIGHT = 0.3, 0.03

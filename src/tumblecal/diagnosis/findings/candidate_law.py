@@ -17,19 +17,20 @@ from jaxtyping import Float, Int
 from tumblecal.chain import Where
 from tumblecal.diagnosis.findings.law_shapes import Form, forms, nonzero_functions
 from tumblecal.diagnosis.findings.residual_space import ResidualSpace
+from tumblecal.diagnosis.priors import (
+    LAW_FOLDS,
+    LAW_TERMS,
+    LEAST_COEFFICIENT,
+    LIKELY_FORMS,
+    OF_HEAD,
+    SURE_LAW,
+    VISIBLE_TERM,
+)
 from tumblecal.effects import AXES
 from tumblecal.ground.showing import brief
 
 
 ALL_OUTPUTS, ANGLES = "xyz", ("alpha", "beta")
-_MOST_TERMS, _FOLDS, _LIKELY = 3, 6, 150
-# A form counts as visible if the fitted parameters leave more than this share of it.
-_VISIBLE = 0.1
-# An angle of the head must explain this much more than an output with a similar signal (twice the log of the odds).
-_OF_HEAD = 6.0
-# Standard deviations by which the sum of squares of held-out errors must fall. Outputs with coefficients below so many u are
-# omitted.
-_SURE, _LEAST_SD = 2.0, 3.0
 # Forms that the catalogue has already, by name and where they act.
 _LISTED = {*((f"product_{axis * 3}", axis) for axis in AXES), *((f"harmonic_{k}", "alpha") for k in (1, 2))}
 
@@ -133,7 +134,7 @@ class _Dictionary:
         price = self._price()
         for on, score in scored.items():
             in_catalogue = [(form.name, on) in _LISTED or (form.of_input and on in ANGLES) for form in self.listed]
-            score -= price + _OF_HEAD * (on in ANGLES)
+            score -= price + OF_HEAD * (on in ANGLES)
             score[in_catalogue] = -np.inf
         return scored
 
@@ -142,7 +143,7 @@ class _Dictionary:
         projected = {on: self.values.T @ carrier.T for on, carrier in self.carriers(residual.responses).items()}
         for on, carrier in self.carriers(whole.responses).items():
             sizes = np.sqrt(self.values.T**2 @ np.vecdot(carrier.T, carrier.T))
-            visible = np.linalg.norm(projected[on], axis=1) > _VISIBLE * np.maximum(sizes, 1e-300)
+            visible = np.linalg.norm(projected[on], axis=1) > VISIBLE_TERM * np.maximum(sizes, 1e-300)
             projected[on] *= visible[:, None]
         return projected
 
@@ -156,7 +157,7 @@ class _Dictionary:
     def chosen(self, whole: ResidualSpace) -> list[_Chosen]:
         """Forms one by one, each the best given those selected before; each is then searched again, given the others."""
         taken: list[_Chosen] = []
-        while len(taken) < _MOST_TERMS:
+        while len(taken) < LAW_TERMS:
             best = self._best(taken, whole)
             if best is None:
                 break
@@ -181,7 +182,7 @@ class _Dictionary:
         numbers = {one.form for one in taken}
         for given in ([], taken[:1]):
             best = np.max(np.stack(list(self._scores_given(given, whole).values())), axis=0)
-            numbers |= set(np.argsort(-best)[:_LIKELY].tolist())
+            numbers |= set(np.argsort(-best)[:LIKELY_FORMS].tolist())
         return sorted(numbers)
 
 
@@ -197,7 +198,7 @@ def explained_by(
     unit = np.divide(blocks, norms, out=np.zeros_like(blocks), where=norms > 0)
     values, vectors = np.linalg.eigh(unit @ unit.mT)
     along = np.einsum("fij,fi->fj", vectors, unit @ z)
-    seen = values > _VISIBLE**2
+    seen = values > VISIBLE_TERM**2
     return np.sum(np.divide(along**2, values, out=np.zeros_like(along), where=seen), axis=1), seen.sum(axis=1)
 
 
@@ -222,7 +223,7 @@ def candidate_law(
     before, after, same = _held_out(likely, whole, where, every.listed[taken[0].form].name)
     rms = float(np.sqrt(np.mean(before**2))), float(np.sqrt(np.mean(after**2)))
     # A prediction that has nothing to do with the errors lowers their sum of squares by less than zero, with this sd.
-    if np.sum(before**2 - after**2) < _SURE * 2 * rms[1] * np.linalg.norm(before - after):
+    if np.sum(before**2 - after**2) < SURE_LAW * 2 * rms[1] * np.linalg.norm(before - after):
         return None
     columns = every.columns(taken, whole.responses)
     sizes, sd = _fitted(columns, whole)
@@ -246,7 +247,7 @@ def _terms(every: _Dictionary, taken: Sequence[_Chosen], sizes: np.ndarray, sd: 
         for on in _outputs(one.on):
             here = slice(at, at + len(form.code))
             at += len(form.code)
-            if one.on != ALL_OUTPUTS or np.any(np.abs(sizes[here]) > _LEAST_SD * sd[here]):
+            if one.on != ALL_OUTPUTS or np.any(np.abs(sizes[here]) > LEAST_COEFFICIENT * sd[here]):
                 yield Term(form, on, tuple(sizes[here].tolist()), tuple(sd[here].tolist()))
 
 
@@ -257,7 +258,7 @@ def _held_out(
     Positions that repeat an attitude are held out together."""
     attitude = where.attitude
     order = np.random.default_rng(0).permutation(int(attitude.max()) + 1)
-    fold = order[attitude] % _FOLDS
+    fold = order[attitude] % LAW_FOLDS
     before, after, same = np.zeros((len(fold), 3)), np.zeros((len(fold), 3)), []
     for number in np.unique(fold).tolist():
         inside = fold == number

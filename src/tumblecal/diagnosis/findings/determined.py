@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.diagnosis.model.tangent import robust_start, tangent
-from tumblecal.diagnosis.priors import SIZE
+from tumblecal.diagnosis.priors import ONE_COEFFICIENT, SIZE, UNKNOWN
 from tumblecal.diagnosis.refine.insert import fit_with
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.estimation.attitudes import attitude_words
@@ -23,11 +23,6 @@ from tumblecal.ground.errors import InputError
 LEAST_DOF = 3
 # Positions of a plan that may well determine too little.
 _FEW = 12
-# A combination in which the others weigh less than this share is one coefficient: they would need to be hundreds of times
-# as large to shift it by as much as itself.
-_ALONE = 3e-3
-# An sd of so many times a coefficient's scale says nothing of it: effects are met of some hundred times it.
-UNKNOWN = 1e6
 # Share of the priors' weight in the fit that judges them: parameters that the data do not determine keep their stated values.
 _WEAK = 1e-3
 
@@ -61,7 +56,7 @@ def combinations(fit: Fit, cause: Cause, scales: Float[np.ndarray, " full"]) -> 
     listed = []
     for vector in (sparse_basis(cause.directions) / scales[list(slot.columns), None]).T:
         weights = np.round(vector / np.max(np.abs(vector)), 6)
-        kept = [k for k in range(len(weights)) if abs(weights[k]) > _ALONE]
+        kept = [k for k in range(len(weights)) if abs(weights[k]) > ONE_COEFFICIENT]
         weights *= np.sign(weights[kept[0]])
         combination = _combination(fit, [index[slot.columns[k]] for k in kept], weights[kept])
         # The screen shows it; given the causes of the exact fit, it may be undetermined.

@@ -21,16 +21,13 @@ from jaxtyping import Bool, Float, Int
 from scipy.linalg.lapack import dpotrf, dtrtrs  # type: ignore[attr-defined]
 from scipy.special import erfc, ndtri
 
+from tumblecal.diagnosis.priors import LEAST_TEMPERATURE_EFFECT, NAMED_SIZES, UNDETECTED_SIZES, UNDETECTED_WEIGHTS
 from tumblecal.ground.showing import brief
 
 
-# Scales `s` (noise sd) and their prior weights; the first is that of no undetected effect. (benchmarks/undetected_coverage.py)
-SCALES = (0.0, 0.6, 1.0, 2.0, 5.0, 20.0)
-WEIGHTS = (5.0, 2.0, 4.0, 3.0, 2.0, 1.0)
-# Sizes `w` (typical sizes): from below to far above all effects that are met.
-_NAMED = np.geomspace(0.3, 300.0, 16)
-_LEAST_TEMPERATURE = 0.3
-# What is less probable adds nothing.
+# The sizes `w` of named effects.
+_NAMED = np.geomspace(*NAMED_SIZES)
+# Less probable explanations add nothing.
 _NEGLIGIBLE = 3e-4
 # Share of the draws outside the interval that is stated of directions without a signal.
 _OUTSIDE = 0.05
@@ -100,7 +97,7 @@ def effect_posterior(
         # Only their products with each other count.
         rows = np.asarray(np.linalg.qr(np.column_stack([signals, z]), mode="r"))
         signals, z = rows[:, :-1], rows[:, -1]
-    backgrounds = [_background(signals, z, shown, always, scale) for scale in SCALES]
+    backgrounds = [_background(signals, z, shown, always, scale) for scale in UNDETECTED_SIZES]
     scores, groups = _scored(backgrounds, candidates, dof, 1e-12 * float(z @ z) + 1e-300, known=known)
     weights = np.exp(scores - np.max(scores))
     weights /= np.sum(weights)
@@ -139,7 +136,7 @@ def _background(
     visible = np.linalg.norm(signals, axis=0)
     sd = scale / np.hypot(scale, visible) if scale else np.zeros(len(visible))
     sd[~shown] = np.median(sd[shown]) if np.any(shown) else 0.0
-    sd[always] = np.maximum(sd[always], _LEAST_TEMPERATURE)
+    sd[always] = np.maximum(sd[always], LEAST_TEMPERATURE_EFFECT)
     drawn = signals * sd
     root = dpotrf(np.eye(len(z)) + drawn @ drawn.T, lower=1)[0]
     white = dtrtrs(root, np.column_stack([signals, z]), lower=1)[0]
@@ -176,7 +173,7 @@ def _scored(
     without = counts == 0
     scores[:, without, 0] += np.log(len(_NAMED))
     scores[:, without, 1:] = -np.inf
-    return scores - half_log_det + np.log(WEIGHTS)[:, None, None] + candidates.log_prior[:, None], groups
+    return scores - half_log_det + np.log(UNDETECTED_WEIGHTS)[:, None, None] + candidates.log_prior[:, None], groups
 
 
 def _of_named(

@@ -13,17 +13,12 @@ import numpy as np
 from tumblecal.data import PositionSet
 from tumblecal.diagnosis.causes.cause import id_of
 from tumblecal.diagnosis.causes.generic import UNEXPLAINED
-from tumblecal.diagnosis.priors import INDISTINGUISHABLE
+from tumblecal.diagnosis.priors import CORRELATED_COLUMNS, INDISTINGUISHABLE, LARGER_ERROR
 from tumblecal.diagnosis.sets.exchanges import Exchange, Labels, exchanges, parts
 from tumblecal.diagnosis.sets.explanation import Explanation
 from tumblecal.effects import Catalogue
 
 
-# Columns of the data that effects follow count as fully correlated from this correlation on.
-_CORRELATED = 0.98
-# If an error so many times as large would be distinguished, the error is too small; otherwise the angles do not separate the
-# causes.
-_LARGER = 3.0
 # Columns of numbers that effects follow, with their attribute of a position set.
 _COLUMNS = {"time_s": "time_s", "temperature_degc": "temperature_degc", "pitch": "beta_deg", "approach": "approach"}
 
@@ -80,7 +75,7 @@ def factors_of(best: Explanation, entries: Catalogue, columns: Mapping[str, np.n
             return Reason("unnamed")
         if exchange.identical:
             return Reason("identity")
-        if apart.get(exchange.labels, 0.0) * _LARGER >= INDISTINGUISHABLE:
+        if apart.get(exchange.labels, 0.0) * LARGER_ERROR >= INDISTINGUISHABLE:
             return Reason("size")
         return _of_columns(exchange, entries, columns) or Reason("angles")
 
@@ -111,7 +106,7 @@ def _of_columns(exchange: Exchange, entries: Catalogue, columns: Mapping[str, np
         both = columns[first], columns[second]
         if all(np.ptp(values) > 0 for values in both) and len(both[0]) == len(both[1]):
             r = float(np.corrcoef(*both)[0, 1])
-            if abs(r) >= _CORRELATED:
+            if abs(r) >= CORRELATED_COLUMNS:
                 return Reason("columns", (first, second), r)
     return None
 

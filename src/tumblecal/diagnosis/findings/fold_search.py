@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from tumblecal.diagnosis.findings.gain import fold_errors
-from tumblecal.diagnosis.priors import HOPELESS, SIZE_PRIOR
+from tumblecal.diagnosis.priors import FOLD_ROUNDS, FOLD_SETS, FOLD_SINGLES, HOPELESS, NEAR_IN_FOLDS, SIZE_PRIOR
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.cause_sets import MOST, Members, parts_of, rows_of
 from tumblecal.diagnosis.sets.enlarged import Enlarged
@@ -20,11 +20,6 @@ from tumblecal.diagnosis.sets.prior import SetPriors
 
 # Least singular value of a direction of the residual space that is lost without a fold.
 _TAKEN = 1e-6
-# The search begins from the best single causes without the fold, and from the best sets of all data and their parts.
-_SINGLES, _SETS = 4, 4
-_MOST_ROUNDS = 8
-# Further causes are those that come this near (log) in a set of all data; no other gains so much by excluding one fold.
-_NEAR = 8.0
 # So many sets, and numbers of one array, are scored at once.
 _AT_ONCE, _NUMBERS_AT_ONCE = 256, 2_000_000
 
@@ -84,8 +79,8 @@ class _FoldSearch:
         search = screened.search
         self._pool, self._z, self._known, self._asides = search.pool, search.z, search.known, asides
         ranked = search.ranked()
-        self._starts = [ranked.set_at(rank) for rank in range(min(_SETS, len(ranked.members)))]
-        near = ranked.members[ranked.log_posterior > ranked.log_posterior[0] - _NEAR]
+        self._starts = [ranked.set_at(rank) for rank in range(min(FOLD_SETS, len(ranked.members)))]
+        near = ranked.members[ranked.log_posterior > ranked.log_posterior[0] - NEAR_IN_FOLDS]
         numbers = np.unique(near[near >= 0]).tolist()
         # Further causes, and the position of each among them.
         self._near = self._pool.only(np.array(numbers, int))
@@ -103,7 +98,7 @@ class _FoldSearch:
         todo = dict.fromkeys((fold, members) for fold in folds for members in (*((k,) for k in best[fold]), *parts))
         for size in range(1, MOST):
             self._expand(self._promising([each for each in todo if len(each[1]) == size]))
-        for _ in range(_MOST_ROUNDS):
+        for _ in range(FOLD_ROUNDS):
             todo = [(fold, part) for fold in folds for part in _exchanged(self._best[fold][1])]
             self._expand([each for each in todo if each[1] and each not in self._scores])
         return [members for _, members in self._best]
@@ -117,7 +112,7 @@ class _FoldSearch:
         )
         scores = enlarged.evidence + prior
         known = np.where(enlarged.open, -np.inf, scores)
-        count = min(_SINGLES, scores.shape[1])
+        count = min(FOLD_SINGLES, scores.shape[1])
         here = scores >= np.partition(known, -count, axis=1)[:, -count, None]
         here[:, wanted] = True
         enlarged.settle(here)

@@ -26,7 +26,7 @@ from tumblecal.diagnosis.findings.model_average import (
 )
 from tumblecal.diagnosis.findings.reference import at_reference, long_lived, moved_to_reference
 from tumblecal.diagnosis.model.tangent import tangent
-from tumblecal.diagnosis.priors import SIZE_PRIOR
+from tumblecal.diagnosis.priors import MOST_BEHIND, SIZE_PRIOR
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.cause_sets import sets_of
 from tumblecal.diagnosis.sets.groups import grouped
@@ -40,8 +40,6 @@ from tumblecal.estimation.identifiability import RANK_TOLERANCE
 # Stated with the data (--gravity), or an input of the budget.
 _STATED = ("gravity_value",)
 _OF_EVERY_SENSOR = ("bias_temperature", "scale_temperature")
-# Explanations that are farther (log posterior) behind the best take no part.
-_FAR = 8.0
 
 
 class _Estimate(NamedTuple):
@@ -248,7 +246,7 @@ def _candidates(screened: Screened, base: Weighed, directions: EffectDirections)
     ids, weights, met = list[list[str]](), list[float](), False
     listed = zip(groups.labels, sets_of(groups.sets), groups.log_prior.tolist(), groups.log_posterior, strict=True)
     for names, members, weight, posterior in listed:
-        near = posterior > groups.log_posterior[0] - _FAR or names == base.labels or not names
+        near = posterior > groups.log_posterior[0] - MOST_BEHIND or names == base.labels or not names
         if near and tuple(sorted(labels[k] for k in members if not acts[k])) == faults:
             met |= names == base.labels
             ids.append([labels[k] for k in members if acts[k]])

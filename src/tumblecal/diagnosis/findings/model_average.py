@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float, Int
 
 from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.diagnosis.findings.determined import says_something
+from tumblecal.diagnosis.priors import LEAST_AVERAGED_SHARE, MOST_AVERAGED
 from tumblecal.diagnosis.refine.insert import fit_with
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.cause_sets import sets_of
@@ -22,10 +23,6 @@ from tumblecal.diagnosis.sets.groups import grouped
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.plausibility import implausible
 from tumblecal.ground.showing import brief
-
-
-# Explanations less probable than this share of the most probable one take no part in the mean, and at most so many do.
-_LEAST_SHARE, _MOST = 0.05, 8
 
 
 @dataclass(frozen=True)
@@ -137,7 +134,9 @@ def remaining_explanations(screened: Screened, extended: Fit | None = None) -> l
     if screened.detection.detected:
         # An explanation without a cause cannot explain a contradiction to the model.
         shares *= [bool(labels) for labels in groups.labels]
-    probable = [k for k in np.argsort(-shares).tolist()[:_MOST] if shares[k] >= _LEAST_SHARE * np.max(shares)]
+    probable = [
+        k for k in np.argsort(-shares).tolist()[:MOST_AVERAGED] if shares[k] >= LEAST_AVERAGED_SHARE * np.max(shares)
+    ]
     thermal, weighed = is_thermal(screened.members), list[Weighed]()
     for k in probable:
         labels, members = groups.labels[k], tuple([screened.search.pool.causes[cause] for cause in sets[k]])

@@ -17,22 +17,19 @@ from tumblecal.diagnosis.findings.candidate_law import Law, candidate_law, expla
 from tumblecal.diagnosis.findings.law_shapes import Form, boxes, pulses, values_of
 from tumblecal.diagnosis.findings.residual_space import ResidualSpace
 from tumblecal.diagnosis.model.tangent import Tangent
+from tumblecal.diagnosis.priors import (
+    BOTH_ENDS,
+    EXPLAINED_REST,
+    LARGEST_REGION,
+    NEAR_REGION,
+    OUTSIDE_REGION,
+    REGIONS_COMPARED,
+    SURE_OUTPUT,
+    SURELY_TIME,
+)
 from tumblecal.effects import AXES
 from tumblecal.estimation.fit import Fit
 from tumblecal.ground.showing import brief
-
-
-# Regions that explain at least this share of the best are compared, so many of them; none has more of the positions than this.
-_NEAR, _COMPARED, _LARGEST = 0.7, 12, 0.5
-# Regions of time must explain this much more than those of angles (twice the log of the odds).
-_SURELY_TIME = 6.0
-# A law that has this share of its largest error outside of a region does not act in that alone.
-_OUTSIDE = 0.3
-# The rest is explained if residuals so large have at least this probability.
-_EXPLAINED = 0.01
-# An output is in error from so many standard uncertainties on; both ends of a range are stated if one is this share of the
-# other.
-_SURE, _BOTH = 3.5, 0.5
 
 
 class Range(NamedTuple):
@@ -51,7 +48,7 @@ class Range(NamedTuple):
     def words(self) -> str:
         """Both ends, or the larger one."""
         low, high = (f"{end * 1e3:+.1g}" if abs(end) < 1e-3 else f"{end * 1e3:+.2g}" for end in (self.low, self.high))
-        if min(self.high, -self.low) > _BOTH * self.largest:
+        if min(self.high, -self.low) > BOTH_ENDS * self.largest:
             return f"{self.axis} {low} to {high} mg"
         return f"{self.axis} up to {high} mg" if self.high > -self.low else f"{self.axis} down to {low} mg"
 
@@ -138,12 +135,12 @@ def _acts_outside(law: Law | None, inside: Bool[np.ndarray, " positions"]) -> bo
     if law is None:
         return False
     sizes = np.max(np.abs(law.signal), axis=1)
-    return bool(np.max(sizes[~inside], initial=0.0) > _OUTSIDE * np.max(sizes))
+    return bool(np.max(sizes[~inside], initial=0.0) > OUTSIDE_REGION * np.max(sizes))
 
 
 def _ranges(values: Float[np.ndarray, "inside 3"], sd: Float[np.ndarray, "inside 3"]) -> tuple[Range, ...]:
     together = np.abs(np.sum(values / sd**2, axis=0)) / np.sqrt(np.sum(1 / sd**2, axis=0))
-    sure = (np.max(np.abs(values) / sd, axis=0) > _SURE) | (together > _SURE)
+    sure = (np.max(np.abs(values) / sd, axis=0) > SURE_OUTPUT) | (together > SURE_OUTPUT)
     if not np.any(sure):
         sure = together == np.max(together)
     listed = [
@@ -165,11 +162,11 @@ def _regions(whole: ResidualSpace, where: Where) -> list[Form]:
     if best <= 0:
         return []
     of_time = np.array([form.family == "pulse" for form in listed])
-    if np.max(scores[~of_time], initial=-np.inf) > best - _SURELY_TIME:
+    if np.max(scores[~of_time], initial=-np.inf) > best - SURELY_TIME:
         # Pitch settings are measured one after the other: a range of times is then one of angles as well.
         scores = np.where(of_time, -np.inf, scores)
-    near = [k for k in np.argsort(counts, kind="stable").tolist() if scores[k] > _NEAR * best]
-    near = sorted(near, key=lambda k: -scores[k])[:_COMPARED]
+    near = [k for k in np.argsort(counts, kind="stable").tolist() if scores[k] > NEAR_REGION * best]
+    near = sorted(near, key=lambda k: -scores[k])[:REGIONS_COMPARED]
     return [listed[k] for k in sorted(near, key=lambda k: counts[k])]
 
 
@@ -184,11 +181,11 @@ def _scanned(whole: ResidualSpace, where: Where) -> tuple[Sequence[Form], np.nda
     blocks = np.stack([values.T @ whole.responses[:, :, axis].T for axis in range(3)], axis=1)
     explained, rank = explained_by(blocks, whole.z)
     scores = whole.log_gain(explained) - rank * np.log(3 * count) - 2 * np.log(len(listed))
-    return listed, np.where((counts > 0) & (counts <= _LARGEST * count), scores, -np.inf), counts
+    return listed, np.where((counts > 0) & (counts <= LARGEST_REGION * count), scores, -np.inf), counts
 
 
 def _explains(rest: ResidualSpace, where: Where) -> bool:
     """Whether the residual is consistent with noise."""
     if rest.p_value is not None:
-        return rest.p_value > _EXPLAINED
+        return rest.p_value > EXPLAINED_REST
     return rest.dof > 0 and bool(np.max(_scanned(rest, where)[1], initial=-np.inf) <= 0)
