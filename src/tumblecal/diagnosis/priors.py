@@ -211,9 +211,9 @@ CORRELATED_COLUMNS, LARGER_ERROR = 0.98, 3.0
 # all data; no other gains so much by excluding one fold. (by thought)
 FOLD_SINGLES, FOLD_SETS, FOLD_ROUNDS, NEAR_IN_FOLDS = 4, 4, 8, 8.0
 
-# An unexplained error (benchmarks/candidate_laws.py). Regions that explain at least this share of the best are compared, so many
-# of them; none has more of the positions than the third. Regions of time must explain this much more than those of angles (twice
-# the log of the odds).
+# An unexplained error (benchmarks/candidate_laws.py). Regions that explain at least this share of the best are compared, so
+# many of them; none has more of the positions than the third. Regions of time must explain this much more than those of angles
+# (twice the log of the odds).
 NEAR_REGION, REGIONS_COMPARED, LARGEST_REGION, SURELY_TIME = 0.7, 12, 0.5, 6.0
 # A law that has this share of its largest error outside of a region does not act in that alone. The rest is explained if
 # residuals so large have at least this probability.
