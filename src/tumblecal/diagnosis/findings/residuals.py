@@ -237,7 +237,9 @@ def discrepancies(fit: Fit, level: float) -> list[Discrepancy]:
 def _combinations(waves: Float[np.ndarray, "waves positions"], fit: Fit) -> Float[np.ndarray, "rows 3 waves"]:
     """The combinations of white rows that are the sums of each axis's residuals (g) times each wave."""
     of_axis = waves.T[:, None, None] * np.eye(3)[None, :, :, None]
-    flat = np.linalg.solve(fit.problem.whitening_matrix.T, of_axis.reshape(fit.residuals.size, -1))
+    flat, whitening = of_axis.reshape(fit.residuals.size, -1), np.asarray(fit.problem.whitening)
+    correlated = whitening.ndim > 1
+    flat = np.linalg.solve(fit.problem.whitening_matrix.T, flat) if correlated else flat / whitening[:, None]
     return np.concatenate([flat, np.zeros((len(fit.rows) - len(flat), flat.shape[1]))]).reshape(-1, 3, len(waves))
 
 
