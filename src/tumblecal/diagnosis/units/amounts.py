@@ -18,7 +18,7 @@ from scipy.special import gammaincc
 from tumblecal.diagnosis.priors import LEVELS_FIT, LEVELS_SIZE, SHOWN_ALONE
 from tumblecal.diagnosis.units.batch import Batch, SharedSignal
 from tumblecal.diagnosis.units.hypotheses import determined
-from tumblecal.diagnosis.units.mixed_model import ROUNDING, NormalEquations, explained, profiles
+from tumblecal.diagnosis.units.mixed_model import NormalEquations, explained, profiles, rounding_of
 from tumblecal.diagnosis.units.search import SharedExplanation
 
 
@@ -44,7 +44,7 @@ class UnitAmounts:
 
     @cached_property
     def _floor(self) -> float:
-        return ROUNDING * float(np.max(np.linalg.eigvalsh(self.equations.gram), initial=1e-300))
+        return rounding_of(self.equations.gram)
 
     @cached_property
     def shown_by(self) -> Bool[np.ndarray, " units"]:

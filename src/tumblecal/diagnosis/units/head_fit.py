@@ -5,7 +5,7 @@ shared ones. The fit is linear: of large signals the units are linearised again 
 shared only where they agree (`pitch`).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -19,7 +19,7 @@ from tumblecal.diagnosis.model.tangent import tangent
 from tumblecal.diagnosis.priors import UNITS_FOR_EACH_EXCLUDED
 from tumblecal.diagnosis.units.batch import Batch, SharedSignal, Unit, UnitCauses, slots_of
 from tumblecal.diagnosis.units.hypotheses import RandomEffect
-from tumblecal.diagnosis.units.mixed_model import NormalEquations, explained, pseudo_inverse
+from tumblecal.diagnosis.units.mixed_model import NormalEquations, explained, pseudo_inverse, rounding_of
 from tumblecal.diagnosis.units.pitch import PitchSettings, pitch_settings
 from tumblecal.diagnosis.units.search import SharedExplanation
 
@@ -76,8 +76,8 @@ class HeadFit:
         gram, others = self.equations.gram, self._others
         differences = self.equations.given(others.solved()).towards
         covariance = gram + gram @ pseudo_inverse(others.gram) @ gram
-        squares, _ = explained(covariance, differences)
-        dof = explained(gram, differences)[1]
+        squares, _ = explained(covariance, differences, rounding_of(covariance))
+        dof = explained(gram, differences, rounding_of(gram))[1]
         return tuple(np.where(dof > 0, gammaincc(np.maximum(dof, 1) / 2, squares / 2), 1.0).tolist())
 
     def without(self, number: int) -> MeasuredHead | None:
@@ -111,29 +111,6 @@ class HeadFit:
         )
 
 
-@dataclass(frozen=True)
-class _UnitFit:
-    """One unit in the joint fit: linear in the shared unknowns, with its own parameters and causes eliminated.
-
-    - `equations`: of the shared unknowns. `shared`: change of the full vector (base units) for each of them.
-    - `inverse` and `residual`: from white rows to its own unknowns. `rows`: of the shared unknowns.
-    - `moves`: change of the full vector for each of its own unknowns; `start`: without any.
-    """
-
-    equations: NormalEquations
-    shared: Float[np.ndarray, "full unknowns"]
-    inverse: Float[np.ndarray, "private rows"]
-    residual: Float[np.ndarray, " rows"]
-    rows: Float[np.ndarray, "rows unknowns"]
-    moves: Float[np.ndarray, "full private"]
-    start: Float[np.ndarray, " full"]
-
-    def vector(self, solution: Float[np.ndarray, " unknowns"]) -> Float[np.ndarray, " full"]:
-        """The full vector by the shared solution."""
-        private = self.inverse @ (self.residual - self.rows @ solution)
-        return self.start + self.shared @ solution + self.moves @ private[: self.moves.shape[1]]
-
-
 def _unit_fit(
     unit: Unit,
     causes: UnitCauses,
@@ -141,8 +118,9 @@ def _unit_fit(
     directions: Float[np.ndarray, "coefficients directions"],
     random_effects: Sequence[RandomEffect],
     levels: Sequence[str],
-) -> _UnitFit:
-    """A unit where it is linearised.
+) -> tuple[NormalEquations, Callable[[Float[np.ndarray, " unknowns"]], Float[np.ndarray, " full"]]]:
+    """Normal equations of a unit for the shared unknowns, its own parameters and causes eliminated where it is linearised; and
+    its full vector by their solution.
 
     **Arguments:**
 
@@ -150,9 +128,9 @@ def _unit_fit(
     - `signals`, `directions`: the shared effects, and the directions of their coefficients (base units) that are fitted.
     - `random_effects`: effects whose amount differs between units. `levels`: names of all units' pitch errors.
     """
-    at, model, listed = unit.at, unit.at.model, [unit.pool.causes[k] for k in causes.members]
+    at, model, fitted = unit.at, unit.at.model, [unit.pool.causes[k] for k in causes.members]
     problem, scales = at.problem, model.scales
-    for cause in listed:
+    for cause in fitted:
         problem = cause.undone(problem)
     if problem is not at.problem:
         at = tangent(model, problem, at.vector)
@@ -169,7 +147,7 @@ def _unit_fit(
     # Its own unknowns (scaled): nominal parameters, coefficients of its causes, deviations; and the known precision of each.
     private = [k for k in range(model.nominal) if k not in pitch]
     blocks = [np.eye(len(scales))[:, private]]
-    for cause in listed:
+    for cause in fitted:
         if cause.directions is not None:
             blocks.append(np.eye(len(scales))[:, list(cause.slot.columns)] @ cause.directions)
     precisions = [np.zeros(block.shape[1]) for block in blocks]
@@ -182,17 +160,21 @@ def _unit_fit(
     weights = np.full(len(at.residual), 1.0 / unit.sigma)
     weights[: problem.readings.size] *= np.repeat(problem.takes_part, 3)
     jacobian = at.jacobian * weights[:, None]
-    terms = [np.pad(term, (0, len(weights) - len(term))) * weights for cause in listed for term in cause.terms]
-    own, rows = np.column_stack([jacobian @ moves, *terms]), jacobian @ (shared / scales[:, None])
+    terms = [np.pad(term, (0, len(weights) - len(term))) * weights for cause in fitted for term in cause.terms]
+    design, rows = np.column_stack([jacobian @ moves, *terms]), jacobian @ (shared / scales[:, None])
     # What is known of the deviations counts as readings of them.
     known = np.pad(np.diag(prior), ((0, 0), (0, len(terms))))[prior > 0]
-    inverse = np.linalg.pinv(np.vstack([own, known]), rcond=_PRIVATE_ROUNDING)[:, : len(rows)]
+    inverse = np.linalg.pinv(np.vstack([design, known]), rcond=_PRIVATE_ROUNDING)[:, : len(rows)]
     start = model.with_nominal(at.vector[: model.nominal])
     residual = at.residual * weights + jacobian[:, pitch] @ (start[pitch] / scales[pitch])
     start[pitch] = 0.0
-    reduced = rows - own @ (inverse @ rows)
-    equations = NormalEquations(reduced.T @ rows, reduced.T @ residual)
-    return _UnitFit(equations, shared, inverse, residual, rows, scales[:, None] * moves, start)
+    reduced = rows - design @ (inverse @ rows)
+
+    def vector(solution: Float[np.ndarray, " unknowns"]) -> Float[np.ndarray, " full"]:
+        private = (inverse @ (residual - rows @ solution))[: moves.shape[1]]
+        return start + shared @ solution + scales * (moves @ private)
+
+    return NormalEquations(reduced.T @ rows, reduced.T @ residual), vector
 
 
 def levels_of(unit: Unit) -> tuple[str, ...]:
@@ -229,7 +211,7 @@ def head_fit(
         fits.append(_unit_fit(unit, causes, [*signals, *means], directions, random_effects, levels))
     counted = np.array([number not in excluded for number in range(len(fits))])
     of_shared, of_pitch = np.split(np.arange(directions.shape[1] + len(levels)), [directions.shape[1]])
-    equations = NormalEquations.stacked([fit.equations for fit in fits])
+    equations = NormalEquations.stacked([fit for fit, _ in fits])
     separate = equations.eliminated(of_pitch)
     common, solution = separate.of(of_shared).only(counted).total, np.zeros(equations.towards.shape)
     solution[:, of_shared] = np.linalg.solve(common.gram, common.towards)
@@ -255,6 +237,8 @@ def head_fit(
             (np.eye(len(axes)) - axes @ axes.T) * np.outer(signal.scales, signal.scales) for signal, axes in shown
         ]
         covariance = covariance + _KEPT**2 * np.asarray(block_diag(*hidden, np.zeros((len(seen), len(seen)))))
+        # head.toml is refused where rounding makes a covariance asymmetric.
+        covariance = 0.5 * (covariance + covariance.T)
         head = MeasuredHead(
             tuple(signal.label for signal in signals),
             tuple(names),
@@ -263,7 +247,7 @@ def head_fit(
             covariance,
             tuple(source for source, counts in zip(sources, counted.tolist(), strict=True) if counts),
         )
-    vectors = tuple(fit.vector(own) for fit, own in zip(fits, solution, strict=True))
+    vectors = tuple(vector(each) for (_, vector), each in zip(fits, solution, strict=True))
     return HeadFit(head, pitch, vectors, unit_values, unit_sd, directions, joint, excluded)
 
 

@@ -83,7 +83,7 @@ class NormalEquations(NamedTuple):
         the groups."""
         # A mean of all units changes nothing, but large equal coefficients would cost digits.
         centred = self.given(self.total.solved())
-        floor = ROUNDING * float(np.max(np.linalg.eigvalsh(self.gram), initial=1e-300))
+        floor = rounding_of(self.gram)
         squares, ranks = explained(centred.gram, centred.towards, floor)
         statistic, dof = np.zeros(len(groups[0])), np.zeros(len(groups[0]), int)
         for group in groups:
@@ -92,9 +92,16 @@ class NormalEquations(NamedTuple):
         return np.maximum(statistic, 0.0), dof
 
 
-def pseudo_inverse(information: Float[np.ndarray, "*units k k"]) -> Float[np.ndarray, "*units k k"]:
+def rounding_of(gram: Float[np.ndarray, "*units k k"]) -> float:
+    """Information that is none in comparison with the most that any of the units has."""
+    return ROUNDING * float(np.max(np.linalg.eigvalsh(gram), initial=1e-300))
+
+
+def pseudo_inverse(gram: Float[np.ndarray, "*units k k"]) -> Float[np.ndarray, "*units k k"]:
     """Its inverse on the combinations that the data show."""
-    return np.linalg.pinv(information, rcond=ROUNDING, hermitian=True)
+    values, vectors = np.linalg.eigh(gram)
+    shown = values > rounding_of(gram)
+    return vectors * np.where(shown, 1.0 / np.where(shown, values, 1.0), 0.0)[..., None, :] @ vectors.mT
 
 
 def explained(

@@ -42,42 +42,35 @@ def pitch_settings(equations: NormalEquations, most_alone: int) -> PitchSettings
     - `equations` (units, settings): of the pitch errors; a setting that a unit lacks has no information.
     - `most_alone`: how many units may be excluded.
     """
-    number = len(equations.towards)
-    kept, numbers, changed = np.ones(number, bool), np.arange(number), None
-    first = statistic, dof = _single(equations, kept)
-    while dof and _p_value(statistic, dof) <= PITCH_COMMON and number - np.sum(kept) < most_alone:
+    count = len(equations.towards)
+    kept, numbers, changed = np.ones(count, bool), np.arange(count), None
+    (statistic,), (dof,) = equations.heterogeneity(kept[None])
+    everybody = statistic, dof
+    while _p_value(statistic, dof) <= PITCH_COMMON and count - np.sum(kept) < most_alone:
         candidates = np.flatnonzero(kept)
-        without = equations.heterogeneity(kept & (numbers != candidates[:, None]))
-        farthest = int(np.argmin(without[0]))
-        rest, rest_dof = float(without[0][farthest]), int(without[1][farthest])
-        if not _improved(statistic - rest, np.array(dof - rest_dof), len(candidates)):
+        statistics, dofs = equations.heterogeneity(kept & (numbers != candidates[:, None]))
+        farthest = np.argmin(statistics)
+        if not _improved(statistic - statistics, dof - dofs)[farthest]:
             break
         kept[candidates[farthest]] = False
-        statistic, dof = rest, rest_dof
-    if dof and _p_value(statistic, dof) <= PITCH_COMMON:
-        kept[:], (statistic, dof) = True, first
-        splits = np.arange(LEAST_UNITS, number - LEAST_UNITS + 1)
+        statistic, dof = statistics[farthest], dofs[farthest]
+    if _p_value(statistic, dof) <= PITCH_COMMON:
+        kept[:], (statistic, dof) = True, everybody
+        splits = np.arange(LEAST_UNITS, count - LEAST_UNITS + 1)
         before = numbers < splits[:, None]
-        squares, free = equations.heterogeneity(before, ~before)
-        agree = (_p_value(squares, free) > PITCH_COMMON) & _improved(statistic - squares, dof - free, len(splits))
-        changed = int(splits[np.argmin(np.where(agree, squares, np.inf))]) if np.any(agree) else None
+        statistics, dofs = equations.heterogeneity(before, ~before)
+        agree = (_p_value(statistics, dofs) > PITCH_COMMON) & _improved(statistic - statistics, dof - dofs)
+        changed = int(splits[np.argmin(np.where(agree, statistics, np.inf))]) if np.any(agree) else None
     seen = np.any(np.diagonal(equations.gram[kept], axis1=1, axis2=2) > 0, axis=0)
     p_value = float(_p_value(statistic, dof)) if dof else None
     return PitchSettings(p_value, tuple(np.flatnonzero(~kept).tolist()), seen, changed)
 
 
-def _single(equations: NormalEquations, kept: Bool[np.ndarray, " units"]) -> tuple[float, int]:
-    (statistic,), (dof,) = equations.heterogeneity(kept[None])
-    return float(statistic), int(dof)
-
-
-def _p_value(statistic: float | Float[np.ndarray, " n"], dof: int | Int[np.ndarray, " n"]) -> np.ndarray:
+def _p_value(statistic: Float[np.ndarray, " *n"], dof: Int[np.ndarray, " *n"]) -> np.ndarray:
     """Of Cochran's Q; 1 where nothing is to compare."""
-    return np.where(np.equal(dof, 0), 1.0, gammaincc(np.maximum(dof, 1) / 2, np.divide(statistic, 2)))
+    return np.where(dof > 0, gammaincc(np.maximum(dof, 1) / 2, statistic / 2), 1.0)
 
 
-def _improved(
-    decrease: float | Float[np.ndarray, " n"], dof: Int[np.ndarray, " *n"], tried: int
-) -> Bool[np.ndarray, " *n"]:
-    """Whether a decrease of Q, the largest of so many tried, is significant."""
-    return (dof > 0) & (tried * gammaincc(np.maximum(dof, 1) / 2, np.maximum(decrease, 0.0) / 2) < PITCH_SEPARATED)
+def _improved(decrease: Float[np.ndarray, " tried"], dof: Int[np.ndarray, " tried"]) -> Bool[np.ndarray, " tried"]:
+    """Whether decreases of Q, of which the largest counts, are significant."""
+    return len(dof) * _p_value(np.maximum(decrease, 0.0), dof) < PITCH_SEPARATED

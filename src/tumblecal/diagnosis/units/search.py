@@ -5,7 +5,7 @@ A hypothesis is a set of errors shared by all units with common coefficients, ef
 those sets given them, in turn.
 """
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -126,36 +126,43 @@ def joint_posterior(batch: Batch) -> JointPosterior:
     # Faults of single positions cannot be shared.
     pairs = zip(units, causes, strict=True)
     faults = tuple([unit.only(own, lambda cause: bool(cause.positions)) for unit, own in pairs])
+    evaluated: dict[tuple, Hypothesis] = {}
     # An error of the head at one angle may look like the same outlier positions in every unit.
-    starts = dict.fromkeys([causes, faults, (NOTHING,) * len(units)])
-    tried = [climbed for start in starts for climbed in _climbed(hypothesis(batch, start))]
+    for start in (causes, faults, (NOTHING,) * len(units)):
+        _climb(evaluated, batch, start, ())
     for _ in range(MOST_RANDOM_EFFECTS):
+        tried = list(evaluated.values())
         best = max(tried, key=lambda one: one.top)
-        leading = dict.fromkeys([best, max(tried, key=lambda one: one.without)])
-        wider = [more for one in leading for more in _with_random_effect(one, faults)]
-        tried += wider
-        if not wider or max(more.top for more in wider) < best.top:
+        for leading in dict.fromkeys([best, max(tried, key=lambda one: one.without)]):
+            for effect in _further_random_effects(leading, faults):
+                _climb(evaluated, batch, faults, (*leading.random_effects, effect))
+        if max((one.top for one in list(evaluated.values())[len(tried) :]), default=-np.inf) < best.top:
             break
-    return _posterior(tried)
+    return _posterior(list(evaluated.values()))
 
 
-def _climbed(start: Hypothesis) -> Iterator[Hypothesis]:
-    """Causes of the units and shared errors in turn, each given the other, until neither changes."""
-    current = start
-    for _ in range(HEAD_ROUNDS):
-        yield current
+def _climb(
+    evaluated: dict[tuple, Hypothesis],
+    batch: Batch,
+    causes: tuple[UnitCauses, ...],
+    random_effects: tuple[RandomEffect, ...],
+) -> None:
+    """Evaluate causes of the units and shared errors in turn, each given the other, until neither changes, or the way from
+    there is known."""
+    for number in range(HEAD_ROUNDS):
+        key = (causes, tuple((*effect.law, effect.with_mean, effect.log_prior) for effect in random_effects))
+        if key in evaluated:
+            return
+        current = evaluated[key] = hypothesis(batch, causes, random_effects)
         members = current.ranked.set_at(0)
-        if not members and not current.random_effects and current is not start:
+        if number and not members and not random_effects:
             return
-        residuals = zip(current.batch.units, current.residuals(members), strict=True)
+        residuals = zip(batch.units, current.residuals(members), strict=True)
         causes = tuple([unit.causes_of(z) for unit, z in residuals])
-        if causes == current.unit_causes:
-            return
-        current = hypothesis(current.batch, causes, current.random_effects)
 
 
-def _with_random_effect(before: Hypothesis, faults: tuple[UnitCauses, ...]) -> Iterator[Hypothesis]:
-    """The hypotheses with one more effect whose size differs from unit to unit."""
+def _further_random_effects(before: Hypothesis, faults: tuple[UnitCauses, ...]) -> list[RandomEffect]:
+    """The likely ones that a hypothesis lacks."""
     labels = {effect.signal.label for effect in before.random_effects}
     free = [signal for signal in before.batch.signals if signal.label not in labels]
     given = [before.equations, before.batch.equations(faults)]
@@ -168,8 +175,7 @@ def _with_random_effect(before: Hypothesis, faults: tuple[UnitCauses, ...]) -> I
             for odds, effect in likely_random_effects(equations.given(coefficients), free, RANDOM_EFFECTS_TRIED):
                 if odds > LEAST_SPREAD_ODDS:
                     found.setdefault(effect.signal.key, effect)
-    for effect in found.values():
-        yield from _climbed(hypothesis(before.batch, faults, (*before.random_effects, effect)))
+    return list(found.values())
 
 
 def _posterior(tried: Sequence[Hypothesis]) -> JointPosterior:
