@@ -18,6 +18,7 @@ from tumblecal.ground.showing import Screen
 from tumblecal.report.calibration_judgements import judgements, use_of
 from tumblecal.report.calibration_words import methods_words, noise_words, notes
 from tumblecal.report.cause_words import label_words
+from tumblecal.report.diagnosis_calibration import not_written
 from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
 from tumblecal.report.result_file import calibration_of
 
@@ -74,11 +75,8 @@ def save_fit(path: Path, fit: Fit, entries: Catalogue | None = None, use: Use | 
 def save_extended(path: Path, diagnosis: Diagnosis) -> None:
     """Write the `calibration.json` of the extended model.
 
-    **Raises:** `InputError` where there is none, as `extended_calibration` says.
+    **Raises:** `InputError` if there is none, with the reason.
     """
     if diagnosis.calibration is None:
-        raise InputError(
-            f"{diagnosis.data.source}: no calibration to save: the data are mixed up, the fit did not converge, or there "
-            "is more than one sensor"
-        )
+        raise InputError(f"{diagnosis.data.source}: no calibration to save: {not_written(diagnosis)}")
     write_calibration(path, diagnosis.calibration)
