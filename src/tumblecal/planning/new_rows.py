@@ -99,7 +99,7 @@ def rows_of(
     residual, old = residual / diagnosis.level, old / diagnosis.level
     for rows in (residual, old):
         rows[: problem.readings.size][np.repeat(~problem.takes_part, 3)] = 0.0
-    spots = [_Spot(alpha, proposal.beta_deg, proposal.side) for proposal in listed for alpha in proposal.alpha_deg]
+    spots = [replace(proposal, alpha_deg=(alpha,)) for proposal in listed for alpha in proposal.alpha_deg]
     ends = np.cumsum([proposal.cost for proposal in listed])
     cells = [np.arange(end - proposal.cost, end) for end, proposal in zip(ends.tolist(), listed, strict=True)]
     new = _NewPositions(problem, model, spots, diagnosis.from_rig, conditions, in_order)
@@ -119,40 +119,26 @@ def rows_of(
     return Rows(old, residual, weighted, cells, prior / diagnosis.level**2, predicted, weight)
 
 
-@dataclass(frozen=True)
-class _Spot:
-    """A new position; `side`: "" in the present mounting."""
-
-    alpha_deg: float
-    beta_deg: float
-    side: str
-
-
-@dataclass(frozen=True)
-class _Columns:
-    """Columns of one nominal leaf: one row a group."""
-
-    leaf: Parameter
-    columns: np.ndarray
-
-
 class _NewPositions:
-    """New positions of a problem: the groups that they belong to, and their rows."""
+    """New positions of a problem: the groups that they belong to, and their rows.
+
+    `spots`: each as a proposal of one position. `leaves`: of the nominal chain, with their columns (groups, components).
+    """
 
     def __init__(
         self,
         problem: Problem,
         model: FullModel,
-        spots: Sequence[_Spot],
+        spots: Sequence[Proposal],
         from_rig: bool,
         conditions: Conditions,
         in_order: bool,
     ):
         self.problem, self.model, self.spots, self.from_rig = problem, model, spots, from_rig
         self.conditions, self.in_order = conditions, in_order
-        self.leaves, offset = [], 0
+        self.leaves, offset = list[tuple[Parameter, np.ndarray]](), 0
         for leaf in model.nominal_chain.free:
-            self.leaves.append(_Columns(leaf, offset + np.arange(leaf.value.size).reshape(leaf.value.shape)))
+            self.leaves.append((leaf, offset + np.arange(leaf.value.size).reshape(leaf.value.shape)))
             offset += leaf.value.size
         data, where = problem.measured_data, problem.where
         count = len(data)
@@ -211,7 +197,7 @@ class _NewPositions:
         later = (time.max() if self.conditions.time_s is None else self.conditions.time_s) + after
         here = replace(
             where,
-            alpha=put(where.alpha, np.radians([self.spots[k].alpha_deg for k in block])),
+            alpha=put(where.alpha, np.radians([self.spots[k].alpha_deg[0] for k in block])),
             beta=put(where.beta, np.radians([self.spots[k].beta_deg for k in block])),
             groups=index,
             time_s=put(where.time_s, later),
@@ -235,9 +221,9 @@ class _NewPositions:
             wanted = wanted @ np.asarray(orientations)[last].T
         exact = turn_of(wanted)
         angles = rotation_angles(wanted) if exact is None else np.radians(exact)
-        for columns in self.leaves:
-            if columns.leaf.name == "dtheta":
-                turned[columns.columns] = angles
+        for leaf, columns in self.leaves:
+            if leaf.name == "dtheta":
+                turned[columns] = angles
         return turned
 
     def group_columns(self, jacobian: Float[np.ndarray, "cells 3 full"]) -> tuple[np.ndarray, np.ndarray]:
@@ -247,9 +233,8 @@ class _NewPositions:
         """
         added: list[np.ndarray] = []
         prior: list[float] = []
-        for columns in self.leaves:
-            leaf, first = columns.leaf, len(added)
-            numbers: dict[tuple, int] = {}
+        for leaf, columns in self.leaves:
+            first, numbers = len(added), dict[tuple, int]()
             for k, spot in enumerate(self.spots):
                 # The pitch settings of a new mounting are new by default; a rig file states the index of dbeta.
                 new_group = bool(spot.side) and (leaf.name == "dtheta" or (leaf.name == "dbeta" and not self.from_rig))
@@ -262,10 +247,10 @@ class _NewPositions:
                     numbers[key] = first + leaf.value.shape[1] * len(numbers)
                     added += [np.zeros((len(self.spots), 3)) for _ in range(leaf.value.shape[1])]
                     prior += self._prior(columns)
-                replaced = columns.columns.ravel()
+                replaced = columns.ravel()
                 values = jacobian[k][:, replaced].reshape(3, *leaf.value.shape).sum(axis=1)
                 if leaf.name == "dtheta" and spot.side:
-                    values = _mounting(jacobian[k][:, self.model.probe], float(np.radians(spot.alpha_deg)))
+                    values = _mounting(jacobian[k][:, self.model.probe], float(np.radians(spot.alpha_deg[0])))
                 for component in range(leaf.value.shape[1]):
                     added[numbers[key] + component][k] = values[:, component]
                 jacobian[k][:, replaced] = 0.0
@@ -273,10 +258,10 @@ class _NewPositions:
             return np.zeros((len(self.spots), 3, 0)), np.zeros(0)
         return np.stack(added, axis=2), np.array(prior)
 
-    def _prior(self, columns: _Columns) -> list[float]:
+    def _prior(self, columns: np.ndarray) -> list[float]:
         """Information on the parameters of a new group: that of the prior if it is the same for all groups."""
         root = self.problem.prior_root * self.model.scales[: self.model.nominal]
-        given = np.sum(root**2, axis=0)[columns.columns]
+        given = np.sum(root**2, axis=0)[columns]
         return [float(part[0]) if np.all(part == part[0]) else 0.0 for part in given.T]
 
 
