@@ -100,7 +100,7 @@ class Whitening:
             return np.sum((self._roots @ x) ** 2, axis=1)
         rows, count = self.at.basis @ x, self._count
         own = np.concatenate([form.squares(self._turned(rows, form)) for form in self._forms])[self._order]
-        along = np.linalg.solve(self._triangles, self._weighted(rows, self.at.reached).mT)
+        along = (self._coordinates.reshape(-1, len(rows)) @ rows).reshape(len(own), -1, x.shape[1])
         return own + np.sum(rows[count:] ** 2, axis=0) - np.sum(along**2, axis=1)
 
     @property
@@ -143,6 +143,11 @@ class Whitening:
     def _triangles(self) -> Float[np.ndarray, "covariances reached reached"]:
         """Lower triangles of the products of the column space's basis."""
         return np.linalg.cholesky(self._weighted(self.at.reached, self.at.reached))
+
+    @cached_property
+    def _coordinates(self) -> Float[np.ndarray, "covariances reached rows"]:
+        """The coordinates of rows along the column space, normalised under each covariance, by rows."""
+        return np.linalg.solve(self._triangles, self._weighted(np.eye(len(self.at.basis)), self.at.reached).mT)
 
     @cached_property
     def _roots(self) -> Float[np.ndarray, "covariances nu nu"]:
