@@ -1,6 +1,7 @@
 """Strict test session: float64, no silent rank promotion, shapes of signatures checked at run time."""
 
 import gc
+import importlib
 import os
 import sys
 import warnings
@@ -232,6 +233,16 @@ def tumblecal(monkeypatch, capsys):
 
     yield run
     compiled_once.keep_programs()
+
+
+@pytest.fixture
+def few_effects(monkeypatch):
+    """Commands and diagnosers know few effects, and the user's own; see the module of this name."""
+    from few_effects import few
+
+    whole = importlib.import_module("tumblecal.effects.catalogue").extended
+    for module in ("tumblecal.effects.catalogue", "tumblecal.studies.study_tables"):
+        monkeypatch.setattr(importlib.import_module(module), "extended", lambda sources: few(whole(sources), whole([])))
 
 
 @pytest.fixture

@@ -1,7 +1,8 @@
-"""The README's blocks as they stand, pasted in one go into a fresh shell, twice in a row."""
+"""The README's blocks as they stand, pasted in one go into a fresh shell, and their short ones once more in its folder."""
 
 import os
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -43,15 +44,28 @@ def run(folder: Path, *arguments: str) -> str:
     return done.stdout
 
 
-def test_the_shell_s_blocks_and_then_python_s(folder):
+def run_again(folder: Path, tumblecal, shell: str, monkeypatch) -> str:
+    """The commands of a block without variables and pipes, called in this process."""
+    monkeypatch.chdir(folder)
+    printed = ""
+    for line in shell.splitlines():
+        command, *words = shlex.split(line, comments=True)
+        outcome = tumblecal(*words)
+        assert command == "tumblecal" and outcome.code == 0, outcome.lines
+        printed += outcome.out
+    return printed
+
+
+def test_the_shell_s_blocks_and_then_python_s(folder, tumblecal, monkeypatch):
     whole, again = "".join(blocks("sh")), "".join(blocks("sh", *_LONG))
     assert all(line in whole for block in blocks("sh", page=INDEX) for line in block.splitlines())  # docs/index.md
     assert all(words in whole for words in _LONG) and again.count("tumblecal ") >= 3
-    for shell in (whole, again):
-        printed = " ".join(run(folder, "bash", "-euo", "pipefail", "-c", shell).split())
-        # What the page shows of a calibration is what the commands above it print; the terminal's width breaks its lines.
-        (shown,) = (block for block in blocks("text") if "diff / sd" in block)
-        assert all(" ".join(line.split()) in printed for line in shown.splitlines() if line != "...")
+    first = run(folder, "bash", "-euo", "pipefail", "-c", whole)
+    # What the page shows of a calibration is what the commands above it print; the terminal's width breaks its lines.
+    (shown,) = (block for block in blocks("text") if "diff / sd" in block)
+    for printed in (first, run_again(folder, tumblecal, again, monkeypatch)):
+        words = " ".join(printed.split())
+        assert all(" ".join(line.split()) in words for line in shown.splitlines() if line != "...")
     (captured,) = folder.glob("demo-*")
     assert "second_order.y" in (captured / "diagnosis" / "verdict.txt").read_text(encoding="utf-8")
     assert not (folder / "virtual-imu").is_symlink()  # the virtual instrument ended with its run

@@ -48,6 +48,7 @@ def test_one_file_gets_the_page_and_the_figures(tumblecal, tmp_path, table1_file
     assert "summary.csv" not in names
 
 
+@pytest.mark.usefixtures("few_effects")
 @pytest.mark.filterwarnings("error")
 def test_an_effect_without_any_noise_is_no_measurement(tumblecal, tmp_path, configs):
     rig, exact, text = tmp_path / "rig.toml", tmp_path / "exact.csv", (configs / "hidden_effect.toml").read_text()

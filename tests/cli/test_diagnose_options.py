@@ -62,6 +62,7 @@ BAD = {
 }
 
 
+@pytest.mark.usefixtures("few_effects")
 @pytest.mark.parametrize(("options", "words"), BAD.values(), ids=BAD)
 def test_bad_options(tumblecal, tmp_path, table1_file, options, words):
     outcome = tumblecal("diagnose", table1_file, "--out", tmp_path / "out", *options)
@@ -100,6 +101,7 @@ def test_next_positions_stay_on_the_allowed_angles(tumblecal, tmp_path, table1_f
     assert sorted(path.name for path in (tmp_path / "out").glob("next_*")) == ["next_positions.toml"]
 
 
+@pytest.mark.usefixtures("few_effects")
 def test_two_mountings_joined_and_one_held_out(tumblecal, tmp_path, configs):
     """The two mountings of configs/remount.toml in two files: together they are the whole; mounting B is predicted."""
     whole, rig = tmp_path / "whole.csv", configs / "remount.toml"
@@ -133,6 +135,7 @@ def two_files(tmp_path_factory, configs):
     return files
 
 
+@pytest.mark.usefixtures("few_effects")
 def test_positions_of_joined_files_are_held_out_by_their_names(tumblecal, tmp_path, two_files):
     own = [*two_files, "--join", "--no-figures", "--out", tmp_path / "out", "--holdout"]
     outcome = tumblecal("diagnose", *own, "position=2-8")
@@ -143,6 +146,7 @@ def test_positions_of_joined_files_are_held_out_by_their_names(tumblecal, tmp_pa
     assert gain["cv_rms_before_g"] > 0
 
 
+@pytest.mark.usefixtures("few_effects")
 def test_joined_files_are_runs_of_their_own(tumblecal, tmp_path, two_files):
     """Two files are adequate as two runs, not as one."""
     options = ["--noise-sd", "0.15mg", "--no-figures", "--out", tmp_path / "out"]

@@ -43,6 +43,7 @@ def test_the_folder_holds_what_was_recorded(recorded, means):
     assert np.diff([*found.middle_s.values()]) == pytest.approx(60, abs=0.01)
 
 
+@pytest.mark.usefixtures("few_effects")
 def test_samples_of_a_capture(tumblecal, tmp_path, recorded, means):
     """The slow noise is seen in the samples and counted; the cause is found through it."""
     outcome = tumblecal("diagnose", means, "--samples", recorded.folder, "--out", tmp_path / "out")
@@ -142,6 +143,7 @@ def test_bad_sources(tumblecal, tmp_path, means, recorded):
     assert "several positions are named 1" in twice and "give each position a name of its own" in twice
 
 
+@pytest.mark.usefixtures("few_effects")
 def test_a_fixed_parameter_stays(tumblecal, tmp_path, means):
     """With --fix the parameter is not fitted, and next positions go on as with the default model."""
     options = ["--no-figures", "--allow-beta", "0,45,90", "--allow-alpha", "0:360:90", "--out"]

@@ -129,7 +129,7 @@ def test_a_sensors_effect_of_another_size_in_each_unit_is_not_the_heads(tumbleca
 def test_units_of_different_plans_and_columns(tumblecal, tmp_path):
     """The same error in two plans; one file lacks the optional columns; one is too short and is refused by name."""
     folder, files = tmp_path / "units", []
-    for number, (plan, columns) in enumerate((((3, 8), True), ((3, 8), True), ((4, 8), False))):
+    for number, (plan, columns) in enumerate((((3, 8), True), ((4, 12), True), ((3, 8), False))):
         setups = setups_on_one_head(10 + number, 1, plan=plan, pitch=None)
         own = write_units(folder, setups, [{"base_levelling": [2 * LEVEL]}], number, columns=columns)
         files.append(own[0].rename(folder / f"plan{number}.csv"))

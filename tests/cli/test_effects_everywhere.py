@@ -37,6 +37,7 @@ def mine(tmp_path):
     return path
 
 
+@pytest.mark.usefixtures("few_effects")
 def test_simulate_calibrate_diagnose(tumblecal, tmp_path, mine):
     data, rig = tmp_path / "data.csv", tmp_path / "rig.toml"
     assert tumblecal("simulate", rig, "--effects", mine, "--out", data, "--seed", 2).code == 0
@@ -79,6 +80,7 @@ def test_the_virtual_instrument_has_it(tmp_path, mine):
     np.testing.assert_allclose(added(np.degrees(0.5), np.degrees(0.2), 0.0, 25.0), expected, atol=1e-12)
 
 
+@pytest.mark.usefixtures("few_effects")
 def test_studies_know_it(tumblecal, tmp_path, mine):
     power = tmp_path / "power.toml"
     power.write_text(

@@ -44,6 +44,7 @@ def test_means_say_how_they_were_captured(means):
     assert setup is not None and (setup.port, setup.dwell, setup.limits) == (first.port, first.dwell, first.limits)
 
 
+@pytest.mark.usefixtures("few_effects")
 def test_diagnose_uses_it_without_an_option(tumblecal, tmp_path, means):
     outcome = tumblecal("diagnose", means, "--no-figures", "--out", tmp_path / "out")
     assert outcome.code == 0 and f"Noise model of {means} (24 positions of 30 s): x white 42." in " ".join(

@@ -26,6 +26,7 @@ def remounted(tmp_path_factory, configs):
 WORDS = "Assumed: the triad is turned 90 deg about z in mounting B; dtheta is relative to this."
 
 
+@pytest.mark.usefixtures("few_effects")
 def test_without_a_rig(tumblecal, tmp_path, remounted):
     options = ["--noise-sd", "0.15mg", "--no-figures", "--out", tmp_path / "out"]
     outcome = tumblecal("diagnose", remounted / "whole.csv", *options)
@@ -34,6 +35,7 @@ def test_without_a_rig(tumblecal, tmp_path, remounted):
     assert found["mountings"] == {"A": {"rotation_deg": [0, 0, 0]}, "B": {"rotation_deg": [0, 0, 90]}}
 
 
+@pytest.mark.usefixtures("few_effects")
 def test_joined_files_without_a_mount_column(tumblecal, tmp_path, remounted):
     files = [remounted / "A.csv", remounted / "B.csv"]
     options = ["--noise-sd", "0.15mg", "--no-figures", "--out", tmp_path / "out"]
@@ -43,6 +45,7 @@ def test_joined_files_without_a_mount_column(tumblecal, tmp_path, remounted):
     assert {"dtheta_z@mount=1", "dtheta_z@mount=B", "dbeta_2@mount=B"} <= set(found["shifts"])
 
 
+@pytest.mark.usefixtures("few_effects")
 def test_a_turn_in_next_positions_and_rig(tumblecal, tmp_path, configs):
     """Turned about the spindle the x axis stays weak: another mounting is proposed, under a label that is still free;
     the rig keeps the turn that was found."""

@@ -187,6 +187,9 @@ def test_held_out_run(diagnoser, hidden, monkeypatch):
         np.tile(parts[0].beta_deg, 2),
         np.concatenate([part.readings for part in parts]) + 1e-4 * np.random.default_rng(0).normal(size=(48, 3)),
         run=("1",) * 24 + ("2",) * 24,
+        time_s=np.concatenate([parts[0].time_s, parts[1].time_s + 7200]),
+        temperature_degc=np.tile(parts[0].temperature_degc, 2),
+        approach=np.tile(parts[0].approach, 2),
     )
     diagnosis = diagnoser(both, holdout=("run", "2"))
     assert {"third_order.y"} in names(diagnosis)

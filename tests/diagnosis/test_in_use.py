@@ -36,7 +36,7 @@ def two_parts(rng, runs):
         names=[f"{part}{name}" for part in "ab" for name in setup.names],
         mounting=np.repeat([0, 1], count),
         turns=turned,
-    ), np.repeat(["1", "2"], count)
+    ), np.repeat(["1", "2"] if runs else ["A", "B"], count)
 
 
 def ramp(rng):

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from few_effects import few_entries
 from tumblecal.chain import nominal_chain, settings
 from tumblecal.diagnosis.model.full_model import model_of
 from tumblecal.effects import catalogue, output_effect
@@ -18,7 +19,7 @@ def where():
     count = 12
     return settings(
         rng.uniform(0, 6, count),
-        np.repeat([0.1, 0.8], 6),
+        np.repeat([0.1, 0.8, 1.3], 4),
         time_s=np.arange(count) * 60.0,
         temperature_degc=25 + rng.normal(size=count),
         approach=rng.choice([-1.0, 1.0], count),
@@ -43,9 +44,11 @@ def somewhere(model):
     return model.start + 0.4 * model.scales * np.sin(1.0 + np.arange(len(model.scales)))
 
 
-@pytest.mark.parametrize("by", [{}, {"dtheta_by": "run", "bias_by": "run"}])
-def test_jacobian_is_that_of_the_prediction(where, by):
-    model = model_of(nominal_chain(where, **by), where, catalogue())
+@pytest.mark.parametrize(
+    ("by", "entries"), [({}, catalogue), ({"dtheta_by": "run", "bias_by": "run"}, few_entries)], ids=["plain", "by run"]
+)
+def test_jacobian_is_that_of_the_prediction(where, by, entries):
+    model = model_of(nominal_chain(where, **by), where, entries())
     vector = somewhere(model)
     found = model.evaluate(where, vector)
     np.testing.assert_allclose(found.predicted, model.predict(where, vector), atol=1e-15)
@@ -55,7 +58,8 @@ def test_jacobian_is_that_of_the_prediction(where, by):
 def test_a_column_with_one_label_is_not_called_missing():
     alpha = np.linspace(0, 6, 12)
     one_run = settings(alpha, np.zeros(12), run=["A"] * 12)
-    reasons = model_of(nominal_chain(one_run), one_run, catalogue()).not_testable
+    entries = {id: catalogue()[id] for id in ("bias_repeatability", "run_drift.x", "bias_by_pitch.x", "second_order.x")}
+    reasons = model_of(nominal_chain(one_run), one_run, entries).not_testable
     assert reasons["bias_repeatability"] == "the data have only one run"
     assert reasons["run_drift.x"] == "the data have no column time_s and only one run"
     assert reasons["bias_by_pitch.x"] == "the data have only one pitch setting"

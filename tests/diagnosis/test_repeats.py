@@ -21,7 +21,9 @@ def passes(count, effect=0.0, seed=1):
     readings[:, 2] += effect * readings[:, 2] ** 2
     readings = readings * 1.0005 + 2e-3 + SIGMA * np.random.default_rng(seed).normal(size=readings.shape)
     names = tuple(f"p{row}" for row in range(len(alpha)))
-    return PositionSet(names, alpha, beta, readings, time_s=60.0 * np.arange(len(alpha)))
+    count = len(alpha)
+    columns = {"temperature_degc": np.full(count, 25.0), "approach": np.ones(count)}
+    return PositionSet(names, alpha, beta, readings, time_s=60.0 * np.arange(count), **columns)
 
 
 def test_small_sets_are_taken_as_they_are():

@@ -46,12 +46,12 @@ def test_rounding_within_the_stated_noise_changes_nothing(diagnoser):
 def test_a_reading_written_twice_is_no_repeat_that_shows_no_noise(diagnoser):
     """What no entry describes led surely, as it came back in the repeat to the last digit."""
     for seed in range(3):
-        data, rows = measured(seed, known=False), [*range(24), 5]
+        data, rows = measured(seed, known=False), [*range(23), 5]
         assert data.time_s is not None
         columns = ("alpha_deg", "beta_deg", "readings", "temperature_degc", "approach")
         again = {name: getattr(data, name)[rows] for name in columns if getattr(data, name) is not None}
-        again["time_s"] = np.append(data.time_s, data.time_s[-1] + 60.0)
-        assert diagnoser(replace(data, names=(*data.names, "again"), **again)).verdict == "adequate"
+        again["time_s"] = data.time_s
+        assert diagnoser(replace(data, names=(*data.names[:-1], "again"), **again)).verdict == "adequate"
 
 
 def test_equal_readings_at_the_ends_of_a_range_are_clipped(diagnoser):

@@ -36,7 +36,7 @@ def test_two_strong_effects_that_are_nearly_alike_are_both_named(diagnoser, name
     named, and the rest was taken for noise, stated or not."""
     for seed in range(2):
         rng = np.random.default_rng([14, seed])
-        setup = blind.random_setup(rng, 4, 6)
+        setup = blind.random_setup(rng, 3, 8)
         hours = (setup.time_s - setup.time_s.mean()) / 3600.0
         setup.temperature_degc = 25.0 + 2.0 * hours + 0.08 * np.std(hours) * rng.normal(size=24)
         projector, plain = blind.unreachable(setup), blind.readings(setup, setup.nominal, {})

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import independent
+from few_effects import few_entries
 from tumblecal.data import PositionSet
 from tumblecal.diagnosis import Diagnoser
 
@@ -137,15 +138,17 @@ def mixed_up(diagnoser):
 
 
 @pytest.fixture(scope="session")
-def by_hand(diagnoser):
-    """Every position at a pitch angle of its own, as of a triad held by hand."""
+def by_hand():
+    """Every position at a pitch angle of its own, as of a triad held by hand; few effects, as no other test has the plan."""
+    diagnoser = Diagnoser(few_entries())
     rng = np.random.default_rng(4)
     return diagnoser(instrument(4, rng.uniform(0, 360, 24).round(1), np.linspace(-80, 85, 24).round(1)))
 
 
 @pytest.fixture(scope="session")
-def drifting(diagnoser):
-    """The bias of x drifts by 5 mg an hour."""
+def drifting():
+    """The bias of x drifts by 5 mg an hour; few effects, as no other test has these columns."""
+    diagnoser = Diagnoser(few_entries())
     data, time = instrument(5, *head()), 60.0 * np.arange(24)
     readings = data.readings + np.outer(time / 3600 * 5e-3, [1.0, 0.0, 0.0])
     return diagnoser(replace(data, readings=readings, time_s=time))

@@ -86,6 +86,7 @@ def size_of_force_mg(tumblecal, calibration, data):
     return 1e3 * float(np.sqrt(np.mean((np.linalg.norm(force, axis=1) - 1) ** 2))), applied.out
 
 
+@pytest.mark.usefixtures("few_effects")
 @pytest.mark.parametrize("command", ["calibrate", "diagnose"])
 def test_what_a_rig_has_fitted_is_applied(tumblecal, tmp_path, measured, command):
     """It was fitted, left out of the file, and said nowhere: |f| - 1 g was thirteen times the noise."""
@@ -105,6 +106,7 @@ def test_what_a_rig_has_fitted_is_applied(tumblecal, tmp_path, measured, command
     assert exported.code == 0 and "nonlinear terms" in " ".join([exported.out, *exported.lines])
 
 
+@pytest.mark.usefixtures("few_effects")
 @pytest.mark.parametrize("command", ["calibrate", "diagnose"])
 def test_what_no_file_holds_is_said_everywhere(tumblecal, tmp_path, measured, command):
     out, rig = tmp_path / "out", rig_file(tmp_path, *SENSOR, *LEFT)
@@ -140,6 +142,7 @@ def test_a_diagnosis_warns_of_what_the_sensor_lacks():
     assert words.startswith("not corrected by calibration.json: bias_drift.x (up to 3 mg")
 
 
+@pytest.mark.usefixtures("few_effects")
 def test_what_the_diagnosis_finds_stands_beside_what_the_rig_has(tumblecal, tmp_path, measured):
     out = tmp_path / "out"
     rig = rig_file(tmp_path, "scale_temperature.y")
@@ -221,6 +224,7 @@ def of_instrument(f, degc, noise):
     return f @ LOWER.T + BIAS + np.outer(3e-6 * (degc - 20) ** 2, [1, 0, 0]) + noise
 
 
+@pytest.mark.usefixtures("few_effects")
 def test_a_named_bend_of_the_bias_reaches_apply_and_px4(tumblecal, tmp_path):
     """Five soaks of 24 positions: it was named but not in the file, and 1.4 mg remained; plain least squares leaves 0.1 mg."""
     rng = np.random.default_rng(5)
