@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from tumblecal.diagnosis.units.amounts import pitch_settings
 from tumblecal.diagnosis.units.mixed_model import NormalEquations
-from tumblecal.diagnosis.units.pitch import pitch_settings
 
 
 SHARED, SETTINGS = 2, 3
@@ -24,7 +24,7 @@ def measured(rng: np.random.Generator, units: int, errors: np.ndarray, seen: np.
 def compared(each: list[tuple], most_alone: int):
     pairs = [(design[:, SHARED:], readings) for design, readings in each]
     gram, towards = (np.stack(part) for part in zip(*[(x.T @ x, x.T @ y) for x, y in pairs], strict=True))
-    return pitch_settings(NormalEquations(gram, towards), most_alone)
+    return pitch_settings(NormalEquations(gram, towards), np.ones(len(gram), bool), most_alone)
 
 
 def chi2(parts: list[np.ndarray], readings: list[np.ndarray]) -> float:

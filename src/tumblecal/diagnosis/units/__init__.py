@@ -17,9 +17,10 @@ equations of beta, whose sets are searched as those of one file. The residual (r
 with a flat prior out (Patterson and Thompson 1971). Differences between units are tested by Cochran's Q (1954).
 
 Files: `batch` (data of the units), `mixed_model` (evidence), `hypotheses` and `search` (shared errors), `amounts` (amount of an
-effect in every unit, two levels), `head_fit` and `pitch` (the measured head), `joint` (the diagnosis). Rules outside the model:
-fewer than a third of the units may be excluded, because they deviate (`head_fit.most_excluded`); effects whose coefficients no
-head has are excluded, and the search is repeated (`joint.joint_diagnosis`); large signals are linearised again at the fit.
+effect in every unit, two levels, pitch settings), `head_fit` (the measured head), `joint` (the diagnosis). Rules outside the
+model: fewer than a third of the units may be excluded, because they deviate (`head_fit.most_excluded`); effects whose
+coefficients no head has are excluded, and the search is repeated (`joint.joint_diagnosis`); large signals are linearised again
+at the fit.
 """
 
 from tumblecal.diagnosis.units.joint import JointDiagnosis as JointDiagnosis

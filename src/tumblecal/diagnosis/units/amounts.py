@@ -1,4 +1,5 @@
-"""The amount of one effect in every unit, given all other errors; its mean, and two levels of it in the order of the units.
+"""The amount of one effect in every unit, given all other errors: mean, two levels in the order of the units; and whether the
+errors of the pitch settings are the head's.
 
 About a mean the amounts scatter with a standard deviation tau, the most likely one (residual likelihood); the mean weighs each
 unit by (G^-1 + tau^2)^-1. Two levels, the best of all splits, are tested against this scatter by their likelihood ratio; its
@@ -12,13 +13,12 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
-from scipy.special import gammaincc
+from jaxtyping import Bool, Float, Int
 
-from tumblecal.diagnosis.priors import LEVELS_FIT, LEVELS_SIZE, SHOWN_ALONE
+from tumblecal.diagnosis.priors import LEVELS_FIT, LEVELS_SIZE, PITCH_COMMON, PITCH_SEPARATED, SHOWN_ALONE
 from tumblecal.diagnosis.units.batch import Batch, SharedSignal
 from tumblecal.diagnosis.units.hypotheses import determined
-from tumblecal.diagnosis.units.mixed_model import NormalEquations, explained, profiles, rounding_of
+from tumblecal.diagnosis.units.mixed_model import NormalEquations, chi2_p_value, explained, profiles, rounding_of
 from tumblecal.diagnosis.units.search import SharedExplanation
 
 
@@ -59,8 +59,7 @@ class UnitAmounts:
     @cached_property
     def shown_in(self) -> tuple[int, ...]:
         """Numbers of the units that show it clearly, each by itself."""
-        squares, ranks = explained(self.equations.gram, self.equations.towards, self._floor)
-        p_values = gammaincc(np.maximum(ranks, 1) / 2, squares / 2)
+        p_values = chi2_p_value(*explained(self.equations.gram, self.equations.towards, self._floor))
         return tuple(np.flatnonzero(p_values < SHOWN_ALONE / len(p_values)).tolist())
 
     @cached_property
@@ -150,7 +149,7 @@ def _split(amounts: UnitAmounts) -> TwoLevels | None:
     squares = _squares_of_levels(gram, towards[None])[0]
     split = int(np.argmax(squares)) + LEAST_UNITS
     within = float(np.sum(explained(gram, towards, 0.0)[0])) - float(np.max(squares))
-    if gammaincc((len(chosen) - 2) * gram.shape[-1] / 2, within / 2) < LEVELS_FIT:
+    if chi2_p_value(np.array(within), np.array((len(chosen) - 2) * gram.shape[-1])) < LEVELS_FIT:
         return None
     likelihoods, taus = restricted_likelihoods(gram, towards[None])
     observed = 0.5 * float(np.max(squares)) - float(np.max(likelihoods))
@@ -188,3 +187,62 @@ def _drawn(gram: Float[np.ndarray, "units k k"], tau: float) -> Float[np.ndarray
     rng = np.random.default_rng(0)
     amounts, noise = (rng.normal(size=(_DRAWS, *gram.shape[:2])) for _ in range(2))
     return tau * np.matvec(gram, amounts) + np.matvec(np.linalg.cholesky(gram), noise)
+
+
+class PitchSettings(NamedTuple):
+    """Errors of the pitch settings by all units together.
+
+    - `p_value`: probability of so much dispersion by noise alone; None if there is nothing to compare.
+    - `alone`: numbers of the units excluded from that, because only theirs differ.
+    - `seen`: the settings at which the rest were measured.
+    - `changed`: number of the first unit from which on they are different (and equal again), if they are not equal in all.
+    """
+
+    p_value: float | None
+    alone: tuple[int, ...]
+    seen: Bool[np.ndarray, " settings"]
+    changed: int | None = None
+
+    @property
+    def common(self) -> bool:
+        """Whether they are the head's."""
+        return self.p_value is not None and self.p_value > PITCH_COMMON
+
+
+def pitch_settings(equations: NormalEquations, counted: Bool[np.ndarray, " units"], most_alone: int) -> PitchSettings:
+    """Compare the pitch errors of the units that count, given the shared errors, by Cochran's Q.
+
+    If they differ by more than the noise, those farthest from the others are excluded one by one, as long as the rest may then
+    agree: one wrong label does not mean an axis that is set again for each unit. Otherwise they may have changed once.
+
+    **Arguments:**
+
+    - `equations` (units, settings): of the pitch errors; a setting that a unit lacks has no information.
+    - `most_alone`: how many units may be excluded.
+    """
+    numbers, kept, changed = np.arange(len(counted)), counted.copy(), None
+    (statistic,), (dof,) = equations.heterogeneity(kept[None])
+    everybody = statistic, dof
+    while chi2_p_value(statistic, dof) <= PITCH_COMMON and np.sum(counted & ~kept) < most_alone:
+        candidates = np.flatnonzero(kept)
+        statistics, dofs = equations.heterogeneity(kept & (numbers != candidates[:, None]))
+        farthest = np.argmin(statistics)
+        if not _improved(statistic - statistics, dof - dofs)[farthest]:
+            break
+        kept[candidates[farthest]] = False
+        statistic, dof = statistics[farthest], dofs[farthest]
+    if chi2_p_value(statistic, dof) <= PITCH_COMMON:
+        kept, (statistic, dof) = counted, everybody
+        splits = np.flatnonzero(counted)[LEAST_UNITS : np.sum(counted) - LEAST_UNITS + 1]
+        before = numbers < splits[:, None]
+        statistics, dofs = equations.heterogeneity(counted & before, counted & ~before)
+        agree = (chi2_p_value(statistics, dofs) > PITCH_COMMON) & _improved(statistic - statistics, dof - dofs)
+        changed = int(splits[np.argmin(np.where(agree, statistics, np.inf))]) if np.any(agree) else None
+    seen = np.any(np.diagonal(equations.gram[kept], axis1=1, axis2=2) > 0, axis=0)
+    p_value = float(chi2_p_value(statistic, dof)) if dof else None
+    return PitchSettings(p_value, tuple(np.flatnonzero(counted & ~kept).tolist()), seen, changed)
+
+
+def _improved(decrease: Float[np.ndarray, " tried"], dof: Int[np.ndarray, " tried"]) -> Bool[np.ndarray, " tried"]:
+    """Whether decreases of Q, of which the largest counts, are significant."""
+    return len(dof) * chi2_p_value(decrease, dof) < PITCH_SEPARATED

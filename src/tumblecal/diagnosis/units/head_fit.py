@@ -2,7 +2,7 @@
 
 In every unit its own unknowns (nominal parameters, causes, deviations) are eliminated; the sum over the units determines the
 shared ones. The fit is linear: of large signals the units are linearised again at its solution (`joint`). Pitch errors are
-shared only where they agree (`pitch`).
+shared only where they agree (`amounts`).
 """
 
 from collections.abc import Callable, Sequence
@@ -10,17 +10,16 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from scipy.linalg import block_diag
-from scipy.special import gammaincc
 
 from tumblecal.chain.head_file import PITCH, MeasuredHead, pitch_names
 from tumblecal.diagnosis.model.tangent import tangent
 from tumblecal.diagnosis.priors import UNITS_FOR_EACH_EXCLUDED
+from tumblecal.diagnosis.units.amounts import PitchSettings, pitch_settings
 from tumblecal.diagnosis.units.batch import Batch, SharedSignal, Unit, UnitCauses, slots_of
 from tumblecal.diagnosis.units.hypotheses import RandomEffect
-from tumblecal.diagnosis.units.mixed_model import NormalEquations, explained, pseudo_inverse, rounding_of
-from tumblecal.diagnosis.units.pitch import PitchSettings, pitch_settings
+from tumblecal.diagnosis.units.mixed_model import NormalEquations, chi2_p_value, explained, pseudo_inverse, rounding_of
 from tumblecal.diagnosis.units.search import SharedExplanation
 
 
@@ -78,7 +77,7 @@ class HeadFit:
         covariance = gram + gram @ pseudo_inverse(others.gram) @ gram
         squares, _ = explained(covariance, differences, rounding_of(covariance))
         dof = explained(gram, differences, rounding_of(gram))[1]
-        return tuple(np.where(dof > 0, gammaincc(np.maximum(dof, 1) / 2, squares / 2), 1.0).tolist())
+        return tuple(chi2_p_value(squares, dof).tolist())
 
     def without(self, number: int) -> MeasuredHead | None:
         """The head as measured by the other units, so that the prior of a unit does not contain its own data.
@@ -217,7 +216,7 @@ def head_fit(
     solution[:, of_shared] = np.linalg.solve(common.gram, common.towards)
     pitch_errors = equations.given(solution).of(of_pitch)
     solution[:, of_pitch] = pitch_errors.solved()
-    pitch = _pitch_settings(pitch_errors, counted)
+    pitch = pitch_settings(pitch_errors, counted, most_excluded(len(fits)) - len(excluded))
     seen = np.flatnonzero(pitch.seen) if pitch.common else np.zeros(0, int)
     # Of the settings of a unit with other pitch errors nothing is known.
     kept = [*of_shared, *of_pitch[seen]]
@@ -249,14 +248,6 @@ def head_fit(
         )
     vectors = tuple(vector(each) for (_, vector), each in zip(fits, solution, strict=True))
     return HeadFit(head, pitch, vectors, unit_values, unit_sd, directions, joint, excluded)
-
-
-def _pitch_settings(equations: NormalEquations, counted: Bool[np.ndarray, " units"]) -> PitchSettings:
-    """Of the units that count, by the numbers of all."""
-    numbers, excluded = np.flatnonzero(counted), int(np.sum(~counted))
-    pitch = pitch_settings(equations.only(counted), most_excluded(len(counted)) - excluded)
-    changed = int(numbers[pitch.changed]) if pitch.changed is not None else None
-    return pitch._replace(alone=tuple(numbers[list(pitch.alone)].tolist()), changed=changed)
 
 
 def _separate(

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.special import gammaincc
 
 
 # Directions of information below this share of the largest contain only rounding errors.
@@ -116,6 +117,11 @@ def explained(
     shown = values > (ROUNDING * largest if floor is None else floor)
     squares = np.where(shown, np.vecmat(towards, vectors) ** 2 / np.where(shown, values, 1.0), 0.0)
     return np.sum(squares, axis=-1), np.sum(shown, axis=-1)
+
+
+def chi2_p_value(squares: Float[np.ndarray, " *n"], dof: Int[np.ndarray, " *n"]) -> Float[np.ndarray, " *n"]:
+    """Probability of sums of squares of so many degrees of freedom, or larger ones, by noise alone; 1 for none."""
+    return np.where(dof > 0, gammaincc(np.maximum(dof, 1) / 2, np.maximum(squares, 0.0) / 2), 1.0)
 
 
 class Profile(NamedTuple):
