@@ -10,7 +10,7 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from tumblecal.diagnosis import Diagnoser
-from tumblecal.diagnosis.detection import kept_null
+from tumblecal.diagnosis.detection import detect
 from tumblecal.diagnosis.detection.detect import SIZE, null_distribution, statistics
 from tumblecal.ground.program_cache import ProgramCache
 from tumblecal.planning import NextPlan
@@ -99,7 +99,7 @@ def test_the_reference_stands_for_data_that_differ_by_small_angles_alone(diagnos
     plain = hidden(36, {}, columns=False)
     diagnosis = diagnoser(plain)
     reference, at = diagnoser.references.of(diagnosis.model, diagnosis.problem), diagnosis.screened.at
-    assert reference.stands_for(at)
+    assert reference.serves(at)
     own = null_distribution(diagnosis.screened.pool, diagnosis.screened.alternatives, True)
     # Two quantiles of 6000 draws each: 0.01 +- 0.0018.
     assert np.mean(own > np.quantile(reference.null, 0.99)) == pytest.approx(0.01, abs=0.005)
@@ -110,7 +110,7 @@ def test_the_reference_stands_for_data_that_differ_by_small_angles_alone(diagnos
         replace(plain, readings=Rotation.from_euler("y", 3, degrees=True).apply(plain.readings)),
     ):
         screened = diagnoser(other).screened
-        assert not diagnoser.references.of(screened.at.model, screened.problem).stands_for(screened.at)
+        assert not diagnoser.references.of(screened.at.model, screened.problem).serves(screened.at)
 
 
 def test_p_values_are_uniform_when_nothing_is_wrong(diagnoser, hidden):
@@ -132,10 +132,10 @@ def test_p_values_are_uniform_when_nothing_is_wrong(diagnoser, hidden):
 def test_a_null_distribution_is_drawn_once_for_a_plan(diagnoser, hidden, monkeypatch, tmp_path):
     """It is kept on disk for other processes; other plans, other levels of the noise and other causes have their own."""
     drawn, kept = [], ProgramCache(tmp_path)
-    monkeypatch.setattr(kept_null, "program_cache", lambda: kept)
-    monkeypatch.setattr(kept_null, "null_distribution", lambda *told: drawn.append(told) or null_distribution(*told))
+    monkeypatch.setattr(detect, "program_cache", lambda: kept)
+    monkeypatch.setattr(detect, "null_distribution", lambda *told: drawn.append(told) or null_distribution(*told))
     pool, beside = (own := diagnoser(hidden(37, {})).screened).pool, own.alternatives
-    first, again = (kept_null.kept_null(pool, beside, False) for _ in range(2))
+    first, again = (detect.kept_null(pool, beside, False) for _ in range(2))
     np.testing.assert_array_equal(first, null_distribution(pool, beside, False))
     np.testing.assert_array_equal(first, again)
     assert len(drawn) == 1
@@ -144,12 +144,12 @@ def test_a_null_distribution_is_drawn_once_for_a_plan(diagnoser, hidden, monkeyp
     rarer = replace(beside.noise, listed=(replace(first_tried, log_weight=-9.0), *others))
     quieter = replace(beside, noise=rarer)
     for told in ((pool, beside, True), (fewer, beside, False), (pool, quieter, False)):
-        kept_null.kept_null(*told)
+        detect.kept_null(*told)
     assert len(drawn) == 4
     # A file that somebody changed is not believed.
     for path in tmp_path.iterdir():
         path.write_bytes(path.read_bytes()[:-8] + bytes(8))
-    np.testing.assert_array_equal(kept_null.kept_null(pool, beside, False), first)
+    np.testing.assert_array_equal(detect.kept_null(pool, beside, False), first)
     assert len(drawn) == 5
 
 

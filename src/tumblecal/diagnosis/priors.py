@@ -123,6 +123,17 @@ FAR = 17.0
 # decision is known to within a quarter then.
 OWN_DRAWS_ABOVE = 20
 
+# Where the noise is not known, faults are counted against this share of the largest reading.
+TYPICAL_NOISE = 1e-4
+# Sds of the readings within this factor leave the null distribution as it is: quantiles at 0.0085 and 0.05 of equal sds were
+# passed 0.7 to 1.2 times as often, what 6000 draws leave uncertain included (3 x 4, 3 x 8 and 4 x 12 positions). So does what
+# they share from position to position: 0.8 to 1.5 times as often. (autoregressive 0.3 to 0.9, walks)
+EVEN = 5.0
+# So does a known level below this (g), under which no fault that shows is near the noise; from 1e-6 g on it was the same.
+FINE_LEVEL = 1e-3
+# Inputs (g) that differ by less leave the null distribution as it is.
+SAME_INPUTS = 0.02
+
 # A linear screen is trusted when the exact fit of its winner leaves the same sum of squares to within this (sigma^2).
 CURVED = 1.0
 MOST_RELINEARISATIONS = 6

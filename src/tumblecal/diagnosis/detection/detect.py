@@ -8,6 +8,7 @@ P(Bayes factor > c) <= 1/c bounds it. The draws are those of the plan, of white 
 small angles alone.
 """
 
+import hashlib
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -29,11 +30,14 @@ from tumblecal.diagnosis.priors import (
     SEVERAL_SIZE,
     SIZE,
 )
+from tumblecal.ground.program_cache import program_cache, sources_digest
 
 
 SEED = 20160319
 # So many draws times coefficients at once.
 _AT_ONCE = 180_000
+# Null distributions on disk, and the residual vectors whose scores are a part of their keys.
+_PREFIX, _MOST_KEPT, _KEY_VECTORS = "null-", 200, 4
 
 
 @dataclass(frozen=True)
@@ -67,6 +71,29 @@ def null_distribution(
     parts = np.array_split(np.arange(draws), 1 + draws * near.stacked.shape[1] // _AT_ONCE)
     chunks = [statistics(near, alternatives, rng.standard_normal((len(part), pool.dof)), known) for part in parts]
     return np.sort(np.concatenate(chunks))
+
+
+def kept_null(pool: Pool, alternatives: Alternatives, known: bool) -> Float[np.ndarray, " draws"]:
+    """`null_distribution`, from disk where it was drawn before and programs are kept.
+
+    Its key contains the inputs of the draws: the scores of every cause for a few residual vectors, which are unique for plan,
+    catalogue and noise, and the sources.
+    """
+    cache = program_cache()
+    if cache is None:
+        return null_distribution(pool, alternatives, known)
+    vectors = np.random.default_rng(SEED).standard_normal((_KEY_VECTORS, pool.dof))
+    digest = hashlib.sha256(sources_digest("diagnosis", "noise").encode())
+    for array in (*scores_of_each(pool, alternatives, vectors, known), np.array([pool.dof, known, DRAWS])):
+        digest.update(repr(array.shape).encode() + array.tobytes())
+    name = f"{_PREFIX}{digest.hexdigest()[:32]}"
+    payload = cache.get(name)
+    if payload is not None:
+        return np.frombuffer(payload)
+    drawn = null_distribution(pool, alternatives, known)
+    cache.put(name, drawn.tobytes())
+    cache.keep_newest(_PREFIX, _MOST_KEPT)
+    return drawn
 
 
 def _near(pool: Pool) -> Pool:

@@ -10,26 +10,17 @@ from tumblecal.chain import Where
 from tumblecal.chain.where import Column
 from tumblecal.diagnosis.causes.pool import Pool, pooled
 from tumblecal.diagnosis.detection.alternatives import Alternatives, alternatives
-from tumblecal.diagnosis.detection.kept_null import kept_null
+from tumblecal.diagnosis.detection.detect import kept_null
 from tumblecal.diagnosis.model.full_model import FullModel
 from tumblecal.diagnosis.model.layout import Layout
 from tumblecal.diagnosis.model.tangent import Tangent, tangent
+from tumblecal.diagnosis.priors import EVEN, FINE_LEVEL, SAME_INPUTS, TYPICAL_NOISE
 from tumblecal.estimation.problem import Problem
 from tumblecal.noise.covariance import Covariance
 
 
-# Where the noise is not known, faults are counted against this share of the largest reading.
-_TYPICAL_NOISE = 1e-4
-# Sds of the readings within this factor leave the null distribution as it is: quantiles at 0.0085 and 0.05 of equal sds were
-# passed 0.7 to 1.2 times as often, what 6000 draws leave uncertain included (3 x 4, 3 x 8 and 4 x 12 positions). So does what
-# they share from position to position: 0.8 to 1.5 times as often. (autoregressive 0.3 to 0.9, walks)
-_EVEN = 5.0
-# So does a known level below this (g), under which no fault that shows is near the noise; from 1e-6 g on it was the same.
-_FINE = 1e-3
 # Plans whose references are remembered.
 _MOST_PLANS = 64
-# Inputs (g) that differ by less leave the null distribution as it is.
-_SAME_INPUTS = 0.02
 
 
 @dataclass(frozen=True)
@@ -48,20 +39,21 @@ class Reference:
         """Whether the noise is."""
         return self.at.problem.known
 
-    def stands_for(self, at: Tangent) -> bool:
+    def serves(self, at: Tangent) -> bool:
         """Whether data of the plan differ from it by small angles only, so that their null distribution is the same: settings
         equally spaced, known noise with the same proportions."""
-        own, given = self.at.problem, at.problem
-        if not (own.known and given.known) or given.correlated:
+        reference, given = self.at.problem, at.problem
+        if not (reference.known and given.known) or given.correlated:
             return False
-        if np.ptp(np.log(given.sd / own.sd)) > 1e-3:
+        if np.ptp(np.log(given.sd / reference.sd)) > 1e-3:
             return False
         columns = (
-            (getattr(each.where, name) for each in (own, given)) for name in ("time_s", "temperature_degc", "approach")
+            (getattr(each.where, name) for each in (reference, given))
+            for name in ("time_s", "temperature_degc", "approach")
         )
         if not all(_same_but_for_scale(*pair) for pair in columns):
             return False
-        return bool(np.max(np.abs(at.evaluation.inputs - self.at.evaluation.inputs)) < _SAME_INPUTS)
+        return bool(np.max(np.abs(at.evaluation.inputs - self.at.evaluation.inputs)) < SAME_INPUTS)
 
     @cached_property
     def null(self) -> Float[np.ndarray, " draws"]:
@@ -92,7 +84,7 @@ class References:
             model = model.started(plain.where)
             plain = replace(plain, readings=model.predict(plain.where, model.start))
             at = tangent(model, plain, model.start)
-            level = 1.0 if plain.known else _TYPICAL_NOISE * float(np.max(1.0 / plain.sd))
+            level = 1.0 if plain.known else TYPICAL_NOISE * float(np.max(1.0 / plain.sd))
             pool = pooled(at, level)
             while len(self._made) >= _MOST_PLANS:
                 self._made.pop(next(iter(self._made)))
@@ -105,11 +97,11 @@ class References:
             del self._made[key]
 
 
-def _same_but_for_scale(own: Column | None, given: Column | None) -> bool:
+def _same_but_for_scale(one: Column | None, other: Column | None) -> bool:
     """Whether two columns are the same but for where they begin and their unit."""
-    if own is None or given is None:
-        return own is given
-    first, second = (np.asarray(column) - np.min(column) for column in (own, given))
+    if one is None or other is None:
+        return one is other
+    first, second = (np.asarray(column) - np.min(column) for column in (one, other))
     return np.allclose(first * np.max(second), second * np.max(first), rtol=1e-6, atol=0.0)
 
 
@@ -145,14 +137,14 @@ def _approaches_differ(where: Where) -> bool:
 def _shares(problem: Problem) -> Float[np.ndarray, "positions 3"]:
     """Weights of the readings as shares of the largest, all the same where they may count as such."""
     shares = np.min(problem.sd) / problem.sd
-    return np.ones_like(shares) if np.min(shares) > 1 / _EVEN else np.maximum(np.round(shares, 1), 0.1)
+    return np.ones_like(shares) if np.min(shares) > 1 / EVEN else np.maximum(np.round(shares, 1), 0.1)
 
 
 def _level(problem: Problem) -> float:
     """The smallest sd; of known noise to a digit, and one for all that is fine, unless priors weigh against it."""
     least = float(np.min(problem.sd))
     free = problem.known and not np.any(problem.prior_weights)
-    return float(f"{max(least, _FINE):.1g}") if free else least
+    return float(f"{max(least, FINE_LEVEL):.1g}") if free else least
 
 
 def _rounded(problem: Problem) -> Problem:

@@ -32,13 +32,13 @@ def with_rounding(problem: Problem) -> tuple[Problem, dict[str, str]]:
     rounding = step / np.sqrt(12.0)
     usual = np.median(problem.sd, axis=0)
     # If it is smaller than the stated noise, that may include it.
-    told = {
+    described = {
         f"quantisation.{AXES[axis]}": (
             f"the readings of {AXES[axis]} are rounded to steps of {step[axis] * 1e3:g} mg: rounding has a "
             f"standard deviation of {rounding[axis] * 1e3:.2g} mg, the stated noise {usual[axis] * 1e3:.2g} mg"
         )
         for axis in np.flatnonzero(rounding > usual).tolist()
     }
-    if not told:
+    if not described:
         return problem, {}
-    return problem.with_noise(Covariance.of_sd(np.hypot(problem.sd, rounding)), known=True), told
+    return problem.with_noise(Covariance.of_sd(np.hypot(problem.sd, rounding)), known=True), described

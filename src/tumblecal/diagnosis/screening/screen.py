@@ -163,7 +163,7 @@ class Screening:
         if self.noise_stands:
             beside = replace(beside, noise=replace(beside.noise, listed=()))
         null = self.reference.null_of_unknown if self.corrected else self.reference.null
-        detection = detect(at, pool, beside, null, self.size, own_null=not self.reference.stands_for(at))
+        detection = detect(at, pool, beside, null, self.size, own_null=not self.reference.serves(at))
         search = Search(pool, at.z, known, self.found)
         if not detection.detected and not known:
             none = float(log_evidence_of_noise(at.z @ at.z, pool.dof, known))

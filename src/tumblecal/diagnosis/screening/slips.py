@@ -47,23 +47,24 @@ class Credence(NamedTuple):
         screened: Screened,
         fit: Fit,
         sd: Float[np.ndarray, "positions 3"],
-        beyond: Sequence[Implausible],
+        implausible: Sequence[Implausible],
         slips: int,
     ) -> "Credence":
         """Score of a screen and of the exact fit of its leading explanation.
 
         **Arguments:**
 
-        - `sd`: of the readings before their noise was corrected, to a factor. `beyond`: implausible parameters of the fit.
+        - `sd`: of the readings before their noise was corrected, to a factor. `implausible`: parameters of the fit.
         - `slips`: number of corrected errors.
         """
         rows = np.repeat(fit.problem.takes_part, 3)
-        left, whole = ((np.asarray(own) / sd).ravel() for own in (fit.residuals, fit.problem.readings))
-        square = max(float(np.sum(left[rows] ** 2)), ROUNDING * float(whole @ whole))
-        # A position that is left out takes as many coefficients as it has readings.
-        coefficients = left.size - fit.dof
+        residuals, readings = ((np.asarray(values) / sd).ravel() for values in (fit.residuals, fit.problem.readings))
+        residual_ss = max(float(np.sum(residuals[rows] ** 2)), ROUNDING * float(readings @ readings))
+        # An excluded position takes as many coefficients as it has readings.
+        coefficients = residuals.size - fit.dof
         prior = log_prior(screened.pool, screened.best.members) + slips * float(np.log(SLIP_WEIGHT))
-        posterior = prior - 0.5 * (left.size * float(np.log(square)) + coefficients * float(np.log(left.size)))
-        usual = -sum(float(np.log(unusual.times)) for unusual in beyond)
+        count = residuals.size
+        posterior = prior - 0.5 * (count * float(np.log(residual_ss)) + coefficients * float(np.log(count)))
+        usual = -sum(float(np.log(unusual.times)) for unusual in implausible)
         good = fit.code.good and not screened.contradicted
         return cls(usual if good else -np.inf, posterior)
