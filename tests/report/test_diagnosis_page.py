@@ -12,7 +12,9 @@ from reading_html import Cells, words_of
 from tumblecal.diagnosis.causes.cause import id_of
 from tumblecal.diagnosis.findings.residuals import normal_quantiles
 from tumblecal.ground.units import shown
-from tumblecal.planning import next_plan
+from tumblecal.planning import NextPlan, next_plan
+from tumblecal.report import diagnosis_calibration
+from tumblecal.report.diagnosis_details import warning_words
 from tumblecal.report.diagnosis_figures import draw_all
 from tumblecal.report.diagnosis_files import write_diagnosis
 from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
@@ -52,6 +54,16 @@ def rows(page) -> list[list[str]]:
 
 def test_what_the_page_is_about_was_found(diagnosis):
     assert set(diagnosis.labels) == {"cross_coupling.y.yz", "outlier_position:p21"}
+
+
+def test_one_calibration_and_one_verdict_for_all_files_and_words(diagnosis, tmp_path, monkeypatch):
+    made, compute = [], diagnosis_calibration.extended_calibration
+    monkeypatch.setattr(diagnosis_calibration, "extended_calibration", lambda given: made.append(1) or compute(given))
+    fresh = replace(diagnosis)  # nothing computed yet
+    verdict = replace(verdict_of_diagnosis(fresh), headline="As given.")
+    write_diagnosis(tmp_path, fresh, NextPlan(), figures=False, verdict=verdict)
+    assert verdict.use in [*warning_words(fresh), fresh.calibration.use.words] and len(made) == 1
+    assert (tmp_path / "verdict.txt").read_text().startswith(f"{fresh.verdict.upper():<12}As given.")
 
 
 def test_record_has_the_public_keys(folder, diagnosis):
