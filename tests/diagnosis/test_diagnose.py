@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tumblecal.data import PositionSet
+from tumblecal.diagnosis.findings.gain import folds
 from tumblecal.estimation import exact, problem_of
 from tumblecal.ground.errors import InputError
 from tumblecal.planning import NextPlan
@@ -193,6 +194,7 @@ def test_held_out_run(diagnoser, hidden, monkeypatch):
     )
     diagnosis = diagnoser(both, holdout=("run", "2"))
     assert {"third_order.y"} in names(diagnosis)
+    np.testing.assert_array_equal(folds(both, ("run", "2"))[0], np.repeat([-1, 0], 24))
     assert diagnosis.gain.cv_kind == "run 2 left out" and diagnosis.gain.cv_rms_after_g < diagnosis.gain.cv_rms_before_g
     monkeypatch.setattr(type(diagnoser), "begun", None)
     with pytest.raises(InputError, match="name one of several"):

@@ -53,6 +53,8 @@ def test_jacobian_is_that_of_the_prediction(where, by, entries):
     found = model.evaluate(where, vector)
     np.testing.assert_allclose(found.predicted, model.predict(where, vector), atol=1e-15)
     np.testing.assert_allclose(found.jacobian, by_differences(model, where, vector), atol=2e-10)
+    # By the quick program: the other one is right for any model, and slower.
+    assert "_by_position" in model.programs.evaluate.__qualname__
 
 
 def test_a_column_with_one_label_is_not_called_missing():

@@ -186,7 +186,7 @@ def test_few_attitudes_with_unknown_noise_are_diagnosed(tmp_path):
 
 def test_the_test_of_unknown_attitudes_has_a_size_of_its_own(tmp_path):
     """How often something is named where nothing is wrong, counted on the null distribution that the threshold is of."""
-    written(tmp_path / "hand.csv", 30, 1e-4)
+    written(tmp_path / "hand.csv", 24, 1e-4)
     diagnoser = Diagnoser(nested=False)
     begun = diagnoser.begun(read_positions(tmp_path / "hand.csv"))
     (reference,) = diagnoser.references._made.values()
