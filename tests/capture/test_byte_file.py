@@ -98,8 +98,8 @@ decode(Path(sys.argv[1]), protocol="stim300", stated=Stated(range_g=10.0), out=P
 
 
 def test_memory_does_not_grow_with_the_file(tmp_path: Path) -> None:
-    """19 MB more of the log: as arrays they would take 100 MB."""
-    n, peaks = 100_000, []
+    """11 MB more of the log: as arrays they would take 60 MB; what is under way between reading and writing takes 30 MB."""
+    n, peaks = 60_000, []
     samples = blank(n)
     samples.force[:] = samples.rate[:] = 0.1
     data = encode(samples, TEN_G)
@@ -107,7 +107,7 @@ def test_memory_does_not_grow_with_the_file(tmp_path: Path) -> None:
         (tmp_path / "a.bin").write_bytes(data * times)
         peaks.append(printed_and_peak_kb(_DECODE, tmp_path / "a.bin", tmp_path / f"{times}.parquet")[1])
         assert pl.scan_parquet(tmp_path / f"{times}.parquet").select(pl.len()).collect().item() == times * n
-    assert peaks[1] - peaks[0] < 50_000
+    assert peaks[1] - peaks[0] < 45_000
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])
