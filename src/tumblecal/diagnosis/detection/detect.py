@@ -34,8 +34,9 @@ from tumblecal.ground.program_cache import program_cache, sources_digest
 
 
 SEED = 20160319
-# So many draws times coefficients at once.
-_AT_ONCE = 180_000
+# So many draws times coefficients at once, which a cache holds; of large plans no fewer draws than the second number, because
+# every part reads all signals from memory.
+_AT_ONCE, _LEAST_AT_ONCE = 180_000, 150
 # Null distributions on disk, and the residual vectors whose scores are a part of their keys.
 _PREFIX, _MOST_KEPT, _KEY_VECTORS = "null-", 200, 4
 
@@ -68,7 +69,8 @@ def null_distribution(
 ) -> Float[np.ndarray, " draws"]:
     """Sorted statistics of data without errors."""
     rng, near = np.random.default_rng(SEED), _near(pool)
-    parts = np.array_split(np.arange(draws), 1 + draws * near.stacked.shape[1] // _AT_ONCE)
+    count = min(1 + draws * near.stacked.shape[1] // _AT_ONCE, 1 + draws // _LEAST_AT_ONCE)
+    parts = np.array_split(np.arange(draws), count)
     chunks = [statistics(near, alternatives, rng.standard_normal((len(part), pool.dof)), known) for part in parts]
     return np.sort(np.concatenate(chunks))
 
