@@ -15,7 +15,7 @@ from jaxtyping import Float, Int
 from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.diagnosis.causes.generic import GENERIC, UNEXPLAINED
 from tumblecal.diagnosis.causes.table import Blocks
-from tumblecal.diagnosis.lack_of_fit.components import BySize, mean_over_sizes, of_one_vector
+from tumblecal.diagnosis.lack_of_fit.components import BySize, Components, mean_over_sizes, of_one_vector
 from tumblecal.diagnosis.lack_of_fit.one_curve import OneCurve, best_curve, one_curve
 from tumblecal.diagnosis.lack_of_fit.processes import Process, Processes, processes
 from tumblecal.diagnosis.lack_of_fit.stacks import Stack, shown, stacked
@@ -97,11 +97,12 @@ class LackOfFit:
             signals, words = process.of_one_curve(curves[best].direction), f"{process.words}, all by one curve"
         rows = self.at.problem.rows(signals)
         projected = self.at.basis[: len(rows)].T @ rows
-        curve = best_curve(projected.T @ projected, z @ projected, z, known)
-        scaled = curve.components.scaled[0, curve.size]
+        products = projected.T @ projected
+        components, curve = Components.of(products[None]), best_curve(products, z @ projected, z, known)
+        scaled = components.scaled[0, curve.size]
         largest = np.argsort(-scaled)[: int(np.sum(scaled > FITTED)) or 1]
-        directions = projected @ curve.components.normalised[0][:, largest]
-        terms = tuple((rows @ curve.components.mixed[0][:, largest]).T)
+        directions = projected @ components.normalised[0][:, largest]
+        terms = tuple((rows @ components.mixed[0][:, largest]).T)
         return Cause(GENERIC, UNEXPLAINED, weight, weight, directions, terms=terms, words=words)
 
     def _averaged(self, by_size: Float[np.ndarray, "processes sizes draws"]) -> Float[np.ndarray, "processes draws"]:

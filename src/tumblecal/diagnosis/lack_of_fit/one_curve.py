@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.diagnosis.lack_of_fit.components import SIZES, Components, mean_over_sizes
+from tumblecal.diagnosis.lack_of_fit.components import SIZES, BySize, mean_over_sizes
 
 
 _CLIMBS = 2
@@ -21,13 +21,12 @@ _LEAST_SQUARE = 1e-12
 
 class Curve(NamedTuple):
     """The best curve of a process: log evidence, averaged over the sizes; the number of the best size, the curve's
-    coefficients there, and the noise variance given the curve; the signals' components."""
+    coefficients there, and the noise variance given the curve."""
 
     log_evidence: float
     size: int
     coefficients: Float[np.ndarray, " signals"]
     variance: float
-    components: Components
 
 
 class OneCurve(NamedTuple):
@@ -44,14 +43,17 @@ def best_curve(
     known: bool,
 ) -> Curve:
     """The best curve of a process, from its signals' products with each other and with the residual."""
-    components, total = Components.of(products[None]), float(z @ z)
-    along = inner @ components.normalised[0]
-    by_size = components.of_vectors(along[None, :, None])
+    variances, turn = np.linalg.eigh(products)
+    along, scales, total = inner @ turn, SIZES**2 / max(np.sum(variances), 1e-300), float(z @ z)
+    scaled = scales[:, None] * np.maximum(variances, 0.0)
+    shares = scales[:, None] / (1.0 + scaled)
+    explained = shares @ along**2
+    by_size = BySize(explained[None, :, None], 0.5 * np.log1p(scaled).sum(axis=1)[None])
     scores = by_size.log_evidence(z[None], known)
-    best = int(scores[0, :, 0].argmax())
-    variance = max((total - float(by_size.explained[0, best, 0])) / len(z), 1e-12 * total + 1e-300)
-    coefficients = components.normalised[0] @ (components.explained[0, best] * along)
-    return Curve(float(mean_over_sizes(scores)[0, 0]), best, coefficients, 1.0 if known else variance, components)
+    best = int(scores.argmax())
+    variance = max((total - float(explained[best])) / len(z), 1e-12 * total + 1e-300)
+    evidence = float(mean_over_sizes(scores)[0, 0])
+    return Curve(evidence, best, turn @ (shares[best] * along), 1.0 if known else variance)
 
 
 def one_curve(
