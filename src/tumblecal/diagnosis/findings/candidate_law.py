@@ -7,16 +7,17 @@ law is chosen again from the most likely forms.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import combinations_with_replacement
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from tumblecal.chain import Where
 from tumblecal.diagnosis.findings.law_shapes import Form, forms, nonzero_functions
-from tumblecal.diagnosis.findings.residual_space import ResidualSpace
+from tumblecal.diagnosis.findings.residual_space import ResidualSpace, explained_by, products
 from tumblecal.diagnosis.priors import (
     LAW_FOLDS,
     LAW_TERMS,
@@ -27,6 +28,7 @@ from tumblecal.diagnosis.priors import (
     VISIBLE_TERM,
 )
 from tumblecal.effects import AXES
+from tumblecal.estimation.identifiability import RANK_TOLERANCE
 from tumblecal.ground.showing import brief
 
 
@@ -73,6 +75,10 @@ class Law:
     same: float
 
 
+# Square of a norm, of the largest one, that is rounding.
+_ROUNDING = 1e-18
+
+
 class _Chosen(NamedTuple):
     """A form by its number, and where it acts."""
 
@@ -114,92 +120,136 @@ class _Dictionary:
         values = np.concatenate([self._functions(number) for number in numbers], axis=1)
         return _Dictionary([self.listed[number] for number in numbers], values, self.head)
 
-    def scores(self, residual: ResidualSpace, whole: ResidualSpace) -> dict[str, Float[np.ndarray, " forms"]]:
-        """By place of action, twice the log odds of each form against none, including its prior weight.
-
-        **Arguments:**
-
-        - `residual`: given the forms selected so far; `whole`: without any.
-        """
-        projected = self._projected(residual, whole)
+    @cached_property
+    def partners(self) -> Int[np.ndarray, "functions most"]:
+        """The numbers of all functions of each function's form, the last repeated where it has fewer than others."""
         widths = np.array([len(form.code) for form in self.listed])
-        scored = {on: np.full(len(self.listed), -np.inf) for on in (*projected, ALL_OUTPUTS)}
-        for width in np.unique(widths).tolist():
-            numbers = np.flatnonzero(widths == width)
-            rows = self.first[numbers][:, None] + np.arange(width)
-            together = np.concatenate([projected[axis][rows] for axis in AXES], axis=1)
-            for on, block in (*((on, signals[rows]) for on, signals in projected.items()), (ALL_OUTPUTS, together)):
-                explained, rank = explained_by(block, residual.z)
-                scored[on][numbers] = residual.log_gain(explained) - rank * np.log(whole.responses[0].size)
-        price = self._price()
-        for on, score in scored.items():
-            in_catalogue = [(form.name, on) in _LISTED or (form.of_input and on in ANGLES) for form in self.listed]
-            score -= price + OF_HEAD * (on in ANGLES)
-            score[in_catalogue] = -np.inf
-        return scored
+        steps = np.minimum(np.arange(widths.max()), np.repeat(widths, widths)[:, None] - 1)
+        return np.repeat(self.first, widths)[:, None] + steps
 
-    def _projected(self, residual: ResidualSpace, whole: ResidualSpace) -> dict[str, Float[np.ndarray, "functions nu"]]:
-        """By place of action, the signal of each function in the residual space; zero if too little of it is visible."""
-        projected = {on: self.values.T @ carrier.T for on, carrier in self.carriers(residual.responses).items()}
-        for on, carrier in self.carriers(whole.responses).items():
-            sizes = np.sqrt(self.values.T**2 @ np.vecdot(carrier.T, carrier.T))
-            visible = np.linalg.norm(projected[on], axis=1) > VISIBLE_TERM * np.maximum(sizes, 1e-300)
-            projected[on] *= visible[:, None]
-        return projected
-
-    def _price(self) -> Float[np.ndarray, " forms"]:
+    @cached_property
+    def price(self) -> Float[np.ndarray, " forms"]:
         """Minus twice the log of each form's prior weight: equal for families, then for forms of a family, then for places of
         action."""
         families = [form.family for form in self.listed]
         counts = {family: families.count(family) for family in dict.fromkeys(families)}
         return np.array([2 * np.log(len(counts) * counts[family] * 6) for family in families])
 
-    def chosen(self, whole: ResidualSpace) -> list[_Chosen]:
+
+@dataclass(frozen=True)
+class _Products:
+    """Products of the functions of all forms in a residual space, by the places where they act: without the signals themselves,
+    which would need many times the memory.
+
+    - `towards`: of each function with the residual. `gram`: by two places, of each function with those of its form.
+    - `removed`, `rank`: sum of squares and dimension of the forms that are given.
+    """
+
+    forms: _Dictionary
+    whole: ResidualSpace
+    towards: dict[str, Float[np.ndarray, " functions"]]
+    gram: dict[tuple[str, str], Float[np.ndarray, "functions most"]]
+    removed: float = 0.0
+    rank: int = 0
+
+    @classmethod
+    def of(cls, forms: _Dictionary, whole: ResidualSpace) -> "_Products":
+        """The products in a residual space."""
+        carriers = forms.carriers(whole.responses)
+        pairs = [*combinations_with_replacement(AXES, 2), *((angle, angle) for angle in ANGLES)]
+        gram = {(a, b): products(forms.values, carriers[a], carriers[b], forms.partners) for a, b in pairs}
+        towards = {on: (whole.z @ carrier) @ forms.values for on, carrier in carriers.items()}
+        return cls(forms, whole, towards, gram)
+
+    def given(self, chosen: Sequence[_Chosen]) -> "_Products":
+        """The products in the part of the space that some forms do not reach."""
+        if not chosen:
+            return self
+        vectors, singular, _ = np.linalg.svd(self.forms.columns(chosen, self.whole.responses), full_matrices=False)
+        q = vectors[:, singular > RANK_TOLERANCE * singular[0]]
+        along, partners = q.T @ self.whole.z, self.forms.partners.T
+        carriers = self.forms.carriers(self.whole.responses)
+        reached = {on: ((q.T @ carrier) @ self.forms.values).T for on, carrier in carriers.items()}
+        towards = {on: values - reached[on] @ along for on, values in self.towards.items()}
+        gram = {
+            (a, b): values - np.stack([np.vecdot(reached[a], reached[b][k]) for k in partners], axis=1)
+            for (a, b), values in self.gram.items()
+        }
+        return replace(self, towards=towards, gram=gram, removed=float(along @ along), rank=q.shape[1])
+
+    @cached_property
+    def _visible(self) -> dict[str, Bool[np.ndarray, " functions"]]:
+        """By place of action, whether enough of each function is visible."""
+        count, first = np.arange(len(self.forms.partners)), self.forms.partners[:, 0]
+        visible = {}
+        for on, carrier in self.forms.carriers(self.whole.responses).items():
+            whole = np.vecdot(carrier.T, carrier.T) @ self.forms.values**2
+            # Functions that act at excluded positions only are rounding.
+            least = np.maximum(VISIBLE_TERM**2 * whole, _ROUNDING * np.max(whole))
+            visible[on] = self.gram[on, on][count, count - first] > least
+        return visible
+
+    def _blocks(
+        self, rows: Int[np.ndarray, "forms width"], places: Sequence[str]
+    ) -> tuple[Float[np.ndarray, "forms columns columns"], Float[np.ndarray, "forms columns"]]:
+        """Gram matrices of forms that act at some places, and their products with the residual; zero if not visible."""
+        width = rows.shape[1]
+        gram = np.zeros((len(rows), width * len(places), width * len(places)))
+        for first, a in enumerate(places):
+            for second, b in enumerate(places[first:], first):
+                here, there = slice(first * width, (first + 1) * width), slice(second * width, (second + 1) * width)
+                gram[:, here, there] = self.gram[a, b][rows][:, :, :width]
+                gram[:, there, here] = gram[:, here, there].mT
+        visible = np.concatenate([self._visible[on][rows] for on in places], axis=1)
+        towards = np.concatenate([self.towards[on][rows] for on in places], axis=1)
+        return gram * (visible[:, :, None] & visible[:, None]), towards * visible
+
+    def scores(self) -> dict[str, Float[np.ndarray, " forms"]]:
+        """By place of action, twice the log odds of each form against none, including its prior weight."""
+        listed, whole = self.forms.listed, self.whole
+        widths = np.array([len(form.code) for form in listed])
+        scored, price = {on: np.empty(len(listed)) for on in (*self.towards, ALL_OUTPUTS)}, self.forms.price
+        for on, score in scored.items():
+            for width in np.unique(widths).tolist():
+                numbers = np.flatnonzero(widths == width)
+                rows = self.forms.first[numbers][:, None] + np.arange(width)
+                explained, rank = explained_by(*self._blocks(rows, _outputs(on)))
+                gain = whole.log_gain(explained, self.removed, self.rank)
+                score[numbers] = gain - rank * np.log(whole.responses[0].size)
+            score -= price + OF_HEAD * (on in ANGLES)
+            score[[(form.name, on) in _LISTED or (form.of_input and on in ANGLES) for form in listed]] = -np.inf
+        return scored
+
+    def chosen(self) -> list[_Chosen]:
         """Forms one by one, each the best given those selected before; each is then searched again, given the others."""
         taken: list[_Chosen] = []
         while len(taken) < LAW_TERMS:
-            best = self._best(taken, whole)
+            best = self.given(taken).best()
             if best is None:
                 break
             taken.append(best)
             for k in range(len(taken) - 1):
-                rest = [*taken[:k], *taken[k + 1 :]]
-                taken[k] = self._best(rest, whole) or taken[k]
+                taken[k] = self.given([*taken[:k], *taken[k + 1 :]]).best() or taken[k]
         return taken
 
-    def _best(self, given: Sequence[_Chosen], whole: ResidualSpace) -> _Chosen | None:
-        scored = self._scores_given(given, whole)
+    def best(self) -> _Chosen | None:
+        """The most probable form and its place of action; None if it is less probable than none."""
+        scored = self.scores()
         on = max(scored, key=lambda name: np.max(scored[name]))
         number = int(np.argmax(scored[on]))
         return _Chosen(number, on) if scored[on][number] > 0 else None
 
-    def _scores_given(self, given: Sequence[_Chosen], whole: ResidualSpace) -> dict[str, Float[np.ndarray, " forms"]]:
-        residual = whole.without(self.columns(given, whole.responses)) if given else whole
-        return self.scores(residual, whole)
-
-    def likely(self, whole: ResidualSpace, taken: Sequence[_Chosen]) -> list[int]:
+    def likely(self, taken: Sequence[_Chosen]) -> list[int]:
         """Numbers of the most probable forms, alone or given the first selected one."""
         numbers = {one.form for one in taken}
         for given in ([], taken[:1]):
-            best = np.max(np.stack(list(self._scores_given(given, whole).values())), axis=0)
+            best = np.max(np.stack([*self.given(given).scores().values()]), axis=0)
             numbers |= set(np.argsort(-best)[:LIKELY_FORMS].tolist())
         return sorted(numbers)
 
 
 def _outputs(on: str) -> Sequence[str]:
     return tuple(AXES) if on == ALL_OUTPUTS else (on,)
-
-
-def explained_by(
-    blocks: Float[np.ndarray, "forms functions nu"], z: Float[np.ndarray, " nu"]
-) -> tuple[Float[np.ndarray, " forms"], Int[np.ndarray, " forms"]]:
-    """The sum of squares that each block explains, and its rank."""
-    norms = np.linalg.norm(blocks, axis=2, keepdims=True)
-    unit = np.divide(blocks, norms, out=np.zeros_like(blocks), where=norms > 0)
-    values, vectors = np.linalg.eigh(unit @ unit.mT)
-    along = np.einsum("fij,fi->fj", vectors, unit @ z)
-    seen = values > VISIBLE_TERM**2
-    return np.sum(np.divide(along**2, values, out=np.zeros_like(along), where=seen), axis=1), seen.sum(axis=1)
 
 
 def candidate_law(
@@ -216,10 +266,11 @@ def candidate_law(
     - `head`: change of the readings per rad of the spindle angle and of the pitch angle, g.
     """
     every = _Dictionary(*nonzero_functions(forms(where), where, inputs), head)
-    taken = every.chosen(whole)
+    in_whole = _Products.of(every, whole)
+    taken = in_whole.chosen()
     if not taken:
         return None
-    likely = every.some(every.likely(whole, taken))
+    likely = every.some(in_whole.likely(taken))
     before, after, same = _held_out(likely, whole, where, every.listed[taken[0].form].name)
     rms = float(np.sqrt(np.mean(before**2))), float(np.sqrt(np.mean(after**2)))
     # A prediction that has nothing to do with the errors lowers their sum of squares by less than zero, with this sd.
@@ -262,7 +313,7 @@ def _held_out(
     before, after, same = np.zeros((len(fold), 3)), np.zeros((len(fold), 3)), []
     for number in np.unique(fold).tolist():
         inside = fold == number
-        chosen = likely.chosen(whole.without(whole.of_positions(inside)))
+        chosen = _Products.of(likely, whole.without(whole.of_positions(inside))).chosen()
         before[inside], _ = whole.predicted_errors(inside)
         after[inside], _ = whole.predicted_errors(inside, likely.columns(chosen, whole.responses) if chosen else None)
         same.append(bool(chosen) and likely.listed[chosen[0].form].name == name)

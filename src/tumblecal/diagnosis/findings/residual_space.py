@@ -3,16 +3,20 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
+from scipy.sparse import csr_array
 from scipy.special import gammaincc
 
 from tumblecal.diagnosis.model.tangent import unreachable
+from tumblecal.diagnosis.priors import VISIBLE_TERM
 from tumblecal.estimation.fit import Fit
 from tumblecal.ground.showing import brief
 
 
 # A direction counts if more than this share of the largest remains.
 _SEEN = 1e-6
+# Numbers of one array.
+_NUMBERS_AT_ONCE = 4_000_000
 
 
 @dataclass(frozen=True)
@@ -62,11 +66,14 @@ class ResidualSpace:
         """Probability of residuals this large without further errors; None if the noise is not stated."""
         return float(gammaincc(self.dof / 2, self.squares / 2)) if self.known and self.dof else None
 
-    def log_gain(self, explained: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
-        """Twice the log likelihood ratio of a model that explains this sum of squares."""
+    def log_gain(
+        self, explained: Float[np.ndarray, " signals"], removed: float = 0.0, rank: int = 0
+    ) -> Float[np.ndarray, " signals"]:
+        """Twice the log likelihood ratio of signals that explain these sums of squares, given others of a rank that have
+        removed one."""
         if self.known:
             return explained
-        return -self.dof * np.log(np.maximum(1.0 - explained / self.squares, 1e-12))
+        return -(self.dof - rank) * np.log(np.maximum(1.0 - explained / (self.squares - removed), 1e-12))
 
     def without(self, columns: Float[np.ndarray, "nu columns"]) -> "ResidualSpace":
         """The residual in the space that these columns do not reach either."""
@@ -98,3 +105,35 @@ class ResidualSpace:
         count, residual = readings.shape[1], self.z - whole @ values
         level = 1.0 if self.known else np.linalg.norm(residual) / np.sqrt(max(self.dof - seen.sum(), 1))
         return values[:count].reshape(-1, 3), level * spread[:count].reshape(-1, 3)
+
+
+def products(
+    values: Float[np.ndarray, "positions functions"],
+    first: Float[np.ndarray, "nu positions"],
+    second: Float[np.ndarray, "nu positions"],
+    partners: Int[np.ndarray, "functions most"],
+) -> Float[np.ndarray, "functions most"]:
+    """Products of the signals `first @ v` of functions `v` of the positions with the signals `second @ v` of some partners of
+    each. Most functions are zero at most positions."""
+    functions, product, listed = csr_array(values.T), first.T @ second, []
+    for some in np.array_split(np.arange(len(partners)), 1 + partners.size * len(values) // _NUMBERS_AT_ONCE):
+        rows = functions[some] @ product
+        listed.append(np.stack([np.vecdot(rows, values[:, others].T) for others in partners[some].T], axis=1))
+    return np.concatenate(listed)
+
+
+def explained_by(
+    gram: Float[np.ndarray, "signals columns columns"], towards: Float[np.ndarray, "signals columns"]
+) -> tuple[Float[np.ndarray, " signals"], Int[np.ndarray, " signals"]]:
+    """The sum of squares that signals of several columns explain, and their rank.
+
+    **Arguments:**
+
+    - `gram`: Gram matrices of the columns. `towards`: their products with the residual.
+    """
+    norms = np.sqrt(np.maximum(np.diagonal(gram, axis1=1, axis2=2), 0.0))
+    scale = np.divide(1.0, norms, out=np.zeros_like(norms), where=norms > 0)
+    values, vectors = np.linalg.eigh(gram * scale[:, :, None] * scale[:, None])
+    along = (vectors.mT @ (towards * scale)[:, :, None])[:, :, 0]
+    seen = values > VISIBLE_TERM**2
+    return np.sum(np.divide(along**2, values, out=np.zeros_like(along), where=seen), axis=1), seen.sum(axis=1)

@@ -7,15 +7,16 @@ without whose positions no other error remains.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations_with_replacement
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from tumblecal.chain import Where
-from tumblecal.diagnosis.findings.candidate_law import Law, candidate_law, explained_by
+from tumblecal.diagnosis.findings.candidate_law import Law, candidate_law
 from tumblecal.diagnosis.findings.law_shapes import Form, boxes, pulses, values_of
-from tumblecal.diagnosis.findings.residual_space import ResidualSpace
+from tumblecal.diagnosis.findings.residual_space import ResidualSpace, explained_by, products
 from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.diagnosis.priors import (
     BOTH_ENDS,
@@ -178,8 +179,11 @@ def _scanned(whole: ResidualSpace, where: Where) -> tuple[Sequence[Form], np.nda
         return [], np.zeros(0), np.zeros(0)
     values = values_of(listed, where, np.zeros((count, 3)))
     counts = values.sum(axis=0)
-    blocks = np.stack([values.T @ whole.responses[:, :, axis].T for axis in range(3)], axis=1)
-    explained, rank = explained_by(blocks, whole.z)
+    alone, gram = np.arange(len(listed))[:, None], np.zeros((len(listed), 3, 3))
+    responses = np.moveaxis(whole.responses, 2, 0)
+    for a, b in combinations_with_replacement(range(3), 2):
+        gram[:, a, b] = gram[:, b, a] = products(values, responses[a], responses[b], alone)[:, 0]
+    explained, rank = explained_by(gram, ((whole.z @ responses) @ values).T)
     scores = whole.log_gain(explained) - rank * np.log(3 * count) - 2 * np.log(len(listed))
     return listed, np.where((counts > 0) & (counts <= LARGEST_REGION * count), scores, -np.inf), counts
 
