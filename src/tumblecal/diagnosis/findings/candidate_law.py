@@ -75,8 +75,8 @@ class Law:
     same: float
 
 
-# Square of a norm, of the largest one, that is rounding.
-_ROUNDING = 1e-18
+# Square of a norm, of the largest one, that is rounding; digits of scores beyond which they are equal.
+_ROUNDING, _EQUAL_DIGITS = 1e-18, 6
 
 
 class _Chosen(NamedTuple):
@@ -218,7 +218,8 @@ class _Products:
                 score[numbers] = gain - rank * np.log(whole.responses[0].size)
             score -= price + OF_HEAD * (on in ANGLES)
             score[[(form.name, on) in _LISTED or (form.of_input and on in ANGLES) for form in listed]] = -np.inf
-        return scored
+        # Forms may be equal at the positions of a fold: the first of them, however rounding falls.
+        return {on: np.round(score, _EQUAL_DIGITS) for on, score in scored.items()}
 
     def chosen(self) -> list[_Chosen]:
         """Forms one by one, each the best given those selected before; each is then searched again, given the others."""
