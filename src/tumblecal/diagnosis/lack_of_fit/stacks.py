@@ -54,17 +54,17 @@ class Stack:
 def stacked(at: Tangent, listed: Processes) -> tuple[Stack, ...]:
     """All processes, by their numbers of fields and, about, of components."""
     kinds, count_of = listed.kinds, listed.counts[listed.kinds.variable]
+    dof, stacks = at.dof, list[Stack]()
     fields = np.ascontiguousarray((at.responses.swapaxes(0, 1) @ listed.fields).swapaxes(1, 2))
-    stacks = []
-    for width, count in np.unique(np.stack([kinds.width, count_of]), axis=1).T.tolist():
+    for width, count in sorted({*zip(kinds.width.tolist(), count_of.tolist(), strict=True)}):
         numbers = np.flatnonzero((kinds.width == width) & (count_of == count))
-        signals, first = np.empty((len(numbers), count, width * at.dof)), kinds.first_field[numbers]
-        ends = [0, *(np.flatnonzero(np.diff(first)) + 1).tolist(), len(numbers)]
+        signals, first = np.empty((len(numbers), count, width * dof)), kinds.first_field[numbers]
+        ends = [0, *(np.flatnonzero(first[1:] != first[:-1]) + 1).tolist(), len(numbers)]
         for low, high in pairwise(ends):
             components = listed.components[:, :count][kinds.variable[numbers[low:high]]].reshape(-1, len(fields))
             followed = fields[:, first[low] : first[low] + width].reshape(len(fields), -1)
             np.matmul(components, followed, out=signals[low:high].reshape(len(components), -1))
-        stacks.append(Stack(numbers, signals.reshape(len(numbers), count * width, at.dof)))
+        stacks.append(Stack(numbers, signals.reshape(len(numbers), count * width, dof)))
     return tuple(stacks)
 
 
