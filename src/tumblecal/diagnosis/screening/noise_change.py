@@ -161,7 +161,10 @@ def noise_change(screened: Screened, used: tuple[str, ...] = ()) -> NoiseChange 
         change = table.best(lambda model: model.tail is not None or model.kind in NOISIER)
     else:
         change = _decided(screened, table)
-    if change is not None and change.model.tail is not None and screened.problem.known:
+    # Errors of the attitude that repeats show are no noise.
+    if change is None or change.model.label == UNEXPLAINED:
+        return None
+    if change.model.tail is not None and screened.problem.known:
         # Under a stated sd that is too small anything has heavy tails.
         return _free_level(screened) or change
     return change
@@ -171,7 +174,6 @@ def _decided(screened: Screened, table: NoiseTable) -> NoiseChange | None:
     """The best noise of a table, if it is more probable than the best causes and than lack of fit; it has an alternative if
     the difference is small."""
     best, unexplained, leading = table.best(), _log_odds_of_unexplained(screened), screened.best.noise
-    # Errors of the attitude that repeats show are no noise.
     if best is None or best.model.label == UNEXPLAINED:
         return None
     # A wrong level is simpler than an effect that is not in the catalogue.
