@@ -21,6 +21,11 @@ __version__ = "0.1.0"
 # The module of each name; `__init__.pyi` states the same to type checkers.
 _FROM = {
     "read_positions": "tumblecal.data.files:read_positions",
+    "PositionSet": "tumblecal.data.positions:PositionSet",
+    "Chain": "tumblecal.chain.chain:Chain",
+    "Link": "tumblecal.chain.link:Link",
+    "Problem": "tumblecal.estimation.problem:Problem",
+    "fit": "tumblecal.estimation.exact:fit",
     "read_rig": "tumblecal.effects.catalogue:read_rig_with_effects",
     "simulate": "tumblecal.simulation.position_means:simulated",
     "calibrate": "tumblecal.estimation.methods:calibrate",

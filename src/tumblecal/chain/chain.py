@@ -95,7 +95,8 @@ class Chain(Shown, eqx.Module):
 
     def _listed(self) -> list[tuple[str, float, str, bool]]:
         listed = []
-        for leaf in self.parameters:
+        # In the order of `vector`; then those that are not estimated.
+        for leaf in (*self.free, *(leaf for leaf in self.parameters if not leaf.free)):
             unit, factor = shown(leaf.unit)
             # A traced leaf, or one with a copy of each number for every position, has no single value.
             known = isinstance(leaf.value, np.ndarray | jax.Array) and not isinstance(leaf.value, Tracer)

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
+from operator import is_
 from typing import Any
 
 import jax
@@ -135,21 +136,38 @@ class Where:
         return going_on
 
 
-def register_unchecked(cls: type, traced: Sequence[str], static: Sequence[str], **constant: Any) -> None:
+class _Carried:
+    """Values that a tree carries along unchanged, compared by identity: they may be arrays, tables, anything."""
+
+    def __init__(self, values: tuple):
+        self.values = values
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Carried) and all(map(is_, self.values, other.values))
+
+    def __hash__(self) -> int:
+        return hash(tuple(map(id, self.values)))
+
+
+def register_unchecked(cls: type, traced: Sequence[str], static: Sequence[str], carried: Sequence[str] = ()) -> None:
     """Register a dataclass as a pytree of its fields; JAX reconstructs it without checks, because its leaves are not always
     arrays.
 
     **Arguments:**
 
-    - `constant`: values of further fields of a reconstructed object.
+    - `traced`: fields that are children. `static`: hashable fields on whose values compiled programs depend.
+    - `carried`: further fields, the same objects after any transformation. A program that takes such a tree is compiled for
+      these objects.
     """
 
     def flattened(tree: Any) -> tuple[tuple, tuple]:
-        return tuple([getattr(tree, name) for name in traced]), tuple([getattr(tree, name) for name in static])
+        children, values, along = ([getattr(tree, name) for name in names] for names in (traced, static, carried))
+        return tuple(children), (tuple(values), _Carried(tuple(along)))
 
-    def unflattened(values: tuple, leaves: Sequence[Any]) -> Any:
-        tree = object.__new__(cls)
-        vars(tree).update(zip(traced, leaves, strict=True), **dict(zip(static, values, strict=True)), **constant)
+    def unflattened(stated: tuple[tuple, _Carried], leaves: Sequence[Any]) -> Any:
+        tree, (values, along) = object.__new__(cls), stated
+        for names, own in ((traced, leaves), (static, values), (carried, along.values)):
+            vars(tree).update(zip(names, own, strict=True))
         return tree
 
     jax.tree_util.register_pytree_node(cls, flattened, unflattened)

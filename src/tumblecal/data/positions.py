@@ -3,10 +3,11 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from jaxtyping import Float
+from numpy.typing import ArrayLike
 
 from tumblecal.ground.angle_settings import setting_angle, setting_index
 from tumblecal.ground.axes import AXES
@@ -104,6 +105,61 @@ class PositionSet(Shown):
     def __post_init__(self) -> None:
         if faults := list(self._faults()):
             raise InputError(faults)
+
+    @classmethod
+    def from_arrays(
+        cls,
+        readings: ArrayLike,
+        alpha: ArrayLike,
+        beta: ArrayLike,
+        *,
+        unit: Literal["deg", "rad"],
+        names: Sequence[str] | None = None,
+        sd: ArrayLike | None = None,
+        time_s: ArrayLike | None = None,
+        temperature_degc: ArrayLike | None = None,
+        approach: ArrayLike | None = None,
+        n: ArrayLike | None = None,
+        run: Sequence[str] | None = None,
+        mount: Sequence[str] | None = None,
+        comments: Mapping[str, str] | None = None,
+        source: str = "arrays",
+    ) -> "PositionSet":
+        """Positions from lists, numpy or JAX arrays.
+
+        **Arguments:**
+
+        - `readings`: (positions, 3), g. `alpha`, `beta`: spindle and pitch angles in `unit`.
+        - `names`: of the positions; numbers from 1 if omitted. `sd`: standard deviations of the readings, g; one number, one for
+          each axis, or (positions, 3).
+        - other columns as of the class.
+
+        **Raises:** `InputError` as of the class, and for another unit.
+
+        Examples:
+            >>> from tumblecal import PositionSet
+            >>> data = PositionSet.from_arrays([[0, 0, 1.001], [0, 0, -0.998]], [0, 180], [0, 0], unit="deg", sd=1e-4)
+            >>> len(data), data.names, data.sd.shape
+            (2, ('1', '2'), (2, 3))
+        """
+        if unit not in ("deg", "rad"):
+            raise InputError(f"unit {unit!r}: the unit of the angles is 'deg' or 'rad'")
+        values = np.asarray(readings, float)
+        angles = [np.asarray(angle, float) for angle in (alpha, beta)]
+        angles = angles if unit == "deg" else [np.degrees(angle) for angle in angles]
+        columns = {"time_s": time_s, "temperature_degc": temperature_degc, "approach": approach, "n": n}
+        return cls(
+            names=tuple(str(number + 1) for number in range(len(values))) if names is None else tuple(names),
+            alpha_deg=angles[0],
+            beta_deg=angles[1],
+            readings=values,
+            sd=None if sd is None else np.broadcast_to(np.asarray(sd, float), values.shape).copy(),
+            run=None if run is None else tuple(run),
+            mount=None if mount is None else tuple(mount),
+            comments=dict(comments or {}),
+            source=source,
+            **{name: None if column is None else np.asarray(column, float) for name, column in columns.items()},
+        )
 
     def _faults(self) -> Iterator[str]:
         count = len(self.names)

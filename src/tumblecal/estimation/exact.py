@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import jax
 import jax.numpy as jnp
@@ -14,7 +15,12 @@ from tumblecal.estimation import closed_form
 from tumblecal.estimation.fit import Code, Fit
 from tumblecal.estimation.identifiability import RANK_TOLERANCE, identifiability
 from tumblecal.estimation.problem import Problem
-from tumblecal.estimation.programs import cached_program, compiler_options
+from tumblecal.estimation.programs import cached_program
+from tumblecal.estimation.robust import Loss, fit_robust, minimised
+
+
+if TYPE_CHECKING:
+    from optimistix import AbstractLeastSquaresSolver, AbstractMinimiser
 
 
 TOLERANCE = 1e-10  # of the scaled parameters and of the sum of squares, relative and absolute
@@ -44,7 +50,7 @@ def solve(problem: Problem, start: Float[Array, " free"], *, damped: bool = Fals
         lambda scaled, here: _scaled_residual(here, scaled),
         solver(TOLERANCE, TOLERANCE),
         start / scales,
-        args=problem,
+        args=problem.bare,
         throw=False,
         max_steps=MOST_STEPS * (8 if damped else 1),
     )
@@ -57,9 +63,13 @@ def _scaled_residual(problem: Problem, scaled: Float[Array, " free"]) -> Float[A
     return problem.residual(scaled * jnp.asarray(problem.scales))
 
 
-@cached_program
 def linearised(problem: Problem, vector: Float[Array, " free"]) -> tuple[Array, Array]:
     """Weighted residual and its Jacobian by the scaled parameters, at a parameter vector."""
+    return _linearised(problem.bare, vector)
+
+
+@cached_program
+def _linearised(problem: Problem, vector: Float[Array, " free"]) -> tuple[Array, Array]:
     scaled = vector / jnp.asarray(problem.scales)
     residual, push = jax.linearize(partial(_scaled_residual, problem), scaled)
     return residual, jax.vmap(push, out_axes=-1)(jnp.eye(len(scaled)))
@@ -78,7 +88,13 @@ def _levenberg_marquardt(problem: Problem, start: Array):
     return vector, steps, linearised(problem, vector)
 
 
-def fit(problem: Problem, start: Float[np.ndarray, " free"] | None = None) -> Fit:
+def fit(
+    problem: Problem,
+    start: Float[np.ndarray, " free"] | None = None,
+    *,
+    solver: "AbstractLeastSquaresSolver | AbstractMinimiser | None" = None,
+    loss: Loss | None = None,
+) -> Fit:
     """Fit the chain to the data.
 
     Tried in turn: Gauss-Newton from the start, Levenberg-Marquardt from the start, Gauss-Newton from the closed form. With time
@@ -86,33 +102,64 @@ def fit(problem: Problem, start: Float[np.ndarray, " free"] | None = None) -> Fi
 
     **Arguments:**
 
-    - `problem`: from `problem_of(data, chain, ...)`.
+    - `problem`: from `problem_of(data, chain, ...)` or `Problem.from_arrays`.
     - `start`: parameter vector (base units) to start from; the values of the chain if omitted.
+    - `solver`: a least-squares solver or a minimiser of optimistix instead of these; it works on scaled parameters.
+    - `loss`: a robust loss instead of half of the square of each white row, such as `robust.huber()`; the covariance is then
+      the sandwich estimator.
 
     **Returns:** the fit; its `code` states how it converged, or that it did not.
 
     **Raises:** `InputError` if the design leaves directions undetermined; they are named.
+
+    Examples:
+        >>> import optimistix as optx
+        >>> import tumblecal
+        >>> from tumblecal.estimation import problem_of
+        >>> from tumblecal.estimation.robust import huber
+        >>> problem = problem_of(tumblecal.simulate(tumblecal.read_rig("paper24"), seed=1), noise_sd=0.15e-3)
+        >>> plain = tumblecal.fit(problem)
+        >>> other = tumblecal.fit(problem, solver=optx.LevenbergMarquardt(rtol=1e-10, atol=1e-10))
+        >>> bool(abs(other.values - plain.values).max() < 1e-9), tumblecal.fit(problem, loss=huber()).method
+        (True, 'exact, Huber loss (1.345)')
     """
+    if loss is not None:
+        return fit_robust(problem, loss, start, solver)
+    if solver is not None:
+        return _fit_by(problem, solver, start)
     starts = _starts(problem.chain) if start is None else [np.asarray(start, float)]
     start = starts[0]
-    *outcome, at_start = _gauss_newton(problem, start)
+    *outcome, at_start = _gauss_newton(problem.bare, start)
     residual, design = (np.asarray(part) for part in at_start)
     determined = identifiability(design, problem.chain.names, problem.scales, problem.chain.of_positions)
-    determined.require_full_rank(problem.measured_data.source, problem.measured_data.readings)
+    determined.require_full_rank(problem.source, np.asarray(problem.readings))
     code, checked = _judged(outcome, residual, Code.CONVERGED)
     for other in starts[1:]:
-        *outcome, _ = _gauss_newton(problem, other)
+        *outcome, _ = _gauss_newton(problem.bare, other)
         its_code, its_checked = _judged(outcome, residual, Code.CONVERGED)
         if (not its_code.good, _size(its_checked)) < (not code.good, _size(checked)):
             code, checked, start = its_code, its_checked, other
     if not code.good:
-        code, checked = _judged(_levenberg_marquardt(problem, start), residual, Code.CONVERGED_BY_FALLBACK)
-    if not code.good and np.all(np.isfinite(residual)) and closed_form.applies(problem.chain):
-        *outcome, _ = _gauss_newton(problem, closed_form.estimate(problem.measured_data))
+        code, checked = _judged(_levenberg_marquardt(problem.bare, start), residual, Code.CONVERGED_BY_FALLBACK)
+    if not code.good and np.all(np.isfinite(residual)) and problem.data and closed_form.applies(problem.chain):
+        *outcome, _ = _gauss_newton(problem.bare, closed_form.estimate(problem.measured_data))
         code, checked = _judged(outcome, residual, Code.CONVERGED_FROM_CLOSED_FORM)
     if code is Code.NON_FINITE:  # no estimate there: report the start
         checked = (start, residual, design, 0)
     return _fitted(problem, code, *checked)
+
+
+def _fit_by(problem: Problem, solver: Any, start: Float[np.ndarray, " free"] | None) -> Fit:
+    """The fit by a given solver; `code` states whether one more Gauss-Newton step would move the estimate."""
+    start = problem.chain.vector if start is None else np.asarray(start, float)
+    residual, design = map(np.asarray, linearised(problem, start))
+    identifiability(design, problem.chain.names, problem.scales, problem.chain.of_positions).require_full_rank(
+        problem.source, np.asarray(problem.readings)
+    )
+    vector, steps = minimised(problem.bare, solver, start)
+    checked = np.asarray(vector), steps, linearised(problem, vector)
+    code, judged = _judged(checked, residual, Code.CONVERGED_BY_FALLBACK)
+    return _fitted(problem, Code.CONVERGED if code.good else code, *judged)
 
 
 def _starts(chain: Chain) -> list[Float[np.ndarray, " free"]]:
@@ -205,10 +252,21 @@ def _inverse_normal(jacobian: np.ndarray) -> np.ndarray:
 def sensitivity(problem: Problem, vector: Float[np.ndarray, " free"]) -> Float[Array, "free positions 3"]:
     """Derivative of the estimate by every reading, at the estimate `vector` (implicit differentiation).
 
-    Exact: it includes the curvature of the residuals, not only the pseudo-inverse of J.
+    Exact: it includes the curvature of the residuals, not only the pseudo-inverse of J. Compiled once for problems of a kind.
+
+    Examples:
+        >>> import tumblecal
+        >>> from tumblecal.estimation import exact, problem_of
+        >>> problem = problem_of(tumblecal.simulate(tumblecal.read_rig("paper24"), seed=1), noise_sd=0.15e-3)
+        >>> exact.sensitivity(problem, tumblecal.fit(problem).values).shape
+        (15, 24, 3)
     """
+    return _sensitivity(problem.bare, jnp.asarray(vector))
 
+
+@cached_program
+def _sensitivity(problem: Problem, vector: Array) -> Array:
     def estimate(measured):
-        return solve(replace(problem, readings=measured), jnp.asarray(vector))[0]
+        return solve(replace(problem, readings=measured), vector)[0]
 
-    return jax.jit(jax.jacrev(estimate), compiler_options=compiler_options())(jnp.asarray(problem.readings))
+    return jax.jacrev(estimate)(jnp.asarray(problem.readings))

@@ -163,7 +163,7 @@ def fit(problem: Problem, *, sigma: float, prior: Prior | None = None) -> Fit:
         time = problem.where.time_s
         begin = np.array(0 if time is None else np.argmin(time))
         start = problem.chain.vector, prior.covariance(len(problem.chain.vector))
-        means, deviations, nis = map(np.asarray, _all_positions(problem, *start, begin, sd))
+        means, deviations, nis = map(np.asarray, _all_positions(problem.bare, *start, begin, sd))
     else:
         means, deviations, nis = _one_by_one(problem, prior, sd)
     values, covariance = _once_more(problem, prior, means[-1], sd)

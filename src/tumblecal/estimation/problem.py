@@ -1,6 +1,6 @@
 """A problem: the chain, the settings, the readings with their noise, and the priors."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -8,7 +8,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, ArrayLike, Bool, Float
 
 from tumblecal.chain import Chain, Link, Where, hand_held_chain, nominal_chain, settings
 from tumblecal.chain.where import register_unchecked
@@ -17,7 +17,6 @@ from tumblecal.estimation.mountings import mount_labels, nominal_rotations, turn
 from tumblecal.estimation.priors import Priors, prior_of
 from tumblecal.ground.angle_settings import distinct
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.showing import brief
 from tumblecal.ground.units import LARGEST_SD_G, SD_RANGE, SMALLEST_SD_G
 from tumblecal.noise.covariance import Covariance
 from tumblecal.noise.recorded import NOISE_MODEL, recorded_covariance
@@ -26,6 +25,8 @@ from tumblecal.noise.recorded import NOISE_MODEL, recorded_covariance
 # Unknown noise: residuals are in mg, so that the solver's tolerances have the same meaning as with stated noise.
 UNIT_SD = 1e-3
 UNIT = Covariance(np.ones(0), "rows")
+_NO_SD = np.ones((0, 3))
+_HALF_LOG_2_PI = 0.5 * np.log(2 * np.pi)
 
 
 @dataclass(frozen=True)
@@ -39,8 +40,8 @@ class Problem:
       matrix (stated, free) that makes them white.
     - `known`: whether the noise is stated; otherwise white rows have one common, unknown variance (in mg).
     - `noise`: covariance of the readings, g^2. `sd`: of every reading relative to its neighbours in time, g (a common unit
-      if the noise is unknown). `data`: the position set as measured, for names and labels. Compiled programs do not depend on
-      these three.
+      if the noise is unknown). `data`: the position set as measured, for names and labels. They belong to the measurement, not
+      to the computation: `bare` is the problem without them.
     - `retained`: mask of the positions in the fit; None: all.
 
     Examples:
@@ -55,8 +56,6 @@ class Problem:
         22
     """
 
-    __repr__ = brief
-
     chain: Chain
     where: Where
     readings: Float[Array | np.ndarray, "positions 3"]
@@ -66,9 +65,127 @@ class Problem:
     known: bool
     with_prior: bool
     noise: Covariance = UNIT
-    sd: Float[np.ndarray, "positions 3"] = field(default_factory=lambda: np.ones((0, 3)))
+    sd: Float[np.ndarray, "positions 3"] = field(default_factory=lambda: _NO_SD)
     data: PositionSet | None = None
     retained: Bool[Array | np.ndarray, " positions"] | None = None
+
+    @classmethod
+    def from_arrays(
+        cls,
+        chain: Chain,
+        where: Where,
+        readings: ArrayLike,
+        *,
+        noise_sd: ArrayLike | None = None,
+        noise: Covariance | None = None,
+        priors: Priors | None = None,
+        names: Sequence[str] | None = None,
+    ) -> "Problem":
+        """The fit of a chain to arrays.
+
+        **Arguments:**
+
+        - `chain`: the model, such as `nominal_chain(where)`. `where`: the settings of the positions, from `settings`.
+        - `readings`: (positions, 3), g; a list, a numpy or a JAX array, also one that is traced.
+        - `noise_sd`: standard deviation of the readings, g: one number, or an array that extends to (positions, 3). `noise`:
+          their covariance (g^2) instead. Without both the noise is estimated from the residuals.
+        - `priors`: as of `problem_of`. `names`: of the positions; numbers from 1 if omitted.
+
+        **Raises:** `InputError` for arrays of a wrong shape, noise that is not above 0, or a prior on a parameter that the chain
+        lacks.
+
+        Examples:
+            >>> import jax.numpy as jnp
+            >>> import numpy as np
+            >>> from tumblecal.chain import nominal_chain, settings
+            >>> from tumblecal.estimation import Problem, fit
+            >>> where = settings(np.tile(np.arange(8) * np.pi / 4, 3), np.repeat([0.0, 0.5, 1.0], 8))  # rad
+            >>> chain = nominal_chain(where)
+            >>> readings = chain.named({"bias_z": 1e-3})(where)  # a JAX array, g
+            >>> problem = Problem.from_arrays(chain, where, readings, noise_sd=1e-4)
+            >>> problem
+            Problem of 24 positions, 15 parameters; noise stated: 0.1 mg
+            >>> round(fit(problem).value("bias_z"), 9)
+            0.001
+        """
+        count, traced = len(where.alpha), isinstance(readings, jax.core.Tracer)
+        if np.shape(readings) != (count, 3):
+            raise InputError(f"readings have the shape {np.shape(readings)}; {count} positions need ({count}, 3)")
+        if noise is not None and noise_sd is not None:
+            raise InputError("noise_sd and noise both state the noise; give only one of them")
+        if noise_sd is not None and not np.all(np.asarray(noise_sd, float) > 0):
+            raise InputError("noise_sd must be above 0")
+        known = noise is not None or noise_sd is not None
+        mean, weights = prior_of(chain, priors or {})
+        if not known and np.any(weights != 0):
+            raise InputError("a prior needs a stated noise: give noise_sd or noise")
+        sd = np.broadcast_to(np.asarray(UNIT_SD if noise_sd is None else noise_sd, float), (count, 3))
+        noise = Covariance.of_sd(sd) if noise is None else noise
+        labels = tuple(names) if names is not None else tuple(str(number) for number in range(1, count + 1))
+        data = None
+        if not traced:
+            readings = np.asarray(readings, float)
+            data = PositionSet(labels, np.degrees(where.alpha), np.degrees(where.beta), readings, source="arrays")
+        with_prior = bool(np.any(weights != 0))
+        sd = sd if noise.form == "rows" and noise_sd is not None else noise.sd.reshape(-1, 3)
+        return cls(chain, where, readings, noise.inverse_root, mean, weights, known, with_prior, noise, sd, data)  # type: ignore[arg-type]
+
+    def __repr__(self) -> str:
+        size = f"{1e3 * float(np.median(self.sd)):.3g} mg" if self.known and self.sd.size else "estimated"
+        counts = f"{len(self.readings)} positions, {len(self.chain.names)} parameters"
+        priors = f", {self.priors} priors" if self.with_prior else ""
+        return f"Problem of {counts}{priors}; noise {f'stated: {size}' if self.known else 'estimated'}"
+
+    @property
+    def bare(self) -> "Problem":
+        """The problem without what no computation needs: one compiled program serves all bare problems of a kind."""
+        return replace(self, noise=UNIT, sd=_NO_SD, data=None)
+
+    @property
+    def source(self) -> str:
+        """Name of the data."""
+        return "arrays" if self.data is None else self.data.source
+
+    def log_density(
+        self, vector: Float[Array, " free"], log_noise: Float[Array, ""] | float | None = None
+    ) -> Float[Array, ""]:
+        """Logarithm of the density of the readings and the parameters: likelihood times priors, both normalised; pure.
+
+        **Arguments:**
+
+        - `vector`: parameters, base units (rad, g, 1), in the order of `chain.names`.
+        - `log_noise`: natural logarithm of the factor of all standard deviations: relative to the stated noise, or to 1 mg if
+          the noise is unknown. If omitted, 0. A sampler of it adds its prior (flat in `log_noise` is the usual one).
+
+        **Returns:** the logarithm; the density of the readings is per g.
+
+        Examples:
+            >>> import tumblecal
+            >>> from tumblecal.estimation import fit, problem_of
+            >>> problem = problem_of(tumblecal.simulate(tumblecal.read_rig("paper24"), seed=1), noise_sd=0.15e-3)
+            >>> best = fit(problem).values
+            >>> bool(problem.log_density(best) > problem.log_density(best + 1e-5))
+            True
+        """
+        log_factor = jnp.asarray(0.0 if log_noise is None else log_noise)
+        rows = self.rows(self.predicted(vector) - self.readings)
+        whitening = jnp.asarray(self.whitening)
+        if self.retained is not None:
+            rows = jnp.where(jnp.repeat(jnp.asarray(self.retained), 3), rows, 0.0)
+        if whitening.ndim == 1:
+            taken = jnp.repeat(jnp.asarray(self.takes_part), 3)
+            count, log_det = jnp.sum(taken), jnp.sum(jnp.where(taken, jnp.log(whitening), 0.0))
+        else:
+            count, log_det = rows.shape[0], jnp.sum(jnp.linalg.slogdet(whitening)[1])
+        likelihood = (
+            -0.5 * jnp.sum((rows * jnp.exp(-log_factor)) ** 2) + log_det - count * (log_factor + _HALF_LOG_2_PI)
+        )
+        if not self.with_prior:
+            return likelihood
+        root = self.prior_root
+        prior_rows = jnp.asarray(root) @ (vector - self.prior_mean)
+        log_root = 0.5 * np.linalg.slogdet(root @ root.T)[1]
+        return likelihood - 0.5 * jnp.sum(prior_rows**2) + log_root - len(root) * _HALF_LOG_2_PI
 
     def predicted(self, vector: Float[Array, " free"]) -> Float[Array, "positions 3"]:
         """Readings predicted at a parameter vector, g."""
@@ -136,7 +253,9 @@ class Problem:
     @property
     def names(self) -> tuple[str, ...]:
         """The positions' names."""
-        return self.measured_data.names
+        if self.data is None:
+            return tuple(str(number) for number in range(1, len(self.readings) + 1))
+        return self.data.names
 
     @property
     def measured_data(self) -> PositionSet:
@@ -199,7 +318,7 @@ register_unchecked(
     Problem,
     ("chain", "where", "readings", "whitening", "prior_mean", "prior_weights", "retained"),
     ("known", "with_prior"),
-    sd=np.ones((0, 3)),
+    carried=("noise", "sd", "data"),
 )
 
 
