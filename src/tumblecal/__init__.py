@@ -27,9 +27,12 @@ _FROM = {
     "Problem": "tumblecal.estimation.problem:Problem",
     "fit": "tumblecal.estimation.exact:fit",
     "read_rig": "tumblecal.effects.catalogue:read_rig_with_effects",
+    "fit_many": "tumblecal.simulation.many_fits:fit_many",
     "simulate": "tumblecal.simulation.position_means:simulated",
     "calibrate": "tumblecal.estimation.methods:calibrate",
     "diagnose": "tumblecal.diagnosis.diagnose:diagnose",
+    "diagnose_many": "tumblecal.diagnosis.many:diagnose_many",
+    "keep_programs": "tumblecal.ground.program_cache:keep_programs",
     "next_plan": "tumblecal.planning.next_plan:next_plan",
     "load": "tumblecal.data.calibration:read_calibration",
 }

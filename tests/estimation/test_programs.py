@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import compiled_once
-from tumblecal.ground.program_cache import ProgramCache, keep_programs
+from tumblecal.ground.program_cache import ProgramCache, keep_programs_in
 
 
 # Says how many programs were exported, then the estimate to the last bit. Threads of the linear algebra would wait in vain.
@@ -111,7 +111,7 @@ def test_the_folder_is_private_or_not_used(filled):
     assert stat.S_IMODE(folder.stat().st_mode) == 0o700
     folder.chmod(0o755)
     try:
-        assert keep_programs(folder) == ""
+        assert keep_programs_in(folder) == ""
     finally:
         compiled_once.keep_programs()
     assert stat.S_IMODE(folder.stat().st_mode) == 0o700

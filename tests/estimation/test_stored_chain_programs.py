@@ -16,7 +16,7 @@ from tumblecal.estimation import programs as programs_module
 from tumblecal.estimation.chain_programs import programs_of
 from tumblecal.estimation.program_key import described
 from tumblecal.estimation.programs import cached_program
-from tumblecal.ground.program_cache import keep_programs
+from tumblecal.ground.program_cache import keep_programs_in
 
 
 @pytest.fixture
@@ -31,7 +31,7 @@ def exports(tmp_path, monkeypatch):
         return real(*arguments, **options)
 
     monkeypatch.setattr(export, "export", counted)
-    keep_programs(tmp_path / "programs")
+    keep_programs_in(tmp_path / "programs")
     yield made
     compiled_once.keep_programs()
 

@@ -4,7 +4,6 @@ import gc
 import os
 import sys
 import warnings
-from pathlib import Path
 
 from tumblecal.cli.interrupts import interrupts_kept
 from tumblecal.ground.heap import one_heap
@@ -13,13 +12,6 @@ from tumblecal.ground.precision import enable_float64
 
 # New objects between two runs of the garbage collector; the default of Python is 700.
 _COLLECT_EVERY = 50_000
-
-
-def cache_folder() -> Path:
-    """Folder of compiled programs: `programs` in `TUMBLECAL_CACHE`, otherwise in the cache of the user."""
-    stated = os.environ.get("TUMBLECAL_CACHE")
-    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return (Path(stated) if stated else Path(base) / "tumblecal") / "programs"
 
 
 def start(*, accelerator: bool = False) -> None:
@@ -42,7 +34,7 @@ def start(*, accelerator: bool = False) -> None:
     import equinox  # noqa: F401  (and JAX with it)
     import jax
 
-    from tumblecal.ground.program_cache import keep_programs
+    from tumblecal.ground.program_cache import cache_folder, keep_programs_in
 
     # Imported objects persist, so the collector can skip them.
     gc.freeze()
@@ -51,7 +43,7 @@ def start(*, accelerator: bool = False) -> None:
     jax.config.update("jax_cpu_enable_async_dispatch", False)
     # A full or unreadable cache costs only time.
     warnings.filterwarnings("ignore", message="Error (writing|reading) persistent compilation cache")
-    unsafe = keep_programs(cache_folder())
+    unsafe = keep_programs_in(cache_folder())
     if unsafe:
         print(
             f"tumblecal: {unsafe}: compiled programs are executable code, so none is read or stored there; set TUMBLECAL_CACHE "

@@ -130,8 +130,8 @@ class PositionSet(Shown):
         **Arguments:**
 
         - `readings`: (positions, 3), g. `alpha`, `beta`: spindle and pitch angles in `unit`.
-        - `names`: of the positions; numbers from 1 if omitted. `sd`: standard deviations of the readings, g; one number, one for
-          each axis, or (positions, 3).
+        - `names`: of the positions; numbers from 1 if omitted. `sd`: standard deviations of the readings, g; one number, one
+          for each axis, or (positions, 3).
         - other columns as of the class.
 
         **Raises:** `InputError` as of the class, and for another unit.

@@ -1,6 +1,6 @@
 """The diagnosis of one data set: set-up errors corrected, noise and causes screened, the leading explanation inserted."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -25,7 +25,8 @@ from tumblecal.diagnosis.screening.screen import Screening
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.screening.slips import Credence, of_angles
 from tumblecal.diagnosis.sets.explanation import verdict_of
-from tumblecal.effects import Catalogue, catalogue
+from tumblecal.effects import Catalogue, Effect, catalogue
+from tumblecal.effects.catalogue import with_effects
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.mean_noise import MeanNoise, recorded_noises, sample_noises
 from tumblecal.estimation.mountings import turned_mountings
@@ -236,15 +237,26 @@ class Diagnoser:
         return self._models[key].started(where)
 
 
-def diagnose(data: PositionSet, entries: Catalogue | None = None, **options) -> Diagnosis:
+def diagnose(
+    data: PositionSet,
+    effects: Iterable[Effect] = (),
+    *,
+    entries: Catalogue | None = None,
+    chain: Chain | None = None,
+    noise_sd: float | None = None,
+    priors: Priors | None = None,
+    holdout: tuple[str, str] | None = None,
+    samples: PositionSamples | None = None,
+) -> Diagnosis:
     """Diagnose one data set.
 
     **Arguments:**
 
-    - `data`: positions, for example from `read_positions`. `entries`: effects to test; if omitted, the catalogue.
-    - `options`: those of `Diagnoser.__call__`, such as `noise_sd` (g) and `priors`.
+    - `data`: positions, for example from `read_positions`.
+    - `effects`: further effects to test, in addition to the catalogue. `entries`: another catalogue in its place.
+    - the others as of `Diagnoser.__call__`.
 
-    **Raises:** `InputError` for data that cannot be diagnosed.
+    **Raises:** `InputError` for data that cannot be diagnosed, or an effect with the id of another one.
 
     Examples:
         >>> import tumblecal
@@ -253,4 +265,5 @@ def diagnose(data: PositionSet, entries: Catalogue | None = None, **options) -> 
         >>> diagnosis.verdict, diagnosis.labels
         ('ambiguous', ('bias_drift.x', 'second_order.z'))
     """
-    return Diagnoser(catalogue() if entries is None else entries)(data, **options)
+    diagnoser = Diagnoser(with_effects(effects, entries))
+    return diagnoser(data, chain=chain, noise_sd=noise_sd, priors=priors, holdout=holdout, samples=samples)

@@ -36,6 +36,7 @@ from tumblecal.estimation.plausibility import Implausible
 from tumblecal.estimation.problem import Problem
 from tumblecal.estimation.setup_error import SetupError
 from tumblecal.ground.blas import single_blas_thread
+from tumblecal.ground.pickled import Pickled
 from tumblecal.ground.showing import Screen, Shown, drawn_by, of_report
 
 
@@ -44,7 +45,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, repr=False)
-class Diagnosis(Shown):
+class Diagnosis(Pickled, Shown):
     """The result of a diagnosis.
 
     - `verdict`: adequate, identified, ambiguous or unexplained.

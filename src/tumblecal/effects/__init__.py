@@ -9,7 +9,7 @@ Examples:
     True
 """
 
-from tumblecal.effects.catalogue import Catalogue, catalogue, entry, links
+from tumblecal.effects.catalogue import Catalogue, catalogue, entry, links, with_effects
 from tumblecal.effects.effect import Effect, OutputTerm, angle_effect, output_effect
 from tumblecal.ground.axes import AXES
 
@@ -24,4 +24,5 @@ __all__ = [
     "entry",
     "links",
     "output_effect",
+    "with_effects",
 ]

@@ -1,6 +1,6 @@
 """The catalogue: all entries by id, and user entries from a Python file."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -54,6 +54,33 @@ def extended(sources: Sequence[Source]) -> Catalogue:
     for source in sources:
         entries |= {effect.id: effect for effect in effects_of(source, entries)}
     return entries
+
+
+def with_effects(effects: Iterable[Effect], entries: Catalogue | None = None) -> Catalogue:
+    """A catalogue with further effects; `entries`: the program's if omitted.
+
+    **Raises:** `InputError` for what is no effect, or an effect with the id of another one.
+
+    Examples:
+        >>> from tumblecal.effects import catalogue, with_effects
+        >>> len(with_effects([])) == len(catalogue())
+        True
+        >>> with_effects([catalogue()["bias_drift.x"]])
+        Traceback (most recent call last):
+        tumblecal.ground.errors.InputError: effects: bias_drift.x is in the catalogue already; give it another id
+    """
+    whole = dict(catalogue() if entries is None else entries)
+    if isinstance(effects, Mapping):
+        raise InputError("effects is a list of effects that are added to the catalogue; entries replaces it")
+    for effect in effects:
+        if not isinstance(effect, Effect):
+            raise InputError(
+                f"effects has an entry of type {type(effect).__name__}; give effects, such as from output_effect"
+            )
+        if effect.id in whole:
+            raise InputError(f"effects: {effect.id} is in the catalogue already; give it another id")
+        whole[effect.id] = effect
+    return whole
 
 
 def entry(entries: Catalogue, id: str) -> Effect:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -23,18 +24,45 @@ class Evaluation(NamedTuple):
     inputs: Float[np.ndarray, "positions 3"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Programs:
     """The compiled programs of one chain for plans of one kind; each takes (settings, vector) or (settings, vector, scales).
 
-    `quiet`: whether the other links have no effect with zero coefficients; `predict_nominal` then omits them.
+    - `chain`, `back`: the whole chain, and the index of each entry of its vector in the full vector. `nominal`: the chain of
+      the first entries of the full vector.
+    - `by_position`: whether the readings of a position depend on its own settings alone; the fast Jacobian is exact then.
+    - `quiet`: whether the other links have no effect with zero coefficients; `predict_nominal` then omits them.
     """
 
-    predict: Callable[..., Any]
-    predict_nominal: Callable[..., Any]
-    evaluate: Callable[..., Any]
-    inputs: Callable[..., Any]
+    chain: Chain
+    back: np.ndarray
+    nominal: Chain
+    by_position: bool
     quiet: bool
+
+    @cached_property
+    def predict(self) -> Callable[..., Any]:
+        """Readings (positions, 3), g."""
+        return _predicting(self.chain, self.back)
+
+    @cached_property
+    def predict_nominal(self) -> Callable[..., Any]:
+        """The same where no effect is in the vector."""
+        return _predicting(self.nominal, np.arange(len(self.nominal.names))) if self.quiet else self.predict
+
+    @cached_property
+    def evaluate(self) -> Callable[..., Any]:
+        """Readings, Jacobian and inputs."""
+        return _by_position(self.chain, self.back) if self.by_position else _all_at_once(self.chain, self.back)
+
+    @cached_property
+    def inputs(self) -> Callable[..., Any]:
+        """Ideal inputs (positions, 3), g."""
+        return _entering(self.chain, self.back)
+
+    def __getstate__(self) -> dict[str, Any]:
+        # Programs are compiled again in another process.
+        return {name: getattr(self, name) for name in self.__dataclass_fields__}
 
 
 def programs_of(
@@ -56,19 +84,17 @@ def programs_of(
     - `nominal`: the chain of the first entries of the full vector.
     - `where`, `start_vector`, `scales`: settings, full vector without any error, typical sizes of its entries.
     """
-    predict = _predicting(chain, back)
-    alone = _predicting(nominal, np.arange(len(nominal.names)))
-    difference = np.abs(np.asarray(alone(where, start_vector)) - np.asarray(predict(where, start_vector)))
-    quick, count = _by_position(chain, back), len(scales)
-    direction, step = np.cos(np.arange(count)), 1e-5
+    programs = Programs(chain, back, nominal, True, True)
+    alone, whole = (np.asarray(run(where, start_vector)) for run in (programs.predict_nominal, programs.predict))
+    direction, step = np.cos(np.arange(len(scales))), 1e-5
     # Not at the start, where inputs of exactly zero lie on the jump of a sign.
-    base = start_vector + 0.3 * scales * np.sin(1.0 + np.arange(count))
-    plus, minus = (np.asarray(predict(where, base + sign * step * scales * direction)) for sign in (1, -1))
-    slope = np.asarray(quick(where, base, scales)[1]) @ direction
+    base = start_vector + 0.3 * scales * np.sin(1.0 + np.arange(len(scales)))
+    plus, minus = (np.asarray(programs.predict(where, base + sign * step * scales * direction)) for sign in (1, -1))
+    slope = np.asarray(programs.evaluate(where, base, scales)[1]) @ direction
     error = np.max(np.abs(slope - (plus - minus) / (2 * step)))
-    evaluate = quick if error < 1e-6 * np.max(np.abs(slope)) else _all_at_once(chain, back)
-    quiet = bool(np.max(difference) < 1e-12)
-    return Programs(predict, alone if quiet else predict, evaluate, _entering(chain, back), quiet)
+    by_position, quiet = error < 1e-6 * np.max(np.abs(slope)), np.max(np.abs(alone - whole)) < 1e-12
+    # Those compiled already serve on, where they are exact.
+    return programs if by_position and quiet else Programs(chain, back, nominal, bool(by_position), bool(quiet))
 
 
 def _run(chain: Chain, where: Where) -> tuple[Vector, jax.Array]:

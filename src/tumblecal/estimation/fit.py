@@ -14,6 +14,7 @@ from tumblecal.chain import Chain
 from tumblecal.data import PositionSet
 from tumblecal.estimation.identifiability import Identifiability
 from tumblecal.estimation.problem import Problem
+from tumblecal.ground.pickled import Pickled
 from tumblecal.ground.showing import Screen, Shown, of_report
 from tumblecal.ground.units import shown
 
@@ -64,7 +65,7 @@ class History:
 
 
 @dataclass(frozen=True, repr=False)
-class Fit(Shown):
+class Fit(Pickled, Shown):
     """An estimate.
 
     - `problem`: the fitted problem.

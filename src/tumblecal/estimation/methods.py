@@ -24,6 +24,7 @@ from tumblecal.estimation.setup_correction import correct_setup_errors
 from tumblecal.estimation.setup_error import HARMLESS, SetupError
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.frames import gravity_in_head
+from tumblecal.ground.pickled import Pickled
 from tumblecal.ground.showing import Screen, Shown, drawn_by, of_report
 from tumblecal.ground.suggested_command import suggested
 
@@ -38,7 +39,7 @@ _TYPED_G = 1e-8
 
 
 @dataclass(frozen=True, repr=False)
-class Calibrated(Shown):
+class Calibrated(Pickled, Shown):
     """Fits by method (`exact` first), and the methods that do not apply with the reason.
 
     `implausible`: implausible parameters of the exact fit. `setup_errors`: corrected before the fit. `floor`:

@@ -91,8 +91,8 @@ class Problem:
           their covariance (g^2) instead. Without both the noise is estimated from the residuals.
         - `priors`: as of `problem_of`. `names`: of the positions; numbers from 1 if omitted.
 
-        **Raises:** `InputError` for arrays of a wrong shape, noise that is not above 0, or a prior on a parameter that the chain
-        lacks.
+        **Raises:** `InputError` for arrays of a wrong shape, noise that is not above 0, or a prior on a parameter that the
+        chain lacks.
 
         Examples:
             >>> import jax.numpy as jnp

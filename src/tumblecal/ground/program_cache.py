@@ -11,6 +11,7 @@ import logging
 import os
 import stat
 import sys
+import warnings
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
@@ -95,7 +96,37 @@ def program_cache() -> ProgramCache | None:
     return _cache
 
 
-def keep_programs(folder: Path) -> str:
+def cache_folder() -> Path:
+    """Folder of compiled programs: `programs` in `TUMBLECAL_CACHE`, otherwise in the cache of the user."""
+    stated = os.environ.get("TUMBLECAL_CACHE")
+    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return (Path(stated) if stated else Path(base) / "tumblecal") / "programs"
+
+
+def keep_programs(folder: Path | str | None = None) -> None:
+    """Store the compiled programs of this process, with those of JAX, and read those of earlier ones.
+
+    The commands do this. In Python it is off unless this function is called: a new process then needs no compilation.
+
+    **Arguments:**
+
+    - `folder`: made private (0700). If omitted, `programs` in the folder of the environment variable `TUMBLECAL_CACHE`, or in
+      the cache of the user.
+
+    **Warns:** of a folder that other users own or can write: programs are executable code, so none is read or stored there. A
+    folder that cannot be created is ignored.
+
+    Examples:
+        >>> import tempfile
+        >>> import tumblecal
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     tumblecal.keep_programs(folder)
+    """
+    if unsafe := keep_programs_in(cache_folder() if folder is None else Path(folder)):
+        warnings.warn(f"{unsafe}: compiled programs are neither read nor stored there", stacklevel=2)
+
+
+def keep_programs_in(folder: Path) -> str:
     """Store the programs of this process, with those of JAX, in `folder`, made private (0700).
 
     **Returns:** the reason why the folder is not safe, "" if it is; a folder that cannot be created is ignored.

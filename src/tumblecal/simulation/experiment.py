@@ -16,9 +16,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from tumblecal.chain import Chain, Link, Where, with_parameters
-from tumblecal.data import PositionSet
 from tumblecal.estimation.priors import Priors
-from tumblecal.estimation.problem import Problem, problem_of
+from tumblecal.estimation.problem import Problem
 from tumblecal.ground.errors import InputError
 from tumblecal.simulation.chain_fit import Expansion, design, expansion, fit_chain
 from tumblecal.simulation.harmonic_fit import fit_harmonics, nominal_harmonics
@@ -171,47 +170,67 @@ def experiment(
     **Raises:** `InputError` for unknown names or a plan that leaves parameters undetermined; `ValueError` if the
     harmonic path is requested but does not apply.
     """
-    problem = problem_for(chain, where, sd, priors)
+    simulated = chain
+    for link in injected:
+        simulated = simulated + with_known_coefficients(link)
+    return experiment_of(
+        problem_for(chain, where, sd, priors),
+        simulated=simulated,
+        spread=None if not spread else spread_of(chain, spread),
+        covariance=covariance,
+        path=path,
+    )
+
+
+def experiment_of(
+    problem: Problem,
+    *,
+    simulated: Chain | None = None,
+    spread: Float[np.ndarray, " free"] | None = None,
+    covariance: Float[np.ndarray, "3 positions positions"] | None = None,
+    path: str = "auto",
+) -> Experiment:
+    """A simulated calibration of a problem whose chain is at the truth; arguments as of `experiment`.
+
+    **Arguments:**
+
+    - `simulated`: the chain that makes the readings, with the free vector of the fitted chain; the fitted chain if omitted.
+    - `spread`: as of `Experiment`.
+
+    **Raises:** as `experiment`.
+    """
+    problem, chain = problem.bare, problem.chain
     plan = harmonic_path(problem)
     if path == "harmonic" and isinstance(plan, str):
         raise ValueError(f"the harmonic path does not apply: {plan}")
     reason = plan if isinstance(plan, str) else ("requested" if path == "chain" else "")
     chosen = None if isinstance(plan, str) or path == "chain" else plan
-    simulated = chain
-    for link in injected:
-        simulated = simulated + with_known_coefficients(link)
-    shared = expansion(problem) if chosen is None else None
-    readings = np.asarray(simulated(where))
+    same = simulated is None or simulated is chain
+    simulated = chain if simulated is None else simulated
+    readings = np.asarray(simulated(problem.where))
     return Experiment(
         names=chain.names,
         units=chain.units,
         truth=chain.vector,
-        spread=None if not spread else spread_of(chain, spread),
+        spread=spread,
         problem=problem,
         simulated=simulated,
         readings=readings,
-        beyond=_beyond(chosen, readings) if injected and chosen is not None else None,
+        beyond=None if same or chosen is None else _beyond(chosen, readings),
         factor=None if covariance is None else np.stack([_square_root(part) for part in covariance]),
-        sd=sd,
+        sd=float(1.0 / np.max(np.abs(np.asarray(problem.whitening)))) if problem.whitening.ndim == 1 else float("nan"),
         covariance=_predicted_covariance(problem),
         path="chain" if chosen is None else "harmonic",
         reason=reason,
         plan=chosen,
-        shared=shared,
+        shared=expansion(problem) if chosen is None else None,
     )
 
 
 def problem_for(chain: Chain, where: Where, sd: float, priors: Priors | None = None) -> Problem:
     """The fit with no readings yet, its settings those of `where` (whose index columns the chain was made with)."""
-    count = len(where.alpha)
-    nothing = PositionSet(
-        names=tuple(str(place + 1) for place in range(count)),
-        alpha_deg=np.degrees(where.alpha),
-        beta_deg=np.degrees(where.beta),
-        readings=np.zeros((count, 3)),
-        source="study",
-    )
-    return dataclasses.replace(problem_of(nothing, chain, noise_sd=sd, priors=priors), where=where)
+    readings = np.zeros((len(where.alpha), 3))
+    return Problem.from_arrays(chain, where, readings, noise_sd=sd, priors=priors).bare
 
 
 def _predicted_covariance(problem: Problem) -> np.ndarray:

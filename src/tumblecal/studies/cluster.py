@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.program_cache import keep_programs, program_cache
+from tumblecal.ground.program_cache import keep_programs_in, program_cache
 from tumblecal.studies.chunk import NotThisChunk, differences, maker, packed, statement, study_hash, unpacked
 from tumblecal.studies.run import Check, Computed, Elsewhere, compute_chunk
 from tumblecal.studies.threads import ONE_THREAD, use_one_thread
@@ -67,7 +67,7 @@ def cluster(
     if scheduler is None:
         with _local(workers or 1) as local, distributed.Client(local) as client:
             if cache := program_cache():
-                client.run(keep_programs, cache.folder)
+                client.run(keep_programs_in, cache.folder)
             yield _Cluster(client, "--workers", compute, tables).gathered
         return
     try:

@@ -5,7 +5,8 @@ sudden changes in measuring order, temperature, and small rotations of the head 
 """
 
 from collections.abc import Iterator
-from functools import cache, lru_cache
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from itertools import combinations_with_replacement, pairwise
 from typing import NamedTuple
 
@@ -59,15 +60,27 @@ def generic_causes(
     seen, unit = _seen(at, terms, numbers)
     words, share = _words(terms.names, terms.of_head, numbers), -float(np.log(max(1, len(seen))))
 
-    @cache
-    def rows() -> Float[np.ndarray, "rows seen"]:
-        return at.problem.rows(terms.signals(at, tuple([numbers[k] for k in seen.tolist()])))
+    signals = _Rows(at, terms, tuple([numbers[k] for k in seen.tolist()]))
 
     def made(k: int, label: str, weights: tuple[float, float], block: np.ndarray) -> Cause:
-        return Cause(GENERIC, label, *weights, block, terms=(rows()[:, k].copy(),), words=words[seen[k]])
+        return Cause(GENERIC, label, *weights, block, terms=(signals.white[:, k].copy(),), words=words[seen[k]])
 
     weights = share + float(np.log(GENERIC_WEIGHT)), share + float(np.log(GENERIC_TEST_WEIGHT))
     return alike(GENERIC, [UNEXPLAINED] * len(seen), weights, unit, None, made), numbers
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """White rows of some of the terms, made when the first of them is asked for."""
+
+    at: Tangent
+    terms: "_Terms"
+    numbers: tuple[int, ...]
+
+    @cached_property
+    def white(self) -> Float[np.ndarray, "rows terms"]:
+        """The rows, one column for each term."""
+        return self.at.problem.rows(self.terms.signals(self.at, self.numbers))
 
 
 class _Terms(NamedTuple):

@@ -1,0 +1,300 @@
+"""Many fits of one problem, to readings that are given or drawn: any batch size, constant memory.
+
+Fits are made in blocks of `experiment.BLOCK` by one compiled program: from the harmonics of a uniform plan where these are
+sufficient, otherwise by the exact gradient of each fit with one expansion of the normal matrix, and by plain Gauss-Newton where
+that does not converge. The blocks go to all devices in turn. A trial depends on the seed and its number alone.
+"""
+
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Bool, Float
+from scipy.special import stdtrit
+
+from tumblecal.chain import Chain
+from tumblecal.estimation.fit import Code
+from tumblecal.estimation.problem import Problem
+from tumblecal.estimation.programs import compiler_options
+from tumblecal.ground.errors import InputError
+from tumblecal.ground.showing import brief
+from tumblecal.simulation.chain_fit import fit_chain
+from tumblecal.simulation.experiment import BLOCK, Experiment, experiment_of
+from tumblecal.simulation.harmonic_fit import fit_harmonics
+
+
+if TYPE_CHECKING:
+    import polars as pl
+
+# Draws one vector of parameters (free,), base units, or the noise of one set of readings (positions, 3), g.
+Sampler = Callable[[Array], Array]
+
+
+@dataclass(frozen=True)
+class ManyFits:
+    """Estimates of many fits, as numpy arrays.
+
+    - `values` (fits, free): base units, in the order of `names`. `chi2` (fits): sum of squares of the white rows, `dof` its
+      degrees of freedom. `converged` (fits).
+    - `covariance` (free, free): of the estimates under the problem's noise, at the parameters of the problem's chain.
+    - `known`: whether the noise is stated. `truth` (fits, free): of drawn trials.
+    """
+
+    __repr__ = brief
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    values: Float[np.ndarray, "fits free"]
+    chi2: Float[np.ndarray, " fits"]
+    converged: Bool[np.ndarray, " fits"]
+    covariance: Float[np.ndarray, "free free"]
+    dof: int
+    known: bool
+    truth: Float[np.ndarray, "fits free"] | None = None
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    @property
+    def codes(self) -> np.ndarray:
+        """The `Code` of each fit."""
+        return np.where(self.converged, np.array(Code.CONVERGED, object), np.array(Code.NOT_CONVERGED, object))
+
+    @property
+    def level(self) -> Float[np.ndarray, " fits"]:
+        """Standard deviation of the white rows of each fit; 1 for stated noise."""
+        return (
+            np.ones(len(self.chi2))
+            if self.known
+            else np.sqrt(self.chi2 / self.dof if self.dof > 0 else np.nan * self.chi2)
+        )
+
+    @property
+    def sd(self) -> Float[np.ndarray, "fits free"]:
+        """Standard deviations of the values of each fit."""
+        return self.level[:, None] * np.sqrt(np.diag(self.covariance))
+
+    @property
+    def covariances(self) -> Float[np.ndarray, "fits free free"]:
+        """The covariance of each fit, without the change of the Jacobian between fits (a share of the parameters' size)."""
+        return self.level[:, None, None] ** 2 * self.covariance
+
+    def coverage(self, level: float = 0.95) -> Float[np.ndarray, " free"]:
+        """Share of the trials whose interval contains the truth.
+
+        **Raises:** `ValueError` for fits of given readings, whose truth is unknown.
+        """
+        if self.truth is None:
+            raise ValueError("the truth of given readings is unknown; monte_carlo draws it")
+        half = stdtrit(1e9 if self.known else self.dof, 0.5 + level / 2) * self.sd
+        return np.mean(np.abs(self.values - self.truth)[self.converged] <= half[self.converged], axis=0)
+
+    def table(self) -> "pl.DataFrame":
+        """For each parameter the mean and sd of its estimates (of their errors if the truth is known), and the predicted sd."""
+        import polars as pl
+
+        estimates = self.values if self.truth is None else self.values - self.truth
+        estimates = estimates[self.converged]
+        columns = {
+            "parameter": self.names,
+            "unit": self.units,
+            "mean": estimates.mean(axis=0),
+            "sd": estimates.std(axis=0),
+        }
+        return pl.DataFrame(columns | {"predicted_sd": np.sqrt(np.mean(self.sd[self.converged] ** 2, axis=0))})
+
+
+def fit_many(
+    problem: Problem,
+    readings: ArrayLike | Iterable[ArrayLike],
+    *,
+    path: str = "auto",
+    devices: Sequence[Any] | None = None,
+) -> ManyFits:
+    """Fits of a problem's chain to many sets of readings at its positions.
+
+    **Arguments:**
+
+    - `problem`: chain, settings, noise and priors; its own readings are not used.
+    - `readings`: (fits, positions, 3), g, a numpy or JAX array; or several such arrays one after the other, from a generator,
+      so that not all need to be in memory.
+    - `path`: `"auto"`, `"harmonic"` or `"chain"`. `devices`: of JAX; all if omitted.
+
+    **Returns:** estimates, sums of squares and convergence of all fits, in their order.
+
+    **Raises:** `InputError` for readings of a wrong shape, or positions that leave parameters undetermined.
+
+    Examples:
+        >>> import numpy as np
+        >>> import tumblecal
+        >>> from tumblecal.estimation import problem_of
+        >>> data = tumblecal.simulate(tumblecal.read_rig("paper24"), seed=1)
+        >>> problem = problem_of(data, noise_sd=0.15e-3)
+        >>> rng = np.random.default_rng(0)
+        >>> many = tumblecal.fit_many(problem, data.readings + rng.normal(scale=0.15e-3, size=(2000, 24, 3)))
+        >>> many.values.shape, bool(many.converged.all())
+        ((2000, 15), True)
+    """
+    one = experiment_of(problem, path=path)
+    count = len(problem.readings)
+
+    def fitted(block: Array) -> tuple[Array, Array, Array]:
+        return _fitted(one, block)
+
+    program = jax.jit(fitted, compiler_options=compiler_options())
+    sizes: list[int] = []
+
+    def blocks() -> Iterator[np.ndarray]:
+        for block in _blocks(readings, count):
+            sizes.append(len(block))
+            yield np.concatenate([block, np.repeat(block[-1:], BLOCK - len(block), axis=0)])
+
+    results = list(_spread(program, blocks(), devices))
+    parts = [[part[:size] for part in own] for own, size in zip(results, sizes, strict=True)]
+    values, chi2, converged = (
+        map(np.concatenate, zip(*parts, strict=True)) if parts else _none(len(problem.chain.names))
+    )
+    return _many(problem, one, values, chi2, converged)
+
+
+def monte_carlo(
+    problem: Problem,
+    trials: int,
+    *,
+    seed: int = 0,
+    truth: Sampler | None = None,
+    noise: Sampler | None = None,
+    simulated: Chain | None = None,
+    first: int = 0,
+    path: str = "auto",
+    devices: Sequence[Any] | None = None,
+) -> ManyFits:
+    """Simulated calibrations: an instrument and its noise are drawn, its readings are fitted.
+
+    **Arguments:**
+
+    - `problem`: chain, settings, noise and priors of the fit; the values of its chain are the default truth.
+    - `trials`: number of calibrations. `seed`: of all of them.
+    - `truth`: from a JAX key to the true parameters (free,) of one trial, base units. `noise`: from a key to the noise of one
+      set of readings (positions, 3), g; if omitted, normal with the covariance of the problem.
+    - `simulated`: the chain that makes the readings, with the free vector of the fitted chain: further effects have fixed
+      coefficients. If omitted, the fitted chain.
+    - `first`: number of the first trial, a multiple of 1024, so that parts of a long run can be made by several processes.
+    - `path`, `devices`: as of `fit_many`.
+
+    **Raises:** `InputError` for unknown noise without `noise`, or positions that leave parameters undetermined.
+
+    Examples:
+        >>> import jax
+        >>> import tumblecal
+        >>> from tumblecal.estimation import problem_of
+        >>> from tumblecal.simulation import monte_carlo
+        >>> data = tumblecal.simulate(tumblecal.read_rig("paper24"), seed=1)
+        >>> problem = problem_of(data, noise_sd=0.15e-3)
+        >>> heavy = lambda key: 1e-3 * jax.random.t(key, 4.0, (15,))
+        >>> runs = monte_carlo(problem, 4096, seed=7, truth=heavy)
+        >>> bool(abs(runs.coverage().mean() - 0.95) < 0.01)
+        True
+    """
+    if noise is None and not problem.known:
+        raise InputError("the noise is unknown: give a sampler, or a problem with a stated noise")
+    if first % BLOCK:
+        raise InputError(f"first {first}: must be a multiple of {BLOCK}")
+    free = len(problem.chain.names)
+    one = experiment_of(problem, simulated=simulated, spread=None if truth is None else np.ones(free), path=path)
+    draw_noise = _normal(problem) if noise is None else noise
+
+    def trial_block(number: Array) -> tuple[Array, Array, Array, Array]:
+        keys = jax.random.split(jax.random.fold_in(jax.random.key(seed), number), 2 * BLOCK)
+        if truth is None:
+            vectors = jnp.broadcast_to(jnp.asarray(one.truth)[:, None], (free, BLOCK))
+        else:
+            vectors = jax.vmap(truth, out_axes=1)(keys[:BLOCK])
+        made = one.calibrated(vectors, jax.vmap(draw_noise, out_axes=2)(keys[BLOCK:]))
+        return made.truth.T, made.values.T, made.chi2, made.converged
+
+    program = jax.jit(trial_block, compiler_options=compiler_options())
+    numbers = range(first // BLOCK, first // BLOCK + -(-trials // BLOCK))
+    parts = list(_spread(program, (np.asarray(number) for number in numbers), devices))
+    drawn, values, chi2, converged = (np.concatenate(own)[:trials] for own in zip(*parts, strict=True))
+    return _many(problem, one, values, chi2, converged, drawn)
+
+
+def sweep(problems: "dict[str, Problem]", trials: int, **options: Any) -> "pl.DataFrame":
+    """`monte_carlo` of several problems (plans, noises, priors): one row for each problem and parameter.
+
+    **Arguments:**
+
+    - `problems`: by name. `options`: of `monte_carlo`, the same for all.
+
+    **Returns:** `problem`, and the columns of `ManyFits.table`.
+    """
+    import polars as pl
+
+    rows = [
+        monte_carlo(problem, trials, **options).table().insert_column(0, pl.lit(name).alias("problem"))
+        for name, problem in problems.items()
+    ]
+    return pl.concat(rows)
+
+
+def _many(problem: Problem, one: Experiment, values, chi2, converged, truth=None) -> ManyFits:
+    return ManyFits(
+        one.names, one.units, values, chi2, converged, np.asarray(one.covariance), one.dof, problem.known, truth
+    )
+
+
+def _none(free: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    return np.zeros((0, free)), np.zeros(0), np.zeros(0, bool)
+
+
+def _fitted(one: Experiment, readings: Float[Array, "lanes positions 3"]) -> tuple[Array, Array, Array]:
+    """Values (lanes, free), sums of squares and convergence of one block."""
+    if one.plan is None:
+        assert one.shared is not None
+        return fit_chain(one.problem, one.shared, readings)
+    moved = jnp.moveaxis(readings, 0, 2)
+    harmonics = one.plan.harmonics(moved)
+    fits = fit_harmonics(harmonics, one.plan.pitch, one.plan.angles)
+    rest = jnp.sum((moved - one.plan.synthesis(harmonics)) ** 2, axis=(0, 1))
+    return fits.values.T, (fits.sum_of_squares + rest) / one.sd**2, fits.converged
+
+
+def _blocks(readings: Any, count: int) -> Iterator[np.ndarray]:
+    """Readings in blocks of at most `BLOCK`.
+
+    **Raises:** `InputError` for a wrong shape.
+    """
+    parts = [readings] if hasattr(readings, "ndim") or isinstance(readings, list | tuple) else readings
+    for part in parts:
+        values = np.asarray(part, float)
+        if values.ndim != 3 or values.shape[1:] != (count, 3):
+            raise InputError(f"readings have the shape {values.shape}; {count} positions need (fits, {count}, 3)")
+        yield from (values[begin : begin + BLOCK] for begin in range(0, len(values), BLOCK))
+
+
+def _spread(
+    program: Callable[[Any], Any], blocks: Iterable[Any], devices: Sequence[Any] | None
+) -> Iterator[list[np.ndarray]]:
+    """The results of the blocks in order; each device has one block waiting while it computes another."""
+    devices, waiting = list(jax.devices() if devices is None else devices), deque[Any]()
+    for number, block in enumerate(blocks):
+        waiting.append(program(jax.device_put(block, devices[number % len(devices)])))
+        if len(waiting) > 2 * len(devices):
+            yield [np.asarray(part) for part in waiting.popleft()]
+    while waiting:
+        yield [np.asarray(part) for part in waiting.popleft()]
+
+
+def _normal(problem: Problem) -> Sampler:
+    """Normal noise with the covariance of a problem."""
+    noise, shape = problem.noise, problem.readings.shape
+    if noise.form == "rows":
+        sd = jnp.asarray(noise.root.reshape(shape))
+        return lambda key: sd * jax.random.normal(key, shape)
+    root = jnp.asarray(np.linalg.cholesky(noise.matrix))
+    return lambda key: (root @ jax.random.normal(key, (root.shape[0],))).reshape(shape)
