@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float
 from scipy.special import gammaincc, stdtrit
 
 from tumblecal.chain import Chain
+from tumblecal.chain.where import register_unchecked
 from tumblecal.data import PositionSet
 from tumblecal.estimation.identifiability import Identifiability
 from tumblecal.estimation.problem import Problem
@@ -271,3 +272,11 @@ class Fit(Pickled, Shown):
             (name, float(value) * factor, float(sd) * factor, unit)
             for name, value, sd, (unit, factor) in zip(self.names, self.values, self.sd, display, strict=True)
         ]
+
+
+register_unchecked(
+    Fit,
+    ("problem", "values", "covariance", "residuals", "chi2", "rows", "jacobian", "vector", "unidentifiable"),
+    ("method", "names", "units", "dof", "code"),
+    carried=("statistics", "identifiability", "history"),
+)

@@ -97,8 +97,8 @@ class Problem:
         Examples:
             >>> import jax.numpy as jnp
             >>> import numpy as np
+            >>> from tumblecal import Problem, fit
             >>> from tumblecal.chain import nominal_chain, settings
-            >>> from tumblecal.estimation import Problem, fit
             >>> where = settings(np.tile(np.arange(8) * np.pi / 4, 3), np.repeat([0.0, 0.5, 1.0], 8))  # rad
             >>> chain = nominal_chain(where)
             >>> readings = chain.named({"bias_z": 1e-3})(where)  # a JAX array, g
@@ -161,9 +161,9 @@ class Problem:
 
         Examples:
             >>> import tumblecal
-            >>> from tumblecal.estimation import fit, problem_of
+            >>> from tumblecal.estimation import problem_of
             >>> problem = problem_of(tumblecal.simulate(tumblecal.read_rig("paper24"), seed=1), noise_sd=0.15e-3)
-            >>> best = fit(problem).values
+            >>> best = tumblecal.fit(problem).values
             >>> bool(problem.log_density(best) > problem.log_density(best + 1e-5))
             True
         """
@@ -320,6 +320,17 @@ register_unchecked(
     ("known", "with_prior"),
     carried=("noise", "sd", "data"),
 )
+
+
+# The class itself knows no JAX: capture and its readers need none.
+register_unchecked(
+    PositionSet,
+    ("alpha_deg", "beta_deg", "readings", "sd", "time_s", "temperature_degc", "approach", "n"),
+    (),
+    carried=(
+        "names", "run", "mount", "clock", "recorded_noise", "comments", "source", "in_ms2", "files", "ignored",
+    ),
+)  # fmt: skip
 
 
 def where_of(data: PositionSet) -> Where:
