@@ -8,11 +8,14 @@ were fitted (White 1980; MacKinnon and White 1985, HC1). Priors are not made rob
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import optimistix as optx
 from jaxtyping import Array, Float
 
 from tumblecal.estimation.fit import Code, Fit
@@ -27,6 +30,8 @@ _SETTLED, _MOST_SCALES = 1e-4, 20
 _NORMAL_MEDIAN = 0.6745
 # A fit has converged if one more Newton step moves no parameter by more than this share of its standard deviation.
 _STEP_IN_SD = 1e-3
+# White residuals nearer to zero are their own square root of twice the loss.
+_NEAR_ZERO = 1e-6
 
 
 @dataclass(frozen=True)
@@ -37,6 +42,7 @@ class Loss:
     rho: Callable[[Float[Array, ""]], Float[Array, ""]]
 
 
+@cache
 def huber(threshold: float = 1.345) -> Loss:
     """Huber's loss: r^2/2 up to the threshold (standard deviations), linear beyond; 1.345 has 95 % efficiency for normal noise.
 
@@ -53,6 +59,7 @@ def huber(threshold: float = 1.345) -> Loss:
     return Loss(f"Huber loss ({threshold:g})", rho)
 
 
+@cache
 def cauchy(scale: float = 2.385) -> Loss:
     """Cauchy's loss, `scale^2/2 log(1 + (r/scale)^2)`: the influence of a gross error decreases with its size; 2.385 has 95 %
     efficiency for normal noise.
@@ -66,31 +73,42 @@ def cauchy(scale: float = 2.385) -> Loss:
 
 
 def minimised(
-    problem: Problem,
-    solver: Any,
-    start: Float[np.ndarray, " free"],
-    residual: Callable[[Problem, Array], Array] | None = None,
+    problem: Problem, solver: Any, start: Float[np.ndarray, " free"], loss: Loss | None = None, scale: float = 1.0
 ) -> tuple[Float[np.ndarray, " free"], int]:
-    """The vector that minimises half of the sum of squares of a residual, and the number of steps.
+    """The vector that minimises the sum of the losses of the white rows, and the number of steps.
 
     **Arguments:**
 
-    - `solver`: a least-squares solver or minimiser of optimistix. `residual`: by the problem and the vector; that of the
-      problem if omitted.
+    - `solver`: a least-squares solver or minimiser of optimistix. `loss`: of the rows of the readings in units of `scale`; if
+      omitted, half of their square.
     """
-    import optimistix as optx
+    vector, steps = _minimised(problem.bare, solver, jnp.asarray(start), loss, jnp.asarray(scale))
+    return np.asarray(vector), int(steps)
 
+
+@eqx.filter_jit
+def _minimised(problem: Problem, solver: Any, start: Array, loss: Loss | None, scale: Array) -> tuple[Array, Array]:
     scales = jnp.asarray(problem.scales)
 
     def rows(scaled, here):
-        return here.residual(scaled * scales) if residual is None else residual(here, scaled * scales)
+        whole = here.residual(scaled * scales)
+        return whole if loss is None else _stretched(loss, whole, here.readings.size, scale)
 
-    begin, options = jnp.asarray(start) / scales, {"args": problem, "throw": False, "max_steps": _MOST_STEPS}
+    options = {"args": problem, "throw": False, "max_steps": _MOST_STEPS}
     if isinstance(solver, optx.AbstractLeastSquaresSolver):
-        solution = optx.least_squares(rows, solver, begin, **options)
+        solution = optx.least_squares(rows, solver, start / scales, **options)
     else:
-        solution = optx.minimise(lambda z, here: 0.5 * jnp.sum(rows(z, here) ** 2), solver, begin, **options)
-    return np.asarray(solution.value * scales), int(solution.stats["num_steps"])
+        solution = optx.minimise(lambda z, here: 0.5 * jnp.sum(rows(z, here) ** 2), solver, start / scales, **options)
+    return solution.value * scales, solution.stats["num_steps"]
+
+
+def _stretched(loss: Loss, rows: Float[Array, " rows"], readings: int, scale: Array) -> Float[Array, " rows"]:
+    """Rows whose squares are twice the losses; those of the priors as they are."""
+    data = rows[:readings] / scale
+    near = jnp.abs(data) < _NEAR_ZERO
+    # The square root has no derivative at zero, where it is the residual itself.
+    root = jnp.sqrt(2.0 * jax.vmap(loss.rho)(jnp.where(near, 1.0, data)))
+    return jnp.concatenate([jnp.where(near, data, jnp.sign(data) * root), rows[readings:]])
 
 
 def fit_robust(
@@ -101,8 +119,6 @@ def fit_robust(
     Unknown noise: its scale is the median of the absolute residuals, divided by that of a standard normal variable and
     corrected for the fitted parameters; estimate and scale are computed in turn until both have settled.
     """
-    import optimistix as optx
-
     solver = optx.LevenbergMarquardt(rtol=_TOLERANCE, atol=_TOLERANCE) if solver is None else solver
     bare, vector = problem.bare, problem.chain.vector if start is None else np.asarray(start, float)
     design = _rows_and_jacobian(bare, jnp.asarray(vector))[1]
@@ -111,17 +127,8 @@ def fit_robust(
     taken, dof = 3 * int(np.sum(problem.takes_part)), 3 * int(np.sum(problem.takes_part)) + problem.priors - len(vector)
     scale, steps = 1.0, 0
 
-    def stretched(here: Problem, at: Array) -> Array:
-        rows = here.residual(at)
-        data = rows[: here.readings.size] / scale
-        square_root = jnp.sqrt(jnp.maximum(2.0 * jax.vmap(loss.rho)(data), 1e-300))
-        near = jnp.abs(data) < 1e-6
-        # The square root has no derivative at zero, where it is the residual itself.
-        bent = jnp.where(near, data, jnp.sign(data) * square_root)
-        return jnp.concatenate([bent, rows[here.readings.size :]])
-
     for _ in range(1 if problem.known else _MOST_SCALES):
-        vector, more = minimised(bare, solver, vector, stretched)
+        vector, more = minimised(bare, solver, vector, loss, scale)
         steps, before = steps + more, scale
         if problem.known:
             break
@@ -133,9 +140,16 @@ def fit_robust(
     return _fitted(problem, loss, vector, scale, dof, steps)
 
 
+@jax.jit
 def _rows_and_jacobian(problem: Problem, vector: Array) -> tuple[Array, Array]:
     scales = jnp.asarray(problem.scales)
     return problem.residual(vector), jax.jacfwd(lambda scaled: problem.residual(scaled * scales))(vector / scales)
+
+
+@eqx.filter_jit
+def _derivatives(loss: Loss, rows: Array) -> tuple[Array, Array]:
+    """First and second derivative of the loss of each row."""
+    return jax.vmap(jax.grad(loss.rho))(rows), jax.vmap(jax.grad(jax.grad(loss.rho)))(rows)
 
 
 def _fitted(problem: Problem, loss: Loss, vector: np.ndarray, scale: float, dof: int, steps: int) -> Fit:
@@ -144,8 +158,7 @@ def _fitted(problem: Problem, loss: Loss, vector: np.ndarray, scale: float, dof:
     count = problem.readings.size
     of_data, prior = jacobian[:count], jacobian[count:]
     relative = jnp.asarray(rows[:count] / scale)
-    influence = np.asarray(jax.vmap(jax.grad(loss.rho))(relative))
-    slope = np.asarray(jax.vmap(jax.grad(jax.grad(loss.rho)))(relative))
+    influence, slope = map(np.asarray, _derivatives(loss, relative))
     curvature = of_data.T @ (of_data * slope[:, None]) / scale**2 + prior.T @ prior
     scatter = of_data.T @ (of_data * (influence**2)[:, None]) / scale**2 * (3 * problem.takes_part.sum() / max(dof, 1))
     inverse = np.linalg.pinv(curvature, hermitian=True)
