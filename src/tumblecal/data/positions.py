@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
@@ -113,7 +113,7 @@ class PositionSet(Shown):
         alpha: ArrayLike,
         beta: ArrayLike,
         *,
-        unit: Literal["deg", "rad"],
+        unit: str,
         names: Sequence[str] | None = None,
         sd: ArrayLike | None = None,
         time_s: ArrayLike | None = None,

@@ -63,7 +63,7 @@ def _scaled_residual(problem: Problem, scaled: Float[Array, " free"]) -> Float[A
     return problem.residual(scaled * jnp.asarray(problem.scales))
 
 
-def linearised(problem: Problem, vector: Float[Array, " free"]) -> tuple[Array, Array]:
+def linearised(problem: Problem, vector: Float[Array | np.ndarray, " free"]) -> tuple[Array, Array]:
     """Weighted residual and its Jacobian by the scaled parameters, at a parameter vector."""
     return _linearised(problem.bare, vector)
 

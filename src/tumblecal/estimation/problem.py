@@ -8,7 +8,8 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float
+from jaxtyping import Array, Bool, Float
+from numpy.typing import ArrayLike
 
 from tumblecal.chain import Chain, Link, Where, hand_held_chain, nominal_chain, settings
 from tumblecal.chain.where import register_unchecked
@@ -65,7 +66,7 @@ class Problem:
     known: bool
     with_prior: bool
     noise: Covariance = UNIT
-    sd: Float[np.ndarray, "positions 3"] = field(default_factory=lambda: _NO_SD)
+    sd: Float[np.ndarray, "_ 3"] = field(default_factory=lambda: _NO_SD)
     data: PositionSet | None = None
     retained: Bool[Array | np.ndarray, " positions"] | None = None
 
@@ -147,7 +148,7 @@ class Problem:
         return "arrays" if self.data is None else self.data.source
 
     def log_density(
-        self, vector: Float[Array, " free"], log_noise: Float[Array, ""] | float | None = None
+        self, vector: Float[Array | np.ndarray, " free"], log_noise: Float[Array, ""] | float | None = None
     ) -> Float[Array, ""]:
         """Logarithm of the density of the readings and the parameters: likelihood times priors, both normalised; pure.
 
@@ -167,16 +168,16 @@ class Problem:
             >>> bool(problem.log_density(best) > problem.log_density(best + 1e-5))
             True
         """
-        log_factor = jnp.asarray(0.0 if log_noise is None else log_noise)
+        log_factor = jnp.asarray(0.0 if log_noise is None else log_noise, float)
         rows = self.rows(self.predicted(vector) - self.readings)
         whitening = jnp.asarray(self.whitening)
         if self.retained is not None:
             rows = jnp.where(jnp.repeat(jnp.asarray(self.retained), 3), rows, 0.0)
         if whitening.ndim == 1:
             taken = jnp.repeat(jnp.asarray(self.takes_part), 3)
-            count, log_det = jnp.sum(taken), jnp.sum(jnp.where(taken, jnp.log(whitening), 0.0))
+            count, log_det = jnp.sum(taken.astype(float)), jnp.sum(jnp.where(taken, jnp.log(whitening), 0.0))
         else:
-            count, log_det = rows.shape[0], jnp.sum(jnp.linalg.slogdet(whitening)[1])
+            count, log_det = float(rows.shape[0]), jnp.sum(jnp.linalg.slogdet(whitening)[1])
         likelihood = (
             -0.5 * jnp.sum((rows * jnp.exp(-log_factor)) ** 2) + log_det - count * (log_factor + _HALF_LOG_2_PI)
         )
@@ -187,18 +188,18 @@ class Problem:
         log_root = 0.5 * np.linalg.slogdet(root @ root.T)[1]
         return likelihood - 0.5 * jnp.sum(prior_rows**2) + log_root - len(root) * _HALF_LOG_2_PI
 
-    def predicted(self, vector: Float[Array, " free"]) -> Float[Array, "positions 3"]:
+    def predicted(self, vector: Float[Array | np.ndarray, " free"]) -> Float[Array, "positions 3"]:
         """Readings predicted at a parameter vector, g."""
         return self.chain.at(vector)(self.where)
 
-    def residual(self, vector: Float[Array, " free"]) -> Float[Array, " rows"]:
+    def residual(self, vector: Float[Array | np.ndarray, " free"]) -> Float[Array, " rows"]:
         """White rows of predicted minus measured, zero for excluded positions, followed by the rows of the priors."""
         rows = self.rows(self.predicted(vector) - self.readings)
         if self.retained is not None:
             rows = jnp.where(jnp.repeat(self.retained, 3), rows, 0.0)
         return jnp.concatenate([rows, self.prior_rows(vector)]) if self.with_prior else rows
 
-    def prior_rows(self, vector: Float[Array, " free"]) -> Float[Array, " stated"]:
+    def prior_rows(self, vector: Float[Array | np.ndarray, " free"]) -> Float[Array, " stated"]:
         """White rows of the priors: estimate minus mean."""
         deviation, weights = vector - self.prior_mean, jnp.asarray(self.prior_weights)
         return weights @ deviation if weights.ndim == 2 else deviation * weights

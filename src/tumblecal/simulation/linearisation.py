@@ -49,5 +49,5 @@ def linearisation_error(
 
     directions = jax.random.normal(jax.random.key(seed), (draws, len(centre)))
     errors = jax.jit(jax.vmap(error))
-    squares = [np.mean(np.asarray(errors(centre + size * directions)) ** 2, axis=0) for size in sizes]
+    squares = [np.mean(np.asarray(errors(centre[None] + size * directions)) ** 2, axis=0) for size in sizes]
     return np.sqrt(np.stack(squares))

@@ -1,0 +1,50 @@
+"""Effects added to the catalogue, many diagnoses, results as bytes."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+import tumblecal
+from tumblecal import InputError
+from tumblecal.effects import catalogue, output_effect, with_effects
+
+
+FOURTH = output_effect(
+    "fourth_order.y", "y", lambda u, where: u[1] ** 4, unit="mg/g^4", typical=0.2, physics="K4 u^4", cause="test"
+)
+
+
+@pytest.fixture(scope="module")
+def sets():
+    rig = tumblecal.read_rig("hidden_effect")
+    return [tumblecal.simulate(rig, seed=seed, noise_sd=0.1e-3) for seed in (4, 5)]
+
+
+def test_effects_are_added_and_nothing_is_replaced_silently():
+    entries = with_effects([FOURTH])
+    assert len(entries) == len(catalogue()) + 1 and entries["fourth_order.y"] is FOURTH
+    for wrong, words in (
+        ({"fourth_order.y": FOURTH}, "entries replaces it"),
+        ([3], "an entry of type int"),
+        ([FOURTH, FOURTH], "fourth_order.y is in the catalogue already"),
+    ):
+        with pytest.raises(InputError, match=words):
+            with_effects(wrong)
+
+
+def test_many_diagnoses_are_the_single_ones_and_come_back_from_bytes(sets):
+    few = tumblecal.PositionSet.from_arrays(np.eye(3)[:2], [0, 90], [0, 0], unit="deg")
+    first, second, refused = tumblecal.diagnose_many([*sets, few], [FOURTH], noise_sd=0.1e-3)
+    assert isinstance(refused, InputError) and "too few" in str(refused)
+    again = pickle.loads(pickle.dumps(first))
+    for diagnosis in (first, again):
+        assert diagnosis.labels == ("bias_drift.x", "second_order.z") and "fourth_order.y" in diagnosis.limits
+    assert np.array_equal(again.extended.values, first.extended.values) and second.verdict == "ambiguous"
+    calibrated = tumblecal.calibrate(sets[0], noise_sd=0.1e-3)
+    assert np.array_equal(pickle.loads(pickle.dumps(calibrated)).exact.values, calibrated.exact.values)
+
+
+def test_an_unknown_option_is_refused(sets):
+    with pytest.raises(TypeError, match="nose_sd"):
+        tumblecal.diagnose(sets[0], nose_sd=3)  # type: ignore[call-arg]

@@ -1,0 +1,121 @@
+"""Many fits at once, and simulated calibrations with the user's own samplers."""
+
+import jax
+import numpy as np
+import pytest
+
+import tumblecal
+from tumblecal import InputError, Problem
+from tumblecal.chain import nominal_chain, settings
+from tumblecal.noise import Covariance
+from tumblecal.simulation import linearisation_error, monte_carlo, sweep
+
+
+SD = 1e-4  # g
+
+
+@pytest.fixture(scope="module")
+def problem():
+    where = settings(np.tile(np.arange(8) * np.pi / 4, 3), np.repeat([0.0, 0.5, 1.0], 8))
+    chain = nominal_chain(where)
+    return Problem.from_arrays(chain, where, np.asarray(chain(where)), noise_sd=SD)
+
+
+@pytest.fixture(scope="module")
+def readings(problem):
+    return problem.readings + np.random.default_rng(0).normal(scale=SD, size=(1500, 24, 3))
+
+
+def single(problem, readings, **changes):
+    return tumblecal.fit(Problem.from_arrays(problem.chain, problem.where, readings, **changes))
+
+
+@pytest.mark.parametrize("path", ["harmonic", "chain"])
+def test_each_fit_is_the_single_fit(problem, readings, path):
+    many = tumblecal.fit_many(problem, readings, path=path)
+    assert len(many) == 1500 and many.converged.all() and {code.value for code in many.codes} == {"converged"}
+    for number in (0, 1023, 1024, 1499):
+        fit = single(problem, readings[number], noise_sd=SD)
+        assert np.max(np.abs(many.values[number] - fit.values)) < 1e-11
+        assert many.chi2[number] == pytest.approx(fit.chi2, rel=1e-7)
+        assert many.sd[number] == pytest.approx(fit.sd, rel=0.02)
+
+
+def test_unknown_noise_is_estimated_for_each_fit(problem, readings):
+    unknown = Problem.from_arrays(problem.chain, problem.where, problem.readings)
+    many, fit = tumblecal.fit_many(unknown, readings[:3]), single(problem, readings[2])
+    assert many.sd[2] == pytest.approx(fit.sd, rel=0.02) and many.covariances.shape == (3, 15, 15)
+
+
+def test_parts_from_a_generator_are_one_batch_and_priors_count(problem, readings):
+    stated = Problem.from_arrays(
+        problem.chain, problem.where, problem.readings, noise_sd=SD, priors={"dbeta": (0.0, 1e-4)}
+    )
+    whole = tumblecal.fit_many(stated, readings[:40])
+    parts = tumblecal.fit_many(stated, (part for part in np.split(readings[:40], [7, 30])))
+    assert np.allclose(whole.values, parts.values, rtol=0, atol=1e-13)
+    fit = single(problem, readings[9], noise_sd=SD, priors={"dbeta": (0.0, 1e-4)})
+    assert np.max(np.abs(whole.values[9] - fit.values)) < 1e-11
+
+
+def test_readings_of_another_plan_are_one_message(problem):
+    with pytest.raises(InputError, match=r"shape \(5, 20, 3\); 24 positions need \(fits, 24, 3\)"):
+        tumblecal.fit_many(problem, np.zeros((5, 20, 3)))
+
+
+def heavy(key):
+    return 1e-3 * jax.random.t(key, 4.0, (15,))
+
+
+def test_a_trial_depends_on_seed_and_number_alone(problem):
+    whole = monte_carlo(problem, 3000, seed=5, truth=heavy)
+    part = monte_carlo(problem, 1500, seed=5, truth=heavy, first=1024)
+    assert np.array_equal(whole.values[1024:2524], part.values) and np.array_equal(whole.truth[1024:2524], part.truth)
+    assert not np.array_equal(whole.values[:1500], monte_carlo(problem, 1500, seed=6, truth=heavy).values)
+
+
+@pytest.mark.parametrize("path", ["auto", "chain"])
+def test_intervals_contain_the_drawn_truth(problem, path):
+    runs = monte_carlo(problem, 8192, seed=1, truth=heavy, path=path)
+    assert runs.converged.all() and np.all(np.abs(runs.coverage(0.95) - 0.95) < 0.012)
+    assert runs.truth.std(axis=0) == pytest.approx(1e-3 * np.sqrt(2), rel=0.15)  # Student's t with 4 degrees of freedom
+
+
+def test_the_user_s_noise_is_what_is_fitted(problem):
+    runs = monte_carlo(problem, 4096, seed=2, noise=lambda key: SD * jax.random.laplace(key, (24, 3)))
+    assert (runs.values - runs.truth).std(axis=0) == pytest.approx(np.sqrt(2) * runs.sd[0], rel=0.06)
+
+
+def test_an_effect_in_the_readings_alone_biases_the_fits(problem):
+    from tumblecal.effects import catalogue
+    from tumblecal.simulation.experiment import with_known_coefficients
+    from tumblecal.simulation.inject import with_sizes
+
+    (link,) = catalogue()["second_order.y"].make(problem.where)
+    simulated = problem.chain + with_known_coefficients(with_sizes(link, [1e-3]))
+    runs = monte_carlo(problem, 2048, seed=3, simulated=simulated)
+    expected = single(problem, np.asarray(simulated(problem.where)), noise_sd=SD).values
+    assert np.max(np.abs(runs.values.mean(axis=0) - expected) / runs.sd[0]) < 0.1
+
+
+def test_noise_that_nobody_stated_is_one_message(problem):
+    with pytest.raises(InputError, match="the noise is unknown"):
+        monte_carlo(Problem.from_arrays(problem.chain, problem.where, problem.readings), 10)
+
+
+def test_a_sweep_has_a_row_for_each_problem_and_parameter(problem):
+    noisier = problem.with_noise(Covariance.of_sd(np.full((24, 3), 2 * SD)), known=True)
+    table = sweep({"quiet": problem, "noisy": noisier}, 1024, seed=1)
+    quiet, noisy = (table.filter(table["problem"] == name)["sd"].to_numpy() for name in ("quiet", "noisy"))
+    assert len(table) == 30 and noisy == pytest.approx(2 * quiet, rel=1e-3)
+
+
+def test_the_linear_fit_s_error_grows_with_the_square_of_the_size(problem):
+    small, large = linearisation_error(problem.chain, problem.where, [1e-4, 1e-3])
+    assert large == pytest.approx(100 * small, rel=0.05)
+    # A linear fit in numpy of the same readings, by other instruments.
+    truth = 1e-3 * np.random.default_rng(0).normal(size=(100, 15))
+    moved = np.stack([np.asarray(problem.chain.at(vector)(problem.where)) - problem.readings for vector in truth])
+    jacobian = tumblecal.fit(problem).jacobian / problem.scales * SD
+    linear = np.linalg.lstsq(jacobian, moved.reshape(100, -1).T, rcond=None)[0].T
+    assert np.sqrt(np.mean((linear - truth) ** 2, axis=0)) == pytest.approx(large, rel=0.5)
