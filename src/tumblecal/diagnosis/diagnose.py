@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tumblecal.capture.reduction.position_samples import PositionSamples
-from tumblecal.chain import Chain
+from tumblecal.chain import Chain, Forward
 from tumblecal.data import PositionSet
 from tumblecal.diagnosis.detection.reference import References
 from tumblecal.diagnosis.diagnosis import Diagnosis
@@ -135,7 +135,8 @@ class Diagnoser:
         noises = sample_noises(samples, data) if samples is not None else []
         if samples is None and noise_sd is None:
             noises = recorded_noises(data)
-        mended, mixed = correct_setup_errors(data, chain)
+        own_model = chain is not None and any(isinstance(link, Forward) for link in chain.links)
+        mended, mixed = (data, []) if own_model else correct_setup_errors(data, chain)
         begun = self._begun(mended, mixed, chain, noise_sd, priors, noises)
         slips = of_angles(mixed)
         if not slips or begun.extended.computed:
