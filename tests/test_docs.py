@@ -22,6 +22,7 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 # A block of code, by what it begins with, and the test that runs it.
 RUN_ELSEWHERE = {
     "README.md": "tests/test_readme.py",
+    "jax.md": "tests/test_readme.py",
     "python.md": "tests/test_readme.py",
     "files.md": "tests/data/test_calibration_extended.py",
     "extending.md": "tests/test_readme.py",
@@ -33,7 +34,7 @@ WAY_OUT = ("certificate", "budget", "devices", "history")
 
 
 # Packages with an `__all__`: the API reference documents these names, those of `tumblecal` itself, and no others.
-PUBLIC = ("chain", "data", "devices", "diagnosis", "effects", "estimation", "noise", "planning")
+PUBLIC = ("chain", "data", "devices", "diagnosis", "effects", "estimation", "noise", "planning", "simulation")
 
 
 def public_objects(folder: str) -> dict[str, object]:

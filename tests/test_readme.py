@@ -15,7 +15,7 @@ pytestmark = pytest.mark.usefixtures("fully_compiled")
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 # Pages whose Python runs after the README's, in its folder; the shell block of docs/index.md is one of the README's.
-PYTHON = [(ROOT / "docs" / page).read_text(encoding="utf-8") for page in ("python.md", "extending.md")]
+PYTHON = [(ROOT / "docs" / page).read_text(encoding="utf-8") for page in ("python.md", "extending.md", "jax.md")]
 INDEX = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
 # The two set-up commands are run by .ci/run itself.
 _SET_UP = "python3 -m venv"

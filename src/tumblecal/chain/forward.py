@@ -5,6 +5,7 @@ from dataclasses import replace
 from typing import ClassVar, NamedTuple
 
 import equinox as eqx
+import jax.numpy as jnp
 from jaxtyping import Array
 
 from tumblecal.chain.chain import Chain
@@ -15,7 +16,13 @@ from tumblecal.chain.where import Where
 
 
 class Unknown(NamedTuple):
-    """A parameter of a user's model: start value and typical size in `unit` (a base unit: rad, g, 1, s)."""
+    """A parameter of a user's model: start value and typical size in `unit` (a base unit: rad, g, 1, s).
+
+    Examples:
+        >>> from tumblecal.chain import Unknown
+        >>> Unknown(0.2, "rad").scale
+        0.001
+    """
 
     value: float = 0.0
     unit: str = "1"
@@ -30,6 +37,12 @@ class Forward(Link):
     """The readings by a function in place of gravity, head and sensor.
 
     Effects of the catalogue on an index act on its angles, those of the sensor on its readings as on inputs.
+
+    Examples:
+        >>> from tumblecal.chain import Forward, Unknown, forward_chain
+        >>> chain = forward_chain(lambda p, where: (where.alpha, p["y"], p["y"]), {"y": Unknown()})
+        >>> isinstance(chain.links[0], Forward)
+        True
     """
 
     place: ClassVar[Place] = Place.OUTPUT
@@ -40,7 +53,7 @@ class Forward(Link):
         """The state with these readings, which are the ideal inputs too."""
         # Effects on the angles act before: the function sees the true angles.
         there = replace(where, alpha=state.alpha, beta=state.beta)
-        reading = self.function({leaf.name: leaf.at(where)[0] for leaf in self.leaves}, there)
+        reading = self.function({leaf.name: jnp.asarray(leaf.at(where)[0]) for leaf in self.leaves}, there)
         return State(state.alpha, state.beta, reading, reading)
 
 

@@ -147,7 +147,10 @@ class PositionSet(Shown):
         values = np.asarray(readings, float)
         angles = [np.asarray(angle, float) for angle in (alpha, beta)]
         angles = angles if unit == "deg" else [np.degrees(angle) for angle in angles]
-        columns = {"time_s": time_s, "temperature_degc": temperature_degc, "approach": approach, "n": n}
+
+        def column(given: ArrayLike | None) -> Rows | None:
+            return None if given is None else np.asarray(given, float)
+
         return cls(
             names=tuple(str(number + 1) for number in range(len(values))) if names is None else tuple(names),
             alpha_deg=angles[0],
@@ -158,7 +161,10 @@ class PositionSet(Shown):
             mount=None if mount is None else tuple(mount),
             comments=dict(comments or {}),
             source=source,
-            **{name: None if column is None else np.asarray(column, float) for name, column in columns.items()},
+            time_s=column(time_s),
+            temperature_degc=column(temperature_degc),
+            approach=column(approach),
+            n=column(n),
         )
 
     def _faults(self) -> Iterator[str]:

@@ -8,6 +8,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Bool, Float
 from numpy.typing import ArrayLike
 
@@ -109,7 +110,7 @@ class Problem:
             >>> round(fit(problem).value("bias_z"), 9)
             0.001
         """
-        count, traced = len(where.alpha), isinstance(readings, jax.core.Tracer)
+        count, traced = len(where.alpha), isinstance(readings, Tracer)
         if np.shape(readings) != (count, 3):
             raise InputError(f"readings have the shape {np.shape(readings)}; {count} positions need ({count}, 3)")
         if noise is not None and noise_sd is not None:
@@ -182,11 +183,11 @@ class Problem:
             -0.5 * jnp.sum((rows * jnp.exp(-log_factor)) ** 2) + log_det - count * (log_factor + _HALF_LOG_2_PI)
         )
         if not self.with_prior:
-            return likelihood
+            return jnp.asarray(likelihood)
         root = self.prior_root
         prior_rows = jnp.asarray(root) @ (vector - self.prior_mean)
         log_root = 0.5 * np.linalg.slogdet(root @ root.T)[1]
-        return likelihood - 0.5 * jnp.sum(prior_rows**2) + log_root - len(root) * _HALF_LOG_2_PI
+        return jnp.asarray(likelihood - 0.5 * jnp.sum(prior_rows**2) + log_root - len(root) * _HALF_LOG_2_PI)
 
     def predicted(self, vector: Float[Array | np.ndarray, " free"]) -> Float[Array, "positions 3"]:
         """Readings predicted at a parameter vector, g."""

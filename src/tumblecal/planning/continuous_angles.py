@@ -21,7 +21,18 @@ Criterion = Callable[[Float[Array, "free free"]], Float[Array, ""]]
 
 @dataclass(frozen=True)
 class OptimisedPlan:
-    """A plan with optimised angles: settings, standard deviations (free,) of the parameters before and after, and steps."""
+    """A plan with optimised angles: settings, standard deviations (free,) of the parameters before and after, and steps.
+
+    Examples:
+        >>> import numpy as np
+        >>> from tumblecal import Problem
+        >>> from tumblecal.chain import nominal_chain, settings
+        >>> from tumblecal.planning import OptimisedPlan, optimise_plan
+        >>> where = settings(np.tile(np.arange(8) * np.pi / 4, 3), np.repeat([0.0, 0.5, 1.0], 8))
+        >>> plan = optimise_plan(Problem.from_arrays(nominal_chain(where), where, np.zeros((24, 3)), noise_sd=1e-4), steps=5)
+        >>> isinstance(plan, OptimisedPlan), plan.where.alpha.shape, plan.sd_after.shape
+        (True, (24,), (15,))
+    """
 
     __repr__ = brief
 

@@ -6,7 +6,7 @@ that does not converge. The blocks go to all devices in turn. A trial depends on
 """
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -43,6 +43,15 @@ class ManyFits:
       degrees of freedom. `converged` (fits).
     - `covariance` (free, free): of the estimates under the problem's noise, at the parameters of the problem's chain.
     - `known`: whether the noise is stated. `truth` (fits, free): of drawn trials.
+
+    Examples:
+        >>> import tumblecal
+        >>> from tumblecal.estimation import problem_of
+        >>> from tumblecal.simulation import ManyFits
+        >>> data = tumblecal.simulate(tumblecal.read_rig("paper24"), seed=1)
+        >>> many = tumblecal.fit_many(problem_of(data), [data.readings, data.readings])
+        >>> isinstance(many, ManyFits), len(many), many.sd.shape, many.codes[0].value
+        (True, 2, (2, 15), 'converged')
     """
 
     __repr__ = brief
@@ -225,7 +234,7 @@ def monte_carlo(
     return _many(problem, one, values, chi2, converged, drawn)
 
 
-def sweep(problems: "dict[str, Problem]", trials: int, **options: Any) -> "pl.DataFrame":
+def sweep(problems: Mapping[str, Problem], trials: int, **options: Any) -> "pl.DataFrame":
     """`monte_carlo` of several problems (plans, noises, priors): one row for each problem and parameter.
 
     **Arguments:**
@@ -233,6 +242,15 @@ def sweep(problems: "dict[str, Problem]", trials: int, **options: Any) -> "pl.Da
     - `problems`: by name. `options`: of `monte_carlo`, the same for all.
 
     **Returns:** `problem`, and the columns of `ManyFits.table`.
+
+    Examples:
+        >>> import tumblecal
+        >>> from tumblecal.estimation import problem_of
+        >>> from tumblecal.simulation import sweep
+        >>> data = tumblecal.simulate(tumblecal.read_rig("paper24"), seed=1)
+        >>> table = sweep({f"{sd} g": problem_of(data, noise_sd=sd) for sd in (1e-4, 2e-4)}, 1024)
+        >>> table.columns, len(table)
+        (['problem', 'parameter', 'unit', 'mean', 'sd', 'predicted_sd'], 30)
     """
     import polars as pl
 
