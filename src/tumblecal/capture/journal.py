@@ -10,6 +10,7 @@ import os
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from tumblecal.capture.log import DiskFull, LogWriter, RecordKind, read_log
 from tumblecal.ground.errors import InputError
@@ -39,10 +40,10 @@ class Attempt:
     log_start: int
     log_stop: int
     sha256: str
-    summary: dict
+    summary: dict[str, Any]
     wall_ns: int
     log_before: int
-    clocks: dict = field(default_factory=dict)
+    clocks: dict[str, Any] = field(default_factory=dict)
     serial_number: str | None = None
 
 
@@ -65,12 +66,12 @@ class RunState:
     accepted: dict[int, Attempt] = field(default_factory=dict)
     attempts: dict[int, int] = field(default_factory=dict)
     skipped: set[int] = field(default_factory=set)
-    session: dict = field(default_factory=dict)
-    device: dict = field(default_factory=dict)
-    devices: list[dict] = field(default_factory=list)
+    session: dict[str, Any] = field(default_factory=dict)
+    device: dict[str, Any] = field(default_factory=dict)
+    devices: list[dict[str, Any]] = field(default_factory=list)
     finished: bool = False
     to_compare: bool = False
-    doubts: list[dict] = field(default_factory=list)
+    doubts: list[dict[str, Any]] = field(default_factory=list)
 
     @property
     def serial_number(self) -> str | None:
@@ -97,7 +98,7 @@ class RunState:
         return next((k for k in first if k > position), first[0] if first else None)
 
 
-def replayed(entries: list[dict]) -> RunState:
+def replayed(entries: list[dict[str, Any]]) -> RunState:
     """The state of the run after these entries."""
     state = RunState()
     for entry in entries:
@@ -139,7 +140,7 @@ def replayed(entries: list[dict]) -> RunState:
     return state
 
 
-def read_journal(folder: Path, faults: list[str] | None = None) -> list[dict]:
+def read_journal(folder: Path, faults: list[str] | None = None) -> list[dict[str, Any]]:
     """All entries of a capture's journal.
 
     **Arguments:**
@@ -172,7 +173,7 @@ class Journal:
     def __init__(self, folder: Path):
         self._writer = LogWriter(folder / JOURNAL_NAME)
 
-    def entries(self, faults: list[str] | None = None) -> list[dict]:
+    def entries(self, faults: list[str] | None = None) -> list[dict[str, Any]]:
         """All entries; `faults` receives a line for each stretch without an entry."""
         return [
             record.content()
@@ -180,7 +181,7 @@ class Journal:
             if record.kind == RecordKind.JOURNAL
         ]
 
-    def write(self, entry: str, **content: object) -> dict:
+    def write(self, entry: str, **content: object) -> dict[str, Any]:
         """Add an entry and return it with its time.
 
         **Raises:** `InputError` if the disk is full or fails, or the journal was deleted or moved.

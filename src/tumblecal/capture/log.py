@@ -16,7 +16,7 @@ import zlib
 from collections.abc import Iterator
 from enum import IntEnum
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from tumblecal.ground.errors import InputError
 
@@ -47,7 +47,7 @@ class Record(NamedTuple):
     stamp_ns: int
     payload: bytes
 
-    def content(self) -> dict:
+    def content(self) -> dict[str, Any]:
         """The payload of an event or journal entry."""
         return json.loads(self.payload)
 
@@ -240,7 +240,7 @@ class LogWriter:
         self.position += len(data)
         return self.position
 
-    def append_json(self, kind: RecordKind, content: dict, stamp_ns: int) -> int:
+    def append_json(self, kind: RecordKind, content: dict[str, Any], stamp_ns: int) -> int:
         """Append an event or journal entry and put it on the disk."""
         stop = self.append(kind, json.dumps(content, separators=(",", ":")).encode(), stamp_ns)
         self.sync()

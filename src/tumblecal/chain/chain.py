@@ -45,7 +45,7 @@ class Chain(Shown, eqx.Module):
 
     links: tuple[Link, ...]
 
-    def __check_init__(self):
+    def __check_init__(self) -> None:
         require_float64()
 
     def __call__(self, where: Where) -> Float[Array, "positions 3"]:

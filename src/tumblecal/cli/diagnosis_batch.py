@@ -7,7 +7,7 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from tumblecal.ground.errors import InputError
 
@@ -72,7 +72,7 @@ class Batch:
         """As `StatedModel.read_each`, without a check of the size of the readings."""
         return self._model.read_each(files, together=together, check_size=False)
 
-    def __getstate__(self) -> dict:
+    def __getstate__(self) -> dict[str, Any]:
         """Without the attributes that each process prepares."""
         return {key: value for key, value in vars(self).items() if not key.startswith("_")}
 
@@ -83,7 +83,7 @@ class Batch:
         read: Sequence["PositionSet | InputError"],
         workers: int,
         heads: "Sequence[MeasuredHead | None] | None" = None,
-    ) -> Iterator[tuple[dict, list[str], str]]:
+    ) -> Iterator[tuple[dict[str, Any], list[str], str]]:
         """Summary row, faults and words of each file, in order, when each is ready; `heads`: measured errors of the head for
         each file, if they differ."""
         heads = [self._model.head] * len(read) if heads is None else heads
@@ -126,7 +126,7 @@ class Batch:
 
     def diagnosed(
         self, file: Path, folder: Path, read: "PositionSet | InputError", head: "MeasuredHead | None"
-    ) -> tuple[dict, list[str], str]:
+    ) -> tuple[dict[str, Any], list[str], str]:
         """Diagnose one file, with the measured errors of its head, and write its results; a file that could not be read
         gives its fault."""
         from numpy.linalg import LinAlgError

@@ -6,7 +6,7 @@ A term adds `coefficient * kind(u_x^i u_y^j u_z^k) * (T - reference_degc)^degc_p
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import reduce
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from jaxtyping import Float
@@ -31,7 +31,7 @@ class Term:
     - `effect`: id of the catalogue entry, "" if not stated. `determined`: whether the data determined it separately.
     """
 
-    __pydantic_config__ = ConfigDict(extra="forbid")
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
 
     axis: Annotated[Text, one_of(AXES)]
     coefficient: Finite

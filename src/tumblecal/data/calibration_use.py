@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, ConfigDict, Field
 
@@ -30,7 +30,7 @@ class Use:
     - `size_g`: remaining systematic error (g), if its size is known: the calibration is valid to about this size.
     """
 
-    __pydantic_config__ = ConfigDict(extra="ignore")
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="ignore")
 
     answer: Answer | None = None
     reason: Annotated[Text, AfterValidator(one_line)] = ""

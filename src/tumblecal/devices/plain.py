@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+from typing import Any
 
 import numpy as np
 
@@ -39,7 +40,7 @@ def _read_json(text: str, gravity_ms2: float) -> Numbers:
     return Numbers(matrix, bias, terms_of(content.get("terms", [])))
 
 
-def json_object(text: str) -> dict:
+def json_object(text: str) -> dict[str, Any]:
     """The object of a JSON text.
 
     **Raises:** `InputError` if it is not an object, or has a repeated key.
@@ -56,7 +57,7 @@ def json_object(text: str) -> dict:
     return content
 
 
-def json_numbers(content: dict, key: str, shape: tuple[int, ...]) -> np.ndarray:
+def json_numbers(content: dict[str, Any], key: str, shape: tuple[int, ...]) -> np.ndarray:
     """Numbers of a JSON object.
 
     **Raises:** `InputError` if they are missing or have a wrong shape.

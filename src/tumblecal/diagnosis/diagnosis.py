@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from jaxtyping import Int
@@ -37,7 +37,7 @@ from tumblecal.estimation.problem import Problem
 from tumblecal.estimation.setup_error import SetupError
 from tumblecal.ground.blas import single_blas_thread
 from tumblecal.ground.pickled import Pickled
-from tumblecal.ground.showing import Screen, Shown, drawn_by, of_report
+from tumblecal.ground.showing import Drawing, Screen, Shown, drawn_by, of_report
 
 
 if TYPE_CHECKING:
@@ -227,12 +227,22 @@ class Diagnosis(Pickled, Shown):
         """The extended chain with its fitted values: nominal links and those of the leading explanation."""
         return self.extended.chain
 
-    plot_residuals = drawn_by("diagnosis_figures.angle_figure", "Residuals by spindle angle, before and after.")
-    plot_columns = drawn_by("diagnosis_figures.column_figure", "The same by input, beta, time and temperature.")
-    plot_harmonics = drawn_by("diagnosis_figures.harmonics_figure", "Harmonics of alpha in the residuals.")
-    plot_explanations = drawn_by("diagnosis_figures.explanations_figure", "Probabilities of the explanations.")
-    plot_predictive = drawn_by("evidence_figures.predictive_figure", "The residuals, with simulated ones.")
-    plot_limits = drawn_by("evidence_figures.limits_figure", "Detection limit of each effect.")
+    plot_residuals: ClassVar[Drawing] = drawn_by(
+        "diagnosis_figures.angle_figure", "Residuals by spindle angle, before and after."
+    )
+    plot_columns: ClassVar[Drawing] = drawn_by(
+        "diagnosis_figures.column_figure", "The same by input, beta, time and temperature."
+    )
+    plot_harmonics: ClassVar[Drawing] = drawn_by(
+        "diagnosis_figures.harmonics_figure", "Harmonics of alpha in the residuals."
+    )
+    plot_explanations: ClassVar[Drawing] = drawn_by(
+        "diagnosis_figures.explanations_figure", "Probabilities of the explanations."
+    )
+    plot_predictive: ClassVar[Drawing] = drawn_by(
+        "evidence_figures.predictive_figure", "The residuals, with simulated ones."
+    )
+    plot_limits: ClassVar[Drawing] = drawn_by("evidence_figures.limits_figure", "Detection limit of each effect.")
 
     def screen(self) -> Screen:
         """The verdict and its reasons."""

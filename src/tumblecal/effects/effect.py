@@ -93,7 +93,7 @@ class Effect:
     needs: tuple[str, ...] = ()
     kind: str = "physics"
     kinked: bool = False
-    forms: tuple[dict, ...] = ()
+    forms: tuple[dict[str, Any], ...] = ()
     weight: float = 1.0
     shares: tuple[float, ...] = ()
     found_as: str = ""

@@ -2,6 +2,7 @@
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
 from tumblecal.chain import Link, Where
 from tumblecal.effects.decay import decays
@@ -21,7 +22,7 @@ def _warm_up(where: Where) -> tuple[Link, ...]:
     return decays("warm_up", elapsed, [share * duration for share in _TAU_SHARES], clocks=where.clocks)
 
 
-def warmer(where: Where):
+def warmer(where: Where) -> Array:
     """Temperature above the reference, degC."""
     return jnp.asarray(where.temperature_degc) - REFERENCE_DEGC
 

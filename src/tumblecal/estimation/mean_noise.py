@@ -8,6 +8,7 @@ these cases: the candidates here compete in the diagnosis.
 """
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -104,7 +105,7 @@ class MeanNoise:
         """Name of the candidate."""
         return f"{self.lasts} {self.level:g}"
 
-    def record(self) -> dict:
+    def record(self) -> dict[str, Any]:
         """The noise of the means in numbers."""
         return {
             "source": self.source,

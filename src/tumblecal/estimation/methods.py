@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from tumblecal.estimation.setup_error import HARMLESS, SetupError
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.frames import gravity_in_head
 from tumblecal.ground.pickled import Pickled
-from tumblecal.ground.showing import Screen, Shown, drawn_by, of_report
+from tumblecal.ground.showing import Drawing, Screen, Shown, drawn_by, of_report
 from tumblecal.ground.suggested_command import suggested
 
 
@@ -74,7 +74,7 @@ class Calibrated(Pickled, Shown):
         """Outlier and exchanged positions of the exact fit."""
         return contradicted(self.exact)
 
-    plot_methods = drawn_by(
+    plot_methods: ClassVar[Drawing] = drawn_by(
         "calibration_figures.methods_figure", "Each method minus the exact fit, in its standard uncertainty."
     )
 

@@ -1,6 +1,7 @@
 """An error in the set-up of a measurement, as it is reported."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -26,7 +27,7 @@ class SetupError:
         same = "; or ".join(words for _, words in self.equal)
         return f"{self.words} (indistinguishable here: {same})" if same else self.words
 
-    def record(self) -> dict:
+    def record(self) -> dict[str, Any]:
         """The entry of JSON files."""
         equal = [{"id": label, "words": words} for label, words in self.equal]
         return {"id": self.label, "words": self.words, "equal": equal}

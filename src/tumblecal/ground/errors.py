@@ -39,7 +39,7 @@ class InputError(ValueError):
         self.faults = tuple(map(_short, (faults,) if isinstance(faults, str) else faults))
         super().__init__("\n".join(self.faults))
 
-    def __reduce__(self) -> tuple:
+    def __reduce__(self) -> tuple[object, ...]:
         return InputError, (self.faults,)
 
 

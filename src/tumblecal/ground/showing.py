@@ -32,7 +32,11 @@ def of_report(name: str) -> Callable[..., Any]:
     return _finders[-1](name)
 
 
-def drawn_by(name: str, words: str) -> Callable[[Any], "Figure"]:
+# A method that returns a figure of its object.
+Drawing = Callable[[Any], "Figure"]
+
+
+def drawn_by(name: str, words: str) -> Drawing:
     """A method that returns the matplotlib figure of a function of `report`; `words`: its docstring."""
 
     def plot(self: Any) -> "Figure":

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Any, TypeVar, get_args
+from typing import Annotated, Any, ClassVar, TypeVar, get_args
 
 import numpy as np
 from pydantic import (
@@ -27,7 +27,7 @@ from tumblecal.ground.toml_faults import json_faults
 class Record(BaseModel):
     """An object of a JSON file: no silent conversions; unknown keys of later versions are kept."""
 
-    model_config = ConfigDict(strict=True, extra="allow", frozen=True)
+    model_config: ClassVar[ConfigDict] = ConfigDict(strict=True, extra="allow", frozen=True)
 
 
 # Larger numbers are not those of a sensor, and would overflow.

@@ -4,7 +4,7 @@ import tomllib
 from collections.abc import Iterator, Mapping
 from json.encoder import encode_basestring
 from pathlib import Path
-from typing import Annotated, Any, TypeVar, get_args
+from typing import Annotated, Any, ClassVar, TypeVar, get_args
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag, ValidationError
 
@@ -17,7 +17,7 @@ from tumblecal.ground.toml_faults import located, validation_faults
 class Strict(BaseModel):
     """A table of a TOML file: no unknown keys, no silent conversions, immutable."""
 
-    model_config = ConfigDict(strict=True, extra="forbid", frozen=True)
+    model_config: ClassVar[ConfigDict] = ConfigDict(strict=True, extra="forbid", frozen=True)
 
 
 def _finite(value: float) -> float:

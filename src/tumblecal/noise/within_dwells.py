@@ -9,6 +9,7 @@ residuals are the dispersion between dwells, so the test is valid for noise of a
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -60,7 +61,7 @@ class WithinDwells:
     course: float
     confounded: bool
 
-    def as_dict(self) -> dict:
+    def as_dict(self) -> dict[str, Any]:
         """For a file."""
         return {
             "variable": self.variable,

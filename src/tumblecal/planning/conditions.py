@@ -5,7 +5,7 @@ therefore made for stated conditions.
 """
 
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -43,7 +43,7 @@ class Conditions(NamedTuple):
             return False
         return abs(self.temperature_degc - self.last_degc) >= _LEAST_RANGE_DEGC
 
-    def record(self) -> dict:
+    def record(self) -> dict[str, Any]:
         """For JSON: the conditions of the new positions."""
         return {
             "after_s": self.after_s,

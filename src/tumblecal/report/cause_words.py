@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import groupby
 from math import comb
+from typing import Any
 
 import numpy as np
 
@@ -56,7 +57,7 @@ def size_words(diagnosis: Diagnosis, cause: Cause) -> Iterator[tuple[str, str]]:
         yield "combination", f"only the combination {sum_of} = {size} {combination['unit']} is determined"
 
 
-def coefficients(diagnosis: Diagnosis, cause: Cause) -> dict[str, dict]:
+def coefficients(diagnosis: Diagnosis, cause: Cause) -> dict[str, dict[str, Any]]:
     """Coefficients of one fitted effect: value, unit and standard uncertainty (`sd`) in display units, and whether the data
     determine it separately. If not, the value is only that of the fit, without an uncertainty."""
     fit, listed = diagnosis.extended, {}
@@ -70,7 +71,7 @@ def coefficients(diagnosis: Diagnosis, cause: Cause) -> dict[str, dict]:
     return listed
 
 
-def combined(diagnosis: Diagnosis, cause: Cause) -> list[dict]:
+def combined(diagnosis: Diagnosis, cause: Cause) -> list[dict[str, Any]]:
     """Combinations of several coefficients of one fitted effect that the data determine: weights by name, value, standard
     uncertainty (`sd`) and display unit."""
     listed = []

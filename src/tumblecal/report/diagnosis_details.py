@@ -1,6 +1,7 @@
 """What a verdict adds below its rule: model and noise used, changes of the calibration, and what the data cannot show."""
 
 from collections.abc import Iterator
+from typing import Any
 
 from tumblecal.data.positions import WITHIN_DWELLS
 from tumblecal.data.sensor_parameters import SENSOR, leaf_of
@@ -128,7 +129,7 @@ def undetermined_words(diagnosis: Diagnosis) -> str:
     )
 
 
-def shifts(diagnosis: Diagnosis) -> dict[str, dict]:
+def shifts(diagnosis: Diagnosis) -> dict[str, dict[str, Any]]:
     """Change of each nominal parameter from the nominal fit to the calibration file, in display units and in the standard
     uncertainties of that file (`in_sd`)."""
     used, count = diagnosis.in_use, len(diagnosis.nominal.names)

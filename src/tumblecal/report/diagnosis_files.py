@@ -28,7 +28,7 @@ SCHEMA = "tumblecal.diagnosis/1"
 _MOST_EXPLANATIONS = 10
 
 
-def record(diagnosis: Diagnosis, plan: NextPlan, verdict: Verdict | None = None) -> dict:
+def record(diagnosis: Diagnosis, plan: NextPlan, verdict: Verdict | None = None) -> dict[str, Any]:
     """The diagnosis as plain numbers, lists and texts; coefficients as shown, the rest in g and rad; `verdict`: as for
     `write_diagnosis`."""
     verdict = verdict or verdict_of_diagnosis(diagnosis, plan)

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -21,7 +22,7 @@ from tumblecal.ground.units import factor
 _SAME = 1e-9
 
 
-def term_of_form(form: dict, where: Where, *, effect: str, determined: bool) -> Term:
+def term_of_form(form: dict[str, Any], where: Where, *, effect: str, determined: bool) -> Term:
     """A form of an effect as a term of a calibration file, its coefficient zero.
 
     **Raises:** `InputError` for a form that no calibration file can contain.

@@ -1,6 +1,7 @@
 """Amounts of effects of units: of the head, of each unit, mean and dispersion over the batch, levels; in display units."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -17,7 +18,7 @@ from tumblecal.ground.units import factor, shown
 UnitRows = Sequence[tuple[str, Mapping]]
 
 
-def spread_sizes(found: JointDiagnosis, entries: Catalogue) -> dict[str, dict]:
+def spread_sizes(found: JointDiagnosis, entries: Catalogue) -> dict[str, dict[str, Any]]:
     """For each effect that differs between units: the mean of every coefficient, its standard uncertainty by the noise, and the
     standard deviation between units. Mean and uncertainty are None for a coefficient that is not determined separately."""
     listed = {}
@@ -43,7 +44,7 @@ def shown_in(found: JointDiagnosis) -> dict[str, tuple[int, ...]]:
     return {id: found.amounts[id].shown_in for id in found.joint.best.by_unit}
 
 
-def level_sizes(found: JointDiagnosis, entries: Catalogue) -> list[dict]:
+def level_sizes(found: JointDiagnosis, entries: Catalogue) -> list[dict[str, Any]]:
     """For each error of the head with two levels: its p-value and, for each part, the numbers of the first and last unit and
     every coefficient that is determined separately, with its standard uncertainty."""
     listed = []
@@ -61,7 +62,7 @@ def level_sizes(found: JointDiagnosis, entries: Catalogue) -> list[dict]:
     return listed
 
 
-def between_units_words(name: str, size: dict) -> str:
+def between_units_words(name: str, size: dict[str, Any]) -> str:
     """Mean and standard deviation over the units of a coefficient that differs between them."""
     mean = "undetermined" if size["mean"] is None else rounded_together(size["mean"], size["mean_sd"])
     return f"{name}: mean {mean}, standard deviation between units {size['sd_between_units']:.2g} {size['unit']}"
@@ -83,13 +84,13 @@ def coefficients_of(found: JointDiagnosis, entries: Catalogue) -> list[tuple[str
     return list(zip(head.names, displays, scales, strict=True))
 
 
-def shared_coefficients(found: JointDiagnosis, entries: Catalogue) -> dict[str, dict]:
+def shared_coefficients(found: JointDiagnosis, entries: Catalogue) -> dict[str, dict[str, Any]]:
     """Coefficients of the errors of the head: value, standard uncertainty (`sd`) and unit in display units."""
     head = found.fit.head
     return {} if head is None else _in_display_units(coefficients_of(found, entries), head.values, head.sd)
 
 
-def own_estimates(found: JointDiagnosis, number: int, entries: Catalogue) -> dict[str, dict]:
+def own_estimates(found: JointDiagnosis, number: int, entries: Catalogue) -> dict[str, dict[str, Any]]:
     """Estimate of each shared coefficient by one unit, in display units, without those that it does not determine."""
     fit = found.fit
     return _in_display_units(coefficients_of(found, entries), fit.unit_values[number], fit.unit_sd[number])
@@ -106,7 +107,7 @@ def _in_display_units(
     }
 
 
-def origins(found: JointDiagnosis, entries: Catalogue) -> dict[str, dict]:
+def origins(found: JointDiagnosis, entries: Catalogue) -> dict[str, dict[str, Any]]:
     """Head or sensor: for every effect, the part that it belongs to, and the probabilities that all units share it and that it
     differs between units."""
     joint, listed = found.joint, {}
@@ -121,7 +122,7 @@ def origins(found: JointDiagnosis, entries: Catalogue) -> dict[str, dict]:
     return listed
 
 
-def origins_by_class(found: JointDiagnosis, entries: Catalogue) -> Iterator[tuple[list[str], dict]]:
+def origins_by_class(found: JointDiagnosis, entries: Catalogue) -> Iterator[tuple[list[str], dict[str, Any]]]:
     """The origins of the effects, those of one class of indistinguishable explanations together, as the probability is that of
     the class. The most probable first."""
     listed = origins(found, entries)

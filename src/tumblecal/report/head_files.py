@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 from tumblecal.diagnosis.units import JointDiagnosis
 from tumblecal.effects import Catalogue
@@ -47,7 +48,7 @@ def write_units(
     return [*names, *(write_head_page(folder, found, units, entries) if figures else [])]
 
 
-def record(found: JointDiagnosis, units: UnitRows, entries: Catalogue, text: str) -> dict:
+def record(found: JointDiagnosis, units: UnitRows, entries: Catalogue, text: str) -> dict[str, Any]:
     """The batch as plain numbers, lists and texts, in the schema of one diagnosis, with `units` added."""
     joint, fit, best = found.joint, found.fit, found.joint.best
     known = all(unit.at.problem.known for unit in found.batch.units)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -39,7 +40,7 @@ class FittedEffect:
     names of the coefficients in that order. `kept`: at known values. `reason`: why no file contains it."""
 
     id: str
-    forms: tuple[dict, ...]
+    forms: tuple[dict[str, Any], ...]
     names: tuple[str, ...]
     kept: bool = False
     reason: str = NO_FORMS

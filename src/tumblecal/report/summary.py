@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from tumblecal.data.sensor_parameters import SENSOR
 from tumblecal.ground.atomic import written_aside
@@ -22,7 +22,7 @@ CALIBRATED = (
 DIAGNOSED = ("file", "serial_number", "verdict", "causes", "probability", "p_value", "cv_gain_g", "sigma_g", "fault")
 
 
-def calibration_row(file: Path, calibrated: "Calibrated | InputError") -> dict:
+def calibration_row(file: Path, calibrated: "Calibrated | InputError") -> dict[str, Any]:
     """The line of one file: serial number, judgement and use, residual rms (g), chi2/dof if the noise is stated, and the
     parameters of the sensor with their standard uncertainties (1, g, rad); for a failed file only the fault."""
     if isinstance(calibrated, InputError):
@@ -43,7 +43,7 @@ def calibration_row(file: Path, calibrated: "Calibrated | InputError") -> dict:
     return row
 
 
-def diagnosis_row(file: Path, diagnosis: "Diagnosis | InputError") -> dict:
+def diagnosis_row(file: Path, diagnosis: "Diagnosis | InputError") -> dict[str, Any]:
     """The line of one file: serial number, verdict, causes, their probability, the test's p-value, the gain in cross-validated
     prediction error (g) and the residual sd (g); for a failed file only the fault."""
     if isinstance(diagnosis, InputError):

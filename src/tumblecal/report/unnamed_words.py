@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -54,7 +55,7 @@ def held_out_words(law: Law) -> str:
     return f"held-out error {changed(law.before_g * 1e3, law.after_g * 1e3)} mg"
 
 
-def unnamed_record(unnamed: Unnamed | None) -> dict | None:
+def unnamed_record(unnamed: Unnamed | None) -> dict[str, Any] | None:
     """As plain numbers and texts; g, rad and the units stated."""
     if unnamed is None:
         return None

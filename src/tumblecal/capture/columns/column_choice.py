@@ -57,7 +57,7 @@ class Choice:
 class Unsettled(InputError):
     """The values of columns without names do not show which are the accelerations; more rows may show it."""
 
-    def __reduce__(self) -> tuple:
+    def __reduce__(self) -> tuple[object, ...]:
         return Unsettled, (self.faults,)
 
 

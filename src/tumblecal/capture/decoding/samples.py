@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field, fields
 from enum import IntFlag
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,7 +93,7 @@ class Event:
 
     stop: int
     kind: str
-    content: dict
+    content: dict[str, Any]
 
     def __post_init__(self) -> None:
         # A device may send any text, and all of it is shown and recorded.

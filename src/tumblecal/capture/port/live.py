@@ -2,6 +2,7 @@
 
 from collections import Counter
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +28,7 @@ class Arrived:
     log_start: NDArray[np.int64]
     log_stop: NDArray[np.int64]
     events: list[Event]
-    notices: list[dict]
+    notices: list[dict[str, Any]]
 
 
 @dataclass
@@ -52,7 +53,7 @@ class Tally:
             f"discarded bytes {c.discarded}, lost >= {self.lost_at_least}, reopened {self.reopened}{flags}"
         )
 
-    def as_dict(self) -> dict:
+    def as_dict(self) -> dict[str, Any]:
         """The counts for the journal."""
         counts = {name: value for name, value in vars(self).items() if name not in ("counts", "restarts")}
         rounded = {"status": dict(self.status), "longest_gap_s": round(self.longest_gap_s, 3)}
@@ -70,7 +71,7 @@ class LiveStream:
     - `options`: further arguments of the decoder.
     """
 
-    def __init__(self, recording: Recording, protocol: Protocol, settings: Settings | None, options: dict):
+    def __init__(self, recording: Recording, protocol: Protocol, settings: Settings | None, options: dict[str, Any]):
         self.recording, self.protocol = recording, protocol
         self._decoder = protocol.decoder(settings, **options)
         self.tally = Tally()

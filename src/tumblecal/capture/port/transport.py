@@ -12,6 +12,7 @@ import struct
 import termios
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import serial
 from serial.tools import list_ports
@@ -50,7 +51,7 @@ class Identity:
             )
         return self.url == other.url
 
-    def as_dict(self) -> dict:
+    def as_dict(self) -> dict[str, Any]:
         """The identity for the log."""
         return asdict(self)
 

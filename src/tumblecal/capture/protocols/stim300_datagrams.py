@@ -6,6 +6,7 @@ three 16-bit values and a status byte); with PPS or AUX a 24-bit value and a sta
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -111,7 +112,7 @@ def special_event(identifier: int, frame: bytes, stop: int) -> Event:
     return Event(stop, kind, content)
 
 
-def configuration_of(frame: bytes) -> dict:
+def configuration_of(frame: bytes) -> dict[str, Any]:
     """The contents of a configuration datagram, in words and numbers."""
     rate = frame[3] >> 5
     baud = frame[4] >> 4
@@ -131,7 +132,7 @@ def configuration_of(frame: bytes) -> dict:
     }
 
 
-def settings_of(content: dict) -> Settings:
+def settings_of(content: dict[str, Any]) -> Settings:
     """The settings of a configuration datagram."""
     ranges = content["range_g"]
     known = tuple(ranges) if all(r is not None for r in ranges) else None

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from os.path import commonpath
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,7 +50,7 @@ def recording_files(given: Sequence[Path], others: Sequence[Path | None] = ()) -
     return sorted(files, key=natural) if [*map(str, files)] == sorted(map(str, files)) else files
 
 
-def natural(path: Path) -> list:
+def natural(path: Path) -> list[Any]:
     """The sort key of paths in natural order."""
     return [
         (part.isdecimal(), int(part) if part.isdecimal() else part) for part in re.split(r"(\d+)", str(path)) if part

@@ -31,7 +31,7 @@ class NothingStill(InputError):
         super().__init__(fault)
         self.stillness = stillness
 
-    def __reduce__(self) -> tuple:
+    def __reduce__(self) -> tuple[object, ...]:
         return NothingStill, (self.faults[0], self.stillness)
 
 

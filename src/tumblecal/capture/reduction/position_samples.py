@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,7 +102,7 @@ def _table(path: Path) -> PositionSamples:
     return PositionSamples(force, middle, rate, str(path))
 
 
-def labels_of(path: Path, cells: list, column: str) -> NDArray[np.str_]:
+def labels_of(path: Path, cells: list[Any], column: str) -> NDArray[np.str_]:
     """Labels of the samples (for example of their positions), as for `labels_in`.
 
     **Raises:** `InputError` for empty cells.

@@ -132,7 +132,7 @@ def reduce(folder: Path, report: Callable[[str], None] = lambda text: None) -> R
 
 
 def decoded_stretch(
-    raw: Path, attempt: Attempt, device_protocol: Protocol, settings: Settings | None, options: dict
+    raw: Path, attempt: Attempt, device_protocol: Protocol, settings: Settings | None, options: dict[str, Any]
 ) -> tuple[Samples, NDArray[np.float64], range, list[int]]:
     """Samples of an attempt and shortly before and after it: with stamps, mask of the attempt, and places of replies."""
     records = [

@@ -1,6 +1,7 @@
 """One attempt at one position: the samples as they arrive, intermediate statistics, and the summary at the end."""
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,7 +102,7 @@ class Dwell:
         specials = [event.stop for part in (*before, *self.parts) for event in part.events if event.counted]
         return losses_of(protocol, samples, host_s, rate_hz, inside, specials)
 
-    def summary(self, losses: Losses) -> dict:
+    def summary(self, losses: Losses) -> dict[str, Any]:
         """The summary for the journal."""
         still = stationarity(self.blocks)
         return {

@@ -5,6 +5,7 @@ measured again. The run continues if both dwells agree within their noise, and s
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,7 +121,7 @@ class InstrumentDoubt:
             return self._not_confirmed(position)
         return self._state.to_compare and self._to_compare()
 
-    def interrupted(self, notice: dict, speed: float) -> None:
+    def interrupted(self, notice: dict[str, Any], speed: float) -> None:
         """Register an interruption of the line: the instrument may be a different one, unless the interruption was short."""
         reopened = notice["event"] == "reopened"
         if self._identity is not None and (reopened or notice.get("after_s", 0.0) * speed > _EXCHANGE_S):

@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from tumblecal.capture.capture_plan import CapturePlan
 from tumblecal.capture.decoding.samples import Event, Settings
@@ -33,7 +34,7 @@ class Device:
     serial_number: str | None
     settings: Settings | None
     rate_hz: float
-    events: list[dict]
+    events: list[dict[str, Any]]
 
 
 def await_port(url: str, limit_s: float, pause: Pause = time.sleep) -> None:

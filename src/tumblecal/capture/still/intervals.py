@@ -5,6 +5,7 @@ are too few intervals to determine it.
 """
 
 from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +31,7 @@ class Interval:
     knocks: tuple[tuple[int, int], ...] = ()
     reason: str = ""
 
-    def as_dict(self) -> dict:
+    def as_dict(self) -> dict[str, Any]:
         """The interval as keys and values of a file."""
         record = asdict(self) | {"mean": self.mean.tolist(), "knocks": [list(pair) for pair in self.knocks]}
         return record | {"used": not self.reason}

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,7 +54,7 @@ class Stillness:
         """The used intervals."""
         return [interval for interval in self.intervals if not interval.reason]
 
-    def as_dict(self) -> dict:
+    def as_dict(self) -> dict[str, Any]:
         """The intervals as keys and values of a file."""
         noise = {"noise": self.noise.tolist(), "dof": self.dof.tolist(), "coarse_steps": self.coarse}
         judged = {"joins": self.joins, "size_judged": self.size_judged}

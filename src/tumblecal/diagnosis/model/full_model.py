@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from jaxtyping import Float
@@ -147,7 +147,7 @@ class FullModel:
         return np.concatenate([values, self.start[self.nominal :]])
 
 
-def settings_key(where: Where) -> tuple:
+def settings_key(where: Where) -> tuple[Any, ...]:
     """Key of a model: number of positions, columns, groups; not the values of the columns."""
     present = tuple(getattr(where, name) is None for name in ("time_s", "temperature_degc", "approach"))
     return (len(np.asarray(where.alpha)), present, where.labels)

@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import jax
 import numpy as np
@@ -92,7 +93,7 @@ class Layout:
         return all(type(link) in kinds for link in self.nominal_chain.links)
 
     @cached_property
-    def key(self) -> tuple:
+    def key(self) -> tuple[Any, ...]:
         """Key of a model."""
         return key_of(self.chain)
 
@@ -156,7 +157,7 @@ class Layout:
         }
 
 
-def key_of(chain: Chain) -> tuple:
+def key_of(chain: Chain) -> tuple[Any, ...]:
     """Key of a chain: links, names, values."""
     leaves, structure = jax.tree.flatten(chain)
     return structure, tuple(np.asarray(leaf).tobytes() for leaf in leaves)

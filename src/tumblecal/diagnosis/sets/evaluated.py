@@ -17,7 +17,8 @@ class Evaluated:
     """
 
     def __init__(self, null: float):
-        self.best, self.leading = [null, *[-np.inf] * MOST], [()] * (MOST + 1)
+        self.best: list[float] = [null, *[-np.inf] * MOST]
+        self.leading: list[Members] = [()] * (MOST + 1)
         # Batch by batch.
         self._kept: list[list[_Scored]] = [[(np.zeros((1, 0), int), np.array([null]))], *([] for _ in range(MOST))]
 

@@ -34,7 +34,10 @@ class Search:
     """All sets evaluated for one data set, with their scores; `found`: number of other causes found before."""
 
     def __init__(self, pool: Pool, z: Float[np.ndarray, " nu"], known: bool, found: int = 0):
-        self.pool, self.z, self.known, self.found = pool, z, known, found
+        self.pool: Pool = pool
+        self.z: Float[np.ndarray, " nu"] = z
+        self.known: bool = known
+        self.found: int = found
         null = float(log_evidence_of_noise(np.array(z @ z), pool.dof, known)) + np.log(SIZE_PRIOR[0])
         self._evaluated = Evaluated(null)
         self._expanded: set[Members] = set()
