@@ -86,6 +86,8 @@ class LogReader:
     `position`: end of the complete records read so far; `damaged`: stretches (start, stop) without a record.
     """
 
+    position: int
+
     def __init__(self, path: Path, start: int = 0):
         self.path = path
         self.position = start
@@ -177,6 +179,9 @@ class LogWriter:
 
     **Raises:** `InputError` if another process writes this log, or the file cannot be created.
     """
+
+    position: int
+    cut: int
 
     def __init__(self, path: Path, patience_s: float = 0.0):
         self.path = path

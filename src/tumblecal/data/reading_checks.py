@@ -73,6 +73,18 @@ class ReadingChecks:
     - `range_degc`: temperature range of the calibration, if known; `margin_degc`: tolerance at both ends.
     """
 
+    columns: Sequence[str]
+    row_word: str
+    range_degc: Sequence[float]
+    other_degc: Occurrences
+    margin_degc: float
+    rows: int
+    largest: float
+    far: Occurrences
+    no_unit: Occurrences
+    like: dict[str, Occurrences]
+    ends: dict[tuple[str, int], _End]
+
     def __init__(
         self,
         columns: Sequence[str],

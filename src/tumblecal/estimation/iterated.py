@@ -104,6 +104,9 @@ class Filter:
     estimate needs no further compilation.
     """
 
+    mean: Any
+    covariance: Any
+
     def __init__(self, problem: Problem, prior: Prior | None = None):
         self.problem = problem
         self.mean = problem.chain.vector

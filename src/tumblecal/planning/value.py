@@ -95,6 +95,10 @@ class Separation:
     - `alternatives`: to the leader.
     """
 
+    explanations: list[LinearPosterior]
+    labels: list[tuple[str, ...]]
+    most: float
+
     def __init__(self, nominal: int, leader: Alternative, amplitudes: np.ndarray, alternatives: Sequence[Alternative]):
         columns = list(leader.columns)
         # The data before the effects of the leader are subtracted.
@@ -195,6 +199,9 @@ class Sharpening:
     - `rows`: of old and new positions.
     - `columns`: those fitted. `watched`: places among them of the relevant parameters, each in its scale.
     """
+
+    known: LinearPosterior
+    watched: list[int]
 
     def __init__(self, rows: Rows, columns: Sequence[int], watched: Sequence[int]):
         self.known, self.watched = LinearPosterior(rows, columns), list(watched)

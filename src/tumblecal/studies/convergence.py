@@ -34,6 +34,17 @@ PHYSICAL_PRIOR = 0.1
 class Convergence:
     """One convergence study; `study` from `read_study`."""
 
+    table: ConvergenceTable
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    sd: float
+    methods: list[tuple[str, str, float]]
+    trials: int
+    chunks: int
+    programs: int
+    chunk_bytes: int
+    seconds: float
+
     def __init__(self, study: Mapping[str, Any]):
         table: ConvergenceTable = table_of(study)
         rig = rig_of_study(study)

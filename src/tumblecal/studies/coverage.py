@@ -30,6 +30,11 @@ MICROSECONDS = {"harmonic": 3.0, "chain": 20.0}
 class Coverage:
     """One coverage study; `study` from `read_study`."""
 
+    chunks: int
+    programs: int
+    chunk_bytes: int
+    seconds: float
+
     def __init__(self, study: Mapping[str, Any]):
         table: CoverageTable = table_of(study)
         rig = rig_of_study(study)

@@ -37,6 +37,16 @@ MICROSECONDS = 60.0
 class Linearization:
     """One linearisation study; `study` from `read_study`. A chunk is one size of one case."""
 
+    table: LinearizationTable
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    sd: float
+    chunks: int
+    programs: int
+    trials: int
+    chunk_bytes: int
+    seconds: float
+
     def __init__(self, study: Mapping[str, Any]):
         table: LinearizationTable = table_of(study)
         rig = rig_of_study(study)

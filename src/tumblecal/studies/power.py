@@ -28,6 +28,17 @@ COUNTS = ("runs", "detected", "named", "named_alone", "failed")
 class Power:
     """One power study; `study` from `read_study`. Sizes of 0 give the rate of false alarms."""
 
+    table: PowerTable
+    where: Where
+    points: list[tuple[str, float]]
+    effect_units: dict[str, str]
+    sd: float
+    trials: int
+    chunks: int
+    chunk_bytes: int
+    seconds: float
+    programs: int
+
     def __init__(self, study: Mapping[str, Any]):
         table: PowerTable = table_of(study)
         rig = rig_of_study(study)

@@ -51,6 +51,9 @@ def _changed_tables(recorded: Mapping[str, Any], wanted: Mapping[str, Any]) -> l
 class Store:
     """The folder of one study: `manifest.json`, `chunks/`."""
 
+    folder: Path
+    chunks: int
+
     def __init__(
         self,
         folder: Path,

@@ -20,6 +20,14 @@ from tumblecal.studies.study_tables import SweepTable, entries_of, noise_stated,
 class Sweep:
     """One sweep; `study` from `read_study`. Its chunks are those of its points, one point after the other."""
 
+    grid: dict[str, list[Any]]
+    points: list[tuple[dict[str, Any], dict[str, Any]]]
+    chunk_bytes: int
+    programs: int
+    trials: int
+    chunks: int
+    seconds: float
+
     def __init__(self, study: Mapping[str, Any]):
         table: SweepTable = table_of(study)
         self.grid, self.points = table.grid, points_of(study)

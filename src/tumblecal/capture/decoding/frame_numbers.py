@@ -49,6 +49,12 @@ class FrameNumbers:
     `repeats`: frames that arrived before; `replaced`: frames that the device replaced by a reply.
     """
 
+    window: int
+    lost: int
+    gaps: int
+    repeats: int
+    replaced: int
+
     def __init__(self, modulus: int, step: int):
         self._modulus, self._step = modulus, step
         self.window = min(WINDOW, modulus // step // 4)

@@ -83,6 +83,11 @@ class VirtualDevice:
     - `rates`: angular rates in deg/s of the samples with these numbers; by default noise.
     """
 
+    config: Emulation
+    settings: Settings
+    head: DividingHead
+    ledger: Ledger
+
     def __init__(self, config: Emulation, truth: TruthFunction = ideal, rates: RateFunction | None = None):
         self.config, self._truth, self._rates = config, truth, rates
         self.protocol = protocol(config.instrument.protocol)

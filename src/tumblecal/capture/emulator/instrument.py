@@ -32,6 +32,9 @@ class VirtualInstrument:
     - `ledger`: file for the true events, written once a second and at the end.
     """
 
+    device: VirtualDevice
+    port: VirtualPort
+
     def __init__(
         self,
         device: VirtualDevice,

@@ -71,6 +71,11 @@ class LiveStream:
     - `options`: further arguments of the decoder.
     """
 
+    recording: Recording
+    protocol: Protocol
+    tally: Tally
+    recent: bytes
+
     def __init__(self, recording: Recording, protocol: Protocol, settings: Settings | None, options: dict[str, Any]):
         self.recording, self.protocol = recording, protocol
         self._decoder = protocol.decoder(settings, **options)

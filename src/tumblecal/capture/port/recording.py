@@ -30,6 +30,11 @@ class Recording:
     **Raises:** `InputError` if the port or the log cannot be opened.
     """
 
+    log: Path
+    baud: int
+    synced: int
+    restarts: int
+
     def __init__(self, log: Path, url: str, baud: int):
         self.log, self._url, self.baud = log, url, baud
         self._reader: LogReader | None = None

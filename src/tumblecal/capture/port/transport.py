@@ -84,6 +84,8 @@ class Port:
     **Raises:** `InputError` with the reason in one line if the port cannot be opened.
     """
 
+    identity: Identity
+
     def __init__(self, url: str, baud: int):
         native = "://" not in url
         user = _terminal_of(Path(url)) if native else None

@@ -52,6 +52,17 @@ class Guide:
     - `trust`: the operator states that it is.
     """
 
+    stream: LiveStream
+    rate_hz: float
+    watch: HeadWatch
+    must_move: bool
+    rejected: str
+    settled: int
+    worker: EstimateWorker
+    phase: Phase
+    position: int
+    doubt: InstrumentDoubt
+
     def __init__(
         self,
         run: RunFolder,

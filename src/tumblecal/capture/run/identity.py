@@ -37,6 +37,8 @@ class Identity:
     `heard`: the serial number that was stated last. `tries`: number of queries since the line was interrupted.
     """
 
+    tries: int
+
     def __init__(
         self,
         send: Callable[[bytes], None],

@@ -36,6 +36,8 @@ class BlockCutter:
     - `size`: samples in a block.
     """
 
+    size: int
+
     def __init__(self, size: int):
         self.size = max(size, 4)
         self._rest = np.zeros((0, 3))
@@ -153,6 +155,8 @@ class HeadWatch:
 
     `moved`: whether the head moved since this was last set to False.
     """
+
+    moved: bool
 
     def __init__(self, block: int, to_local_g: float, still_g: float):
         self._cutter = BlockCutter(block)

@@ -9,6 +9,8 @@ from types import FrameType
 class Stopped(Exception):
     """A signal requested the end; `number` is that signal."""
 
+    number: signal.Signals
+
     def __init__(self, number: int):
         self.number = signal.Signals(number)
         super().__init__("Ctrl-C" if number == signal.SIGINT else self.number.name)
