@@ -92,7 +92,7 @@ def fit(
     problem: Problem,
     start: Float[np.ndarray, " free"] | None = None,
     *,
-    solver: "AbstractLeastSquaresSolver | AbstractMinimiser | None" = None,
+    solver: "AbstractLeastSquaresSolver[Any, Any, Any, Any] | AbstractMinimiser[Any, Any, Any] | None" = None,
     loss: Loss | None = None,
 ) -> Fit:
     """Fit the chain to the data.

@@ -203,7 +203,7 @@ class Problem:
     def prior_rows(self, vector: Float[Array | np.ndarray, " free"]) -> Float[Array, " stated"]:
         """White rows of the priors: estimate minus mean."""
         deviation, weights = vector - self.prior_mean, jnp.asarray(self.prior_weights)
-        return weights @ deviation if weights.ndim == 2 else deviation * weights
+        return jnp.asarray(weights @ deviation if weights.ndim == 2 else deviation * weights)
 
     def rows(self, values: Any) -> Any:
         """White rows (rows, ...) of values given for every reading (positions, 3, ...), numpy or JAX."""

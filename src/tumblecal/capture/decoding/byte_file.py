@@ -90,7 +90,7 @@ class FileContents:
     rate_hz: float | None
     counts: Counts = field(default_factory=Counts)
     events: list[Event] = field(default_factory=list)
-    event_counts: Counter = field(default_factory=Counter)
+    event_counts: Counter[str] = field(default_factory=Counter)
     samples: int = 0
     size: int = 0
     good: int = 0

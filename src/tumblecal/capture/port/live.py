@@ -38,7 +38,7 @@ class Tally:
     counts: Counts = field(default_factory=Counts)
     lost_at_least: int = 0
     duplicates: int = 0
-    status: Counter = field(default_factory=Counter)
+    status: Counter[str] = field(default_factory=Counter)
     reopened: int = 0
     silences: int = 0
     restarts: int = 0

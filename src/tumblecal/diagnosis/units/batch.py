@@ -54,7 +54,7 @@ class SharedSignal(NamedTuple):
         return [(name, unit) for column, name, unit in whole if column in self.slot.columns]
 
     @property
-    def key(self) -> tuple:
+    def key(self) -> tuple[object, ...]:
         """Independent of the plan; it also distinguishes signals of one cause with different time constants."""
         return (self.label, self.words, self.slot.names, self.slot.variant)
 
