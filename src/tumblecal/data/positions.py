@@ -176,7 +176,8 @@ class PositionSet(Shown):
             if values is None and name not in ("alpha_deg", "beta_deg", "readings"):
                 continue
             if not isinstance(values, np.ndarray):
-                yield f"{self.source}: {name} is of type {type(values).__name__}; it must be a numpy array"
+                kind = type(values).__name__
+                yield f"{self.source}: {name} is of type {kind}; it must be a numpy array (from_arrays takes others)"
             elif values.shape != wanted:
                 yield f"{self.source}: {name} has the shape {values.shape}; it must be {wanted}, for {count} names"
             elif not np.all(np.isfinite(values)):

@@ -194,7 +194,7 @@ def output_effect(
     needs: Sequence[str] = (),
     components: Sequence[str] = ("",),
     kinked: bool = False,
-    forms: Sequence[dict] = (),
+    forms: Sequence[dict[str, Any]] = (),
     weight: float = 1.0,
     looks_back: bool = False,
     pauses: str = "",

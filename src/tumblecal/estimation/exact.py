@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from tumblecal.chain import Chain
@@ -32,7 +33,9 @@ STEP_IN_SD, FALLBACK_STEP_IN_SD = 1e-6, 1e-4
 _FACTORS = (0.3, 3.0, 10.0, 30.0)
 
 
-def solve(problem: Problem, start: Float[Array, " free"], *, damped: bool = False) -> tuple[Array, Array, Array]:
+def solve(
+    problem: Problem, start: Float[Array | np.ndarray, " free"], *, damped: bool = False
+) -> tuple[Array, Array, Array]:
     """The least-squares estimate as a pure function; differentiable in all of `problem` (implicit differentiation).
 
     **Arguments:**
@@ -54,7 +57,7 @@ def solve(problem: Problem, start: Float[Array, " free"], *, damped: bool = Fals
         throw=False,
         max_steps=MOST_STEPS * (8 if damped else 1),
     )
-    return solution.value * scales, solution.result == optx.RESULTS.successful, solution.stats["num_steps"]
+    return jnp.asarray(solution.value) * scales, solution.result == optx.RESULTS.successful, solution.stats["num_steps"]
 
 
 @jax.jit
@@ -123,6 +126,8 @@ def fit(
         >>> bool(abs(other.values - plain.values).max() < 1e-9), tumblecal.fit(problem, loss=huber()).method
         (True, 'exact, Huber loss (1.345)')
     """
+    if isinstance(problem.readings, Tracer):
+        raise TypeError("fit checks numbers, so JAX cannot trace it: use exact.solve in a traced function, or fit_many")
     if loss is not None:
         return fit_robust(problem, loss, start, solver)
     if solver is not None:

@@ -32,8 +32,8 @@ def of_report(name: str) -> Callable[..., Any]:
     return _finders[-1](name)
 
 
-# A method that returns a figure of its object.
-Drawing = Callable[[Any], "Figure"]
+# A method that returns a figure of its object (type checkers bind no method that is stated with its first argument).
+Drawing = Callable[..., "Figure"]
 
 
 def drawn_by(name: str, words: str) -> Drawing:
