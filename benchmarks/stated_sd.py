@@ -120,7 +120,7 @@ def one_recording(
     start()
     from tumblecal.diagnosis.diagnose import Diagnoser
     from tumblecal.estimation import exact
-    from tumblecal.estimation.problem import problem_of
+    from tumblecal.estimation.position_problem import problem_of
 
     with tempfile.TemporaryDirectory() as folder:
         write_positions(Path(folder) / "positions.csv", data)

@@ -14,7 +14,7 @@ from tumblecal.capture.reduction.reduce import reduce
 from tumblecal.capture.reduction.reduction import write_reduction
 from tumblecal.data import read_positions
 from tumblecal.estimation import exact
-from tumblecal.estimation.problem import problem_of
+from tumblecal.estimation.position_problem import problem_of
 from tumblecal.ground.errors import InputError
 
 

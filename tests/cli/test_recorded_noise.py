@@ -13,7 +13,7 @@ from tumblecal.capture.capture_plan import read_plan, setup_of_comment
 from tumblecal.data import read_positions
 from tumblecal.data.joined import joined
 from tumblecal.estimation import exact
-from tumblecal.estimation.problem import problem_of
+from tumblecal.estimation.position_problem import problem_of
 from tumblecal.noise import Covariance
 from tumblecal.noise.recorded import recorded_covariance
 from tumblecal.report.calibration_words import noise_words

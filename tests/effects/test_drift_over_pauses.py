@@ -12,7 +12,7 @@ from tumblecal.effects import catalogue
 from tumblecal.effects.catalogue import links
 from tumblecal.effects.effect import Effect
 from tumblecal.estimation import exact
-from tumblecal.estimation.problem import problem_of
+from tumblecal.estimation.position_problem import problem_of
 
 
 DRIFT_G_S = -1.77e-3 / 3600

@@ -8,7 +8,7 @@ from blind_noise import position_set
 from tumblecal.diagnosis import Diagnoser
 from tumblecal.effects import catalogue
 from tumblecal.estimation import exact, problem_of
-from tumblecal.estimation.problem import where_of
+from tumblecal.estimation.position_problem import where_of
 from tumblecal.planning.next_plan import next_plan
 from tumblecal.planning.proposals import Allowed
 

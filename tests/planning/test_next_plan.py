@@ -13,7 +13,7 @@ from tumblecal.data import PositionSet
 from tumblecal.diagnosis import Diagnoser
 from tumblecal.effects import catalogue
 from tumblecal.estimation import exact, problem_of
-from tumblecal.estimation.problem import where_of
+from tumblecal.estimation.position_problem import where_of
 from tumblecal.ground.atomic import write_texts
 from tumblecal.planning.next_plan import SEPARATE, SHARPEN, next_plan
 from tumblecal.planning.proposals import SIDES, Allowed

@@ -10,7 +10,7 @@ from blind_noise import position_set
 from tumblecal.chain import nominal_chain
 from tumblecal.effects.catalogue import catalogue, links
 from tumblecal.estimation.methods import calibrate
-from tumblecal.estimation.problem import where_of
+from tumblecal.estimation.position_problem import where_of
 from tumblecal.report.calibration_words import temperature_words
 
 

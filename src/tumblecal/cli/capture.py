@@ -158,7 +158,7 @@ def _problem(plan):
 
     start()
     from tumblecal.data.positions import PositionSet
-    from tumblecal.estimation.problem import default_chain, problem_of
+    from tumblecal.estimation.position_problem import default_chain, problem_of
 
     steps = plan.steps
     data = PositionSet(

@@ -31,8 +31,9 @@ from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.mean_noise import MeanNoise, recorded_noises, sample_noises
 from tumblecal.estimation.mountings import turned_mountings
 from tumblecal.estimation.plausibility import Implausible, implausible
+from tumblecal.estimation.position_problem import default_chain, problem_of, where_of
 from tumblecal.estimation.priors import Priors
-from tumblecal.estimation.problem import Problem, default_chain, problem_of, where_of
+from tumblecal.estimation.problem import Problem
 from tumblecal.estimation.setup_correction import correct_setup_errors
 from tumblecal.estimation.setup_error import SetupError, undone_by_fit
 from tumblecal.ground.blas import single_blas_thread

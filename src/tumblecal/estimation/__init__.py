@@ -2,7 +2,8 @@
 
 from tumblecal.estimation.fit import Code, Fit
 from tumblecal.estimation.methods import Calibrated, calibrate
-from tumblecal.estimation.problem import Problem, default_chain, problem_of, where_of
+from tumblecal.estimation.position_problem import default_chain, problem_of, where_of
+from tumblecal.estimation.problem import Problem
 
 
 __all__ = [

@@ -7,7 +7,8 @@ from jaxtyping import Float
 
 from tumblecal.estimation.fit import Code, Fit, History
 from tumblecal.estimation.identifiability import Identifiability, identifiability
-from tumblecal.estimation.problem import Problem, default_chain, where_of
+from tumblecal.estimation.position_problem import default_chain, where_of
+from tumblecal.estimation.problem import Problem
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.frames import gravity_in_head
 

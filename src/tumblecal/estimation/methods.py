@@ -18,8 +18,9 @@ from tumblecal.estimation.kalman import Prior
 from tumblecal.estimation.leave_out import Contradicted, contradicted
 from tumblecal.estimation.noise_level import ContradictedLevel, contradicted_level
 from tumblecal.estimation.plausibility import Implausible, implausible
+from tumblecal.estimation.position_problem import problem_of
 from tumblecal.estimation.priors import Priors
-from tumblecal.estimation.problem import Problem, problem_of
+from tumblecal.estimation.problem import Problem
 from tumblecal.estimation.setup_correction import correct_setup_errors
 from tumblecal.estimation.setup_error import HARMLESS, SetupError
 from tumblecal.ground.errors import InputError

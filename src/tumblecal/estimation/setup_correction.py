@@ -22,7 +22,7 @@ from tumblecal.estimation.gross_reading_errors import (
     refuse_unmeasured,
     units_of_rows,
 )
-from tumblecal.estimation.problem import where_of
+from tumblecal.estimation.position_problem import where_of
 from tumblecal.estimation.quarter_turns import turn_of, turn_words
 from tumblecal.estimation.setup_error import SetupError
 from tumblecal.ground.axes import AXES

@@ -11,7 +11,7 @@ from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.methods import Calibrated
 from tumblecal.estimation.mountings import mounting_words, turns_of
 from tumblecal.estimation.noise_level import UNLIKELY, ContradictedLevel
-from tumblecal.estimation.problem import default_chain
+from tumblecal.estimation.position_problem import default_chain
 from tumblecal.ground.gravity import normal_gravity
 from tumblecal.ground.numbers_shown import p_words
 from tumblecal.ground.suggested_command import suggested
