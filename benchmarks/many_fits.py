@@ -65,8 +65,7 @@ def predicted(v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     for k, (row, column) in enumerate(((1, 0), (2, 0), (2, 1))):
         jacobian[:, :, row, 9 + k] = seen[:, :, column] * gain[:, :, row]
     moved = slope @ (triad @ turns[0]).mT * gain
-    for k in range(3):
-        jacobian[:, k == SETTING, :, 12 + k] = moved[:, k == SETTING]
+    jacobian[..., 12:] = moved[..., None] * (SETTING[:, None] == np.arange(3))[:, None]
     return u * gain + bias[:, None], jacobian.reshape(fits, 72, 15)
 
 

@@ -98,13 +98,13 @@ def test_rows_and_unwhitened_undo_each_other(problem, correlated):
 
 
 def test_compiled_programs_see_the_numbers_and_not_the_names(problem):
-    leaves, structure = jax.tree.flatten(problem)
+    leaves, structure = jax.tree.flatten(problem.bare)
     back = jax.tree.unflatten(structure, leaves)
     assert back.data is None and back.retained is None and back.known and back.with_prior
     np.testing.assert_array_equal(back.readings, problem.readings)
     with pytest.raises(ValueError, match="without a position set"):
         back.measured_data  # noqa: B018
-    assert jax.tree.structure(replace(problem, data=None, sd=problem.sd / 2)) == structure
+    assert jax.tree.structure(replace(problem, data=None, sd=problem.sd / 2).bare) == structure
 
 
 def test_exact_fit_under_a_full_covariance_is_generalised_least_squares():

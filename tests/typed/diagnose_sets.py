@@ -1,5 +1,9 @@
 """A user's script: diagnoses with an effect of one's own, in several processes."""
 
+import pickle
+
+import numpy as np
+
 import tumblecal
 from tumblecal import InputError
 from tumblecal.effects import Effect, output_effect
@@ -12,6 +16,8 @@ fourth: Effect = output_effect(
 rig = tumblecal.read_rig("hidden_effect")
 sets = [tumblecal.simulate(rig, seed=seed, noise_sd=0.1e-3) for seed in (4, 5)]
 diagnosis = tumblecal.diagnose(sets[0], [fourth], noise_sd=0.1e-3)
+again = pickle.loads(pickle.dumps(diagnosis))
+assert again.labels == diagnosis.labels and np.array_equal(again.extended.values, diagnosis.extended.values)
 print(diagnosis.verdict, diagnosis.labels, diagnosis.gain.cv_rms_after_g, diagnosis.best.probability)
 for result in tumblecal.diagnose_many(sets, [fourth], noise_sd=0.1e-3):
     print(result.faults if isinstance(result, InputError) else result.verdict)

@@ -148,6 +148,10 @@ class _Carried:
     def __hash__(self) -> int:
         return hash(tuple(map(id, self.values)))
 
+    def __repr__(self) -> str:
+        # The same in every process: stored programs, which do not depend on the values, are found by it.
+        return "carried"
+
 
 def register_unchecked(cls: type, traced: Sequence[str], static: Sequence[str], carried: Sequence[str] = ()) -> None:
     """Register a dataclass as a pytree of its fields; JAX reconstructs it without checks, because its leaves are not always

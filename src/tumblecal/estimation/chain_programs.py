@@ -14,6 +14,7 @@ from jaxtyping import Float
 from tumblecal.chain import Chain, Where
 from tumblecal.chain.frames import Vector
 from tumblecal.estimation.programs import cached_program
+from tumblecal.ground.showing import brief
 
 
 class Evaluation(NamedTuple):
@@ -33,6 +34,8 @@ class Programs:
     - `by_position`: whether the readings of a position depend on its own settings alone; the fast Jacobian is exact then.
     - `quiet`: whether the other links have no effect with zero coefficients; `predict_nominal` then omits them.
     """
+
+    __repr__ = brief
 
     chain: Chain
     back: np.ndarray

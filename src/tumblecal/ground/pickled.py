@@ -1,15 +1,16 @@
-"""Results that hold functions, such as effects and links, as bytes for other processes."""
+"""Results with functions in them, such as effects and links, as bytes for other processes."""
 
+from dataclasses import fields as dataclass_fields
 from typing import Any
 
 
 class Pickled:
-    """A dataclass that the standard pickle stores, whatever functions its fields hold (those of a script or lambdas, too)."""
+    """A dataclass that the standard pickle stores, whatever functions are in its fields (those of a script or lambdas, too)."""
 
     def __reduce__(self) -> tuple[Any, ...]:
         import cloudpickle
 
-        fields = {name: getattr(self, name) for name in self.__dataclass_fields__}  # type: ignore[attr-defined]
+        fields = {field.name: getattr(self, field.name) for field in dataclass_fields(self)}  # type: ignore[arg-type]
         return _restored, (type(self), cloudpickle.dumps(fields))
 
 

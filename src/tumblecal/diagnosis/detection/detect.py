@@ -34,8 +34,8 @@ from tumblecal.ground.program_cache import program_cache, sources_digest
 
 
 SEED = 20160319
-# So many draws times coefficients at once, which a cache holds; of large plans no fewer draws than the second number, because
-# every part reads all signals from memory.
+# So many draws times coefficients at once, which fit into a cache; of large plans no fewer draws than the second number,
+# because every part reads all signals from memory.
 _AT_ONCE, _LEAST_AT_ONCE = 180_000, 150
 # Null distributions on disk, and the residual vectors whose scores are a part of their keys.
 _PREFIX, _MOST_KEPT, _KEY_VECTORS = "null-", 200, 4
