@@ -57,7 +57,7 @@ def test_the_estimate_is_that_of_scipy(chain, loss, name, threshold):
     assert fit.method.startswith(f"exact, {name.capitalize()} loss")
 
 
-@pytest.mark.parametrize(("known", "sets"), [(True, 40), (False, 12)])
+@pytest.mark.parametrize(("known", "sets"), [(True, 25), (False, 6)])
 def test_intervals_contain_the_truth_where_some_readings_are_wrong(chain, known, sets):
     rng, contained, plain = np.random.default_rng(3), [], []
     for _ in range(sets):
@@ -65,8 +65,8 @@ def test_intervals_contain_the_truth_where_some_readings_are_wrong(chain, known,
         for loss, listed in ((huber(), contained), (None, plain)):
             low, high = tumblecal.fit(problem, loss=loss).interval(0.95).T
             listed.append((low <= chain.vector) & (chain.vector <= high))
-    # 640 or 192 intervals, those of one data set correlated.
-    assert 0.95 - (0.05 if known else 0.09) < np.mean(contained) < 0.99
+    # 400 or 96 intervals, those of one data set correlated.
+    assert 0.95 - (0.06 if known else 0.12) < np.mean(contained) < 0.995
     assert np.mean(plain) < 0.6 if known else True
 
 
