@@ -37,8 +37,9 @@ from tumblecal.report.terminal import print_calibration; stage("imports: the res
 from tumblecal.data import read_positions
 data = read_positions({table!r}); stage("reading")
 from tumblecal.estimation import exact, problem_of
+from tumblecal.estimation.linearised import linearised
 problem = problem_of(data); first = problem.chain.vector
-exact._gauss_newton(problem, first); exact.linearised(problem, first); stage("tracing and compiling, or loading")
+exact._gauss_newton(problem, first); linearised(problem, first); stage("tracing and compiling, or loading")
 done = all_methods(problem_of(data)); stage("running all methods")
 import pathlib, rich.console
 print_calibration(done, rich.console.Console(file=open("/dev/null", "w")))

@@ -13,6 +13,7 @@ from tumblecal.capture.capture_plan import read_plan, setup_of_comment
 from tumblecal.data import read_positions
 from tumblecal.data.joined import joined
 from tumblecal.estimation import exact
+from tumblecal.estimation.linearised import linearised
 from tumblecal.estimation.position_problem import problem_of
 from tumblecal.noise import Covariance
 from tumblecal.noise.recorded import recorded_covariance
@@ -76,8 +77,8 @@ def test_calibrate_fits_with_the_covariance_of_the_means(means):
     problem = problem_of(data)
     fitted = exact.fit(problem)
     covariance = Covariance.by_axis(recorded_covariance(data))
-    _, white = (np.asarray(part) for part in exact.linearised(problem, fitted.values))
-    _, weighted = (np.asarray(part) for part in exact.linearised(problem.independent, fitted.values))
+    _, white = (np.asarray(part) for part in linearised(problem, fitted.values))
+    _, weighted = (np.asarray(part) for part in linearised(problem.independent, fitted.values))
     jacobian = weighted * np.repeat(data.sd.ravel()[:, None], 1, axis=1)
     inverse = np.linalg.inv(covariance.matrix)
     normal = jacobian.T @ inverse @ jacobian

@@ -9,8 +9,8 @@ from rigs import measured, random_vector, setting
 import independent
 from tumblecal import InputError
 from tumblecal.estimation import default_chain, exact, problem_of
-from tumblecal.estimation.exact import linearised
 from tumblecal.estimation.identifiability import identifiability
+from tumblecal.estimation.linearised import linearised
 
 
 TWO_PITCHES = (np.tile(np.arange(8) * 45.0, 2), np.repeat([0.0, 45.0], 8))

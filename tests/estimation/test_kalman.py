@@ -12,6 +12,7 @@ from scipy import stats
 from tumblecal.effects import catalogue
 from tumblecal.estimation import default_chain, exact, harmonic, iterated, kalman, problem_of, where_of
 from tumblecal.estimation.kalman import DIFFUSE, Prior
+from tumblecal.estimation.linearised import linearised
 
 
 NOISE = 1.5e-4
@@ -143,7 +144,7 @@ def test_compiled_filter_is_the_one_by_one_filter():
 def test_the_filter_linearises_a_position_at_its_own_step_alone(monkeypatch):
     """Work that is linear in the rows: the whole set is linearised twice, where the filter ended and for the residuals."""
     calls = []
-    monkeypatch.setattr(iterated, "linearised", lambda *arguments: calls.append(1) or exact.linearised(*arguments))
+    monkeypatch.setattr(iterated, "linearised", lambda *arguments: calls.append(1) or linearised(*arguments))
     data = measured(random_vector(2, 15, 2e-3), sd=1e-4, seed=3)
     result = iterated.fit(problem_of(data, noise_sd=1e-4), sigma=1e-4)
     assert len(calls) == 2 and len(result.history.values) == 24

@@ -7,8 +7,8 @@ from rigs import PAPER_ALPHA, PAPER_BETA, measured, setting
 import independent
 from tumblecal.data import paper
 from tumblecal.estimation import closed_form, harmonic, problem_of
-from tumblecal.estimation.exact import linearised
 from tumblecal.estimation.identifiability import identifiability
+from tumblecal.estimation.linearised import linearised
 
 
 TRUTH = np.array(list(paper.SIMULATION_TRUTH.values()))

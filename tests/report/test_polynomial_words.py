@@ -38,7 +38,7 @@ def diagnosis(values, covariance):
         data=SimpleNamespace(temperature_degc=DEGC),
         problem=SimpleNamespace(where=SimpleNamespace(time_s=TIME_S, clocks=1)),
         determined={id: [SimpleNamespace(weights={id: 1.0})] for id in ids},
-        in_use=SimpleNamespace(undetected=None),
+        in_use=SimpleNamespace(names=()),
     )
 
 

@@ -136,8 +136,8 @@ class Diagnoser:
         noises = sample_noises(samples, data) if samples is not None else []
         if samples is None and noise_sd is None:
             noises = recorded_noises(data)
-        own_model = chain is not None and any(isinstance(link, Forward) for link in chain.links)
-        mended, mixed = (data, []) if own_model else correct_setup_errors(data, chain)
+        users_model = chain is not None and any(isinstance(link, Forward) for link in chain.links)
+        mended, mixed = (data, []) if users_model else correct_setup_errors(data, chain)
         begun = self._begun(mended, mixed, chain, noise_sd, priors, noises)
         slips = of_angles(mixed)
         if not slips or begun.extended.computed:

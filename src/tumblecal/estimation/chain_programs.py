@@ -1,7 +1,7 @@
 """A chain as compiled programs of arrays alone: its readings, and its Jacobian for all positions at once."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -65,7 +65,7 @@ class Programs:
 
     def __getstate__(self) -> dict[str, Any]:
         # Programs are compiled again in another process.
-        return {name: getattr(self, name) for name in self.__dataclass_fields__}
+        return {part.name: getattr(self, part.name) for part in fields(self)}
 
 
 def programs_of(
@@ -96,7 +96,7 @@ def programs_of(
     slope = np.asarray(programs.evaluate(where, base, scales)[1]) @ direction
     error = np.max(np.abs(slope - (plus - minus) / (2 * step)))
     by_position, quiet = error < 1e-6 * np.max(np.abs(slope)), np.max(np.abs(alone - whole)) < 1e-12
-    # Those compiled already serve on, where they are exact.
+    # The programs used for the check, which are compiled, if they are exact.
     return programs if by_position and quiet else Programs(chain, back, nominal, bool(by_position), bool(quiet))
 
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import jax
@@ -14,7 +13,8 @@ from jaxtyping import Array, Float
 from tumblecal.chain import Chain
 from tumblecal.estimation import closed_form
 from tumblecal.estimation.fit import Code, Fit
-from tumblecal.estimation.identifiability import RANK_TOLERANCE, identifiability
+from tumblecal.estimation.identifiability import RANK_TOLERANCE
+from tumblecal.estimation.linearised import identifiability_of, linearised, require_full_rank, scaled_residual
 from tumblecal.estimation.problem import Problem
 from tumblecal.estimation.programs import cached_program
 from tumblecal.estimation.robust import Loss, fit_robust, minimised
@@ -50,7 +50,7 @@ def solve(
     scales = jnp.asarray(problem.scales)
     solver = optx.LevenbergMarquardt if damped else optx.GaussNewton
     solution = optx.least_squares(
-        lambda scaled, here: _scaled_residual(here, scaled),
+        lambda scaled, here: scaled_residual(here, scaled),
         solver(TOLERANCE, TOLERANCE),
         start / scales,
         args=problem.bare,
@@ -58,24 +58,6 @@ def solve(
         max_steps=MOST_STEPS * (8 if damped else 1),
     )
     return jnp.asarray(solution.value) * scales, solution.result == optx.RESULTS.successful, solution.stats["num_steps"]
-
-
-@jax.jit
-def _scaled_residual(problem: Problem, scaled: Float[Array, " free"]) -> Float[Array, " rows"]:
-    """Residual by scaled parameters. Compiled separately, so that the solver traces the chain only once."""
-    return problem.residual(scaled * jnp.asarray(problem.scales))
-
-
-def linearised(problem: Problem, vector: Float[Array | np.ndarray, " free"]) -> tuple[Array, Array]:
-    """Weighted residual and its Jacobian by the scaled parameters, at a parameter vector."""
-    return _linearised(problem.bare, vector)
-
-
-@cached_program
-def _linearised(problem: Problem, vector: Float[Array, " free"]) -> tuple[Array, Array]:
-    scaled = vector / jnp.asarray(problem.scales)
-    residual, push = jax.linearize(partial(_scaled_residual, problem), scaled)
-    return residual, jax.vmap(push, out_axes=-1)(jnp.eye(len(scaled)))
 
 
 @cached_program
@@ -136,8 +118,7 @@ def fit(
     start = starts[0]
     *outcome, at_start = _gauss_newton(problem.bare, start)
     residual, design = (np.asarray(part) for part in at_start)
-    determined = identifiability(design, problem.chain.names, problem.scales, problem.chain.of_positions)
-    determined.require_full_rank(problem.source, np.asarray(problem.readings))
+    require_full_rank(problem, design)
     code, checked = _judged(outcome, residual, Code.CONVERGED)
     for other in starts[1:]:
         *outcome, _ = _gauss_newton(problem.bare, other)
@@ -158,9 +139,7 @@ def _fit_by(problem: Problem, solver: Any, start: Float[np.ndarray, " free"] | N
     """The fit by a given solver; `code` states whether one more Gauss-Newton step would move the estimate."""
     start = problem.chain.vector if start is None else np.asarray(start, float)
     residual, design = map(np.asarray, linearised(problem, start))
-    identifiability(design, problem.chain.names, problem.scales, problem.chain.of_positions).require_full_rank(
-        problem.source, np.asarray(problem.readings)
-    )
+    require_full_rank(problem, design)
     vector, steps = minimised(problem.bare, solver, start)
     checked = np.asarray(vector), steps, linearised(problem, vector)
     code, judged = _judged(checked, residual, Code.CONVERGED_BY_FALLBACK)
@@ -244,7 +223,7 @@ def _fitted(
         jacobian=jacobian,
         vector=vector,
         statistics={"steps": float(steps)},
-        identifiability=identifiability(jacobian, names, scales, problem.chain.of_positions),
+        identifiability=identifiability_of(problem, jacobian),
     )
 
 

@@ -16,9 +16,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from tumblecal.estimation.exact import linearised
 from tumblecal.estimation.fit import Code, Fit, History
 from tumblecal.estimation.kalman import Prior
+from tumblecal.estimation.linearised import linearised
 from tumblecal.estimation.problem import Problem
 from tumblecal.estimation.programs import cached_program
 

@@ -190,7 +190,7 @@ def _links(arguments: Any) -> tuple[type, ...]:
 def _sources(links: tuple[type[Link], ...]) -> str:
     """Digest of this package's sources and of those of links defined elsewhere."""
     files = sorted({Path(inspect.getfile(link)) for link in links})
-    package = sources_digest("chain", "effects", "estimation")
+    package = sources_digest("chain", "effects", "estimation", "simulation")
     return _digest(package, *(path.read_text(encoding="utf-8") for path in files))
 
 

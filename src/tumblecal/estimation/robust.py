@@ -19,7 +19,7 @@ import optimistix as optx
 from jaxtyping import Array, Float
 
 from tumblecal.estimation.fit import Code, Fit
-from tumblecal.estimation.identifiability import identifiability
+from tumblecal.estimation.linearised import identifiability_of, linearised, require_full_rank
 from tumblecal.estimation.problem import Problem
 
 
@@ -121,10 +121,9 @@ def fit_robust(
     """
     solver = optx.LevenbergMarquardt(rtol=_TOLERANCE, atol=_TOLERANCE) if solver is None else solver
     bare, vector = problem.bare, problem.chain.vector if start is None else np.asarray(start, float)
-    design = _rows_and_jacobian(bare, jnp.asarray(vector))[1]
-    determined = identifiability(np.asarray(design), problem.chain.names, problem.scales, problem.chain.of_positions)
-    determined.require_full_rank(problem.source, np.asarray(problem.readings))
-    taken, dof = 3 * int(np.sum(problem.takes_part)), 3 * int(np.sum(problem.takes_part)) + problem.priors - len(vector)
+    require_full_rank(problem, np.asarray(linearised(problem, vector)[1]))
+    taken = 3 * int(np.sum(problem.takes_part))
+    dof = taken + problem.priors - len(vector)
     scale, steps = 1.0, 0
 
     for _ in range(1 if problem.known else _MOST_SCALES):
@@ -140,12 +139,6 @@ def fit_robust(
     return _fitted(problem, loss, vector, scale, dof, steps)
 
 
-@jax.jit
-def _rows_and_jacobian(problem: Problem, vector: Array) -> tuple[Array, Array]:
-    scales = jnp.asarray(problem.scales)
-    return problem.residual(vector), jax.jacfwd(lambda scaled: problem.residual(scaled * scales))(vector / scales)
-
-
 @eqx.filter_jit
 def _derivatives(loss: Loss, rows: Array) -> tuple[Array, Array]:
     """First and second derivative of the loss of each row."""
@@ -154,7 +147,7 @@ def _derivatives(loss: Loss, rows: Array) -> tuple[Array, Array]:
 
 def _fitted(problem: Problem, loss: Loss, vector: np.ndarray, scale: float, dof: int, steps: int) -> Fit:
     """The fit with the sandwich covariance."""
-    rows, jacobian = (np.asarray(part) for part in _rows_and_jacobian(problem.bare, jnp.asarray(vector)))
+    rows, jacobian = (np.asarray(part) for part in linearised(problem, vector))
     count = problem.readings.size
     of_data, prior = jacobian[:count], jacobian[count:]
     relative = jnp.asarray(rows[:count] / scale)
@@ -182,5 +175,5 @@ def _fitted(problem: Problem, loss: Loss, vector: np.ndarray, scale: float, dof:
         jacobian=jacobian,
         vector=vector,
         statistics={"steps": float(steps), "scale": scale},
-        identifiability=identifiability(jacobian, problem.chain.names, problem.scales, problem.chain.of_positions),
+        identifiability=identifiability_of(problem, jacobian),
     )

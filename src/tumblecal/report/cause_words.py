@@ -89,7 +89,7 @@ def combined(diagnosis: Diagnosis, cause: Cause) -> list[dict[str, Any]]:
 def with_undetected(diagnosis: Diagnosis, weights: Mapping[str, float], sd: float) -> float:
     """Standard uncertainty of a combination of coefficients: that of the noise, with the part of undetected effects."""
     used = diagnosis.in_use
-    if used.undetected is None or not weights.keys() <= set(used.names):
+    if not weights.keys() <= set(used.names):
         return sd
     places, each = [used.names.index(name) for name in weights], np.array(list(weights.values()))
     return float(np.sqrt(sd**2 + each @ used.undetected.covariance[np.ix_(places, places)] @ each))

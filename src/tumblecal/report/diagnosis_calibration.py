@@ -138,8 +138,7 @@ def extended_calibration(diagnosis: Diagnosis) -> Calibration | None:
     provenance = {"verdict": diagnosis.verdict, "causes": list(diagnosis.labels), "not_applied": []}
     if diagnosis.noise_words and not diagnosis.problem.known:
         provenance["stated_noise"] = f"The residuals contradict the assumed noise: {diagnosis.noise_words}"
-    undetected = diagnosis.in_use.undetected
-    provenance |= {PARTS: _uncertainty_parts(diagnosis), UNDETECTED: sorted(undetected.effects) if undetected else []}
+    provenance |= {PARTS: _uncertainty_parts(diagnosis), UNDETECTED: sorted(diagnosis.in_use.undetected.effects)}
     provenance["reference"] = _reference(diagnosis, of_model, terms.listed)
     several = weighed if len(weighed) > 1 else ()
     if several:

@@ -153,7 +153,6 @@ def uncertainty_words(diagnosis: Diagnosis) -> str:
     if none is much larger than the noise."""
     used = diagnosis.in_use
     parts, undetected = used.parts, used.undetected
-    assert undetected is not None  # the calibration file includes it
     ratio = {
         name: used.sd[k] / parts["noise"][k]
         for k, name in enumerate(used.names)

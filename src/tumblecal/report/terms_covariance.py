@@ -40,7 +40,7 @@ def covariance_in_use(
     slope[count + np.arange(len(of_terms)), of_terms] = [3600.0 if term.per_hour else 1.0 for term in terms.values()]
     covariance, undetected = slope @ used.covariance @ slope.T, used.undetected
     responses = _responses(diagnosis, reference_degc)
-    if undetected is None or not len(responses):
+    if not len(responses):
         return covariance
     inputs = np.tile(DIRECTIONS, (responses.shape[1] // len(DIRECTIONS), 1))
     regressors = np.column_stack([np.ones(len(inputs)), inputs])
@@ -73,8 +73,6 @@ def _responses(diagnosis: Diagnosis, reference_degc: float | None) -> Float[np.n
     """Contribution of each direction of the undetected effects that a file could contain to the readings, at points of the
     sphere and of the temperature range, g; none without such effects."""
     undetected, model = diagnosis.in_use.undetected, diagnosis.model
-    if undetected is None:
-        return np.zeros((0, 0, 3))
     degc, ids = diagnosis.data.temperature_degc, undetected.effects
     columns, terms = [], []
     for slot in {slot.id: slot for slot in model.slots if slot.id in ids}.values():

@@ -19,9 +19,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from tumblecal.estimation.identifiability import identifiability
+from tumblecal.estimation.linearised import linearised, require_full_rank
 from tumblecal.estimation.problem import Problem
-from tumblecal.estimation.programs import compiler_options
+from tumblecal.estimation.programs import cached_program
 
 
 # A lane has converged when its remaining error, judged by the last step and the rate so far, is below this share of
@@ -62,9 +62,8 @@ def design(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
     **Raises:** `InputError` when the positions leave directions undetermined; they are named.
     """
     scales = problem.scales
-    rows = jax.jit(jax.jacfwd(lambda scaled: problem.residual(scaled * scales)), compiler_options=compiler_options())
-    jacobian = np.asarray(rows(jnp.asarray(problem.chain.vector / scales)))
-    identifiability(jacobian, problem.chain.names, scales).require_full_rank("study")
+    jacobian = np.asarray(linearised(problem, problem.chain.vector)[1])
+    require_full_rank(problem, jacobian, "study")
     return jacobian / scales, np.linalg.inv(np.linalg.qr(jacobian, mode="r")) * scales[:, None]
 
 
@@ -75,16 +74,20 @@ def expansion(problem: Problem) -> Expansion:
     """
     centre = problem.chain.vector
     jacobian, to_values = design(problem)
-
-    def residual(coordinates):
-        return problem.residual(centre + to_values @ coordinates)
-
-    second = jax.jit(jax.jacfwd(jax.jacfwd(residual)), compiler_options=compiler_options())(np.zeros(len(centre)))
+    second = _second_derivative(problem.bare, centre, to_values)
     gain = (jacobian @ to_values).T
     half = np.einsum("ir,rjl->ijl", gain, np.asarray(second))
     predicted = np.asarray(problem.predicted(jnp.asarray(centre)))
     slope = half + half.transpose(1, 0, 2)
     return Expansion(*(jnp.asarray(part) for part in (centre, to_values, predicted, gain, slope)))
+
+
+@cached_program
+def _second_derivative(problem: Problem, centre: Array, to_values: Array) -> Array:
+    def residual(coordinates):
+        return problem.residual(centre + to_values @ coordinates)
+
+    return jax.jacfwd(jax.jacfwd(residual))(jnp.zeros(centre.shape))
 
 
 def fit_chain(problem: Problem, shared: Expansion, readings: Float[Array, "lanes positions 3"]) -> ChainFits:
@@ -119,20 +122,18 @@ def fit_chain(problem: Problem, shared: Expansion, readings: Float[Array, "lanes
     values = shared.centre[None] + point @ shared.to_values.T
     # The value belongs to the point before the last step, which moved it by less than rounding once converged.
     good = (remaining < REMAINING) & jnp.all(jnp.isfinite(values), axis=1) & jnp.isfinite(value)
-    return _again(problem, readings, ChainFits(values, 2.0 * value, good))
+    return _again(problem, shared.centre, readings, ChainFits(values, 2.0 * value, good))
 
 
-def _again(problem: Problem, readings: Array, found: ChainFits) -> ChainFits:
+def _again(problem: Problem, centre: Array, readings: Array, found: ChainFits) -> ChainFits:
     """Plain Gauss-Newton, with a Jacobian for each trial and step, for lanes that did not converge with the shared one.
 
     Runs only for batches that have such lanes; the others' values stay as they are.
     """
-    centre, scales = jnp.asarray(problem.chain.vector), jnp.asarray(problem.scales)
+    scales = jnp.asarray(problem.scales)
 
-    def linearised(vector, measured):
-        at = eqx.tree_at(lambda p: p.readings, problem, measured)
-        rows = at.residual(vector)
-        return rows, jax.jacfwd(lambda scaled: at.residual(scaled * scales))(vector / scales)
+    def of_lane(vector, measured):
+        return linearised(eqx.tree_at(lambda p: p.readings, problem, measured), vector)
 
     def unfinished(state):
         count, _, _, good = state
@@ -140,7 +141,7 @@ def _again(problem: Problem, readings: Array, found: ChainFits) -> ChainFits:
 
     def step(state):
         count, values, chi2, good = state
-        rows, jacobian = jax.vmap(linearised)(values, readings)
+        rows, jacobian = jax.vmap(of_lane)(values, readings)
         normal = jnp.swapaxes(jacobian, 1, 2) @ jacobian
         moved = jnp.linalg.solve(normal, jnp.einsum("lri,lr->li", jacobian, rows)[..., None])[..., 0]
         after = jnp.where(good[:, None], values, values - moved * scales[None])

@@ -8,6 +8,7 @@ that does not converge. The blocks go to all devices in turn. A trial depends on
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import jax
@@ -20,12 +21,13 @@ from scipy.special import stdtrit
 from tumblecal.chain import Chain
 from tumblecal.estimation.fit import Code
 from tumblecal.estimation.problem import Problem
-from tumblecal.estimation.programs import compiler_options
+from tumblecal.estimation.programs import cached_program, compiler_options
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.showing import brief
 from tumblecal.simulation.chain_fit import fit_chain
 from tumblecal.simulation.experiment import BLOCK, Experiment, experiment_of
 from tumblecal.simulation.harmonic_fit import fit_harmonics
+from tumblecal.simulation.uniform import UniformPlan
 
 
 if TYPE_CHECKING:
@@ -150,12 +152,7 @@ def fit_many(
         ((2000, 15), True)
     """
     one = experiment_of(problem, path=path)
-    count = len(problem.readings)
-
-    def fitted(block: Array) -> tuple[Array, Array, Array]:
-        return _fitted(one, block)
-
-    program = jax.jit(fitted, compiler_options=compiler_options())
+    count, program = len(problem.readings), _block_program(one)
     sizes: list[int] = []
 
     def blocks() -> Iterator[np.ndarray]:
@@ -164,7 +161,7 @@ def fit_many(
             yield np.concatenate([block, np.repeat(block[-1:], BLOCK - len(block), axis=0)])
 
     results = list(_spread(program, blocks(), devices))
-    parts = [[part[:size] for part in own] for own, size in zip(results, sizes, strict=True)]
+    parts = [[part[:size] for part in result] for result, size in zip(results, sizes, strict=True)]
     values, chi2, converged = (
         map(np.concatenate, zip(*parts, strict=True)) if parts else _none(len(problem.chain.names))
     )
@@ -230,7 +227,7 @@ def monte_carlo(
     program = jax.jit(trial_block, compiler_options=compiler_options())
     numbers = range(first // BLOCK, first // BLOCK + -(-trials // BLOCK))
     parts = list(_spread(program, (np.asarray(number) for number in numbers), devices))
-    drawn, values, chi2, converged = (np.concatenate(own)[:trials] for own in zip(*parts, strict=True))
+    drawn, values, chi2, converged = (np.concatenate(blocks)[:trials] for blocks in zip(*parts, strict=True))
     return _many(problem, one, values, chi2, converged, drawn)
 
 
@@ -271,16 +268,26 @@ def _none(free: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return np.zeros((0, free)), np.zeros(0), np.zeros(0, bool)
 
 
-def _fitted(one: Experiment, readings: Float[Array, "lanes positions 3"]) -> tuple[Array, Array, Array]:
-    """Values (lanes, free), sums of squares and convergence of one block."""
+def _block_program(one: Experiment) -> Callable[[Array], tuple[Array, Array, Array]]:
+    """From the readings (lanes, positions, 3) of one block to values (lanes, free), sums of squares and convergence."""
     if one.plan is None:
         assert one.shared is not None
-        return fit_chain(one.problem, one.shared, readings)
-    moved = jnp.moveaxis(readings, 0, 2)
-    harmonics = one.plan.harmonics(moved)
-    fits = fit_harmonics(harmonics, one.plan.pitch, one.plan.angles)
-    rest = jnp.sum((moved - one.plan.synthesis(harmonics)) ** 2, axis=(0, 1))
-    return fits.values.T, (fits.sum_of_squares + rest) / one.sd**2, fits.converged
+        return partial(_chain_block, one.problem, one.shared)
+    return partial(_harmonic_block(one.plan), one.sd)
+
+
+_chain_block = cached_program(fit_chain)
+
+
+def _harmonic_block(plan: UniformPlan) -> Callable[[float, Array], tuple[Array, Array, Array]]:
+    def program(sd, readings):
+        moved = jnp.moveaxis(readings, 0, 2)
+        harmonics = plan.harmonics(moved)
+        fits = fit_harmonics(harmonics, plan.pitch, plan.angles)
+        rest = jnp.sum((moved - plan.synthesis(harmonics)) ** 2, axis=(0, 1))
+        return fits.values.T, (fits.sum_of_squares + rest) / sd**2, fits.converged
+
+    return cached_program(program, plan)
 
 
 def _blocks(readings: Any, count: int) -> Iterator[np.ndarray]:

@@ -8,7 +8,7 @@ from scipy.special import chdtr, fdtrc
 
 from tumblecal.data import paper
 from tumblecal.estimation import Fit
-from tumblecal.estimation.exact import linearised
+from tumblecal.estimation.linearised import linearised
 from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 
 

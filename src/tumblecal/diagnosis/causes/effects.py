@@ -82,10 +82,10 @@ def seen_effects(at: Tangent) -> SeenEffects:
     moved, groups, rounding = np.zeros(len(layout.slots), bool), [], least_signal(at)
     for numbers, columns in layout.by_width.values():
         moved[numbers] = np.any(at.vector[columns], axis=1)
-    alike = _alike(at, moved)
+    second_order = _moved_or_equal(at, moved)
     for numbers, columns in layout.by_width.values():
         # Around the exact fit of an effect nothing is lost to the linearisation: what shows of it in the second order counts.
-        share = np.where(alike[numbers], SECOND_ORDER, VISIBLE)
+        share = np.where(second_order[numbers], SECOND_ORDER, VISIBLE)
         # Nor shows what the noise hides of the largest coefficient that a head may have.
         possible = layout.largest[numbers] / at.model.scales[columns].min(axis=1)
         least = np.maximum(rounding, LEAST_POSSIBLE * at.rough_level / possible)
@@ -93,7 +93,7 @@ def seen_effects(at: Tangent) -> SeenEffects:
     return SeenEffects(layout.slots, tuple(groups), moved)
 
 
-def _alike(at: Tangent, moved: Bool[np.ndarray, " effects"]) -> Bool[np.ndarray, " effects"]:
+def _moved_or_equal(at: Tangent, moved: Bool[np.ndarray, " effects"]) -> Bool[np.ndarray, " effects"]:
     """Those moved, and those that are another at each group of the same settings on the same axis: where an input is the same
     all through a setting, bias and scale factor by setting make the same signals, and neither may have fewer directions."""
     if not moved.any():

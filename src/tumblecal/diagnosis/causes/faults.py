@@ -16,7 +16,7 @@ from tumblecal.chain import Where
 from tumblecal.diagnosis.causes.cause import Cause, Kind
 from tumblecal.diagnosis.causes.exchanged_pairs import exchanged_pairs
 from tumblecal.diagnosis.causes.plan_steps import Step, plan_steps
-from tumblecal.diagnosis.causes.table import CauseTable, alike
+from tumblecal.diagnosis.causes.table import CauseTable, equally_weighted
 from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.diagnosis.priors import (
     FAR,
@@ -121,7 +121,7 @@ def swaps(at: Tangent, level: float) -> CauseTable | None:
     def made(k: int, label: str, weights: tuple[float, float], offset: np.ndarray) -> Cause:
         return swap(label, weights, offset, (int(first[pairs[k]]), int(second[pairs[k]])))
 
-    return alike(SWAP, [labels[pair] for pair in pairs], weights, offsets[possible], None, made)
+    return equally_weighted(SWAP, [labels[pair] for pair in pairs], weights, offsets[possible], None, made)
 
 
 def mislabel(
@@ -162,7 +162,7 @@ def mislabels(at: Tangent, level: float) -> CauseTable | None:
         moved = options[step[k]]
         return mislabel(label, weights, offset, position[k], moved.words, moved.of(where))
 
-    return alike(MISLABEL, [f"mislabelled_angle:{names[k]}" for k in position], weights, offsets, None, made)
+    return equally_weighted(MISLABEL, [f"mislabelled_angle:{names[k]}" for k in position], weights, offsets, None, made)
 
 
 def _predicted(at: Tangent, step: Step) -> Float[np.ndarray, "positions 3"]:

@@ -15,7 +15,7 @@ from jaxtyping import Float, Int
 
 from tumblecal.chain import Where
 from tumblecal.diagnosis.causes.cause import Cause, Kind
-from tumblecal.diagnosis.causes.table import CauseTable, alike
+from tumblecal.diagnosis.causes.table import CauseTable, equally_weighted
 from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.diagnosis.priors import GENERIC_TEST_WEIGHT, GENERIC_WEIGHT, LEAST_VISIBLE_TERM, SAME_TERM
 from tumblecal.effects import AXES
@@ -66,7 +66,7 @@ def generic_causes(
         return Cause(GENERIC, label, *weights, block, terms=(signals.white[:, k].copy(),), words=words[seen[k]])
 
     weights = share + float(np.log(GENERIC_WEIGHT)), share + float(np.log(GENERIC_TEST_WEIGHT))
-    return alike(GENERIC, [UNEXPLAINED] * len(seen), weights, unit, None, made), numbers
+    return equally_weighted(GENERIC, [UNEXPLAINED] * len(seen), weights, unit, None, made), numbers
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float, Int
 
 from tumblecal.diagnosis.causes.cause import Cause, Kind
 from tumblecal.diagnosis.causes.faults import log_weights
-from tumblecal.diagnosis.causes.table import CauseTable, alike
+from tumblecal.diagnosis.causes.table import CauseTable, equally_weighted
 from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.diagnosis.priors import LEAST_VISIBLE_TERM
 from tumblecal.effects import AXES
@@ -94,4 +94,4 @@ def _beginning(
 
     blocks, owners = blocks.reshape(-1, at.dof), np.repeat(np.arange(len(shown)), terms)
     weights = log_weights(id, -float(np.log(kinds * begins)))
-    return alike(JUMP, [f"{id}:{names[start[k]]}" for k in begin], weights, blocks, owners, made)
+    return equally_weighted(JUMP, [f"{id}:{names[start[k]]}" for k in begin], weights, blocks, owners, made)

@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Int
 
 from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.diagnosis.causes.generic import GENERIC, UNEXPLAINED
-from tumblecal.diagnosis.causes.table import CauseTable, alike
+from tumblecal.diagnosis.causes.table import CauseTable, equally_weighted
 from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.diagnosis.priors import LEAST_VISIBLE_TERM, SHAPE_TEST_WEIGHT, SHAPE_WEIGHT
 
@@ -115,7 +115,7 @@ def _visible(at: Tangent, made_of: _Signals, kinds: list[_Shapes], log_weights: 
         return Cause(GENERIC, label, *weights, block, terms=terms, words=kind.words[number])
 
     shown, owners = np.arange(blocks.shape[1]) < ranks[:, None], np.repeat(np.arange(len(own)), ranks)
-    return alike(GENERIC, [UNEXPLAINED] * len(own), log_weights, blocks[shown], owners, shape)
+    return equally_weighted(GENERIC, [UNEXPLAINED] * len(own), log_weights, blocks[shown], owners, shape)
 
 
 @lru_cache(maxsize=64)

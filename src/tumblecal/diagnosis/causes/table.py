@@ -85,7 +85,7 @@ class CauseTable:
         return self if self.fitted else replace(self, rows=self.rows / sigma)
 
 
-def alike(
+def equally_weighted(
     kind: Kind,
     labels: Sequence[str],
     log_weights: tuple[float, float],

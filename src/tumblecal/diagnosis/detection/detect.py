@@ -166,7 +166,7 @@ def detect(
     null: Float[np.ndarray, " draws"],
     size: float = SIZE,
     *,
-    own_null: bool = True,
+    null_of_data: bool = True,
 ) -> Detection:
     """Test the residuals of a problem.
 
@@ -175,12 +175,12 @@ def detect(
     - `at`, `pool`, `alternatives`: the linearised problem, its causes, and other noise models and lack of fit.
     - `null`: null distribution of the plan.
     - `size`: false alarms allowed, all causes together.
-    - `own_null`: whether the null distribution of these data may differ from that of the plan.
+    - `null_of_data`: whether the null distribution of these data may differ from that of the plan.
     """
     z, known = at.z, at.problem.known
     statistic = float(statistics(pool, alternatives, z[None], known)[0])
     close = CLOSE_HAND_HELD if at.model.hand_held else CLOSE
-    if own_null and size / close < _p_value(statistic, null) < size * close:
+    if null_of_data and size / close < _p_value(statistic, null) < size * close:
         draws = min(DRAWS, round(OWN_DRAWS_ABOVE / size))
         null = null_distribution(pool.in_units_of(at.rough_level), alternatives, known, draws)
     chi2 = float(z @ z)

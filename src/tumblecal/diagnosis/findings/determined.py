@@ -11,9 +11,9 @@ from tumblecal.diagnosis.priors import ONE_COEFFICIENT, SIZE, UNKNOWN
 from tumblecal.diagnosis.refine.insert import fit_with
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.estimation.attitudes import attitude_words
-from tumblecal.estimation.exact import linearised
 from tumblecal.estimation.fit import Fit
-from tumblecal.estimation.identifiability import identifiability, sparse_basis, surely_full_rank
+from tumblecal.estimation.identifiability import sparse_basis, surely_full_rank
+from tumblecal.estimation.linearised import identifiability_of, linearised
 from tumblecal.estimation.plausibility import Implausible, implausible
 from tumblecal.estimation.problem import Problem
 from tumblecal.ground.counted import counted
@@ -119,7 +119,7 @@ def require_determined(problem: Problem, jacobian: np.ndarray) -> None:
         return
     chain, source = problem.chain, problem.measured_data.source
     readings = np.asarray(problem.readings)
-    seen = identifiability(jacobian, chain.names, chain.scales, chain.of_positions)
+    seen = identifiability_of(problem, jacobian)
     seen.require_full_rank(source, readings)
     dof = rows - free
     if dof < LEAST_DOF:

@@ -78,9 +78,9 @@ def in_use(
     for explanation in weighed:
         by_faults.setdefault(_faults(explanation.members), []).append(explanation)
     estimates = [
-        _estimate(screened, alike[0], weighed, directions, named, removed, added, sigma) for alike in by_faults.values()
+        _estimate(screened, group[0], weighed, directions, named, removed, added, sigma) for group in by_faults.values()
     ]
-    shares = np.array([sum(explanation.share for explanation in alike) for alike in by_faults.values()])
+    shares = np.array([sum(explanation.share for explanation in group) for group in by_faults.values()])
     values = np.tensordot(shares, [estimate.values for estimate in estimates], 1)
     covariance, undetected = np.zeros((len(values), len(values))), np.zeros((len(values), len(values)))
     for share, estimate in zip(shares.tolist(), estimates, strict=True):

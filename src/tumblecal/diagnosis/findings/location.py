@@ -88,16 +88,16 @@ def _in_parts(
     widths = np.array([len(cause.slot.columns) for cause in causes])
     listed, owners = [], []
     for width in np.unique(widths).tolist():
-        alike = np.flatnonzero(widths == width)
-        columns = [column for k in alike.tolist() for column in causes[k].slot.columns]
+        of_width = np.flatnonzero(widths == width)
+        columns = [column for k in of_width.tolist() for column in causes[k].slot.columns]
         signals = _cut(at, columns, every).mT
         whole, shown = (
-            rows.reshape(len(parts), len(alike), width, -1).swapaxes(0, 1).reshape(-1, width, rows.shape[2])
+            rows.reshape(len(parts), len(of_width), width, -1).swapaxes(0, 1).reshape(-1, width, rows.shape[2])
             for rows in (signals, signals @ at.basis)
         )
         seen = visibilities(whole, shown, VISIBLE, least_signal(at))
         listed.append(seen.rows)
-        numbers = (alike[:, None] * len(parts) + np.arange(len(parts))).ravel()
+        numbers = (of_width[:, None] * len(parts) + np.arange(len(parts))).ravel()
         owners.append(np.repeat(numbers, seen.shown.sum(axis=1)))
     owner, together = np.concatenate(owners), np.concatenate(listed)
     order = np.argsort(owner, kind="stable")

@@ -159,25 +159,25 @@ class Screening:
         at = tangent(self.model, problem, vector)
         known, level = problem.known, at.rough_level
         pool = pooled(at, level, self.reference.pool.generic, visible).without(self.impossible)
-        beside = alternatives(at, pool.effect_blocks)
+        others = alternatives(at, pool.effect_blocks)
         if self.noise_stands:
-            beside = replace(beside, noise=replace(beside.noise, listed=()))
+            others = replace(others, noise=replace(others.noise, listed=()))
         null = self.reference.null_of_unknown if self.corrected else self.reference.null
-        detection = detect(at, pool, beside, null, self.size, own_null=not self.reference.serves(at))
+        detection = detect(at, pool, others, null, self.size, null_of_data=not self.reference.serves(at))
         search = Search(pool, at.z, known, self.found)
         if not detection.detected and not known:
             none = float(log_evidence_of_noise(at.z @ at.z, pool.dof, known))
-            together = float(np.logaddexp(search.several(), beside.lack_of_fit - none))
+            together = float(np.logaddexp(search.several(), others.lack_of_fit - none))
             detection = detected_together(detection, together, self.size)
         if not detection.detected and not known:
             detection = detected_positions(detection, positions_off(pool, at.z), self.size)
-        return self._explained(at, pool, beside, detection, search, likely)
+        return self._explained(at, pool, others, detection, search, likely)
 
     def _explained(
         self,
         at: Tangent,
         pool: Pool,
-        beside: Alternatives,
+        others: Alternatives,
         detection: Detection,
         search: Search,
         likely: Sequence[Cause] = (),
@@ -191,17 +191,17 @@ class Screening:
             ranked = search.ranked()
         sigma = 1.0 if known else search.sigma(ranked.set_at(0))
         of_one = float(np.log(SIZE_PRIOR[1]) + given_found(np.ones(1, int), self.found)[0])
-        by_label = {label: value + of_one for label, value in beside.by_label.items()}
+        by_label = {label: value + of_one for label, value in others.by_label.items()}
         # Of a large signal, the linear screen gives no probability that could decide between a listed and an unnamed cause.
         named_first = bool(at.z @ at.z - search.left(ranked.set_at(0)) <= (LARGE * sigma) ** 2)
-        told = explanations(
+        found = explanations(
             search, ranked, by_label, sigma, Neighbours(at), SettingChanges(at), named_first=named_first
         )
-        leads = " + ".join(told[0].labels) or "adequate"
+        leads = " + ".join(found[0].labels) or "adequate"
         _log.debug(
-            "%d causes, p = %.2g; %s leads with %.3f", pool.size, detection.p_value, leads, told[0].class_probability
+            "%d causes, p = %.2g; %s leads with %.3f", pool.size, detection.p_value, leads, found[0].class_probability
         )
-        return Screened(at, pool, beside, detection, told, search, sigma)
+        return Screened(at, pool, others, detection, found, search, sigma)
 
 
 def _effects_in(pool: Pool, causes: Sequence[Cause]) -> Members:
@@ -222,8 +222,8 @@ def _better(screened: Screened, fit: Fit, large: bool) -> Fit | None:
     search, best = screened.search, screened.best.members
     needed = _needed(screened, fit) if large else set()
     sets = [part for part in parts_of(best) if part and needed <= {*part}] if large else []
-    rivals = [told.members for told in screened.explanations if told.own_probability > RIVAL_SHARE]
-    sets += [members for members in rivals if any(screened.pool.slots[k].shape for k in members)]
+    probable = [other.members for other in screened.explanations if other.own_probability > RIVAL_SHARE]
+    sets += [members for members in probable if any(screened.pool.slots[k].shape for k in members)]
     top, better = search.posterior_at(best, fit.chi2), None
     for members in sorted(set(sets) - {best}):
         other = fit_with(screened.at, [screened.pool.causes[k] for k in members])

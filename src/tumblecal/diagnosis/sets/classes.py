@@ -57,26 +57,26 @@ def explanations(
     # The number -1 means no cause, which has no coefficient.
     coefficients = np.append(search.pool.ranks, 0)[groups.sets].sum(axis=1)
     near, bound = _near(groups, coefficients, shares, changes)
-    alike = _alike(search, groups, near, sigma)
+    equivalents = _same_signal(search, groups, near, sigma)
     if (UNEXPLAINED,) in groups.labels:
         unexplained, pieces = groups.labels.index((UNEXPLAINED,)), groups.patchwork(neighbours)
-        alike |= {k: alike.get(k, {}) | {unexplained: np.nan} for k in pieces}
+        equivalents |= {k: equivalents.get(k, {}) | {unexplained: np.nan} for k in pieces}
         bound[pieces, unexplained] = True
     found, used, unnamed = [], set(), groups.unnamed.tolist()
     sets, order = sets_of(groups.sets), list(range(len(groups.labels)))
     powers = further_powers(search.pool.together, groups.sets)
     for k in near:
-        alike[k] = alike.get(k, {}) | dict.fromkeys(np.flatnonzero(powers[k]).tolist(), np.nan)
-    if named_first and (named := named_in_place(groups.labels, shares, alike)) is not None:
+        equivalents[k] = equivalents.get(k, {}) | dict.fromkeys(np.flatnonzero(powers[k]).tolist(), np.nan)
+    if named_first and (named := named_in_place(groups.labels, shares, equivalents)) is not None:
         first, unnamed_one = named
-        alike[first] = {unnamed_one: np.nan} | alike.get(first, {})
+        equivalents[first] = {unnamed_one: np.nan} | equivalents.get(first, {})
         bound[first, unnamed_one] = True
         order.sort(key=lambda k: k != first)
     for k in order:
         if k in used:
             continue
         labels, members = groups.labels[k], sets[k]
-        same = [other for other in alike.get(k, {}) if other not in used]
+        same = [other for other in equivalents.get(k, {}) if other not in used]
         used |= {k, *same}
         found.append(
             Explanation(
@@ -84,7 +84,7 @@ def explanations(
                 equivalents=tuple([groups.labels[other] for other in same]),
                 own_probability=shares[k],
                 shares=tuple([shares[other] for other in same]),
-                apart=tuple([alike[k][other] for other in same]),
+                apart=tuple([equivalents[k][other] for other in same]),
                 members=members,
                 noise=labels[0] if not unnamed[k] and labels and labels[0] in noise else "",
                 identical=tuple(
@@ -111,7 +111,7 @@ def _near(
     causes, unnamed, posterior, prior = groups.causes, groups.unnamed, groups.log_posterior, groups.log_prior
     # Equal signals are one class whatever their priors; what some unnamed term can imitate has its name.
     odds = posterior[:, None] - posterior - np.where(unnamed, 0.0, prior[:, None] - prior)
-    # By number of causes, as no equal needs more; but what so many named causes can make is not left unexplained.
+    # By number of causes, as no equal needs more; but what so many named causes can make does not remain unexplained.
     imitated = unnamed[:, None] & ~unnamed
     fewer = (causes[:, None] == causes) | (imitated & (causes > 0) & (causes <= causes[:, None]))
     # Two causes that have no more coefficients than one are no less simple.
@@ -141,7 +141,9 @@ def _one_holds_the_other(sets: list[Labels]) -> Bool[np.ndarray, "groups groups"
     return has @ has.T == np.minimum(size[:, None], size)
 
 
-def _alike(search: Search, groups: Groups, near: dict[int, list[int]], sigma: float) -> dict[int, dict[int, float]]:
+def _same_signal(
+    search: Search, groups: Groups, near: dict[int, list[int]], sigma: float
+) -> dict[int, dict[int, float]]:
     """Of the groups near to each, those that can make the signal that it sees to within `INDISTINGUISHABLE`, with the norm of
     what they leave of it, both in units of `sigma`.
 
@@ -158,17 +160,17 @@ def _alike(search: Search, groups: Groups, near: dict[int, list[int]], sigma: fl
     signals = offsets + (sets.along[:, None] @ sets.q)[:, 0]
     squares = np.vecdot(signals, signals)
     # What each set leaves of every signal.
-    left = squares - 2 * offsets @ signals.T + np.vecdot(offsets, offsets)[:, None]
-    left -= np.sum((sets.q @ signals.T - sets.q @ offsets[:, :, None]) ** 2, axis=1)
-    can_make, apart = (left < least**2).tolist(), np.sqrt(np.maximum(left, 0.0)) / sigma
-    alike, unnamed = {}, groups.unnamed.tolist()
+    residual_ss = squares - 2 * offsets @ signals.T + np.vecdot(offsets, offsets)[:, None]
+    residual_ss -= np.sum((sets.q @ signals.T - sets.q @ offsets[:, :, None]) ** 2, axis=1)
+    can_make, apart = (residual_ss < least**2).tolist(), np.sqrt(np.maximum(residual_ss, 0.0)) / sigma
+    equivalents, unnamed = {}, groups.unnamed.tolist()
     for k, others in near.items():
         # A signal indistinguishable from noise is in the span of every set.
         hidden = bool(others) and unnamed[k] and squares[rows[k]] < least**2
         makes = [other for other in others if can_make[rows[other]][rows[k]]]
         makes = [other for other in makes if unnamed[other]] if hidden else makes
-        alike[k] = {other: float(apart[rows[other]][rows[k]]) for other in makes}
-    return alike
+        equivalents[k] = {other: float(apart[rows[other]][rows[k]]) for other in makes}
+    return equivalents
 
 
 def further_powers(together: Together, sets: Int[np.ndarray, "sets most"]) -> Bool[np.ndarray, "sets sets"]:
@@ -189,7 +191,7 @@ def further_powers(together: Together, sets: Int[np.ndarray, "sets most"]) -> Bo
 
 
 def named_in_place(
-    labels: Sequence[Labels], shares: Sequence[float], alike: Mapping[int, Mapping[int, float]]
+    labels: Sequence[Labels], shares: Sequence[float], equivalents: Mapping[int, Mapping[int, float]]
 ) -> tuple[int, int] | None:
     """Numbers of the listed set that leads in the place of one without a name, and of that one: the most probable listed set
     and the listed ones like it have together a probability of at least `LEAST_NAMED`. None if the leading set has a name, or
@@ -197,14 +199,14 @@ def named_in_place(
 
     **Arguments:**
 
-    - `labels`, `shares`: of all sets, the most probable first. `alike`: by number, those of the same signal.
+    - `labels`, `shares`: of all sets, the most probable first. `equivalents`: by number, those of the same signal.
     """
     leader = next((k for k, own in enumerate(labels) if own), None)
     if leader is None or UNEXPLAINED not in labels[leader]:
         return None
     named = {k for k, own in enumerate(labels) if own and UNEXPLAINED not in own}
-    together = {k: shares[k] + sum(shares[other] for other in alike.get(k, {}) if other in named) for k in named}
+    together = {k: shares[k] + sum(shares[other] for other in equivalents.get(k, {}) if other in named) for k in named}
     best = max(together, key=lambda k: (together[k], shares[k]), default=None)
     if best is None or together[best] < LEAST_NAMED:
         return None
-    return max([best, *(k for k in alike.get(best, {}) if k in named)], key=shares.__getitem__), leader
+    return max([best, *(k for k in equivalents.get(best, {}) if k in named)], key=shares.__getitem__), leader

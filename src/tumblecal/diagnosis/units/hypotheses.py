@@ -204,7 +204,7 @@ def likely_random_effects(
     of_head = sum(signal.of_head for signal in effects)
     weights = BATCH_WEIGHT / max(1, len(effects) - of_head), HEAD_SPREAD_WEIGHT / max(1, of_head)
     scored: list[tuple[float, RandomEffect]] = []
-    for alike, columns in _by_width(effects):
+    for of_width, columns in _by_width(effects):
         gram = equations.gram[:, columns[:, :, None], columns[:, None, :]].swapaxes(0, 1)
         largest = np.maximum(np.linalg.eigvalsh(gram)[..., -1], 0.0)
         size = np.sqrt(np.mean(largest, axis=1))
@@ -214,7 +214,7 @@ def likely_random_effects(
             logs += [at.about_zero[:, 0], at.about_zero[:, 0] + gain(*explained(at.gram, at.towards[:, 0]))]
         odds, best = np.logaddexp.reduce(logs) - np.log(len(logs)), np.argmax(logs, axis=0).tolist()
         for column, (number, row) in enumerate(zip(shown.tolist(), best, strict=True)):
-            log_odds = float(odds[column] + np.log(weights[alike[number].of_head]))
+            log_odds = float(odds[column] + np.log(weights[of_width[number].of_head]))
             log_prior, tau = log_odds - float(logs[row][column]), float(taus[row // 2, column])
-            scored.append((log_odds, RandomEffect(alike[number], tau, row % 2 == 1, log_prior)))
+            scored.append((log_odds, RandomEffect(of_width[number], tau, row % 2 == 1, log_prior)))
     return sorted(scored, key=lambda pair: -pair[0])[:most]
