@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tumblecal.data.positions import WITHIN_DWELLS
+from tumblecal.data.position_comments import WITHIN_DWELLS
 from tumblecal.noise.parts import Dwells, Flicker, GaussMarkov, Noise, RandomWalk, White
 from tumblecal.noise.sampling import dwell_records
 from tumblecal.noise.within_dwells import (

@@ -15,7 +15,7 @@ from tumblecal.data.budget_result import NAME, BudgetResult, read_budget
 from tumblecal.data.calibration import Calibration, read_calibration
 from tumblecal.data.coverage_factor import coverage_factors
 from tumblecal.data.not_applied import losses_words
-from tumblecal.data.positions import ATTITUDES, UNKNOWN
+from tumblecal.data.position_comments import ATTITUDES, UNKNOWN
 from tumblecal.data.result_records import DIAGNOSIS, REMEDY, DiagnosisFile, with_dof_of_result
 from tumblecal.data.sensor_parameters import GROUPS, SENSOR, leaf_of
 from tumblecal.data.uncertainty_parts import PARTS

@@ -16,6 +16,7 @@ from tumblecal.chain.rig import Rig
 from tumblecal.chain.rig_file import unit_of_parameter
 from tumblecal.cli.options import ModelOptions
 from tumblecal.data import PositionSet, read_positions
+from tumblecal.data.repeats import copied_positions
 from tumblecal.data.same_files import given_once
 from tumblecal.data.sensor_parameters import leaf_of
 from tumblecal.data.table import KNOWN, READINGS, likely_meant
@@ -165,7 +166,7 @@ class StatedModel:
                 f"raw samples. Reduce them first, then give {reduced / 'positions.csv'}: "
                 f"{suggested('reduce', path, '--out', reduced)}"
             )
-        if copies := data.copies:
+        if copies := copied_positions(data):
             pairs = [f"{name} and {first}" for name, first in copies[:_MOST_COPIES]]
             more = f" and {len(copies) - _MOST_COPIES} more" if len(copies) > _MOST_COPIES else ""
             print(

@@ -112,7 +112,7 @@ def _captured(source: Path, folder: Path, output: Output) -> None:
     from tumblecal.capture.journal import PLAN_NAME
     from tumblecal.capture.reduction.reduce import reduce as reduced
     from tumblecal.capture.reduction.reduction import write_reduction
-    from tumblecal.data.positions import identity_words
+    from tumblecal.data.position_comments import identity_words
     from tumblecal.ground.atomic import output_folders
     from tumblecal.ground.result_set import result_set
 

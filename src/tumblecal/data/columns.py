@@ -11,7 +11,8 @@ from tumblecal.data.cells import beyond_words, labels_in, number_in
 from tumblecal.data.conditions import temperature_faults, time_fault
 from tumblecal.data.faults import Faults
 from tumblecal.data.measured import MEASURED, measured_at
-from tumblecal.data.positions import ATTITUDES, UNKNOWN, PositionSet, attitudes_of
+from tumblecal.data.position_comments import ATTITUDES, UNKNOWN
+from tumblecal.data.positions import PositionSet, attitudes_of
 from tumblecal.data.table import (
     DIFFERENT_UNITS,
     KNOWN,

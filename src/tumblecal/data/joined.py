@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from tumblecal.data.joined_clocks import JoinedClocks, joined_clocks
-from tumblecal.data.positions import NOT_CONFIRMED, WITHIN_DWELLS, PositionSet
+from tumblecal.data.position_comments import NOT_CONFIRMED, WITHIN_DWELLS
+from tumblecal.data.positions import PositionSet
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import SAME_MS2
 

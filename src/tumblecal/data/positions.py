@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
+from tumblecal.data.position_comments import ATTITUDES, UNKNOWN, serial_number_of
 from tumblecal.ground.angle_settings import setting_angle, setting_index
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
@@ -22,19 +23,6 @@ if TYPE_CHECKING:
 
 
 Rows = Float[np.ndarray, " positions"]
-
-# The comment `# attitudes: unknown` marks a hand-held set.
-ATTITUDES, UNKNOWN = "attitudes", "unknown"
-# The comment on positions of an instrument that did not transmit its serial number.
-NOT_CONFIRMED = "identity_not_confirmed"
-# The comment on changes within dwells; with the suffix `_temperature_mg` or `_time_mg` the largest change with that variable.
-WITHIN_DWELLS = "within_dwells"
-
-
-def serial_number_of(comments: Mapping[str, str]) -> str | None:
-    """The serial number in the comments of a file; None without one, and for "None" (captures of devices without one)."""
-    serial = comments.get("serial_number")
-    return None if serial in (None, "", "None") else serial
 
 
 def joined_arguments(files: Sequence[str]) -> tuple[str | Path, ...]:
@@ -286,21 +274,6 @@ class PositionSet(Shown):
         return len(stretches([np.array(self.names, dtype=object), self.alpha_deg, self.beta_deg]))
 
     @property
-    def copies(self) -> list[tuple[str, str]]:
-        """Names of positions whose numbers all equal those of an earlier position, with the name of the earlier one."""
-        numbers = [self.alpha_deg, self.beta_deg, *self.readings.T]
-        numbers += [column for column in (self.time_s, self.temperature_degc) if column is not None]
-        labels = zip(self.run or ("",) * len(self), self.mount or ("",) * len(self), strict=True)
-        first: dict[tuple, str] = {}
-        pairs = []
-        for name, row, label in zip(self.names, np.stack(numbers, axis=1).tolist(), labels, strict=True):
-            key = (*row, *label)
-            if key in first:
-                pairs.append((name, first[key]))
-            first.setdefault(key, name)
-        return pairs
-
-    @property
     def runs(self) -> tuple[str, ...]:
         """Labels of the runs in order of appearance; one run `1` if none is given."""
         return tuple(dict.fromkeys(self.run or ("1",)))
@@ -318,9 +291,3 @@ class PositionSet(Shown):
         columns = ("names", "alpha_deg", "beta_deg", "readings", "sd", "run", "mount", "clock", "recorded_noise")
         columns += ("time_s", "temperature_degc", "approach", "n")
         return replace(self, **{name: pick(getattr(self, name)) for name in columns})
-
-
-def identity_words(data: PositionSet) -> str:
-    """The positions at which the instrument did not state its serial number, and the result of a comparison; "" if none."""
-    words = data.comments.get(NOT_CONFIRMED, "")
-    return f"Identity of the instrument not confirmed: {words}" if words else ""

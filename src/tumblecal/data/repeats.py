@@ -1,4 +1,5 @@
 """Limits for large data sets: repeats of a position are averaged; if that is not enough, the cost is stated or rejected.
+Positions that are copies of others are found.
 
 The cost of a diagnosis grows with the square of the number of positions. Consecutive rows of the same attitude, run, mounting
 and approach differ only by noise, so their mean has the same information on each effect. Slow changes (drift, temperature)
@@ -69,6 +70,21 @@ def in_bounds(data: PositionSet, noise_sd: float | None, most: int | None = None
             f"this with --max-rows {len(data)}"
         )
     return InBounds(data, noise_sd, f"{len(data)} positions: this needs {cost(len(data))}.")
+
+
+def copied_positions(data: PositionSet) -> list[tuple[str, str]]:
+    """Names of positions whose numbers all equal those of an earlier position, with the name of the earlier one."""
+    numbers = [data.alpha_deg, data.beta_deg, *data.readings.T]
+    numbers += [column for column in (data.time_s, data.temperature_degc) if column is not None]
+    labels = zip(data.run or ("",) * len(data), data.mount or ("",) * len(data), strict=True)
+    first: dict[tuple, str] = {}
+    pairs = []
+    for name, row, label in zip(data.names, np.stack(numbers, axis=1).tolist(), labels, strict=True):
+        key = (*row, *label)
+        if key in first:
+            pairs.append((name, first[key]))
+        first.setdefault(key, name)
+    return pairs
 
 
 def cost(rows: int) -> str:

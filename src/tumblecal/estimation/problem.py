@@ -5,7 +5,6 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
@@ -16,6 +15,7 @@ from tumblecal.chain import Chain, Link, Where
 from tumblecal.chain.where import register_unchecked
 from tumblecal.data import PositionSet
 from tumblecal.estimation.priors import Priors, prior_of
+from tumblecal.estimation.white_rows import log_determinant, unwhitened, white, whitening_matrix
 from tumblecal.ground.errors import InputError
 from tumblecal.noise.covariance import Covariance
 
@@ -166,18 +166,9 @@ class Problem:
             True
         """
         log_factor = jnp.asarray(0.0 if log_noise is None else log_noise, float)
-        rows = self.rows(self.predicted(vector) - self.readings)
-        whitening = jnp.asarray(self.whitening)
-        if self.retained is not None:
-            rows = jnp.where(jnp.repeat(jnp.asarray(self.retained), 3), rows, 0.0)
-        if whitening.ndim == 1:
-            taken = jnp.repeat(jnp.asarray(self.takes_part), 3)
-            count, log_det = jnp.sum(taken.astype(float)), jnp.sum(jnp.where(taken, jnp.log(whitening), 0.0))
-        else:
-            count, log_det = float(rows.shape[0]), jnp.sum(jnp.linalg.slogdet(whitening)[1])
-        likelihood = (
-            -0.5 * jnp.sum((rows * jnp.exp(-log_factor)) ** 2) + log_det - count * (log_factor + _HALF_LOG_2_PI)
-        )
+        rows = self._of_readings(vector) * jnp.exp(-log_factor)
+        count, log_det = log_determinant(jnp.asarray(self.whitening), self.takes_part)
+        likelihood = -0.5 * jnp.sum(rows**2) + log_det - count * (log_factor + _HALF_LOG_2_PI)
         if not self.with_prior:
             return jnp.asarray(likelihood)
         root = self.prior_root
@@ -191,10 +182,12 @@ class Problem:
 
     def residual(self, vector: Float[Array | np.ndarray, " free"]) -> Float[Array, " rows"]:
         """White rows of predicted minus measured, zero for excluded positions, followed by the rows of the priors."""
-        rows = self.rows(self.predicted(vector) - self.readings)
-        if self.retained is not None:
-            rows = jnp.where(jnp.repeat(self.retained, 3), rows, 0.0)
+        rows = self._of_readings(vector)
         return jnp.concatenate([rows, self.prior_rows(vector)]) if self.with_prior else rows
+
+    def _of_readings(self, vector: Float[Array | np.ndarray, " free"]) -> Float[Array, " rows"]:
+        rows = self.rows(self.predicted(vector) - self.readings)
+        return rows if self.retained is None else jnp.where(jnp.repeat(jnp.asarray(self.retained), 3), rows, 0.0)
 
     def prior_rows(self, vector: Float[Array | np.ndarray, " free"]) -> Float[Array, " stated"]:
         """White rows of the priors: estimate minus mean."""
@@ -203,29 +196,16 @@ class Problem:
 
     def rows(self, values: Any) -> Any:
         """White rows (rows, ...) of values given for every reading (positions, 3, ...), numpy or JAX."""
-        stacked = values.reshape(values.shape[0] * values.shape[1], *values.shape[2:])
-        if self.whitening.ndim == 2:
-            return self.whitening @ stacked
-        if self.whitening.ndim == 3:
-            by_axis = jnp.einsum if isinstance(values, jax.Array) else np.einsum
-            return by_axis("apq,qa...->pa...", self.whitening, values).reshape(stacked.shape)
-        return stacked * self.whitening.reshape(-1, *([1] * (stacked.ndim - 1)))
+        return white(self.whitening, values)
 
     def unwhitened(self, rows: Float[np.ndarray, " rows"]) -> Float[np.ndarray, "positions 3"]:
         """The values of white rows, in g; the inverse of `rows`."""
-        whitening = np.asarray(self.whitening)
-        if whitening.ndim == 3:
-            return np.linalg.solve(whitening, rows.reshape(-1, 3).T[:, :, None])[:, :, 0].T
-        values = rows / whitening if whitening.ndim == 1 else np.linalg.solve(whitening, rows)
-        return values.reshape(-1, 3)
+        return unwhitened(np.asarray(self.whitening), rows)
 
     @cached_property
     def whitening_matrix(self) -> Float[np.ndarray, "rows rows"]:
         """The matrix that makes rows white by multiplication from the left."""
-        whitening = np.asarray(self.whitening)
-        if whitening.ndim == 3:
-            return Covariance(whitening, "by_axis").matrix
-        return np.diag(whitening) if whitening.ndim == 1 else whitening
+        return whitening_matrix(np.asarray(self.whitening))
 
     @property
     def scales(self) -> Float[np.ndarray, " free"]:
@@ -251,9 +231,8 @@ class Problem:
     @property
     def names(self) -> tuple[str, ...]:
         """The positions' names."""
-        if self.data is None:
-            return tuple(str(number) for number in range(1, len(self.readings) + 1))
-        return self.data.names
+        numbers = range(1, len(self.readings) + 1)
+        return tuple(map(str, numbers)) if self.data is None else self.data.names
 
     @property
     def measured_data(self) -> PositionSet:

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.special import fdtrc
 
-from tumblecal.data.positions import WITHIN_DWELLS
+from tumblecal.data.position_comments import WITHIN_DWELLS
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.numbers_shown import p_words
 

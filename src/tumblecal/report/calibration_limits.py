@@ -11,7 +11,8 @@ from jaxtyping import Float
 from tumblecal.data.calibration_use import Use
 from tumblecal.data.coverage_factor import coverage_factors
 from tumblecal.data.not_applied import NotApplied
-from tumblecal.data.positions import PositionSet, identity_words
+from tumblecal.data.position_comments import identity_words
+from tumblecal.data.positions import PositionSet
 from tumblecal.data.sensor_parameters import SENSOR
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.intrinsic import matrix_and_bias, one_sensor

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from tumblecal.data.positions import WITHIN_DWELLS, identity_words
+from tumblecal.data.position_comments import WITHIN_DWELLS, identity_words
 from tumblecal.effects import Catalogue
 from tumblecal.estimation.attitudes import attitude_words
 from tumblecal.estimation.fit import Fit

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from typing import Any
 
-from tumblecal.data.positions import WITHIN_DWELLS
+from tumblecal.data.position_comments import WITHIN_DWELLS
 from tumblecal.data.sensor_parameters import SENSOR, leaf_of
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.causes.cause import id_of

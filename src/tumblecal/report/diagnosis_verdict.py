@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tumblecal.data.positions import identity_words
+from tumblecal.data.position_comments import identity_words
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.causes.cause import Cause, id_of
 from tumblecal.diagnosis.causes.generic import UNEXPLAINED

@@ -12,7 +12,7 @@ import numpy as np
 from tumblecal import __version__
 from tumblecal.data import PositionSet
 from tumblecal.data.calibration import Calibration, write_calibration
-from tumblecal.data.positions import ATTITUDES, UNKNOWN
+from tumblecal.data.position_comments import ATTITUDES, UNKNOWN
 from tumblecal.data.sensor_parameters import SENSOR, SensorParameters, leaf_of
 from tumblecal.effects import Catalogue, catalogue
 from tumblecal.estimation.fit import Fit

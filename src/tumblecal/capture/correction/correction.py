@@ -14,7 +14,7 @@ from tumblecal.capture.decoding.sample_table import write_bytes, write_frames
 from tumblecal.capture.rows.sample_frames import SOURCE_COLUMNS, WHOLE
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.files import stated
-from tumblecal.data.positions import serial_number_of
+from tumblecal.data.position_comments import serial_number_of
 from tumblecal.data.raw import CORRECTED_BY, Raw
 from tumblecal.data.reading_checks import ReadingChecks
 from tumblecal.data.text_layout import ROW

@@ -27,7 +27,8 @@ from tumblecal.capture.reduction.reduction import Reduction, reduction_of
 from tumblecal.capture.run.dwell import losses_of
 from tumblecal.capture.run.run_folder import plan_of_run
 from tumblecal.data.joined_clocks import TIME_SPEED, TIME_ZERO, moment
-from tumblecal.data.positions import NOT_CONFIRMED, PositionSet
+from tumblecal.data.position_comments import NOT_CONFIRMED
+from tumblecal.data.positions import PositionSet
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 from tumblecal.ground.suggested_command import suggested

@@ -27,7 +27,8 @@ from tumblecal.capture.rows.contents import Contents
 from tumblecal.capture.rows.sample_file import write_samples
 from tumblecal.capture.still.stillness import Stillness
 from tumblecal.data.parquet import read_parquet, scan_parquet
-from tumblecal.data.positions import ATTITUDES, UNKNOWN, PositionSet
+from tumblecal.data.position_comments import ATTITUDES, UNKNOWN
+from tumblecal.data.positions import PositionSet
 from tumblecal.data.raw import Raw, read_raw
 from tumblecal.ground.atomic import scratch_folder
 from tumblecal.ground.errors import InputError

@@ -13,7 +13,8 @@ from tumblecal.capture.journal import sha256_of
 from tumblecal.capture.reduction.position_samples import FEWEST, labels_of, rate_of, stated_rate
 from tumblecal.capture.reduction.reduction import Reduction, reduction_of
 from tumblecal.data.cells import labels_in
-from tumblecal.data.positions import ATTITUDES, UNKNOWN, PositionSet, attitudes_of, stretches
+from tumblecal.data.position_comments import ATTITUDES, UNKNOWN
+from tumblecal.data.positions import PositionSet, attitudes_of, stretches
 from tumblecal.data.raw import Raw, read_raw
 from tumblecal.data.table import TIME_CLOCK
 from tumblecal.ground.errors import InputError

@@ -1,0 +1,28 @@
+"""Comments of a position file, `# key: value`, by their keys."""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+
+if TYPE_CHECKING:
+    from tumblecal.data.positions import PositionSet
+
+
+# The comment `# attitudes: unknown` marks a hand-held set.
+ATTITUDES, UNKNOWN = "attitudes", "unknown"
+# The comment on positions of an instrument that did not transmit its serial number.
+NOT_CONFIRMED = "identity_not_confirmed"
+# The comment on changes within dwells; with the suffix `_temperature_mg` or `_time_mg` the largest change with that variable.
+WITHIN_DWELLS = "within_dwells"
+
+
+def serial_number_of(comments: Mapping[str, str]) -> str | None:
+    """The serial number in the comments of a file; None without one, and for "None" (captures of devices without one)."""
+    serial = comments.get("serial_number")
+    return None if serial in (None, "", "None") else serial
+
+
+def identity_words(data: "PositionSet") -> str:
+    """The positions at which the instrument did not state its serial number, and the result of a comparison; "" if none."""
+    words = data.comments.get(NOT_CONFIRMED, "")
+    return f"Identity of the instrument not confirmed: {words}" if words else ""
