@@ -1,0 +1,198 @@
+"""Readings over temperature: one row for each attitude, branch of the temperature, and temperature bin or soak."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from jaxtyping import Float, Int
+from numpy.typing import ArrayLike
+
+from tumblecal.ground.errors import InputError
+
+
+_NUMBERS = ("n", "temperature_degc", "time_s", "rate_degc_per_s", "direction", "reached_by")
+_LABELS = ("attitude", "branch", "clock", "mount")
+
+
+@dataclass(frozen=True)
+class ThermalTable:
+    """Means of readings over temperature, in rows of equal weight over temperature.
+
+    **Arguments:**
+
+    - `attitude`: label; rows with one label have the same direction of gravity. `readings` (rows, 3): g.
+    - `sd` (rows, 3): standard deviation of each mean, g, with the autocorrelation of the noise and the rounding of readings,
+      relative to the rows before and after it: slower noise is common to neighbours.
+    - `n`: samples of each row. `n_eff` (rows, 3): number of independent samples with the same standard deviation of the mean.
+    - `temperature_degc`, `rate_degc_per_s`: means of the smoothed temperature and of its rate. `time_s`: middle, by the clock
+      `clock` (label of a recording, or of its part after a restart of the clock); times of different clocks are not comparable.
+    - `branch`: label of the monotonic stretch of the temperature (`file:1 up`), to which its soaks belong.
+    - `direction`: +1 while the temperature rises, -1 while it falls, 0 in a soak. `reached_by`: +1 if the stretch of the row
+      rises (a soak reached from a lower temperature), -1 if it falls, 0 if the temperature does not change.
+    - `alpha_deg`, `beta_deg`: angles of the attitude; None if attitudes are unknown. `mount`: label of the mounting, or None.
+    - `source`: name of the recordings. `comments`: stated gravity, serial number and others, as of a position file.
+
+    **Raises:** `InputError` for columns of different lengths, numbers that are not finite, or `sd` not above 0.
+    """
+
+    attitude: tuple[str, ...]
+    readings: Float[np.ndarray, "rows 3"]
+    sd: Float[np.ndarray, "rows 3"]
+    n: Float[np.ndarray, " rows"]
+    temperature_degc: Float[np.ndarray, " rows"]
+    time_s: Float[np.ndarray, " rows"]
+    rate_degc_per_s: Float[np.ndarray, " rows"]
+    branch: tuple[str, ...]
+    direction: Int[np.ndarray, " rows"]
+    reached_by: Int[np.ndarray, " rows"]
+    clock: tuple[str, ...]
+    n_eff: Float[np.ndarray, "rows 3"]
+    alpha_deg: Float[np.ndarray, " rows"] | None = None
+    beta_deg: Float[np.ndarray, " rows"] | None = None
+    mount: tuple[str, ...] | None = None
+    source: str = "recording"
+    comments: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        rows = len(self.attitude)
+        for name in ("readings", "sd", "n_eff", *_NUMBERS, "alpha_deg", "beta_deg"):
+            values = getattr(self, name)
+            if values is None and name in ("alpha_deg", "beta_deg"):
+                continue
+            wanted = (rows, 3) if name in ("readings", "sd", "n_eff") else (rows,)
+            if values.shape != wanted:
+                raise InputError(f"{self.source}: {name} has the shape {values.shape}; it must be {wanted}")
+            if not np.isfinite(values).all():
+                raise InputError(f"{self.source}: {name} has numbers that are not finite; remove these rows")
+        for name in _LABELS:
+            labels = getattr(self, name)
+            if labels is not None and len(labels) != rows:
+                raise InputError(f"{self.source}: {name} has {len(labels)} labels; it must have {rows}")
+        if not (self.sd > 0).all():
+            raise InputError(f"{self.source}: sd must be above 0")
+
+    def __len__(self) -> int:
+        return len(self.attitude)
+
+    @property
+    def attitudes(self) -> tuple[str, ...]:
+        """The attitudes, in the order of their first rows."""
+        return tuple(dict.fromkeys(self.attitude))
+
+    @property
+    def range_degc(self) -> tuple[float, float]:
+        """Lowest and highest temperature of a row."""
+        return float(self.temperature_degc.min()), float(self.temperature_degc.max())
+
+    @property
+    def soak(self) -> np.ndarray:
+        """Mask of the rows of soaks."""
+        return np.asarray(self.direction == 0)
+
+    def rows(self, which: ArrayLike) -> "ThermalTable":
+        """The rows of a mask or of indices."""
+        index = np.arange(len(self))[np.asarray(which)]
+        numbers = ("readings", "sd", "n_eff", *_NUMBERS, "alpha_deg", "beta_deg")
+        chosen: dict[str, object] = {
+            name: None if (values := getattr(self, name)) is None else values[index] for name in numbers
+        }
+        for name in _LABELS:
+            labels = getattr(self, name)
+            chosen[name] = None if labels is None else tuple(labels[row] for row in index.tolist())
+        return replace(self, **chosen)  # type: ignore[arg-type]
+
+    def columns(self) -> dict[str, Sequence[object]]:
+        """The columns by their names in a file."""
+        vectors = {f"a{axis}{suffix}": values[:, k].tolist()
+                   for suffix, values in (("_g", self.readings), ("_sd_g", self.sd), ("_n_eff", self.n_eff))
+                   for k, axis in enumerate("xyz")}  # fmt: skip
+        labels = {name: getattr(self, name) for name in _LABELS}
+        numbers = {name: getattr(self, name) for name in ("alpha_deg", "beta_deg", *_NUMBERS)}
+        listed = {name: None if values is None else values.tolist() for name, values in numbers.items()}
+        return {name: values for name, values in (labels | listed | vectors).items() if values is not None}
+
+
+def table_of(
+    attitude: Sequence[str],
+    readings: ArrayLike,
+    sd: ArrayLike,
+    temperature_degc: ArrayLike,
+    *,
+    time_s: ArrayLike | None = None,
+    rate_degc_per_s: ArrayLike = 0.0,
+    branch: Sequence[str] | None = None,
+    direction: ArrayLike = 0,
+    reached_by: ArrayLike | None = None,
+    clock: Sequence[str] | None = None,
+    n: ArrayLike = 1000.0,
+    n_eff: ArrayLike | None = None,
+    alpha_deg: ArrayLike | None = None,
+    beta_deg: ArrayLike | None = None,
+    mount: Sequence[str] | None = None,
+    source: str = "arrays",
+    comments: Mapping[str, str] | None = None,
+) -> ThermalTable:
+    """A table from lists or arrays; single numbers are valid for all rows.
+
+    **Arguments:** as of `ThermalTable`. By default: one row a minute, all on one branch and clock; `reached_by` is
+    `direction`; `n_eff` is `n`.
+
+    **Raises:** `InputError` as of `ThermalTable`.
+
+    Examples:
+        >>> table = table_of(["up"] * 3, [[0, 0, 1.0], [0, 0, 1.001], [0, 0, 1.002]], 1e-4, [10, 20, 30], direction=1)
+        >>> len(table), table.range_degc, table.columns()["az_g"]
+        (3, (10.0, 30.0), [1.0, 1.001, 1.002])
+    """
+    count = len(attitude)
+
+    def column(given: ArrayLike | None, kind: type = float) -> np.ndarray | None:
+        if given is None:
+            return None
+        values = np.asarray(given, kind)
+        return np.full(count, values) if values.ndim == 0 else values
+
+    def vectors(given: ArrayLike) -> np.ndarray:
+        values = np.asarray(given, float)
+        values = values[:, None] if values.ndim == 1 and len(values) == count != 3 else values
+        return np.broadcast_to(values, (count, 3)).copy()
+
+    branch = ("arrays:1 up",) * count if branch is None else tuple(branch)
+    samples = column(n)
+    turned = column(direction, int)
+    assert samples is not None and turned is not None
+    return ThermalTable(
+        attitude=tuple(attitude),
+        readings=np.asarray(readings, float),
+        sd=vectors(sd),
+        n=samples,
+        temperature_degc=np.asarray(temperature_degc, float),
+        time_s=60.0 * np.arange(count) if time_s is None else np.asarray(time_s, float),
+        rate_degc_per_s=np.broadcast_to(np.asarray(rate_degc_per_s, float), (count,)).copy(),
+        branch=branch,
+        direction=turned,
+        reached_by=turned if reached_by is None else np.broadcast_to(np.asarray(reached_by, int), (count,)).copy(),
+        clock=("1",) * count if clock is None else tuple(clock),
+        n_eff=vectors(samples[:, None] if n_eff is None else n_eff),
+        alpha_deg=column(alpha_deg),
+        beta_deg=column(beta_deg),
+        mount=None if mount is None else tuple(mount),
+        source=source,
+        comments=dict(comments or {}),
+    )
+
+
+def joined(tables: Sequence[ThermalTable], source: str) -> ThermalTable:
+    """The rows of several tables. Angles and mountings that only some tables state are kept only if all of them have them."""
+    first, *others = tables
+    if not others:
+        return replace(first, source=source)
+    arrays: dict[str, object] = {}
+    for name in ("readings", "sd", "n_eff", *_NUMBERS, "alpha_deg", "beta_deg"):
+        values = [getattr(table, name) for table in tables]
+        arrays[name] = None if any(one is None for one in values) else np.concatenate(values)
+    for name in _LABELS:
+        labels = [getattr(table, name) for table in tables]
+        arrays[name] = None if any(one is None for one in labels) else sum(labels, ())
+    same = {key: text for key, text in first.comments.items() if all(t.comments.get(key) == text for t in others)}
+    return replace(first, **arrays, source=source, comments=same)  # type: ignore[arg-type]
