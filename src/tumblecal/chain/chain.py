@@ -1,6 +1,7 @@
 """The chain: a tuple of links from the ground to the reading, and its free leaves as one vector."""
 
 import dataclasses
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -12,11 +13,13 @@ from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from tumblecal.chain.link import Link, Place, State, start
-from tumblecal.chain.nominal import HAND_HELD, NOMINAL, Leaf, Mount, SmallAngleMount, nominal_link
+from tumblecal.chain.nominal import HAND_HELD, LINKS, NOMINAL, Leaf, Mount, SmallAngleMount, nominal_link
 from tumblecal.chain.parameter import Parameter, parameters_of, with_parameters, with_values
 from tumblecal.chain.where import Where
+from tumblecal.ground.errors import InputError
 from tumblecal.ground.precision import require_float64
 from tumblecal.ground.showing import Screen, Shown
+from tumblecal.ground.temperature_functions import TemperatureFunctions
 from tumblecal.ground.units import shown
 
 
@@ -200,10 +203,14 @@ def passed(links: tuple[Link, ...], where: Where) -> State:
     return state
 
 
-def hand_held_chain(where: Where) -> Chain:
+def hand_held_chain(where: Where, *, temperature: Mapping[str, TemperatureFunctions] | None = None) -> Chain:
     """The model of a set of unknown attitudes: the sensor's nine parameters, and two tilts for each position.
 
     The angles of head and mount are fixed at zero, because the tilts absorb them.
+
+    **Arguments:**
+
+    - `where`: the positions' settings. `temperature`: the functions of temperature that a leaf of the sensor follows, by name.
 
     Examples:
         >>> from tumblecal.chain import hand_held_chain, settings
@@ -211,7 +218,8 @@ def hand_held_chain(where: Where) -> Chain:
         13
     """
     fixed = {"dbeta": Leaf("pitch", free=False), "dtheta": Leaf(free=False)}
-    return Chain(tuple(nominal_link(name, where, fixed) for name in HAND_HELD))
+    leaves = _following(fixed, HAND_HELD, temperature or {})
+    return Chain(tuple(nominal_link(name, where, leaves) for name in HAND_HELD))
 
 
 def nominal_chain(
@@ -223,6 +231,7 @@ def nominal_chain(
     scale_by: str | None = None,
     mount_nominal: np.ndarray | None = None,
     small_angle: bool = False,
+    temperature: Mapping[str, TemperatureFunctions] | None = None,
 ) -> Chain:
     """The nominal model: 12 + K parameters for K pitch settings.
 
@@ -232,8 +241,9 @@ def nominal_chain(
     - `dbeta_by`, `dtheta_by`, `bias_by`, `scale_by`: index columns of those leaves; None means shared.
     - `mount_nominal`: intended orientation of each mounting, 3x3 each.
     - `small_angle`: the paper's first-order mount in place of the exact one.
+    - `temperature`: the functions of temperature that a leaf follows, by its name.
 
-    **Raises:** `InputError` for an index column that the data lack.
+    **Raises:** `InputError` for an index column, or temperatures, that the data lack, and for a leaf that the model lacks.
 
     Examples:
         >>> from tumblecal.chain import nominal_chain, settings
@@ -241,5 +251,21 @@ def nominal_chain(
         15
     """
     leaves = {"dbeta": Leaf(dbeta_by), "dtheta": Leaf(dtheta_by), "bias": Leaf(bias_by), "dK": Leaf(scale_by)}
+    leaves = _following(leaves, NOMINAL, temperature or {})
     names = ("small_angle_mount" if small_angle and name == "mount" else name for name in NOMINAL)
     return Chain(tuple(nominal_link(name, where, leaves, lambda: mount_nominal) for name in names))
+
+
+def _following(
+    leaves: Mapping[str, Leaf], links: Sequence[str], temperature: Mapping[str, TemperatureFunctions]
+) -> dict[str, Leaf]:
+    """The leaves with those in `temperature` following their functions."""
+    usual = {name: leaf.usual for link in links for name, leaf in LINKS[link].leaves.items()}
+    if unknown := sorted(set(temperature) - set(usual)):
+        raise InputError(
+            f"no leaf {', '.join(unknown)} that could follow temperature; the leaves are {', '.join(usual)}"
+        )
+    chosen = usual | dict(leaves)
+    return chosen | {
+        name: dataclasses.replace(chosen[name], follows=functions) for name, functions in temperature.items()
+    }

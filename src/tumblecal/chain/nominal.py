@@ -8,19 +8,21 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from tumblecal.chain.following import Following, following
 from tumblecal.chain.frames import Vector
 from tumblecal.chain.link import Link, Place, State, turned
 from tumblecal.chain.parameter import Parameter, coefficients
 from tumblecal.chain.where import Where
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.frames import rotate_x, rotate_y, rotate_z
+from tumblecal.ground.temperature_functions import TemperatureFunctions
 
 
 class Base(Link):
     """Base of the head: `f2 = Rx(levelling) f1`; level (fixed at zero) in the nominal model."""
 
     place: ClassVar[Place] = Place.BASE
-    levelling: Parameter
+    levelling: Parameter | Following
 
     def __call__(self, state: State, where: Where) -> State:
         (roll,) = self.levelling.at(where)
@@ -31,7 +33,7 @@ class PitchAxis(Link):
     """Pitch axis: `f3 = Ry(beta + dbeta) f2`, one unknown dbeta for each pitch setting."""
 
     place: ClassVar[Place] = Place.PITCH
-    dbeta: Parameter
+    dbeta: Parameter | Following
 
     def __call__(self, state: State, where: Where) -> State:
         (error,) = self.dbeta.at(where)
@@ -55,7 +57,7 @@ class FreeAttitude(Link):
     """
 
     place: ClassVar[Place] = Place.FIXTURE
-    tilt: Parameter
+    tilt: Parameter | Following
 
     def __call__(self, state: State, where: Where) -> State:
         f = jnp.stack(state.f, axis=-1)
@@ -74,7 +76,7 @@ class Mount(Link):
     """
 
     place: ClassVar[Place] = Place.MOUNT
-    dtheta: Parameter
+    dtheta: Parameter | Following
     nominal: Float[Array | np.ndarray, "mounts 3 3"] | None = None
 
     def __call__(self, state: State, where: Where) -> State:
@@ -87,7 +89,7 @@ class SmallAngleMount(Link):
     """The paper's first-order mount, equation (1): `f4 = [1 w_z -w_y; -w_z 1 w_x; w_y -w_x 1] N f3'`."""
 
     place: ClassVar[Place] = Place.MOUNT
-    dtheta: Parameter
+    dtheta: Parameter | Following
     nominal: Float[Array | np.ndarray, "mounts 3 3"] | None = None
 
     def __call__(self, state: State, where: Where) -> State:
@@ -107,7 +109,7 @@ class Triad(Link):
     """Non-orthogonality of the sensitive axes: `f5 = T f4`, T = [1 0 0; g21 1 0; g31 g32 1]."""
 
     place: ClassVar[Place] = Place.TRIAD
-    gamma: Parameter
+    gamma: Parameter | Following
 
     def __call__(self, state: State, where: Where) -> State:
         g21, g31, g32 = self.gamma.at(where)
@@ -119,8 +121,8 @@ class Output(Link):
     """Scale factor error and bias: `A = (1 + dK) f5 + bias` per axis."""
 
     place: ClassVar[Place] = Place.OUTPUT
-    dK: Parameter
-    bias: Parameter
+    dK: Parameter | Following
+    bias: Parameter | Following
 
     def __call__(self, state: State, where: Where) -> State:
         scales, biases = self.dK.at(where), self.bias.at(where)
@@ -151,10 +153,12 @@ def across(f: Float[Array, "positions 3"]) -> tuple[Float[Array, "positions 3"],
 
 @dataclass(frozen=True)
 class Leaf:
-    """How one leaf is indexed (`by`, a column of the data) and whether it is estimated."""
+    """How one leaf is indexed (`by`, a column of the data), whether it is estimated, and which functions of temperature it
+    follows; its change with them, the same in all groups, is estimated."""
 
     by: str | None = None
     free: bool = True
+    follows: TemperatureFunctions | None = None
 
 
 class NamedLeaf(NamedTuple):
@@ -205,9 +209,12 @@ def nominal_link(
     - `where`: the positions' settings.
     - `leaves`: how leaves are indexed and whether they are estimated, by name; the defaults if omitted.
     - `rotations`: gives the intended rotation of every mounting of the data, None if none is turned.
+
+    **Raises:** `InputError` for an index column, or temperatures, that the data lack.
     """
     link, made = LINKS[name], {}
     for leaf, (unit, components, usual) in link.leaves.items():
         chosen = leaves.get(leaf, usual)
-        made[leaf] = coefficients(leaf, components, unit=unit, by=chosen.by, where=where, free=chosen.free)
+        values = coefficients(leaf, components, unit=unit, by=chosen.by, where=where, free=chosen.free)
+        made[leaf] = values if chosen.follows is None else following(values, chosen.follows, where)
     return link.kind(**made, **({"nominal": rotations()} if link.turned else {}))

@@ -10,6 +10,7 @@ orthonormal over the measured range (root mean square 1, equal weight over tempe
 nearly dependent. The k-th combination contains only the first k functions, so models of lower order are nested.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -83,11 +84,11 @@ class TemperatureFunctions:
 
     def values(self, degc: Any) -> Any:
         """The functions (count, rows) at temperatures (rows), of numpy or JAX."""
-        return _stacked(degc, self._rows(degc))
+        return _stacked(degc, function_rows(degc, self.order, self.reference_degc, self.knots_degc))
 
     def orthonormal(self, degc: Any) -> Any:
         """The orthonormal combinations (count, rows) at temperatures (rows), of numpy or JAX."""
-        rows = self._rows(degc)
+        rows = function_rows(degc, self.order, self.reference_degc, self.knots_degc)
         mixed = [
             sum(float(factor) * row for factor, row in zip(line[: k + 1], rows, strict=False))
             for k, line in enumerate(self.combination)
@@ -107,10 +108,16 @@ class TemperatureFunctions:
         upper = np.sign(np.diag(upper))[:, None] * upper * size
         return np.linalg.inv(upper).T
 
-    def _rows(self, degc: Any) -> list[Any]:
-        above = degc - self.reference_degc
-        powers = [above**power for power in range(1, self.order + 1)]
-        return powers + [_cubed(degc - knot) - float(_cubed(self.reference_degc - knot)) for knot in self.knots_degc]
+    def of_coefficients(self, physical: Float[np.ndarray, " count *columns"]) -> Float[np.ndarray, " count *columns"]:
+        """The coefficients of the orthonormal combinations that equal these physical coefficients."""
+        return np.linalg.solve(self.combination.T, physical) if self.count else physical
+
+
+def function_rows(degc: Any, order: int, reference_degc: Any, knots_degc: Sequence[Any]) -> list[Any]:
+    """The functions, one by one, at temperatures (rows); numbers of numpy or JAX."""
+    above = degc - reference_degc
+    powers = [above**power for power in range(1, order + 1)]
+    return powers + [_cubed(degc - knot) - _cubed(reference_degc - knot) for knot in knots_degc]
 
 
 def _cubed(above: Any) -> Any:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.chain import Parameter
+from tumblecal.chain import Parameter, parameters_of
 from tumblecal.chain.nominal import Mount
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.model.full_model import FullModel
@@ -69,9 +69,10 @@ class Rows:
 def remountings(diagnosis: Diagnosis) -> tuple[tuple[str, ...], str]:
     """Remountings of the triad that the chain can describe, and if there are none the reason in words."""
     mounts = [link for link in diagnosis.model.nominal_chain.links if isinstance(link, Mount)]
-    if len(mounts) != 1 or not mounts[0].dtheta.free:
+    free = [leaf for leaf in parameters_of(tuple(mounts)) if leaf.name == "dtheta" and leaf.free]
+    if len(mounts) != 1 or not free:
         return (), "No remounting is proposed: the chain has no free, exact mount."
-    by = mounts[0].dtheta.by
+    by = free[0].by
     if by is not None and "mount" not in by.split("."):
         return (), f"No remounting is proposed: the chain has one dtheta for each {by}, not for each mounting."
     if by is None and diagnosis.from_rig and len(set(diagnosis.data.mount or ("1",))) > 1:

@@ -10,7 +10,7 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from tumblecal.chain import Chain, Link, Where
+from tumblecal.chain import Chain, Link, Where, parameters_of
 from tumblecal.chain.nominal import LINKS, FreeAttitude
 from tumblecal.ground.showing import brief
 
@@ -165,4 +165,6 @@ def key_of(chain: Chain) -> tuple[Any, ...]:
 
 def hand_held(chain: Chain) -> bool:
     """Whether a chain leaves the attitude of every position free."""
-    return any(isinstance(link, FreeAttitude) and link.tilt.by == "position" for link in chain.links)
+    return any(
+        leaf.by == "position" for link in chain.links if isinstance(link, FreeAttitude) for leaf in parameters_of(link)
+    )
