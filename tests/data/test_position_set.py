@@ -12,6 +12,7 @@ from tumblecal import InputError, calibrate
 from tumblecal.data import PositionSet
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.calibration_extended import corrected
+from tumblecal.data.triad_of_rows import ConstantTriad
 
 
 @pytest.mark.parametrize(
@@ -46,7 +47,7 @@ def test_readings_and_temperatures_of_another_shape_are_named():
     unchecked = getattr(corrected, "__wrapped__", corrected)
     linear = Calibration(np.eye(3), np.zeros(3), np.zeros((12, 12)))
     for calibration in (linear, replace(linear, extra={"terms": [term]})):
-        given = calibration.matrix, calibration.bias, calibration.terms
+        given = ConstantTriad(calibration.matrix, calibration.bias), calibration.terms
         np.testing.assert_allclose(unchecked(*given, np.ones((4, 3)), np.full(4, 25.0)), 1)
         with pytest.raises(InputError, match=r"readings have the shape \(4, 2\)"):
             unchecked(*given, np.ones((4, 2)), 25.0)

@@ -10,10 +10,9 @@ from jaxtyping import Float
 from pydantic import AliasPath, Field, model_validator
 
 from tumblecal.data.calibration import Calibration
-from tumblecal.data.calibration_file import Covariance
 from tumblecal.data.coverage_factor import coverage_factors, effective_dof
 from tumblecal.data.sensor_parameters import GROUPS, SENSOR, SensorParameters, leaf_of
-from tumblecal.ground.strict_json import Finite, Record, Size, Text, read_record
+from tumblecal.ground.strict_json import Covariance, Finite, Record, Size, Text, read_record
 from tumblecal.ground.units import in_words
 from tumblecal.ground.units import shown as shown_unit
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.data.calibration_extended import columns_needed, corrected, linear
+from tumblecal.data.calibration_extended import columns_needed, corrected
 from tumblecal.data.calibration_file import (
     ORDER,
     UNITS_OF,
@@ -23,7 +23,10 @@ from tumblecal.data.calibration_file import (
 from tumblecal.data.calibration_terms import Term, terms_of
 from tumblecal.data.calibration_use import NOT_STATED, Use
 from tumblecal.data.not_applied import NotApplied, not_applied
-from tumblecal.data.sensor_parameters import SensorParameters, of_matrix
+from tumblecal.data.sensor_parameters import SENSOR, SensorParameters, correction_slope, of_matrix, triad_of
+from tumblecal.data.temperature_curves import TemperatureCurves
+from tumblecal.data.temperature_curves_file import StatedTemperature
+from tumblecal.data.triad_of_rows import ConstantTriad, TriadByTemperature
 from tumblecal.ground.atomic import write_text
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
@@ -45,6 +48,9 @@ class Calibration(Shown):
     the value of one g; None if the data do not state it. `parameters` are those of the fit, including mount angles; None
     in files of earlier versions. `use`: whether it may be used. `extra` has the other keys of the file.
 
+    `temperature`: the parameters as functions of temperature. If given, matrix, bias, covariance (without hysteresis) and
+    parameters apply at its reference temperature, and `corrected` needs the temperature of each row.
+
     Examples:
         >>> import numpy as np
         >>> from tumblecal.data import Calibration
@@ -64,6 +70,7 @@ class Calibration(Shown):
     extra: dict[str, Any] = field(default_factory=dict)
     parameters: SensorParameters | None = None
     use: Use = NOT_STATED
+    temperature: TemperatureCurves | None = None
 
     @property
     def dof(self) -> float | None:
@@ -77,9 +84,15 @@ class Calibration(Shown):
     @property
     def sensor(self) -> SensorParameters:
         """Scale factors, biases, non-orthogonalities and fitted mount angles, with `dof`; without a stated `dof` the covariance
-        is treated as known."""
-        sensor = self.parameters or of_matrix(self.matrix, self.bias, self.covariance)
+        is treated as known. With curves of temperature: at their reference temperature, with the uncertainty by hysteresis."""
+        sensor = self._sensor
+        if self.temperature is not None:
+            sensor = _with_hysteresis(sensor, self.temperature)
         return sensor if self.dof is None else replace(sensor, dof=self.dof)
+
+    @property
+    def _sensor(self) -> SensorParameters:
+        return self.parameters or of_matrix(self.matrix, self.bias, self.covariance)
 
     @cached_property
     def terms(self) -> tuple[Term, ...]:
@@ -91,8 +104,8 @@ class Calibration(Shown):
 
     @property
     def columns_needed(self) -> tuple[str, ...]:
-        """Columns that its terms require in addition to the readings: `temperature_degc`, `time_s`."""
-        return columns_needed(self.terms)
+        """Columns that its curves and terms require in addition to the readings: `temperature_degc`, `time_s`."""
+        return columns_needed(self.terms, self.temperature)
 
     @property
     def not_applied(self) -> list[NotApplied]:
@@ -104,25 +117,65 @@ class Calibration(Shown):
         extra = {key: value for key, value in self.extra.items() if key != "terms"}
         return replace(self, extra=extra | ({"terms": [term.record() for term in terms]} if terms else {}))
 
+    def at(self, degc: float, *, extrapolate: bool = False) -> "Calibration":
+        """The calibration at one temperature, without curves of temperature; itself if it has none.
+
+        Matrix, bias and covariance are those at this temperature, with the uncertainty by hysteresis. `parameters` are those
+        of the sensor. The terms are unchanged.
+
+        **Arguments:**
+
+        - `extrapolate`: whether the temperature may be outside the measured range, where the uncertainty grows.
+
+        **Raises:** `InputError` for a temperature outside the measured range.
+        """
+        curves = self.temperature
+        if curves is None:
+            return self
+        rows = np.array([float(degc)])
+        curves.require_range(rows, extrapolate=extrapolate)
+        reference = self._sensor.of(SENSOR)
+        values = reference.values + curves.at(rows)[0]
+        sensor = replace(reference, values=values, covariance=curves.covariance_at(degc, hysteresis=False), noise=None)
+        sensor, slope = _with_hysteresis(sensor, curves), correction_slope(values)
+        return replace(
+            self,
+            matrix=self.matrix @ triad_of(reference.values) @ np.linalg.inv(triad_of(values)),
+            bias=self.bias + values[3:6] - reference.values[3:6],
+            covariance=slope @ sensor.covariance @ slope.T,
+            temperature_degc=float(degc),
+            parameters=sensor,
+            extra={key: value for key, value in self.extra.items() if key != "covariance_with_terms"},
+            temperature=None,
+        )
+
     def linear(self, readings: Float[np.ndarray, "rows 3"]) -> Float[np.ndarray, "rows 3"]:
-        """Matrix and bias applied to readings in g, without the terms."""
-        return linear(self.matrix, self.bias, readings)
+        """Matrix and bias applied to readings in g, without the terms and the curves of temperature."""
+        return ConstantTriad(self.matrix, self.bias).force(readings)
 
     def corrected(
         self,
         readings: Float[np.ndarray, "rows 3"],
         temperature_degc: Float[np.ndarray, " rows"] | float | None = None,
         time_s: Float[np.ndarray, " rows"] | float | None = None,
+        *,
+        extrapolate: bool = False,
     ) -> Float[np.ndarray, "rows 3"]:
-        """Specific force in g from readings in g, with nonlinear, thermal and drift terms.
+        """Specific force in g from readings in g, with curves of temperature, and nonlinear, thermal and drift terms.
 
         **Arguments:**
 
-        - `temperature_degc`, `time_s`: of each row, or one for all rows; required if a term depends on it.
+        - `temperature_degc`, `time_s`: of each row, or one for all rows; required if curves or a term depend on it.
+        - `extrapolate`: whether temperatures may be outside the measured range of the curves.
 
         **Raises:** `InputError` as `calibration_extended.corrected` does.
         """
-        return corrected(self.matrix, self.bias, self.terms, readings, temperature_degc, time_s)
+        triad = (
+            ConstantTriad(self.matrix, self.bias)
+            if self.temperature is None
+            else TriadByTemperature(self.matrix, self.bias, self._sensor.of(SENSOR), self.temperature)
+        )
+        return corrected(triad, self.terms, readings, temperature_degc, time_s, extrapolate=extrapolate)
 
     @property
     def rows(self) -> list[list[str]]:
@@ -138,12 +191,25 @@ class Calibration(Shown):
             [f"{len(self.extra['terms'])} nonlinear or thermal terms in addition"] if self.extra.get("terms") else []
         )
         facts = [f"one g is {self.gravity}"] if self.gravity else []
-        facts += [f"at {self.temperature_degc:.4g} degC"] if self.temperature_degc is not None else []
+        if self.temperature is not None:
+            facts.append(self.temperature.words)
+        elif self.temperature_degc is not None:
+            facts.append(f"at {self.temperature_degc:.4g} degC")
         unit = f" of {self.serial_number}" if self.serial_number else ""
         return Screen(
             f"Calibration{unit}: f = matrix (A - bias), f and A in g",
             ("", "matrix A_x", "A_y", "A_z", "bias / mg"), self.rows, [f"use: {self.use.words}", *terms, *facts],
         )  # fmt: skip
+
+
+def _with_hysteresis(sensor: SensorParameters, curves: TemperatureCurves) -> SensorParameters:
+    """Parameters with the uncertainty by hysteresis in addition, which is no part of the noise."""
+    variance = np.zeros(len(sensor.names))
+    variance[sensor.places(SENSOR)] = curves.hysteresis_variance
+    if not np.any(variance):
+        return sensor
+    noise = sensor.covariance if sensor.noise is None else sensor.noise
+    return replace(sensor, covariance=sensor.covariance + np.diag(variance), noise=noise)
 
 
 def write_calibration(path: Path, calibration: Calibration) -> None:
@@ -170,6 +236,7 @@ def calibration_text(calibration: Calibration) -> str:
     optional = {
         "use": calibration.use if calibration.use.answer else None,
         "parameters": None if calibration.parameters is None else StatedParameters.of(calibration.parameters),
+        "temperature": None if calibration.temperature is None else StatedTemperature.of(calibration.temperature),
     }
     file = CalibrationFile.model_construct(
         schema=SCHEMA,
@@ -228,5 +295,6 @@ def read_calibration(path: Path | str) -> Calibration:
         provenance=file.provenance,
         parameters=parameters,
         use=file.use or NOT_STATED,
+        temperature=None if file.temperature is None else file.temperature.curves_of_temperature(),
         extra=(file.model_extra or {}) | ({"terms": file.terms} if "terms" in file.model_fields_set else {}),
     )

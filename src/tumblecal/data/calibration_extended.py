@@ -1,6 +1,7 @@
 """The exact inverse of an extended sensor model: linear correction with nonlinear, thermal and drift terms.
 
-The reading is `A = diag(1 + dK) u + bias + terms(u, T)`, with the ideal input u along each sensitive axis.
+The reading is `A = diag(1 + dK) u + bias + terms(u, T)`, with the ideal input u along each sensitive axis. With curves of
+temperature dK, bias and u are those at the temperature of the row.
 """
 
 from collections.abc import Sequence
@@ -9,6 +10,8 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.data.calibration_terms import Term
+from tumblecal.data.temperature_curves import TemperatureCurves
+from tumblecal.data.triad_of_rows import ConstantTriad, TriadByTemperature, TriadOfRows
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
 
@@ -24,32 +27,37 @@ FARTHEST = 3.0
 
 
 def corrected(
-    matrix: Float[np.ndarray, "3 3"],
-    bias: Float[np.ndarray, "3"],
+    triad: ConstantTriad | TriadByTemperature,
     terms: Sequence[Term],
     readings: Float[np.ndarray, "rows 3"],
     temperature_degc: Float[np.ndarray, " rows"] | float | None = None,
     time_s: Float[np.ndarray, " rows"] | float | None = None,
+    *,
+    extrapolate: bool = False,
 ) -> Float[np.ndarray, "rows 3"]:
-    """Specific force in g from readings in g, by matrix, bias and terms of a calibration.
+    """Specific force in g from readings in g, by the linear correction and the terms of a calibration.
 
     A term of kind `sign` leaves a gap of readings at zero input: a reading in this gap is mapped to its middle.
 
     **Arguments:**
 
-    - `temperature_degc`, `time_s`: of each row, or one for all rows; required if a term depends on it.
+    - `temperature_degc`, `time_s`: of each row, or one for all rows; required if the triad or a term depends on it.
+    - `extrapolate`: whether temperatures may be outside the measured range of curves.
 
     **Raises:** `InputError` for an invalid term, a missing temperature or time, a wrong number of rows, readings of a wrong
-    shape, or readings so far outside the model that it cannot be inverted.
+    shape, temperatures that are not numbers or outside the range of curves, or readings so far outside the model that it
+    cannot be inverted.
     """
     if np.ndim(readings) == 0 or np.shape(readings)[-1] != 3:
         raise InputError(f"readings have the shape {np.shape(readings)}; it must be (rows, 3)")
-    readings = np.asarray(readings)
+    readings, curves = np.asarray(readings), None if isinstance(triad, ConstantTriad) else triad.curves
     for name, values in (("temperature_degc", temperature_degc), ("time_s", time_s)):
-        if values is None and name in columns_needed(terms):
+        if values is None and name in columns_needed(terms, curves):
             raise InputError(f"this calibration has {_KINDS_OF[name]} terms: the data need a column {name}")
         if values is not None and np.ndim(values) and np.shape(values) != readings.shape[:1]:
             raise InputError(f"{name} has the shape {np.shape(values)}; it must be one number, or {readings.shape[:1]}")
+    if curves is not None:
+        curves.require_range(np.atleast_1d(np.asarray(temperature_degc, float)), extrapolate=extrapolate)
     degc, time = (
         None if given is None else np.broadcast_to(given, len(readings)) for given in (temperature_degc, time_s)
     )
@@ -57,25 +65,19 @@ def corrected(
     with np.errstate(all="ignore"):  # a divergent iteration ends in an error
         for first in range(0, len(readings), _BLOCK):
             rows = slice(first, first + _BLOCK)
+            degc_of, time_of = (None if column is None else column[rows] for column in (degc, time))
+            of_rows = triad if isinstance(triad, ConstantTriad) else triad.of_rows(np.asarray(degc_of, float))
             if terms:
-                given = (None if column is None else column[rows] for column in (degc, time))
-                force[rows] = _inverted(matrix, bias, terms, _factors(terms, *given), readings[rows])
+                force[rows] = _inverted(of_rows, terms, _factors(terms, degc_of, time_of), readings[rows])
             else:
-                force[rows] = linear(matrix, bias, readings[rows])
+                force[rows] = of_rows.force(readings[rows])
     return force
 
 
-def linear(
-    matrix: Float[np.ndarray, "3 3"], bias: Float[np.ndarray, "3"], readings: Float[np.ndarray, "rows 3"]
-) -> Float[np.ndarray, "rows 3"]:
-    """Matrix and bias applied to readings in g."""
-    return (readings - bias) @ matrix.T
-
-
-def columns_needed(terms: Sequence[Term]) -> tuple[str, ...]:
-    """Columns that terms require in addition to the readings."""
+def columns_needed(terms: Sequence[Term], curves: TemperatureCurves | None = None) -> tuple[str, ...]:
+    """Columns that terms and curves of temperature require in addition to the readings."""
     needs = {
-        "temperature_degc": any(term.thermal for term in terms),
+        "temperature_degc": curves is not None or any(term.thermal for term in terms),
         "time_s": any(term.per_hour for term in terms),
     }
     return tuple([name for name, needed in needs.items() if needed])
@@ -88,20 +90,17 @@ def _factors(
 
 
 def _inverted(
-    matrix: Float[np.ndarray, "3 3"],
-    bias: Float[np.ndarray, "3"],
+    triad: ConstantTriad | TriadOfRows,
     terms: Sequence[Term],
     factors: list[np.ndarray | float],
     readings: Float[np.ndarray, "rows 3"],
 ) -> Float[np.ndarray, "rows 3"]:
-    lower = np.linalg.inv(matrix)
-    to_inputs = (lower / np.diag(lower)[:, None]).T
     jumps = 2 * sum(np.max(np.abs(factor)) for term, factor in zip(terms, factors, strict=True) if term.kind == "sign")
     farthest = FARTHEST * max(1.0, float(np.max(np.abs(readings), initial=0.0)))
-    force = linear(matrix, bias, readings)
+    force = triad.force(readings)
     before = np.full_like(force, np.nan)
     for _ in range(MOST_STEPS):
-        better = linear(matrix, bias, readings - _added(terms, factors, force @ to_inputs))
+        better = triad.force(readings - _added(terms, factors, triad.inputs(force)))
         change = np.abs(better - force)
         tolerance = TOLERANCE * max(1.0, float(np.max(np.abs(better), initial=0.0)))
         if (largest := np.max(change, initial=0.0)) <= tolerance:

@@ -11,16 +11,27 @@ from tumblecal.data.calibration_terms import Terms
 from tumblecal.data.calibration_use import StatedUse, Use
 from tumblecal.data.not_applied import NotApplied
 from tumblecal.data.sensor_parameters import SENSOR, SensorParameters, leaf_of, triad_of
+from tumblecal.data.temperature_curves_file import StatedTemperature
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import LEAST_MS2, MOST_MS2
-from tumblecal.ground.strict_json import AsStated, Finite, Flag, Record, Shape, Size, Text
+from tumblecal.ground.strict_json import (
+    LISTED,
+    AsStated,
+    Covariance,
+    Finite,
+    Flag,
+    Record,
+    Shape,
+    Size,
+    Text,
+    require_covariance,
+)
 
 
 UNITS_OF = {"A": "g", "f": "g", "matrix": "1", "bias": "g", "alignment": "1"}
 ORDER = (*(f"matrix_{row}{column}" for row in "123" for column in "123"), "bias_x", "bias_y", "bias_z")
 # The matrix of a triad is near 1; readings in a wrong unit give at most a thousand.
 MOST_SCALE = 2e3
-_ROUNDING = 1e-9
 # Matrix and bias may differ by this much (1, g) from the parameters: more than any rounding, float32 included, and far below
 # the uncertainty of a calibration.
 _SAME = 1e-6
@@ -39,15 +50,6 @@ def require_triad(matrix: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"]:
     return matrix
 
 
-def _require_covariance(table: np.ndarray) -> np.ndarray:
-    largest = float(np.max(np.abs(table), initial=0.0))
-    if table.shape != table.shape[::-1] or np.max(np.abs(table - table.T), initial=0.0) > _ROUNDING * largest:
-        raise ValueError("a covariance must be symmetric; use the file as the program wrote it")
-    if np.any(np.diag(table) < 0) or np.min(np.linalg.eigvalsh(table), initial=0.0) < -_ROUNDING * largest:
-        raise ValueError("no variance of a covariance may be negative; use the file as the program wrote it")
-    return table
-
-
 def _require_parameter(name: str) -> str:
     if name not in SENSOR and leaf_of(name) != "dtheta":
         raise ValueError(f"no parameter of a triad or its mountings; parameters: {', '.join(SENSOR)}, dtheta_x, ...")
@@ -63,17 +65,15 @@ def _as_written(wanted: Any) -> AfterValidator:
     return AfterValidator(same)
 
 
-_LISTED = PlainSerializer(np.ndarray.tolist)
-Triple = Annotated[np.ndarray, Shape((3,)), _LISTED]
-Matrix = Annotated[np.ndarray, Shape((3, 3)), _LISTED]
-Covariance = Annotated[np.ndarray, Shape((None, None)), AfterValidator(_require_covariance), _LISTED]
+Triple = Annotated[np.ndarray, Shape((3,)), LISTED]
+Matrix = Annotated[np.ndarray, Shape((3, 3)), LISTED]
 
 
 class StatedParameters(Record):
     """The table `parameters`: those of the fit, including mount angles; `determined`: by the data, separately."""
 
     names: list[Annotated[str, AfterValidator(_require_parameter)]]
-    values: Annotated[np.ndarray, Shape((None,)), _LISTED]
+    values: Annotated[np.ndarray, Shape((None,)), LISTED]
     covariance: Covariance
     determined: list[Flag] = Field(default_factory=list)
 
@@ -138,7 +138,7 @@ class CalibrationFile(Record):
     equation: Any = None
     matrix: Annotated[Matrix, AfterValidator(require_triad)]
     bias: Triple
-    covariance: Annotated[np.ndarray, Shape((12, 12)), AfterValidator(_require_covariance), _LISTED]
+    covariance: Annotated[np.ndarray, Shape((12, 12)), AfterValidator(require_covariance), LISTED]
     covariance_order: Annotated[list[str], _as_written([*ORDER])] = Field(default_factory=lambda: [*ORDER])
     alignment: Matrix | None = None
     units: Annotated[dict[str, str], _as_written(UNITS_OF)] = Field(default_factory=UNITS_OF.copy)
@@ -148,6 +148,7 @@ class CalibrationFile(Record):
     use: Annotated[StatedUse, PlainSerializer(Use.record)] | None = None
     provenance: Annotated[dict[str, Any], AsStated(Provenance)] = Field(default_factory=dict)
     parameters: StatedParameters | None = None
+    temperature: StatedTemperature | None = None
     terms: Annotated[list[Any], AsStated(Terms)] = Field(default_factory=list)
 
 

@@ -110,6 +110,23 @@ def triad_of(values: Inexact[np.ndarray, "*several 9"]) -> Inexact[np.ndarray, "
     return (1 + values[..., :3, None]) * triad
 
 
+def correction_slope(values: Float[np.ndarray, "9"]) -> Float[np.ndarray, "12 9"]:
+    """Derivative of matrix (rows) and bias of a correction by the sensor parameters, in the order of `SENSOR`."""
+
+    def correction(several: np.ndarray) -> np.ndarray:
+        return np.concatenate([np.linalg.inv(triad_of(several)).reshape(-1, 9), several[:, 3:6]], axis=1)
+
+    return exact_derivative(correction, values)
+
+
+def exact_derivative(
+    function: Callable[[np.ndarray], np.ndarray], values: Float[np.ndarray, " values"]
+) -> Float[np.ndarray, "results values"]:
+    """Jacobian of a function of rows by complex steps: exact to rounding, no step size to choose (Squire and Trapp 1998)."""
+    step = 1e-30
+    return np.imag(function(values + 1j * step * np.eye(len(values)))).T / step
+
+
 def lower_triangle(axes: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"]:
     """`L` of `axes = L Q`, Q a rotation: the same axes in the frame of the triad."""
     turned = np.linalg.qr(axes.T)[1].T

@@ -5,13 +5,12 @@ each true input axis) and the angles between them. The calibration matrix of `ca
 triad's own orthogonal frame (x along the x input axis, y in the plane of x and y).
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Inexact
 
-from tumblecal.data.sensor_parameters import SENSOR, triad_of
+from tumblecal.data.sensor_parameters import SENSOR, correction_slope, exact_derivative, triad_of
 from tumblecal.estimation.fit import Fit
 
 
@@ -33,9 +32,9 @@ def intrinsic(fit: Fit) -> Intrinsic:
     """The mounting-independent parameters of a nominal fit (delta method for the covariance)."""
     here = sensor_places(fit)
     values = fit.values[here]
-    slope = _derivative(_invariants, values)
+    slope = exact_derivative(_invariants, values)
     covariance = slope @ fit.covariance[np.ix_(here, here)] @ slope.T
-    return Intrinsic(NAMES, UNITS, np.real(_invariants(values)), covariance)
+    return Intrinsic(NAMES, UNITS, _invariants(values), covariance)
 
 
 def matrix_and_bias(fit: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -45,15 +44,9 @@ def matrix_and_bias(fit: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """
     here = sensor_places(fit)
     values = fit.values[here]
-    slope = _derivative(_correction, values)
+    slope = correction_slope(values)
     covariance = slope @ fit.covariance[np.ix_(here, here)] @ slope.T
-    flat = np.real(_correction(values))
-    return flat[:9].reshape(3, 3), flat[9:], covariance
-
-
-def correction_slope(values: Float[np.ndarray, "9"]) -> Float[np.ndarray, "12 9"]:
-    """Derivative of matrix (rows) and bias by the sensor's parameters, in the order of `SENSOR`."""
-    return _derivative(_correction, values)
+    return np.linalg.inv(triad_of(values)), values[3:6], covariance
 
 
 def one_sensor(fit: Fit) -> bool:
@@ -78,14 +71,3 @@ def _invariants(values: Inexact[np.ndarray, "*several 9"]) -> Inexact[np.ndarray
     unit = axes / lengths[..., None]
     cosines = np.sum(unit[..., [0, 0, 1], :] * unit[..., [1, 2, 2], :], axis=-1)
     return np.concatenate([lengths - 1, values[..., 3:6], -np.arcsin(cosines)], axis=-1)
-
-
-def _correction(values: Inexact[np.ndarray, "*several 9"]) -> Inexact[np.ndarray, "*several 12"]:
-    matrix = np.linalg.inv(triad_of(values))
-    return np.concatenate([matrix.reshape(*values.shape[:-1], 9), values[..., 3:6]], axis=-1)
-
-
-def _derivative(function: Callable[[np.ndarray], np.ndarray], values: np.ndarray) -> np.ndarray:
-    """Jacobian by complex steps: exact to rounding, no step size to choose (Squire and Trapp 1998)."""
-    step = 1e-30
-    return np.imag(function(values + 1j * step * np.eye(len(values)))).T / step

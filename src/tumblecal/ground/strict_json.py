@@ -13,6 +13,7 @@ from pydantic import (
     ConfigDict,
     Field,
     GetCoreSchemaHandler,
+    PlainSerializer,
     TypeAdapter,
     ValidationError,
 )
@@ -32,6 +33,8 @@ class Record(BaseModel):
 
 # Larger numbers are not those of a sensor, and would overflow.
 LARGEST = 1e12
+# Relative rounding of a covariance.
+_ROUNDING = 1e-9
 Finite = Annotated[float, Field(strict=True, ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
 Size = Annotated[Finite, Field(ge=0)]
 Flag = Annotated[bool, Field(strict=True)]
@@ -63,6 +66,23 @@ class Shape:
         for size in reversed(self.sizes):
             schema = core_schema.list_schema(schema, min_length=size, max_length=size)
         return core_schema.no_info_after_validator_function(np.array, schema)
+
+
+def require_covariance(table: np.ndarray) -> np.ndarray:
+    """An array that can be a covariance.
+
+    **Raises:** `ValueError`.
+    """
+    largest = float(np.max(np.abs(table), initial=0.0))
+    if table.shape != table.shape[::-1] or np.max(np.abs(table - table.T), initial=0.0) > _ROUNDING * largest:
+        raise ValueError("a covariance must be symmetric; use the file as the program wrote it")
+    if np.any(np.diag(table) < 0) or np.min(np.linalg.eigvalsh(table), initial=0.0) < -_ROUNDING * largest:
+        raise ValueError("no variance of a covariance may be negative; use the file as the program wrote it")
+    return table
+
+
+LISTED = PlainSerializer(np.ndarray.tolist)
+Covariance = Annotated[np.ndarray, Shape((None, None)), AfterValidator(require_covariance), LISTED]
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,8 @@ from jaxtyping import Float
 
 from tumblecal.data.calibration import ORDER
 from tumblecal.data.calibration_terms import Term, contributions
-from tumblecal.data.sensor_parameters import SENSOR
+from tumblecal.data.sensor_parameters import SENSOR, correction_slope
 from tumblecal.diagnosis import Diagnosis
-from tumblecal.estimation.intrinsic import correction_slope
 from tumblecal.report.calibration_limits import DIRECTIONS
 from tumblecal.report.effect_forms import term_of_form
 

@@ -1,0 +1,104 @@
+"""The key `temperature` of a calibration file: curves of temperature, their joint covariance, and hysteresis."""
+
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from tumblecal.data.sensor_parameters import SENSOR
+from tumblecal.data.temperature_curves import Curve, Hysteresis, TemperatureCurves
+from tumblecal.ground.errors import InputError
+from tumblecal.ground.strict_json import LISTED, Covariance, Finite, Record, Shape, Size, Text, one_of
+from tumblecal.ground.temperature_functions import HIGHEST_ORDER, TemperatureFunctions
+
+
+# Smallest eigenvalue of correlations that rounding can cause: powers of the temperature are nearly dependent.
+_ROUNDING = 1e-9
+_Parameter = Annotated[Text, one_of(SENSOR)]
+
+
+class StatedCurve(Record):
+    """A parameter, the order and the knots of its functions, and their coefficients with units."""
+
+    parameter: _Parameter
+    order: Annotated[int, Field(strict=True, ge=0, le=HIGHEST_ORDER)]
+    knots_degc: list[Finite] = Field(default_factory=list)
+    coefficients: Annotated[np.ndarray, Shape((None,)), LISTED]
+    units: list[Text]
+
+
+class StatedHysteresis(Record):
+    """Half of the difference of a parameter between rising and falling temperature."""
+
+    parameter: _Parameter
+    half_width: Size
+    unit: Text
+
+
+class StatedTemperature(Record):
+    """The object `temperature`."""
+
+    reference_degc: Finite
+    range_degc: Annotated[list[Finite], Field(min_length=2, max_length=2)]
+    curves: Annotated[list[StatedCurve], Field(min_length=1)]
+    covariance: Covariance
+    covariance_order: list[Text]
+    hysteresis: list[StatedHysteresis] = Field(default_factory=list)
+
+    @model_validator(mode="after")
+    def _valid(self) -> "StatedTemperature":
+        self.curves_of_temperature()
+        if np.min(np.linalg.eigvalsh(_correlations(self.covariance))) < -_ROUNDING:
+            raise ValueError("covariance must be positive semidefinite; use the file as the program wrote it")
+        return self
+
+    @classmethod
+    def of(cls, curves: TemperatureCurves) -> "StatedTemperature":
+        """The object of some curves."""
+        hysteresis: dict[str, Any] = {"hysteresis": [StatedHysteresis(**vars(part)) for part in curves.hysteresis]}
+        return cls.model_construct(
+            reference_degc=curves.reference_degc,
+            range_degc=[*curves.range_degc],
+            curves=[_stated_curve(curve) for curve in curves.curves],
+            covariance=curves.covariance,
+            covariance_order=[*curves.covariance_order],
+            **(hysteresis if curves.hysteresis else {}),
+        )
+
+    def curves_of_temperature(self) -> TemperatureCurves:
+        """The curves of this object.
+
+        **Raises:** `InputError` for values that do not agree.
+        """
+        curves = [self._curve(k) for k in range(len(self.curves))]
+        hysteresis = [Hysteresis(part.parameter, part.half_width, part.unit) for part in self.hysteresis]
+        return TemperatureCurves(tuple(curves), self.covariance, tuple(self.covariance_order), tuple(hysteresis))
+
+    def _curve(self, number: int) -> Curve:
+        stated, (low, high) = self.curves[number], self.range_degc
+        try:
+            functions = TemperatureFunctions(stated.order, self.reference_degc, (low, high), tuple(stated.knots_degc))
+            curve = Curve(stated.parameter, functions, stated.coefficients)
+            if tuple(stated.units) != curve.units:
+                raise InputError(f"{stated.parameter}: the units must be {', '.join(curve.units)}")
+        except InputError as error:
+            raise InputError(f"curves.{number}: {error}") from error
+        return curve
+
+
+def _stated_curve(curve: Curve) -> StatedCurve:
+    knots: dict[str, Any] = {"knots_degc": [*curve.functions.knots_degc]} if curve.functions.knots_degc else {}
+    return StatedCurve.model_construct(
+        parameter=curve.parameter,
+        order=curve.functions.order,
+        **knots,
+        coefficients=curve.coefficients,
+        units=[*curve.units],
+    )
+
+
+def _correlations(covariance: np.ndarray) -> np.ndarray:
+    """Correlations; a coefficient of zero variance has a variance of 1 instead, and no correlations."""
+    sd = np.sqrt(np.diag(covariance))
+    sd = np.where(sd > 0, sd, 1.0)
+    return covariance / np.outer(sd, sd)
