@@ -12,6 +12,8 @@ from scipy.spatial.transform import Rotation
 from tumblecal.diagnosis import Diagnoser
 from tumblecal.diagnosis.detection import detect
 from tumblecal.diagnosis.detection.detect import SIZE, null_distribution, statistics
+from tumblecal.diagnosis.detection.reference import References
+from tumblecal.estimation import problem_of
 from tumblecal.ground.program_cache import ProgramCache
 from tumblecal.planning import NextPlan
 from tumblecal.report.diagnosis_files import record
@@ -56,32 +58,32 @@ def test_what_is_remembered_of_a_kind_of_plan_goes_with_its_programs(hidden, mon
         assert [made.at.problem.readings.shape for made in diagnoser.references._made.values()] == [(rows, 3)]
 
 
-def test_one_reference_serves_files_with_sds_of_their_own(hidden):
+def test_one_reference_serves_files_with_sds_of_their_own(diagnoser, hidden):
     """Every unit's file has measured sd columns: each would draw a null distribution of its own, for most of a second."""
-    diagnoser, rng = Diagnoser(nested=False), np.random.default_rng(3)
-    plain = hidden(38, {})
-    for level in (0.1, 1.0, 8.0):
-        factors = level * np.exp(rng.uniform(-0.3, 0.3, 3)) * np.exp(0.1 * rng.normal(size=plain.sd.shape))
-        diagnoser(replace(plain, sd=factors * plain.sd))
-    (reference,) = diagnoser.references._made.values()
-    own = Diagnoser(nested=False)
-    own(replace(plain, sd=plain.sd * np.where(np.arange(3) > 1, 6.0, 1.0)))
-    uneven = next(iter(own.references._made.values()))
-    assert np.ptp(uneven.at.problem.sd) > 0 and np.ptp(reference.at.problem.sd) == 0
+    plain, references, rng = hidden(38, {}), References(), np.random.default_rng(3)
+    model = diagnoser._model(None, plain, None, None)
+
+    def reference(factors):
+        return references.of(model, problem_of(replace(plain, sd=factors * plain.sd), model.nominal_chain))
+
+    shape = plain.sd.shape
+    even = [level * np.exp(rng.uniform(-0.3, 0.3, 3) + 0.1 * rng.normal(size=shape)) for level in (0.1, 1.0, 8.0)]
+    first, *others = map(reference, even)
+    assert np.ptp(first.at.problem.sd) == 0 and all(other is first for other in others)
+    assert np.ptp(reference(np.where(np.arange(3) > 1, 6.0, np.ones(shape))).at.problem.sd) > 0
 
 
-@pytest.mark.parametrize("columns", [True, False])
-def test_the_null_distribution_is_that_of_sds_within_a_factor(hidden, columns):
+@pytest.mark.parametrize(("columns", "level"), [(True, 0.02), (False, 5.0)])
+def test_the_null_distribution_is_that_of_sds_within_a_factor(hidden, columns, level):
     """At the thresholds that decide, to within what 6000 draws leave uncertain: 0.0085 +- 0.0017 by two quantiles."""
     plain, rng = hidden(39, {}, columns=columns), np.random.default_rng(4)
     diagnoser = Diagnoser(nested=False)
-    for level in (0.02, 5.0):
-        sd = level * plain.sd * np.exp(rng.uniform(-0.6, 0.6, 3)) * np.exp(0.1 * rng.normal(size=plain.sd.shape))
-        diagnosis = diagnoser(replace(plain, sd=sd))
-        reference = diagnoser.references.of(diagnosis.model, diagnosis.problem)
-        own = null_distribution(diagnosis.screened.pool, diagnosis.screened.alternatives, True)
-        assert np.mean(own > np.quantile(reference.null, 1 - SIZE)) == pytest.approx(SIZE, abs=0.005)
-        assert np.mean(own > np.quantile(reference.null, 0.95)) == pytest.approx(0.05, abs=0.015)
+    sd = level * plain.sd * np.exp(rng.uniform(-0.6, 0.6, 3)) * np.exp(0.1 * rng.normal(size=plain.sd.shape))
+    diagnosis = diagnoser(replace(plain, sd=sd))
+    reference = diagnoser.references.of(diagnosis.model, diagnosis.problem)
+    own = null_distribution(diagnosis.screened.pool, diagnosis.screened.alternatives, True)
+    assert np.mean(own > np.quantile(reference.null, 1 - SIZE)) == pytest.approx(SIZE, abs=0.005)
+    assert np.mean(own > np.quantile(reference.null, 0.95)) == pytest.approx(0.05, abs=0.015)
 
 
 def test_the_reference_stands_for_the_data_sets_own(diagnoser, hidden):
@@ -133,10 +135,10 @@ def test_a_null_distribution_is_drawn_once_for_a_plan(diagnoser, hidden, monkeyp
     """It is kept on disk for other processes; other plans, other levels of the noise and other causes have their own."""
     drawn, kept = [], ProgramCache(tmp_path)
     monkeypatch.setattr(detect, "program_cache", lambda: kept)
-    monkeypatch.setattr(detect, "null_distribution", lambda *told: drawn.append(told) or null_distribution(*told))
+    monkeypatch.setattr(detect, "null_distribution", lambda *told: drawn.append(told) or null_distribution(*told, 300))
     pool, beside = (own := diagnoser(hidden(37, {})).screened).pool, own.alternatives
     first, again = (detect.kept_null(pool, beside, False) for _ in range(2))
-    np.testing.assert_array_equal(first, null_distribution(pool, beside, False))
+    np.testing.assert_array_equal(first, null_distribution(pool, beside, False, 300))
     np.testing.assert_array_equal(first, again)
     assert len(drawn) == 1
     fewer = pool.only(np.arange(1, pool.size))
