@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import tumblecal
+from few_effects import few_entries
 from tumblecal import InputError
 from tumblecal.effects import catalogue, output_effect, with_effects
 
@@ -35,7 +36,7 @@ def test_effects_are_added_and_nothing_is_replaced_silently():
 
 def test_many_diagnoses_are_the_single_ones(sets):
     few = tumblecal.PositionSet.from_arrays(np.eye(3)[:2], [0, 90], [0, 0], unit="deg")
-    first, refused = tumblecal.diagnose_many([sets[0], few], [FOURTH], noise_sd=0.1e-3)
+    first, refused = tumblecal.diagnose_many([sets[0], few], [FOURTH], entries=few_entries(), noise_sd=0.1e-3)
     assert isinstance(refused, InputError) and "too few" in str(refused)
     assert first.labels == ("bias_drift.x", "second_order.z") and "fourth_order.y" in first.limits
     calibrated = tumblecal.calibrate(sets[0], noise_sd=0.1e-3)
