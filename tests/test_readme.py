@@ -10,8 +10,6 @@ from pathlib import Path
 import pytest
 
 
-pytestmark = pytest.mark.usefixtures("fully_compiled")
-
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 # Pages whose Python runs after the README's, in its folder; the shell block of docs/index.md is one of the README's.
@@ -34,11 +32,11 @@ def folder(tmp_path_factory):
     return tmp_path_factory.mktemp("readme")
 
 
-def run(folder: Path, *arguments: str) -> str:
+def run(folder: Path, *arguments: str, without: str = "") -> str:
+    """What a process prints, in this one's environment without one of its variables."""
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    done = subprocess.run(
-        arguments, cwd=folder, env=os.environ | {"PATH": path}, capture_output=True, text=True, check=False
-    )
+    environment = {name: value for name, value in os.environ.items() if name != without} | {"PATH": path}
+    done = subprocess.run(arguments, cwd=folder, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert "Traceback" not in done.stderr
     return done.stdout
@@ -60,7 +58,8 @@ def test_the_shell_s_blocks_and_then_python_s(folder, tumblecal, monkeypatch):
     whole, again = "".join(blocks("sh")), "".join(blocks("sh", *_LONG))
     assert all(line in whole for block in blocks("sh", page=INDEX) for line in block.splitlines())  # docs/index.md
     assert all(words in whole for words in _LONG) and again.count("tumblecal ") >= 3
-    first = run(folder, "bash", "-euo", "pipefail", "-c", whole)
+    # Compiled as users have it; what runs here and the Python below are compiled quickly, as everywhere in the tests.
+    first = run(folder, "bash", "-euo", "pipefail", "-c", whole, without="JAX_DISABLE_MOST_OPTIMIZATIONS")
     # What the page shows of a calibration is what the commands above it print; the terminal's width breaks its lines.
     (shown,) = (block for block in blocks("text") if "diff / sd" in block)
     for printed in (first, run_again(folder, tumblecal, again, monkeypatch)):

@@ -97,9 +97,10 @@ def test_a_later_calibration_on_that_head_is_better(measured, tumblecal, tmp_pat
     assert ratio[0] < 0.6 and np.exp(np.mean(np.log(ratio))) < 0.8
 
 
-def test_a_diagnosis_knows_the_head(measured, tumblecal, tmp_path):
+def test_a_diagnosis_knows_the_head(measured, tumblecal, tmp_path, request):
     """With the head's file a unit of it is adequate; and the same with unknown noise, where its errors count as exact."""
     head = measured / "head.toml"
+    request.getfixturevalue("few_effects")  # not for the head itself
     for known in (True, False):
         (file,) = write_units(
             tmp_path / f"{known}", setups_on_one_head(5, 1), [{"base_levelling": [LEVEL]}], 5, known=known

@@ -137,6 +137,7 @@ def _file(path, alpha, beta, data):
     path.write_text("\n".join(["position,alpha_deg,beta_deg,ax_g,ay_g,az_g", *rows]) + "\n")
 
 
+@pytest.mark.usefixtures("few_effects")
 def test_what_the_settings_are_is_said(tumblecal, tmp_path):
     alpha, beta = read()
     data = of_instrument(random_vector(1, spread=1e-3), alpha, beta, sd=1e-4)
