@@ -14,14 +14,19 @@ _BATCHES = 10
 
 
 def sd_of_means(
-    recorded: RecordedNoise, dwells: Sequence[Float[np.ndarray, "samples 3"]], middle_s: Float[np.ndarray, " positions"]
+    recorded: RecordedNoise,
+    dwells: Sequence[Float[np.ndarray, "samples 3"]],
+    middle_s: Float[np.ndarray, " positions"] | None,
 ) -> Float[np.ndarray, "positions 3"]:
-    """Sd of each mean relative to its neighbours, g.
+    """Sd of each mean relative to its neighbours, g; without `middle_s`, to a mean of equal length just before or after it.
 
     For a dwell that is noisier than the others, the sd of its samples and batch means is used if it is larger.
     """
     counts = np.array([len(dwell) for dwell in dwells])
-    expected = recorded.sd_of_means(middle_s, counts)
+    if middle_s is None:
+        expected = recorded.noise.allan_deviation(counts / recorded.rate_hz)
+    else:
+        expected = recorded.sd_of_means(middle_s, counts)
     of_dwell = np.stack([white_sd(dwell) for dwell in dwells])
     spread = of_dwell * np.sqrt(counts)[:, None]
     noisier = spread > _NOISIER * np.median(spread, axis=0)

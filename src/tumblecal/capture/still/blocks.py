@@ -102,7 +102,7 @@ def blocks_of(path: Path, channels: list[str], rate_hz: float, *, timed: bool) -
         table = np.concatenate([waiting, piece])
         signal = table[:, : len(channels)]
         quantum = np.minimum(quantum, _smallest_steps(piece[:, : len(channels)]))
-        signal, alone = _without_outliers(signal)
+        signal, alone = without_single_outliers(signal)
         limit = len(table) - (0 if first + len(piece) == rows else width)
         joins = _joins(signal[:, :3], _quantum(quantum, signal)[0], width)
         steps = np.diff(table[:, -1]) if timed else np.zeros(0)
@@ -192,7 +192,7 @@ def _quantum(steps: NDArray[np.float64], readings: NDArray[np.float64]) -> NDArr
     return np.concatenate([np.full(3, force), np.full(len(steps) - 3, rate if np.isfinite(rate) else 0.0)])
 
 
-def _without_outliers(signal: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+def without_single_outliers(signal: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """The signal with single outliers replaced by the median of three, and their rows."""
     alone = np.zeros(len(signal), bool)
     if len(signal) < 3:

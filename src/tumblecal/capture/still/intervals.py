@@ -48,7 +48,7 @@ _WANDER, _WANDER_SHARE, _FEWEST = 4.0, 0.03, 3
 
 def judged(intervals: list[Interval], blocks: SignalBlocks, windows: Windows) -> tuple[list[Interval], bool]:
     """Intervals with the reasons why some are not used, and whether the attitudes sufficed to check sizes."""
-    rows = [_blocks_of(interval, blocks) for interval in intervals]
+    rows = [blocks_of_interval(interval, blocks) for interval in intervals]
     for reasons in (_saturation(rows, blocks, windows), _wandering(rows, intervals, blocks, windows)):
         intervals = [
             replace(interval, reason=interval.reason or reason)
@@ -57,7 +57,7 @@ def judged(intervals: list[Interval], blocks: SignalBlocks, windows: Windows) ->
     return _of_odd_size(intervals)
 
 
-def _blocks_of(interval: Interval, blocks: SignalBlocks) -> NDArray[np.int64]:
+def blocks_of_interval(interval: Interval, blocks: SignalBlocks) -> NDArray[np.int64]:
     """The blocks in an interval, without its knocks."""
     rows = blocks.row
     inside = (rows >= interval.start) & (rows + blocks.size <= interval.stop)

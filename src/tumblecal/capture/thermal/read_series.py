@@ -1,0 +1,163 @@
+"""A recording of any format as blocks over temperature: its samples, intervals at rest, temperatures and attitudes."""
+
+import re
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tumblecal.capture.capture_plan import CapturePlan
+from tumblecal.capture.recordings.guesses import guessed
+from tumblecal.capture.recordings.options import Criterion, KnownContext, RecordingOptions
+from tumblecal.capture.reduction.file_positions import FilePosition
+from tumblecal.capture.reduction.means_at_rest import check_still, stillness_of
+from tumblecal.capture.reduction.reduce_recording import stated_comments
+from tumblecal.capture.rows.contents import Contents
+from tumblecal.capture.rows.sample_file import write_samples
+from tumblecal.capture.still.intervals import blocks_of_interval
+from tumblecal.capture.still.stillness import Stillness
+from tumblecal.capture.thermal.attitudes import attitudes_of_intervals
+from tumblecal.capture.thermal.block_temperature import block_temperatures, without_short_gaps
+from tumblecal.capture.thermal.series import Attitude, RecordingSeries, ThermalSeries
+from tumblecal.capture.thermal.smoothed_temperature import resolution_of
+from tumblecal.ground.atomic import scratch_folder
+from tumblecal.ground.errors import InputError
+from tumblecal.ground.gravity import stated_gravity, unit_in_g
+
+
+# Names of columns in units that are not converted.
+_NOT_DEGC = re.compile(r"(?:^|[\W_])(?:deg_?f|f|fahrenheit|deg_?k|k|kelvin)\W*$", re.IGNORECASE)
+_SHOWN = 3
+
+
+def read_series(
+    path: Path,
+    name: str,
+    known: tuple[KnownContext, CapturePlan | None],
+    options: RecordingOptions,
+    criterion: Criterion,
+    of_file: FilePosition | None,
+) -> RecordingSeries:
+    """Read a recording.
+
+    **Arguments:**
+
+    - `name`: for labels. `known`: context, and its plan. `of_file`: the position of the file, if a table states it.
+    - others: as for `thermal_reading`.
+
+    **Raises:** `InputError` as `thermal_reading`, with the guesses about the columns.
+    """
+    context, plan = known
+    with scratch_folder(path) as folder:
+        samples = folder / "samples.parquet"
+        contents = write_samples(path, samples, options, by=context.by, in_force_units=True)
+        with guessed(contents.layout.guesses):
+            _check_columns(path, contents)
+            assert contents.rate_hz is not None
+            stillness = stillness_of(samples, contents.rate_hz, criterion, plan)
+            comments = stated_comments(samples, path, plan, hand_held=plan is None and of_file is None)
+            to_g = unit_in_g(stillness.blocks.unit, stated_gravity(comments, str(path)))
+            check_still(path, stillness, to_g)
+            degc, first = block_temperatures(path, samples, stillness.blocks)
+            means = to_g * np.array([interval.mean for interval in stillness.used])
+            index, attitudes, warnings = attitudes_of_intervals(samples, stillness.used, means, context, plan, of_file)
+            if (index < 0).all():
+                raise InputError(f"{path}: no interval at rest is a position of the plan; check mount_rotation_deg")
+            parts, more = series_of(name, stillness, (index, tuple(attitudes)), (degc, first), to_g)
+            if not parts:
+                raise InputError(
+                    f"{path}: no interval at rest has a temperature; give the column by --columns temperature=..."
+                )
+    return RecordingSeries(
+        path, name, contents, comments | contents.clock_comments, parts, (*_rejected(stillness), *warnings, *more)
+    )
+
+
+def _check_columns(path: Path, contents: Contents) -> None:
+    column = contents.layout.columns.get("temperature")
+    if column is None:
+        there = ", ".join(contents.layout.table.columns)
+        raise InputError(
+            f"{path}: no temperature among the columns {there[:200]}; name it: --columns temperature=NAME (in degC)"
+        )
+    if _NOT_DEGC.search(column.name):
+        raise InputError(
+            f"{path}: column {column.name} is in kelvin or Fahrenheit by its name; write a column in degC, and give it by "
+            "--columns temperature=..."
+        )
+    if contents.rate_hz is None:
+        raise InputError(f"{path}: the sample rate is not known; give --rate 100 (Hz), or --columns time=...")
+
+
+def _rejected(stillness: Stillness) -> list[str]:
+    """A line about the intervals that are not used."""
+    reasons = [f"{one.start_s:.0f} s: {one.reason}" for one in stillness.intervals if one.reason]
+    if not reasons:
+        return []
+    more = f" and {len(reasons) - _SHOWN} more" if len(reasons) > _SHOWN else ""
+    return [f"intervals at rest that are not used: {'; '.join(reasons[:_SHOWN])}{more}"]
+
+
+def series_of(
+    name: str,
+    stillness: Stillness,
+    known: tuple[NDArray[np.int64], tuple[Attitude, ...]],
+    temperatures: tuple[NDArray[np.float64], NDArray[np.float64]],
+    to_g: float,
+) -> tuple[tuple[ThermalSeries, ...], list[str]]:
+    """The blocks of the used intervals, in parts between restarts of the clock, and a warning for blocks without temperature.
+
+    **Arguments:**
+
+    - `known`: attitude of each used interval, -1 for none, and the attitudes. `to_g`: unit of the blocks, g.
+    - `temperatures`: mean of each block, and its first reading, degC.
+    """
+    blocks, (index, attitudes), (degc, first) = stillness.blocks, known, temperatures
+    visit, of_visit = _visits(stillness, index)
+    middle = blocks.start_s + (blocks.size - 1) / 2 / blocks.rate_hz
+    edges = [0, *(np.flatnonzero(np.diff(middle) < 0) + 1).tolist(), len(blocks)]
+    parts, without = list[ThermalSeries](), 0
+    for number, (start, stop) in enumerate(pairwise(edges)):
+        part = slice(start, stop)
+        if not np.isfinite(degc[part]).any():
+            without += int((visit[part] >= 0).sum())
+            continue
+        filled = without_short_gaps(middle[part], degc[part])
+        recorded = np.isfinite(filled)
+        rest = visit[part] >= 0
+        without += int((rest & ~recorded).sum())
+        used = np.flatnonzero(rest & recorded)
+        if not len(used):
+            continue
+        parts.append(
+            ThermalSeries(
+                clock=name if number == 0 else f"{name} (clock {number + 1})",
+                block_s=blocks.size / blocks.rate_hz,
+                size=blocks.size,
+                time_s=middle[part][used],
+                force=to_g * blocks.mean[part, :3][used],
+                squares=to_g**2 * blocks.squares[part, :3][used],
+                visit=visit[part][used],
+                attitude=of_visit,
+                attitudes=attitudes,
+                quantum=to_g * blocks.quantum[:3],
+                course_time_s=middle[part][recorded],
+                course_degc=filled[recorded],
+                resolution=resolution_of(first[part]),
+            )
+        )
+    lost_s = without * blocks.size / blocks.rate_hz
+    return tuple(parts), [f"{lost_s:.0f} s at rest have no temperature and are not used"] if without else []
+
+
+def _visits(stillness: Stillness, index: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The number of the stay of each block, -1 in none, and the attitude of each stay; successive intervals in one attitude are
+    one stay."""
+    visit, of_visit = np.full(len(stillness.blocks), -1), list[int]()
+    for interval, attitude in zip(stillness.used, index.tolist(), strict=True):
+        if not of_visit or of_visit[-1] != attitude:
+            of_visit.append(attitude)
+        if attitude >= 0:
+            visit[blocks_of_interval(interval, stillness.blocks)] = len(of_visit) - 1
+    return visit, np.array(of_visit, int)

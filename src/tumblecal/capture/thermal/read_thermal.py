@@ -1,0 +1,181 @@
+"""Recordings over temperature of any format as one table of bins."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from tumblecal.capture.capture_plan import read_plan
+from tumblecal.capture.recordings.guesses import guessed
+from tumblecal.capture.recordings.options import Criterion, KnownContext, RecordingOptions
+from tumblecal.capture.reduction.file_positions import FilePosition, positions_by_table
+from tumblecal.capture.rows.contents import Contents
+from tumblecal.capture.thermal.attitudes import labelled
+from tumblecal.capture.thermal.bins import BINS, binned, course_of, default_width
+from tumblecal.capture.thermal.branches import Branches
+from tumblecal.capture.thermal.position_rows import are_positions, positions_of, rows_of_positions
+from tumblecal.capture.thermal.read_series import RecordingSeries, read_series
+from tumblecal.capture.thermal.series import ThermalSeries
+from tumblecal.capture.thermal.smoothed_temperature import TemperatureCourse
+from tumblecal.capture.thermal.thermal_table import ThermalTable, joined
+from tumblecal.data.positions import PositionSet
+from tumblecal.ground.counted import counted
+from tumblecal.ground.errors import InputError
+
+
+# The temperature is constant if it changes by less than this many resolution steps.
+_LEAST_STEPS = 3.0
+
+
+@dataclass(frozen=True)
+class ThermalReading:
+    """A table with its origin: contents of each recording (`read`), findings in words, and warnings for each file."""
+
+    table: ThermalTable
+    read: tuple[tuple[str, Contents], ...]
+    lines: tuple[str, ...]
+    warnings: tuple[tuple[str, list[str]], ...]
+
+
+def read_thermal(
+    paths: Sequence[Path],
+    context: KnownContext = KnownContext(),
+    options: RecordingOptions = RecordingOptions(),
+    criterion: Criterion = Criterion(),
+    *,
+    bin_degc: float | None = None,
+    same_attitude: bool = False,
+) -> ThermalTable:
+    """The table of `thermal_reading`."""
+    return thermal_reading(paths, context, options, criterion, bin_degc=bin_degc, same_attitude=same_attitude).table
+
+
+def thermal_reading(
+    paths: Sequence[Path],
+    context: KnownContext = KnownContext(),
+    options: RecordingOptions = RecordingOptions(),
+    criterion: Criterion = Criterion(),
+    *,
+    bin_degc: float | None = None,
+    same_attitude: bool = False,
+    report: Callable[[str], None] = lambda text: None,
+) -> ThermalReading:
+    """Read recordings and position files over temperature.
+
+    **Arguments:**
+
+    - `paths`: recordings of any format; position files with temperatures; folders of captures. Each has its own clock.
+    - `context`: known attitudes (`plan`; `table` of the files), run and mounting. `options`, `criterion`: as for `reduce`.
+    - `bin_degc`: width of the bins; by default a fortieth of the range. `same_attitude`: whether attitudes of several files
+      with the same direction of gravity (within 10 deg) are the same attitude.
+    - `report`: called with the name of each file before it is read.
+
+    **Raises:** `InputError` for a recording that cannot be read, has no temperature, an impossible or a constant one, or no
+    interval at rest.
+    """
+    if bin_degc is not None and not bin_degc > 0:
+        raise InputError(f"width of the bins, {bin_degc:g} degC: it must be above 0")
+    plan = None if context.plan is None else read_plan(context.plan)
+    of_file: dict[Path, FilePosition] = {}
+    if context.table is not None:
+        of_file = dict(zip(paths, positions_by_table(paths, context.table, plan).files, strict=True))
+    names = names_of_files(paths)
+    recordings, means, faults = list[RecordingSeries](), list[tuple[str, PositionSet]](), list[str]()
+    notes = list[str]()
+    for path, name in zip(paths, names, strict=True):
+        report(str(path))
+        try:
+            if are_positions(path, context):
+                means.append((name, positions_of(path, context, options)))
+            else:
+                recordings.append(read_series(path, name, (context, plan), options, criterion, of_file.get(path)))
+        except InputError as fault:
+            faults += fault.faults
+            notes += getattr(fault, "__notes__", [])
+    if faults:
+        with guessed(notes):
+            raise InputError(faults)
+    recordings = labelled(recordings, same=same_attitude)
+    guesses = [line for one in recordings for line in one.contents.layout.guesses]
+    with guessed(guesses):
+        return _table(recordings, means, bin_degc, same=same_attitude)
+
+
+def names_of_files(paths: Sequence[Path]) -> list[str]:
+    """Different names of files for labels: the stem, or the whole path if stems are equal."""
+    stems = [path.stem or path.name for path in paths]
+    return [stem if stems.count(stem) == 1 else str(path) for stem, path in zip(stems, paths, strict=True)]
+
+
+def _table(
+    recordings: Sequence[RecordingSeries],
+    means: Sequence[tuple[str, PositionSet]],
+    bin_degc: float | None,
+    *,
+    same: bool,
+) -> ThermalReading:
+    series = [(one, part) for one in recordings for part in one.parts]
+    courses = [course_of(part) for _, part in series]
+    labels = [{one.label for one in part.attitudes} for _, part in series]
+    tables, lines = list[ThermalTable](), list[str]()
+    before: dict[str, int] = {}
+    for (recording, part), course, own in zip(series, courses, labels, strict=True):
+        # Recordings of one attitude have bins of one width.
+        together = [k for k, of in enumerate(labels) if of & own]
+        width = bin_degc or default_width([(series[k][1], courses[k]) for k in together])
+        table, branches = binned(part, course, width, recording.name, before.get(recording.name, 0))
+        before[recording.name] = before.get(recording.name, 0) + len(branches.sign)
+        tables.append(replace(table, comments=recording.comments, source=str(recording.path)))
+        lines += _words(part, course, branches, table, width)
+    for name, data in means:
+        assert data.temperature_degc is not None
+        width = bin_degc or max(float(np.ptp(data.temperature_degc)) / BINS, 1e-6)
+        tables.append(rows_of_positions(data, name, width, own=len(means) + len(recordings) > 1 and not same))
+        lines.append(f"{name}: {counted(len(data), 'position mean')}")
+    source = tables[0].source + (f" and {len(tables) - 1} more" if len(tables) > 1 else "")
+    table = joined(tables, source)
+    _check_range(table, courses)
+    read = tuple((str(one.path), one.contents) for one in recordings)
+    warnings = tuple((str(one.path), [*one.contents.damage.lines, *one.warnings]) for one in recordings)
+    return ThermalReading(table, read, tuple(lines), warnings)
+
+
+def _check_range(table: ThermalTable, courses: Sequence[TemperatureCourse]) -> None:
+    """Check that the temperature changes.
+
+    **Raises:** `InputError` for a constant temperature.
+    """
+    low = min([table.range_degc[0], *(float(course.degc.min()) for course in courses)])
+    high = max([table.range_degc[1], *(float(course.degc.max()) for course in courses)])
+    finest = max([0.0, *(_LEAST_STEPS * course.resolution for course in courses)])
+    if high - low <= max(finest, 1e-9):
+        words = f"{low:.6g} degC throughout" if high == low else f"{low:.6g} to {high:.6g} degC, within its resolution"
+        raise InputError(
+            f"{table.source}: the temperature is constant ({words}): the thermometer is stuck, or nothing was heated; "
+            "check the column (--columns temperature=...)"
+        )
+    if len(table) < 2:
+        raise InputError(
+            f"{table.source}: only one temperature bin at rest; record over a wider range, or give narrower bins"
+        )
+
+
+def _words(
+    part: ThermalSeries, course: TemperatureCourse, branches: Branches, table: ThermalTable, width: float
+) -> list[str]:
+    """The findings on a recording, a line each."""
+    stretches = ", ".join(
+        f"{text.partition(' ')[2]} {course.degc[cells].min():.2f} to {course.degc[cells].max():.2f} degC"
+        for k in range(len(branches.sign))
+        if len(cells := np.flatnonzero(branches.stretch == k)) and (text := branches.label(part.clock, k))
+    )
+    soaks = int(branches.soak.max(initial=-1)) + 1
+    means = {one: table.readings[[label == one for label in table.attitude]].mean(0) for one in table.attitudes}
+    listed = "; ".join(f"{one} ({', '.join(f'{value:.4f}' for value in mean)} g)" for one, mean in means.items())
+    return [
+        f"{part.clock}: {counted(len(table), 'row')}, bins of {width:.3g} degC",
+        f"{part.clock}: branches {stretches}; {counted(soaks, 'soak')}",
+        f"{part.clock}: thermometer resolution {course.resolution:.3g} degC, noise {course.noise:.2g} degC",
+        f"{part.clock}: {counted(len(table.attitudes), 'attitude')}: {listed}",
+    ]
