@@ -6,7 +6,6 @@ temperature within a bin, and with the rounding of the readings.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
@@ -70,7 +69,7 @@ def binned(
     warmth, middle = mean(degc), mean(series.time_s)
     attitude = series.attitude[series.visit[first]]
     residuals = _without_slope(series.force, degc, row, readings, warmth, attitude)
-    sd, n_eff, noise = _uncertainty(series, residuals, row, blocks)
+    sd, n_eff = _uncertainty(series, residuals, row, blocks)
     known = [series.attitudes[k] for k in attitude.tolist()]
     angles = all(one.alpha_deg is not None for one in known)
     mounted = all(one.mount for one in known)
@@ -91,7 +90,6 @@ def binned(
         beta_deg=np.array([one.beta_deg for one in known], float) if angles else None,
         mount=tuple(one.mount for one in known) if mounted else None,
         source=series.clock,
-        noise={series.clock: noise},
     )
     return table.rows(np.argsort(middle, kind="stable")), branches
 
@@ -171,8 +169,8 @@ def _uncertainty(
     residuals: NDArray[np.float64],
     row: NDArray[np.int64],
     blocks: NDArray[np.int64],
-) -> tuple[Float[np.ndarray, "rows 3"], Float[np.ndarray, "rows 3"], RecordedNoise]:
-    """Standard deviations of the means, numbers of independent samples, and the noise."""
+) -> tuple[Float[np.ndarray, "rows 3"], Float[np.ndarray, "rows 3"]]:
+    """Standard deviations of the means, and numbers of independent samples."""
     order = np.argsort(row, kind="stable")
     order = order[row[order] >= 0]
     dwells = [residuals[one] for one in np.split(order, np.cumsum(blocks)[:-1])]
@@ -189,5 +187,4 @@ def _uncertainty(
     whole = np.maximum(whole, np.maximum(least, _LEAST_SD_G))
     n = blocks[:, None] * series.size
     n_eff = np.clip(np.maximum(sample, series.quantum**2 / 12) / whole**2, 1.0, n)
-    # Of samples instead of blocks: the parts are in physical units.
-    return whole, n_eff, replace(noise, rate_hz=series.size / series.block_s)
+    return whole, n_eff

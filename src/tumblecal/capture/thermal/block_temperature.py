@@ -14,6 +14,9 @@ from tumblecal.ground.errors import InputError
 COLUMN = "temperature_degc"
 # A temperature that is missing for at most this time is interpolated, s.
 _LONGEST_MISSING_S = 60.0
+# A thermometer is stuck in a run of equal readings that is this many times as long as the longest by chance, if its noise
+# exceeds its resolution: this share of the readings outside the run reverses the direction of the last change.
+_STUCK, _NOISY = 5.0, 0.1
 
 
 class BlockTemperatures:
@@ -91,6 +94,23 @@ def temperatures_of(
     for at, fault in temperature_faults(mean[known]):
         raise InputError(f"{path}:row {int(blocks.row[known[at]]) + 1}: temperature {fault}")
     return mean, sums.first
+
+
+def stuck_readings(first: NDArray[np.float64]) -> tuple[int, int] | None:
+    """The longest run (first, last + 1) of equal readings of a thermometer, if it is stuck there; None if it is not, or if its
+    noise is below its resolution, so that equal readings are usual."""
+    known = np.flatnonzero(np.isfinite(first))
+    if len(known) < 3:
+        return None
+    steps = np.diff(first[known])
+    starts = np.flatnonzero(np.append(True, steps != 0))
+    lengths = np.diff(np.append(starts, len(known)))
+    k = int(np.argmax(lengths))
+    changes = np.sign(steps[steps != 0])
+    reversing = np.count_nonzero(np.diff(changes)) / max(len(known) - int(lengths[k]), 1)
+    if reversing < _NOISY or lengths[k] <= _STUCK * np.log(len(known)) / reversing:
+        return None
+    return int(known[starts[k]]), int(known[starts[k] + lengths[k] - 1]) + 1
 
 
 def without_short_gaps(time_s: NDArray[np.float64], degc: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -18,7 +18,7 @@ from tumblecal.capture.rows.sample_file import write_samples
 from tumblecal.capture.still.intervals import blocks_of_interval
 from tumblecal.capture.still.stillness import Stillness
 from tumblecal.capture.thermal.attitudes import attitudes_of_intervals
-from tumblecal.capture.thermal.block_temperature import block_temperatures, without_short_gaps
+from tumblecal.capture.thermal.block_temperature import block_temperatures, stuck_readings, without_short_gaps
 from tumblecal.capture.thermal.series import Attitude, RecordingSeries, ThermalSeries
 from tumblecal.capture.thermal.smoothed_temperature import resolution_of
 from tumblecal.ground.atomic import scratch_folder
@@ -106,7 +106,7 @@ def series_of(
     temperatures: tuple[NDArray[np.float64], NDArray[np.float64]],
     to_g: float,
 ) -> tuple[tuple[ThermalSeries, ...], list[str]]:
-    """The blocks of the used intervals, in parts between restarts of the clock, and a warning for blocks without temperature.
+    """The blocks of the used intervals, in parts between restarts of the clock, and warnings about the temperature.
 
     **Arguments:**
 
@@ -148,7 +148,14 @@ def series_of(
             )
         )
     lost_s = without * blocks.size / blocks.rate_hz
-    return tuple(parts), [f"{lost_s:.0f} s at rest have no temperature and are not used"] if without else []
+    lines = [f"{lost_s:.0f} s at rest have no temperature and are not used"] if without else []
+    if run := stuck_readings(first):
+        start_s, stop_s = middle[run[0]], middle[run[1] - 1]
+        lines.append(
+            f"the thermometer shows exactly {first[run[0]]:.6g} degC from {start_s:.0f} s to {stop_s:.0f} s, without the noise of "
+            "other times: it may be stuck; cut this part out"
+        )
+    return tuple(parts), lines
 
 
 def _visits(stillness: Stillness, index: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

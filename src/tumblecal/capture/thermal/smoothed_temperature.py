@@ -1,7 +1,7 @@
 """The course of a recorded temperature without the noise and the resolution of its thermometer, with its rate.
 
 Rule: the temperature and its rate at an instant are those of a straight line, fitted over the shortest window around it (powers
-of two) in which the line changes by four resolution steps and by five of its standard deviations. The window stops growing if
+of two) in which the line changes by four resolution steps and by eight of its standard deviations. The window stops growing if
 the line no longer fits, as at a turning point.
 """
 
@@ -10,15 +10,16 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 from numpy.typing import NDArray
-from scipy import signal
+from scipy import signal, special
 
 
 # Cells of equal length in time over a whole recording, at most.
 _CELLS = 1 << 16
 # Change of the line over its window: in resolution steps, and in its standard deviations.
-_STEPS, _SIGNIFICANT = 4.0, 5.0
-# The line does not fit if the variance of the residuals exceeds this multiple of the usual one; longest window, share of all.
-_MISFIT, _LONGEST = 4.0, 1 / 8
+_STEPS, _SIGNIFICANT = 4.0, 8.0
+# The line does not fit if the variance of the residuals exceeds this multiple of the usual one, and by chance only with this
+# probability; longest window, share of all.
+_MISFIT, _FALSE_ALARM, _LONGEST = 4.0, 1e-7, 1 / 8
 # Half window (cells) from whose residuals the noise is estimated.
 _NOISE_HALF = 4
 # Share of the steps between successive temperatures that are smaller than the resolution.
@@ -95,7 +96,8 @@ def _by_lines(cells: NDArray[np.float64], resolution: float) -> tuple[NDArray[np
     for half in halves:
         mean, slope, variance = _line(cells, half)
         width = 2 * half + 1
-        fits = growing & ((variance <= _MISFIT * usual) | (half == halves[0]))
+        limit = max(_MISFIT, special.chdtri(width - 2, _FALSE_ALARM) / (width - 2))
+        fits = growing & ((variance <= limit * usual) | (half == halves[0]))
         degc[fits], rate[fits] = mean[fits], slope[fits]
         change = np.abs(slope) * width
         sd = np.sqrt(12 / width * np.maximum(variance, usual))

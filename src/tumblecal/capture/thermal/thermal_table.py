@@ -8,7 +8,6 @@ from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
 from tumblecal.ground.errors import InputError
-from tumblecal.noise.recorded import RecordedNoise
 
 
 _NUMBERS = ("n", "temperature_degc", "time_s", "rate_degc_per_s", "direction", "reached_by")
@@ -32,7 +31,6 @@ class ThermalTable:
       rises (a soak reached from a lower temperature), -1 if it falls, 0 if the temperature does not change.
     - `alpha_deg`, `beta_deg`: angles of the attitude; None if attitudes are unknown. `mount`: label of the mounting, or None.
     - `source`: name of the recordings. `comments`: stated gravity, serial number and others, as of a position file.
-    - `noise`: by clock, the noise of its readings, if they were reduced from samples; for `covariance`.
 
     **Raises:** `InputError` for columns of different lengths, numbers that are not finite, or `sd` not above 0.
     """
@@ -54,13 +52,12 @@ class ThermalTable:
     mount: tuple[str, ...] | None = None
     source: str = "recording"
     comments: Mapping[str, str] = field(default_factory=dict)
-    noise: Mapping[str, RecordedNoise] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         rows = len(self.attitude)
         for name in ("readings", "sd", "n_eff", *_NUMBERS, "alpha_deg", "beta_deg"):
-            values = getattr(self, name)
-            if values is None and name in ("alpha_deg", "beta_deg"):
+            values: np.ndarray | None = getattr(self, name)
+            if values is None:
                 continue
             wanted = (rows, 3) if name in ("readings", "sd", "n_eff") else (rows,)
             if values.shape != wanted:
@@ -91,21 +88,6 @@ class ThermalTable:
     def soak(self) -> np.ndarray:
         """Mask of the rows of soaks."""
         return np.asarray(self.direction == 0)
-
-    def covariance(self) -> Float[np.ndarray, "3 rows rows"]:
-        """Covariance of the means, g^2, with the slow noise that rows of one clock share; from `sd` without their `noise`."""
-        total = np.array([np.diag(variances) for variances in self.sd.T**2])
-        for clock, noise in self.noise.items():
-            rows = np.flatnonzero([label == clock for label in self.clock])
-            of_clock = noise.covariance(self.time_s[rows], self.n[rows])
-            alone = np.einsum("kii->ki", of_clock)
-            # Rounding, and noisier rows, are of each row alone.
-            more = np.maximum(
-                self.sd[rows].T ** 2 - noise.noise.allan_deviation(self.n[rows] / noise.rate_hz).T ** 2, 0.0
-            )
-            np.einsum("kii->ki", of_clock)[:] = alone + more
-            total[np.ix_(np.arange(3), rows, rows)] = of_clock
-        return total
 
     def rows(self, which: ArrayLike) -> "ThermalTable":
         """The rows of a mask or of indices."""
@@ -213,5 +195,4 @@ def joined(tables: Sequence[ThermalTable], source: str) -> ThermalTable:
         labels = [getattr(table, name) for table in tables]
         arrays[name] = None if any(one is None for one in labels) else sum(labels, ())
     same = {key: text for key, text in first.comments.items() if all(t.comments.get(key) == text for t in others)}
-    noise = {clock: one for table in tables for clock, one in table.noise.items()}
-    return replace(first, **arrays, source=source, comments=same, noise=noise)  # type: ignore[arg-type]
+    return replace(first, **arrays, source=source, comments=same)  # type: ignore[arg-type]

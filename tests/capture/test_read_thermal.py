@@ -1,0 +1,231 @@
+"""Recordings over temperature from files: attitudes, several files, position files, gaps, restarts, and faults."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+from tumblecal.capture.recordings.options import KnownContext, RecordingOptions
+from tumblecal.capture.thermal.read_thermal import read_thermal, thermal_reading
+from tumblecal.data.files import write_positions
+from tumblecal.data.positions import PositionSet
+from tumblecal.ground.errors import InputError
+
+
+RATE = 20.0
+UP, RIGHT = np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0])
+
+
+def bias(degc: np.ndarray) -> np.ndarray:
+    """Of the three axes, g."""
+    x = (degc - 20) / 40
+    return np.stack([4e-3 * x, -3e-3 * x**2, 5e-3 * x**3], axis=1)
+
+
+def ramp(low: float, high: float, minutes: float) -> np.ndarray:
+    return np.linspace(low, high, int(60 * RATE * minutes))
+
+
+def recording(
+    degc: np.ndarray, gravity: np.ndarray, seed: int = 1, begin_s: float = 0.0, sd: float = 5e-4
+) -> pl.DataFrame:
+    """Samples at temperatures (rows) under gravity (rows, 3) or (3)."""
+    rng = np.random.default_rng(seed)
+    force = gravity + bias(degc) + sd * rng.standard_normal((len(degc), 3))
+    time = begin_s + np.arange(len(degc)) / RATE
+    read = np.round((degc + 0.02 * rng.standard_normal(len(degc))) * 16) / 16
+    columns = {"time_s": time} | {f"a{axis}_g": force[:, k] for k, axis in enumerate("xyz")}
+    return pl.DataFrame(columns | {"temperature_degc": read})
+
+
+def written(folder: Path, frame: pl.DataFrame, name: str = "ramp.csv") -> Path:
+    path = folder / name
+    frame.write_csv(path, float_precision=6)
+    return path
+
+
+def scores(table, gravity: np.ndarray) -> np.ndarray:
+    """Errors of the means in standard deviations; the temperature of a bin is in error by less than 0.02 degC."""
+    error = table.readings - gravity - bias(table.temperature_degc)
+    return error / np.hypot(table.sd, 2e-6)
+
+
+def test_one_attitude_up_and_down(tmp_path: Path):
+    degc = np.concatenate([ramp(-10, 50, 6), ramp(50, -10, 6)])
+    reading = thermal_reading([written(tmp_path, recording(degc, UP))])
+    table = reading.table
+    assert table.attitudes == ("a1",)
+    assert set(table.branch) == {"ramp:1 up", "ramp:2 down"}
+    assert 76 <= len(table) <= 84
+    assert np.sqrt(np.mean(scores(table, UP) ** 2)) < 1.25
+    np.testing.assert_allclose(np.abs(table.rate_degc_per_s[5:-5]).mean(), 60 / 360, rtol=0.05)
+    assert table.n.sum() > 0.98 * len(degc)
+    assert any("bins of 1.5 degC" in line for line in reading.lines)
+
+
+def turned(first: np.ndarray, second: np.ndarray, rows: int) -> np.ndarray:
+    """A turn from one direction of gravity to the other."""
+    share = np.linspace(0, np.pi / 2, rows)[:, None]
+    return np.cos(share) * first + np.sin(share) * second
+
+
+def test_attitudes_in_one_file_by_the_direction_of_gravity(tmp_path: Path):
+    # Up, right, up again, while the temperature rises.
+    stay, turn = int(100 * RATE), int(2 * RATE)
+    gravity = np.concatenate(
+        [
+            np.tile(UP, (stay, 1)),
+            turned(UP, RIGHT, turn),
+            np.tile(RIGHT, (stay, 1)),
+            turned(RIGHT, UP, turn),
+            np.tile(UP, (stay, 1)),
+        ]
+    )
+    degc = np.linspace(0, 40, len(gravity))
+    table = read_thermal([written(tmp_path, recording(degc, gravity))])
+    assert table.attitudes == ("a1", "a2")
+    first = np.array([one == "a1" for one in table.attitude])
+    assert np.sqrt(np.mean(scores(table.rows(first), UP) ** 2)) < 1.3
+    assert np.sqrt(np.mean(scores(table.rows(~first), RIGHT) ** 2)) < 1.3
+    assert (np.diff(table.time_s) > 0).all()
+
+
+def test_attitudes_of_a_plan(tmp_path: Path):
+    stay = int(30 * RATE)
+    parts = [np.tile(UP, (stay, 1)), turned(UP, RIGHT, 40), np.tile(RIGHT, (stay, 1))]
+    gravity = np.concatenate([*parts, turned(RIGHT, UP, 40), *parts])
+    plan = tmp_path / "plan.toml"
+    plan.write_text("[positions]\nalpha_deg = [0, 90]\nbeta_deg = [0]\n")
+    path = written(tmp_path, recording(np.linspace(0, 40, len(gravity)), gravity))
+    table = read_thermal([path], KnownContext(plan=plan))
+    assert len(table.attitudes) == 2
+    assert table.alpha_deg is not None
+    expected = np.where(np.abs(table.readings[:, 2]) > 0.5, 0.0, 90.0)
+    np.testing.assert_array_equal(table.alpha_deg, expected)
+
+
+def test_files_with_one_direction_are_one_attitude_only_if_stated(tmp_path: Path):
+    files = [
+        written(tmp_path, recording(ramp(0, 20, 3), UP), "cold.csv"),
+        written(tmp_path, recording(ramp(20, 40, 3), UP + 0.01 * RIGHT, seed=2), "hot.csv"),
+    ]
+    separate = read_thermal(files)
+    assert separate.attitudes == ("cold:a1", "hot:a1")
+    assert set(separate.clock) == {"cold", "hot"}
+    together = read_thermal(files, same_attitude=True)
+    assert together.attitudes == ("a1",)
+    # Bins of one attitude are a fortieth of the range of both files.
+    np.testing.assert_allclose(np.median(np.diff(together.temperature_degc)), 1.0, rtol=0.1)
+
+
+def test_angles_of_a_table_of_files(tmp_path: Path):
+    files = [
+        written(tmp_path, recording(ramp(0, 20, 2), UP), "one.csv"),
+        written(tmp_path, recording(ramp(0, 20, 2), RIGHT), "two.csv"),
+    ]
+    listed = tmp_path / "files.csv"
+    listed.write_text("file,position,alpha_deg,beta_deg,mount\none.csv,up,0,0,A\ntwo.csv,right,90,0,A\n")
+    table = read_thermal(files, KnownContext(table=listed))
+    assert table.attitudes == ("up", "right")
+    assert table.alpha_deg is not None
+    assert set(table.alpha_deg.tolist()) == {0.0, 90.0}
+    assert set(table.mount or ()) == {"A"}
+
+
+def test_restart_of_the_clock_gives_two_clocks_and_a_gap_one(tmp_path: Path):
+    first, second = recording(ramp(0, 20, 2), UP, begin_s=100.0), recording(ramp(20, 40, 2), UP, seed=2, begin_s=20.0)
+    table = read_thermal([written(tmp_path, pl.concat([first, second]))])
+    assert set(table.clock) == {"ramp", "ramp (clock 2)"}
+    assert set(table.branch) == {"ramp:1 up", "ramp:2 up"}
+    gap = pl.concat([first, second.with_columns(pl.col("time_s") + 400)])
+    table = read_thermal([written(tmp_path, gap)])
+    assert set(table.clock) == {"ramp"}
+    assert set(table.branch) == {"ramp:1 up"}
+
+
+def test_a_knock_is_not_averaged(tmp_path: Path):
+    degc = ramp(0, 40, 4)
+    frame = recording(degc, UP)
+    knock = np.zeros(len(degc))
+    knock[2400:2403] = 0.8
+    table = read_thermal([written(tmp_path, frame.with_columns(pl.col("ax_g") + knock))])
+    assert np.abs(scores(table, UP)).max() < 5
+
+
+def positions(degc: list[float]) -> PositionSet:
+    """Six positions at each temperature, a minute apart, and two hours between soaks."""
+    alpha, beta = np.array([0, 90, 180, 270, 0, 0.0]), np.array([0, 0, 0, 0, 90, -90.0])
+    a, b = np.radians(alpha), np.radians(beta)
+    gravity = np.stack([-np.sin(b), np.cos(b) * np.sin(a), np.cos(b) * np.cos(a)], axis=1)
+    warmth = np.repeat(degc, 6) + np.tile(0.02 * np.arange(6), len(degc))
+    count = 6 * len(degc)
+    return PositionSet(
+        names=tuple(f"p{k}" for k in range(count)),
+        alpha_deg=np.tile(alpha, len(degc)),
+        beta_deg=np.tile(beta, len(degc)),
+        readings=np.tile(gravity, (len(degc), 1)) + bias(warmth),
+        sd=np.full((count, 3), 1e-5),
+        time_s=np.concatenate([7200.0 * k + 60 * np.arange(6) for k in range(len(degc))]),
+        temperature_degc=warmth,
+        n=np.full(count, 500.0),
+        source="positions.csv",
+    )
+
+
+def test_position_file_is_a_table_of_soaks(tmp_path: Path):
+    path = tmp_path / "positions.csv"
+    write_positions(path, positions([0, 20, 40, 20, 0]))
+    table = read_thermal([path])
+    assert len(table) == 30
+    assert table.soak.all()
+    assert len(table.attitudes) == 6
+    assert table.reached_by.tolist() == [0] * 6 + [1] * 12 + [-1] * 12
+    assert table.branch[:18] == ("positions:1 up",) * 18
+    assert table.branch[18:] == ("positions:2 down",) * 12
+    np.testing.assert_array_equal(table.sd, 1e-5)
+
+
+_RAMP = recording(ramp(0, 40, 1), UP)
+
+
+@pytest.mark.parametrize(
+    ("frame", "options", "fault"),
+    [
+        (_RAMP.drop("temperature_degc"), {}, "no temperature among the columns .*--columns temperature=NAME"),
+        (_RAMP.with_columns(temperature_degc=25.0), {}, r"the temperature is constant \(25 degC throughout\)"),
+        (_RAMP.with_columns(pl.col("temperature_degc") + 273.15), {}, "are in kelvin; write degC"),
+        (_RAMP.with_columns(pl.col("temperature_degc") * 340), {}, "not a possible temperature of a triad"),
+        (
+            _RAMP.rename({"temperature_degc": "temp_F"}),
+            {"columns": "temperature=temp_F"},
+            "temp_F is in kelvin or Fahr",
+        ),
+        (recording(ramp(0, 40, 1), UP, sd=0.3), {}, "no interval at rest"),
+        (_RAMP.head(20), {}, "too few to find intervals"),
+    ],
+    ids=["missing", "constant", "kelvin", "counts", "fahrenheit", "moving", "few"],
+)
+def test_bad_recordings_have_one_clear_line(tmp_path: Path, frame: pl.DataFrame, options: dict, fault: str):
+    with pytest.raises(InputError, match=fault) as raised:
+        read_thermal([written(tmp_path, frame)], options=RecordingOptions(**options))
+    assert len(raised.value.faults) == 1
+    assert raised.value.faults[0].startswith(str(tmp_path))
+
+
+def test_bad_positions_have_one_clear_line(tmp_path: Path):
+    path = tmp_path / "positions.csv"
+    write_positions(path, replace(positions([0, 40]), temperature_degc=None))
+    with pytest.raises(InputError, match="column temperature_degc is missing"):
+        read_thermal([path])
+    write_positions(path, replace(positions([20]), temperature_degc=np.full(6, 20.0)))
+    with pytest.raises(InputError, match="temperature is constant"):
+        read_thermal([path])
+
+
+def test_width_of_bins_can_be_stated_and_must_be_above_zero(tmp_path: Path):
+    path = written(tmp_path, recording(ramp(0, 40, 2), UP))
+    assert 3 <= len(read_thermal([path], bin_degc=10.0)) <= 5
+    with pytest.raises(InputError, match="it must be above 0"):
+        read_thermal([path], bin_degc=0.0)
