@@ -115,9 +115,9 @@ def _blocks(count: int) -> SignalBlocks:
     nothing = np.zeros((count, 3))
     rows, cuts = 10 * np.arange(count), np.array([10 * count])
     start, broken = rows / 100, np.zeros(count, bool)
-    ends = np.zeros((2, count, 3))
+    ends, at_ends = np.zeros((2, count, 3)), np.zeros((2, count, 3), int)
     return SignalBlocks(
-        10, 100.0, 10 * count, nothing, nothing, rows, start, broken, cuts, np.zeros(3), cuts[:0], ends, ends, "g"
+        10, 100.0, 10 * count, nothing, nothing, rows, start, broken, cuts, np.zeros(3), cuts[:0], ends, at_ends, "g"
     )
 
 
@@ -153,7 +153,8 @@ def test_a_stuck_thermometer_is_found_only_if_its_noise_stops():
     assert found is not None
     np.testing.assert_allclose(found, (2500, 3300), atol=3)
     # A soak of a coarse thermometer without noise.
-    assert stuck_readings(np.round(np.concatenate([ramp[:2000], np.full(2000, 30.2)]))) is None
+    coarse = np.array(np.round(np.concatenate([ramp[:2000], np.full(2000, 30.2)])), np.float64)
+    assert stuck_readings(coarse) is None
 
 
 def _series(time_s: np.ndarray, force: np.ndarray, degc: np.ndarray, size: int, sd: float) -> ThermalSeries:
@@ -174,13 +175,13 @@ def _bias(degc: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("correlation_s", [0.0, 1.0])
 def test_bin_means_are_covered_by_their_uncertainties(correlation_s: float):
-    """White noise, and Gauss-Markov noise that is shorter than a bin: errors of all bins of 12 recordings."""
+    """White noise, and Gauss-Markov noise that is shorter than a bin: errors of all bins of six recordings."""
     rng = np.random.default_rng(4)
     block_s, size, sd = 0.5, 20, 1e-3
     time = block_s * np.arange(2400)
     degc = _triangle(time, -20, 60)
-    ratios = []
-    for _ in range(12):
+    ratios, tables = [], []
+    for _ in range(6):
         noise = sd / np.sqrt(size) * rng.standard_normal((len(time), 3))
         if correlation_s:
             phi = np.exp(-block_s / correlation_s)
@@ -192,10 +193,11 @@ def test_bin_means_are_covered_by_their_uncertainties(correlation_s: float):
         series = _series(time, _bias(degc) + noise, degc, size, sd)
         course = course_of(series)
         table, _ = binned(series, course, default_width([(series, course)]), "f")
+        tables.append(table)
         ratios.append((table.readings - _bias(table.temperature_degc)) / table.sd)
-    table_rows = len(ratios[0])
     # 80 degC in fortieths, up and down.
-    assert 78 <= table_rows <= 82
+    table = tables[0]
+    assert 78 <= len(table) <= 82
     assert set(table.branch) == {"f:1 up", "f:2 down"}
     scores = np.concatenate(ratios).ravel()
     assert 0.925 < np.mean(np.abs(scores) < 1.96) < 0.975
@@ -204,6 +206,22 @@ def test_bin_means_are_covered_by_their_uncertainties(correlation_s: float):
         np.testing.assert_allclose(np.median(table.n_eff / table.n[:, None]), 1.0, atol=0.12)
     else:
         assert np.median(table.n_eff / table.n[:, None]) < 0.5
+
+
+def test_uncertainties_of_long_soaks_are_not_extrapolated_from_short_bins():
+    """White noise of 1 mg a sample: every row has 1 mg / sqrt(n), a soak of ten minutes as well as a bin of four seconds."""
+    step = np.arange(0, 600, 0.5)
+    degc = np.concatenate([level - 15 * np.exp(-step / 40) for level in (15, 30, 45, 60)])
+    time = 0.5 * np.arange(len(degc))
+    noise = 1e-3 / np.sqrt(20) * np.random.default_rng(8).standard_normal((len(time), 3))
+    series = _series(time, _bias(degc) + noise, degc, 20, 1e-3)
+    table, _ = binned(series, course_of(series), 1.5, "f")
+    ratio = table.sd * np.sqrt(table.n)[:, None] / 1e-3
+    assert table.soak.sum() == 4
+    assert table.n[table.soak].min() > 50 * table.n[~table.soak].min()
+    assert ratio.min() > 0.9
+    assert np.median(ratio[~table.soak]) < 1.2
+    assert ratio[table.soak].max() < 1.5
 
 
 def test_weight_is_over_temperature_and_not_over_time():

@@ -1,8 +1,8 @@
 """Bins of equal width over temperature within each stay in an attitude and each branch; one for each soak; with uncertainties.
 
 Every bin is one row, so the weight over temperature is equal, whatever the number of its samples. The standard deviation of a
-mean is that of the average of the noise models that fit the blocks of all bins (as for dwells), without the change with
-temperature within a bin, and with the rounding of the readings.
+mean is that of the average of the noise models that fit the blocks of all bins of similar length (as for dwells), without the
+change with temperature within a bin, and with the rounding of the readings. It is the Allan deviation at the length of the bin.
 """
 
 from collections.abc import Sequence
@@ -26,6 +26,8 @@ BINS, _WIDTH_STEPS, _WIDTH_SD = 40, 3.0, 4.0
 FEWEST_BLOCKS, _FRAGMENT = 8, 0.25
 # Highest order of the polynomial that removes the change with temperature within bins.
 _HIGHEST_ORDER = 5
+# Rows whose lengths differ by less than this factor have one noise model.
+_SIMILAR = 4.0
 _LEAST_SD_G, _LEAST_WIDTH_DEGC = 1e-9, 1e-6
 
 
@@ -174,9 +176,14 @@ def _uncertainty(
     order = np.argsort(row, kind="stable")
     order = order[row[order] >= 0]
     dwells = [residuals[one] for one in np.split(order, np.cumsum(blocks)[:-1])]
-    noise = RecordedNoise.of(dwells, 1 / series.block_s, float(np.ptp(series.time_s)))
-    # Bins have unequal lengths, so each is compared with its equal, not with its neighbours.
-    sd = sd_of_means(noise, dwells, None)
+    # The noise within short rows does not determine that of means over long ones: rows of similar length have one model.
+    similar = np.round(np.log(blocks) / np.log(_SIMILAR)).astype(int)
+    sd = np.zeros((len(blocks), 3))
+    for length in np.unique(similar):
+        rows = np.flatnonzero(similar == length)
+        of_length = [dwells[k] for k in rows]
+        noise = RecordedNoise.of(of_length, 1 / series.block_s, float(np.ptp(series.time_s)))
+        sd[rows] = sd_of_means(noise, of_length, None)
     within = np.column_stack([np.bincount(row[row >= 0], series.squares[row >= 0, axis]) for axis in range(3)])
     freedom = blocks[:, None] * max(series.size - 1, 1)
     sample = within / freedom

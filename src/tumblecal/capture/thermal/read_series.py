@@ -152,8 +152,8 @@ def series_of(
     if run := stuck_readings(first):
         start_s, stop_s = middle[run[0]], middle[run[1] - 1]
         lines.append(
-            f"the thermometer shows exactly {first[run[0]]:.6g} degC from {start_s:.0f} s to {stop_s:.0f} s, without the noise of "
-            "other times: it may be stuck; cut this part out"
+            f"the thermometer shows exactly {first[run[0]]:.6g} degC from {start_s:.0f} s to {stop_s:.0f} s, without the noise "
+            "of other times: it may be stuck; cut this part out"
         )
     return tuple(parts), lines
 
