@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import polars as pl
@@ -121,6 +122,21 @@ def test_foreign_workers_are_refused_by_name(tmp_path, study, changed, without):
     versions, missing = sorted(caught.value.faults, key=lambda fault: "no tumblecal" in fault)
     own = maker()["versions"]["tumblecal"]
     assert "worker tcp://" in versions and f"against {own}" in versions and "it has no tumblecal" in missing
+
+
+def test_a_worker_that_ends_while_it_is_compared_is_no_foreign_one(study):
+    """It had "another tumblecal", which ended the study."""
+    answers = {"tcp://a": maker(), "tcp://b": distributed.comm.CommClosedError("reset by peer")}
+    client = SimpleNamespace(
+        wait_for_workers=lambda *_, **options: None,
+        scheduler_info=lambda **options: {"workers": answers},
+        run=lambda *_, **options: answers,
+    )
+    compared = cluster_module._Cluster(client, "--workers", work, study)._compare_workers
+    compared()
+    answers["tcp://b"] = PermissionError("tumblecal")
+    with pytest.raises(InputError, match=r"worker tcp://b rejected: it has another tumblecal"):
+        compared()
 
 
 def test_a_chunk_of_a_foreign_worker_that_came_later_is_refused(tmp_path, study, cheap, changed):
