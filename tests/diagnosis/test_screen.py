@@ -50,12 +50,26 @@ def test_one_reference_serves_all_data_of_a_plan(hidden):
     assert len(diagnoser.references._made) == 2
 
 
+def test_what_grows_with_the_square_of_the_positions_is_stored_once(diagnoser, hidden):
+    """Of 1,000 positions the signals of the causes need half a GiB: a screen has them once, what is remembered not at all."""
+    screened = diagnoser.begun(hidden(33, {})).screened
+    pool, variables = screened.pool, screened.alternatives.lack.listed.variables
+    assert all(np.shares_memory(table.rows, pool.stacked) for table in pool.tables if table.fitted)
+    for k in pool.blocks.tolist():
+        own = slice(pool.first_columns[k], pool.first_columns[k] + pool.ranks[k])
+        np.testing.assert_array_equal(pool.causes[k].block, pool.stacked[:, own])
+    assert all(variable.components.base is None for variable in variables)
+    for reference in diagnoser.references._made.values():
+        assert {*vars(reference)} <= {"model", "problem", "_of_plan", "null_of_unknown"}
+        assert sum(np.asarray(value).nbytes for value in reference._of_plan) < 100_000
+
+
 def test_what_is_remembered_of_a_kind_of_plan_goes_with_its_programs(hidden, monkeypatch):
     monkeypatch.setattr(sys.modules[Diagnoser.__module__], "_MOST_MODELS", 1)
     diagnoser = Diagnoser(nested=False)
     for plan, rows in {(3, 8): 24, (3, 4): 12}.items():
         diagnoser(hidden(33, {}, plan=plan))
-        assert [made.at.problem.readings.shape for made in diagnoser.references._made.values()] == [(rows, 3)]
+        assert [made.problem.readings.shape for made in diagnoser.references._made.values()] == [(rows, 3)]
 
 
 def test_one_reference_serves_files_with_sds_of_their_own(diagnoser, hidden):
@@ -69,8 +83,8 @@ def test_one_reference_serves_files_with_sds_of_their_own(diagnoser, hidden):
     shape = plain.sd.shape
     even = [level * np.exp(rng.uniform(-0.3, 0.3, 3) + 0.1 * rng.normal(size=shape)) for level in (0.1, 1.0, 8.0)]
     first, *others = map(reference, even)
-    assert np.ptp(first.at.problem.sd) == 0 and all(other is first for other in others)
-    assert np.ptp(reference(np.where(np.arange(3) > 1, 6.0, np.ones(shape))).at.problem.sd) > 0
+    assert np.ptp(first.problem.sd) == 0 and all(other is first for other in others)
+    assert np.ptp(reference(np.where(np.arange(3) > 1, 6.0, np.ones(shape))).problem.sd) > 0
 
 
 @pytest.mark.parametrize(("columns", "level"), [(True, 0.02), (False, 5.0)])

@@ -24,7 +24,7 @@ from tumblecal.diagnosis.screening.noise_change import NoiseFault, chosen_mean_n
 from tumblecal.diagnosis.screening.screen import Screening
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.screening.slips import Credence, of_angles
-from tumblecal.diagnosis.sets.explanation import verdict_of
+from tumblecal.diagnosis.sets.explanation import all_labels, verdict_of
 from tumblecal.effects import Catalogue, Effect, catalogue
 from tumblecal.effects.catalogue import with_effects
 from tumblecal.estimation.fit import Fit
@@ -56,6 +56,16 @@ class Begun(NamedTuple):
     samples: MeanNoise | None
     extended: Fit
     contradicted: tuple[Implausible, ...] = ()
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Ids of all named causes; positions after a colon."""
+        return all_labels((error.label for error in self.setup_errors), self.noise_wrong, self.screened.best)
+
+    @property
+    def adequate(self) -> bool:
+        """Whether nothing is wrong: no cause is named, and no parameter is larger than usual."""
+        return not (self.labels or self.contradicted or implausible(self.extended))
 
 
 def _extended(screened: Screened) -> Fit:

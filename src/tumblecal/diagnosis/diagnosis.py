@@ -27,7 +27,7 @@ from tumblecal.diagnosis.model.full_model import FullModel
 from tumblecal.diagnosis.refine.insert import fit_with
 from tumblecal.diagnosis.screening.noise_change import NoiseFault
 from tumblecal.diagnosis.screening.screened import Screened
-from tumblecal.diagnosis.sets.explanation import Explanation
+from tumblecal.diagnosis.sets.explanation import Explanation, all_labels
 from tumblecal.effects import Catalogue
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.mean_noise import MeanNoise
@@ -203,8 +203,7 @@ class Diagnosis(Pickled, Shown):
     @property
     def labels(self) -> tuple[str, ...]:
         """Ids of all named causes: set-up errors, noise, effects; positions after a colon."""
-        mixed = tuple(dict.fromkeys(setup_error.label for setup_error in self.setup_errors))
-        return (*mixed, *self.noise_labels, *(label for label in self.best.labels if label not in self.noise_labels))
+        return all_labels((error.label for error in self.setup_errors), self.noise_wrong, self.best)
 
     @cached_property
     def mountings(self) -> dict[str, tuple[float, float, float]]:

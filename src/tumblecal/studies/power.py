@@ -10,9 +10,11 @@ import polars as pl
 
 from tumblecal.chain import Chain, Where
 from tumblecal.data import PositionSet
-from tumblecal.diagnosis import Diagnoser, Diagnosis
+from tumblecal.diagnosis import Diagnoser
 from tumblecal.diagnosis.causes.cause import id_of
+from tumblecal.diagnosis.diagnose import Begun
 from tumblecal.effects.catalogue import entry
+from tumblecal.ground.blas import single_blas_thread
 from tumblecal.ground.errors import InputError
 from tumblecal.simulation.experiment import spread_of, with_known_coefficients
 from tumblecal.simulation.inject import injected_links
@@ -62,7 +64,7 @@ class Power:
         if faults:
             raise InputError(faults)
         self._truth = chain.vector
-        self._diagnose = Diagnoser(entries, nested=False)
+        self._diagnoser = Diagnoser(entries, nested=False)
         self._of_point = -(-table.runs // CHUNK)
         self.trials, self.chunks = len(self.points) * table.runs, len(self.points) * self._of_point
         self.chunk_bytes, self.seconds, self.programs = 2000, SECONDS_A_RUN * self.trials, 1
@@ -99,10 +101,11 @@ class Power:
             source=f"run {run}",
         )
         try:
-            diagnosis = self._diagnose(data, noise_sd=self.sd if self.table.noise_stated else None)
+            with single_blas_thread():
+                begun = self._diagnoser.begun(data, noise_sd=self.sd if self.table.noise_stated else None)
         except InputError:
             return np.array([1.0, 0.0, 0.0, 0.0, 1.0])
-        return np.array([1.0, *_judged(diagnosis, self.points[point][0]), 0.0])
+        return np.array([1.0, *_judged(begun, self.points[point][0]), 0.0])
 
     def summary(self, chunks: Iterable[Mapping[str, np.ndarray]]) -> tuple[dict[str, Any], dict[str, pl.DataFrame]]:
         """Rates of detection and naming for each effect and size.
@@ -126,9 +129,8 @@ def _readings_of(chain: Chain, where: Where, vector: jax.Array) -> jax.Array:
     return chain.at(vector)(where)
 
 
-def _judged(diagnosis: Diagnosis, effect: str) -> tuple[float, float, float]:
+def _judged(begun: Begun, effect: str) -> tuple[float, float, float]:
     """Detected; named among the best explanation or its equivalents; named alone, as the one cause."""
-    labels = tuple(id_of(label) for label in diagnosis.labels)
-    among = {id_of(label) for names in diagnosis.best.equivalents for label in names} | set(labels)
-    detected = diagnosis.verdict != "adequate"
+    labels, detected = tuple(id_of(label) for label in begun.labels), not begun.adequate
+    among = {id_of(label) for names in begun.screened.best.equivalents for label in names} | set(labels)
     return float(detected), float(detected and effect in among), float(detected and labels == (effect,))

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -17,11 +17,11 @@ from tumblecal.diagnosis.causes.jumps import jumps
 from tumblecal.diagnosis.causes.shapes import shape_causes
 from tumblecal.diagnosis.causes.sign_variants import SIGNS
 from tumblecal.diagnosis.causes.table import Blocks, CauseTable, MadeCauses, tables_of
-from tumblecal.diagnosis.causes.together import Together, on_axes, polynomials
+from tumblecal.diagnosis.causes.together import Together, family_bases, on_axes, polynomials
 from tumblecal.diagnosis.causes.visibility import Visibility
 from tumblecal.diagnosis.model.layout import Slot
 from tumblecal.diagnosis.model.tangent import Tangent
-from tumblecal.diagnosis.priors import COLLINEAR, FAMILY_TEST_WEIGHT
+from tumblecal.diagnosis.priors import FAMILY_TEST_WEIGHT
 from tumblecal.ground.showing import brief
 
 
@@ -119,13 +119,32 @@ class Pool:
     @cached_property
     def stacked(self) -> Float[np.ndarray, "nu columns"]:
         """All blocks side by side, in the order of `blocks`."""
-        order = np.argsort(self.ranks[self._owners] * self.size + self._owners, kind="stable")
-        columns, first, stacked = np.argsort(order), 0, np.empty((len(order), self.dof))
+        stored = next((table.rows for table in self.tables if table.places is not None), np.zeros((0, self.dof)))
+        if all(table.rows is stored for table in self.tables if table.fitted) and len(stored) == len(self._owners):
+            return stored.T
+        columns, first, stacked = self._columns, 0, np.empty((len(self._owners), self.dof))
         for table in self.tables:
             if table.fitted:
-                stacked[columns[first : first + len(table.rows)]] = table.rows
-                first += len(table.rows)
+                stacked[columns[first : first + len(table.owners)]] = table.own_rows
+                first += len(table.owners)
         return stacked.T
+
+    @cached_property
+    def _columns(self) -> Int[np.ndarray, " columns"]:
+        """Where the rows of the tables with coefficients are in `stacked`, table by table."""
+        return np.argsort(np.argsort(self.ranks[self._owners] * self.size + self._owners, kind="stable"))
+
+    @property
+    def stored_once(self) -> "Pool":
+        """The pool whose tables refer to `stacked`: of a thousand positions, the rows need half a GiB."""
+        columns, first, tables, stored = self._columns, 0, list[CauseTable](), self.stacked.T
+        for table in self.tables:
+            if table.fitted:
+                places = columns[first : first + len(table.owners)]
+                first += len(places)
+                table = replace(table, rows=stored, places=places)
+            tables.append(table)
+        return replace(self, tables=tuple(tables))
 
     @cached_property
     def first_columns(self) -> Int[np.ndarray, " causes"]:
@@ -168,7 +187,7 @@ class Pool:
     @property
     def effect_blocks(self) -> Blocks:
         """The blocks of the effects of the catalogue."""
-        rows = [table.rows for table in self.tables if table.kind is EFFECT]
+        rows = [table.own_rows for table in self.tables if table.kind is EFFECT]
         return Blocks(np.concatenate([np.zeros((0, self.dof)), *rows]), self.ranks[self.effects])
 
     @property
@@ -206,26 +225,12 @@ class Pool:
 
     @cached_property
     def tested(self) -> tuple[Tested, Tested]:
-        """The causes with coefficients, and each family on all three axes, as the test takes them."""
+        """As the test takes them: the causes with coefficients, and the families on all three axes, which share a weight."""
         seen = self.blocks[self.ranks[self.blocks] > 0]
         alone = Tested(self.stacked, self.first_columns[seen], self.ranks[seen], self.test_log_weights[seen])
-        families, ranks = self._on_all_axes
-        # Several families share the weight of all.
+        families, ranks = family_bases(self.stacked.T, self.first_columns[self.axes], self.ranks[self.axes])
         weights = np.full(len(ranks), np.log(FAMILY_TEST_WEIGHT / max(len(self.axes), 1)))
         return alone, Tested(families.T, np.cumsum(ranks) - ranks, ranks, weights)
-
-    @property
-    def _on_all_axes(self) -> tuple[Float[np.ndarray, "rows nu"], Int[np.ndarray, " families"]]:
-        """Orthonormal bases of the families on all three axes, as rows, one family after the other, and their ranks."""
-        bases, counts = [np.zeros((0, self.dof))], [np.zeros(0, int)]
-        first, ranks = (tuple(map(tuple, own[self.axes].tolist())) for own in (self.first_columns, self.ranks))
-        for columns in _by_width(first, ranks):
-            rows = self.stacked.T[columns]
-            values, vectors = np.linalg.eigh(rows @ rows.mT)
-            seen = values > COLLINEAR
-            bases.append((vectors.mT @ rows / np.sqrt(np.maximum(values, COLLINEAR))[:, :, None])[seen])
-            counts.append(seen.sum(axis=1))
-        return np.concatenate(bases), np.concatenate(counts)
 
     @cached_property
     def test_log_weights(self) -> Float[np.ndarray, " causes"]:
@@ -257,18 +262,6 @@ class Pool:
         return replace(self, tables=tuple(table.in_units_of(sigma) for table in self.tables))
 
 
-@lru_cache(maxsize=64)
-def _by_width(
-    first: tuple[tuple[int, ...], ...], ranks: tuple[tuple[int, ...], ...]
-) -> list[Int[np.ndarray, "families width"]]:
-    """The columns of families, those of equally many together, by the first column and the rank on each axis."""
-    by_width: dict[int, list[list[int]]] = {}
-    for own in zip(first, ranks, strict=True):
-        columns = [column for begin, rank in zip(*own, strict=True) for column in range(begin, begin + rank)]
-        by_width.setdefault(len(columns), []).append(columns)
-    return [np.array(columns, int) for _, columns in sorted(by_width.items())]
-
-
 def pooled(
     at: Tangent,
     level: float,
@@ -288,4 +281,4 @@ def pooled(
     faults = (table for candidates in FAULTS if (table := candidates(at, level)) is not None)
     terms, generic = generic_causes(at, effects, generic)
     tables = (effects, *faults, *clipped(at), *jumps(at), terms, *shape_causes(at))
-    return Pool(tables, at.dof, seen, generic)
+    return Pool(tables, at.dof, seen, generic).stored_once

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import groupby, pairwise
+from itertools import groupby
 from typing import NamedTuple, overload
 
 import numpy as np
@@ -31,7 +31,7 @@ class CauseTable:
 
     - `labels`, `log_weights`, `log_test_weights`: as of `Cause`.
     - `rows`: orthonormal bases of their signals as rows, one cause after the other, and `owners` the cause of each row; of
-      causes without coefficients the offset of each.
+      causes without coefficients the offset of each. With `places`: all rows of a pool, and where these are among them.
     - `make`: one of them as a `Cause`. `slots`: the slot of each, if they have any.
     """
 
@@ -45,6 +45,7 @@ class CauseTable:
     owners: Int[np.ndarray, " rows"]
     make: Make
     slots: Sequence[Slot] = ()
+    places: Int[np.ndarray, " own"] | None = None
 
     def __len__(self) -> int:
         return len(self.log_weights)
@@ -54,27 +55,38 @@ class CauseTable:
         """Whether the causes have coefficients."""
         return self.kind.fitted
 
+    @property
+    def own_rows(self) -> Float[np.ndarray, "own nu"]:
+        """Their rows alone."""
+        return self.rows if self.places is None else self.rows[self.places]
+
     @cached_property
-    def blocks(self) -> list[Float[np.ndarray, "nu rank"]]:
-        """Orthonormal basis of each cause's signal; of causes without coefficients the offset of each."""
-        ends = np.searchsorted(self.owners, np.arange(len(self) + 1)).tolist()
-        return [self.rows[first:last].T for first, last in pairwise(ends)]
+    def _ends(self) -> list[int]:
+        return np.searchsorted(self.owners, np.arange(len(self) + 1)).tolist()
+
+    def block(self, number: int) -> Float[np.ndarray, "nu rank"]:
+        """Orthonormal basis of a cause's signal; of causes without coefficients the offset."""
+        own = slice(self._ends[number], self._ends[number + 1])
+        return (self.rows[own] if self.places is None else self.rows[self.places[own]]).T
 
     def cause(self, number: int) -> Cause:
         """The cause of a number."""
         weights = float(self.log_weights[number]), float(self.log_test_weights[number])
-        block = self.blocks[number]
+        block = self.block(number)
         return self.make(number, self.labels[number], weights, block if self.fitted else block[:, 0])
 
     def only(self, numbers: Int[np.ndarray, " kept"]) -> "CauseTable":
         """Some of the causes, in ascending order."""
+        if len(numbers) == len(self):
+            return self
         kept, make = np.isin(self.owners, numbers), self.make
         return replace(
             self,
             labels=[self.labels[k] for k in numbers.tolist()],
             log_weights=self.log_weights[numbers],
             log_test_weights=self.log_test_weights[numbers],
-            rows=self.rows[kept],
+            rows=self.own_rows[kept],
+            places=None,
             owners=np.searchsorted(numbers, self.owners[kept]),
             make=lambda k, *properties: make(int(numbers[k]), *properties),
             slots=[self.slots[k] for k in numbers.tolist()] if self.slots else (),

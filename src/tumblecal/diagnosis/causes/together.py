@@ -5,10 +5,11 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
 from tumblecal.diagnosis.causes.cause import family_of
 from tumblecal.diagnosis.model.layout import Slot
+from tumblecal.diagnosis.priors import COLLINEAR
 from tumblecal.effects import AXES
 from tumblecal.ground.showing import brief
 
@@ -77,3 +78,33 @@ class Together:
         for cause, own in others.items():
             partners[cause, : len(own) - 1] = sorted(own - {cause})
         return partners
+
+
+def family_bases(
+    rows: Float[np.ndarray, "rows nu"], first: Int[np.ndarray, "families 3"], ranks: Int[np.ndarray, "families 3"]
+) -> tuple[Float[np.ndarray, "bases nu"], Int[np.ndarray, " families"]]:
+    """Orthonormal bases of the families on all three axes, as rows, one family after the other, and their ranks.
+
+    **Arguments:**
+
+    - `rows`: of the pool's causes; `first`, `ranks`: where those of each family begin on each axis, and how many there are.
+    """
+    bases, counts = [np.zeros((0, rows.shape[1]))], [np.zeros(0, int)]
+    for columns in _by_width(*(tuple(map(tuple, own.tolist())) for own in (first, ranks))):
+        values, vectors = np.linalg.eigh(rows[columns] @ rows[columns].mT)
+        seen = values > COLLINEAR
+        bases.append((vectors.mT @ rows[columns] / np.sqrt(np.maximum(values, COLLINEAR))[:, :, None])[seen])
+        counts.append(seen.sum(axis=1))
+    return np.concatenate(bases), np.concatenate(counts)
+
+
+@lru_cache(maxsize=64)
+def _by_width(
+    first: tuple[tuple[int, ...], ...], ranks: tuple[tuple[int, ...], ...]
+) -> list[Int[np.ndarray, "families width"]]:
+    """The columns of families, those of equally many together, by the first column and the rank on each axis."""
+    by_width: dict[int, list[list[int]]] = {}
+    for own in zip(first, ranks, strict=True):
+        columns = [column for begin, rank in zip(*own, strict=True) for column in range(begin, begin + rank)]
+        by_width.setdefault(len(columns), []).append(columns)
+    return [np.array(columns, int) for _, columns in sorted(by_width.items())]

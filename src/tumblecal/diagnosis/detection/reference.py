@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -9,13 +10,14 @@ from jaxtyping import Float, Int
 from tumblecal.chain import Where
 from tumblecal.chain.where import Column
 from tumblecal.diagnosis.causes.pool import Pool, pooled
-from tumblecal.diagnosis.detection.alternatives import Alternatives, alternatives
+from tumblecal.diagnosis.detection.alternatives import alternatives
 from tumblecal.diagnosis.detection.detect import kept_null
 from tumblecal.diagnosis.model.full_model import FullModel
 from tumblecal.diagnosis.model.layout import Layout
 from tumblecal.diagnosis.model.tangent import Tangent, tangent
 from tumblecal.diagnosis.priors import EVEN, FINE_LEVEL, SAME_INPUTS, TYPICAL_NOISE
 from tumblecal.estimation.problem import Problem
+from tumblecal.ground.showing import brief
 from tumblecal.noise.covariance import Covariance
 
 
@@ -23,26 +25,47 @@ from tumblecal.noise.covariance import Covariance
 _MOST_PLANS = 64
 
 
+class _OfPlan(NamedTuple):
+    """Ideal inputs, g, and as of `Reference`."""
+
+    inputs: Float[np.ndarray, "positions 3"]
+    generic: tuple[int, ...]
+    null: Float[np.ndarray, " draws"]
+
+
 @dataclass(frozen=True)
 class Reference:
-    """Properties of a plan: the distinct generic terms, and the null distribution of the test statistic.
+    """Properties of a plan: the distinct generic terms, and the null distribution of the test statistic. The causes that it is
+    drawn with are not kept: of a thousand positions they need a GiB.
 
-    - `at`: the plan measured by an instrument without errors, with its causes.
+    - `model`, `problem`: the plan measured by an instrument without errors.
     """
 
-    at: Tangent
-    pool: Pool
-    alternatives: Alternatives
+    __repr__ = brief
+
+    model: FullModel
+    problem: Problem
+
+    @cached_property
+    def _of_plan(self) -> "_OfPlan":
+        at, pool = _screened(self.model, self.problem)
+        null = kept_null(pool, alternatives(at, pool.effect_blocks), self.problem.known)
+        return _OfPlan(at.evaluation.inputs, pool.generic, null)
 
     @property
-    def known(self) -> bool:
-        """Whether the noise is."""
-        return self.at.problem.known
+    def generic(self) -> tuple[int, ...]:
+        """Numbers of the distinct generic terms."""
+        return self._of_plan.generic
+
+    @property
+    def null(self) -> Float[np.ndarray, " draws"]:
+        """Sorted statistics of data without errors."""
+        return self._of_plan.null
 
     def serves(self, at: Tangent) -> bool:
         """Whether data of the plan differ from it by small angles only, so that their null distribution is the same: settings
         equally spaced, known noise with the same proportions."""
-        reference, given = self.at.problem, at.problem
+        reference, given = self.problem, at.problem
         if not (reference.known and given.known) or given.correlated:
             return False
         if np.ptp(np.log(given.sd / reference.sd)) > 1e-3:
@@ -53,17 +76,22 @@ class Reference:
         )
         if not all(_same_but_for_scale(*pair) for pair in columns):
             return False
-        return bool(np.max(np.abs(at.evaluation.inputs - self.at.evaluation.inputs)) < SAME_INPUTS)
-
-    @cached_property
-    def null(self) -> Float[np.ndarray, " draws"]:
-        """Sorted statistics of data without errors."""
-        return kept_null(self.pool, self.alternatives, self.known)
+        return bool(np.max(np.abs(at.evaluation.inputs - self._of_plan.inputs)) < SAME_INPUTS)
 
     @cached_property
     def null_of_unknown(self) -> Float[np.ndarray, " draws"]:
         """The null distribution if the level of the noise is unknown."""
-        return kept_null(self.pool, self.alternatives, False) if self.known else self.null
+        if not self.problem.known:
+            return self.null
+        at, pool = _screened(self.model, self.problem, self.generic)
+        return kept_null(pool, alternatives(at, pool.effect_blocks), False)
+
+
+def _screened(model: FullModel, problem: Problem, generic: tuple[int, ...] | None = None) -> tuple[Tangent, Pool]:
+    """A plan without errors around that instrument, and its causes."""
+    at = tangent(model, problem, model.start)
+    level = 1.0 if problem.known else TYPICAL_NOISE * float(np.max(1.0 / problem.sd))
+    return at, pooled(at, level, generic)
 
 
 @dataclass
@@ -83,17 +111,14 @@ class References:
             plain = _rounded(replace(problem, where=_evenly(problem.where)))
             model = model.started(plain.where)
             plain = replace(plain, readings=model.predict(plain.where, model.start))
-            at = tangent(model, plain, model.start)
-            level = 1.0 if plain.known else TYPICAL_NOISE * float(np.max(1.0 / plain.sd))
-            pool = pooled(at, level)
             while len(self._made) >= _MOST_PLANS:
                 self._made.pop(next(iter(self._made)))
-            self._made[key] = Reference(at, pool, alternatives(at, pool.effect_blocks))
+            self._made[key] = Reference(model, plain)
         return self._made[key]
 
     def forget(self, layout: Layout) -> None:
         """Drop the references of one kind of plan, which refer to its compiled programs."""
-        for key in [key for key, made in self._made.items() if made.at.model.layout is layout]:
+        for key in [key for key, made in self._made.items() if made.model.layout is layout]:
             del self._made[key]
 
 

@@ -53,18 +53,25 @@ class Stack:
 
 def stacked(at: Tangent, listed: Processes) -> tuple[Stack, ...]:
     """All processes, by their numbers of fields and, about, of components."""
-    kinds, count_of = listed.kinds, listed.counts[listed.kinds.variable]
-    dof, stacks = at.dof, list[Stack]()
-    fields = np.ascontiguousarray((at.responses.swapaxes(0, 1) @ listed.fields).swapaxes(1, 2))
+    kinds, count_of, dof = listed.kinds, listed.counts[listed.kinds.variable], at.dof
+    stacks, of_fields = list[Stack](), dict[tuple[int, int], list[tuple[Stack, int, int]]]()
     for width, count in sorted({*zip(kinds.width.tolist(), count_of.tolist(), strict=True)}):
         numbers = np.flatnonzero((kinds.width == width) & (count_of == count))
-        signals, first = np.empty((len(numbers), count, width * dof)), kinds.first_field[numbers]
+        stacks.append(Stack(numbers, np.empty((len(numbers), count * width, dof))))
+        first = kinds.first_field[numbers]
         ends = [0, *(np.flatnonzero(first[1:] != first[:-1]) + 1).tolist(), len(numbers)]
         for low, high in pairwise(ends):
-            components = listed.components[:, :count][kinds.variable[numbers[low:high]]].reshape(-1, len(fields))
-            followed = fields[:, first[low] : first[low] + width].reshape(len(fields), -1)
-            np.matmul(components, followed, out=signals[low:high].reshape(len(components), -1))
-        stacks.append(Stack(numbers, signals.reshape(len(numbers), count * width, dof)))
+            of_fields.setdefault((int(first[low]), width), []).append((stacks[-1], low, high))
+    # One kind of fields at a time: those of all need more memory than the signals.
+    for (first, width), parts in of_fields.items():
+        followed = at.responses.swapaxes(0, 1) @ listed.fields[:, :, first : first + width]
+        followed = followed.swapaxes(1, 2).reshape(len(followed), -1)
+        for stack, low, high in parts:
+            count = stack.signals.shape[1] // width
+            components = listed.components[:, :count][kinds.variable[stack.numbers[low:high]]].reshape(
+                -1, len(followed)
+            )
+            np.matmul(components, followed, out=stack.signals[low:high].reshape(len(components), -1))
     return tuple(stacks)
 
 

@@ -33,6 +33,10 @@ from tumblecal.effects import AXES
 
 # A share of the largest variance that is no more than rounding.
 _ROUNDING = 1e-13
+# Plans whose covariances over the positions are remembered: of a thousand positions each needs 8 MB.
+_FEW_PLANS = 4
+# Numbers of the covariances whose components are computed together.
+_NUMBERS_AT_ONCE = 2_000_000
 
 
 class Variable(NamedTuple):
@@ -109,7 +113,7 @@ def of_readings(
     return tuple({words: made[words] for words in kernels} for kernels in listed)
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=_FEW_PLANS)
 def _slowly(order: tuple[float, ...]) -> Float[np.ndarray, "positions positions"]:
     """Kernel of what changes slowly in time."""
     return _smooth(_shares(np.array(order)) / TIME_LENGTHS[1])
@@ -151,11 +155,15 @@ def _shares(values: Float[np.ndarray, " positions"]) -> Float[np.ndarray, "posit
 
 
 def _variables(kernels: _Kernels) -> Variables:
-    """Principal components of processes with these covariances."""
-    if not kernels:
-        return {}
-    variances, vectors = np.linalg.eigh(np.stack(list(kernels.values())))
-    return _principal(list(kernels), variances, vectors * np.sqrt(np.maximum(variances, 0.0))[:, None])
+    """Principal components of processes with these covariances; a few at once, because their vectors are as large."""
+    words, made = list(kernels), Variables()
+    step = 1 + _NUMBERS_AT_ONCE // max(kernel.size for kernel in kernels.values()) if kernels else 1
+    for first in range(0, len(words), step):
+        some = words[first : first + step]
+        variances, vectors = np.linalg.eigh(np.stack([kernels[name] for name in some]))
+        vectors *= np.sqrt(np.maximum(variances, 0.0))[:, None]
+        made |= _principal(some, variances, vectors)
+    return made
 
 
 def _principal(
@@ -169,7 +177,7 @@ def _principal(
     counts = np.sum(carried < (1 - OMITTED_VARIANCE) * carried[:, -1:], axis=1) + 1
     counts = np.minimum(counts, min(MOST_COMPONENTS, int(COMPONENTS_PER_POSITION * components.shape[1])))
     return {
-        name: Variable(own[:, ::-1][:, :count], share)
+        name: Variable(own[:, ::-1][:, :count].copy(), share)
         for name, own, count in zip(words, components, counts.tolist(), strict=True)
     }
 

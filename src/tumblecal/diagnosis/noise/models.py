@@ -189,7 +189,8 @@ def _of_all_readings(positions: int, known: bool) -> list[NoiseModel]:
     ]
 
 
-@lru_cache(maxsize=64)
+# Few plans: of a thousand positions each covariance needs 8 MB.
+@lru_cache(maxsize=4)
 def _coloured(order: tuple[float, ...]) -> list[NoiseModel]:
     """Noise coloured in time, positions measured in this order."""
     family = Family(

@@ -158,7 +158,7 @@ class Screening:
         evaluated together in any case."""
         at = tangent(self.model, problem, vector)
         known, level = problem.known, at.rough_level
-        pool = pooled(at, level, self.reference.pool.generic, visible).without(self.impossible)
+        pool = pooled(at, level, self.reference.generic, visible).without(self.impossible)
         others = alternatives(at, pool.effect_blocks)
         if self.noise_stands:
             others = replace(others, noise=replace(others.noise, listed=()))

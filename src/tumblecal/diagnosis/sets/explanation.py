@@ -1,5 +1,6 @@
 """An explanation: a set of named causes with all that can make its signal, its probability, and the verdict on it."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -106,6 +107,12 @@ class Explanation:
     def _claimed(self) -> float:
         both, same = zip(self.equivalents, self.shares, strict=True), {*self.identical, *self.powers}
         return self.own_probability + sum([share for labels, share in both if labels in same])
+
+
+def all_labels(setup_errors: Iterable[str], noises: Iterable[str], best: Explanation) -> tuple[str, ...]:
+    """Ids of all named causes: set-up errors, faults of the noise, effects; positions after a colon."""
+    noises = tuple(noises)
+    return (*dict.fromkeys(setup_errors), *noises, *(label for label in best.labels if label not in noises))
 
 
 def verdict_of(best: Explanation, otherwise_wrong: bool, implausible_fit: bool, doubtful: bool) -> str:
