@@ -13,7 +13,7 @@ from tumblecal.diagnosis.findings.factors import Factor, Reason, factors_of
 from tumblecal.diagnosis.sets.explanation import Explanation, verdict_of
 from tumblecal.diagnosis.sets.prior import given_found
 from tumblecal.effects import catalogue
-from tumblecal.effects.effect import output_effect
+from tumblecal.effects.added_terms import output_effect
 from tumblecal.report.cause_words import less_probable_words
 
 

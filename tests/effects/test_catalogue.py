@@ -9,8 +9,8 @@ from blind_plans import remounted
 from tumblecal.chain import nominal_chain, settings
 from tumblecal.diagnosis.model.full_model import model_of
 from tumblecal.effects import catalogue, entry
+from tumblecal.effects.added_terms import base_unit
 from tumblecal.effects.catalogue import belongs_to
-from tumblecal.effects.effect import base_unit
 from tumblecal.estimation.mountings import nominal_rotations
 from tumblecal.ground.errors import InputError
 

@@ -12,8 +12,8 @@ from jaxtyping import Float, Int
 
 from tumblecal.chain import Chain, Link, Parameter, Where, with_parameters
 from tumblecal.chain.considered import Considered
+from tumblecal.effects.added_terms import angle_effect, output_effect
 from tumblecal.effects.catalogue import Catalogue, entry, first_link
-from tumblecal.effects.effect import angle_effect, output_effect
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.programs import compiler_options
 from tumblecal.ground.axes import AXES

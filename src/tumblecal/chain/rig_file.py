@@ -2,153 +2,20 @@
 
 import difflib
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from pydantic import Discriminator, Field, Tag, model_validator
+from pydantic import Field
 
 from tumblecal.chain.considered import Considered
 from tumblecal.chain.nominal import LINKS, NOMINAL, UNIT_OF_LEAF, Leaf
-from tumblecal.chain.plan import Plan, grid
+from tumblecal.chain.plan_table import PlanTable
 from tumblecal.chain.rig import EffectLinks, Rig
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.examples import file_or_example
 from tumblecal.ground.strict_toml import Line, Number, Numbers, Strict, checked, read_toml
 from tumblecal.ground.toml_faults import located
 from tumblecal.ground.units import factor, quantity, reading_sd
-
-
-# Conditions that a plan may state for each position.
-_CONDITIONS = ("time_s", "temperature_degc", "approach")
-# A plan larger than this is a typing error.
-MOST_POSITIONS = 100_000
-
-
-class Steps(Strict):
-    """Equally spaced values."""
-
-    start: Number
-    step: Number
-    count: Annotated[int, Field(ge=1, le=MOST_POSITIONS)]
-
-    @model_validator(mode="after")
-    def _has_a_step(self) -> "Steps":
-        if self.step == 0 and self.count > 1:
-            raise ValueError(
-                f"step is 0, so all {self.count} positions would be equal; write the step (runs repeats a plan)"
-            )
-        return self
-
-    @property
-    def values(self) -> list[float]:
-        """The values."""
-        return [self.start + self.step * place for place in range(self.count)]
-
-
-Angles = Annotated[
-    Annotated[list[Number], Tag("list")] | Annotated[Steps, Tag("steps")],
-    Discriminator(
-        lambda given: "list" if isinstance(given, list) else "steps" if isinstance(given, dict | Steps) else None,
-        custom_error_type="angles",
-        custom_error_message="must be a list of numbers such as [0, 45, 90], or { start = 0, step = 45, count = 3 }",
-    ),
-]
-
-
-class Position(Strict):
-    """One position of a plan that is not a grid; time, temperature and approach are stated for all positions or for none."""
-
-    alpha_deg: Number
-    beta_deg: Number
-    name: Line | None = None
-    mount: Line = "1"
-    run: Line = "1"
-    time_s: Number | None = None
-    temperature_degc: Number | None = None
-    approach: Literal[-1, 1] | None = None
-
-
-class Ramp(Strict):
-    """A quantity that changes linearly over the plan."""
-
-    start: Number
-    end: Number
-
-
-class PlanTable(Strict):
-    """The `[plan]` table: a grid (alpha_deg x beta_deg) or a list of positions.
-
-    `interval_s` is the time from one position to the next, `temperature_degc` the triad's from first to last,
-    `approach` the direction in which the spindle approaches its positions; listed positions may state these individually.
-    """
-
-    alpha_deg: Angles | None = None
-    beta_deg: Angles | None = None
-    mounts: Annotated[list[Line], Field(min_length=1)] = ["1"]
-    runs: Annotated[int, Field(ge=1, le=MOST_POSITIONS)] = 1
-    positions: list[Position] | None = None
-    interval_s: Annotated[Number, Field(gt=0)] | None = None
-    temperature_degc: Ramp | None = None
-    approach: Literal["positive", "negative", "alternating"] | None = None
-
-    @model_validator(mode="after")
-    def _one_kind(self) -> "PlanTable":
-        is_grid = self.alpha_deg is not None and self.beta_deg is not None
-        if is_grid == (self.positions is not None):
-            raise ValueError("give either alpha_deg and beta_deg (a grid), or positions")
-        for column in _CONDITIONS:
-            stated = [getattr(position, column) is not None for position in self.positions or []]
-            if any(stated) and not all(stated):
-                raise ValueError(
-                    f"positions: {column} is stated for {sum(stated)} of {len(stated)}; state all, or none"
-                )
-            if any(stated) and (self.interval_s if column == "time_s" else getattr(self, column)) is not None:
-                raise ValueError(f"{column} is stated for the plan and for its positions; state one of them")
-        count = self._count
-        if not 0 < count <= MOST_POSITIONS:
-            raise ValueError(f"{count} positions; give 1 to {MOST_POSITIONS}")
-        return self
-
-    @property
-    def _count(self) -> int:
-        if self.positions is not None:
-            return len(self.positions)
-        return len(_values(self.alpha_deg)) * len(_values(self.beta_deg)) * len(self.mounts) * self.runs
-
-    def plan(self) -> Plan:
-        """The plan described."""
-        plan, count = self._bare(), len(self._bare())
-        signs = {None: None, "positive": [1.0], "negative": [-1.0], "alternating": [1.0, -1.0]}[self.approach]
-        step = self.interval_s
-        ramp = self.temperature_degc
-        if self.positions is not None:
-            stated = {name: tuple(getattr(position, name) for position in self.positions) for name in _CONDITIONS}
-            plan = replace(plan, **{name: values for name, values in stated.items() if None not in values})
-        return replace(
-            plan,
-            time_s=plan.time_s if step is None else tuple(step * number for number in range(count)),
-            temperature_degc=plan.temperature_degc
-            if ramp is None
-            else tuple(ramp.start + (ramp.end - ramp.start) * number / max(count - 1, 1) for number in range(count)),
-            approach=plan.approach if signs is None else tuple(signs[number % len(signs)] for number in range(count)),
-        )
-
-    def _bare(self) -> Plan:
-        if self.positions is not None:
-            names = tuple(p.name or str(number) for number, p in enumerate(self.positions, start=1))
-            return Plan(
-                names,
-                tuple(p.alpha_deg for p in self.positions),
-                tuple(p.beta_deg for p in self.positions),
-                tuple(p.mount for p in self.positions),
-                tuple(p.run for p in self.positions),
-            )
-        return grid(_values(self.alpha_deg), _values(self.beta_deg), mounts=self.mounts, runs=self.runs)
-
-
-def _values(angles: "list[float] | Steps | None") -> list[float]:
-    return angles.values if isinstance(angles, Steps) else angles or []
 
 
 if TYPE_CHECKING:

@@ -148,8 +148,8 @@ def exact_truth(
 
 
 def _with_effects(chain, effects: dict[str, list[float]], where, entries, stated: Path):
+    from tumblecal.effects.added_terms import base_unit
     from tumblecal.effects.catalogue import entry, links
-    from tumblecal.effects.effect import base_unit
     from tumblecal.ground.toml_faults import faults_at
 
     for id, values in effects.items():

@@ -9,8 +9,9 @@ Examples:
     True
 """
 
+from tumblecal.effects.added_terms import OutputTerm, angle_effect, output_effect
 from tumblecal.effects.catalogue import Catalogue, catalogue, entry, links, with_effects
-from tumblecal.effects.effect import Effect, OutputTerm, angle_effect, output_effect
+from tumblecal.effects.effect import Effect
 from tumblecal.ground.axes import AXES
 
 

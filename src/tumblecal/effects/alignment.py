@@ -7,8 +7,9 @@ import equinox as eqx
 
 from tumblecal.chain import Link, Parameter, Place, State, Where, coefficients
 from tumblecal.chain.link import turned
+from tumblecal.effects.added_terms import base_unit, output_effect
 from tumblecal.effects.drift import Factor, changed, changes, drift_effect
-from tumblecal.effects.effect import OF_MOUNT, OF_RUN, RARE, Effect, base_unit, elapsed, output_effect
+from tumblecal.effects.effect import OF_MOUNT, OF_RUN, RARE, Effect, elapsed
 from tumblecal.effects.environment import REFERENCE_DEGC, warmer
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.frames import rotate_x, rotate_y, rotate_z

@@ -7,7 +7,8 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from tumblecal.chain import Link, Parameter, Place, State, Where, coefficients
-from tumblecal.effects.effect import BETWEEN_RUNS, OF_GROUPS, RARE, Effect, Term
+from tumblecal.effects.added_terms import Term
+from tumblecal.effects.effect import BETWEEN_RUNS, OF_GROUPS, RARE, Effect
 from tumblecal.ground.axes import AXES
 
 

@@ -14,7 +14,8 @@ import jax.numpy as jnp
 
 from tumblecal.chain import Link, Parameter, Place, State, Where, coefficients
 from tumblecal.chain.frames import Vector
-from tumblecal.effects.effect import Effect, base_unit, elapsed, of_clocks, output_effect
+from tumblecal.effects.added_terms import base_unit, output_effect
+from tumblecal.effects.effect import Effect, elapsed, of_clocks
 from tumblecal.ground.axes import AXES
 
 

@@ -5,7 +5,8 @@ from itertools import combinations
 
 import jax.numpy as jnp
 
-from tumblecal.effects.effect import HIGHER_ORDER, Effect, output_effect
+from tumblecal.effects.added_terms import output_effect
+from tumblecal.effects.effect import HIGHER_ORDER, Effect
 from tumblecal.ground.axes import AXES
 
 

@@ -18,7 +18,8 @@ import numpy as np
 
 from tumblecal.chain import Chain, Link, Parameter, State, Where, settings
 from tumblecal.chain.nominal import UNIT_OF_LEAF
-from tumblecal.effects.effect import Effect, base_unit
+from tumblecal.effects.added_terms import base_unit
+from tumblecal.effects.effect import Effect
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.frames import gravity_in_head

@@ -16,6 +16,7 @@ from pathlib import Path
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.folder_lock import held, locked, remove_unlocked, unlocked
 from tumblecal.ground.plain_text import plain
+from tumblecal.ground.unwritable import reason, unwritable_as_fault
 
 
 def writable_folder(folder: Path) -> Path:
@@ -48,7 +49,6 @@ _MOST_LINKS = 40  # as in Linux
 _UNFINISHED = ".unfinished"
 # Folders in which this process has searched for files of killed processes.
 _TIDIED: set[Path] = set()
-_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 @contextmanager
@@ -241,17 +241,6 @@ def _tidy(folder: Path) -> None:
 
 
 @contextmanager
-def unwritable_as_fault(path: Path) -> Iterator[None]:
-    """Convert errors of the operating system to `InputError`."""
-    try:
-        yield
-    except Exception as error:
-        if _refused_by_system(error) is None:
-            raise
-        raise unwritable(path, error) from error
-
-
-@contextmanager
 def scratch_folder(source: Path) -> Iterator[Path]:
     """A folder for temporary files, removed after the block.
 
@@ -278,28 +267,3 @@ def to_disk(path: Path) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
-
-
-def unwritable(path: Path, error: Exception) -> InputError:
-    """The fault of a file that cannot be written because of `error`, of the operating system or of polars."""
-    refused = _refused_by_system(error) or OSError(str(error))
-    if refused.errno in _FULL:
-        return InputError(
-            f"{path}: not written, because the disk is full (or too small for this file); free some space"
-        )
-    return InputError(f"{path}: cannot be written ({reason(refused)}); give a different file")
-
-
-def _refused_by_system(error: Exception) -> OSError | None:
-    """The error of the operating system, also from the text of an error of polars: `... os error 28`."""
-    if isinstance(error, OSError) and error.errno is not None:
-        return error
-    number = re.search(r"os error (\d+)", str(error))
-    if number:
-        return OSError(int(number[1]), os.strerror(int(number[1])))
-    return error if isinstance(error, OSError) else None
-
-
-def reason(error: OSError) -> str:
-    """The reason in an error of the operating system; some libraries do not set `strerror`."""
-    return error.strerror or (str(error).splitlines() or ["unknown error"])[0]

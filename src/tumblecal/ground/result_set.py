@@ -18,9 +18,10 @@ from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 
-from tumblecal.ground.atomic import place_of, to_disk, unwritable_as_fault, writable_folder, written_aside
+from tumblecal.ground.atomic import place_of, to_disk, writable_folder, written_aside
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.folder_lock import held, is_held, remove_unlocked
+from tumblecal.ground.unwritable import unwritable_as_fault
 
 
 # Name of the hidden folder in each of its states, and the file in it that lists the names of the previous set.

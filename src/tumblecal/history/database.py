@@ -15,9 +15,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tumblecal.ground.atomic import reason
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.plain_text import plain
+from tumblecal.ground.unwritable import reason
 from tumblecal.history import checksums
 from tumblecal.history.checksums import COLUMNS, PARAMETERS, ROW, checksum
 from tumblecal.history.entry import Entry

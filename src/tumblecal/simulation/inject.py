@@ -5,8 +5,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from tumblecal.chain import Link, Where, parameters_of, with_values
+from tumblecal.effects.added_terms import base_unit
 from tumblecal.effects.catalogue import Catalogue, catalogue, entry, links
-from tumblecal.effects.effect import base_unit
 from tumblecal.ground.errors import InputError
 
 

@@ -10,7 +10,8 @@ import polars as pl
 
 from tumblecal.capture.decoding.samples import Samples, blank
 from tumblecal.data.parquet import metadata_of, put_checksum
-from tumblecal.ground.atomic import unwritable, written_aside
+from tumblecal.ground.atomic import written_aside
+from tumblecal.ground.unwritable import unwritable
 
 
 _ROW_GROUP = 1 << 18
