@@ -208,7 +208,7 @@ def drawing(setup, seed=0):
     import jax.numpy as jnp
 
     from tumblecal.simulation.experiment import BLOCK
-    from tumblecal.studies.sums import halved
+    from tumblecal.simulation.sums import halved
 
     def run(first, last):
         def one(block, total):
@@ -229,7 +229,7 @@ def whole():
     import jax
 
     from tumblecal.simulation.experiment import BLOCK
-    from tumblecal.studies.sums import chunk_sums
+    from tumblecal.simulation.sums import chunk_sums
 
     print("draw + fit + statistics, one process", flush=True)
     trials = 32 * BLOCK
@@ -290,7 +290,7 @@ sys.path.insert(0, {folder!r})
 import study_throughput as own
 import tumblecal; tumblecal.enable_float64()
 from tumblecal.simulation.experiment import BLOCK
-from tumblecal.studies.sums import chunk_sums
+from tumblecal.simulation.sums import chunk_sums
 sums = chunk_sums(own.paper_experiment(spread=own.SPREAD), 0)
 jax.block_until_ready(sums(0, BLOCK))
 print("ready", flush=True); sys.stdin.readline()
@@ -346,7 +346,7 @@ def memory(trials=10_000_000):
     import jax
 
     from tumblecal.simulation.experiment import BLOCK
-    from tumblecal.studies.sums import chunk_sums
+    from tumblecal.simulation.sums import chunk_sums
 
     print(f"{trials} trials in one process", flush=True)
     sums = chunk_sums(paper_experiment(), 0)
@@ -369,7 +369,7 @@ def device():
     import jax
     import jax.numpy as jnp
 
-    from tumblecal.studies.sums import added, sums_of
+    from tumblecal.simulation.sums import added, sums_of
 
     here = jax.devices()[0]
     wide = 1 if here.platform == "cpu" else 256

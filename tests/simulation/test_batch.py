@@ -15,8 +15,8 @@ from tumblecal.simulation.chain_fit import expansion, fit_chain
 from tumblecal.simulation.experiment import BLOCK, experiment
 from tumblecal.simulation.harmonic_fit import fit_harmonics, nominal_harmonics
 from tumblecal.simulation.inject import injected_links
+from tumblecal.simulation.sums import chunk_sums, sums_of
 from tumblecal.simulation.uniform import harmonic_path, uniform_plan
-from tumblecal.studies.sums import chunk_sums, sums_of
 
 
 pytestmark = pytest.mark.usefixtures("quickly_compiled")

@@ -1,5 +1,7 @@
 """Many fits at once, and simulated calibrations with the user's own samplers."""
 
+from dataclasses import replace
+
 import jax
 import numpy as np
 import pytest
@@ -8,9 +10,11 @@ import tumblecal
 from tumblecal import InputError, Problem
 from tumblecal.chain import nominal_chain, settings
 from tumblecal.noise import Covariance
-from tumblecal.simulation import linearisation_error, monte_carlo, sweep
+from tumblecal.simulation import coverage, linearisation_error, monte_carlo, sweep
+from tumblecal.simulation.experiment import experiment_of
 
 
+pytestmark = pytest.mark.usefixtures("quickly_compiled")
 SD = 1e-4  # g
 
 
@@ -27,7 +31,10 @@ def readings(problem):
 
 
 def single(problem, readings, **changes):
-    return tumblecal.fit(Problem.from_arrays(problem.chain, problem.where, readings, **changes))
+    retained = changes.pop("retained", None)
+    return tumblecal.fit(
+        replace(Problem.from_arrays(problem.chain, problem.where, readings, **changes), retained=retained)
+    )
 
 
 @pytest.mark.parametrize("path", ["harmonic", "chain"])
@@ -58,6 +65,14 @@ def test_parts_from_a_generator_are_one_batch_and_priors_count(problem, readings
     assert np.max(np.abs(whole.values[9] - fit.values)) < 1e-11
 
 
+def test_excluded_positions_have_no_part_in_many_fits(problem, readings):
+    moved = np.array(readings[:2])
+    moved[:, 3] += 1.0
+    some = problem.without((3, 17))
+    many, fit = tumblecal.fit_many(some, moved), single(problem, readings[1], noise_sd=SD, retained=some.retained)
+    assert many.dof == fit.dof == 51 and np.max(np.abs(many.values[1] - fit.values)) < 1e-11
+
+
 def test_readings_of_another_plan_are_one_message(problem):
     with pytest.raises(InputError, match=r"shape \(5, 20, 3\); 24 positions need \(fits, 24, 3\)"):
         tumblecal.fit_many(problem, np.zeros((5, 20, 3)))
@@ -84,6 +99,49 @@ def test_intervals_contain_the_drawn_truth(problem, path):
 def test_the_user_s_noise_is_what_is_fitted(problem):
     runs = monte_carlo(problem, 4096, seed=2, noise=lambda key: SD * jax.random.laplace(key, (24, 3)))
     assert (runs.values - runs.truth).std(axis=0) == pytest.approx(np.sqrt(2) * runs.sd[0], rel=0.06)
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_coverage_is_that_of_the_same_trials(problem, known):
+    """Stated noise: normal quantiles; unknown: Student's t, and the noise's own sd is the predicted one."""
+    stated = problem if known else Problem.from_arrays(problem.chain, problem.where, problem.readings)
+    drawn = None if known else lambda key: 2 * SD * jax.random.normal(key, (24, 3))
+    table, runs = (made(stated, 3000, seed=4, truth=heavy, noise=drawn) for made in (coverage, monte_carlo))
+    errors = runs.values - runs.truth
+    kinds = {column for column in table.columns if column.startswith("covered_95")}
+    assert kinds == {"covered_95_estimated"} | ({"covered_95_stated"} if known else set())
+    np.testing.assert_allclose(
+        table[f"covered_95_{'stated' if known else 'estimated'}"], runs.coverage(0.95), atol=1e-9
+    )
+    np.testing.assert_allclose(table["bias"], errors.mean(axis=0), atol=1e-12)
+    np.testing.assert_allclose(table["sd"], errors.std(axis=0, ddof=1), rtol=1e-9)
+    np.testing.assert_allclose(table["predicted_sd"], runs.table()["predicted_sd"], rtol=1e-9)
+    assert table["trials"][0] == 3000 and table["failed"][0] == 0
+    assert table["sd_over_predicted"].to_numpy() == pytest.approx(1, abs=5 / np.sqrt(2 * 3000))
+
+
+def test_samplers_that_cannot_be_are_one_message(problem):
+    rng = np.random.default_rng(0)
+    for sampler, words in (
+        (lambda key: jax.random.normal(key, (14,)), r"truth: .* returns an array of the shape \(14,\), not \(15,\)"),
+        (lambda key: 1e-3 * rng.normal(size=15), "truth: .* different arrays for the same key; draw with jax.random"),
+    ):
+        for made in (coverage, monte_carlo):
+            with pytest.raises(InputError, match=words):
+                made(problem, 10, truth=sampler)
+
+
+def test_drawn_noise_has_the_covariance_of_the_problem(problem):
+    level = np.eye(24) + 0.5 * np.ones((24, 24))
+    for noise in (
+        Covariance.by_axis(SD**2 * np.stack([level, level, 4 * level])),
+        Covariance(np.kron(level, np.diag([1.0, 1.0, 4.0])) * SD**2, "full"),
+        Covariance.of_sd(SD * np.repeat([1.0, 2.0, 3.0], 8)[:, None] * np.ones(3)),
+    ):
+        one = experiment_of(problem.with_noise(noise, known=True), path="chain")
+        white = noise.whiten(np.asarray(one.noise(jax.random.key(1))).reshape(72, -1))
+        # Of 1024 draws: variances 1 and covariances 0 within five standard deviations.
+        assert np.max(np.abs(white @ white.T / 1024 - np.eye(72))) < 5 * np.sqrt(2 / 1024)
 
 
 def test_an_effect_in_the_readings_alone_biases_the_fits(problem):

@@ -5,7 +5,7 @@ import numpy as np
 
 import tumblecal
 from tumblecal.estimation import problem_of
-from tumblecal.simulation import linearisation_error, monte_carlo, sweep
+from tumblecal.simulation import coverage, linearisation_error, monte_carlo, sweep
 
 
 tumblecal.enable_float64()
@@ -23,6 +23,7 @@ def truth(key: jax.Array) -> jax.Array:
 runs = monte_carlo(problem, 2048, seed=7, truth=truth)
 print(
     runs.coverage(0.95).mean(),
+    coverage(problem, 2048, truth=truth),
     sweep({"plan": problem}, 1024),
     linearisation_error(problem.chain, problem.where, [1e-3]),
 )

@@ -6,8 +6,8 @@ on how many are asked for, in which order, or by how many processes.
 """
 
 import dataclasses
-from collections.abc import Mapping
-from typing import NamedTuple
+from collections.abc import Callable, Mapping
+from typing import NamedTuple, TypeAlias
 
 import equinox as eqx
 import jax
@@ -25,6 +25,8 @@ from tumblecal.simulation.uniform import UniformPlan, harmonic_path
 
 
 BLOCK = 1024
+# Draws one vector of parameters (free,), base units, or the noise of one set of readings (positions, 3), g, from a key.
+Sampler: TypeAlias = Callable[[Array], Array]
 
 
 class Trials(NamedTuple):
@@ -40,10 +42,12 @@ class Experiment(eqx.Module):
     """A simulated calibration.
 
     - `truth`: free parameters of the fitted chain at their true values; `spread`: sd of a random instrument about it.
+    - `draw_truth`, `draw_noise`: the user's samplers, in place of truth and spread, and of normal noise.
     - `problem`: the fit, its chain at the truth. `simulated`: the chain that makes the readings, injected effects included.
     - `readings`: its readings at the truth, g; `beyond`: their part beyond the harmonics, None if zero.
-    - `factor`: square root of the noise's covariance over positions, one per axis, or None for white noise.
-    - `sd`: the stated sd of a reading, g: of the white noise, of the weights and of the predicted covariance.
+    - `factor`: square root of the noise's covariance over positions, one per axis; None for that of the problem's weights.
+    - `sd`: the stated sd of a reading, g, of the weights and of the predicted covariance; the smallest if they differ, NaN for
+      correlated readings.
     - `covariance`: predicted, of the estimates.
     - `path`: `"harmonic"` (exact harmonics of a uniform plan) or `"chain"`; `reason`: why not the former.
     """
@@ -52,6 +56,8 @@ class Experiment(eqx.Module):
     units: tuple[str, ...] = eqx.field(static=True)
     truth: Float[np.ndarray, " free"]
     spread: Float[np.ndarray, " free"] | None
+    draw_truth: Sampler | None = eqx.field(static=True)
+    draw_noise: Sampler | None = eqx.field(static=True)
     problem: Problem
     simulated: Chain
     readings: Float[np.ndarray, "positions 3"]
@@ -67,14 +73,25 @@ class Experiment(eqx.Module):
     @property
     def dof(self) -> int:
         """Degrees of freedom of the sum of squares, priors counted as readings."""
-        return self.readings.size + self.problem.priors - len(self.names)
+        return 3 * int(np.sum(self.problem.takes_part)) + self.problem.priors - len(self.names)
 
     def noise(self, key: Array) -> Float[Array, "positions 3 lanes"]:
-        """Noise of one block, g."""
-        white = jax.random.normal(key, (*self.readings.shape, BLOCK))
-        if self.factor is None:
+        """Noise of one block, g.
+
+        **Raises:** `InputError` if it is unknown.
+        """
+        if self.draw_noise is not None:
+            return _each(self.draw_noise, jax.random.fold_in(key, 2))
+        if not self.problem.known:
+            raise InputError("the noise is unknown: give a sampler, or a problem with a stated noise")
+        white, whitening = jax.random.normal(key, (*self.readings.shape, BLOCK)), np.asarray(self.problem.whitening)
+        if self.factor is not None:
+            return jnp.einsum("apq,qal->pal", self.factor, white)
+        if whitening.ndim == 2:
+            return (jnp.linalg.inv(whitening) @ white.reshape(-1, BLOCK)).reshape(white.shape)
+        if np.ptp(whitening) == 0:
             return self.sd * white
-        return jnp.einsum("apq,qal->pal", self.factor, white)
+        return white / jnp.asarray(whitening.reshape(*self.readings.shape, 1))
 
     def trials(self, seed: int | Array, block: int | Int[Array, ""]) -> Trials:
         """Trials `block * BLOCK` to `(block + 1) * BLOCK - 1`; pure, to be compiled."""
@@ -83,6 +100,8 @@ class Experiment(eqx.Module):
 
     def instruments(self, key: Array) -> Float[Array, "free lanes"]:
         """True parameters of one block."""
+        if self.draw_truth is not None:
+            return _each(self.draw_truth, jax.random.fold_in(key, 1))
         if self.spread is None:
             return jnp.broadcast_to(jnp.asarray(self.truth)[:, None], (len(self.truth), BLOCK))
         drawn = jax.random.normal(jax.random.fold_in(key, 1), (len(self.truth), BLOCK))
@@ -93,9 +112,14 @@ class Experiment(eqx.Module):
         fits = self._by_harmonics(truth, noise) if self.plan is not None else self._by_chain(truth, noise)
         return _packed(truth, *fits)
 
+    @property
+    def one_instrument(self) -> bool:
+        """Whether all trials have the same true parameters."""
+        return self.spread is None and self.draw_truth is None
+
     def true_readings(self, truth: Array) -> Float[Array, "positions 3 lanes"]:
         """Readings without noise, g; one lane where all instruments are the same."""
-        if self.spread is None:
+        if self.one_instrument:
             return jnp.asarray(self.readings)[:, :, None]
         return jax.vmap(lambda vector: self.simulated.at(vector)(self.problem.where), in_axes=1, out_axes=2)(truth)
 
@@ -104,7 +128,7 @@ class Experiment(eqx.Module):
         plan = self.plan
         assert plan is not None
         beyond = None if self.beyond is None else jnp.asarray(self.beyond)[:, :, None]
-        if self.spread is None:
+        if self.one_instrument:
             of_truth = plan.harmonics(jnp.asarray(self.readings)[:, :, None])
         elif beyond is None:
             of_truth = nominal_harmonics(materialised(truth), plan.pitch)
@@ -132,6 +156,24 @@ def _packed(truth: Array, values: Array, chi2: Array, converged: Array) -> Trial
     rows = jnp.concatenate([values, chi2[None], jnp.asarray(converged, values.dtype)[None]])
     rows = materialised(jnp.where(jnp.isfinite(rows), rows, 0.0))
     return Trials(truth, rows[:-2], rows[-2], rows[-1] > 0.5)
+
+
+def _each(sampler: Sampler, key: Array) -> Float[Array, "*shape lanes"]:
+    """One draw for each lane of a block."""
+    return jax.vmap(lambda one: jnp.asarray(sampler(one)), out_axes=-1)(jax.random.split(key, BLOCK))
+
+
+def _check_sampler(sampler: Sampler | None, shape: tuple[int, ...], name: str) -> None:
+    """Reject a sampler that returns another shape, or other numbers for the same key: compiled, it would draw once."""
+    if sampler is None:
+        return
+    first, second = (np.asarray(sampler(jax.random.key(0))) for _ in range(2))
+    if first.shape != shape:
+        raise InputError(f"{name}: the sampler returns an array of the shape {first.shape}, not {shape}")
+    if not np.array_equal(first, second, equal_nan=True):
+        raise InputError(
+            f"{name}: the sampler returns different arrays for the same key; draw with jax.random from its key"
+        )
 
 
 def materialised(rows: Float[Array, "rows lanes"]) -> Float[Array, "rows lanes"]:
@@ -188,6 +230,8 @@ def experiment_of(
     simulated: Chain | None = None,
     spread: Float[np.ndarray, " free"] | None = None,
     covariance: Float[np.ndarray, "3 positions positions"] | None = None,
+    draw_truth: Sampler | None = None,
+    draw_noise: Sampler | None = None,
     path: str = "auto",
 ) -> Experiment:
     """A simulated calibration of a problem whose chain is at the truth; arguments as of `experiment`.
@@ -195,29 +239,36 @@ def experiment_of(
     **Arguments:**
 
     - `simulated`: the chain that makes the readings, with the free vector of the fitted chain; the fitted chain if omitted.
-    - `spread`: as of `Experiment`.
+    - `spread`, `draw_truth`, `draw_noise`: as of `Experiment`.
 
-    **Raises:** as `experiment`.
+    **Raises:** as `experiment`; `InputError` for an unknown `path`, or a sampler that is not a function of its key alone.
     """
+    if path not in ("auto", "harmonic", "chain"):
+        raise InputError(f"path {path!r}: the paths are 'auto', 'harmonic' and 'chain'")
     problem, chain = problem.bare, problem.chain
     plan = harmonic_path(problem)
     if path == "harmonic" and isinstance(plan, str):
         raise ValueError(f"the harmonic path does not apply: {plan}")
+    factor = np.linalg.inv(problem.whitening) if problem.whitening.ndim == 3 else None
     reason = plan if isinstance(plan, str) else ("requested" if path == "chain" else "")
     chosen = None if isinstance(plan, str) or path == "chain" else plan
     same = simulated is None or simulated is chain
     simulated = chain if simulated is None else simulated
     readings = np.asarray(simulated(problem.where))
+    _check_sampler(draw_truth, chain.vector.shape, "truth")
+    _check_sampler(draw_noise, readings.shape, "noise")
     return Experiment(
         names=chain.names,
         units=chain.units,
         truth=chain.vector,
         spread=spread,
+        draw_truth=draw_truth,
+        draw_noise=draw_noise,
         problem=problem,
         simulated=simulated,
         readings=readings,
         beyond=None if same or chosen is None else _beyond(chosen, readings),
-        factor=None if covariance is None else np.stack([_square_root(part) for part in covariance]),
+        factor=factor if covariance is None else np.stack([_square_root(part) for part in covariance]),
         sd=float(1.0 / np.max(np.abs(np.asarray(problem.whitening)))) if problem.whitening.ndim == 1 else float("nan"),
         covariance=_predicted_covariance(problem),
         path="chain" if chosen is None else "harmonic",

@@ -25,16 +25,13 @@ from tumblecal.estimation.programs import cached_program, compiler_options
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.showing import brief
 from tumblecal.simulation.chain_fit import fit_chain
-from tumblecal.simulation.experiment import BLOCK, Experiment, experiment_of
+from tumblecal.simulation.experiment import BLOCK, Experiment, Sampler, experiment_of
 from tumblecal.simulation.harmonic_fit import fit_harmonics
 from tumblecal.simulation.uniform import UniformPlan
 
 
 if TYPE_CHECKING:
     import polars as pl
-
-# Draws one vector of parameters (free,), base units, or the noise of one set of readings (positions, 3), g.
-Sampler = Callable[[Array], Array]
 
 
 @dataclass(frozen=True)
@@ -193,7 +190,8 @@ def monte_carlo(
     - `first`: number of the first trial, a multiple of 1024, so that parts of a long run can be made by several processes.
     - `path`, `devices`: as of `fit_many`.
 
-    **Raises:** `InputError` for unknown noise without `noise`, or positions that leave parameters undetermined.
+    **Raises:** `InputError` for unknown noise without `noise`, a sampler's array of a wrong shape, or positions that leave
+    parameters undetermined.
 
     Examples:
         >>> import jax
@@ -207,21 +205,14 @@ def monte_carlo(
         >>> bool(abs(runs.coverage().mean() - 0.95) < 0.01)
         True
     """
-    if noise is None and not problem.known:
-        raise InputError("the noise is unknown: give a sampler, or a problem with a stated noise")
+    if trials < 1:
+        raise InputError(f"trials {trials}: must be at least 1")
     if first % BLOCK:
         raise InputError(f"first {first}: must be a multiple of {BLOCK}")
-    free = len(problem.chain.names)
-    one = experiment_of(problem, simulated=simulated, spread=None if truth is None else np.ones(free), path=path)
-    draw_noise = _normal(problem) if noise is None else noise
+    one = experiment_of(problem, simulated=simulated, draw_truth=truth, draw_noise=noise, path=path)
 
     def trial_block(number: Array) -> tuple[Array, Array, Array, Array]:
-        keys = jax.random.split(jax.random.fold_in(jax.random.key(seed), number), 2 * BLOCK)
-        if truth is None:
-            vectors = jnp.broadcast_to(jnp.asarray(one.truth)[:, None], (free, BLOCK))
-        else:
-            vectors = jax.vmap(truth, out_axes=1)(keys[:BLOCK])
-        made = one.calibrated(vectors, jax.vmap(draw_noise, out_axes=2)(keys[BLOCK:]))
+        made = one.trials(seed, number)
         return made.truth.T, made.values.T, made.chi2, made.converged
 
     program = jax.jit(trial_block, compiler_options=compiler_options())
@@ -314,13 +305,3 @@ def _spread(
             yield [np.asarray(part) for part in waiting.popleft()]
     while waiting:
         yield [np.asarray(part) for part in waiting.popleft()]
-
-
-def _normal(problem: Problem) -> Sampler:
-    """Normal noise with the covariance of a problem."""
-    noise, shape = problem.noise, problem.readings.shape
-    if noise.form == "rows":
-        sd = jnp.asarray(noise.root.reshape(shape))
-        return lambda key: sd * jax.random.normal(key, shape)
-    root = jnp.asarray(np.linalg.cholesky(noise.matrix))
-    return lambda key: (root @ jax.random.normal(key, (root.shape[0],))).reshape(shape)

@@ -89,6 +89,8 @@ def harmonic_path(problem: Problem) -> UniformPlan | str:
     """The harmonic analysis if the fast path is exact for `problem`, otherwise the reason why it does not apply."""
     if not closed_form.applies(problem.chain):
         return "the chain has more than the nominal links and leaves"
+    if not np.all(problem.takes_part):
+        return "positions excluded from the fit"
     if np.ptp(np.asarray(problem.whitening)) > 0.0:
         return "readings of unequal weight"
     if problem.with_prior:

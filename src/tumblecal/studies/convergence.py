@@ -4,6 +4,9 @@ The paper shows one run; here it is a distribution over thousands. A filter with
 that do not depend on the data: with a prior of equal variance for all parameters and the eigenvectors of
 `H'R^-1 H = V diag(f) V'` its estimate after N data sets is `V diag(1/(1/p^2 + N f)) V' H'R^-1 sum(z)`, the same numbers
 as the recursion's.
+
+A run is a sequence of data sets with the state of the filters between them, which `monte_carlo` does not have. The study and
+`monte_carlo` share the exact fit of many readings, `harmonic_fit.fit_harmonics`.
 """
 
 from collections.abc import Iterable, Mapping

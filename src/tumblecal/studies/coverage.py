@@ -1,4 +1,9 @@
-"""Coverage: bias, sd against predicted, sums of squares and intervals over many simulated calibrations."""
+"""Coverage: the calculation of `simulation.coverage` in chunks, which are stored, resumed, and handed to workers.
+
+A chunk must have the same bits on every worker and a size that does not depend on its trials, so a study stores the sums that
+the public function adds up at once; trials, sums and table are the same functions. With raw samples each position mean is
+that of samples drawn one by one.
+"""
 
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -11,14 +16,13 @@ from scipy.special import chdtrc
 
 from tumblecal.noise import Dwells, Noise
 from tumblecal.noise.sampling import dwell_records
+from tumblecal.simulation.coverage import CHUNK, coverage_table, total_of
 from tumblecal.simulation.experiment import BLOCK, Experiment, experiment
 from tumblecal.simulation.inject import injected_links
+from tumblecal.simulation.sums import CHI2_BINS, LEVELS, Sums, chunk_sums, sums_of
 from tumblecal.studies.study_tables import CoverageTable, entries_of, noise_of, rig_of_study, table_of
-from tumblecal.studies.sums import CHI2_BINS, LEVELS, Sums, added, chunk_sums, sums_of
 
 
-# Trials in a chunk, the unit that is stored and handed to a worker.
-CHUNK = 64 * BLOCK
 # With raw samples a trial takes seconds.
 RAW_CHUNK = 16
 # Time to draw one raw sample of one axis and part, us.
@@ -108,43 +112,20 @@ class Coverage:
 
         **Returns:** what goes into the JSON file, and tables by name.
         """
-        return summary_of(self.experiment, total_of(chunks))
+        return summary_of(self.experiment, chunks)
 
 
 # Fixed part of a chunk file: array headers and the other sums, in numbers of eight bytes.
 CHUNK_OVERHEAD = 400
 
 
-def total_of(chunks: Iterable[Mapping[str, np.ndarray]]) -> Sums:
-    """All chunks together."""
-    total: Sums | None = None
-    for chunk in chunks:
-        sums = Sums(*(jnp.asarray(chunk[name]) for name in Sums._fields))
-        total = sums if total is None else added(total, sums)
-    if total is None:
-        raise ValueError("a study has at least one chunk")
-    return total
-
-
-def summary_of(experiment: Experiment, sums: Sums) -> tuple[dict[str, Any], dict[str, pl.DataFrame]]:
-    """Statistics of a coverage study from its sums."""
+def summary_of(
+    experiment: Experiment, chunks: Iterable[Mapping[str, np.ndarray]]
+) -> tuple[dict[str, Any], dict[str, pl.DataFrame]]:
+    """Statistics of a coverage study from the sums of its chunks, added in their order."""
+    sums = total_of(Sums(*(jnp.asarray(chunk[name]) for name in Sums._fields)) for chunk in chunks)
     n = float(sums.trials - sums.failed)
-    sd = np.sqrt(np.diag(experiment.covariance))
     z_mean = np.asarray(sums.error) / n
-    z_sd = np.sqrt(np.maximum(np.diag(sums.products) / n - z_mean**2, 0.0) * n / max(n - 1, 1))
-    columns: dict[str, Any] = {
-        "parameter": list(experiment.names),
-        "unit": list(experiment.units),
-        "truth": experiment.truth,
-        "predicted_sd": sd,
-        "bias": z_mean * sd,
-        "bias_se": z_sd * sd / np.sqrt(n),
-        "sd": z_sd * sd,
-        "sd_over_predicted": z_sd,
-    }
-    for kind, name in enumerate(("stated", "estimated")):
-        for row, level in enumerate(LEVELS):
-            columns[f"covered_{round(100 * level)}_{name}"] = np.asarray(sums.covered)[kind, row] / n
     free, dof = len(experiment.names), experiment.dof
     counts = np.diff(np.concatenate([[0.0], sums.below, [n]]))
     uniform = float(np.sum((counts - n / CHI2_BINS) ** 2) / (n / CHI2_BINS))
@@ -165,4 +146,4 @@ def summary_of(experiment: Experiment, sums: Sums) -> tuple[dict[str, Any], dict
         "levels": list(LEVELS),
         "correlation": (np.asarray(sums.products) / n - np.outer(z_mean, z_mean)).tolist(),
     }
-    return result, {"parameters": pl.DataFrame(columns)}
+    return result, {"parameters": coverage_table(experiment, sums)}

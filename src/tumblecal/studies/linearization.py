@@ -3,6 +3,9 @@
 Readings without noise of random instruments whose errors have a given sd are calibrated by the paper's linear equations
 and by least squares over the chain with a first-order mount; the remaining error is bias. It grows with the square of the
 size. Where it exceeds the sd of the mean of N data sets the equations are the larger error.
+
+The public `simulation.linearisation_error` is that of one Gauss-Newton step for any chain, not of the paper's equations, which
+both fits here are compared with on the same readings in one program. The study shares `chain_fit.fit_chain` with `fit_many`.
 """
 
 from collections.abc import Iterable, Mapping

@@ -1,4 +1,8 @@
-"""Power: how often an effect is detected, and named rightly, over its size."""
+"""Power: how often an effect is detected, and named rightly, over its size.
+
+A trial is a diagnosis of a position set, while `monte_carlo` fits blocks of trials. The study shares `Diagnoser` with
+`diagnose` and `diagnose_many`.
+"""
 
 from collections.abc import Iterable, Mapping
 from functools import partial

@@ -1,4 +1,8 @@
-"""Sweep: a coverage study at every point of a grid over any value of the rig or of the study."""
+"""Sweep: a coverage study at every point of a grid over any value of the rig or of the study.
+
+`simulation.sweep` takes problems that are ready; here a point is a text that a worker turns into its problem. The chunks of a
+point are those of its coverage study, so a sweep is resumed and distributed as it is.
+"""
 
 import copy
 import itertools
@@ -13,7 +17,7 @@ from tumblecal.chain.rig_file import rig_of
 from tumblecal.effects.catalogue import links_and_units
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.text_file import shown
-from tumblecal.studies.coverage import Coverage, summary_of, total_of
+from tumblecal.studies.coverage import Coverage, summary_of
 from tumblecal.studies.study_tables import SweepTable, entries_of, noise_stated, table_faults, table_of
 
 
@@ -70,8 +74,7 @@ class Sweep:
         chunks, points, frames = iter(chunks), [], []
         for number, (values, _) in enumerate(self.points):
             coverage = self._coverage(number)
-            total = total_of(itertools.islice(chunks, self._of_point))
-            result, tables = summary_of(coverage.experiment, total)
+            result, tables = summary_of(coverage.experiment, itertools.islice(chunks, self._of_point))
             points.append({"values": values, **{name: result[name] for name in _OF_RESULT}})
             values_of_point = [pl.lit(_shown(value)).alias(name) for name, value in values.items()]
             frames.append(tables["parameters"].select(pl.lit(number).alias("point"), *values_of_point, pl.all()))
