@@ -10,8 +10,10 @@ from tumblecal.capture.correction.correction import Correction, write_corrected
 from tumblecal.capture.correction.uncorrected import uncorrected
 from tumblecal.data.calibration import Calibration, write_calibration
 from tumblecal.data.raw import read_raw
+from tumblecal.data.temperature_curves import Curve, TemperatureCurves, order_of_covariance
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import Gravity
+from tumblecal.ground.temperature_functions import TemperatureFunctions
 
 
 RNG = np.random.default_rng(4)
@@ -88,9 +90,12 @@ def test_temperature_and_time_in_pieces_are_the_formula(tumblecal, tmp_path, sma
     np.testing.assert_allclose(got["temperature_degc"], degc)
 
 
-@pytest.mark.parametrize(("term", "words"), [(BY_DEGREE, "no column temperature_degc"), (BY_HOUR, "no column time_s")])
+@pytest.mark.parametrize(
+    ("term", "words"),
+    [(BY_DEGREE, "no column temperature_degc"), (BY_HOUR, "no column time_s"), (None, "no column temperature_degc")],
+)
 def test_what_the_model_needs_and_the_data_lack_is_a_line(tumblecal, tmp_path, term, words):
-    write_calibration(tmp_path / "cal.json", calibration(term))
+    write_calibration(tmp_path / "cal.json", calibration(term) if term else cubic())
     (tmp_path / "log.csv").write_text("ax_g,ay_g,az_g\n0,0,1\n")
     outcome = tumblecal("apply", tmp_path / "cal.json", tmp_path / "log.csv")
     assert outcome.code == 2 and len(outcome.lines) == 1
@@ -107,6 +112,63 @@ def test_temperatures_beyond_the_calibrated_are_counted(tumblecal, tmp_path, sma
     outcome = tumblecal("apply", tmp_path / "cal.json", tmp_path / "log.csv")
     (said,) = [line for line in outcome.lines if "WARNING" in line]
     assert "temperatures in 3 of 25 rows (the first: line 14) are beyond the 20 to 30 degC of the calibration" in said
+
+
+def cubic(*, coefficients=(1e-4, -2e-6, 3e-8), sd=(1e-6, 1e-8, 1e-10)):
+    """A calibration whose bias along y is a cubic polynomial of temperature about 25 degC, measured from 0 to 60 degC."""
+    curve = Curve("bias_y", TemperatureFunctions(3, 25.0, (0.0, 60.0)), np.array(coefficients))
+    covariance = np.diag([*[1e-5**2] * 9, *np.square(sd)])
+    curves = TemperatureCurves((curve,), covariance, order_of_covariance([curve]))
+    lower = np.tril(MATRIX)
+    return Calibration(lower, BIAS, np.zeros((12, 12)), temperature=curves)
+
+
+@pytest.mark.parametrize("suffix", ["csv", "parquet", "txt"])
+def test_a_bias_that_follows_temperature_in_pieces_is_the_formula(tumblecal, tmp_path, small_pieces, suffix):
+    _, _, readings = samples()
+    degc = RNG.uniform(0, 60, 40)
+    frame = pl.DataFrame(dict(zip(["temperature_degc", "ax_g", "ay_g", "az_g"], [degc, *readings.T], strict=True)))
+    path, cal, own = tmp_path / f"log.{suffix}", tmp_path / "cal.json", cubic()
+    if suffix == "parquet":
+        frame.write_parquet(path)
+    else:
+        frame.write_csv(path, **({} if suffix == "csv" else {"separator": ";", "include_header": False}))
+    write_calibration(cal, own)
+    how = [] if suffix != "txt" else ["--columns", "temperature=1,ax=2,ay=3,az=4", "--unit", "g"]
+    outcome = tumblecal("apply", cal, path, *how)
+    assert outcome.code == 0 and not [line for line in outcome.lines if "WARNING" in line]
+    bias = np.tile(BIAS, (40, 1))
+    bias[:, 1] += 1e-4 * (degc - 25) - 2e-6 * (degc - 25) ** 2 + 3e-8 * (degc - 25) ** 3
+    out = tmp_path / ("log_corrected.csv" if suffix == "csv" else "log_corrected.parquet")
+    got = pl.read_csv(out, comment_prefix="#") if suffix == "csv" else pl.read_parquet(out)
+    np.testing.assert_allclose(
+        got.select(f"a{a}_g" for a in "xyz").to_numpy(), (readings - bias) @ np.tril(MATRIX).T, rtol=0, atol=1e-14
+    )
+
+
+def test_rows_outside_the_measured_temperatures_need_an_option(tumblecal, tmp_path, small_pieces):
+    write_calibration(tmp_path / "cal.json", cubic())
+    rows = [f"{degc},0,0,1" for degc in (20, 61, *[25] * 20, -3, 75, 60, 0)]
+    (tmp_path / "log.csv").write_text("temperature_degc,ax_g,ay_g,az_g\n" + "\n".join(rows) + "\n")
+    arguments = ["apply", tmp_path / "cal.json", tmp_path / "log.csv", "--out", tmp_path / "out.csv"]
+    outcome = tumblecal(*arguments)
+    assert outcome.code == 2 and len(outcome.lines) == 1 and not (tmp_path / "out.csv").exists()
+    assert (
+        "log.csv: temperatures in 3 of 26 rows (the first: line 3) are outside the measured 0 to 60 degC, up to 75 degC, "
+        f"where {tmp_path / 'cal.json'} was not measured; remove these rows, or give --extrapolate" in outcome.lines[0]
+    )
+    outcome = tumblecal(*arguments, "--extrapolate")
+    (said,) = [line for line in outcome.lines if "WARNING" in line]
+    # sd of the bias: (1e-5)^2 + (1e-6 h)^2 + (1e-8 h^2)^2 + (1e-10 h^3)^2 with h of 50 and 35 degC
+    at_75, at_60 = (1e3 * np.sqrt(1e-10 + 1e-12 * h**2 + 1e-16 * h**4 + 1e-20 * h**6) for h in (50, 35))
+    assert f"standard uncertainties there are {at_75:.2g} mg for bias_y ({at_60:.2g} at 60 degC)" in said
+    got = pl.read_csv(tmp_path / "out.csv", comment_prefix="#")["ay_g"][23]
+    bias = BIAS[1] + 1e-4 * 50 - 2e-6 * 50**2 + 3e-8 * 50**3
+    lower = np.tril(MATRIX)
+    assert got == pytest.approx(lower[1] @ (np.array([0, 0, 1]) - [BIAS[0], bias, BIAS[2]]), abs=1e-14)
+    (tmp_path / "log.csv").write_text("temperature_degc,ax_g,ay_g,az_g\n20,0,0,1\nnan,0,0,1\n")
+    outcome = tumblecal(*arguments[:3], "--extrapolate")
+    assert outcome.code == 2 and "line 3, column temperature_degc: 'nan' is not a finite number" in outcome.lines[0]
 
 
 def test_a_column_that_the_model_does_not_need_may_hold_anything(tumblecal, tmp_path):

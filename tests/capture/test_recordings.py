@@ -107,7 +107,7 @@ def _applied(recording, options, s, out):
     """What `apply` makes of a recording is the formula on its samples."""
     matrix, bias = np.array([[1.001, 2e-3, 0], [0, 0.998, -1e-3], [3e-3, 0, 1.002]]), np.array([0.01, -0.02, 0.03])
     correction = Correction(Calibration(matrix, bias, np.zeros((12, 12))), recording)
-    checks, _ = write_corrected(out, uncorrected(recording, options), correction)
+    checks, *_ = write_corrected(out, uncorrected(recording, options), correction)
     corrected = pl.read_parquet(out)
     unit = next(column.rpartition("_")[2] for column in corrected.columns if column.startswith("ax_"))
     force = corrected.select(f"a{axis}_{unit}" for axis in "xyz").to_numpy() / (G if unit == "ms2" else 1.0)

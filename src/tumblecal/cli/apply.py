@@ -21,10 +21,13 @@ def apply(
     out: Path | None = None,
     options: Annotated[RecordingOptions, Parameter(name="*")] = RecordingOptions(),
     other_unit: Annotated[bool, Parameter(negative=())] = False,
+    extrapolate: Annotated[bool, Parameter(negative=())] = False,
     use_anyway: Annotated[bool, Parameter(negative=())] = False,
     quiet: Quiet = False,
 ) -> None:
     """Correct raw readings by a calibration file: f = matrix (A - bias), with its nonlinear, thermal and drift terms if any.
+
+    If its parameters follow temperature, matrix and bias are those at the temperature of each row (column temperature_degc).
 
     Files of any size are processed in pieces. The number of rows beyond the calibrated range, saturated rows and rows that
     look like a different unit is reported. If a device is used under a different gravity, give that value to --gravity:
@@ -44,6 +47,9 @@ def apply(
         Corrected file (.csv or .parquet). Default: RAW with _corrected added to its name. Example: --out corrected.csv.
     other_unit
         Correction of readings whose serial number differs from that of the calibration. Default: an error.
+    extrapolate
+        Correction of rows at temperatures outside the measured range of a calibration whose parameters follow temperature;
+        their uncertainty is larger and is reported. Default: an error.
     use_anyway
         Use of a calibration with the judgement `use: no`. Default: an error.
     """
@@ -62,7 +68,7 @@ def apply(
     local = gravity_of_option(options.gravity) if options.gravity else None
     read = read_calibration(calibration)
     read.use.require(calibration, anyway=use_anyway)
-    correction = Correction(read, calibration, local, other_unit)
+    correction = Correction(read, calibration, local, other_unit, extrapolate)
     calibrated_gravity = correction.calibration.gravity
     if local is not None and calibrated_gravity is None:
         raise InputError(
@@ -76,8 +82,8 @@ def apply(
         raise InputError(f"{out}: must end in .csv or .parquet")
     writable_file(out)
     with guessed(source.contents.layout.guesses if source.contents else ()):
-        checks, one_g = write_corrected(out, source, correction)
-    for words in checks.words():
+        checks, outside, one_g = write_corrected(out, source, correction)
+    for words in [*checks.words(), *(outside.words() if outside else ())]:
         print(f"WARNING: {raw}: {words}", file=sys.stderr)
     if undetermined := correction.calibration.sensor.of(SENSOR).undetermined_words:
         print(f"WARNING: {calibration}: the data did not determine {undetermined}", file=sys.stderr)

@@ -9,6 +9,7 @@ import polars as pl
 from jaxtyping import Float
 
 from tumblecal.capture.correction.corrected_text import HeaderChanges, replaced_text
+from tumblecal.capture.correction.outside_range import OutsideRange
 from tumblecal.capture.correction.uncorrected import COUNTS, Uncorrected
 from tumblecal.capture.decoding.sample_table import write_bytes, write_frames
 from tumblecal.capture.rows.sample_frames import SOURCE_COLUMNS, WHOLE
@@ -37,25 +38,31 @@ class Correction:
 
     - `calibration` was read from `path`. `local`: gravity at the place of use; readings in g are then written in g of that
       place.
-    - `other_unit`: correct readings of another serial number.
+    - `other_unit`: correct readings of another serial number. `extrapolate`: correct readings at temperatures outside the
+      measured range of the calibration's curves of temperature.
     """
 
     calibration: Calibration
     path: Path
     local: Gravity | None = None
     other_unit: bool = False
+    extrapolate: bool = False
 
 
-def write_corrected(out: Path, source: Uncorrected, correction: Correction) -> tuple[ReadingChecks, Gravity | None]:
+def write_corrected(
+    out: Path, source: Uncorrected, correction: Correction
+) -> tuple[ReadingChecks, OutsideRange | None, Gravity | None]:
     """Write a source with its readings replaced by corrected ones.
 
     A table of text or Parquet retains all other content: in the same format, text is unchanged byte for byte, and readings
     retain unit and names. In a different format, or for counts, the readings are named `ax_g, ay_g, az_g` (or `_mg`,
     `_ms2`). For other recordings the sample table is written.
 
-    **Returns:** counts of the checks, and one g in m/s^2 for readings in m/s^2 (None for others).
+    **Returns:** counts of the checks, those of extrapolated rows (None without curves of temperature), and one g in m/s^2 for
+    readings in m/s^2 (None for others).
 
-    **Raises:** `InputError` if rows cannot be corrected, or are from a different unit; nothing is written then.
+    **Raises:** `InputError` if rows cannot be corrected, are at temperatures outside the curves of temperature and
+    `extrapolate` is not set, or are from a different unit; nothing is written then.
     """
     calibration, header = correction.calibration, source.header.in_g_of(correction.calibration.gravity)
     _same_unit(correction, header)
@@ -64,6 +71,7 @@ def write_corrected(out: Path, source: Uncorrected, correction: Correction) -> t
     unit_g = _written_unit_g(header, calibration.gravity, local)
     needed = calibration.columns_needed
     checks = ReadingChecks(header.columns, header.row_word, *_temperatures(calibration))
+    outside = OutsideRange(calibration.temperature, header.row_word) if calibration.temperature else None
 
     def corrected(frame: pl.DataFrame) -> Float[np.ndarray, "rows 3"]:
         piece = header.with_rows(frame, checks.rows)
@@ -71,11 +79,21 @@ def write_corrected(out: Path, source: Uncorrected, correction: Correction) -> t
         inputs = {name: piece.numbers(name) for name in needed}
         if checks.range_degc and TEMPERATURE in frame.columns:
             checks.add_temperatures(inputs.get(TEMPERATURE, piece.numbers_if_any(TEMPERATURE)), piece.row_numbers)
-        force = calibration.corrected(piece.readings, **inputs)
+        if outside is not None:
+            outside.add(inputs[TEMPERATURE], piece.row_numbers)
+            if not correction.extrapolate:
+                # Rows outside cause an error after the last one, with their number.
+                inputs[TEMPERATURE] = np.clip(inputs[TEMPERATURE], *outside.curves.range_degc)
+        force = calibration.corrected(piece.readings, **inputs, extrapolate=True)
         return force if unit_g == 1 else force / unit_g
 
+    def frames(whole: bool) -> Iterator[pl.DataFrame]:
+        yield from source.frames(whole)
+        if outside is not None and not correction.extrapolate:
+            outside.require_none(header.path, correction.path)
+
     def all_rows() -> Iterator[Float[np.ndarray, "rows 3"]]:
-        for frame in source.frames(False):
+        for frame in frames(False):
             if WHOLE not in frame.columns:
                 yield corrected(frame)
                 continue
@@ -96,14 +114,20 @@ def write_corrected(out: Path, source: Uncorrected, correction: Correction) -> t
         types = {**(source.schema or header.frame.schema), **dict.fromkeys(columns, pl.Float64)}
         renamed = dict(zip(columns, names, strict=True))
         schema = pl.Schema({renamed.get(name, name): kind for name, kind in types.items()})
-        frames = (_with_force(frame, corrected, renamed) for frame in source.frames(True))
-        write_frames(out, frames, schema, comments, [*_comment_lines(header, notes, local), *notes])
-    return checks, (header.gravity or STANDARD) if header.in_ms2 else None
+        tables = (_with_force(frame, corrected, renamed) for frame in frames(True))
+        write_frames(out, tables, schema, comments, [*_comment_lines(header, notes, local), *notes])
+    return checks, outside, (header.gravity or STANDARD) if header.in_ms2 else None
 
 
 def _temperatures(calibration: Calibration) -> tuple[Sequence[float], float]:
     """The temperatures within which a calibration is valid, and its margin beyond: those of its use, otherwise those of its
-    data. For a file that does not state its use, the latter apply if it has thermal terms."""
+    data. For a file that does not state its use, the latter apply if it has thermal terms. Curves have a range of their
+    own (`OutsideRange`)."""
+    if calibration.temperature is not None and calibration.use.temperature_degc in (
+        None,
+        calibration.temperature.range_degc,
+    ):
+        return (), 0.0
     if calibration.use.temperature_degc is not None:
         return calibration.use.temperature_degc, 0.0
     counts = calibration.use.answer is not None or TEMPERATURE in calibration.columns_needed
