@@ -155,7 +155,7 @@ def test_a_budget_s_uncertainties_are_taken(tumblecal, tmp_path, calibrated, adm
     outcome = tumblecal("certificate", calibrated, "--admin", admin, "--budget", tmp_path / "b" / "budget.json")
     assert outcome.code == 0 and "type A" not in outcome.out
     results = results_of(calibrated, tmp_path / "b" / "budget.json", {})
-    for result in results.results:
+    for result in results.tables[0].results:
         assert result.expanded == pytest.approx(budget[result.name]["U"], rel=1e-6)
     for keys, to, words in (
         (("parameters", "bias_y", "k"), -2.0, "parameters.bias_y.k: -2 is no coverage factor"),
@@ -196,10 +196,10 @@ def test_a_budget_made_with_another_noise_gives_its_inputs_alone(tumblecal, tmp_
     for noise in ("0.01mg", "1mg", ""):
         assert tumblecal(*given, *(["--noise-sd", noise] if noise else []), "--out", tmp_path / "b").code == 0
         results = results_of(calibrated, tmp_path / "b" / "budget.json", {})
-        for result in results.results:
+        for result in results.tables[0].results:
             assert result.k == pytest.approx(right[result.name]["k"], rel=1e-6)
             assert result.expanded == pytest.approx(right[result.name]["U"], rel=1e-6)
-        assert max(result.k for result in results.results) > 2.5
+        assert max(result.k for result in results.tables[0].results) > 2.5
         outcome = tumblecal("certificate", calibrated, "--admin", admin, "--budget", tmp_path / "b" / "budget.json")
         assert outcome.code == 0 and len(outcome.lines) == 1
         assert re.search(

@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 
 from tumblecal.data.calibration import Calibration, calibration_text, read_calibration
+from tumblecal.data.calibration_table import calibration_table
 from tumblecal.data.sensor_parameters import SENSOR, SensorParameters
 from tumblecal.data.temperature_curves import Curve, Hysteresis, TemperatureCurves, order_of_covariance
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.temperature_functions import TemperatureFunctions
+from tumblecal.history.comparison import common_temperature
 
 
 T0, RANGE = 22.0, (-10.0, 60.0)
@@ -216,3 +218,35 @@ def test_a_fault_names_the_key(tmp_path, root):
         r"\.hysteresis\.0\.half_width: must be 0 or more", lambda part: part["hysteresis"][0].update(half_width=-1.0)
     )
     faults(r": unit '1' of bias_x: it must be 'g'", lambda part: part["hysteresis"][0].update(unit="1"))
+
+
+def test_the_lookup_table_is_the_calibration_at_each_temperature(root):
+    own = calibration(curves(root, (Hysteresis("bias_y", 6e-5, "g"),)))
+    rows = calibration_table(own, [-10.0, 30.0, 60.0])
+    names = [*(f"dK_{a}" for a in "xyz"), *(f"bias_{a}_g" for a in "xyz"), *(f"gamma_{k}_rad" for k in (21, 31, 32))]
+    assert [*rows[0]] == ["temperature_degc", *(column for name in names for column in (name, f"u_{name}"))]
+    for row in rows:
+        sensor = own.at(row["temperature_degc"]).sensor
+        np.testing.assert_allclose(
+            [row[name] for name in names], parameters_at([row["temperature_degc"]])[0], atol=1e-15
+        )
+        np.testing.assert_allclose([row[f"u_{name}"] for name in names], sensor.sd, rtol=1e-12)
+    with pytest.raises(InputError, match="outside the measured"):
+        calibration_table(own, [61.0])
+    with pytest.raises(InputError, match="do not follow temperature"):
+        calibration_table(replace(own, temperature=None), [25.0])
+
+
+def test_calibrations_are_compared_at_a_common_temperature(tumblecal, tmp_path, root):
+    own = calibration(curves(root))
+    (at_30,) = parameters_at([30.0])
+    constant = replace(own.at(30.0), temperature_degc=30.0)
+    for name, each in (("old", own), ("new", constant), ("hot", replace(constant, temperature_degc=70.0))):
+        (tmp_path / f"{name}.json").write_text(calibration_text(each))
+    outcome = tumblecal("compare", tmp_path / "old.json", tmp_path / "new.json")
+    assert outcome.code == 0 and "both at 30 degC; the dependence on temperature is not compared" in outcome.out
+    (line,) = [line for line in outcome.out.splitlines() if line.split()[:1] == ["bias_z"]]
+    assert f"{1e3 * at_30[5]:.3f}" in line
+    assert own.temperature.usual_degc == 25.0 and common_temperature(own, own) == T0
+    outcome = tumblecal("compare", tmp_path / "old.json", tmp_path / "hot.json")
+    assert outcome.code == 2 and len(outcome.lines) == 1 and "no common temperature" in outcome.lines[0]

@@ -10,7 +10,7 @@ from scipy.special import gammaincinv
 
 from tumblecal import __version__
 from tumblecal.certificate.admin import Address, Admin
-from tumblecal.certificate.results import RULE, SCOPE, Results, method_words, serial_number
+from tumblecal.certificate.results import RULE, SCOPE, Results, ResultTable, method_words, serial_number
 from tumblecal.certificate.term_words import term_words
 from tumblecal.certificate.validity import validity_words
 from tumblecal.data.sensor_parameters import GROUPS, leaf_of
@@ -131,7 +131,7 @@ def _statements(parent: Element, admin: Admin, results: Results, limits_source: 
     if results.conformity:
         statement = _dcc(parent, "statement")
         _text(statement, "name", "conformity")
-        validity = validity_words(results.calibration, judged=True)
+        validity = validity_words(results.calibration, judged=True, temperatures_degc=results.temperatures_degc)
         _text(statement, "declaration", f"{RULE}. Limits: {limits_source}{validity and f'. {validity}'}")
         _dcc(statement, "conformity", results.conformity)
 
@@ -150,25 +150,38 @@ def _measurement(parent: Element, admin: Admin, results: Results) -> None:
     conditions = _dcc(parent, "influenceConditions")
     gravity = results.calibration.gravity or STANDARD
     computed = [("one g", str(gravity))]
-    if validity := validity_words(results.calibration, judged=results.conformity is not None):
+    judged = results.conformity is not None
+    if validity := validity_words(results.calibration, judged=judged, temperatures_degc=results.temperatures_degc):
         computed.append(("validity of the values", validity))
     for name, value in (*((c.name, c.value) for c in admin.conditions), *computed):
         condition = _dcc(conditions, "influenceCondition")
         _text(condition, "name", name)
         _text(_dcc(condition, "data"), "text", value)
-    result = _dcc(_dcc(parent, "results"), "result")
-    _text(result, "name", "scale factor errors, biases, non-orthogonalities")
+    listed = _dcc(parent, "results")
+    for table in results.tables:
+        _result(_dcc(listed, "result"), table, results, gravity.value_ms2)
+
+
+def _result(parent: Element, table: ResultTable, results: Results, gravity_ms2: float) -> None:
+    _text(parent, "name", f"scale factor errors, biases, non-orthogonalities{table.at}")
     terms = "".join(f"; in addition in {words}" for words in term_words(results.calibration))
-    _text(result, "description", f"A = diag(1 + dK) T f + bias, T = [1 0 0; gamma_21 1 0; gamma_31 gamma_32 1]{terms}")
-    quantity = _dcc(_dcc(result, "data"), "quantity")
-    _text(quantity, "name", ", ".join(result.name for result in results.results))
-    _list(_si(_si(quantity, "list"), "realList"), results, gravity.value_ms2)
-    _metadata(quantity, results)
+    _text(parent, "description", f"A = diag(1 + dK) T f + bias, T = [1 0 0; gamma_21 1 0; gamma_31 gamma_32 1]{terms}")
+    data = _dcc(parent, "data")
+    if table.temperature_degc is not None:
+        temperature = _dcc(data, "quantity")
+        _text(temperature, "name", "temperature")
+        real = _si(temperature, "real")
+        _si(real, "value", repr(table.temperature_degc))
+        _si(real, "unit", r"\degreecelsius")
+    quantity = _dcc(data, "quantity")
+    _text(quantity, "name", ", ".join(result.name for result in table.results))
+    _list(_si(_si(quantity, "list"), "realList"), table, results.level, gravity_ms2)
+    _metadata(quantity, table)
 
 
-def _metadata(quantity: Element, results: Results) -> None:
+def _metadata(quantity: Element, table: ResultTable) -> None:
     """The conformity of each parameter with a limit."""
-    limited = [result for result in results.results if result.conformity]
+    limited = [result for result in table.results if result.conformity]
     if limited:
         listed = _dcc(quantity, "measurementMetaData")
         for result in limited:
@@ -178,10 +191,10 @@ def _metadata(quantity: Element, results: Results) -> None:
             _dcc(data, "conformity", result.conformity or "")
 
 
-def _list(parent: Element, results: Results, gravity_ms2: float) -> None:
-    factors = np.array([gravity_ms2 if result.unit == "g" else 1.0 for result in results.results])
-    units = [_UNITS[result.unit] for result in results.results]
-    for result, factor, unit in zip(results.results, factors, units, strict=True):
+def _list(parent: Element, table: ResultTable, level: float, gravity_ms2: float) -> None:
+    factors = np.array([gravity_ms2 if result.unit == "g" else 1.0 for result in table.results])
+    units = [_UNITS[result.unit] for result in table.results]
+    for result, factor, unit in zip(table.results, factors, units, strict=True):
         real = _si(parent, "real")
         _si(real, "label", result.name)
         _si(real, "value", repr(result.value * float(factor)))
@@ -189,13 +202,13 @@ def _list(parent: Element, results: Results, gravity_ms2: float) -> None:
         expanded = _si(real, "expandedUnc")
         _si(expanded, "uncertainty", repr(result.expanded * float(factor)))
         _si(expanded, "coverageFactor", f"{max(result.k, 1.0):.4f}")
-        _si(expanded, "coverageProbability", f"{results.level:.6f}")
+        _si(expanded, "coverageProbability", f"{level:.6f}")
     region = _si(parent, "ellipsoidalRegion")
-    _covariance(_si(region, "covarianceMatrix"), results.covariance * np.outer(factors, factors), units)
+    _covariance(_si(region, "covarianceMatrix"), table.covariance * np.outer(factors, factors), units)
     # Radius of the ellipsoid with this coverage probability for a normal distribution: chi-square with len(units) dof.
-    radius = float(np.sqrt(2 * gammaincinv(len(units) / 2, results.level)))
+    radius = float(np.sqrt(2 * gammaincinv(len(units) / 2, level)))
     _si(region, "coverageFactor", f"{radius:.4f}")
-    _si(region, "coverageProbability", f"{results.level:.6f}")
+    _si(region, "coverageProbability", f"{level:.6f}")
 
 
 def _covariance(parent: Element, covariance: np.ndarray, units: Sequence[str]) -> None:

@@ -2,7 +2,7 @@
 page and its DCC share."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -62,16 +62,33 @@ class Result:
 
 
 @dataclass(frozen=True)
+class ResultTable:
+    """The results at one temperature, their covariance (base units), and the calibration there.
+
+    `temperature_degc`: None if the parameters do not follow temperature.
+    """
+
+    results: tuple[Result, ...]
+    covariance: Float[np.ndarray, "n n"]
+    calibration: Calibration
+    temperature_degc: float | None = None
+
+    @property
+    def at(self) -> str:
+        """The temperature in words: ` at 25 degC`; "" without one."""
+        return "" if self.temperature_degc is None else f" at {self.temperature_degc:.4g} degC"
+
+
+@dataclass(frozen=True)
 class Results:
-    """Content of a certificate: results, their covariance (base units), the calibration, and words on both.
+    """Content of a certificate: a table of results for each stated temperature, the calibration, and words on both.
 
     `budgeted`: whether uncertainties include the inputs of a budget, or only the noise of the data. `reservation`:
     reservations about the calibration; "" if there are none. `other_noise`: words on the noise of a budget that differs from
     that of the calibration; "" if it does not.
     """
 
-    results: tuple[Result, ...]
-    covariance: Float[np.ndarray, "n n"]
+    tables: tuple[ResultTable, ...]
     level: float
     calibration: Calibration
     outcome: str
@@ -82,8 +99,15 @@ class Results:
     @property
     def conformity(self) -> str | None:
         """The worst verdict of all results with a limit."""
-        given = [_RANKED.index(result.conformity) for result in self.results if result.conformity]
+        given = [
+            _RANKED.index(result.conformity) for table in self.tables for result in table.results if result.conformity
+        ]
         return _RANKED[max(given)] if given else None
+
+    @property
+    def temperatures_degc(self) -> list[float]:
+        """The temperatures of the tables; none if the parameters do not follow temperature."""
+        return [table.temperature_degc for table in self.tables if table.temperature_degc is not None]
 
     @property
     def uncertainty_words(self) -> str:
@@ -93,7 +117,11 @@ class Results:
         more += ["the contributions of other explanations and undetected effects"] * (
             PARTS in self.calibration.provenance
         )
-        more += ["the inputs of the budget"] * self.budgeted
+        curves = self.calibration.temperature
+        at_reference = "" if curves is None else f" (their contributions at {curves.reference_degc:.4g} degC)"
+        more += [f"the inputs of the budget{at_reference}"] * self.budgeted
+        if curves is not None and curves.hysteresis:
+            more.append("half of the difference between rising and falling temperature, as a uniform distribution")
         sources = f"data and {' and '.join(more)}" if more else "data only (type A)"
         undetermined = ", ".join(self.calibration.sensor.of(SENSOR).undetermined)
         caveat = (
@@ -135,34 +163,71 @@ def serial_number(admin: Admin, results: Results) -> str:
     return admin.item.serial_number or results.calibration.serial_number or "not stated"
 
 
-def results_of(folder: Path, budget: Path | None, limits: Mapping[str, float], *, use_anyway: bool = False) -> Results:
+def results_of(
+    folder: Path,
+    budget: Path | None,
+    limits: Mapping[str, float],
+    *,
+    use_anyway: bool = False,
+    temperatures_degc: Sequence[float] = (),
+) -> Results:
     """The results in a folder of calibrate or diagnose.
 
     **Arguments:**
 
     - `budget`: budget.json of the same data; None: that of `folder`, if any. `limits`: by parameter, base units.
     - `use_anyway`: whether to accept a calibration that must not be used.
+    - `temperatures_degc`: of the tables; none: the reference temperature of parameters that follow temperature.
 
-    **Raises:** `InputError` for a missing calibration, one that must not be used, or a budget of different data.
+    **Raises:** `InputError` for a missing calibration, one that must not be used, a budget of different data, or temperatures
+    at which the calibration was not measured.
     """
     path = folder / "calibration.json"
     calibration = with_dof_of_result(path, read_calibration(path))
     reserved = reservation(folder, calibration, use_anyway=use_anyway)
-    sensor, level, other = calibration.sensor.of(SENSOR), LEVEL, ""
-    factors = coverage_factors(np.full(len(SENSOR), sensor.dof), level)
     in_folder = folder / NAME
     budget = in_folder if budget is None and in_folder.exists() else budget
-    if budget is not None:
-        used = _of_same(budget, calibration)
-        factors, level, other = used.coverage(sensor, sensor.dof), used.level, used.other_noise(calibration)
-        sensor = used.combined(sensor)
+    used = None if budget is None else _of_same(budget, calibration)
+    tables = tuple(
+        _table(calibration if degc is None else calibration.at(degc), used, limits, degc)
+        for degc in _temperatures(path, calibration, temperatures_degc)
+    )
+    lacking = [f"{words[:1].upper()}{words[1:]}." for words in losses_words(calibration.not_applied)]
+    outcome = " ".join([_outcome(folder, calibration), *lacking])
+    level, other = (LEVEL, "") if used is None else (used.level, used.other_noise(calibration))
+    return Results(tables, level, calibration, outcome, budget is not None, reserved, other)
+
+
+def _temperatures(path: Path, calibration: Calibration, stated: Sequence[float]) -> Sequence[float | None]:
+    """The temperatures of the tables; one None if the parameters do not follow temperature."""
+    curves = calibration.temperature
+    if curves is None:
+        if stated:
+            raise InputError(f"{path}: its parameters do not follow temperature; remove --temperatures")
+        return [None]
+    if np.any(beyond := curves.beyond(np.array(stated, float))):
+        first = stated[int(np.argmax(beyond))]
+        raise InputError(
+            f"--temperatures: {first:g} degC is outside the measured {curves.range_words} of {path}; a certificate states "
+            "values at measured temperatures only"
+        )
+    return stated or [curves.reference_degc]
+
+
+def _table(
+    calibration: Calibration, budget: BudgetResult | None, limits: Mapping[str, float], degc: float | None
+) -> ResultTable:
+    """The results of a calibration with its noise, and the inputs of a budget if there is one."""
+    sensor = calibration.sensor.of(SENSOR)
+    if budget is None:
+        factors = coverage_factors(sensor.effective_dof, LEVEL)
+    else:
+        factors, sensor = budget.coverage(sensor, sensor.dof), budget.combined(sensor)
     results = tuple(
         Result(name, GROUPS[leaf_of(name)][1], float(value), float(k * sd), float(k), limits.get(name))
         for name, value, sd, k in zip(sensor.names, sensor.values, sensor.sd, factors, strict=True)
     )
-    lacking = [f"{words[:1].upper()}{words[1:]}." for words in losses_words(calibration.not_applied)]
-    outcome = " ".join([_outcome(folder, calibration), *lacking])
-    return Results(results, sensor.covariance, level, calibration, outcome, budget is not None, reserved, other)
+    return ResultTable(results, sensor.covariance, calibration, degc)
 
 
 def _outcome(folder: Path, calibration: Calibration) -> str:

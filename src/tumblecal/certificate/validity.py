@@ -1,5 +1,7 @@
 """Temperature and time for which the stated values are valid, if the fitted model depends on them."""
 
+from collections.abc import Sequence
+
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.calibration_terms import Term
 from tumblecal.ground.axes import AXES
@@ -9,8 +11,30 @@ from tumblecal.ground.units import in_words, shown
 _POWERS = {1: "", 2: " squared", 3: " cubed"}
 
 
-def validity_words(calibration: Calibration, *, judged: bool) -> str:
-    """The validity in words; "" if no term depends on temperature or time. `judged`: with a statement of conformity."""
+def validity_words(calibration: Calibration, *, judged: bool, temperatures_degc: Sequence[float] = ()) -> str:
+    """The validity in words; "" if no parameter or term depends on temperature or time.
+
+    **Arguments:**
+
+    - `judged`: with a statement of conformity. `temperatures_degc`: of the values of parameters that follow temperature.
+    """
+    stated = "The values, and the statement of conformity," if judged else "The values"
+    return " ".join(filter(None, [_of_curves(calibration, stated, temperatures_degc), _of_terms(calibration, stated)]))
+
+
+def _of_curves(calibration: Calibration, stated: str, temperatures_degc: Sequence[float]) -> str:
+    if calibration.temperature is None:
+        return ""
+    places = [f"{degc:.4g}" for degc in temperatures_degc or [calibration.temperature.reference_degc]]
+    listed = f"{', '.join(places[:-1])} and {places[-1]}" if len(places) > 1 else places[0]
+    names = ", ".join(curve.parameter for curve in calibration.temperature.curves if curve.functions.count)
+    return (
+        f"{stated} are valid at {listed} degC: {names or 'no parameter'} changes with temperature, measured from "
+        f"{calibration.temperature.range_words}."
+    )
+
+
+def _of_terms(calibration: Calibration, stated: str) -> str:
     thermal = [term for term in calibration.terms if term.thermal]
     drifting = [term for term in calibration.terms if term.per_hour]
     places = [
@@ -26,7 +50,6 @@ def validity_words(calibration: Calibration, *, judged: bool) -> str:
             within = f" (the data: {low:.3g} to {high:.3g} degC)"
         case _:
             within = ""
-    stated = "The values, and the statement of conformity," if judged else "The values"
     return f"{stated} are valid at {' and '.join(places)}: {', '.join(changes)}{within}."
 
 

@@ -1,5 +1,6 @@
 """`tumblecal certificate`: calibration certificates, printed and digital."""
 
+import math
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -25,6 +26,7 @@ def certificate(
     admin: Path,
     limits: Path | None = None,
     budget: Path | None = None,
+    temperatures: str | None = None,
     out: Path | None = None,
     use_anyway: Annotated[bool, Parameter(negative=())] = False,
     quiet: Quiet = False,
@@ -43,6 +45,9 @@ def certificate(
     budget
         budget.json of the same data, with the expanded uncertainties to state. Default: that of the folder, if any. Example:
         --budget budget/budget.json.
+    temperatures
+        Temperatures (degC) at which values are stated, if the parameters follow temperature, separated by commas. Default:
+        the reference temperature of the calibration. Example: --temperatures 0,25,60.
     out
         Output folder. Default: FOLDER. Example: --out certificates/A17.
     use_anyway
@@ -63,7 +68,8 @@ def certificate(
         raise InputError(f"{folder}: a file; give the output folder of calibrate or diagnose, {folder.parent}")
     stated = read_admin(admin)
     source, sizes = read_limits(limits) if limits else ("", {})
-    results = results_of(folder, budget, sizes, use_anyway=use_anyway)
+    degc = _temperatures(temperatures) if temperatures is not None else ()
+    results = results_of(folder, budget, sizes, use_anyway=use_anyway, temperatures_degc=degc)
     calibrated, certified = results.calibration.serial_number, stated.item.serial_number
     if calibrated and certified and calibrated != certified:
         raise InputError(f"{admin}: item.serial_number is {certified}, but {folder} is of unit {calibrated}")
@@ -85,8 +91,25 @@ def certificate(
         )
         print(f"the uncertainties include {included}; run tumblecal budget to add type B contributions")
     print("\n".join([f"use: {results.calibration.use.words}", *losses_words(results.calibration.not_applied)]))
+    if results.calibration.temperature is not None:
+        default = "" if temperatures else " (the reference; --temperatures states others)"
+        print(f"values at {', '.join(f'{degc:g}' for degc in results.temperatures_degc)} degC{default}")
     judged = f"conformity: {VERDICTS[results.conformity]}; " if results.conformity else ""
     print(f"{judged}written: {out}/: certificate.html, dcc.xml")
+
+
+def _temperatures(text: str) -> list[float]:
+    """The temperatures of `--temperatures`, degC, in increasing order.
+
+    **Raises:** `InputError` for another text.
+    """
+    try:
+        numbers = sorted({float(part) for part in text.split(",")})
+    except ValueError:
+        numbers = []
+    if not numbers or not all(map(math.isfinite, numbers)):
+        raise InputError(f"--temperatures {text}: write temperatures in degC separated by commas, such as 0,25,60")
+    return numbers
 
 
 def _warnings(results: "Results", elsewhen: str) -> Iterator[str]:

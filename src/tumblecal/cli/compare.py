@@ -25,6 +25,7 @@ def compare(old: str, new: str, /, *, quiet: Quiet = False) -> None:
     from tumblecal.data.result_records import with_dof_of_result
     from tumblecal.devices import read_any
     from tumblecal.ground.gravity import STANDARD
+    from tumblecal.history.comparison import common_temperature
     from tumblecal.history.comparison import compare as compared
     from tumblecal.report.history_words import comparison_text
 
@@ -34,15 +35,18 @@ def compare(old: str, new: str, /, *, quiet: Quiet = False) -> None:
     if "format" in second.provenance:
         second = read_any(new, (first.gravity or STANDARD).value_ms2)
     first, second = (with_dof_of_result(Path(given), read) for given, read in ((old, first), (new, second)))
-    both, notes = zip(*(_sensor(*pair) for pair in ((old, first), (new, second))), strict=True)
+    degc = common_temperature(first, second)
+    both, notes = zip(*(_sensor(*pair, degc) for pair in ((old, first), (new, second))), strict=True)
     print(comparison_text(compared(*both)))
     for warning in _warnings(old, first, new, second):
         print(f"WARNING: {warning}", file=sys.stderr)
+    if degc is not None:
+        print(f"both at {degc:.4g} degC; the dependence on temperature is not compared")
     print("\n".join(notes))
 
 
-def _sensor(given: str, calibration: "Calibration") -> "tuple[SensorParameters, str]":
-    """The parameters of a calibration, and a note on the parts of their uncertainty."""
+def _sensor(given: str, calibration: "Calibration", degc: float | None) -> "tuple[SensorParameters, str]":
+    """The parameters of a calibration, at this temperature if they follow it, and a note on the parts of their uncertainty."""
     from tumblecal.data.budget_result import NAME, with_budget_in_folder
     from tumblecal.data.not_applied import losses_words
     from tumblecal.data.uncertainty_parts import contribution_words
@@ -59,10 +63,11 @@ def _sensor(given: str, calibration: "Calibration") -> "tuple[SensorParameters, 
     use = "".join([f"\n{given}: {note}" for note in notes])
     undetermined = f"; its data did not determine {words}" if words else ""
     undetermined += dof_words(calibration.sensor.dof)
-    if budgeted := with_budget_in_folder(Path(given), calibration):
+    if budgeted := with_budget_in_folder(Path(given), calibration, degc):
         parts = contribution_words(calibration, NAME)
         return budgeted, f"{given}: combined standard uncertainty of {parts} in its folder{undetermined}{use}"
-    return calibration.sensor, f"{given}: its uncertainty includes {contribution_words(calibration)}{undetermined}{use}"
+    sensor = calibration.sensor if degc is None else calibration.at(degc).sensor
+    return sensor, f"{given}: its uncertainty includes {contribution_words(calibration)}{undetermined}{use}"
 
 
 def _warnings(old: str, first: "Calibration", new: str, second: "Calibration") -> list[str]:

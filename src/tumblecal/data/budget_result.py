@@ -129,8 +129,9 @@ class BudgetResult:
 
         - `dof`: degrees of freedom of the noise of the calibration; infinite if the noise is stated.
         """
-        sizes = np.vstack([calibrated.sd, self.contributions[:, self.type_b.places(calibrated.names)]])
-        return coverage_factors(effective_dof(sizes, np.array([dof, *self.dof])), self.level)
+        inputs = self.contributions[:, self.type_b.places(calibrated.names)]
+        sizes = np.vstack([*calibrated.sizes, inputs])
+        return coverage_factors(effective_dof(sizes, np.array([dof, np.inf, *self.dof])), self.level)
 
     def combined(self, calibrated: SensorParameters) -> SensorParameters:
         """The parameters of a calibration with their combined covariance: that of the calibration (`noise`) and the inputs."""
@@ -138,7 +139,8 @@ class BudgetResult:
         places = calibrated.places(shared)
         covariance = calibrated.covariance.copy()
         covariance[np.ix_(places, places)] += self.type_b.of(shared).covariance
-        return replace(calibrated, covariance=covariance, noise=calibrated.covariance)
+        noise = calibrated.covariance if calibrated.noise is None else calibrated.noise
+        return replace(calibrated, covariance=covariance, noise=noise)
 
 
 def read_budget(path: Path) -> BudgetResult:
@@ -161,10 +163,16 @@ def read_budget(path: Path) -> BudgetResult:
     )
 
 
-def with_budget_in_folder(file: Path, calibration: Calibration) -> SensorParameters | None:
-    """The parameters of a calibration with combined covariance; None if its folder has no budget of the same data and model."""
+def with_budget_in_folder(file: Path, calibration: Calibration, degc: float | None = None) -> SensorParameters | None:
+    """The parameters of a calibration with combined covariance; None if its folder has no budget of the same data and model.
+
+    **Arguments:**
+
+    - `degc`: the temperature of parameters that follow temperature; None: their reference. The contributions of the budget are
+      those at the reference.
+    """
     path = file.parent / NAME
     budget = read_budget(path) if path.is_file() else None
     if budget is None or not budget.is_of(calibration) or budget.moved(calibration) or budget.lacks(calibration):
         return None
-    return budget.combined(calibration.sensor)
+    return budget.combined((calibration if degc is None else calibration.at(degc)).sensor)

@@ -121,7 +121,7 @@ class Calibration(Shown):
         """The calibration at one temperature, without curves of temperature; itself if it has none.
 
         Matrix, bias and covariance are those at this temperature, with the uncertainty by hysteresis. `parameters` are those
-        of the sensor. The terms are unchanged.
+        of the sensor, and at the reference temperature the mount angles. The terms are unchanged.
 
         **Arguments:**
 
@@ -138,13 +138,14 @@ class Calibration(Shown):
         values = reference.values + curves.at(rows)[0]
         sensor = replace(reference, values=values, covariance=curves.covariance_at(degc, hysteresis=False), noise=None)
         sensor, slope = _with_hysteresis(sensor, curves), correction_slope(values)
+        at_reference = degc == curves.reference_degc
         return replace(
             self,
             matrix=self.matrix @ triad_of(reference.values) @ np.linalg.inv(triad_of(values)),
             bias=self.bias + values[3:6] - reference.values[3:6],
             covariance=slope @ sensor.covariance @ slope.T,
             temperature_degc=float(degc),
-            parameters=sensor,
+            parameters=_with_hysteresis(self._sensor, curves) if at_reference else sensor,
             extra={key: value for key, value in self.extra.items() if key != "covariance_with_terms"},
             temperature=None,
         )

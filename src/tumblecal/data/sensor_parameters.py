@@ -33,7 +33,7 @@ class SensorParameters:
       standard uncertainty.
     - `dof`: degrees of freedom of the noise variance, infinite for stated noise. If finite, `covariance` has an unknown factor
       with the distribution of chi-square of `dof` divided by `dof`.
-    - `noise`: the part of `covariance` with this factor; the rest is due to inputs of a budget. None: all of it.
+    - `noise`: the part of `covariance` with this factor; the rest is due to inputs of a budget or hysteresis. None: all of it.
     """
 
     __repr__ = brief
@@ -72,13 +72,17 @@ class SensorParameters:
         return np.sqrt(np.diag(self.covariance))
 
     @property
-    def effective_dof(self) -> Float[np.ndarray, " names"]:
-        """Degrees of freedom of each variance by Welch and Satterthwaite (JCGM 100, G.4), with infinitely many for inputs of a
-        budget; infinite for stated noise or no noise."""
+    def sizes(self) -> Float[np.ndarray, "2 names"]:
+        """Standard uncertainties by the noise with `dof`, and by all other contributions."""
         variance = np.diag(self.covariance)
         of_noise = variance if self.noise is None else np.diag(self.noise)
-        sizes = np.sqrt(np.stack([of_noise, np.maximum(variance - of_noise, 0.0)]))
-        return effective_dof(sizes, np.array([self.dof, np.inf]))
+        return np.sqrt(np.stack([of_noise, np.maximum(variance - of_noise, 0.0)]))
+
+    @property
+    def effective_dof(self) -> Float[np.ndarray, " names"]:
+        """Degrees of freedom of each variance by Welch and Satterthwaite (JCGM 100, G.4), with infinitely many for inputs of a
+        budget and hysteresis; infinite for stated noise or no noise."""
+        return effective_dof(self.sizes, np.array([self.dof, np.inf]))
 
 
 def leaf_of(name: str) -> str:

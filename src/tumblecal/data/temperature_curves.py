@@ -21,6 +21,7 @@ from tumblecal.ground.temperature_functions import TemperatureFunctions
 
 # A temperature may exceed the measured range by the rounding of a number with few digits.
 _ROUNDING_DEGC = 1e-3
+_USUAL_DEGC = 25.0
 
 
 @dataclass(frozen=True)
@@ -134,6 +135,11 @@ class TemperatureCurves:
     def range_degc(self) -> tuple[float, float]:
         """Lowest and highest measured temperature."""
         return self.curves[0].functions.range_degc
+
+    @property
+    def usual_degc(self) -> float:
+        """The temperature at which calibrations of several days are compared: 25 degC if measured, otherwise the reference."""
+        return self.reference_degc if self.beyond(np.array([_USUAL_DEGC]))[0] else _USUAL_DEGC
 
     def at(self, degc: Float[np.ndarray, " rows"]) -> Float[np.ndarray, "rows 9"]:
         """Changes of the sensor parameters since the reference temperature, in the order of `SENSOR`; outside the range too."""

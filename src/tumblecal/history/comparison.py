@@ -6,8 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from tumblecal.data.calibration import Calibration
 from tumblecal.data.sensor_parameters import GROUPS, SENSOR, SensorParameters, leaf_of
 from tumblecal.ground.axes import AXES
+from tumblecal.ground.errors import InputError
 from tumblecal.history.few_dof import joint_dof, no_change
 
 
@@ -17,6 +19,32 @@ _SCALES = tuple(f"dK_{axis}" for axis in AXES)
 # Combinations of scale factors that one cause changes: their mean, and their differences.
 _COMMON = np.ones(3) / 3
 _DIFFERENCES = np.array([[1.0, -1.0, 0.0], [0.5, 0.5, -1.0]])
+
+
+def common_temperature(old: Calibration, new: Calibration) -> float | None:
+    """The temperature (degC) at which two calibrations are compared; None if the parameters of neither follow temperature.
+
+    It is the temperature of the one whose parameters do not follow temperature, if stated, otherwise a reference temperature.
+
+    **Raises:** `InputError` if it is outside a measured range.
+    """
+    pair = (old, new)
+    curves = [each.temperature for each in pair if each.temperature is not None]
+    if not curves:
+        return None
+    of_constant = [each.temperature_degc for each in pair if each.temperature is None]
+    candidates = [degc for degc in of_constant if degc is not None] or [each.reference_degc for each in curves]
+    for degc in candidates:
+        if not any(each.beyond(np.array([degc]))[0] for each in curves):
+            return degc
+    given, ranges = (
+        " and ".join(f"{degc:.4g}" for degc in candidates),
+        " and ".join(each.range_words for each in curves),
+    )
+    raise InputError(
+        f"no common temperature: the values of one calibration are for {given} degC, the measured range of the other is "
+        f"{ranges}; compare calibrations that were measured at one temperature"
+    )
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ import numpy as np
 
 from tumblecal.data import paper
 from tumblecal.data.budget_result import NAME, with_budget_in_folder
-from tumblecal.data.calibration import read_calibration
+from tumblecal.data.calibration import Calibration, read_calibration
 from tumblecal.data.measured import measured_at
 from tumblecal.data.not_applied import losses_words
 from tumblecal.data.result_records import DIAGNOSIS, REMEDY, RESULT, DiagnosisFile, ResultFile, with_dof_of_result
@@ -40,10 +40,13 @@ def of_folder(folder: Path, kind: str, serial: str | None = None) -> Entry:
     outcome = result.outcome
     if corrected is not None and corrected.provenance.get("data") != result.source:
         corrected = None  # of the other command, in the same folder
-    budgeted = with_budget_in_folder(path, corrected) if corrected else None
+    curves = corrected.temperature if corrected else None
+    degc = curves.usual_degc if curves else None
+    budgeted = with_budget_in_folder(path, corrected, degc) if corrected else None
     if budgeted is not None:
         documents[NAME] = read_text(folder / NAME, "JSON")
     if corrected is not None:
+        outcome += "" if degc is None else f"; values at {degc:.4g} degC"
         outcome += "".join([f"; {words}" for words in losses_words(corrected.not_applied, reasons=False)])
         outcome += f"{USE}{corrected.use.answer or 'not stated'}"
     provenance = corrected.provenance if corrected else {}
@@ -53,7 +56,7 @@ def of_folder(folder: Path, kind: str, serial: str | None = None) -> Entry:
         serial=serial or calibrated or "",
         date_utc=_date(folder / name, provenance.get("measured_utc") or provenance.get("date_utc")),
         sha256=str(provenance.get("sha256") or result.sha256 or ""),
-        parameters=budgeted or (corrected.sensor if corrected else None),
+        parameters=budgeted or _parameters(corrected, degc),
         combined=budgeted is not None,
         documents=documents,
         source=result.source,
@@ -61,6 +64,12 @@ def of_folder(folder: Path, kind: str, serial: str | None = None) -> Entry:
         rms_g=result.rms_g,
         p_value=result.p_value,
     )
+
+
+def _parameters(calibration: Calibration | None, degc: float | None) -> SensorParameters | None:
+    if calibration is None:
+        return None
+    return (calibration if degc is None else calibration.at(degc)).sensor
 
 
 def paper_runs(covariance: np.ndarray) -> list[Entry]:

@@ -6,7 +6,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from tumblecal import __version__
 from tumblecal.certificate.admin import Address, Admin
-from tumblecal.certificate.results import RULE, SCOPE, VERDICTS, Results, method_words, serial_number
+from tumblecal.certificate.results import RULE, SCOPE, VERDICTS, Results, ResultTable, method_words, serial_number
 from tumblecal.certificate.term_words import term_words
 from tumblecal.certificate.validity import validity_words
 from tumblecal.ground.atomic import write_text
@@ -25,17 +25,18 @@ def write_certificate(path: Path, admin: Admin, results: Results, limits_source:
         customer=_lines(admin.customer),
         serial=serial_number(admin, results),
         method=method_words(admin, results),
-        rows=_rows(results),
+        tables=[(table.at.removeprefix(" at "), _rows(table), table.calibration.rows) for table in results.tables],
         limited=results.conformity is not None,
         conformity=VERDICTS.get(results.conformity or "", ""),
         rule=RULE,
         limits_source=limits_source,
         outcome=results.outcome,
         reservation=results.reservation,
-        held=validity_words(calibration, judged=results.conformity is not None),
+        held=validity_words(
+            calibration, judged=results.conformity is not None, temperatures_degc=results.temperatures_degc
+        ),
         uncertainty=results.uncertainty_words,
         scope=SCOPE,
-        matrix=calibration.rows,
         gravity=str(calibration.gravity or STANDARD),
         temperature=None if calibration.temperature_degc is None else f"{calibration.temperature_degc:.1f} degC",
         source=calibration.provenance.get("data", ""),
@@ -51,9 +52,9 @@ def _lines(address: Address) -> list[str]:
     return [part for part in (address.name, address.street, town, address.country, address.email) if part]
 
 
-def _rows(results: Results) -> list[list[str]]:
+def _rows(table: ResultTable) -> list[list[str]]:
     rows = []
-    for result in results.results:
+    for result in table.results:
         unit, factor = shown(result.unit)
         digits = [*rounded(result.value * factor, result.expanded * factor), f"{result.k:.2f}", unit]
         limit = "" if result.limit is None else f"{result.limit * factor:g}"
