@@ -1,13 +1,17 @@
 """The inverse of an extended sensor model, against the forward model written out."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tumblecal.data.calibration import Calibration, read_calibration, write_calibration
+from tumblecal.data.sensor_parameters import SENSOR, SensorParameters
+from tumblecal.data.temperature_curves import Curve, TemperatureCurves, order_of_covariance
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.temperature_functions import TemperatureFunctions
 
 
 SCALE = np.array([1.002, 0.997, 1.001])
@@ -105,9 +109,9 @@ def test_a_fault_of_a_term_names_the_file_the_key_and_what_is_allowed(tmp_path, 
 
 
 def test_the_docs_ten_lines_are_what_apply_does(tmp_path, monkeypatch):
-    """The block of docs/files.md, as it stands."""
+    """The blocks of docs/files.md, as they stand: with terms, and with parameters that follow temperature."""
     page = (Path(__file__).parents[2] / "docs" / "files.md").read_text(encoding="utf-8")
-    (block,) = re.findall(r"^```python\n(.*?)^```", page, re.S | re.M)
+    block, of_curves = re.findall(r"^```python\n(.*?)^```", page, re.S | re.M)
     rng = np.random.default_rng(4)
     force, temperature = rng.uniform(-1, 1, (20, 3)), rng.uniform(0, 50, 20)
     readings = forward(force, temperature)
@@ -117,6 +121,19 @@ def test_the_docs_ten_lines_are_what_apply_does(tmp_path, monkeypatch):
     exec(block, here)
     np.testing.assert_allclose(here["force"], force, rtol=0, atol=1e-12)
     np.testing.assert_allclose(here["force"], calibration(TERMS).corrected(readings, temperature), rtol=0, atol=1e-12)
+    curves = [
+        Curve("bias_x", TemperatureFunctions(3, 22.0, (0.0, 50.0), (10.0, 30.0)), 1e-7 * np.arange(1.0, 6.0)),
+        Curve("gamma_32", TemperatureFunctions(2, 22.0, (0.0, 50.0)), np.array([1e-5, -2e-7])),
+    ]
+    order = order_of_covariance(curves)
+    followed = TemperatureCurves(tuple(curves), np.zeros((len(order), len(order))), order)
+    values = np.concatenate([SCALE - 1, BIAS, TRIAD[[1, 2, 2], [0, 0, 1]]])
+    parameters = SensorParameters(SENSOR, values, np.zeros((9, 9)))
+    own = replace(calibration([]), extra={}, temperature=followed, parameters=parameters)
+    write_calibration(tmp_path / "calibration.json", own)
+    exec(block.partition("matrix, bias")[0], here)
+    exec(of_curves, here)
+    np.testing.assert_allclose(here["force"], own.corrected(readings, temperature), rtol=0, atol=1e-14)
 
 
 def test_powers_of_the_temperature_about_several_references_are_inverted():

@@ -196,16 +196,19 @@ def _methods(calibrated: Calibrated) -> Table:
 def _applied(calibration: Calibration, folder: Path) -> Section:
     columns = ", ".join(["readings", *(f"{name}={name}" for name in calibration.columns_needed)])
     with_terms = (*_LOAD, f"force = calibration.corrected({columns})  # readings (rows, 3) in g")
-    terms = bool(calibration.extra.get("terms"))
+    terms, curves = bool(calibration.extra.get("terms")), calibration.temperature
+    extended = terms or curves is not None
+    followed = [] if curves is None else [f"Parameters {curves.words}. The table is for {curves.reference_degc:.4g} degC."]
     return Section(
         "Apply it",
         words=[
             f"f = matrix (A - bias{' - terms' if terms else ''}), in the triad's own frame: x along its x input axis, y in the "
             "plane of its x and y axes.",
+            *followed,
             f"A log of raw readings: {suggested('apply', folder / 'calibration.json', 'log.csv')}",
-            f"In Python, {'with the terms, three' if terms else 'four'} lines:",
+            f"In Python, {'three' if extended else 'four'} lines:",
         ],
-        code=with_terms if terms else _APPLY,
+        code=with_terms if extended else _APPLY,
         tables=[Table(["", "matrix A_x", "A_y", "A_z", "bias / mg"], calibration.rows)],
     )
 
