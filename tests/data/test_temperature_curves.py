@@ -14,6 +14,7 @@ from tumblecal.data.temperature_curves import Curve, Hysteresis, TemperatureCurv
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.temperature_functions import TemperatureFunctions
 from tumblecal.history.comparison import common_temperature
+from tumblecal.history.folders import of_folder
 
 
 T0, RANGE = 22.0, (-10.0, 60.0)
@@ -250,3 +251,27 @@ def test_calibrations_are_compared_at_a_common_temperature(tumblecal, tmp_path, 
     assert own.temperature.usual_degc == 25.0 and common_temperature(own, own) == T0
     outcome = tumblecal("compare", tmp_path / "old.json", tmp_path / "hot.json")
     assert outcome.code == 2 and len(outcome.lines) == 1 and "no common temperature" in outcome.lines[0]
+
+
+def test_a_history_takes_the_values_at_25_degc(tmp_path, root):
+    """Calibrations with different reference temperatures have comparable values."""
+    noise = {"noise": {"kind": "stated", "rms_g": None, "chi2_p_value": None}}
+    for reference, degc in ((T0, 25.0), (26.0, 26.0)):
+        own = calibration(curves(root), provenance={"data": "a.csv"})
+        made = own.temperature.curves
+        if reference != T0:
+            functions = TemperatureFunctions(1, reference, (26.0, 60.0))
+            made = (Curve("bias_x", functions, np.array([1e-4])),)
+            covariance = np.diag([1e-10] * 10)
+            own = replace(own, temperature=TemperatureCurves(made, covariance, order_of_covariance(made)))
+        (tmp_path / "calibration.json").write_text(calibration_text(own))
+        result = {
+            "schema": "tumblecal.result/1",
+            "source": {"data": "a.csv", "sha256": None},
+            "methods": {"exact": {"code": "OK"}},
+        }
+        (tmp_path / "result.json").write_text(json.dumps(result | noise))
+        entry = of_folder(tmp_path, "calibration")
+        assert f"; values at {degc:g} degC" in entry.outcome
+        truth = parameters_at([25.0])[0] if reference == T0 else VALUES
+        np.testing.assert_allclose(entry.parameters.values, truth, rtol=0, atol=1e-15)

@@ -198,7 +198,7 @@ def _applied(calibration: Calibration, folder: Path) -> Section:
     with_terms = (*_LOAD, f"force = calibration.corrected({columns})  # readings (rows, 3) in g")
     terms, curves = bool(calibration.extra.get("terms")), calibration.temperature
     extended = terms or curves is not None
-    followed = [] if curves is None else [f"Parameters {curves.words}. The table is for {curves.reference_degc:.4g} degC."]
+    followed = [] if curves is None else [f"The table is {curves.words}."]
     return Section(
         "Apply it",
         words=[
