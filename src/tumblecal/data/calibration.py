@@ -87,7 +87,7 @@ class Calibration(Shown):
         is treated as known. With curves of temperature: at their reference temperature, with the uncertainty by hysteresis."""
         sensor = self._sensor
         if self.temperature is not None:
-            sensor = _with_hysteresis(sensor, self.temperature)
+            sensor = self.temperature.with_hysteresis(sensor)
         return sensor if self.dof is None else replace(sensor, dof=self.dof)
 
     @property
@@ -137,7 +137,7 @@ class Calibration(Shown):
         reference = self._sensor.of(SENSOR)
         values = reference.values + curves.at(rows)[0]
         sensor = replace(reference, values=values, covariance=curves.covariance_at(degc, hysteresis=False), noise=None)
-        sensor, slope = _with_hysteresis(sensor, curves), correction_slope(values)
+        sensor, slope = curves.with_hysteresis(sensor), correction_slope(values)
         at_reference = degc == curves.reference_degc
         return replace(
             self,
@@ -145,7 +145,7 @@ class Calibration(Shown):
             bias=self.bias + values[3:6] - reference.values[3:6],
             covariance=slope @ sensor.covariance @ slope.T,
             temperature_degc=float(degc),
-            parameters=_with_hysteresis(self._sensor, curves) if at_reference else sensor,
+            parameters=curves.with_hysteresis(self._sensor) if at_reference else sensor,
             extra={key: value for key, value in self.extra.items() if key != "covariance_with_terms"},
             temperature=None,
         )
@@ -201,16 +201,6 @@ class Calibration(Shown):
             f"Calibration{unit}: f = matrix (A - bias), f and A in g",
             ("", "matrix A_x", "A_y", "A_z", "bias / mg"), self.rows, [f"use: {self.use.words}", *terms, *facts],
         )  # fmt: skip
-
-
-def _with_hysteresis(sensor: SensorParameters, curves: TemperatureCurves) -> SensorParameters:
-    """Parameters with the uncertainty by hysteresis in addition, which is no part of the noise."""
-    variance = np.zeros(len(sensor.names))
-    variance[sensor.places(SENSOR)] = curves.hysteresis_variance
-    if not np.any(variance):
-        return sensor
-    noise = sensor.covariance if sensor.noise is None else sensor.noise
-    return replace(sensor, covariance=sensor.covariance + np.diag(variance), noise=noise)
 
 
 def write_calibration(path: Path, calibration: Calibration) -> None:

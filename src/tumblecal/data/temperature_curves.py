@@ -7,12 +7,12 @@ distribution, with the standard uncertainty `half_width / sqrt(3)` (JCGM 100, 4.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.data.sensor_parameters import GROUPS, SENSOR, leaf_of
+from tumblecal.data.sensor_parameters import GROUPS, SENSOR, SensorParameters, leaf_of
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.showing import brief
@@ -168,6 +168,15 @@ class TemperatureCurves:
         for part in self.hysteresis:
             variance[SENSOR.index(part.parameter)] = part.half_width**2 / 3
         return variance
+
+    def with_hysteresis(self, sensor: SensorParameters) -> SensorParameters:
+        """Parameters with the uncertainty by hysteresis in addition, which is no part of the noise."""
+        variance = np.zeros(len(sensor.names))
+        variance[sensor.places(SENSOR)] = self.hysteresis_variance
+        if not np.any(variance):
+            return sensor
+        noise = sensor.covariance if sensor.noise is None else sensor.noise
+        return replace(sensor, covariance=sensor.covariance + np.diag(variance), noise=noise)
 
     def beyond(self, degc: Float[np.ndarray, " rows"]) -> np.ndarray:
         """Whether each temperature is outside the measured range."""
