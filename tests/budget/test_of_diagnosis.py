@@ -84,12 +84,12 @@ def test_budget_and_certificate_state_the_covariance_of_the_diagnosis_and_type_b
     whole = covariance[:12, :12] + np.array(budget["type_b_covariance"])
     np.testing.assert_allclose(budget["covariance"], whole, rtol=1e-9, atol=1e-20)
     certified = results_of(where, tmp_path / "b" / "budget.json", {})
-    for result in certified.results:
+    for result in certified.tables[0].results:
         own = budget["parameters"][result.name]
         assert (result.expanded, result.k) == pytest.approx((own["U"], own["k"]), rel=1e-9)
     assert "undetected effects" in certified.uncertainty_words
     places = [fitted.names.index(name) for name in SENSOR]
-    np.testing.assert_allclose(certified.covariance, np.array(budget["covariance"])[np.ix_(places, places)])
+    np.testing.assert_allclose(certified.tables[0].covariance, np.array(budget["covariance"])[np.ix_(places, places)])
     assert "undetected effects" in (tmp_path / "b" / "budget.html").read_text()
 
 

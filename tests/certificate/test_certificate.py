@@ -143,7 +143,7 @@ def test_estimated_noise_is_covered_by_student_s_t(tumblecal, tmp_path, table1_f
     tumblecal("calibrate", table1_file, "--no-figures", "--out", tmp_path / "c")
     from scipy.stats import t
 
-    assert results_of(tmp_path / "c", None, {}).results[0].k == pytest.approx(t.ppf(0.975, 57))
+    assert results_of(tmp_path / "c", None, {}).tables[0].results[0].k == pytest.approx(t.ppf(0.975, 57))
     outcome = tumblecal("certificate", tmp_path / "c", "--admin", admin)
     assert outcome.code == 0 and "the gravity of the site is not stated" in outcome.lines[0]
 
@@ -215,7 +215,9 @@ def test_estimated_noise_of_a_diagnosis_is_covered_by_student_s_t(tumblecal, tmp
 
     assert tumblecal("diagnose", table1_file, "--no-figures", "--out", tmp_path / "d").code == 0
     dof = read_calibration(tmp_path / "d" / "calibration.json").provenance["dof"]
-    assert 50 <= dof <= 57 and results_of(tmp_path / "d", None, {}).results[0].k == pytest.approx(t.ppf(0.975, dof))
+    assert 50 <= dof <= 57 and results_of(tmp_path / "d", None, {}).tables[0].results[0].k == pytest.approx(
+        t.ppf(0.975, dof)
+    )
 
 
 def test_a_budget_of_another_model_is_refused(tumblecal, tmp_path, calibrated, admin, configs):
