@@ -19,7 +19,7 @@ from tumblecal.ground.errors import InputError
 # Largest number of positions without averaging; number of means; largest number that is accepted without averaging.
 MOST_ROWS, MEANS, REFUSED = 400, 240, 1000
 # Time and memory of 1,000 positions on one core (benchmarks/size_in_rows.py); both grow with the square.
-_SECONDS, _GIB_FIXED, _GIB = 55.0, 0.6, 1.5
+_SECONDS, _GIB_FIXED, _GIB = 55.0, 0.6, 2.2
 # A reading further than this (robust standard deviations) from the median of its repeats is not averaged; at most so many.
 _ALONE_FROM, _MOST_ALONE = 6.0, 20
 # If the numbers of rows of the means differ by more than this factor, their sd are computed from the repeats.
