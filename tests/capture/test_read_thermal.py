@@ -92,6 +92,18 @@ def test_attitudes_in_one_file_by_the_direction_of_gravity(tmp_path: Path):
     assert (np.diff(table.time_s) > 0).all()
 
 
+def test_attitudes_that_columns_of_the_recording_state(tmp_path: Path):
+    stay = int(30 * RATE)
+    gravity = np.concatenate([np.tile(UP, (stay, 1)), turned(UP, RIGHT, 40), np.tile(RIGHT, (stay, 1))])
+    frame = recording(np.linspace(0, 40, len(gravity)), gravity)
+    turn = np.arange(len(gravity)) < stay + 20
+    frame = frame.with_columns(position=pl.Series(np.where(turn, "top", "side")), alpha_deg=np.where(turn, 0.0, 90.0))
+    table = read_thermal([written(tmp_path, frame.with_columns(beta_deg=0.0))])
+    assert table.attitudes == ("top", "side")
+    assert table.alpha_deg is not None
+    np.testing.assert_array_equal(table.alpha_deg, np.where(np.array(table.attitude) == "top", 0.0, 90.0))
+
+
 def test_attitudes_of_a_plan(tmp_path: Path):
     stay = int(30 * RATE)
     parts = [np.tile(UP, (stay, 1)), turned(UP, RIGHT, 40), np.tile(RIGHT, (stay, 1))]
@@ -204,8 +216,9 @@ _RAMP = recording(ramp(0, 40, 1), UP)
         ),
         (recording(ramp(0, 40, 1), UP, sd=0.3), {}, "no interval at rest"),
         (_RAMP.head(20), {}, "too few to find intervals"),
+        (_RAMP.with_columns(pl.col("time_s") * 20), {}, "successive times are more than 0.5 s apart"),
     ],
-    ids=["missing", "constant", "kelvin", "counts", "fahrenheit", "moving", "few"],
+    ids=["missing", "constant", "kelvin", "counts", "fahrenheit", "moving", "few", "slow"],
 )
 def test_bad_recordings_have_one_clear_line(tmp_path: Path, frame: pl.DataFrame, options: dict, fault: str):
     with pytest.raises(InputError, match=fault) as raised:

@@ -225,6 +225,24 @@ def test_uncertainties_of_long_soaks_are_not_extrapolated_from_short_bins():
     assert ratio[table.soak].max() < 1.5
 
 
+def test_the_resolution_of_the_thermometer_is_part_of_the_uncertainty():
+    # Soaks at temperatures that a thermometer with steps of 0.5 degC shows in error by up to 0.25 degC; a quiet sensor.
+    rng = np.random.default_rng(10)
+    step = np.arange(0, 400, 0.5)
+    true = np.concatenate([level - 15 * np.exp(-step / 30) for level in (15.2, 30.1, 44.8, 60.05, 75.2, 90.15)])
+    time = 0.5 * np.arange(len(true))
+    read = np.round(true * 2) / 2
+    force = _bias(true) + 1e-7 * rng.standard_normal((len(time), 3))
+    series = replace(_series(time, force, read, 10, 3e-7), resolution=resolution_of(read))
+    table, _ = binned(series, course_of(series), 2.0, "f")
+    soaks = table.rows(table.soak)
+    assert len(soaks) == 6
+    errors = (soaks.readings - _bias(soaks.temperature_degc)) / soaks.sd
+    # Uniform errors: at most sqrt(3) standard deviations; the slope of a quiet axis may be small.
+    assert np.abs(errors[:, [0, 2]]).max() < 2.2
+    assert np.abs(errors[:, 2]).max() > 0.5
+
+
 def test_weight_is_over_temperature_and_not_over_time():
     # Nine tenths of the time near the low end: as many rows in each half of the range.
     time = np.arange(0, 2000, 0.5)

@@ -129,7 +129,7 @@ class Contents:
         if self._step_s:
             self._lost += int((np.round(steps[steps > 1.5 * self._step_s] / self._step_s) - 1).sum())
         for part in np.array_split(np.where(whole, steps, np.nan), max(1, len(steps) // 1000)):
-            if len(part) >= 500 and np.nanmean(part) > 0:
+            if len(part) >= 500 and np.nansum(part) > 0:
                 self._rates.append(float(1 / np.nanmean(part)))
 
 

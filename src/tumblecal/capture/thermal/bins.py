@@ -2,7 +2,8 @@
 
 Every bin is one row, so the weight over temperature is equal, whatever the number of its samples. The standard deviation of a
 mean is that of the average of the noise models that fit the blocks of all bins of similar length (as for dwells), without the
-change with temperature within a bin, and with the rounding of the readings. It is the Allan deviation at the length of the bin.
+change with temperature within a bin: the Allan deviation at the length of the bin. The rounding of the readings, and the
+uncertainty of the temperature times the slope of the readings, are added.
 """
 
 from collections.abc import Sequence
@@ -16,6 +17,7 @@ from tumblecal.capture.thermal.rounding import noise_before_rounding, rounding_s
 from tumblecal.capture.thermal.series import ThermalSeries
 from tumblecal.capture.thermal.smoothed_temperature import TemperatureCourse, temperature_course
 from tumblecal.capture.thermal.thermal_table import ThermalTable
+from tumblecal.ground.blas import single_blas_thread
 from tumblecal.noise.dwell_sd import sd_of_means
 from tumblecal.noise.recorded import RecordedNoise
 
@@ -70,8 +72,9 @@ def binned(
     np.minimum.at(first, row[used], np.flatnonzero(used))
     warmth, middle = mean(degc), mean(series.time_s)
     attitude = series.attitude[series.visit[first]]
-    residuals = _without_slope(series.force, degc, row, readings, warmth, attitude)
+    residuals, slope = _without_slope(series.force, degc, row, readings, warmth, attitude)
     sd, n_eff = _uncertainty(series, residuals, row, blocks)
+    sd = np.hypot(sd, slope * _temperature_sd(course, degc, row, blocks * series.block_s)[:, None])
     known = [series.attitudes[k] for k in attitude.tolist()]
     angles = all(one.alpha_deg is not None for one in known)
     mounted = all(one.mount for one in known)
@@ -145,10 +148,10 @@ def _without_slope(
     readings: NDArray[np.float64],
     warmth: NDArray[np.float64],
     attitude: NDArray[np.int64],
-) -> NDArray[np.float64]:
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The blocks (blocks, 3) without the change with temperature within their row: that of a polynomial through the means of
-    the attitude's rows, so that the noise within a row is not fitted."""
-    residual = np.zeros_like(force)
+    the attitude's rows, so that the noise within a row is not fitted; and its slope at each row (rows, 3), g/degC."""
+    residual, slope = np.zeros_like(force), np.zeros_like(readings)
     for one in np.unique(attitude):
         rows = np.flatnonzero(attitude == one)
         blocks = np.flatnonzero(np.isin(row, rows))
@@ -163,7 +166,25 @@ def _without_slope(
         at = np.clip((degc[blocks] - middle) / half, -1.2, 1.2)
         change = np.polynomial.legendre.legval(at, coefficients).T
         residual[blocks] = force[blocks] - change
-    return residual
+        steeper = np.polynomial.legendre.legder(coefficients) / half if order else np.zeros((1, 3))
+        slope[rows] = np.polynomial.legendre.legval((warmth[rows] - middle) / half, steeper).T
+    return residual, slope
+
+
+def _temperature_sd(
+    course: TemperatureCourse, degc: NDArray[np.float64], row: NDArray[np.int64], length_s: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Standard deviation of the mean temperature of each row, degC: noise of the thermometer, and its rounding, which averages
+    out over the steps that the row spans."""
+    low, high = np.full(len(length_s), np.inf), np.full(len(length_s), -np.inf)
+    used = row >= 0
+    np.minimum.at(low, row[used], degc[used])
+    np.maximum.at(high, row[used], degc[used])
+    resolution = np.array([course.resolution])
+    # `noise` includes the rounding twice: that of the readings, and the least that is assumed for equal readings.
+    noise = noise_before_rounding(resolution * np.sqrt(2), np.array([course.noise]))
+    rounding = rounding_sd(resolution, noise) / np.maximum((high - low) / max(course.resolution, 1e-12), 1.0)
+    return np.hypot(rounding, course.noise / np.sqrt(np.maximum(length_s / max(course.cell_s, 1e-12), 1.0)))
 
 
 def _uncertainty(
@@ -182,7 +203,8 @@ def _uncertainty(
     for length in np.unique(similar):
         rows = np.flatnonzero(similar == length)
         of_length = [dwells[k] for k in rows]
-        noise = RecordedNoise.of(of_length, 1 / series.block_s, float(np.ptp(series.time_s)))
+        with single_blas_thread():
+            noise = RecordedNoise.of(of_length, 1 / series.block_s, float(np.ptp(series.time_s)))
         sd[rows] = sd_of_means(noise, of_length, None)
     within = np.column_stack([np.bincount(row[row >= 0], series.squares[row >= 0, axis]) for axis in range(3)])
     freedom = blocks[:, None] * max(series.size - 1, 1)

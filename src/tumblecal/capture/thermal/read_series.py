@@ -15,6 +15,7 @@ from tumblecal.capture.reduction.means_at_rest import check_still, stillness_of
 from tumblecal.capture.reduction.reduce_recording import stated_comments
 from tumblecal.capture.rows.contents import Contents
 from tumblecal.capture.rows.sample_file import write_samples
+from tumblecal.capture.still.blocks import LONGEST_STEP_S
 from tumblecal.capture.still.intervals import blocks_of_interval
 from tumblecal.capture.still.stillness import Stillness
 from tumblecal.capture.thermal.attitudes import attitudes_of_intervals
@@ -29,6 +30,8 @@ from tumblecal.ground.gravity import stated_gravity, unit_in_g
 # Names of columns in units that are not converted.
 _NOT_DEGC = re.compile(r"(?:^|[\W_])(?:deg_?f|f|fahrenheit|deg_?k|k|kelvin)\W*$", re.IGNORECASE)
 _SHOWN = 3
+# Time at rest without a temperature that is not worth a warning, s.
+_LONGEST_LOST_S = 5.0
 
 
 def read_series(
@@ -85,6 +88,11 @@ def _check_columns(path: Path, contents: Contents) -> None:
         raise InputError(
             f"{path}: column {column.name} is in kelvin or Fahrenheit by its name; write a column in degC, and give it by "
             "--columns temperature=..."
+        )
+    if contents.rate_hz is None and "time" in contents.layout.columns:
+        raise InputError(
+            f"{path}: successive times are more than {LONGEST_STEP_S:g} s apart, so rest and movement cannot be distinguished; "
+            "give samples at 2 Hz or more, or position means with their standard uncertainties"
         )
     if contents.rate_hz is None:
         raise InputError(f"{path}: the sample rate is not known; give --rate 100 (Hz), or --columns time=...")
@@ -148,7 +156,7 @@ def series_of(
             )
         )
     lost_s = without * blocks.size / blocks.rate_hz
-    lines = [f"{lost_s:.0f} s at rest have no temperature and are not used"] if without else []
+    lines = [f"{lost_s:.0f} s at rest have no temperature and are not used"] if lost_s > _LONGEST_LOST_S else []
     if run := stuck_readings(first):
         start_s, stop_s = middle[run[0]], middle[run[1] - 1]
         lines.append(

@@ -21,9 +21,10 @@ class ThermalTable:
     **Arguments:**
 
     - `attitude`: label; rows with one label have the same direction of gravity. `readings` (rows, 3): g.
-    - `sd` (rows, 3): standard deviation of each mean, g, with the autocorrelation of the noise and the rounding of readings,
-      relative to the rows before and after it: slower noise is common to neighbours.
-    - `n`: samples of each row. `n_eff` (rows, 3): number of independent samples with the same standard deviation of the mean.
+    - `sd` (rows, 3): standard deviation of each mean at its temperature, g, with the autocorrelation of the noise, the rounding
+      of readings, and the noise and resolution of the thermometer. It is relative to the rows before and after: slower noise is
+      common to neighbours.
+    - `n`: samples of each row. `n_eff` (rows, 3): number of independent samples with the same noise of the mean.
     - `temperature_degc`, `rate_degc_per_s`: means of the smoothed temperature and of its rate. `time_s`: middle, by the clock
       `clock` (label of a recording, or of its part after a restart of the clock); times of different clocks are not comparable.
     - `branch`: label of the monotonic stretch of the temperature (`file:1 up`), to which its soaks belong.
