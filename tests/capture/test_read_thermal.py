@@ -8,6 +8,7 @@ import polars as pl
 import pytest
 
 from tumblecal.capture.recordings.options import KnownContext, RecordingOptions
+from tumblecal.capture.still import blocks
 from tumblecal.capture.thermal.read_thermal import read_thermal, thermal_reading
 from tumblecal.data.files import write_positions
 from tumblecal.data.positions import PositionSet
@@ -155,6 +156,17 @@ def test_restart_of_the_clock_gives_two_clocks_and_a_gap_one(tmp_path: Path):
     table = read_thermal([written(tmp_path, gap)])
     assert set(table.clock) == {"ramp"}
     assert set(table.branch) == {"ramp:1 up"}
+
+
+def test_very_long_recordings_have_a_bounded_number_of_blocks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    degc = np.concatenate([ramp(-10, 50, 4), ramp(50, -10, 4)])
+    path = written(tmp_path, recording(degc, UP))
+    monkeypatch.setattr(blocks, "_MOST_BLOCKS", 1000)
+    table = read_thermal([path])
+    # 10 samples a block instead of 4.
+    assert set(table.n % 10) == {0}
+    assert set(table.branch) == {"ramp:1 up", "ramp:2 down"}
+    assert np.sqrt(np.mean(scores(table, UP) ** 2)) < 1.3
 
 
 def test_a_knock_is_not_averaged(tmp_path: Path):

@@ -1,5 +1,7 @@
 """A recording in blocks of a tenth of a second: means, scatter, single outliers; memory grows only with the blocks.
 
+The blocks of recordings of more than a day are longer, so that their number is bounded.
+
 Blocks restart at each cut of the recording: at a gap of its times, and at a join, where recordings at rest follow each other
 without the movement between them. At a join the mean jumps from one sample to the next and is steady on both sides.
 """
@@ -18,6 +20,8 @@ from tumblecal.data.parquet import scan_parquet
 # A longer step of time, or one backwards, is a gap: no interval extends across it.
 LONGEST_STEP_S = 0.5
 _PIECE_ROWS = 1 << 18
+# Most blocks: 29 hours of a tenth of a second.
+_MOST_BLOCKS = 1 << 20
 # A sample that differs by this many standard deviations from the median of itself and its neighbours is a single outlier.
 _OUTLIER_SD = 10.0
 # Lower quartile of the non-zero |x - median of three| of white noise with standard deviation 1.
@@ -90,12 +94,13 @@ def blocks_of(path: Path, channels: list[str], rate_hz: float, *, timed: bool) -
 
     - `channels`: columns, the three accelerations first. `timed`: whether there is a column `time_s`.
     """
-    size = max(4, round(rate_hz / 10))
+    rows = scan_parquet(path, check=False)[1]
+    size = max(4, round(rate_hz / 10), -(-rows // _MOST_BLOCKS))
     width = min(max(size, _JOIN_SAMPLES[0]), _JOIN_SAMPLES[1])
     parts: list[tuple[NDArray, ...]] = []
     outliers: list[NDArray[np.int64]] = []
     cuts: list[NDArray[np.int64]] = []
-    quantum, rows = np.full(len(channels), np.inf), scan_parquet(path, check=False)[1]
+    quantum = np.full(len(channels), np.inf)
     # Rows from `base` on wait for later rows; blocks are complete up to `begin`, where a cut may be.
     waiting, base, begin, cut = np.zeros((0, len(channels) + timed)), 0, 0, False
     for first, piece in pieces_of(path, [*channels, *(["time_s"] if timed else [])]):

@@ -74,7 +74,7 @@ def binned(
     attitude = series.attitude[series.visit[first]]
     residuals, slope = _without_slope(series.force, degc, row, readings, warmth, attitude)
     sd, n_eff = _uncertainty(series, residuals, row, blocks)
-    sd = np.hypot(sd, slope * _temperature_sd(course, degc, row, blocks * series.block_s)[:, None])
+    sd = np.hypot(sd, slope * _temperature_sd(course, degc, row, series.block_s * blocks.astype(np.float64))[:, None])
     known = [series.attitudes[k] for k in attitude.tolist()]
     angles = all(one.alpha_deg is not None for one in known)
     mounted = all(one.mount for one in known)
