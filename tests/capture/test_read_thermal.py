@@ -228,7 +228,7 @@ _RAMP = recording(ramp(0, 40, 1), UP)
         ),
         (recording(ramp(0, 40, 1), UP, sd=0.3), {}, "no interval at rest"),
         (_RAMP.head(20), {}, "too few to find intervals"),
-        (_RAMP.with_columns(pl.col("time_s") * 20), {}, "successive times are more than 0.5 s apart"),
+        (_RAMP.with_columns(pl.col("time_s") * 20), {}, "time steps are longer than 0.5 s"),
     ],
     ids=["missing", "constant", "kelvin", "counts", "fahrenheit", "moving", "few", "slow"],
 )

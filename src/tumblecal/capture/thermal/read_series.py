@@ -91,7 +91,7 @@ def _check_columns(path: Path, contents: Contents) -> None:
         )
     if contents.rate_hz is None and "time" in contents.layout.columns:
         raise InputError(
-            f"{path}: successive times are more than {LONGEST_STEP_S:g} s apart, so rest and movement cannot be distinguished; "
+            f"{path}: time steps are longer than {LONGEST_STEP_S:g} s, so rest and movement cannot be distinguished; "
             "give samples at 2 Hz or more, or position means with their standard uncertainties"
         )
     if contents.rate_hz is None:
