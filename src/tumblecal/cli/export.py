@@ -111,7 +111,9 @@ def export(
 
 
 def _measured(whole: "Calibration") -> tuple[float, float] | None:
-    """The range of temperature (degC) of the data of the thermal terms; None if there are none, or if it is not stated."""
+    """The range of temperature (degC) of the data of curves or thermal terms; None without them, or if it is not stated."""
+    if whole.temperature is not None:
+        return whole.temperature.range_degc
     match whole.provenance.get("temperature_range_degc"):
         case [float() | int() as low, float() | int() as high] if low < high and any(t.thermal for t in whole.terms):
             return float(low), float(high)
@@ -122,12 +124,12 @@ def _extrapolated(
     whole: "Calibration", span: tuple[float, float] | None, measured: tuple[float, float] | None
 ) -> Iterator[str]:
     """A note, if the temperature range exceeds that of the data."""
-    if span and measured and any(term.thermal for term in whole.terms):
+    if span and measured and "temperature_degc" in whole.columns_needed:
         low, high = measured
         if span[0] < low or span[1] > high:
             yield (
-                f"the data cover {low:.4g} to {high:.4g} degC: in the rest of {span[0]:g} to {span[1]:g} degC the thermal "
-                "terms are extrapolated"
+                f"the data cover {low:.4g} to {high:.4g} degC: in the rest of {span[0]:g} to {span[1]:g} degC the "
+                "dependence on temperature is extrapolated"
             )
 
 

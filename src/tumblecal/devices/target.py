@@ -204,6 +204,10 @@ def _reductions(
     target: Target, whole: Calibration, span: tuple[float, float] | None
 ) -> Iterator[tuple[str, Calibration]]:
     """The parts that the target does not include, removed in turn: name, and the calibration without the part."""
+    # No target has parameters that follow temperature yet.
+    if whole.temperature is not None:
+        whole = whole.at(export_degc(whole, span), extrapolate=True)
+        yield f"{TEMPERATURE} (curves of the parameters)", whole
     # No target has the time since the start of the run.
     for what, group in _by_effect(DRIFT, [term for term in whole.terms if term.per_hour]):
         whole = whole.with_terms([term for term in whole.terms if term not in group])
@@ -248,7 +252,7 @@ def farthest_mg(
     readings = attitudes() @ np.linalg.inv(first.matrix).T + first.bias
 
     def force(of: Calibration, degc: float) -> np.ndarray:
-        return of.corrected(readings, degc, time_s)
+        return of.corrected(readings, degc, time_s, extrapolate=True)
 
     return 1e3 * max(float(np.max(np.abs(force(first, degc) - force(second, degc)))) for degc in temperatures_degc)
 

@@ -19,9 +19,11 @@ _GRID, _FIT_GRID, ORDER = 13, 1001, 3
 
 
 def export_degc(calibration: Calibration, span: tuple[float, float] | None) -> float:
-    """The temperature (degC) of the exported matrix and bias: the reference of the thermal terms; if there are several, the
-    mean of the data. It is limited to the range `span`, if given."""
+    """The temperature (degC) of the exported matrix and bias: the reference of curves and thermal terms; if there are several,
+    the mean of the data. It is limited to the range `span`, if given."""
     references = {term.reference_degc for term in calibration.terms if term.thermal}
+    if calibration.temperature is not None:
+        references.add(calibration.temperature.reference_degc)
     stated = calibration.temperature_degc
     degc = references.pop() if len(references) == 1 else _ROOM_DEGC if stated is None else stated
     return degc if span is None else float(np.clip(degc, *span))
