@@ -148,3 +148,27 @@ def test_faults():
     with pytest.raises(InputError, match="tilt has a value for each position"):
         hand_held_chain(WHERE, temperature={"tilt": TemperatureFunctions(1, 0.0, RANGE)})
     assert "dK_T_z1" in hand_held_chain(WHERE, temperature={"dK": TemperatureFunctions(1, 0.0, RANGE)}).names
+
+
+def test_a_single_attitude_names_the_combination_of_bias_and_scale_over_temperature():
+    degc = np.linspace(0.0, 60.0, 30)
+    where = settings(np.zeros(30), np.zeros(30), temperature_degc=degc)
+    linear = TemperatureFunctions(1, REFERENCE, RANGE)
+    chain = nominal_chain(where, temperature={"bias": linear, "dK": linear})
+    chain = chain.fixed({"dK", "dtheta", "gamma", "dbeta"})
+    problem = Problem.from_arrays(chain, where, np.asarray(chain(where)), noise_sd=NOISE)
+    with pytest.raises(InputError) as raised:
+        fit(problem)
+    text = str(raised.value)
+    assert "dK_T_z1 - bias_T_z1" in text and "(bias_T and dK_T: bias and dK over temperature)" in text
+    assert "Lower the order of bias and dK in [temperature]" in text
+
+
+def test_a_prior_on_the_change_is_one_of_its_orthonormal_coefficients(problem):
+    sd = 1e-6
+    chain = problem.chain
+    stated = Problem.from_arrays(chain, WHERE, problem.readings, noise_sd=NOISE, priors={"bias_T": (0.0, sd)})
+    result = fit(stated)
+    places = [k for k, name in enumerate(chain.names) if name.startswith("bias_T")]
+    assert len(places) == 9 and np.all(result.sd[places] < sd * 1.001)
+    assert np.all(np.abs(result.values[places]) < 0.25 * np.abs(truth(chain)[places]))  # drawn towards zero

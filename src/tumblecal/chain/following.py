@@ -3,6 +3,7 @@
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -99,9 +100,16 @@ def following(leaf: Parameter, functions: TemperatureFunctions, where: Where) ->
 
 
 def followings_of(tree: object) -> tuple[Following, ...]:
-    """All leaves of a chain or a link that follow temperature, in their order."""
-    import jax
+    """All leaves of a chain or a link that follow temperature, in their order.
 
+    Examples:
+        >>> from tumblecal.chain import followings_of, nominal_chain, settings
+        >>> from tumblecal.ground.temperature_functions import TemperatureFunctions
+        >>> where = settings([0.0, 0.0], [0.0, 0.0], temperature_degc=[0.0, 50.0])
+        >>> chain = nominal_chain(where, temperature={"bias": TemperatureFunctions(1, 25.0, (0.0, 50.0))})
+        >>> [(leaf.reference.name, leaf.functions.order) for leaf in followings_of(chain)]
+        [('bias', 1)]
+    """
     nodes = jax.tree.leaves(tree, is_leaf=_follows)
     return tuple(node for node in nodes if isinstance(node, Following))
 

@@ -66,11 +66,22 @@ class Ramp(Strict):
     end: Number
 
 
+Temperatures = Annotated[
+    Annotated[list[Number], Tag("list")] | Annotated[Ramp, Tag("steps")],
+    Discriminator(
+        lambda given: "list" if isinstance(given, list) else "steps" if isinstance(given, dict | Ramp) else None,
+        custom_error_type="temperatures",
+        custom_error_message="must be { start = 24.0, end = 26.5 }, or a list of soaks such as [0, 25, 60]",
+    ),
+]
+
+
 class PlanTable(Strict):
     """The `[plan]` table: a grid (alpha_deg x beta_deg) or a list of positions.
 
-    `interval_s` is the time from one position to the next, `temperature_degc` the triad's from first to last,
-    `approach` the direction in which the spindle approaches its positions; listed positions may state these individually.
+    `interval_s` is the time from one position to the next, `temperature_degc` the triad's from first to last, or of each soak:
+    then the grid is repeated at each temperature. `approach` is the direction in which the spindle approaches its positions.
+    Listed positions may state these individually.
     """
 
     alpha_deg: Angles | None = None
@@ -79,7 +90,7 @@ class PlanTable(Strict):
     runs: Annotated[int, Field(ge=1, le=MOST_POSITIONS)] = 1
     positions: list[Position] | None = None
     interval_s: Annotated[Number, Field(gt=0)] | None = None
-    temperature_degc: Ramp | None = None
+    temperature_degc: Temperatures | None = None
     approach: Literal["positive", "negative", "alternating"] | None = None
 
     @model_validator(mode="after")
@@ -95,6 +106,10 @@ class PlanTable(Strict):
                 )
             if any(stated) and (self.interval_s if column == "time_s" else getattr(self, column)) is not None:
                 raise ValueError(f"{column} is stated for the plan and for its positions; state one of them")
+        if self.positions is not None and isinstance(self.temperature_degc, list):
+            raise ValueError(
+                "temperature_degc: a list of soaks repeats a grid; state temperature_degc in each position"
+            )
         count = self._count
         if not 0 < count <= MOST_POSITIONS:
             raise ValueError(f"{count} positions; give 1 to {MOST_POSITIONS}")
@@ -104,25 +119,31 @@ class PlanTable(Strict):
     def _count(self) -> int:
         if self.positions is not None:
             return len(self.positions)
-        return len(_values(self.alpha_deg)) * len(_values(self.beta_deg)) * len(self.mounts) * self.runs
+        soaks = len(self.temperature_degc) if isinstance(self.temperature_degc, list) else 1
+        return len(_values(self.alpha_deg)) * len(_values(self.beta_deg)) * len(self.mounts) * self.runs * soaks
 
     def plan(self) -> Plan:
         """The plan described."""
         plan, count = self._bare(), len(self._bare())
         signs = {None: None, "positive": [1.0], "negative": [-1.0], "alternating": [1.0, -1.0]}[self.approach]
         step = self.interval_s
-        ramp = self.temperature_degc
         if self.positions is not None:
             stated = {name: tuple(getattr(position, name) for position in self.positions) for name in _CONDITIONS}
             plan = replace(plan, **{name: values for name, values in stated.items() if None not in values})
         return replace(
             plan,
             time_s=plan.time_s if step is None else tuple(step * number for number in range(count)),
-            temperature_degc=plan.temperature_degc
-            if ramp is None
-            else tuple(ramp.start + (ramp.end - ramp.start) * number / max(count - 1, 1) for number in range(count)),
+            temperature_degc=self._temperatures(plan),
             approach=plan.approach if signs is None else tuple(signs[number % len(signs)] for number in range(count)),
         )
+
+    def _temperatures(self, plan: Plan) -> tuple[float, ...] | None:
+        given, count = self.temperature_degc, len(plan)
+        if given is None:
+            return plan.temperature_degc
+        if isinstance(given, list):
+            return tuple(degc for degc in given for _ in range(count // len(given)))
+        return tuple(given.start + (given.end - given.start) * number / max(count - 1, 1) for number in range(count))
 
     def _bare(self) -> Plan:
         if self.positions is not None:
@@ -134,7 +155,17 @@ class PlanTable(Strict):
                 tuple(p.mount for p in self.positions),
                 tuple(p.run for p in self.positions),
             )
-        return grid(_values(self.alpha_deg), _values(self.beta_deg), mounts=self.mounts, runs=self.runs)
+        once = grid(_values(self.alpha_deg), _values(self.beta_deg), mounts=self.mounts, runs=self.runs)
+        if not isinstance(self.temperature_degc, list):
+            return once
+        count = len(self.temperature_degc)
+        return Plan(
+            tuple(f"{soak + 1}-{name}" for soak in range(count) for name in once.names),
+            once.alpha_deg * count,
+            once.beta_deg * count,
+            once.mounts * count,
+            once.runs * count,
+        )
 
 
 def _values(angles: "list[float] | Steps | None") -> list[float]:

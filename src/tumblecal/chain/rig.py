@@ -1,8 +1,10 @@
 """A rig: plan, links, truth, noise and priors, as described by a `configs/*.toml` file."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 
@@ -11,10 +13,12 @@ from tumblecal.chain.considered import Considered
 from tumblecal.chain.link import Link
 from tumblecal.chain.nominal import NOMINAL, Leaf, nominal_link
 from tumblecal.chain.plan import Plan
+from tumblecal.chain.rig_temperature import RigTemperature
 from tumblecal.chain.where import Where, settings
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.frames import rotation_matrix
 from tumblecal.ground.showing import Screen, Shown
+from tumblecal.ground.toml_faults import located
 
 
 EffectLinks = Mapping[str, Callable[[Where], Link]]
@@ -26,7 +30,7 @@ class Rig(Shown):
 
     `truth`: true values by leaf or parameter name (base units), for simulation; zero where absent. `priors`: mean and
     sd by leaf or parameter name. `usual`: the largest plausible size by the same names. `considered`: inputs of its
-    budget. `mounts`: intended rotation of each mounting, deg about x, y, z.
+    budget. `temperature`: leaves that follow temperature. `mounts`: intended rotation of each mounting, deg about x, y, z.
     """
 
     title: str
@@ -41,6 +45,7 @@ class Rig(Shown):
     priors: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     usual: Mapping[str, float] = field(default_factory=dict)
     considered: Mapping[str, Considered] = field(default_factory=dict)
+    temperature: RigTemperature = field(default_factory=RigTemperature)
     source: str = "rig"
 
     def screen(self) -> Screen:
@@ -51,6 +56,7 @@ class Rig(Shown):
             "plan": f"{len(plan)} positions; {settings_of}; runs {', '.join(dict.fromkeys(plan.runs))}; mountings "
             + ", ".join(dict.fromkeys(plan.mounts)),
             "links": ", ".join((*self.links, *self.effects)),
+            "temperature": self.temperature.words,
             "truth": "; ".join(
                 f"{name} {', '.join(f'{v:.4g}' for v in values)}" for name, values in self.truth.items()
             ),
@@ -77,18 +83,26 @@ class Rig(Shown):
     def chain(self, where: Where) -> Chain:
         """The rig's chain for a set of positions: its links, then its effects, coefficients zero.
 
-        **Raises:** `InputError` if the data have a mounting that the rig does not describe.
+        **Raises:** `InputError` if the data have a mounting that the rig does not describe, or lack the temperatures that its
+        leaves follow.
         """
+        with self._faults_of_temperature():
+            leaves = self.temperature.into(self.leaves, where)
+        return self._made(where, leaves)
+
+    def _made(self, where: Where, leaves: Mapping[str, Leaf]) -> Chain:
         rotations = partial(self._rotations, where)
-        chain = Chain(tuple(nominal_link(name, where, self.leaves, rotations) for name in self.links))
+        chain = Chain(tuple(nominal_link(name, where, leaves, rotations) for name in self.links))
         for name in self.effects:
             chain = chain + self.effect_links[name](where)
         return chain
 
     def true_chain(self, where: Where) -> Chain:
-        """The rig's chain with its leaves at their true values."""
-        chain = self.chain(where)
-        values: dict[str, float] = {}
+        """The rig's chain with its leaves at their true values; reference temperature and range are those of the plan."""
+        with self._faults_of_temperature():
+            leaves = self.temperature.into(self.leaves, self.where, fitted=False)
+        chain = self._made(where, leaves)
+        values = self.temperature.truth(chain)
         for name, numbers in self.truth.items():
             members = next((leaf.names for leaf in chain.parameters if leaf.name == name), (name,))
             if len(members) != len(numbers):
@@ -101,6 +115,15 @@ class Rig(Shown):
             return chain.named(values)
         except KeyError as error:
             raise InputError(f"{self.source}: truth: {error.args[0]}") from error
+
+    @contextmanager
+    def _faults_of_temperature(self) -> Iterator[None]:
+        """Add the file and the table to faults that begin with a leaf."""
+        try:
+            yield
+        except InputError as error:
+            faults = [f"{self.source}: temperature.{fault}" for fault in error.faults]
+            raise InputError(located(Path(self.source), faults)) from error
 
     def _rotations(self, where: Where) -> np.ndarray | None:
         """The intended rotation of every mounting of the data, or None if none is turned."""

@@ -11,6 +11,7 @@ from tumblecal.chain.considered import Considered
 from tumblecal.chain.nominal import LINKS, NOMINAL, UNIT_OF_LEAF, Leaf
 from tumblecal.chain.plan_table import PlanTable
 from tumblecal.chain.rig import EffectLinks, Rig
+from tumblecal.chain.rig_temperature import TemperatureTable, rig_temperature
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.examples import file_or_example
 from tumblecal.ground.strict_toml import Line, Number, Numbers, Strict, checked, read_toml
@@ -72,6 +73,7 @@ class RigTable(Strict):
     priors: dict[str, str] = {}
     usual: dict[str, str] = {}
     considered: dict[str, Considered] = {}
+    temperature: TemperatureTable = TemperatureTable()
 
 
 def read_rig(
@@ -131,6 +133,7 @@ def rig_of(
             noise = reading_sd(table.noise.sd, none=True)
         except InputError as error:
             faults.append(f"{path}: noise.sd: {error}")
+    temperature = rig_temperature(table.temperature, table.chain.links, faults, str(path))
     if faults:
         raise InputError(located(path, faults))
     return Rig(
@@ -146,6 +149,7 @@ def rig_of(
         priors={name: (0.0, size) for name, size in priors.items()},
         usual=usual,
         considered=table.considered,
+        temperature=temperature,
         source=str(path),
     )
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from tumblecal.chain import Chain
+from tumblecal.chain.following import CHANGE
 from tumblecal.chain.head_file import MeasuredHead, read_head
 from tumblecal.chain.nominal import UNIT_OF_LEAF
 from tumblecal.chain.rig import Rig
@@ -136,9 +137,10 @@ class StatedModel:
                 priors[name], stated_in[name] = (0.0, quantity(size, unit)), f"--prior {name}"
             except InputError as error:
                 raise InputError(f"--prior {text!r}: {error}") from error
-        unknown = sorted(set(options.fix) - set(UNIT_OF_LEAF))
+        known = [*UNIT_OF_LEAF, *(leaf + CHANGE for leaf in (described.temperature.leaves if described else ()))]
+        unknown = sorted(set(options.fix) - set(known))
         if unknown:
-            raise InputError(f"--fix {unknown[0]}: no such parameter; parameters: {', '.join(UNIT_OF_LEAF)}")
+            raise InputError(f"--fix {unknown[0]}: no such parameter; parameters: {', '.join(known)}")
         stated = _noise_sd(options.noise_sd, described)
         head = None if options.head is None else read_head(options.head, *links_and_units(entries))
         gravity = None if options.gravity is None else gravity_of_option(options.gravity)

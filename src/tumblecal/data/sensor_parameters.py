@@ -86,8 +86,9 @@ class SensorParameters:
 
 
 def leaf_of(name: str) -> str:
-    """The leaf of a parameter: `dK` of `dK_x`."""
-    return name.split("_")[0]
+    """The leaf of a parameter: `dK` of `dK_x`; `dK_T` of its change with temperature, `dK_T_x1`."""
+    leaf, _, component = name.partition("_")
+    return f"{leaf}_T" if component.startswith("T_") else leaf
 
 
 def of_matrix(

@@ -55,9 +55,7 @@ class Curve:
     @property
     def coefficient_names(self) -> tuple[str, ...]:
         """Names of the coefficients: `bias_x/degC`, `bias_x/degC^2`, ..., `bias_x/degC^3@20` for a knot at 20 degC."""
-        at_knots = [f"@{knot!r}" for knot in self.functions.knots_degc]
-        ends = [""] * self.functions.order + at_knots
-        return tuple(self.parameter + unit + end for unit, end in zip(self.functions.units, ends, strict=True))
+        return tuple(self.parameter + end for end in self.functions.coefficient_ends)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ scale, non-orthogonality and mount at any angle. dbeta is found by variable proj
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.chain import Chain
+from tumblecal.chain import Chain, followings_of
 from tumblecal.chain.nominal import Mount
 from tumblecal.data import PositionSet
 from tumblecal.ground.angle_settings import setting_index
@@ -25,7 +25,8 @@ def applies(chain: Chain) -> bool:
     shared = all(leaf.by is None for leaf in chain.free if leaf.name != "dbeta")
     pitch = all(leaf.by == "pitch" for leaf in chain.free if leaf.name == "dbeta")
     plain = all(link.nominal is None for link in mounts)
-    return names == ["dK", "bias", "dtheta", "gamma", "dbeta"] and shared and pitch and plain and len(mounts) == 1
+    nominal = names == ["dK", "bias", "dtheta", "gamma", "dbeta"] and not followings_of(chain)
+    return nominal and shared and pitch and plain and len(mounts) == 1
 
 
 def estimate(data: PositionSet) -> Float[np.ndarray, " free"]:

@@ -219,15 +219,22 @@ class Fit(Pickled, Shown):
             raise KeyError(f"no parameter {name!r}; there are {', '.join(self.names)}")
         return float(self.values[self.names.index(name)])
 
-    def interval(self, level: float = 0.95) -> Float[np.ndarray, "free 2"]:
-        """Confidence intervals of all values: normal for stated noise, Student's t for estimated noise.
+    def coverage_factor(self, level: float = 0.95) -> float:
+        """Expanded over standard uncertainty: normal distribution for stated noise, Student's t for estimated noise.
 
         **Raises:** `ValueError` for a level that is not between 0 and 1.
         """
         if not 0 < level < 1:
             raise ValueError(f"level {level:g}: must be between 0 and 1, such as 0.95")
         dof = self.dof if self.noise == "estimated" else np.inf
-        half = stdtrit(min(dof, 1e9), 0.5 + level / 2) * self.sd
+        return float(stdtrit(min(dof, 1e9), 0.5 + level / 2))
+
+    def interval(self, level: float = 0.95) -> Float[np.ndarray, "free 2"]:
+        """Confidence intervals of all values, by the coverage factor.
+
+        **Raises:** `ValueError` for a level that is not between 0 and 1.
+        """
+        half = self.coverage_factor(level) * self.sd
         return np.stack([self.values - half, self.values + half], axis=-1)
 
     @property

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg.lapack import dtrcon  # type: ignore[attr-defined]
 
+from tumblecal.data.sensor_parameters import leaf_of
 from tumblecal.estimation.attitudes import attitude_words
 from tumblecal.ground.errors import InputError
 
@@ -88,6 +89,11 @@ class Identifiability:
                 "more attitudes that differ in all directions, or give alpha_deg and beta_deg if they are known"
                 + ("" if readings is None else f". Next: {attitude_words(readings)}")
             )
+        changes = sorted({leaf_of(name) for name in self.undetermined if leaf_of(name).endswith("_T")})
+        if changes:
+            followed = " and ".join(leaf.removesuffix("_T") for leaf in changes)
+            shown += f" ({' and '.join(changes)}: {followed} over temperature)"
+            remedy = f"Lower the order of {followed} in [temperature]. {remedy}"
         raise InputError(
             f"{source}: these positions cannot determine {', '.join(self.undetermined)}: {self.free} parameters, but "
             f"rank {self.rank}. Free to move without changing any reading: {shown}. {remedy}"

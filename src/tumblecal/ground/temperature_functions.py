@@ -22,6 +22,7 @@ from tumblecal.ground.errors import InputError
 
 
 HIGHEST_ORDER = 5
+SPLINE_ORDER = 3
 # Temperatures of the range at which functions are orthonormal.
 _GRID = 201
 # Two knots, or a knot and an end of the range, that are closer than this share of the range determine no cubic between them.
@@ -62,7 +63,7 @@ class TemperatureFunctions:
             raise InputError(
                 f"temperature range {low:g} to {high:g} degC: the lowest temperature must be below the highest"
             )
-        if self.knots_degc and self.order != 3:
+        if self.knots_degc and self.order != SPLINE_ORDER:
             raise InputError(
                 f"knots with order {self.order}: a cubic spline has order 3; remove the order or the knots"
             )
@@ -79,8 +80,18 @@ class TemperatureFunctions:
     @property
     def units(self) -> tuple[str, ...]:
         """The divisor of the unit of each coefficient: `/degC`, `/degC^2`, ..."""
-        powers = [*range(1, self.order + 1), *(3 for _ in self.knots_degc)]
-        return tuple("/degC" if power == 1 else f"/degC^{power}" for power in powers)
+        return unit_divisors(self.order, len(self.knots_degc))
+
+    @property
+    def coefficient_ends(self) -> tuple[str, ...]:
+        """Ends of the names of the coefficients: `/degC`, `/degC^2`, ..., and `/degC^3@20.0` for a knot at 20 degC."""
+        ends = [""] * self.order + [f"@{knot!r}" for knot in self.knots_degc]
+        return tuple(unit + end for unit, end in zip(self.units, ends, strict=True))
+
+    @property
+    def words(self) -> str:
+        """`order 3`, or a cubic spline with its knots."""
+        return form_words(self.order, self.knots_degc)
 
     def values(self, degc: Any) -> Any:
         """The functions (count, rows) at temperatures (rows), of numpy or JAX."""
@@ -118,6 +129,22 @@ class TemperatureFunctions:
     def of_coefficients(self, physical: Float[np.ndarray, " count *columns"]) -> Float[np.ndarray, " count *columns"]:
         """The coefficients of the orthonormal combinations that equal these physical coefficients."""
         return np.linalg.solve(self.combination.T, physical) if self.count else physical
+
+
+def unit_divisors(order: int, knots: int) -> tuple[str, ...]:
+    """The divisor of the unit of each coefficient of a polynomial, or of a spline with this many knots."""
+    powers = [*range(1, order + 1), *([SPLINE_ORDER] * knots)]
+    return tuple("/degC" if power == 1 else f"/degC^{power}" for power in powers)
+
+
+def form_words(order: int, knots_degc: Sequence[float]) -> str:
+    """`order 3`, or a cubic spline with its knots."""
+    knots = ", ".join(f"{knot:g}" for knot in knots_degc)
+    return (
+        f"a cubic spline with {'a knot' if len(knots_degc) == 1 else 'knots'} at {knots} degC"
+        if knots
+        else f"order {order}"
+    )
 
 
 def function_rows(degc: Any, order: int, reference_degc: Any, knots_degc: Sequence[Any]) -> list[Any]:

@@ -152,6 +152,9 @@ SHOWN = {
     "1/s": "(mg/g)/h",
     "g/degC": "mg/degC",
     "1/degC": "(mg/g)/degC",
+    **{f"{unit}/degC^{power}": f"u{unit}/degC^{power}" for unit in ("g", "rad") for power in range(2, 6)},
+    **{f"1/degC^{power}": f"ppm/degC^{power}" for power in range(2, 6)},
+    "rad/degC": "mrad/degC",
     "s": "min",
 }
 

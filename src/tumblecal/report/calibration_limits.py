@@ -16,6 +16,7 @@ from tumblecal.data.positions import PositionSet
 from tumblecal.data.sensor_parameters import SENSOR
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.intrinsic import matrix_and_bias, one_sensor
+from tumblecal.ground.soaks import ONE_TEMPERATURE_DEGC
 from tumblecal.ground.units import in_words
 from tumblecal.noise.within_dwells import TEMPERATURE, changes_within_dwells
 from tumblecal.report.sensor_terms import NOT_MISSED, SensorTerms
@@ -25,8 +26,6 @@ from tumblecal.report.sensor_terms import NOT_MISSED, SensorTerms
 DIRECTIONS = np.array([(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if x or y or z], float)
 DIRECTIONS /= np.linalg.norm(DIRECTIONS, axis=1)[:, None]
 _SCALES = tuple(name for name in SENSOR if name.startswith("dK_"))
-# Temperatures within so much (degC) are one temperature: usual thermometers are in error by as much.
-_ONE_TEMPERATURE_DEGC = 0.5
 _LEVEL = 0.95
 
 
@@ -38,8 +37,7 @@ def limits(fit: Fit, terms: SensorTerms, written: Float[np.ndarray, "12 12"] | N
     if one_sensor(fit):
         significant_g = expanded_uncertainty(fit, written)
         yield from _losses(terms.losses(fit.data.temperature_degc), significant_g)
-        thermal = any(term.thermal for term in terms.listed)
-        yield from _within_dwells(fit.data, significant_g, thermal=thermal)
+        yield from _within_dwells(fit.data, significant_g, thermal=terms.thermal)
     if words := identity_words(fit.data):
         yield Use("yes", f"{words[:1].lower()}{words[1:]}")
     yield from temperature_use(fit.data)
@@ -93,7 +91,7 @@ def temperature_use(data: PositionSet) -> Iterator[Use]:
     if degc is None:
         return
     limits = float(np.min(degc)), float(np.max(degc))
-    if limits[1] - limits[0] > _ONE_TEMPERATURE_DEGC:
+    if limits[1] - limits[0] > ONE_TEMPERATURE_DEGC:
         yield Use("within", "a dependence on temperature outside this range was not measured", limits)
     else:
         at = in_words(f"{np.mean(degc):.4g}", "degC")

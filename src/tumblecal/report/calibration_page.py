@@ -8,6 +8,7 @@ import numpy as np
 
 from tumblecal import __version__
 from tumblecal.data.calibration import Calibration
+from tumblecal.estimation.curves_of_fit import reported
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.intrinsic import one_sensor
 from tumblecal.estimation.methods import Calibrated
@@ -154,13 +155,14 @@ def _sections(calibrated: Calibrated, drawn: dict[str, PageFigure], folder: Path
 
 
 def _parameters(exact: Fit) -> Table:
-    rows, intervals = [], exact.interval(0.95)
-    for k in exact.shared:
-        unit, factor = shown(exact.units[k])
-        half = 0.5 * float(intervals[k, 1] - intervals[k, 0])
-        value, u = rounded(exact.values[k] * factor, exact.sd[k] * factor)
-        expanded = with_decimals(half * factor, decimals(half * factor))
-        rows.append([exact.names[k], value, u, expanded, unit])
+    rows, stated = [], reported(exact)
+    for name, unit, value, sd in zip(
+        stated.names, stated.units, stated.values.tolist(), stated.sd.tolist(), strict=True
+    ):
+        unit, factor = shown(unit)
+        half = factor * sd * exact.coverage_factor(0.95)
+        cells = rounded(value * factor, sd * factor)
+        rows.append([name, *cells, with_decimals(half, decimals(half)), unit])
     return Table(["parameter", "value", "u", "U (95 %)", "unit"], rows, text=(0, 4))
 
 

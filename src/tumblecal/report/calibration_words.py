@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from tumblecal.chain import followings_of
 from tumblecal.data.position_comments import WITHIN_DWELLS, identity_words
 from tumblecal.effects import Catalogue
 from tumblecal.estimation.attitudes import attitude_words
@@ -207,8 +208,17 @@ _MUCH_DEGC = 2.0
 
 
 def temperature_words(fit: Fit, entries: Catalogue) -> str:
-    """That the standard uncertainties do not include the effect of a changed temperature; "" if it hardly changed, is unknown,
-    or the chain has effects of temperature."""
+    """The parameters that follow temperature. Without any: that the standard uncertainties do not include the effect of a
+    changed temperature; "" if it hardly changed, is unknown, or the chain has effects of temperature."""
+    if followings := followings_of(fit.problem.chain):
+        functions = followings[0].functions
+        low, high = functions.range_degc
+        words = (
+            f"All parameters apply at {functions.reference_degc:.4g} degC. From {low:.4g} to {high:.4g} degC they follow "
+            f"temperature: {', '.join(f'{leaf.reference.name} by {leaf.functions.words}' for leaf in followings)}."
+        )
+        mount = any(leaf.reference.name == "dtheta" for leaf in followings)
+        return words + " The alignment in calibration.json applies at that temperature alone." * mount
     degc = fit.data.temperature_degc
     if degc is None or np.ptp(degc) < _MUCH_DEGC:
         return ""

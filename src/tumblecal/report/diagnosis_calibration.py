@@ -9,7 +9,6 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.data.calibration import ORDER, Calibration
-from tumblecal.data.calibration_terms import Term
 from tumblecal.data.calibration_use import Use, combined
 from tumblecal.data.sensor_parameters import SENSOR, leaf_of
 from tumblecal.data.uncertainty_parts import PARTS, UNDETECTED
@@ -139,7 +138,7 @@ def extended_calibration(diagnosis: Diagnosis) -> Calibration | None:
     if diagnosis.noise_words and not diagnosis.problem.known:
         provenance["stated_noise"] = f"The residuals contradict the assumed noise: {diagnosis.noise_words}"
     provenance |= {PARTS: _uncertainty_parts(diagnosis), UNDETECTED: sorted(diagnosis.in_use.undetected.effects)}
-    provenance["reference"] = _reference(diagnosis, of_model, terms.listed)
+    provenance["reference"] = _reference(diagnosis, of_model, terms)
     several = weighed if len(weighed) > 1 else ()
     if several:
         provenance["averaged_over"] = [{"causes": list(one.labels), "probability": one.share} for one in several]
@@ -191,7 +190,7 @@ def _uncertainty_parts(diagnosis: Diagnosis) -> dict[str, dict[str, float]]:
     return {part: {name: float(sizes[k]) for name, k in places.items()} for part, sizes in used.parts.items()}
 
 
-def _reference(diagnosis: Diagnosis, given: Sequence[str], terms: Sequence[Term]) -> dict[str, Any]:
+def _reference(diagnosis: Diagnosis, given: Sequence[str], terms: SensorTerms) -> dict[str, Any]:
     """The time (s) and temperature (degC) to which bias and scale factors refer, if the data have such columns.
 
     A linear drift has its mean at the mean time. With a bend, or a decay longer than the measurement, the parameters are means
@@ -216,8 +215,10 @@ def _reference(diagnosis: Diagnosis, given: Sequence[str], terms: Sequence[Term]
         listed |= {"mean_over_s": [float(time.min()), float(time.max())]} if bends else {"time_s": float(np.mean(time))}
         listed |= {"without": sorted(decayed)} if decayed else {}
     if data.temperature_degc is not None:
-        references = {term.reference_degc for term in terms if term.thermal}
-        if not references:
+        references = {term.reference_degc for term in terms.listed if term.thermal}
+        if terms.curves is not None:
+            references = {terms.curves.reference_degc}
+        elif not references:
             references = {REFERENCE_DEGC if is_thermal(diagnosis.members) else float(np.mean(data.temperature_degc))}
         if len(references) == 1:
             listed["temperature_degc"] = references.pop()

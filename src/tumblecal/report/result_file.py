@@ -10,11 +10,13 @@ from typing import Any
 import numpy as np
 
 from tumblecal import __version__
+from tumblecal.chain import followings_of
 from tumblecal.data import PositionSet
 from tumblecal.data.calibration import Calibration, write_calibration
 from tumblecal.data.position_comments import ATTITUDES, UNKNOWN
 from tumblecal.data.sensor_parameters import SENSOR, SensorParameters, leaf_of
 from tumblecal.effects import Catalogue, catalogue
+from tumblecal.estimation.curves_of_fit import curves_of, reported
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.intrinsic import intrinsic, matrix_and_bias, one_sensor
 from tumblecal.estimation.methods import Calibrated
@@ -100,6 +102,29 @@ def result_content(calibrated: Calibrated) -> dict[str, Any]:
             "correlations": strong_correlations(exact),
         },
         "intrinsic": _intrinsic(exact),
+        **_temperature(exact),
+    }
+
+
+def _temperature(result: Fit) -> dict[str, Any]:
+    """The physical coefficients of the parameters that follow temperature, if any."""
+    followings, stated = followings_of(result.problem.chain), reported(result)
+    if not followings:
+        return {}
+    coefficients = {
+        name: {"value": value, "sd": sd, "unit": unit}
+        for name, value, sd, unit in zip(
+            stated.names, stated.values.tolist(), stated.sd.tolist(), stated.units, strict=True
+        )
+        if name not in result.names
+    }
+    functions = followings[0].functions
+    return {
+        "temperature": {
+            "reference_degc": functions.reference_degc,
+            "range_degc": list(functions.range_degc),
+            "coefficients": coefficients,
+        }
     }
 
 
@@ -116,11 +141,11 @@ def calibration_of(result: Fit, entries: Catalogue | None = None) -> Calibration
 
 
 def linear_calibration(result: Fit) -> Calibration:
-    """Matrix and bias of the sensor alone.
+    """Matrix and bias of the sensor alone; if they follow temperature, at the reference temperature, with the curves.
 
     **Raises:** `KeyError` when the sensor's parameters are not all estimated, one for all data.
     """
-    data, degc = result.data, result.data.temperature_degc
+    data, degc, curves = result.data, result.data.temperature_degc, curves_of(result)
     matrix, bias, covariance = matrix_and_bias(result)
     turned = [result.value(name) for name in ("dtheta_x", "dtheta_y", "dtheta_z") if name in result.names]
     return Calibration(
@@ -128,7 +153,7 @@ def linear_calibration(result: Fit) -> Calibration:
         bias=bias,
         covariance=covariance,
         alignment=rotation_matrix(np.array(turned)).T if len(turned) == 3 else None,
-        temperature_degc=None if degc is None else float(np.mean(degc)),
+        temperature_degc=curves.reference_degc if curves else None if degc is None else float(np.mean(degc)),
         serial_number=data.serial_number,
         gravity=data.gravity,
         provenance={
@@ -142,6 +167,7 @@ def linear_calibration(result: Fit) -> Calibration:
             "date_utc": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
         },
         parameters=_sensor_and_mount(result),
+        temperature=curves,
     )
 
 

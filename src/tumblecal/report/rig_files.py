@@ -4,7 +4,9 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
+from tumblecal.chain import followings_of
 from tumblecal.chain.nominal import LINKS, UNIT_OF_LEAF
+from tumblecal.chain.rig_temperature import temperature_tables
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.ground.strict_toml import toml_string, toml_table
 from tumblecal.planning.next_plan import NextPlan
@@ -30,9 +32,11 @@ def extended_rig_text(diagnosis: Diagnosis) -> str:
     effects = [effect.id for effect in effects_in(chain, diagnosis.problem.where, diagnosis.entries)]
     leaves = [leaf for leaf in diagnosis.model.nominal_chain.parameters if leaf.name in UNIT_OF_LEAF]
     values = {leaf.name: np.asarray(leaf.value, float).ravel().tolist() for leaf in chain.parameters}
+    changes = {leaf.change.name for leaf in followings_of(chain)}
     truth = {
         toml_string(leaf.name): {"value": each[0] if len(each := values[leaf.name]) == 1 else each, "unit": leaf.unit}
         for leaf in chain.parameters
+        if leaf.name not in changes
     }
     labels = {"mount": data.mount, "run": data.run}
     conditions = {"time_s": data.time_s, "temperature_degc": data.temperature_degc}
@@ -52,7 +56,11 @@ def extended_rig_text(diagnosis: Diagnosis) -> str:
         ],
         diagnosis.mountings,
         positions,
-        [*toml_table("truth", truth), *toml_table("noise", {"sd": f"{diagnosis.sigma_g!r} g"})],
+        [
+            *toml_table("truth", truth),
+            *temperature_tables(chain, with_truth=True),
+            *toml_table("noise", {"sd": f"{diagnosis.sigma_g!r} g"}),
+        ],
     )
 
 
@@ -68,7 +76,7 @@ def next_rig_text(diagnosis: Diagnosis, plan: NextPlan, labels: Mapping[str, str
     angles = {label: diagnosis.mountings.get(label, (0.0, 0.0, 0.0)) for label in dict.fromkeys(mounts)} | turned
     by = {"dbeta": "run.mount.pitch" if len(set(runs)) > 1 else "mount.pitch", "dtheta": "mount"}
     leaves = diagnosis.model.nominal_chain.parameters
-    fixed = [leaf.name for leaf in leaves if not leaf.free and leaf.name != "levelling"]
+    fixed = [leaf.name for leaf in leaves if not leaf.free and leaf.name in UNIT_OF_LEAF and leaf.name != "levelling"]
     return _rig_text(
         "The head with its old positions and those proposed by tumblecal diagnose, for --rig.",
         f"{data.source} with the next positions",
@@ -83,6 +91,7 @@ def next_rig_text(diagnosis: Diagnosis, plan: NextPlan, labels: Mapping[str, str
             | {"mount": mount, "run": run}
             for name, alpha, beta, mount, run in rows
         ],
+        list(temperature_tables(diagnosis.model.nominal_chain, with_truth=False)),
     )
 
 

@@ -7,16 +7,19 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.chain import Chain, Where
+from tumblecal.chain import Chain, Where, followings_of
 from tumblecal.chain.nominal import UNIT_OF_LEAF
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.calibration_terms import Term
 from tumblecal.data.not_applied import IDS, LOSSES, NotApplied
+from tumblecal.data.temperature_curves import TemperatureCurves
 from tumblecal.effects import Catalogue
 from tumblecal.effects.effect import NO_FORMS, OF_HEAD, OF_MOUNT, reason_not_held
+from tumblecal.estimation.curves_of_fit import curves_of
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.intrinsic import one_sensor
 from tumblecal.ground.axes import AXES
+from tumblecal.ground.soaks import soaks
 from tumblecal.report.effect_forms import per_hour, require_forms, term_of_form
 
 
@@ -24,12 +27,14 @@ _EQUATION = (
     "A = diag(1 + dK) u + bias + sum of coefficient * product of u^powers * (T - reference_degc)^degc_power, "
     "per_degc being a degc_power of 1"
 )
-# Order of the usual model; temperatures that differ by less than this share of their range count as one.
-_USUAL_ORDER, _SAME_SHARE = 3, 0.1
+# Order of the usual model.
+_USUAL_ORDER = 3
 _WORDS = {2: "second", 3: "third"}
 _GRID = 401
 # Without these the force in the frame of the triad is correct.
 NOT_MISSED = (OF_HEAD, OF_MOUNT)
+# Leaves that are no property of the sensor.
+_OF_NO_SENSOR = {"dtheta": OF_MOUNT, "dbeta": OF_HEAD, "levelling": OF_HEAD}
 # A signal of an effect in the readings of the data, g; None if unknown.
 Signal = Float[np.ndarray, "positions 3"] | None
 
@@ -57,7 +62,8 @@ def effects_in(chain: Chain, where: Where, entries: Catalogue) -> Iterator[Fitte
     `where`: the settings that the chain was made for. `entries`: the catalogue; an effect without an entry has the name of its
     leaf.
     """
-    acting = [leaf for leaf in chain.parameters if leaf.name not in UNIT_OF_LEAF and (leaf.free or leaf.value.any())]
+    nominal = {*UNIT_OF_LEAF, *(leaf.change.name for leaf in followings_of(chain))}
+    acting = [leaf for leaf in chain.parameters if leaf.name not in nominal and (leaf.free or leaf.value.any())]
     remaining = {leaf.name: leaf for leaf in acting}
     # Most leaves have the id of their effect; making the links of every effect takes milliseconds.
     candidates = (
@@ -78,9 +84,11 @@ def effects_in(chain: Chain, where: Where, entries: Catalogue) -> Iterator[Fitte
 
 
 class SensorTerms:
-    """The terms of one calibration file, collected from the effects of one fit or of several."""
+    """The terms of one calibration file, collected from the effects of one fit or of several; `curves`: the parameters of the
+    sensor over temperature."""
 
-    def __init__(self):
+    def __init__(self, curves: TemperatureCurves | None = None):
+        self.curves = curves
         self._terms: dict[str, Term] = {}
         self._lacking: dict[str, NotApplied] = {}
 
@@ -121,6 +129,11 @@ class SensorTerms:
         return tuple(self._terms.values())
 
     @property
+    def thermal(self) -> bool:
+        """Whether the file corrects for temperature."""
+        return self.curves is not None or any(term.thermal for term in self.listed)
+
+    @property
     def not_applied(self) -> list[NotApplied]:
         """The effects that the file cannot contain, the reasons, and their sizes in the data."""
         return list(self._lacking.values())
@@ -128,7 +141,7 @@ class SensorTerms:
     def losses(self, temperature_degc: Float[np.ndarray, " positions"] | None) -> list[NotApplied]:
         """All corrections that the file lacks: `not_applied`, and an order of the dependence on temperature that the data, at
         these temperatures, do not determine."""
-        open_order = undetermined_order(self.listed, temperature_degc)
+        open_order = undetermined_order(self.listed, temperature_degc, self.curves)
         return [*self.not_applied, *([] if open_order is None else [open_order])]
 
     def put_into(
@@ -155,7 +168,11 @@ def terms_of_chain(
 
     `signal`: contribution of an effect to the readings; by default from the Jacobian of the fit.
     """
-    terms = SensorTerms()
+    terms = SensorTerms(curves_of(fit))
+    for leaf in followings_of(chain):
+        if leaf.change.free and (reason := _OF_NO_SENSOR.get(leaf.reference.name)):
+            effect = FittedEffect(leaf.change.name, (), leaf.change.names, reason=reason)
+            terms.add(effect, fit, (), signal=_signal(fit, effect))
     for effect in effects_in(chain, fit.problem.where, entries):
         if effect.id in entries:
             require_forms(entries[effect.id])
@@ -203,53 +220,46 @@ def lacking_of_fit(fit: Fit, entries: Catalogue, *, of_sensor: bool = False) -> 
         yield from lacking_words([loss for loss in losses if loss.effect not in kept], of_sensor=of_sensor)
 
 
-def _temperature_levels(temperature_degc: Float[np.ndarray, " positions"]) -> list[float]:
-    """The separate temperatures of some positions, degC, each the mean of those that count as one."""
-    degc = np.sort(np.asarray(temperature_degc, float))
-    width, levels = _SAME_SHARE * float(np.ptp(degc)), list[list[float]]()
-    for value in degc.tolist():
-        if levels and value <= levels[-1][0] + width:
-            levels[-1].append(value)
-        else:
-            levels.append([value])
-    return [float(np.mean(level)) for level in levels]
-
-
 def undetermined_order(
-    terms: Sequence[Term], temperature_degc: Float[np.ndarray, " positions"] | None
+    terms: Sequence[Term],
+    temperature_degc: Float[np.ndarray, " positions"] | None,
+    curves: TemperatureCurves | None = None,
 ) -> NotApplied | None:
     """The order of the dependence on temperature that is not determined, with the size (mg) that it has between the
-    measured temperatures if it changes the readings over their range as much as the terms do; None if third order, that of the
-    usual model of an accelerometer, is determined.
+    measured temperatures if it changes the readings over their range as much as terms and curves do; None if third order, that
+    of the usual model of an accelerometer, is determined.
 
     A polynomial that is zero at every temperature measured changes no reading of the data: one of second order with two
     temperatures, one of third order with three.
     """
     thermal = [term for term in terms if term.thermal]
-    if temperature_degc is None or not thermal:
+    if temperature_degc is None or not (thermal or curves):
         return None
-    levels = np.array(_temperature_levels(temperature_degc))
+    levels = np.array(soaks(temperature_degc))
     order = len(levels)
     if not 1 < order <= _USUAL_ORDER:
         return None
     half, middle = np.ptp(levels) / 2, (levels[0] + levels[-1]) / 2
     grid = np.linspace(-1, 1, _GRID)
     hidden = np.prod(grid[:, None] - (levels - middle) / half, axis=1)
-    size = 1e3 * _change(thermal, middle + half * grid)
+    size = 1e3 * _change(thermal, curves, middle + half * grid)
     at = ", ".join(f"{level:.3g}" for level in levels)
     return NotApplied(
         f"temperature^{order}",
-        f"not determined: a {_WORDS[order]}-order dependence of the same size as the terms of temperature would be zero at the "
+        f"not determined: a {_WORDS[order]}-order dependence of the same size as the known one would be zero at the "
         f"{order} temperatures measured ({at} degC) and act between them",
         float(size * np.max(np.abs(hidden))),
         float(size * np.sqrt(np.mean(hidden**2))),
     )
 
 
-def _change(thermal: Sequence[Term], degc: Float[np.ndarray, " grid"]) -> float:
+def _change(thermal: Sequence[Term], curves: TemperatureCurves | None, degc: Float[np.ndarray, " grid"]) -> float:
     """Half of the change of a reading at 1 g over the temperatures, of the axis on which it is largest, g."""
     inputs = np.ones((len(degc), 3))
     along = np.zeros((3, len(degc)))
+    if curves is not None:
+        scales, biases = np.split(curves.at(degc)[:, :6].T, 2)
+        along += scales + biases
     for term in thermal:
         along[AXES.index(term.axis)] += term.factor(degc, None) * term.of_inputs(inputs)
     return float(np.max(np.ptp(along, axis=1))) / 2

@@ -5,10 +5,12 @@ from collections.abc import Iterator
 import numpy as np
 from rich.console import Console
 
+from tumblecal.estimation.curves_of_fit import reported
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.methods import Calibrated
 from tumblecal.estimation.noise_level import ContradictedLevel
 from tumblecal.estimation.plausibility import implausible_words
+from tumblecal.ground.numbers_shown import rounded
 from tumblecal.ground.units import shown
 from tumblecal.report.calibration_judgements import judgements, use_of
 from tumblecal.report.calibration_words import (
@@ -46,17 +48,19 @@ def print_calibration(calibrated: Calibrated, console: Console | None = None) ->
 
 
 def _print_table(calibrated: Calibrated, console: Console) -> None:
-    others = [name for name in calibrated.fits if name != "exact"]
+    others = {name: reported(fit) for name, fit in calibrated.fits.items() if name != "exact"}
     header = ["parameter", "value", "sd", "unit", *(f"{TITLES[name]}\ndiff / sd" for name in others)]
-    exact = calibrated.exact
-    rows = []
-    for index in exact.shared:
-        name, (unit, factor) = exact.names[index], shown(exact.units[index])
-        cells = [name, f"{exact.values[index] * factor:.4f}", f"{exact.sd[index] * factor:.4f}", unit]
-        for other in others:
-            result = calibrated.fits[other]
-            if name in result.names:
-                difference = (result.value(name) - exact.values[index]) / exact.sd[index]
+    exact, rows = reported(calibrated.exact), []
+    for name, unit, value, sd in zip(exact.names, exact.units, exact.values.tolist(), exact.sd.tolist(), strict=True):
+        unit, factor = shown(unit)
+        # Four decimals suffice for parameters, not for coefficients of powers of the temperature.
+        cells = (
+            [f"{value * factor:.4f}", f"{sd * factor:.4f}"] if "/" not in name else rounded(value * factor, sd * factor)
+        )
+        cells = [name, *cells, unit]
+        for other in others.values():
+            if name in other.names:
+                difference = (other.values[other.names.index(name)] - value) / sd
                 cells.append(f"{difference:+.3f}" if abs(difference) < 100 else f"{difference:+.3g}")
             else:
                 cells.append("-")

@@ -55,4 +55,7 @@ def simulated_after(rig: Rig, plan: CapturePlan, source: Path, seed: int, noise_
         temperature_degc=temperature,
         approach=approach,
     )
-    return simulated(replace(rig, plan=both), seed, noise_sd).chosen(np.arange(len(first), len(both)))
+    temperature = rig.temperature.stated_for(rig.where)
+    return simulated(replace(rig, plan=both, temperature=temperature), seed, noise_sd).chosen(
+        np.arange(len(first), len(both))
+    )

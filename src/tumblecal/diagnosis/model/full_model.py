@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from tumblecal.chain import Chain, Link, Parameter, Place, State, Where, coefficients, parameters_of
 from tumblecal.chain.link import turned
+from tumblecal.diagnosis.model.followed import already_followed
 from tumblecal.diagnosis.model.layout import Layout, Slot, hand_held
 from tumblecal.effects import Catalogue, Effect
 from tumblecal.estimation.chain_programs import Evaluation, Programs, programs_of
@@ -205,6 +206,8 @@ def _reason_against(effect: Effect, nominal: Chain, where: Where) -> str:
     of_head = all(Place.GRAVITY < link.place <= Place.MOUNT or getattr(link, "by", "") == "pitch" for link in links)
     if hand_held(nominal) and (effect.looks_back or of_head):
         return "the attitudes are unknown"
+    if followed := already_followed(effect, nominal, where):
+        return f"{followed} of the model already follows temperature"
     taken = {leaf.name for leaf in nominal.free}
     return "already a free parameter of the model" if any(leaf.name in taken for leaf in _leaves(links)) else ""
 

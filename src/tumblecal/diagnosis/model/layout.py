@@ -10,7 +10,7 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from tumblecal.chain import Chain, Link, Where, parameters_of
+from tumblecal.chain import Chain, Link, Where, followings_of, parameters_of
 from tumblecal.chain.nominal import LINKS, FreeAttitude
 from tumblecal.ground.showing import brief
 
@@ -88,9 +88,10 @@ class Layout:
 
     @cached_property
     def of_plan(self) -> bool:
-        """Whether angles and groups alone determine the nominal readings: the chain of a rig may contain effects."""
+        """Whether angles and groups alone determine the nominal readings: the chain of a rig may contain effects, or leaves
+        that follow temperature."""
         kinds = {named.kind for named in LINKS.values()}
-        return all(type(link) in kinds for link in self.nominal_chain.links)
+        return all(type(link) in kinds for link in self.nominal_chain.links) and not followings_of(self.nominal_chain)
 
     @cached_property
     def key(self) -> tuple[Any, ...]:

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg.lapack import dposv  # type: ignore[attr-defined]
 
+from tumblecal.chain import followings_of
 from tumblecal.diagnosis.model.full_model import FullModel
 from tumblecal.diagnosis.priors import LARGE
 from tumblecal.estimation.chain_programs import Evaluation
@@ -87,7 +88,10 @@ class Tangent:
         columns = self.model.layout.thermal
         if temperature is None or not columns:
             return self.jacobian
-        steady = replace(self.problem.where, temperature_degc=np.full_like(temperature, np.mean(temperature)))
+        # Parameters that follow temperature are given at their reference.
+        followings = followings_of(self.model.nominal_chain)
+        constant_degc = float(followings[0].reference_degc) if followings else np.mean(temperature)
+        steady = replace(self.problem.where, temperature_degc=np.full_like(temperature, constant_degc))
         constant = white_rows(self.model, self.problem, self.vector, self.model.evaluate(steady, self.vector))[1]
         constant = constant[:, columns]
         left = np.linalg.norm(self.basis.T @ constant, axis=0)

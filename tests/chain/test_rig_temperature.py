@@ -1,0 +1,202 @@
+"""The `[temperature]` table of rig files: leaves, truth in physical coefficients, soaks, and every fault."""
+
+import numpy as np
+import pytest
+
+from tumblecal import InputError, simulate
+from tumblecal.chain import followings_of, nominal_chain, settings
+from tumblecal.chain.rig_file import read_rig
+from tumblecal.chain.rig_temperature import temperature_tables
+from tumblecal.diagnosis.model.followed import already_followed
+from tumblecal.effects import catalogue
+from tumblecal.ground.soaks import soaks
+from tumblecal.ground.temperature_functions import TemperatureFunctions
+
+
+DEGC = np.repeat([0.0, 15.0, 28.0, 41.0, 60.0], 24)
+
+
+def rig_with(tmp_path, temperature: str, plan: str = ""):
+    path = tmp_path / "rig.toml"
+    plan = plan or "alpha_deg = { start = 0, step = 45, count = 8 }\nbeta_deg = [0, 45, 90]\n"
+    path.write_text(
+        f'schema = "tumblecal.rig/1"\n[plan]\n{plan}temperature_degc = [-10, 25, 60]\n{temperature}\n[noise]\nsd = "0.1 mg"\n'
+    )
+    return read_rig(path)
+
+
+def test_the_example_has_its_true_polynomials(configs):
+    rig = read_rig(configs / "thermal_soaks.toml")
+    np.testing.assert_array_equal(rig.plan.temperature_degc, DEGC)
+    assert rig.plan.names[:2] == ("1-0-1", "1-0-2") and rig.plan.names[-1] == "5-2-8" and set(rig.plan.runs) == {"1"}
+    readings = simulate(rig, seed=0, noise_sd=0.0).readings
+    above = DEGC - 25.0
+    # At alpha = beta = 0 of each soak: the force is along z to the angles of the mount, which are known.
+    first = slice(0, None, 24)
+    bias_y = -1.5e-3 - 0.05e-3 * above + 3e-6 * above**2 - 0.06e-6 * above**3
+    change = (readings[:, 1] - bias_y)[first]
+    assert np.ptp(change) < 3e-6  # only that of dK times the force along y, 2e-3 g
+    assert rig.temperature.words == "dK by order 1, bias by order 3, gamma by order 2"
+    assert "temperature: dK by order 1" in str(rig.screen())
+
+
+def test_reference_and_range_are_stated_or_of_the_data(tmp_path):
+    def functions(words, degc):
+        rig = rig_with(tmp_path, f"[temperature]\n{words}\n[temperature.bias]\norder = 1")
+        where = settings(np.zeros(len(degc)), np.zeros(len(degc)), temperature_degc=degc)
+        return followings_of(rig.chain(where))[0].functions
+
+    assert functions("", [0.0, 60.0]).reference_degc == 25.0
+    assert functions("", [30.0, 60.0]).reference_degc == 45.0
+    assert functions("reference_degc = 20", [30.0, 60.0]).reference_degc == 20.0
+    assert functions("", [30.0, 60.0]).range_degc == (30.0, 60.0)
+    assert functions("range_degc = [-20, 80]", [30.0, 60.0]).range_degc == (-20.0, 80.0)
+
+
+def test_the_truth_does_not_depend_on_the_positions_asked_for(tmp_path):
+    truth = 'order = 2\ntruth = { x = ["0.1 mg/degC", "1 ug/degC^2"] }'
+    rig = rig_with(tmp_path, f"[temperature.bias]\n{truth}")
+    where = settings([0.0, 0.0], [0.0, 0.0], temperature_degc=[25.0, 35.0])
+    x, _, _ = np.asarray(rig.true_chain(where)(where)).T
+    assert x[1] - x[0] == pytest.approx(0.1e-3 * 10 + 1e-6 * 100, rel=1e-12)
+
+
+def test_soaks_are_groups_of_temperatures_with_much_larger_steps_between():
+    noise = np.random.default_rng(1).uniform(-0.3, 0.3, len(DEGC))
+    np.testing.assert_allclose(soaks(DEGC + noise), [0, 15, 28, 41, 60], atol=0.2)
+    assert len(soaks(np.repeat([0.0, 30.0, 60.0], 24) + np.tile(np.linspace(0, 2.4, 24), 3))) == 3
+    assert len(soaks(np.linspace(0.0, 60.0, 24))) == 24 and soaks(np.full(9, 25.0)) == [25.0]
+
+
+@pytest.mark.parametrize(
+    ("table", "degc", "words"),
+    [
+        (
+            "order = 3",
+            (0, 25, 60),
+            r"order 3 needs 4 or more soaks; the data have 3 soaks \(0, 25, 60 degC\), which det",
+        ),
+        ("order = 3", (0, 25, 60), "which determine at most order 2"),
+        (
+            "knots_degc = [20, 40]",
+            (0, 15, 30, 45, 60),
+            "a cubic spline with knots at 20, 40 degC needs 6 or more .* at most 1 knot",
+        ),
+        (
+            "knots_degc = [20]",
+            (0, 25, 60),
+            "a cubic spline with a knot at 20 degC needs 5 or more soaks; .* at most order 2",
+        ),
+        (
+            "order = 1",
+            (25, 25.3),
+            r"all positions have one temperature \(25.15 degC\), which determines no change of bias",
+        ),
+        (
+            "knots_degc = [70]",
+            (0, 9, 18, 30, 45, 60),
+            "knots 70 degC: they must increase within the range -0.01 to 60.01 degC",
+        ),
+        ("order = 1", None, "bias follows temperature, but the data have no column temperature_degc"),
+    ],
+)
+def test_temperatures_that_cannot_determine_the_functions(tmp_path, table, degc, words):
+    rig = rig_with(tmp_path, f"[temperature.bias]\n{table}")
+    degc = None if degc is None else np.repeat(np.array(degc, float), 8) + np.tile([-0.01, 0.01], 4 * len(degc))
+    count = 8 if degc is None else len(degc)
+    where = settings(np.zeros(count), np.zeros(count), temperature_degc=degc)
+    with pytest.raises(InputError, match=rf"rig\.toml:line \d+: temperature\.bias: .*{words}"):
+        rig.chain(where)
+
+
+def test_all_faults_of_the_table_are_reported_together(tmp_path):
+    with pytest.raises(InputError) as raised:
+        rig_with(
+            tmp_path,
+            """
+[temperature]
+reference_degc = "warm"
+range_degc = [60, 0]
+[temperature.bias]
+order = 6
+[temperature.dK]
+[temperature.gama]
+order = 1
+[temperature.tilt]
+order = 1
+[temperature.dtheta]
+order = 2
+knots_degc = [10]
+""",
+        )
+    text = "\n".join(raised.value.faults)
+    for words in (
+        "line 8: temperature.reference_degc: must be a number",
+        "temperature.bias.order: must be 5 or less (got 6)",
+        "temperature.dK: give order = 0 to 5 (a polynomial), or knots_degc = [10, 30] (a cubic spline)",
+        "temperature.gama: unknown key; did you mean gamma?",
+        "temperature.tilt: unknown key",
+        "temperature.dtheta: a cubic spline has order 3; remove order, or knots_degc",
+    ):
+        assert words in text
+
+
+def test_faults_of_truth_knots_and_links(tmp_path):
+    with pytest.raises(InputError) as raised:
+        rig_with(
+            tmp_path,
+            """
+[chain]
+links = ["base", "spindle", "triad", "output"]
+[temperature.bias]
+order = 2
+truth = { x = ["1 mg/degC"], w = ["1 mg/degC", "1 mg/degC^2"], y = ["1 mg", "2 mg/degC^2"], z = ["1 mg/degC", "1 mg/degC"] }
+[temperature.gamma]
+knots_degc = [30, 10]
+[temperature.dtheta]
+order = 1
+""",
+        )
+    text = "\n".join(raised.value.faults)
+    for words in (
+        "temperature.bias.truth.x: 1 coefficients, but bias has 2 functions of temperature",
+        "temperature.bias.truth.w: no such component; bias has x, y, z",
+        "temperature.bias.truth.y.0: 'mg' cannot be converted to 'g/degC'",
+        "temperature.bias.truth.z.1: 'mg/degC' cannot be converted to 'g/degC^2'",
+        "temperature.gamma.knots_degc: the knots must increase",
+        "temperature.dtheta: chain.links has no link with this leaf",
+    ):
+        assert words in text
+    with pytest.raises(InputError, match="a list of soaks repeats a grid; state temperature_degc in each position"):
+        rig_with(tmp_path, "", "positions = [{ alpha_deg = 0, beta_deg = 0 }]\n")
+
+
+def test_the_tables_of_a_chain_describe_it(configs, tmp_path):
+    rig = read_rig(configs / "thermal_soaks.toml")
+    chain = rig.true_chain(rig.where)
+    text = (configs / "thermal_soaks.toml").read_text()
+    first, last = text.index("[temperature]"), text.index("[noise]")
+    path = tmp_path / "again.toml"
+    path.write_text(text[:first] + "\n".join(temperature_tables(chain, with_truth=True)) + text[last:])
+    again = read_rig(path)
+    assert again.temperature.range_degc == (0.0, 60.0)
+    np.testing.assert_allclose(again.true_chain(again.where).vector, chain.vector, rtol=1e-12)
+
+
+def test_effects_that_the_chain_includes_are_not_tested():
+    where = settings(np.zeros(9), np.zeros(9), time_s=np.arange(9.0), temperature_degc=np.linspace(0, 60, 9))
+
+    def included(**orders):
+        functions = {leaf: TemperatureFunctions(order, 25.0, (0.0, 60.0)) for leaf, order in orders.items()}
+        chain = nominal_chain(where, temperature=functions)
+        return {id for id, effect in catalogue().items() if already_followed(effect, chain, where)}
+
+    bias = {f"bias_temperature.{axis}" for axis in "xyz"}
+    assert included(bias=1) == bias
+    assert included(bias=2) == bias | {f"bias_temperature_square.{axis}" for axis in "xyz"}
+    assert included(dK=1) == {f"scale_temperature.{axis}" for axis in "xyz"}
+    assert included(gamma=1) == {"misalignment_temperature.y", "misalignment_temperature.z"}
+    assert included(dtheta=1) == {"mount_temperature"}
+    mounted = {"mount_temperature", *(f"misalignment_temperature.{axis}" for axis in "xyz")}
+    assert included(gamma=1, dtheta=1) == mounted
+    assert included() == set()
