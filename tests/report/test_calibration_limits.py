@@ -28,7 +28,7 @@ def use(fit, *losses, terms=(), comments=None, degc=None):
     """The use that limits alone allow."""
     degc = None if degc is None else np.resize(degc, len(fit.data))
     problem = replace(fit.problem, data=replace(fit.data, temperature_degc=degc, comments=comments or {}))
-    held = SimpleNamespace(losses=lambda degc: list(losses), listed=terms)
+    held = SimpleNamespace(losses=lambda degc: list(losses), thermal=any(term.thermal for term in terms))
     return combined(limits(replace(fit, problem=problem), held))
 
 
@@ -121,7 +121,7 @@ def test_an_ambiguous_verdict_allows_the_parameters_in_which_the_explanations_ag
         implausible=(), verdict="ambiguous", extended=fit, members=(), noise_wrong=(), data=fit.data, sigma_g=1e-4,
         in_use=used, best=SimpleNamespace(equivalents=()),
     )  # fmt: skip
-    held = SimpleNamespace(losses=lambda degc: [], listed=())
+    held = SimpleNamespace(losses=lambda degc: [], thermal=False)
     own = use_of_diagnosis(diagnosis, held, None, [explained(2e-3, 0.0), explained(0.0, 2e-3)])
     assert own.answer == "only" and own.parameters == tuple(name for name in SENSOR if name != "bias_x")
     # Across the x axis they differ by 2 mg, along it not at all.
