@@ -28,6 +28,7 @@ class Following(eqx.Module):
       serve every range. `order`: of the polynomial.
 
     Examples:
+        >>> import numpy as np
         >>> from tumblecal.chain import nominal_chain, settings
         >>> from tumblecal.ground.temperature_functions import TemperatureFunctions
         >>> linear = TemperatureFunctions(1, reference_degc=25.0, range_degc=(0.0, 50.0))

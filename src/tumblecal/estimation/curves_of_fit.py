@@ -59,6 +59,7 @@ def curves_of(fit: Fit) -> TemperatureCurves | None:
 
     Examples:
         >>> import tumblecal
+        >>> from tumblecal.estimation.curves_of_fit import curves_of
         >>> rig = tumblecal.read_rig("thermal_soaks")
         >>> data = tumblecal.simulate(rig, seed=1)
         >>> curves = curves_of(tumblecal.calibrate(data, chain=rig.chain(rig.where), noise_sd=1e-4).exact)
