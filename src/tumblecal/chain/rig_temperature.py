@@ -202,7 +202,8 @@ def rig_temperature(table: TemperatureTable, links: list[str], faults: list[str]
         leaves[leaf] = replace(how, truth=truth)
         if list(own.knots_degc) != sorted(set(own.knots_degc)):
             faults.append(f"{named}: temperature.{leaf}.knots_degc: the knots must increase")
-    return RigTemperature(leaves, table.reference_degc, tuple(table.range_degc) if table.range_degc else None)
+    limits = table.range_degc
+    return RigTemperature(leaves, table.reference_degc, (limits[0], limits[1]) if limits else None)
 
 
 def _coefficients(
