@@ -25,9 +25,9 @@ _EMULATE = (
 import sys
 from pathlib import Path
 from tumblecal.cli.emulate import emulate
-follow = Path(sys.argv[4]) if len(sys.argv) > 4 else None
+follow, chamber = (Path(name) if name else None for name in sys.argv[4:6])
 ledger = Path(sys.argv[2] + ".json")
-emulate(Path(sys.argv[1]), port=Path(sys.argv[2]), speed=float(sys.argv[3]), ledger=ledger, follow=follow)
+emulate(Path(sys.argv[1]), port=Path(sys.argv[2]), speed=float(sys.argv[3]), ledger=ledger, follow=follow, chamber=chamber)
 """
 )
 _CAPTURE = (
@@ -58,13 +58,13 @@ except InputError as error:
 class Emulator:
     """`tumblecal emulate` in its own process; `turn` types angles into it, unless it follows a capture."""
 
-    def __init__(self, folder: Path, config: str, speed: float = 20.0, follow: str | None = None):
+    def __init__(self, folder: Path, config: str, speed: float = 20.0, follow: str | None = None, chamber: str = ""):
         self.port = folder / "imu"
         path = folder / "emulator.toml"
         path.write_text(config)
-        followed = [] if follow is None else [str(folder / follow)]
+        names = [str(folder / name) if name else "" for name in (follow, chamber)]
         self.process = subprocess.Popen(
-            [sys.executable, "-c", _EMULATE, str(path), str(self.port), str(speed), *followed],
+            [sys.executable, "-c", _EMULATE, str(path), str(self.port), str(speed), *names],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,

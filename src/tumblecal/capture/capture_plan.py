@@ -1,7 +1,7 @@
 """The plan of a capture: a TOML file with positions, port, dwell time, and the data of the session."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from itertools import product
 from pathlib import Path
@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, ValidationError, model_validator
 
+from tumblecal.capture.chamber.chamber_tables import Celsius, ChamberTable, SoakTable
+from tumblecal.capture.chamber.soak_order import soak_numbers
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.frames import gravity_in_head, rotation_matrix
 from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2, Gravity, normal_gravity
@@ -30,11 +32,13 @@ class FileKind(NamedTuple):
     keys: tuple[str, ...]
 
 
-PLAN = FileKind("the plan of a capture", "capture", ("session", "port", "positions", "dwell", "limits", "conditions"))
+PLAN = FileKind(
+    "the plan of a capture", "capture", ("session", "port", "positions", "dwell", "limits", "conditions", "soak")
+)
 INSTRUMENT = FileKind(
     "the description of a virtual instrument",
     "emulate",
-    ("instrument", "rig", "effects", "noise", "head", "faults", "mistake"),
+    ("instrument", "rig", "effects", "noise", "head", "temperature", "faults", "mistake"),
 )
 
 
@@ -49,6 +53,16 @@ def check_kind(path: Path, content: Mapping[str, object], wanted: FileKind) -> N
             f"{path}: {other.what} for tumblecal {other.command} (it has {', '.join(found)}); tumblecal {wanted.command} needs "
             f"{wanted.what}"
         )
+
+
+def names_of(names: Sequence[str]) -> tuple[str, ...]:
+    """Names of dwells: the name of the position, numbered if it occurs again."""
+    counts: dict[str, int] = {}
+    numbered = []
+    for name in names:
+        counts[name] = counts.get(name, 0) + 1
+        numbered.append(name if counts[name] == 1 else f"{name} ({counts[name]})")
+    return tuple(numbered)
 
 
 class Session(Strict):
@@ -95,20 +109,22 @@ class Site(Strict):
 
 
 class PlanPosition(Strict):
-    """One position of a plan that is not a grid."""
+    """One position of a plan that is not a grid; `temperature_degc`: requested before its dwell."""
 
     alpha_deg: Number
     beta_deg: Number
     name: Line | None = None
     approach: int | None = None
+    temperature_degc: Celsius | None = None
 
 
 class PositionsTable(Strict):
-    """The positions: a grid (for each beta all alpha), or a list."""
+    """The positions: a grid (for each beta all alpha), or a list; with temperatures, all of them at each temperature."""
 
     alpha_deg: list[Number] | None = None
     beta_deg: list[Number] | None = None
     listed: list[PlanPosition] | None = None
+    temperature_degc: list[Celsius] = Field(default_factory=list)
     mount_rotation_deg: Annotated[list[Number], Field(min_length=3, max_length=3)] | None = None
 
     @model_validator(mode="after")
@@ -116,6 +132,11 @@ class PositionsTable(Strict):
         grid = bool(self.alpha_deg) and bool(self.beta_deg)
         if grid == bool(self.listed):
             raise ValueError("give either alpha_deg and beta_deg (a grid), or [[positions.listed]]")
+        single = [position.temperature_degc is not None for position in self.listed or []]
+        if any(single) and self.temperature_degc:
+            raise ValueError("give temperature_degc for all positions together, or for each of them, not both")
+        if any(single) and not all(single):
+            raise ValueError(f"temperature_degc is missing at listed position {single.index(False) + 1}; add it")
         return self
 
 
@@ -157,15 +178,31 @@ class CapturePlan(Strict):
     dwell: DwellTable = DwellTable()
     limits: LimitsTable = LimitsTable()
     conditions: PlannedConditions = PlannedConditions()
+    soak: SoakTable = SoakTable()
+    chamber: ChamberTable = ChamberTable()
 
     @cached_property
     def steps(self) -> list[PlanPosition]:
-        """The positions in order, named."""
+        """The positions in order, named; temperature is the slowest factor."""
         given = self.positions.listed
         if given is None:
             pairs = product(self.positions.beta_deg or [], self.positions.alpha_deg or [])
             given = [PlanPosition(alpha_deg=alpha, beta_deg=beta) for beta, alpha in pairs]
+        if temperatures := self.positions.temperature_degc:
+            given = [p.model_copy(update={"temperature_degc": degc}) for degc in temperatures for p in given]
+            names = names_of([p.name or str(k + 1) for k, p in enumerate(given)])
+            given = [p.model_copy(update={"name": name}) for p, name in zip(given, names, strict=True)]
         return [p.model_copy(update={"name": p.name or str(k + 1)}) for k, p in enumerate(given)]
+
+    @cached_property
+    def soaks(self) -> list[int]:
+        """The soak of each position, from 0; 0 for all positions of a plan without temperatures."""
+        return soak_numbers([step.temperature_degc for step in self.steps])
+
+    @property
+    def over_temperature(self) -> bool:
+        """Whether the plan requests temperatures."""
+        return self.steps[0].temperature_degc is not None
 
     def expected(self, position: int) -> NDArray[np.float64]:
         """Nominal specific force at a position in units of local gravity, sensor axes, shape (3,)."""
@@ -202,12 +239,14 @@ def read_plan(path: Path) -> CapturePlan:
 
 
 class CaptureSetup(Strict):
-    """The set-up of a capture: session, port, dwell times, limits, and the rotation of the triad (deg)."""
+    """The set-up of a capture: session, port, dwell times, limits, soaks, chamber, and the rotation of the triad (deg)."""
 
     session: Session = Session()
     port: PortTable = PortTable()
     dwell: DwellTable = DwellTable()
     limits: LimitsTable = LimitsTable()
+    soak: SoakTable = SoakTable()
+    chamber: ChamberTable = ChamberTable()
     mount_rotation_deg: list[Number] | None = None
 
     @classmethod
@@ -218,6 +257,8 @@ class CaptureSetup(Strict):
             port=plan.port,
             dwell=plan.dwell,
             limits=plan.limits,
+            soak=plan.soak,
+            chamber=plan.chamber,
             mount_rotation_deg=plan.positions.mount_rotation_deg,
         )
 

@@ -8,6 +8,7 @@ import contextlib
 import hashlib
 import os
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -55,7 +56,7 @@ class RunState:
 
     - `accepted`: the valid attempt, per position.
     - `attempts`: number of attempts, per position.
-    - `skipped`: postponed positions.
+    - `skipped`: postponed positions. `postponed`: numbers of postponed soaks.
     - `session`: the entry that began the run. `device`: the last one about the device;
       `devices`: all of them, one for each start of the recording.
     - `finished`: whether the run was ended.
@@ -66,6 +67,7 @@ class RunState:
     accepted: dict[int, Attempt] = field(default_factory=dict)
     attempts: dict[int, int] = field(default_factory=dict)
     skipped: set[int] = field(default_factory=set)
+    postponed: set[int] = field(default_factory=set)
     session: dict[str, Any] = field(default_factory=dict)
     device: dict[str, Any] = field(default_factory=dict)
     devices: list[dict[str, Any]] = field(default_factory=list)
@@ -91,11 +93,18 @@ class RunState:
         """The position that was finished last."""
         return max(self.accepted.values(), key=lambda attempt: attempt.wall_ns, default=None)
 
-    def open_after(self, position: int, count: int) -> int | None:
-        """The next of `count` positions that is not done, after this one, then from the start; skipped ones come last."""
-        remaining = [k for k in range(count) if k not in self.accepted]
-        first = [k for k in remaining if k not in self.skipped] or remaining
-        return next((k for k in first if k > position), first[0] if first else None)
+    def open_after(self, position: int, soaks: Sequence[int]) -> int | None:
+        """The next position that is not done, after this one, then from the start; None if all are done.
+
+        `soaks` are the soaks of all positions: those of the present soak come first, and postponed soaks last. Within a soak,
+        skipped positions come last.
+        """
+        here, count, most = soaks[max(position, 0)], len(soaks), max(soaks) + 1
+
+        def order(k: int) -> tuple[bool, int, bool, int]:
+            return soaks[k] in self.postponed, (soaks[k] - here) % most, k in self.skipped, (k - position - 1) % count
+
+        return min((k for k in range(count) if k not in self.accepted), key=order, default=None)
 
 
 def replayed(entries: list[dict[str, Any]]) -> RunState:
@@ -135,6 +144,8 @@ def replayed(entries: list[dict[str, Any]]) -> RunState:
                 state.accepted.pop(position, None)
             case "skipped":
                 state.skipped.add(position)
+            case "soak_postponed":
+                state.postponed.add(entry["soak"])
             case "finished":
                 state.finished = True
     return state

@@ -14,6 +14,7 @@ from tumblecal.ground.suggested_command import EVERY, suggested
 
 
 if TYPE_CHECKING:
+    from tumblecal.capture.capture_plan import CapturePlan
     from tumblecal.capture.run.run_folder import RunFolder
 
 
@@ -55,6 +56,59 @@ class OperatorOptions:
         return answer.strip().lower().startswith("y")
 
 
+@Parameter(name="*")
+@dataclass(frozen=True)
+class ChamberOptions:
+    """Temperatures of the plan; the default is the table [soak] or [chamber] of the plan.
+
+    Parameters
+    ----------
+    chamber
+        Port of the temperature chamber, with the commands of the plan; "operator": the operator sets it. Example: --chamber
+        /dev/ttyUSB1.
+    soak_tolerance
+        Largest distance of the sensor's temperature to the requested one, degC. Example: --soak-tolerance 2.
+    soak_rate
+        Largest rate of a stable temperature, degC/min. Example: --soak-rate 0.05.
+    soak_minutes
+        Time for which the temperature must be stable, min. Example: --soak-minutes 20.
+    soak_timeout
+        Longest wait for a stable temperature, min. Example: --soak-timeout 300.
+    """
+
+    chamber: str | None = None
+    soak_tolerance: float | None = None
+    soak_rate: float | None = None
+    soak_minutes: float | None = None
+    soak_timeout: float | None = None
+
+    def applied(self, plan: "CapturePlan") -> "CapturePlan":
+        """The plan with these options.
+
+        **Raises:** `InputError` for a value that is not above 0, or for options that the plan does not need.
+        """
+        from tumblecal.capture.chamber.chamber import OPERATOR
+
+        criterion = {
+            "tolerance_degc": self.soak_tolerance,
+            "rate_degc_per_min": self.soak_rate,
+            "stable_min": self.soak_minutes,
+            "timeout_min": self.soak_timeout,
+        }
+        stated = {key: value for key, value in criterion.items() if value is not None}
+        if (stated or self.chamber is not None) and not plan.over_temperature:
+            raise InputError(
+                "capture: the plan requests no temperature; remove --chamber and --soak-..., or add positions.temperature_degc"
+            )
+        for key, value in stated.items():
+            if not 0 < value < float("inf"):
+                raise InputError(f"capture: {key} {value:g}: must be a number above 0")
+        chamber = plan.chamber
+        if self.chamber is not None:
+            chamber = chamber.model_copy(update={"url": "" if self.chamber == OPERATOR else self.chamber})
+        return plan.model_copy(update={"soak": plan.soak.model_copy(update=stated), "chamber": chamber})
+
+
 def capture(
     plan: Path | None = None,
     /,
@@ -63,11 +117,13 @@ def capture(
     resume: Path | None = None,
     port: str | None = None,
     operator: OperatorOptions = OperatorOptions(),
+    temperature: ChamberOptions = ChamberOptions(),
 ) -> None:
     """Record the positions of a plan with the instrument on the dividing head, including every received byte.
 
-    The screen shows the angles to set; recording starts when the head is at rest at these angles. Stop at any time (q,
-    Ctrl-C, power cut) and continue with --resume. Next: tumblecal reduce DIR.
+    The screen shows the angles to set; recording starts when the head is at rest at these angles. A plan with temperatures
+    also sets a chamber, or requests them from the operator, and waits until they are stable. Stop at any time (q, Ctrl-C,
+    power cut) and continue with --resume. Next: tumblecal reduce DIR.
 
     Parameters
     ----------
@@ -95,6 +151,7 @@ def capture(
                 )
             )
             return
+        run_folder.plan = temperature.applied(run_folder.plan)
         live = _live_estimate(run_folder.plan) if operator.estimate else None
         try:
             how = {"plain": operator.plain, "wait_s": operator.wait, "trust": operator.trust_instrument}

@@ -23,12 +23,13 @@ def emulate(
     follow: Path | None = None,
     seconds: float | None = None,
     ledger: Path | None = None,
+    chamber: Path | None = None,
     effects: EffectFiles = (),
 ) -> None:
     """Emulate an instrument on a dividing head: open a virtual serial port and send the bytes of such a device.
 
-    Commands: ALPHA BETA turns the head; knock disturbs it; restart; quit. With --follow the head turns to the angles that
-    a capture requests.
+    Commands: ALPHA BETA turns the head; chamber DEGC sets the temperature chamber; knock disturbs the head; restart; quit.
+    With --follow the head turns to the angles that a capture requests, and the chamber goes to its temperatures.
 
     Parameters
     ----------
@@ -45,6 +46,9 @@ def emulate(
         Duration in device seconds. Default: until it is stopped. Example: --seconds 600.
     ledger
         Record (JSON) of the samples that were made, damaged and lost. Default: none. Example: --ledger ledger.json.
+    chamber
+        Name of the port of the virtual chamber, to be given to tumblecal capture. Default: none. Example: --chamber
+        virtual-chamber.
     """
     from tumblecal.capture.emulator.config import read_emulation
     from tumblecal.capture.emulator.device import VirtualDevice
@@ -58,13 +62,16 @@ def emulate(
         raise InputError(f"emulate: --speed {speed}: must be above 0")
     protect_inputs([config, *effects], out=ledger)
     protect_inputs([config, *effects], out=port)
+    protect_inputs([config, *effects], out=chamber)
+    if chamber is not None and chamber.absolute() == port.absolute():
+        raise InputError(f"emulate: --chamber {chamber} is also --port; give another name")
     wanted = read_emulation(config)
     truth = _truth(wanted, config, effects)
     operator = Follower(follow, wanted) if follow is not None else Typist()
     with StopSignals() as signals:
         device = VirtualDevice(wanted, truth)
         instrument = VirtualInstrument(
-            device, port, speed, lambda device: signals.received is None and operator(device), ledger
+            device, port, speed, lambda device: signals.received is None and operator(device), ledger, chamber
         )
         with contextlib.suppress(OSError):  # the terminal may be gone
             print(f"{device.protocol.title} at {port}, {wanted.instrument.rate_hz:g} Hz; Ctrl-C ends", flush=True)

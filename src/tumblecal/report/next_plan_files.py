@@ -17,7 +17,7 @@ from tumblecal.report.rig_files import cells, next_rig_text
 
 PLAN = "next_positions"
 RIG = "next_rig.toml"
-_KEPT = "[session], [port], [dwell] and [limits] are those of the first measurement."
+_KEPT = "[session], [port], [dwell], [limits], [soak] and [chamber] are those of the first measurement."
 _UNKNOWN = (
     "The data do not state how they were captured. [port] and [dwell] are the defaults of capture; correct them first."
 )
@@ -59,6 +59,8 @@ def plan_text(diagnosis: Diagnosis, plan: NextPlan, chosen: Iterable[NextPositio
         "site": {"gravity_ms2": site.value_ms2} if site and not site.assumed else {},
         "dwell": setup.stated("dwell"),
         "limits": setup.stated("limits"),
+        "soak": setup.stated("soak"),
+        "chamber": setup.stated("chamber"),
         "conditions": {} if supposed is None else _conditions(supposed),
         "positions": {"mount_rotation_deg": SIDES[side] if side else setup.mount_rotation_deg or None},
     }

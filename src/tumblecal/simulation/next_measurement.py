@@ -41,7 +41,8 @@ def simulated_after(rig: Rig, plan: CapturePlan, source: Path, seed: int, noise_
         time = (*first.time_s, *(max(first.time_s) + after + step * np.arange(count)).tolist())
     if first.temperature_degc is not None:
         degc = first.temperature_degc[-1] if given.temperature_degc is None else given.temperature_degc
-        temperature = (*first.temperature_degc, *(degc,) * count)
+        requested = (degc if step.temperature_degc is None else step.temperature_degc for step in steps)
+        temperature = (*first.temperature_degc, *requested)
     if first.approach is not None:
         approach = (*first.approach, *(float(step.approach or 1) for step in steps))
     both = replace(

@@ -1,23 +1,30 @@
 """The description of a virtual instrument: a TOML file."""
 
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field
 
 from tumblecal.capture.capture_plan import INSTRUMENT, Site, check_kind
+from tumblecal.capture.chamber.chamber_tables import Celsius
 from tumblecal.ground.strict_toml import Number, Seed, Strict, checked, read_toml
 from tumblecal.noise import Flicker, GaussMarkov, Noise, RandomWalk, White
 
 
 class Instrument(Strict):
-    """The device: protocol, serial number, range, rate; whether it answers commands, and how many it misses first."""
+    """The device: protocol, serial number, range, rate; whether it answers commands, and how many it misses first.
+
+    `temperature_degc`: at the beginning. `temperatures`: whether a STIM300 sends them; by default with a table chamber or
+    temperature.
+    """
 
     protocol: str = "stim300"
     serial_number: str = "N25581846020020"
     range_g: Number = 10.0
     rate_hz: Number = Field(default=125.0, gt=0, le=20000)
     temperature_degc: Number = 25.0
+    temperatures: bool | None = None
     start_up_s: Number = Field(default=0.7, ge=0)
     answers: bool = True
     answers_after: int = Field(default=0, ge=0)
@@ -41,6 +48,53 @@ class InstrumentNoise(Strict):
         white, flicker, markov, walk = (np.full(3, float(size)) for size in sizes)
         parts = (White(white), Flicker(flicker), GaussMarkov(markov, float(self.markov_time_s)), RandomWalk(walk))
         return Noise(tuple(part for part, size in zip(parts, sizes, strict=True) if size))
+
+
+class Ramp(Strict):
+    """A part of a chamber's profile: a ramp to a temperature (`degc_per_min`: by default that of the chamber), then a soak."""
+
+    to_degc: Celsius
+    degc_per_min: Number | None = Field(default=None, gt=0)
+    hold_min: Number = Field(default=0.0, ge=0)
+
+
+class VirtualChamberTable(Strict):
+    """The chamber around the instrument: rate and limits of its air, and a profile that runs until a temperature is set."""
+
+    ramp_degc_per_min: Number = Field(default=2.0, gt=0)
+    lowest_degc: Celsius = -70.0
+    highest_degc: Celsius = 180.0
+    profile: list[Ramp] = Field(default_factory=list)
+
+
+_Coefficients = Annotated[list[Number], Field(max_length=9)]
+
+
+class AxisPolynomials(Strict):
+    """Coefficients of T - reference, (T - reference)^2, ... for each axis."""
+
+    x: _Coefficients = Field(default_factory=list)
+    y: _Coefficients = Field(default_factory=list)
+    z: _Coefficients = Field(default_factory=list)
+
+
+class ThermalTable(Strict):
+    """Temperature of the die and of the thermometer in the instrument, and the errors that follow the die.
+
+    Lags are of the die behind the air and of the thermometer behind the die. `bias_mg` is in mg/degC, mg/degC^2, ...;
+    `scale_mg_per_g` in (mg/g)/degC, ...; `hysteresis_mg`: half of the distance of rising and falling branch, which is complete
+    after a change of direction by `hysteresis_degc`.
+    """
+
+    reference_degc: Celsius = 25.0
+    die_lag_s: Number = Field(default=0.0, ge=0)
+    thermometer_lag_s: Number = Field(default=0.0, ge=0)
+    self_heating_degc: Number = 0.0
+    thermometer_noise_degc: Number = Field(default=0.0, ge=0)
+    bias_mg: AxisPolynomials = AxisPolynomials()
+    scale_mg_per_g: AxisPolynomials = AxisPolynomials()
+    hysteresis_mg: Annotated[list[Number], Field(min_length=3, max_length=3)] = Field(default=[0.0, 0.0, 0.0])
+    hysteresis_degc: Number = Field(default=10.0, gt=0)
 
 
 class Head(Strict):
@@ -90,8 +144,16 @@ class Emulation(Strict):
     noise: InstrumentNoise = InstrumentNoise()
     site: Site = Site()
     head: Head = Head()
+    chamber: VirtualChamberTable = VirtualChamberTable()
+    temperature: ThermalTable = ThermalTable()
     faults: Faults = Faults()
     mistake: list[Mistake] = Field(default_factory=list)
+
+    @property
+    def sends_temperatures(self) -> bool:
+        """Whether the samples have temperatures, if that is a setting of the protocol."""
+        stated = self.instrument.temperatures
+        return bool({"chamber", "temperature"} & self.model_fields_set) if stated is None else stated
 
 
 def read_emulation(path: Path) -> Emulation:

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tumblecal.capture.decoding.samples import Samples, Settings, Status, blank
+from tumblecal.capture.emulator.climate import ThermalErrors, VirtualChamber
 from tumblecal.capture.emulator.config import Emulation
 from tumblecal.capture.emulator.head import DividingHead
 from tumblecal.capture.protocols import protocol
@@ -15,8 +16,8 @@ from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 from tumblecal.noise.sampling import SampleStream
 
 
-# Interval at which the true output at rest is recomputed, for effects that drift.
-_REFRESH_S = 5.0
+# Interval of time, and of temperature, at which the true output at rest is recomputed, for effects that drift.
+_REFRESH_S, _REFRESH_DEGC = 5.0, 0.05
 _ON_TIME_S = 1.0
 
 # Readings in local g at (alpha_deg, beta_deg, time_s, temperature_degc): shape (3,).
@@ -86,16 +87,19 @@ class VirtualDevice:
     config: Emulation
     settings: Settings
     head: DividingHead
+    chamber: VirtualChamber
     ledger: Ledger
 
     def __init__(self, config: Emulation, truth: TruthFunction = ideal, rates: RateFunction | None = None):
         self.config, self._truth, self._rates = config, truth, rates
         self.protocol = protocol(config.instrument.protocol)
-        settings = Settings(rate_hz=config.instrument.rate_hz)
+        settings = Settings(rate_hz=config.instrument.rate_hz, temperatures=config.sends_temperatures)
         ranges = self.protocol.ranges_g
         self.settings = self.protocol.with_range(settings, config.instrument.range_g) if ranges else settings
         head = config.head
         self.head = DividingHead(head.alpha_deg, head.beta_deg, head.turn_s, head.knock_g)
+        self.chamber = VirtualChamber(config)
+        self._thermal = ThermalErrors(config, self.chamber.die_degc)
         self.ledger = Ledger()
         self._noise = SampleStream(config.noise.model, 1 / config.instrument.rate_hz, config.noise.seed)
         self._random = np.random.default_rng([config.noise.seed, 1])
@@ -107,7 +111,7 @@ class VirtualDevice:
         self._input, self._missed = b"", 0
         self._known: tuple[tuple, NDArray] | None = None
         # Compiled before the clock runs, which may take seconds.
-        self._at_rest(0.0, config.instrument.temperature_degc)
+        self._at_rest(0.0, self.chamber.die_degc)
 
     @property
     def time_s(self) -> float:
@@ -154,9 +158,10 @@ class VirtualDevice:
         times = number / rate
         middle = float(times[n // 2])
         samples = blank(n)
-        temperature = self.config.instrument.temperature_degc
+        self.chamber.advance(n / rate)
         # A late emulator makes its samples when they are read: drifts have continued meanwhile.
-        resting = self._at_rest(middle, temperature, self.ledger.behind_s)
+        resting = self._at_rest(middle, self.chamber.die_degc, self.ledger.behind_s)
+        resting = self._thermal.applied(resting, self.chamber.die_degc)
         samples.force[:] = resting * self._site_gravity
         samples.force[:] += self._noise.take(n) + self.head.shaking(times, self._random)
         if self._rates is not None:
@@ -164,7 +169,9 @@ class VirtualDevice:
         else:
             samples.rate[:] = self._random.normal(size=(n, 3)) * self.config.noise.gyro_sd_dps
             samples.rate[:] += self.head.rates(middle)
-        samples.temperature[:] = temperature
+        samples.temperature[:] = self.chamber.thermometer_degc
+        if noise := self.config.temperature.thermometer_noise_degc:
+            samples.temperature[:] += noise * self._random.normal(size=n)
         counter = self.protocol.counter
         since = number - self._counter_offset
         ticks = counter.ticks_per_s / rate if counter is not None and counter.ticks_per_s else 1.0
@@ -177,9 +184,9 @@ class VirtualDevice:
         return samples
 
     def _at_rest(self, now_s: float, temperature: float, behind_s: float = 0.0) -> NDArray[np.float64]:
-        """The true output, recomputed when the head moves and every few seconds (effects that drift)."""
+        """The true output, recomputed when the head moves, every few seconds, and with the temperature (effects that drift)."""
         drifted_s = now_s + behind_s
-        key = (*self.head.angles(now_s), int(drifted_s / _REFRESH_S))
+        key = (*self.head.angles(now_s), int(drifted_s / _REFRESH_S), round(temperature / _REFRESH_DEGC))
         if self._known is None or self._known[0] != key:
             self._known = (key, np.asarray(self._truth(*key[:2], drifted_s, temperature), float))
         return self._known[1]

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from tumblecal.capture.emulator.chamber_port import ChamberPort
 from tumblecal.capture.emulator.device import VirtualDevice
 from tumblecal.capture.emulator.virtual_port import VirtualPort
 from tumblecal.ground.atomic import write_text
@@ -30,6 +31,7 @@ class VirtualInstrument:
     - `speed`: device seconds per second.
     - `operator`: turns the head; None for no turns.
     - `ledger`: file for the true events, written once a second and at the end.
+    - `chamber_link`: name of the chamber's port; None for a chamber that only the operator sets.
     """
 
     device: VirtualDevice
@@ -42,9 +44,11 @@ class VirtualInstrument:
         speed: float = 1.0,
         operator: Operator | None = None,
         ledger: Path | None = None,
+        chamber_link: Path | None = None,
     ):
         self.device, config = device, device.config
         self.port = VirtualPort(link)
+        self._chamber_port = None if chamber_link is None else ChamberPort(device.chamber, chamber_link)
         self._config, self._speed, self._operator, self._ledger = config, speed, operator, ledger
         self._random = np.random.default_rng([config.noise.seed, 2])
         self._unplugs = sorted(config.faults.unplug_at_s)
@@ -73,10 +77,14 @@ class VirtualInstrument:
         finally:
             self._note()
             self.port.close()
+            if self._chamber_port is not None:
+                self._chamber_port.close()
 
     def step(self, n: int) -> None:
         """Let the device make `n` samples and send them, with the faults in between."""
         self._cable()
+        if self._chamber_port is not None:
+            self._chamber_port.serve()
         if self.port.plugged:
             self.device.command(self.port.read())
         data = self.device.advance(n)

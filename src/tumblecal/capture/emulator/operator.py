@@ -6,6 +6,7 @@ import select
 import sys
 from pathlib import Path
 
+from tumblecal.capture.chamber.chamber import OPERATOR
 from tumblecal.capture.emulator.config import Emulation
 from tumblecal.capture.emulator.device import VirtualDevice
 from tumblecal.capture.journal import JOURNAL_NAME
@@ -13,7 +14,8 @@ from tumblecal.capture.log import LogReader, RecordKind
 
 
 class Typist:
-    """Turns the head when `ALPHA BETA` is typed; `knock` bumps it, `restart` restarts the device, `quit` ends."""
+    """Turns the head when `ALPHA BETA` is typed, and sets the chamber with `chamber DEGC`; `knock` bumps the head, `restart`
+    restarts the device, `quit` ends."""
 
     def __init__(self) -> None:
         self._text = ""
@@ -41,9 +43,14 @@ class Typist:
                 device.restart()
             case _:
                 try:
+                    if words[0] == "chamber":
+                        (degc,) = (float(w) for w in words[1:])
+                        device.chamber.set_temperature(degc)
+                        print(f"chamber set to {device.chamber.set_point_degc:g} degC", flush=True)
+                        return True
                     alpha, beta = (float(w) for w in words)
                 except ValueError:
-                    print("type ALPHA BETA (degrees), knock, restart or quit", flush=True)
+                    print("type ALPHA BETA (degrees), chamber DEGC, knock, restart or quit", flush=True)
                     return True
                 device.head.turn(alpha, beta, now)
                 print(f"turning to alpha {alpha:g}, beta {beta:g}", flush=True)
@@ -51,7 +58,8 @@ class Typist:
 
 
 class Follower:
-    """Reads the journal of a capture and turns the head to the prompted positions, with the configured mistakes.
+    """Reads the journal of a capture, turns the head to the prompted positions, with the configured mistakes, and sets the
+    chamber to the requested temperatures.
 
     **Arguments:**
 
@@ -66,6 +74,7 @@ class Follower:
         self._reader: LogReader | None = None
         self._prompts = 0
         self._due: tuple[float, float, float] | None = None
+        self._chamber_due: tuple[float, float] | None = None
         self._target: tuple[float, float] | None = None
 
     def __call__(self, device: VirtualDevice) -> bool:
@@ -79,19 +88,24 @@ class Follower:
                 continue
             entry = record.content()
             if entry["entry"] == "session":
-                self._prompts, self._due = 0, None
+                self._prompts, self._due, self._chamber_due = 0, None, None
             if entry["entry"] == "finished":
                 return False
             if entry["entry"] == "prompted":
                 self._prompts += 1
                 self._target = (entry["alpha_deg"], entry["beta_deg"])
                 self._due = (now + self._reaction_s, *self._goal())
+            if entry["entry"] == "soak" and entry["chamber"] == OPERATOR:
+                self._chamber_due = (now + self._reaction_s, entry["requested_degc"])
             if entry["entry"] == "wrong_position" and self._target is not None:
                 self._due = (now + self._reaction_s, *self._target)
         if self._due is not None and now >= self._due[0]:
             if device.head.angles(now) != self._due[1:]:
                 device.head.turn(*self._due[1:], now)
             self._due = None
+        if self._chamber_due is not None and now >= self._chamber_due[0]:
+            device.chamber.set_temperature(self._chamber_due[1])
+            self._chamber_due = None
         return True
 
     def _open_newest(self) -> None:

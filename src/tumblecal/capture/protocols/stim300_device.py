@@ -18,8 +18,8 @@ from tumblecal.capture.protocols.stim300_datagrams import (
 )
 
 
-# The latency field, and the bits of a configuration with acceleration and inclination.
-_LATENCY_US, _CLUSTERS = 506, 0x06
+# The latency field, and the bits of a configuration with acceleration and inclination, and with temperatures.
+_LATENCY_US, _CLUSTERS, _TEMPERATURES = 506, 0x06, 0x08
 
 
 def _sealed(rows: NDArray[np.uint8], padding: int, crlf: bool) -> bytes:
@@ -39,16 +39,17 @@ def _put16(rows: NDArray[np.uint8], at: int, values: NDArray[np.float64]) -> Non
     rows[:, at : at + 6] = np.repeat(words[:, None], 3, 1).view(np.uint8).reshape(len(rows), 6)
 
 
-def encode(samples: Samples, settings: Settings, identifier: int = 0x93, crlf: bool = False) -> bytes:
+def encode(samples: Samples, settings: Settings, identifier: int | None = None, crlf: bool = False) -> bytes:
     """Normal frames of one kind, as a STIM300 with output "acceleration" sends them.
 
     **Arguments:**
 
     - `samples`: the samples; `status` goes into the accelerometers' status byte (the gyros' without them).
     - `settings`: the range gives the scale.
-    - `identifier`: kind of frame.
+    - `identifier`: kind of frame; by default all clusters, with temperatures if the settings have them.
     - `crlf`: CR LF after every frame.
     """
+    identifier = identifier or (0xA7 if settings.temperatures else 0x93)
     layout = LAYOUTS[identifier]
     n = len(samples)
     rows = np.zeros((n, layout.size - 4), np.uint8)
@@ -90,7 +91,8 @@ def encode_configuration(settings: Settings) -> bytes:
     codes = [RANGE_CODES[r] for r in settings.range_g or (10.0,) * 3]
     unit = next(code for code, name in OUTPUTS.items() if name == settings.output)
     body = bytearray(21)
-    body[0:4] = bytes([0x2D, 5, rate | _CLUSTERS, BAUDS.index(921600) << 4])
+    clusters = _CLUSTERS | (_TEMPERATURES if settings.temperatures else 0)
+    body[0:4] = bytes([0x2D, 5, rate | clusters, BAUDS.index(921600) << 4])
     body[4], body[7], body[10] = 0x70, 0x70 | unit, 0x70
     body[16], body[17] = codes[0] << 4 | codes[1], codes[2] << 4
     return encode_special("configuration", bytes(body))

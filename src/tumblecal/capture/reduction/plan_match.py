@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tumblecal.capture.capture_plan import CapturePlan
-from tumblecal.capture.reduction.reduce_table import names_of
+from tumblecal.capture.capture_plan import CapturePlan, names_of
 from tumblecal.capture.still.rough_sensor import rough_sensor
 
 

@@ -72,7 +72,8 @@ _AFTER_BYTES = 1 << 20
 @dataclass(frozen=True)
 class _Accepted:
     """One position: `force`: good samples in local g, shape (n, 3), `warmth`: their temperatures,
-    degC; `time_s`: its middle; the number of `flagged` samples, and the counts (`counted`) for `check_dwell`."""
+    degC; `time_s`: its middle; `temperature_degc`: mean of the sensor, otherwise of the chamber, otherwise as requested; the
+    number of `flagged` samples, and the counts (`counted`) for `check_dwell`."""
 
     force: NDArray[np.float64]
     warmth: NDArray[np.float64]
@@ -125,6 +126,7 @@ def reduce(folder: Path, report: Callable[[str], None] = lambda text: None) -> R
         },
         dwell_entries=[
             {"attempt": attempt.number, "flagged": dwell.flagged, "sha256": attempt.sha256}
+            | {name: attempt.summary[name] for name in ("requested_degc", "chamber_degc") if name in attempt.summary}
             for attempt, dwell in zip(attempts, accepted, strict=True)
         ],
         counted=[dwell.counted for dwell in accepted],
@@ -182,12 +184,13 @@ def _accepted(
     overloaded = (inside.status & Status.OVERLOAD) != 0
     temperature = inside.temperature[use]
     known = temperature[np.isfinite(temperature)]
+    degc = float(known.mean()) if len(known) else attempt.summary.get("chamber_degc")
     saturated = int((near_full | overloaded).sum())
     return _Accepted(
         force=force,
         warmth=temperature,
         time_s=_wall_s(host_s[attempted.start : attempted.stop], attempt, state) * plan.port.speed,
-        temperature_degc=float(known.mean()) if len(known) else None,
+        temperature_degc=attempt.summary.get("requested_degc") if degc is None else degc,
         flagged=int((~use).sum()),
         counted={"saturated": saturated, "lost": losses.lost, "lost_unresolved": losses.unresolved},
     )
@@ -212,6 +215,15 @@ def _asleep_ns(before: Mapping[str, int], after: Mapping[str, int]) -> int:
     return (after["boot_ns"] - before["boot_ns"]) - (after["monotonic_ns"] - before["monotonic_ns"])
 
 
+def _temperature_source(attempts: Sequence[Attempt], accepted: Sequence[_Accepted]) -> str:
+    """The thermometer of `temperature_degc`; empty for that of the sensor."""
+    if any(np.isfinite(dwell.warmth).any() for dwell in accepted):
+        return ""
+    by_chamber = all(attempt.summary.get("chamber_degc") is not None for attempt in attempts)
+    requested = any("requested_degc" in attempt.summary for attempt in attempts)
+    return "chamber" if by_chamber else "requested temperature, not measured" if requested else ""
+
+
 def _position_set(
     folder: Path, attempts: Sequence[Attempt], accepted: Sequence[_Accepted], plan: CapturePlan, state: RunState
 ) -> PositionSet:
@@ -219,6 +231,9 @@ def _position_set(
     steps = [plan.steps[attempt.position] for attempt in attempts]
     temperatures = [dwell.temperature_degc for dwell in accepted]
     approaches = [step.approach for step in steps]
+    runs = [plan.session.run] * len(steps)
+    if plan.soak.new_pitch_settings and plan.over_temperature:
+        runs = [f"{plan.session.run}.{plan.soaks[attempt.position] + 1}" for attempt in attempts]
     session, device = state.session, state.device
     comments = {
         "captured_in": folder.name,
@@ -231,13 +246,14 @@ def _position_set(
         TIME_SPEED: f"{plan.port.speed:g}" if plan.port.speed != 1 else "",
         "raw_sha256": sha256_of(folder / RAW_NAME),
         SETUP: CaptureSetup.of(plan).text,
+        "temperature_source": _temperature_source(attempts, accepted),
     }
     return PositionSet(
         names=tuple(str(step.name) for step in steps),
         alpha_deg=np.array([step.alpha_deg for step in steps], float),
         beta_deg=np.array([step.beta_deg for step in steps], float),
         readings=np.array([dwell.force.mean(0) for dwell in accepted]),
-        run=(plan.session.run,) * len(steps) if plan.session.run != "1" else None,
+        run=None if {*runs} == {"1"} else tuple(runs),
         mount=(plan.session.mount,) * len(steps) if plan.session.mount != "1" else None,
         time_s=np.array([dwell.time_s for dwell in accepted]),
         temperature_degc=np.array(temperatures, float) if all(t is not None for t in temperatures) else None,

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from tumblecal.capture.capture_plan import CapturePlan
+from tumblecal.capture.capture_plan import CapturePlan, names_of
 from tumblecal.capture.journal import sha256_of
 from tumblecal.capture.recordings.guesses import guessed
 from tumblecal.capture.recordings.options import Criterion, KnownContext, RecordingOptions
@@ -17,7 +17,6 @@ from tumblecal.capture.reduction.file_stream import FilePart, guesses_of, rate_o
 from tumblecal.capture.reduction.means_at_rest import check_still, reduced_at_rest, stillness_of
 from tumblecal.capture.reduction.plan_match import matched
 from tumblecal.capture.reduction.reduce_recording import reduce_by_name, run_and_mount, stated_comments
-from tumblecal.capture.reduction.reduce_table import names_of
 from tumblecal.capture.reduction.reduction import Reduction
 from tumblecal.capture.reduction.still_by_file import (
     check_lengths,

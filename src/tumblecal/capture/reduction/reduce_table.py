@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from tumblecal.capture.capture_plan import names_of
 from tumblecal.capture.journal import sha256_of
 from tumblecal.capture.reduction.position_samples import FEWEST, labels_of, rate_of, stated_rate
 from tumblecal.capture.reduction.reduction import Reduction, reduction_of
@@ -102,16 +103,6 @@ def _columns(path: Path, raw: Raw, *, hand_held: bool) -> dict[str, NDArray]:
             f"{path}: column position is missing; write the name of the position in the row of each sample"
         )
     return columns
-
-
-def names_of(names: Sequence[str]) -> tuple[str, ...]:
-    """Names of dwells: the name of the position, numbered if it occurs again."""
-    counts: dict[str, int] = {}
-    numbered = []
-    for name in names:
-        counts[name] = counts.get(name, 0) + 1
-        numbered.append(name if counts[name] == 1 else f"{name} ({counts[name]})")
-    return tuple(numbered)
 
 
 def _position_set(

@@ -11,12 +11,12 @@ from tumblecal.capture.port.live import Arrived, LiveStream
 from tumblecal.capture.port.recorder import clocks
 from tumblecal.capture.run.dwell import Dwell, rate_warning, refusal, warning
 from tumblecal.capture.run.estimate_worker import Estimate, EstimateWorker
-from tumblecal.capture.run.expectation import Fault, Verdict, judge
 from tumblecal.capture.run.identity import Identity
 from tumblecal.capture.run.instrument_doubt import COMPARED_S, InstrumentDoubt
+from tumblecal.capture.run.prompted import Prompted
 from tumblecal.capture.run.run_folder import RunFolder
-from tumblecal.capture.run.stationarity import HeadWatch, stationarity
-from tumblecal.ground.frames import angle_between_deg
+from tumblecal.capture.run.soaking import Soaking
+from tumblecal.capture.run.stationarity import HeadWatch, block_size, stationarity
 from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 
 
@@ -31,6 +31,7 @@ _LINE_ALARMS = {
 class Phase(Enum):
     """States of the guide."""
 
+    SOAK = "SOAK"
     TURN = "TURN"
     SETTLING = "SETTLING"
     RECORDING = "RECORDING"
@@ -50,18 +51,20 @@ class Guide:
     - `bell`: sounds the bell.
     - `identity`: checks whether the instrument is the one with which the run began; None for no check.
     - `trust`: the operator states that it is.
+    - `soaking`: requests the temperatures of the plan; None: from the operator.
     """
 
     stream: LiveStream
     rate_hz: float
     watch: HeadWatch
-    must_move: bool
+    prompted: Prompted
     rejected: str
     settled: int
     worker: EstimateWorker
     phase: Phase
     position: int
     doubt: InstrumentDoubt
+    soaking: Soaking
 
     def __init__(
         self,
@@ -72,17 +75,18 @@ class Guide:
         bell: Callable[[], None] = lambda: None,
         identity: Identity | None = None,
         trust: bool = False,
+        soaking: Soaking | None = None,
     ):
         plan, journal = run.plan, run.journal
         self.plan, self.state, self.stream = plan, run.state, stream
         self._journal, self.rate_hz, self._bell = journal, rate_hz, bell
         self._steps = plan.steps
         self._to_local_g = STANDARD_GRAVITY_MS2 / plan.site.gravity.value_ms2
-        self._block_size = max(4, round(rate_hz))
+        self._block_size = block_size(rate_hz)
+        self.soaking = soaking or Soaking(plan, journal, self._block_size)
         self.watch = HeadWatch(self._block_size, self._to_local_g, plan.limits.still_mg * 1e-3)
-        self._previous: int | None = None
-        self._forced = self.must_move = False
-        self._alarm = self._line_alarm = self.rejected = ""
+        self.prompted = Prompted(plan, self.watch, journal, bell)
+        self._line_alarm = self.rejected = ""
         self.settled = 0
         self.drift_g = np.full(3, np.nan)
         self.dwell: Dwell | None = None
@@ -99,20 +103,27 @@ class Guide:
 
     @property
     def alarm(self) -> str:
-        """The present fault: of the line until it is repaired, then of the position; empty for none."""
-        return self._line_alarm or self._alarm
+        """The present fault: of the line until it is repaired, then of the temperature and the position; empty for none."""
+        return self._line_alarm or self.soaking.alarm or self.prompted.alarm
 
     def press(self, key: str) -> None:
         """Act on a key."""
         match key:
             case "\n" | "\r" if self.phase == Phase.TURN:
-                self._accept_as_is()
+                self.prompted.accept_as_is()
+            case "\n" | "\r" if self.phase == Phase.SOAK:
+                self.soaking.accept_as_is()
             case "r" if self.phase in (Phase.SETTLING, Phase.RECORDING):
                 self._reject("operator")
             case "b" | "s" if self.doubt.comparing is not None:
-                self._alarm = "the finished position comes first; or stop (q) and resume with --trust-instrument"
-            case "b" if self._previous is not None and self._previous in self.state.accepted:
-                self._withdraw(self._previous)
+                self.prompted.alarm = (
+                    "the finished position comes first; or stop (q) and resume with --trust-instrument"
+                )
+            case "b" if self.prompted.previous is not None and self.prompted.previous in self.state.accepted:
+                if self.plan.soaks[self.prompted.previous] == self.plan.soaks[self.position]:
+                    self._withdraw(self.prompted.previous)
+                else:
+                    self.prompted.alarm = "the previous position belongs to a soak that is over; it is not repeated"
             case "s":
                 self._skip()
             case "q":
@@ -127,12 +138,16 @@ class Guide:
             self._prompt_again()
         if self.phase == Phase.CLOSING:
             self._closing(part)
+        self.soaking.take(part)
         fresh = self.watch.take(part)
         if len(part.samples):
             self._newest = part
         match self.phase:
-            case Phase.TURN if fresh:
-                self._turning()
+            case Phase.SOAK if not self.soaking.waiting:
+                self._bell()
+                self._prompt(self.position)
+            case Phase.TURN if fresh and self.prompted.arrived():
+                self.settled, self.phase = 0, Phase.SETTLING
             case Phase.SETTLING if fresh:
                 self._settling(fresh)
             case Phase.RECORDING:
@@ -146,7 +161,7 @@ class Guide:
 
     def _next(self) -> None:
         """Prompt for the next position that is not done, or finish."""
-        following = self.state.open_after(self.position, len(self._steps))
+        following = self.state.open_after(self.position, self.plan.soaks)
         self.dwell = None
         if following is None:
             self.phase = Phase.FINISHED
@@ -156,53 +171,16 @@ class Guide:
         self._prompt(following)
 
     def _prompt(self, position: int) -> None:
-        self.position, self.phase = position, Phase.TURN
-        self.rejected = ""
-        self.watch.moved = self._forced = False
-        self._alarm, self.settled = "", 0
-        # If gravity has the same direction as before, a turn of the head must be observed (or confirmed by Enter).
-        before = self.plan.expected(self._previous) if self._previous is not None else None
-        self.must_move = (
-            before is not None
-            and self._previous != position
-            and angle_between_deg(before, self.plan.expected(position)) <= self.plan.tolerance_deg
-        )
+        # A turn during a soak counts.
+        self.watch.moved &= self.phase == Phase.SOAK
+        self.position, self.phase = position, Phase.SOAK if self.soaking.begin(position) else Phase.TURN
+        self.prompted.begin(position)
+        self.rejected, self.settled = "", 0
+        if self.phase == Phase.SOAK:
+            return
         step, at = self._steps[position], self.stream.recording.position
         angles = {"alpha_deg": step.alpha_deg, "beta_deg": step.beta_deg}
         self._journal.write("prompted", position=position, name=step.name, **angles, log_position=at)
-
-    def _turning(self) -> None:
-        if not self.watch.still:
-            self.watch.moved = True
-            self._alarm = ""
-            return
-        verdict = self._verdict()
-        if self.must_move and not self.watch.moved and not self._forced:
-            return
-        if verdict.fault is None or self._forced:
-            self._alarm, self.settled, self.phase = "", 0, Phase.SETTLING
-            return
-        if verdict.fault == Fault.NOT_TURNED and not self.watch.moved:
-            return
-        if verdict.text != self._alarm:
-            self._refuse(verdict)
-
-    def _verdict(self) -> Verdict:
-        return judge(self.plan, self.position, self.watch.blocks[-1].mean, self._previous)
-
-    def _refuse(self, verdict: Verdict) -> None:
-        self._alarm = verdict.text
-        entry = "not_turned" if verdict.fault == Fault.NOT_TURNED else "wrong_position"
-        self._journal.write(entry, position=self.position, text=verdict.text, off_deg=verdict.off_deg)
-        self._bell()
-
-    def _accept_as_is(self) -> None:
-        verdict = self._verdict() if self.watch.blocks else None
-        if verdict is not None and verdict.fault == Fault.NOT_TURNED and not self._alarm:
-            self._refuse(verdict)
-            return
-        self._forced = True
-        self._journal.write("forced", position=self.position, text=verdict.text if verdict else "")
 
     def _settling(self, fresh: int) -> None:
         if not self.watch.still:
@@ -210,6 +188,9 @@ class Guide:
             return
         self.settled += fresh * self._block_size
         if self.settled < self.plan.dwell.settle_s * self.rate_hz:
+            return
+        if self.soaking.left:
+            self._prompt(self.position)
             return
         number = self.state.attempts.get(self.position, 0) + 1
         self.state.attempts[self.position] = number
@@ -236,15 +217,15 @@ class Guide:
     def _warn(self, dwell: Dwell) -> None:
         """Show faults during the recording at once."""
         moved = np.abs(dwell.blocks[-1].mean - dwell.blocks[0].mean).max()
-        if moved > max(5 * self.plan.limits.still_mg * 1e-3, 0.01) and not self._forced:
+        if moved > max(5 * self.plan.limits.still_mg * 1e-3, 0.01) and not self.prompted.forced:
             self._reject("the head moved while recording")
             return
         seen = stationarity(dwell.blocks[-600:])
         self.drift_g = seen.drift_g
         text = warning(dwell, seen, self.plan.limits)
-        if text and text.split(":")[0] != self._alarm.split(":")[0]:
+        if text and text.split(":")[0] != self.prompted.alarm.split(":")[0]:
             self._warned(text, attempt=dwell.number)
-        self._alarm = text
+        self.prompted.alarm = text
 
     def _warned(self, text: str, **content: object) -> None:
         self._journal.write("warned", position=self.position, text=text, **content)
@@ -280,16 +261,18 @@ class Guide:
             log_start=start,
             log_stop=stop,
             sha256=sha256_of(self.stream.recording.log, start, stop),
-            summary=summary,
+            summary=summary | self.soaking.requested,
             clocks=clocks(),
             serial_number=self.doubt.serial_number,
             tally=self.stream.tally.as_dict(),
         )
         self.state.accepted |= replayed([entry]).accepted
         self.state.skipped.discard(self.position)
-        self._previous, self.rejected = self.position, ""
+        self.prompted.previous, self.rejected = self.position, ""
         self._bell()
-        self.worker.ask(self.state.accepted, self._steps)
+        # The parameters differ between temperatures.
+        soaks, here = self.plan.soaks, self.plan.soaks[self.position]
+        self.worker.ask({k: done for k, done in self.state.accepted.items() if soaks[k] == here}, self._steps)
         self._next()
 
     def _reject(self, why: str) -> None:
@@ -300,12 +283,12 @@ class Guide:
         self._prompt(self.position)
         self.rejected = f"attempt {number} was rejected: {why}" if number and why != "operator" else ""
         self.watch.moved = True
-        self._alarm = f"again: {why}" if why != "operator" else ""
+        self.prompted.alarm = f"again: {why}" if why != "operator" else ""
 
     def _prompt_again(self) -> None:
         """Prompt for the finished position of a comparison, or for the next one if it is no longer needed."""
         self.interrupt("identity not confirmed" if self.doubt.comparing else "the instrument stated its serial number")
-        self.dwell, self._previous = None, None
+        self.dwell, self.prompted.previous = None, None
         if self.doubt.comparing is not None:
             self._prompt(self.doubt.comparing.position)
         else:
@@ -314,7 +297,7 @@ class Guide:
 
     def _compared(self, dwell: Dwell) -> None:
         self.doubt.compared(str(self._steps[self.position].name), dwell)
-        self._previous, self.rejected = self.position, ""
+        self.prompted.previous, self.rejected = self.position, ""
         self._bell()
         self._next()
 
@@ -322,11 +305,15 @@ class Guide:
         self.interrupt("repeat of the previous position")
         self._journal.write("withdrawn", position=position)
         self.state.accepted.pop(position, None)
-        self._previous = None
+        self.prompted.previous = None
         self._prompt(position)
 
     def _skip(self) -> None:
         self.interrupt("skipped")
+        if self.phase == Phase.SOAK:
+            self.soaking.postpone(self.state.postponed)
+            self._next()
+            return
         self._journal.write("skipped", position=self.position)
         self.state.skipped.add(self.position)
         self._next()

@@ -5,6 +5,8 @@ from contextlib import contextmanager, suppress
 
 import numpy as np
 
+from tumblecal.capture.chamber.chamber import Chamber, chamber_of
+from tumblecal.capture.chamber.soak_order import order_warning
 from tumblecal.capture.decoding.samples import Settings
 from tumblecal.capture.journal import RAW_NAME, Journal, RunState
 from tumblecal.capture.port.live import LiveStream
@@ -17,6 +19,8 @@ from tumblecal.capture.run.guide import Guide, Phase
 from tumblecal.capture.run.identity import Identity
 from tumblecal.capture.run.meeting import Device, Pause, await_port, check_same_device, meet
 from tumblecal.capture.run.run_folder import RunFolder
+from tumblecal.capture.run.soaking import Soaking
+from tumblecal.capture.run.stationarity import block_size
 from tumblecal.capture.run.stop_signals import Stopped, StopSignals
 from tumblecal.capture.run.terminal_screen import Keyboard, Screen, View
 from tumblecal.ground.errors import InputError
@@ -36,12 +40,17 @@ def view_of(guide: Guide) -> View:
     done = dwell.good if dwell else 0
     needed = dwell.needed if dwell else 0
     remaining = max(needed - done, 0) / guide.rate_hz / speed
+    soaks_left = len({plan.soaks[k] for k in range(len(steps)) if k not in accepted}) if plan.over_temperature else 0
+    remaining += 60 * plan.soak.stable_min * (soaks_left - (guide.phase != Phase.SOAK)) / speed
+    if guide.phase == Phase.SOAK and guide.soaking.stability is not None:
+        done, needed = (round(60 * part) for part in (guide.soaking.stability.stable_min, plan.soak.stable_min))
     blank = np.full(3, np.nan)
     return View(
         phase=guide.phase.value if guide.phase != Phase.CLOSING else "RECORDING",
+        soak_degc=guide.soaking.wanted_degc,
         alpha_deg=steps[position].alpha_deg,
         beta_deg=steps[position].beta_deg,
-        place=f"position {steps[position].name}, {len(accepted)} of {len(steps)} done",
+        place=f"{_place(guide, position)}, {len(accepted)} of {len(steps)} done",
         alarm=guide.alarm,
         note=_note(guide),
         rejected=guide.rejected,
@@ -60,12 +69,24 @@ def view_of(guide: Guide) -> View:
     )
 
 
+def _place(guide: Guide, position: int) -> str:
+    """The position, or the soak that comes before it."""
+    soaks = guide.plan.soaks
+    return (
+        f"soak {soaks[position] + 1} of {soaks[-1] + 1}"
+        if guide.phase == Phase.SOAK
+        else f"position {guide.plan.steps[position].name}"
+    )
+
+
 def _note(guide: Guide) -> str:
     match guide.phase:
+        case Phase.SOAK:
+            return guide.soaking.note
         case Phase.TURN:
             if not guide.watch.still and guide.watch.moved:
                 return "moving"
-            seen = " (gravity looks the same as before: turn it, or press Enter)" if guide.must_move else ""
+            seen = " (gravity looks the same as before: turn it, or press Enter)" if guide.prompted.must_move else ""
             return f"turn the head there and take your hands away{seen}"
         case Phase.SETTLING:
             remaining = guide.plan.dwell.settle_s - guide.settled / guide.rate_hz
@@ -89,6 +110,7 @@ def capture(
     wait_s: float = 0.0,
     confirm: Callable[[], bool] = lambda: True,
     trust: bool = False,
+    chamber: Chamber | None = None,
 ) -> RunState:
     """The guided run, until all positions are done or the operator stops.
 
@@ -100,6 +122,7 @@ def capture(
     - `wait_s`: time to wait for a port that does not exist yet, s.
     - `confirm`: called on resuming: whether the instrument is still mounted as before.
     - `trust`: the operator states that it is the same instrument, also if it does not state its serial number.
+    - `chamber`: sets the temperatures of a plan over temperature; None for that of the plan. It is closed at the end.
 
     **Raises:** `InputError` in one line for any fault that ends the run; `Stopped` after Ctrl-C, SIGTERM or SIGHUP. After
     both, the journal has an entry "stopped" and all accepted positions.
@@ -124,7 +147,8 @@ def capture(
             )
             with _end_recorded(journal, stream):
                 device = _met(run, stream, signals.pause, trust)
-            _walk(run, stream, device, estimate, plain, signals.pause, trust)
+                chamber = _chamber(run, chamber)
+            _walk(run, stream, device, chamber, estimate, plain, signals.pause, trust)
         finally:
             recording.stop()
     return run.state
@@ -175,28 +199,47 @@ def _walk(
     run: RunFolder,
     stream: LiveStream,
     device: Device,
+    chamber: Chamber | None,
     estimate: Estimate | None,
     plain: bool,
     pause: Pause,
     trust: bool,
 ) -> None:
     fast = run.plan.port.speed > 1
-    with Screen(plain) as screen, Keyboard() as keyboard:
-        guide = Guide(run, stream, device.rate_hz, estimate, screen.bell, _identity(run, stream, device), trust)
-        try:
-            with _end_recorded(run.journal, stream, guide):
-                looks = 0
-                while guide.phase != Phase.FINISHED:
-                    run.journal.check()
-                    guide.take(stream.poll())
-                    for key in keyboard.pressed():
-                        guide.press(key)
-                    looks += 1
-                    if looks % _LOOKS_A_DRAWING == 0 or fast:
-                        screen.show(view_of(guide))
-                    pause(_FAST_LOOK_S if fast else _LOOK_S)
-        finally:
-            guide.worker.close()
+    soaking = Soaking(run.plan, run.journal, block_size(device.rate_hz), chamber)
+    try:
+        with Screen(plain) as screen, Keyboard() as keyboard:
+            identity = _identity(run, stream, device)
+            guide = Guide(run, stream, device.rate_hz, estimate, screen.bell, identity, trust, soaking)
+            try:
+                with _end_recorded(run.journal, stream, guide):
+                    looks = 0
+                    while guide.phase != Phase.FINISHED:
+                        run.journal.check()
+                        guide.take(stream.poll())
+                        for key in keyboard.pressed():
+                            guide.press(key)
+                        looks += 1
+                        if looks % _LOOKS_A_DRAWING == 0 or fast:
+                            screen.show(view_of(guide))
+                        pause(_FAST_LOOK_S if fast else _LOOK_S)
+            finally:
+                guide.worker.close()
+    finally:
+        soaking.close(finished=len(run.state.accepted) == len(run.plan.steps))
+
+
+def _chamber(run: RunFolder, given: Chamber | None) -> Chamber | None:
+    """The chamber of a plan over temperature; None for other plans. The criterion and a costly order are printed."""
+    plan = run.plan
+    if not plan.over_temperature:
+        return given
+    print(f"a temperature is stable if, {plan.soak.words}")
+    temperatures = [step.temperature_degc for step in plan.steps]
+    if warning := order_warning(temperatures, plan.soak.stable_min):
+        print(f"warning: {warning}")
+        run.journal.write("warned", text=warning)
+    return given or chamber_of(plan.chamber)
 
 
 def _identity(run: RunFolder, stream: LiveStream, device: Device) -> Identity:

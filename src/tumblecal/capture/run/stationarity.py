@@ -28,6 +28,11 @@ class Block:
     n: int
 
 
+def block_size(rate_hz: float) -> int:
+    """Samples in a block of about a second."""
+    return max(4, round(rate_hz))
+
+
 class BlockCutter:
     """Cuts a stream of samples into blocks of equal size.
 

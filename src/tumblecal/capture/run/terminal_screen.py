@@ -71,6 +71,7 @@ _GLYPHS = {
     ".": (" ", " ", " ", " ", "█"),
     ":": (" ", "█", " ", "█", " "),
     "°": ("██", "██", "  ", "  ", "  "),
+    "C": ("███", "█  ", "█  ", "█  ", "███"),
     " ": ("  ", "  ", "  ", "  ", "  "),
     "α": ("     ", "██ █ ", "█ ██ ", "█ ██ ", "██ █ "),
     "β": ("███ ", "█ █ ", "██▄ ", "█  █", "█▀▀ "),
@@ -96,16 +97,19 @@ class View:
 
     **Arguments:**
 
-    - `phase`: "TURN", "SETTLING", "RECORDING", "FINISHED" or a different word.
+    - `phase`: "SOAK", "TURN", "SETTLING", "RECORDING", "FINISHED" or a different word.
+    - `soak_degc`: the requested temperature, shown in place of the angles during a soak.
     - `alpha_deg`, `beta_deg`: the prompted position; `place`: e.g. "position 3 of 24".
     - `alarm`: present fault; empty for none. `note`: present activity.
     - `rejected`: why the last attempt at this position was rejected; empty if none was.
     - `doubt`: doubt about the instrument; empty for none.
-    - `done`, `needed`: good samples. `left_s`: remaining time of this position; `run_left_s`: of the run.
+    - `done`, `needed`: good samples; of a soak, seconds of stable temperature.
+    - `left_s`: remaining time of this position; `run_left_s`: of the run.
     - `mean_g`, `sd_g`, `expected_g`: per axis, NaN before the first value.
     """
 
     phase: str = ""
+    soak_degc: float = 0.0
     alpha_deg: float = 0.0
     beta_deg: float = 0.0
     place: str = ""
@@ -126,7 +130,13 @@ class View:
     keys: str = ""
 
 
-_STYLES = {"TURN": "bold yellow", "SETTLING": "bold cyan", "RECORDING": "bold green", "FINISHED": "bold white"}
+_STYLES = {
+    "SOAK": "bold magenta",
+    "TURN": "bold yellow",
+    "SETTLING": "bold cyan",
+    "RECORDING": "bold green",
+    "FINISHED": "bold white",
+}
 
 
 # Parts that a low terminal shows smaller or not at all, the least important first; all other parts are always shown.
@@ -136,7 +146,8 @@ _LEAST_FIRST = ("above", "between", "below", "estimate", "clock", "axes", "angle
 def rendered(view: View, console: Console) -> RenderableType:
     """The screen, no higher than the terminal: phase, alarm, rejection, progress, counters and keys are always visible."""
     style = _STYLES.get(view.phase, "bold")
-    angles = f"α {view.alpha_deg:g}°  β {view.beta_deg:g}°"
+    soak = view.phase == "SOAK"
+    angles = f"{view.soak_degc:g} °C" if soak else f"α {view.alpha_deg:g}°  β {view.beta_deg:g}°"
     parts: dict[str, RenderableType] = {
         "header": Text(f" {view.phase}   {view.place}", style=f"{style} reverse"),
         "above": Text(""),
@@ -240,8 +251,11 @@ class Screen:
             with self._terminal_may_be_gone():
                 self._live.update(rendered(view, self._console), refresh=True)
             return
-        part = f"{100 * view.done // view.needed // 25 * 25} %" if view.phase == "RECORDING" and view.needed else ""
-        line = f"{view.phase} {view.place}: alpha {view.alpha_deg:g} beta {view.beta_deg:g} {part} {view.alarm}"
+        progress = view.phase in ("SOAK", "RECORDING") and view.needed
+        part = f"{100 * view.done // view.needed // 25 * 25} %" if progress else ""
+        angles = f"alpha {view.alpha_deg:g} beta {view.beta_deg:g}"
+        target = f"set the chamber to {view.soak_degc:g} degC" if view.phase == "SOAK" else angles
+        line = f"{view.phase} {view.place}: {target} {part} {view.alarm}"
         line = f"{line.rstrip()} [{view.rejected}]" if view.rejected and view.rejected not in view.alarm else line
         line = f"{line.rstrip()} ({view.doubt})" if view.doubt else line
         if line != self._last:

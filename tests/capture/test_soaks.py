@@ -1,0 +1,524 @@
+"""Captures over temperature: criterion, order, chamber, and the guide's waits, fed by hand."""
+
+import contextlib
+import math
+import os
+import threading
+import time
+import tty
+from collections import Counter
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from tumblecal.capture.capture_plan import CapturePlan
+from tumblecal.capture.chamber.chamber import ChamberThread
+from tumblecal.capture.chamber.chamber_tables import ChamberTable, SoakTable
+from tumblecal.capture.chamber.soak_order import order_warning, soak_numbers
+from tumblecal.capture.chamber.stability import Stability
+from tumblecal.capture.chamber.text_chamber import TextChamber
+from tumblecal.capture.decoding.samples import blank
+from tumblecal.capture.emulator.climate import ThermalErrors, VirtualChamber
+from tumblecal.capture.emulator.config import Emulation
+from tumblecal.capture.emulator.device import VirtualDevice
+from tumblecal.capture.emulator.operator import Follower
+from tumblecal.capture.journal import Journal, RunState, replayed
+from tumblecal.capture.port.live import Arrived, Tally
+from tumblecal.capture.protocols import protocol
+from tumblecal.capture.run import soaking
+from tumblecal.capture.run.guide import Guide, Phase
+from tumblecal.capture.run.run_folder import RunFolder
+from tumblecal.capture.run.session import view_of
+from tumblecal.capture.run.soaking import Soaking
+from tumblecal.cli.capture import ChamberOptions
+from tumblecal.ground.errors import InputError
+
+
+CRITERION = SoakTable(tolerance_degc=1.0, rate_degc_per_min=0.1, stable_min=5.0, timeout_min=60.0)
+
+
+def test_a_lagging_die_is_stable_when_rate_and_distance_have_been_small_for_long_enough() -> None:
+    """T = 40 - 20 exp(-t/tau): near from tau ln 20 on, slow from about tau ln(20/(tau 0.1)) + 0.5 min on (line over 1 min)."""
+    tau = 12.0
+    stability = Stability(CRITERION, 40.0)
+    times = np.arange(0, 120, 1 / 60)
+    seen = []
+    for t in times:
+        stability.take(t, 40 - 20 * math.exp(-t / tau))
+        seen.append(stability.stable)
+    near, slow = tau * math.log(20), tau * math.log(20 / (tau * 0.1)) + 0.5
+    assert times[seen.index(True)] == pytest.approx(max(near, slow) + 5.0, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("degc", "stable"),
+    [
+        (lambda t: 40.5 + 0.02 * np.sin(t), True),
+        (lambda t: 40.0 + 0.15 * t - 4.5, False),  # a ramp through the target
+        (lambda t: 41.5 + 0 * t, False),  # steady at a wrong temperature
+        (lambda t: 40 + 0.5 * np.sin(2 * np.pi * t / 5), False),  # a whole period in the time of the criterion
+        (lambda t: np.round(40 + 0.2 * np.random.default_rng(1).normal(size=len(t))), True),  # steps of 1 degC, and noise
+    ],
+)  # fmt: skip
+def test_ramps_oscillations_and_other_temperatures_are_not_stable(
+    degc: Callable[[np.ndarray], np.ndarray], stable: bool
+) -> None:
+    times = np.arange(0, 60, 1 / 60)
+    values = np.convolve(degc(times), np.ones(30) / 30, "valid")  # blocks of samples
+    stability, ever = Stability(CRITERION, 40.0), False
+    for t, value in zip(times, values, strict=False):
+        stability.take(t, value)
+        ever |= stability.stable
+    assert ever == stable
+
+
+def test_the_order_of_a_plan_and_what_a_costly_one_costs() -> None:
+    assert soak_numbers([25, 25, 40, 40, 25]) == [0, 0, 1, 1, 2]
+    assert order_warning([None, None], 10) == "" and order_warning([0, 20, 20, 40, 20, 0], 10) == ""
+    # 25 up to 40, down to 25, and up to 40 again: the last soak could be the second one.
+    costly = order_warning([25, 40, 40, 25, 40], 10)
+    assert "3 times for 3 soaks: 1 changes too many cost at least 10 min of waiting and 15 degC of ramps" in costly
+    plan = CapturePlan.model_validate(
+        {"positions": {"beta_deg": [0, 90], "alpha_deg": [0, 180], "temperature_degc": [25, 60, 25]}}
+    )
+    assert [step.temperature_degc for step in plan.steps] == [25] * 4 + [60] * 4 + [25] * 4
+    assert [(s.alpha_deg, s.beta_deg) for s in plan.steps[4:8]] == [(0, 0), (180, 0), (0, 90), (180, 90)]
+    assert plan.soaks == [0] * 4 + [1] * 4 + [2] * 4 and [s.name for s in plan.steps] == [str(k) for k in range(1, 13)]
+    listed = [{"alpha_deg": a, "beta_deg": 0, "name": f"p{a}", "temperature_degc": 30} for a in (0, 90)]
+    named = CapturePlan.model_validate({"positions": {"listed": [{**p, "temperature_degc": None} for p in listed]}})
+    assert not named.over_temperature and named.soaks == [0, 0]
+    both = {
+        "listed": [{k: v for k, v in p.items() if k != "temperature_degc"} for p in listed],
+        "temperature_degc": [0, 9],
+    }
+    assert [s.name for s in CapturePlan.model_validate({"positions": both}).steps] == ["p0", "p90", "p0 (2)", "p90 (2)"]
+    for wrong in (
+        {"listed": listed, "temperature_degc": [1]},
+        {"listed": [listed[0], {"alpha_deg": 1, "beta_deg": 0}]},
+    ):
+        with pytest.raises(ValueError, match="temperature_degc"):
+            CapturePlan.model_validate({"positions": wrong})
+    with pytest.raises(InputError, match="requests no temperature"):
+        ChamberOptions(soak_rate=0.1).applied(named)
+    applied = ChamberOptions(chamber="oven", soak_minutes=3.0).applied(plan)
+    assert applied.chamber.url == "oven" and applied.soak.stable_min == 3.0 and applied.soaks == plan.soaks
+
+
+def test_a_soak_is_finished_before_the_next_one_begins() -> None:
+    soaks, state = [0, 0, 0, 1, 1, 2], RunState()
+    order, position = [], -1
+    state.skipped |= {1}
+    state.postponed |= {1}
+    while (following := state.open_after(position, soaks)) is not None:
+        order.append(following)
+        state.accepted[following], position = None, following  # type: ignore[assignment]
+    # A skipped position comes at the end of its soak, a postponed soak at the end.
+    assert order == [0, 2, 1, 5, 3, 4]
+
+
+class Clock:
+    """A clock that the test moves."""
+
+    now = 1000.0
+
+    def monotonic(self) -> float:
+        return self.now
+
+
+class FakeChamber:
+    """A chamber whose set points are listed, and whose answer the test states."""
+
+    name = "fake"
+
+    def __init__(self, answer: float | None = None):
+        self.set: list[float] = []
+        self.answer: float | str | None = answer
+
+    def set_temperature(self, degc: float) -> None:
+        self.set.append(degc)
+
+    def temperature(self) -> float | None:
+        if isinstance(self.answer, str):
+            raise InputError(self.answer)
+        return self.answer
+
+    def close(self) -> None:
+        self.set.append(math.inf)
+
+
+class Bench:
+    """A guide at 20 Hz for a plan of two positions at two temperatures, fed by hand, and a chamber."""
+
+    def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch, chamber: FakeChamber, **soak: float):
+        self.clock = Clock()
+        monkeypatch.setattr(soaking, "time", self.clock)
+        # The chamber's thread, without waiting.
+        monkeypatch.setattr(ChamberThread, "look", lambda thread: look_at_once(thread))
+        criterion = {"stable_min": 2.0, "rate_degc_per_min": 0.2, "tolerance_degc": 1.0, "timeout_min": 30.0}
+        plan = CapturePlan.model_validate(
+            {
+                "positions": {"beta_deg": [0], "alpha_deg": [0, 180], "temperature_degc": [25, 40]},
+                "dwell": {"seconds": 4.0, "settle_s": 0.0},
+                "soak": criterion | soak,
+                "chamber": {"finish_degc": 20.0},
+            }
+        )
+        stream = SimpleNamespace(
+            recording=SimpleNamespace(position=0, sync=lambda: None, log=folder / "journal.log"),
+            tally=Tally(status=Counter()),
+            protocol=protocol("witmotion"),
+        )
+        self.journal, self.rng, self.turned = Journal(folder), np.random.default_rng(0), 1.0
+        self.soaking = Soaking(plan, self.journal, 20, chamber)
+        self.guide = Guide(RunFolder(folder, plan, RunState(), self.journal), stream, 20.0, soaking=self.soaking)  # type: ignore[arg-type]
+
+    def feed(self, degc: float, seconds: int = 1) -> None:
+        for _ in range(seconds):
+            self.clock.now += 1.0
+            samples = blank(20)
+            samples.force[:] = [0.0, 0.0, self.turned] + 1e-4 * self.rng.normal(size=(20, 3))
+            samples.rate[:] = 0.0
+            samples.temperature[:] = degc
+            places = np.zeros(20, np.int64)
+            self.guide.take(Arrived(samples, np.full(20, self.clock.now), places, places, [], []))
+
+    def until(self, phase: Phase, degc: float) -> None:
+        for _ in range(400):
+            if self.guide.phase == phase:
+                return
+            self.feed(degc)
+        raise AssertionError(view_of(self.guide))
+
+    def entries(self, *kinds: str) -> list[dict]:
+        return [entry for entry in self.journal.entries() if entry["entry"] in kinds]
+
+    def close(self) -> None:
+        self.guide.worker.close()
+        self.soaking.close(finished=len(self.guide.state.accepted) == 4)
+        self.journal.close()
+
+
+def look_at_once(thread: ChamberThread) -> bool:
+    thread.reading_degc, thread._wanted = thread._exchange(thread._wanted), None
+    return thread.reading_degc is not None
+
+
+def test_a_soak_is_waited_for_once_and_again_only_when_the_temperature_left(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    chamber = FakeChamber(25.0)
+    bench = Bench(tmp_path, monkeypatch, chamber)
+    assert bench.guide.phase == Phase.SOAK and view_of(bench.guide).soak_degc == 25
+    bench.feed(25.3, 60)
+    assert "set to 25 degC: sensor 25.30 degC" in view_of(bench.guide).note and chamber.set[0] == 25
+    bench.until(Phase.RECORDING, 25.3)
+    bench.until(Phase.TURN, 25.3)
+    # The second position of the soak: no wait.
+    bench.turned = -1.0
+    bench.until(Phase.RECORDING, 25.4)
+    # The temperature leaves during the dwell, which is finished; another position of the soak would wait.
+    bench.feed(26.6, 2)
+    assert "left 25 +- 1 degC" in view_of(bench.guide).alarm
+    bench.until(Phase.SOAK, 25.4)
+    assert (
+        view_of(bench.guide).place == "soak 2 of 2, 2 of 4 done" and bench.entries("soak")[-1]["requested_degc"] == 40
+    )
+    bench.guide.press("b")
+    assert "a soak that is over" in bench.guide.prompted.alarm and len(bench.guide.state.accepted) == 2
+    # Steady, but not at 40: reported, and accepted by Enter; this is then the temperature of the soak.
+    chamber.answer = 40.0
+    bench.feed(43.2, 240)
+    assert "steady at 43.2 degC, 3.2 degC above 40" in view_of(bench.guide).alarm
+    assert "soak.offset_degc = 3.2" in view_of(bench.guide).alarm
+    bench.guide.press("\n")
+    bench.turned = 1.0
+    bench.until(Phase.RECORDING, 43.3)
+    bench.until(Phase.TURN, 43.3)
+    bench.feed(45.0, 2)
+    bench.turned = -1.0
+    bench.until(Phase.SOAK, 45.0)
+    bench.until(Phase.RECORDING, 43.0 if bench.soaking.stability is None else 40.2)
+    bench.until(Phase.FINISHED, 40.2)
+    bench.close()
+    kinds = [entry["entry"] for entry in bench.entries("soak", "soaked", "accepted", "temperature_left")]
+    accepted = [entry for entry in bench.entries("accepted") if entry]
+    assert kinds == ["soak", "soaked", "accepted", "temperature_left", "accepted", "soak", "soaked", "accepted",
+                     "temperature_left", "soak", "soaked", "accepted"]  # fmt: skip
+    assert accepted[2]["summary"]["temperature_degc"] == pytest.approx(43.3)
+    assert accepted[2]["summary"]["requested_degc"] == 40 and accepted[2]["summary"]["chamber_degc"] == 40
+    assert (
+        bench.entries("soaked")[1]["accepted_by"] == "operator"
+        and bench.entries("soak")[0]["criterion"]["stable_min"] == 2
+    )
+    assert chamber.set == [25, 40, 40, 20, math.inf]
+
+
+@pytest.mark.parametrize(
+    ("soak", "degc", "chamber", "words"),
+    [
+        ({"offset_degc": 1.0}, lambda t: 22.0 + 1e-3 * (t % 2), 22.0, "4.0 degC below 26: check the set point, or state self"),
+        ({}, lambda t: 77.0 + 1e-3 * (t % 2), 25.0, "is it in Fahrenheit?"),
+        ({}, lambda t: 2513.0, 25.0, "is this a number of counts?"),
+        ({}, lambda t: 21.0, 25.0, "has not changed at all: is the chamber set, or is the thermometer stuck?"),
+        ({}, lambda t: 15.0 - 0.3 * t / 60, None, "the chamber does not reach 25 +- 1 degC"),
+        ({}, lambda t: 25 + 0.9 * np.sin(t / 20), None, "changes by less than 0.2 degC/min are needed for 2 min"),
+        ({}, lambda t: np.nan, None, "neither instrument nor chamber state a temperature, so Enter must be pressed"),
+        ({}, lambda t: np.nan, 21.0, "(no temperature from the instrument, +0.000 degC/min, chamber 21.00 degC)"),
+    ],
+)  # fmt: skip
+def test_a_temperature_that_is_never_stable_ends_the_run_with_its_reason(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    soak: dict,
+    degc: Callable[[float], float],
+    chamber: float | None,
+    words: str,
+) -> None:
+    bench = Bench(tmp_path, monkeypatch, FakeChamber(chamber), timeout_min=4.0, **soak)
+    with pytest.raises(InputError) as error:
+        for second in range(400):
+            bench.feed(degc(second))
+    bench.close()
+    text = str(error.value)
+    assert (
+        words in text and "soak at 25 degC: not stable after 4 min" in text and "--resume" in text and "\n" not in text
+    )
+
+
+def test_without_a_thermometer_in_the_instrument_that_of_the_chamber_or_the_operator_decides(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    chamber = FakeChamber(25.2)
+    bench = Bench(tmp_path, monkeypatch, chamber)
+    bench.until(Phase.RECORDING, np.nan)
+    # A chamber that fails during a dwell is reported; one that fails during a soak ends the run.
+    chamber.answer = "chamber fake: no answer"
+    bench.feed(np.nan, 3)
+    assert view_of(bench.guide).alarm == "chamber fake: no answer" and len(bench.entries("warned")) == 1
+    chamber.answer = None
+    bench.until(Phase.TURN, np.nan)
+    bench.turned = -1.0
+    bench.until(Phase.SOAK, np.nan)
+    bench.feed(np.nan, 2)
+    assert "press Enter when it is stable" in view_of(bench.guide).alarm
+    # Postponed, and then requested again as the only soak that is left.
+    bench.guide.press("s")
+    assert replayed(bench.journal.entries()).postponed == {1} and bench.guide.phase == Phase.SOAK
+    bench.guide.press("\n")
+    bench.feed(np.nan)
+    assert bench.guide.phase == Phase.TURN
+    bench.close()
+    failing = tmp_path / "failing"
+    failing.mkdir()
+    bench = Bench(failing, monkeypatch, FakeChamber())
+    bench.soaking._chamber._chamber.answer = "chamber fake: no answer"  # type: ignore[union-attr]
+    with pytest.raises(InputError, match="chamber fake: no answer"):
+        bench.feed(25.0, 2)
+    bench.close()
+
+
+@contextlib.contextmanager
+def scripted(path: Path, answers: Callable[[str], bytes]) -> Iterator[tuple[list[str], int]]:
+    """A chamber behind a pseudo-terminal: the commands it got, and its end of the line."""
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    path.symlink_to(os.ttyname(slave))
+    heard: list[str] = []
+
+    def serve() -> None:
+        rest = b""
+        with contextlib.suppress(OSError):  # closed
+            while True:
+                rest += os.read(master, 100)
+                *lines, rest = rest.replace(b"\r", b"\n").split(b"\n")
+                for line in filter(None, lines):
+                    heard.append(line.decode())
+                    os.write(master, answers(line.decode()))
+
+    thread = threading.Thread(target=serve, daemon=True)
+    thread.start()
+    try:
+        yield heard, master
+    finally:
+        for descriptor in (slave, master):
+            os.close(descriptor)
+
+
+def test_dialects_of_chambers_on_a_serial_line(tmp_path: Path) -> None:
+    """Default (SCPI); ESPEC: acknowledged, four numbers; Watlow F4T; one that echoes; one without line ends."""
+    sets: dict[str, float] = {}
+
+    def answers(command: str) -> bytes:
+        match command.replace(",S", " ").split():
+            case ["SOUR:TEMP:SPO" | "TEMP" | ":SOURCE:CLOOP1:SPOINT" | "SETP" as word, number]:
+                sets[word] = float(number)
+                return f"OK:{command}\r\n".encode() if word == "TEMP" else b""
+            case ["MEAS:TEMP?"]:
+                return b"+2.34500E+01\n"
+            case ["TEMP?"]:
+                return f"-40.1,{sets['TEMP']},150.0,-70.0\r\n".encode()
+            case [":SOURCE:CLOOP1:PVALUE?"]:
+                return b":SOURCE:CLOOP1:PVALUE?\r\n" + b"24.9\r\n"
+            case ["T?"]:
+                return b"25.0 C"
+        return b""
+
+    quick = {"url": str(tmp_path / "oven"), "timeout_s": 0.3}
+    espec = {"set": "TEMP,S{:.1f}", "query": "TEMP?", "set_query": "TEMP?", "set_query_field": 2, "terminator": "\r\n"}
+    watlow = {"set": ":SOURCE:CLOOP1:SPOINT {}", "query": ":SOURCE:CLOOP1:PVALUE?", "start": ["*IDN?"]}
+    with scripted(tmp_path / "oven", answers) as (heard, _):
+        for table, read in (({}, 23.45), (espec, -40.1), (watlow, 24.9), ({"set": "SETP {}", "query": "T?"}, 25.0)):
+            chamber = TextChamber(ChamberTable.model_validate(quick | table))
+            chamber.set_temperature(40)
+            assert chamber.temperature() == read
+            chamber.close()
+    assert sets == {"SOUR:TEMP:SPO": 40.0, "TEMP": 40.0, ":SOURCE:CLOOP1:SPOINT": 40.0, "SETP": 40.0}
+    assert heard[:2] == ["SOUR:TEMP:SPO 40.0", "MEAS:TEMP?"] and heard[2] == "TEMP,S40.0" and "*IDN?" in heard
+    for wrong in ("SOUR:TEMP:SPO", "SOUR {temperature}", "SOUR {"):
+        with pytest.raises(ValueError, match="where the temperature is inserted"):
+            ChamberTable(set=wrong)
+
+
+@pytest.mark.parametrize(
+    ("answer", "words"),
+    [
+        (b"", "'MEAS:TEMP?', asked 3 times: no answer in 0.05 s; check cable, baud rate (9600) and terminator"),
+        (b"NA: CMD ERR-1\r\n", "the answer 'NA: CMD ERR-1' has no temperature in degC at field 1"),
+        (b"104.0 F\r\n", "the answer '104.0 F' has no temperature in degC at field 1; set the controller to degC"),
+        (b"\x00\xff23\xfe.5\r\n", "has no temperature in degC"),
+        (b"9.9E37\r\n", "the answer '9.9E37' has no temperature"),
+    ],
+)
+def test_a_chamber_that_does_not_answer_or_answers_rubbish_is_one_line(
+    tmp_path: Path, answer: bytes, words: str
+) -> None:
+    with scripted(tmp_path / "oven", lambda command: answer) as (heard, _):
+        chamber = TextChamber(ChamberTable(url=str(tmp_path / "oven"), timeout_s=0.05))
+        with pytest.raises(InputError) as error:
+            chamber.temperature()
+        assert words in str(error.value) and "\n" not in str(error.value) and heard == ["MEAS:TEMP?"] * 3
+        chamber.close()
+
+
+def test_a_set_point_that_is_not_accepted_and_a_line_that_is_cut(tmp_path: Path) -> None:
+    table = ChamberTable(url=str(tmp_path / "oven"), timeout_s=0.2, set_query="SOUR:TEMP:SPO?")
+    with scripted(tmp_path / "oven", lambda command: b"180.0\n" if command.endswith("SPO?") else b"") as (_, _master):
+        chamber = TextChamber(table)
+        with pytest.raises(
+            InputError, match=r"the set point is 180 degC after 'SOUR:TEMP:SPO 200.0': correct its limits"
+        ):
+            chamber.set_temperature(200)
+    with pytest.raises(InputError, match="oven: the line is interrupted"):
+        chamber.set_temperature(20)
+    (tmp_path / "oven").unlink()
+    with pytest.raises(InputError, match=r"chamber: port .*oven: there is no such device"):
+        chamber.temperature()
+    # Connected again: the same chamber answers.
+    with scripted(tmp_path / "oven", lambda command: b"20.0\n"):
+        assert chamber.temperature() == 20.0
+        chamber.close()
+
+
+def test_a_slow_chamber_does_not_delay_the_capture() -> None:
+    entered, release = threading.Event(), threading.Event()
+
+    class Slow(FakeChamber):
+        def temperature(self) -> float:
+            entered.set()
+            release.wait(60)
+            return 30.0
+
+    chamber = Slow()
+    thread = ChamberThread(chamber, 100.0)
+    thread.request(55.0)
+    assert not thread.look() and entered.wait(60) and not thread.look() and thread.reading_degc is None
+    release.set()
+    while not thread.look():
+        time.sleep(0.01)
+    assert thread.reading_degc == 30.0 and not thread.look()
+    thread.close()
+    assert chamber.set == [55.0, math.inf]
+
+
+def emulation(**tables: object) -> Emulation:
+    return Emulation.model_validate({"instrument": {"start_up_s": 0.0}, **tables})
+
+
+def test_lags_of_die_and_thermometer_behind_a_ramp() -> None:
+    """A first-order lag follows a ramp of rate r late by r tau, and a step by 1 - exp(-t/tau)."""
+    thermal = {"die_lag_s": 60.0, "thermometer_lag_s": 20.0, "self_heating_degc": 4.0}
+    profile = [
+        {"to_degc": 65, "degc_per_min": 3.0, "hold_min": 5},
+        {"to_degc": 25, "degc_per_min": 600.0, "hold_min": 60},
+    ]
+    chamber = VirtualChamber(emulation(temperature=thermal, chamber={"profile": profile}))
+    for _ in range(6000):
+        chamber.advance(0.1)
+    lag_degc = 3.0 / 60 * np.array([60.0, 80.0])
+    assert chamber.air_degc == pytest.approx(25 + 3.0 * 10)
+    np.testing.assert_allclose([chamber.die_degc, chamber.thermometer_degc], 59 - lag_degc, atol=0.02)
+    for _ in range(round((200 + 300 + 4 + 120) / 0.1)):
+        chamber.advance(0.1)
+    assert chamber.air_degc == 25
+    assert chamber.die_degc - 29 == pytest.approx(
+        40 * np.exp(-122 / 60), rel=0.02
+    )  # the ramp's middle is 2 s before its end
+    chamber.set_temperature(500)
+    assert chamber.set_point_degc == 180
+
+
+def test_polynomials_and_hysteresis_of_the_virtual_instrument() -> None:
+    polynomials = {
+        "reference_degc": 20.0,
+        "bias_mg": {"x": [0.1, -2e-3, 3e-5], "z": [0, 0, 0, 0, 1e-7]},
+        "scale_mg_per_g": {"x": [0.02], "y": [0.01, 1e-3]},
+        "hysteresis_mg": [0.4, 0.0, -0.2],
+        "hysteresis_degc": 8.0,
+    }
+    errors = ThermalErrors(emulation(temperature=polynomials), 20.0)
+    reading, branches = np.array([0.5, -0.8, 0.3]), {}
+    for name, path in (("up", np.arange(20, 60.1, 0.5)), ("down", np.arange(60, 19.9, -0.5))):
+        branches[name] = {float(t): errors.applied(reading, t) for t in path}
+    for t in (30.0, 45.0, 50.0):
+        d = t - 20.0
+        bias = 1e-3 * np.array([0.1 * d - 2e-3 * d**2 + 3e-5 * d**3, 0.0, 1e-7 * d**5])
+        scale = 1e-3 * np.array([0.02 * d, 0.01 * d + 1e-3 * d**2, 0.0])
+        middle = (branches["up"][t] + branches["down"][t]) / 2
+        np.testing.assert_allclose(middle, reading * (1 + scale) + bias, atol=1e-12)
+        np.testing.assert_allclose(branches["up"][t] - branches["down"][t], [0.8e-3, 0, -0.4e-3], atol=1e-12)
+
+
+def test_what_a_device_in_a_chamber_sends() -> None:
+    """Readings follow the die, not its thermometer; a STIM300 without temperatures sends none."""
+    from test_emulator import sent
+
+    config = emulation(
+        chamber={"profile": [{"to_degc": 45, "degc_per_min": 60.0, "hold_min": 60}]},
+        temperature={"bias_mg": {"z": [0.5]}, "thermometer_lag_s": 30.0},
+        noise={"white_g_per_rthz": 0.0},
+    )
+    device = VirtualDevice(config)
+    found = sent(device, 60.0).samples
+    np.testing.assert_allclose(found.force[-250:, 2].mean(), 1 + 0.5e-3 * 20, atol=2e-6)
+    seconds = np.arange(len(found)) / 125.0
+    ramped = np.interp(45.0, seconds, found.temperature)
+    # 25 degC + ramp of 20 s, then 25 s, through a lag of 30 s.
+    expected = 45 - 30 * 1.0 * (1 - np.exp(-20 / 30)) * np.exp(-25 / 30)
+    assert ramped == pytest.approx(expected, abs=0.1)
+    silent = VirtualDevice(emulation(chamber={}, instrument={"temperatures": False}))
+    assert np.isnan(sent(silent, 1.0).samples.temperature).all()
+
+
+def test_the_follower_sets_the_chamber_of_an_operator(tmp_path: Path) -> None:
+    config = Emulation.model_validate({"head": {"reaction_s": 0.0}})
+    device, follower, journal = VirtualDevice(config), Follower(tmp_path, config), Journal(tmp_path)
+    journal.write("session")
+    for chamber, expected in (("operator", 60.0), ("/dev/ttyUSB1", 60.0)):
+        journal.write("soak", chamber=chamber, requested_degc=expected if chamber == "operator" else 10.0)
+        assert follower(device) and device.chamber.set_point_degc == expected
+    journal.close()
+    assert follower._reader is not None
+    follower._reader.close()
