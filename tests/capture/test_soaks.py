@@ -367,7 +367,7 @@ def test_dialects_of_chambers_on_a_serial_line(tmp_path: Path) -> None:
         return b""
 
     quick = {"url": str(tmp_path / "oven"), "timeout_s": 0.3}
-    espec = {"set": "TEMP,S{:.1f}", "query": "TEMP?", "set_query": "TEMP?", "set_query_field": 2, "terminator": "\r\n"}
+    espec = {"set": "TEMP,S{:.1f}", "query": "TEMP?", "set_query": "TEMP?", "set_query_field": 2, "terminator": "CRLF"}
     watlow = {"set": ":SOURCE:CLOOP1:SPOINT {}", "query": ":SOURCE:CLOOP1:PVALUE?", "start": ["*IDN?"]}
     with scripted(tmp_path / "oven", answers) as (heard, _):
         for table, read in (({}, 23.45), (espec, -40.1), (watlow, 24.9), ({"set": "SETP {}", "query": "T?"}, 25.0)):

@@ -1,6 +1,6 @@
 """Tables of a plan for captures over temperature: the criterion of a soak, and the line to a chamber."""
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field
 
@@ -65,6 +65,6 @@ class ChamberTable(Strict):
     set_query: str = ""
     set_query_field: int = Field(default=1, ge=1)
     start: list[str] = Field(default_factory=list)
-    terminator: str = "\n"
+    terminator: Literal["LF", "CR", "CRLF"] = "LF"
     timeout_s: Number = Field(default=2.0, gt=0)
     finish_degc: Celsius | None = None

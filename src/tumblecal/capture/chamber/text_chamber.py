@@ -11,6 +11,7 @@ from tumblecal.ground.text_file import shown
 
 
 _TRIES = 3
+_TERMINATORS = {"LF": "\n", "CR": "\r", "CRLF": "\r\n"}
 _POLL_S = 0.01
 # Answers outside are no temperature of a chamber, degC.
 _LOWEST_DEGC, _HIGHEST_DEGC = -200.0, 400.0
@@ -83,7 +84,7 @@ class TextChamber:
         port = self._open()
         try:
             port.read()
-            port.write((command + self._table.terminator).encode())
+            port.write((command + _TERMINATORS[self._table.terminator]).encode())
         except OSError as error:
             self.close()
             raise InputError(

@@ -41,7 +41,7 @@ def view_of(guide: Guide) -> View:
     needed = dwell.needed if dwell else 0
     remaining = max(needed - done, 0) / guide.rate_hz / speed
     soaks_left = len({plan.soaks[k] for k in range(len(steps)) if k not in accepted}) if plan.over_temperature else 0
-    remaining += 60 * plan.soak.stable_min * (soaks_left - (guide.phase != Phase.SOAK)) / speed
+    soaking = 60 * plan.soak.stable_min * max(soaks_left - (guide.phase != Phase.SOAK), 0) / speed
     if guide.phase == Phase.SOAK and guide.soaking.stability is not None:
         done, needed = (round(60 * part) for part in (guide.soaking.stability.stable_min, plan.soak.stable_min))
     blank = np.full(3, np.nan)
@@ -58,7 +58,7 @@ def view_of(guide: Guide) -> View:
         done=done,
         needed=needed,
         left_s=remaining,
-        run_left_s=remaining + each * max(remaining_positions - (dwell is not None), 0),
+        run_left_s=remaining + soaking + each * max(remaining_positions - (dwell is not None), 0),
         mean_g=dwell.mean if dwell else (last.mean if last else blank),
         sd_g=dwell.sd if dwell else (last.sd if last else blank),
         expected_g=plan.expected(position),

@@ -65,7 +65,7 @@ class Soaking:
         self._write("soak", position=position, chamber=self._chamber.name, criterion=self._plan.soak.model_dump())
         return True
 
-    def take(self, part: Arrived, now_s: float | None = None) -> None:
+    def take(self, part: Arrived) -> None:
         """Continue with new samples.
 
         **Raises:** `InputError` if the temperature is not stable in time, or the chamber fails while it is waited for.
@@ -83,7 +83,7 @@ class Soaking:
             if not self._line_alarm:
                 self._write("warned", text=str(error))
             self._line_alarm, answered = str(error), False
-        now_s = time.monotonic() if now_s is None else now_s
+        now_s = time.monotonic()
         degc = part.samples.temperature[np.isfinite(part.samples.temperature)]
         self._sum, self._count = self._sum + float(degc.sum()), self._count + len(degc)
         if self._count >= self._block:
