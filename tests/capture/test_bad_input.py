@@ -167,4 +167,4 @@ def test_a_plan_and_a_virtual_instrument_are_told_apart(tumblecal, tmp_path, con
         assert outcome.code == 2 and outcome.lines == [f"tumblecal: {said}"]
     assert not list(tmp_path.iterdir())
     fields = {PLAN: set(CapturePlan.model_fields), INSTRUMENT: set(Emulation.model_fields)}
-    assert {kind: {*kind.keys, "site"} for kind in fields} == fields
+    assert {kind: {*kind.keys, "site", "chamber"} for kind in fields} == fields
