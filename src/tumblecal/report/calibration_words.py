@@ -210,7 +210,7 @@ _MUCH_DEGC = 2.0
 def temperature_words(fit: Fit, entries: Catalogue) -> str:
     """The parameters that follow temperature. Without any: that the standard uncertainties do not include the effect of a
     changed temperature; "" if it hardly changed, is unknown, or the chain has effects of temperature."""
-    if followings := followings_of(fit.problem.chain):
+    if followings := [leaf for leaf in followings_of(fit.problem.chain) if leaf.change.free]:
         functions = followings[0].functions
         low, high = functions.range_degc
         words = (
