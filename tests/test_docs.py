@@ -70,6 +70,13 @@ def test_every_public_name_has_an_example_that_runs(folder, monkeypatch, tmp_pat
     assert not runner.failures, "".join(printed)
 
 
+def test_the_main_names_are_in_the_package_itself():
+    """Their examples run above."""
+    names = "read_positions PositionSet calibrate diagnose Chain Link Problem fit fit_many simulate"
+    assert {*names.split()} <= {*dir(package)}
+    assert all(">>> " in (getattr(package, name).__doc__ or "") for name in names.split())
+
+
 def test_every_package_with_public_names_is_in_the_reference():
     source = ROOT / "src" / "tumblecal"
     assert sorted(PUBLIC) == sorted(

@@ -5,6 +5,7 @@ import re
 import shlex
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -75,7 +76,12 @@ def test_the_shell_s_blocks_and_then_python_s(folder, tumblecal, monkeypatch):
     verdicts = [(folder / name / "verdict.txt").read_text(encoding="utf-8") for name in ("diagnosis", "again")]
     assert verdicts[0].startswith("AMBIGUOUS") and verdicts[1].startswith("IDENTIFIED")
     assert "bias_drift.x" in verdicts[1] and "second_order.z" in verdicts[1]
-    python = "".join(block for page in (README, *PYTHON) for block in blocks("python", page=page))
+    absent = () if find_spec("numpyro") else ("import numpyro",)
+    python = "".join(block for page in (README, *PYTHON) for block in blocks("python", *absent, page=page))
     said = run(folder, sys.executable, "-W", "error::DeprecationWarning", "-c", python)
     # The README's own clean data hold nothing but noise, whose sd the example states too low.
     assert "noise_attitude" not in said
+
+
+def test_all_packages_of_the_pages_are_installed():
+    pytest.importorskip("numpyro", reason="the block of docs/jax.md with numpyro was not run: install tumblecal[dev]")

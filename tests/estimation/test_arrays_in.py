@@ -10,6 +10,9 @@ import tumblecal
 from tumblecal import InputError, PositionSet, Problem
 from tumblecal.chain import nominal_chain, settings
 from tumblecal.estimation import exact
+from tumblecal.estimation.angle_misfit import ss_with_pitch_errors
+from tumblecal.estimation.problem import require_problem
+from tumblecal.estimation.robust import minimised
 from tumblecal.noise import Covariance
 
 
@@ -55,6 +58,17 @@ def test_angles_in_either_unit_are_the_same_positions():
     [
         ({"readings": np.zeros((23, 3))}, r"readings have the shape \(23, 3\); 24 positions need \(24, 3\)"),
         ({"noise_sd": 0.0}, "noise_sd must be above 0"),
+        (
+            {"noise_sd": np.full(24, SD)},
+            r"noise_sd has the shape \(24,\); give one number, .* one for each position \(24, 1\)",
+        ),
+        ({"noise_sd": "0.1 mg"}, "noise_sd: give numbers in g"),
+        ({"readings": [["a", "b", "c"]] * 24}, "readings: give numbers in g"),
+        (
+            {"readings": np.full((24, 3), 5.7)},
+            r"median norm is 9\.873, but 1 g at rest; they look like m/s\^2: divide by 9.8",
+        ),
+        ({"readings": np.full((24, 3), 577.0)}, "they look like mg: divide by 1000"),
         ({"noise_sd": SD, "noise": Covariance.of_sd(np.ones((24, 3)))}, "give only one of them"),
         ({"priors": {"dbeta": (0.0, 1e-3)}}, "a prior needs a stated noise"),
         ({"noise_sd": SD, "priors": {"dbta": (0.0, 1e-3)}}, "no such parameter"),
@@ -64,6 +78,42 @@ def test_wrong_arrays_are_one_message(plan, change, words):
     chain, where, readings = plan
     with pytest.raises(InputError, match=words):
         Problem.from_arrays(chain, where, **({"readings": readings} | change))
+
+
+def test_angles_in_the_wrong_unit_are_one_message(plan):
+    _, where, readings = plan
+    degrees = np.degrees(where.beta)
+    with pytest.raises(InputError, match=r"beta is up to 57.3 rad: these look like degrees"):
+        settings(np.degrees(where.alpha), degrees)
+    with pytest.raises(InputError, match=r"unit 'rad', but beta is up to 57.3: state unit=\"deg\""):
+        PositionSet.from_arrays(readings, np.degrees(where.alpha), degrees, unit="rad")
+    with pytest.raises(InputError, match=r"unit 'deg', but the angles look like radians: state unit=\"rad\""):
+        PositionSet.from_arrays(readings, where.alpha, where.beta, unit="deg")
+    with pytest.raises(InputError, match="not finite"):
+        settings([0.0, np.nan], [0.0, 0.0])
+
+
+def test_readings_that_follow_no_angle_have_an_infinite_misfit(plan):
+    """Multiples of 7.5 deg are found above; other radians stated as degrees end here, and were a traceback."""
+    _, where, readings = plan
+    assert ss_with_pitch_errors(readings, np.zeros((24, 3)), where.index("pitch"), -readings) == np.inf
+
+
+def test_other_kinds_of_arguments_are_one_message(plan, problem):
+    """Called below the functions whose types the tests check."""
+    _, where, readings = plan
+    data = PositionSet.from_arrays(readings, where.alpha, where.beta, unit="rad")
+    for made in (lambda: require_problem(data, "fit"), lambda: tumblecal.fit_many(data, readings[None])):
+        with pytest.raises(TypeError, match=r"takes a Problem, not PositionSet: make one by problem_of\(data\)"):
+            made()
+    with pytest.raises(TypeError, match="solver 'lm': give a solver of optimistix"):
+        minimised(problem, "lm", np.zeros(15))
+    with pytest.raises(InputError, match=r"they look like m/s\^2"):
+        tumblecal.fit_many(problem, 9.80665 * readings[None])
+    with pytest.raises(InputError, match="path 'fast': the paths are"):
+        tumblecal.fit_many(problem, readings[None], path="fast")
+    with pytest.raises(KeyError, match="no parameter bias_q; it has"):
+        problem.chain.named({"bias_q": 1.0})
 
 
 def test_a_problem_is_traced_through_and_keeps_what_it_holds(plan, problem):

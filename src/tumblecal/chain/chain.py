@@ -181,7 +181,8 @@ class Chain(Shown, eqx.Module):
 
         chain = with_parameters(self, replaced)
         if remaining:
-            raise KeyError(f"the chain has no parameter {', '.join(remaining)}")
+            names = ", ".join(name for leaf in self.parameters for name in leaf.names)
+            raise KeyError(f"the chain has no parameter {', '.join(remaining)}; it has {names}")
         return chain
 
     def fixed(self, names: set[str]) -> "Chain":

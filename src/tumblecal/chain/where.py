@@ -22,6 +22,8 @@ Column = Float[Array | np.ndarray, " positions"]
 
 # Smallest time between positions, as a share of the median step.
 _LEAST_STEP = 1e-3
+# Two turns, rad: a pitch angle beyond is one in degrees.
+_MOST_PITCH = 4 * np.pi
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,7 +217,7 @@ def settings(
 
     **Returns:** the settings; pitch settings are numbered by increasing beta, runs and mounts as they first appear.
 
-    **Raises:** `ValueError` for angles that are not two columns of one length.
+    **Raises:** `InputError` for angles that are not two columns of one length, not finite, or pitch angles in degrees.
 
     Examples:
         >>> import numpy as np
@@ -226,7 +228,13 @@ def settings(
     """
     alpha, beta = np.asarray(alpha, float), np.asarray(beta, float)
     if alpha.shape != beta.shape or alpha.ndim != 1:
-        raise ValueError(f"alpha {alpha.shape} and beta {beta.shape} must be one-dimensional and equally long")
+        raise InputError(f"alpha {alpha.shape} and beta {beta.shape} must be one-dimensional and equally long")
+    if not np.all(np.isfinite([alpha, beta])):
+        raise InputError("alpha or beta has numbers that are not finite; remove these positions")
+    if (largest := np.max(np.abs(beta), initial=0.0)) > _MOST_PITCH:
+        raise InputError(
+            f"beta is up to {largest:.4g} rad: these look like degrees; convert both angles with np.radians"
+        )
     count = len(alpha)
     pitch = setting_index(beta, held=True) if pitch is None else pitch
     columns = {

@@ -24,6 +24,7 @@ from tumblecal.data.table import (
     likely_meant,
     without_empty,
 )
+from tumblecal.ground.angle_settings import look_like_radians
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import (
@@ -243,14 +244,8 @@ class _Reader:
             self.fault(0, "time_s", wrong)
 
     def _degrees(self, numbers: dict[str, np.ndarray]) -> None:
-        """Add a fault for radians in a column of degrees: multiples of pi/24 that are not integers."""
-        angles = np.concatenate([numbers["alpha_deg"], numbers["beta_deg"]])
-        steps = angles / (math.pi / 24)
-        if (
-            np.max(np.abs(angles)) < 7
-            and np.any(angles != np.round(angles))
-            and np.allclose(steps, np.round(steps), atol=0.01)
-        ):
+        """Add a fault for radians in a column of degrees."""
+        if look_like_radians(np.concatenate([numbers["alpha_deg"], numbers["beta_deg"]])):
             self.faults.add("these look like radians; write degrees", column="alpha_deg, beta_deg")
 
     def _size(self, readings: np.ndarray) -> None:

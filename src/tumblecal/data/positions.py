@@ -10,7 +10,7 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from tumblecal.data.position_comments import ATTITUDES, UNKNOWN, serial_number_of
-from tumblecal.ground.angle_settings import setting_angle, setting_index
+from tumblecal.ground.angle_settings import look_like_radians, setting_angle, setting_index
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import STANDARD, Gravity, comments_of, stated_gravity
@@ -134,6 +134,10 @@ class PositionSet(Shown):
             raise InputError(f"unit {unit!r}: the unit of the angles is 'deg' or 'rad'")
         values = np.asarray(readings, float)
         angles = [np.asarray(angle, float) for angle in (alpha, beta)]
+        if unit == "rad" and np.max(np.abs(angles[1]), initial=0.0) > 4 * np.pi:
+            raise InputError(f"unit 'rad', but beta is up to {np.max(np.abs(angles[1])):.4g}: state unit=\"deg\"")
+        if unit == "deg" and any(look_like_radians(angle) for angle in angles if len(np.unique(angle)) > 2):
+            raise InputError("unit 'deg', but the angles look like radians: state unit=\"rad\"")
         angles = angles if unit == "deg" else [np.degrees(angle) for angle in angles]
 
         def column(given: ArrayLike | None) -> Rows | None:

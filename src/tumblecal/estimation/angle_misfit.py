@@ -51,7 +51,8 @@ def ss_with_pitch_errors(
     setting: Float[np.ndarray, " positions"],
     readings: Float[np.ndarray, "positions 3"],
 ) -> float:
-    """Residual sum of squares (g^2) of the non-outlier rows after a fit of a sensor and one error for each pitch setting.
+    """Residual sum of squares (g^2) of the non-outlier rows after a fit of a sensor and one error for each pitch setting;
+    infinite if all rows are outliers.
 
     If the spindle is vertical, the spindle angle affects the readings only through these errors.
 
@@ -63,6 +64,8 @@ def ss_with_pitch_errors(
     of_sensor = np.einsum("ni,ab->naib", np.column_stack([ideal, np.ones(len(ideal))]), np.eye(3))
     of_settings = np.einsum("na,ns->nas", slope, by_setting)
     near = of_rows(ideal[None], readings)[0][0] < FAR / 2.0
+    if not np.any(near):
+        return np.inf
     rows = np.concatenate([of_sensor.reshape(*ideal.shape, -1), of_settings], axis=2)[near]
     rows, deviation = rows.reshape(3 * len(rows), -1), (readings - ideal)[near].ravel()
     return float(np.sum((deviation - rows @ np.linalg.lstsq(rows, deviation, rcond=1e-9)[0]) ** 2))

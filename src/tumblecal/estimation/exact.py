@@ -15,7 +15,7 @@ from tumblecal.estimation import closed_form
 from tumblecal.estimation.fit import Code, Fit
 from tumblecal.estimation.identifiability import RANK_TOLERANCE
 from tumblecal.estimation.linearised import identifiability_of, linearised, require_full_rank, scaled_residual
-from tumblecal.estimation.problem import Problem
+from tumblecal.estimation.problem import Problem, require_problem
 from tumblecal.estimation.programs import cached_program
 from tumblecal.estimation.robust import Loss, fit_robust, minimised
 
@@ -95,7 +95,8 @@ def fit(
 
     **Returns:** the fit; its `code` states how it converged, or that it did not.
 
-    **Raises:** `InputError` if the design leaves directions undetermined; they are named.
+    **Raises:** `InputError` if the design leaves directions undetermined; they are named. `TypeError` for other kinds
+    of arguments.
 
     Examples:
         >>> import optimistix as optx
@@ -108,6 +109,9 @@ def fit(
         >>> bool(abs(other.values - plain.values).max() < 1e-9), tumblecal.fit(problem, loss=huber()).method
         (True, 'exact, Huber loss (1.345)')
     """
+    require_problem(problem, "fit")
+    if loss is not None and not isinstance(loss, Loss):
+        raise TypeError(f"loss {loss!r}: give a Loss of estimation.robust, such as huber()")
     if isinstance(problem.readings, Tracer):
         raise TypeError("fit checks numbers, so JAX cannot trace it: use exact.solve in a traced function, or fit_many")
     if loss is not None:

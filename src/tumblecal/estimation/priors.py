@@ -21,7 +21,10 @@ def prior_of(chain: Chain, priors: Priors) -> tuple[np.ndarray, np.ndarray]:
     names = chain.names
     mean, weights = np.zeros(len(names)), np.zeros(len(names))
     members = {leaf.name: leaf.names for leaf in chain.free} | {name: (name,) for name in names}
-    for key, (centre, sd) in priors.items():
+    for key, stated in priors.items():
+        if np.shape(stated)[:1] != (2,) and not (isinstance(stated, tuple | list) and len(stated) == 2):
+            raise InputError(f"prior on {key!r}: give (mean, standard deviation), not {stated!r}")
+        centre, sd = stated
         unknown = [name for name in ((key,) if isinstance(key, str) else key) if name not in members]
         if unknown:
             raise InputError(f"prior on {unknown[0]!r}: the model has no such parameter; it has {', '.join(names)}")

@@ -82,6 +82,8 @@ def minimised(
     - `solver`: a least-squares solver or minimiser of optimistix. `loss`: of the rows of the readings in units of `scale`; if
       omitted, half of their square.
     """
+    if not isinstance(solver, optx.AbstractLeastSquaresSolver | optx.AbstractMinimiser):
+        raise TypeError(f"solver {solver!r}: give a solver of optimistix, such as LevenbergMarquardt(1e-10, 1e-10)")
     vector, steps = _minimised(problem.bare, solver, jnp.asarray(start), loss, jnp.asarray(scale))
     return np.asarray(vector), int(steps)
 

@@ -81,3 +81,10 @@ def _commanded(values: Index, held: bool) -> bool:
     starts = np.flatnonzero(np.diff(index, prepend=-1)) if held else np.zeros(0, np.int64)
     dwells = np.maximum(1, np.bincount(index[starts], minlength=len(rows)))
     return bool(np.all(rows >= _COMMANDED_ROWS * dwells))
+
+
+def look_like_radians(degrees: Angles) -> bool:
+    """Whether angles that should be degrees are radians: multiples of pi/24 below about a turn that are not integers."""
+    steps = degrees / (np.pi / 24)
+    small, whole = np.max(np.abs(degrees), initial=0.0) < 7, np.all(degrees == np.round(degrees))
+    return bool(small and not whole and np.allclose(steps, np.round(steps), atol=0.01))

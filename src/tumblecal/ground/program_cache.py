@@ -160,15 +160,9 @@ def _serve_jax(cache: ProgramCache | None) -> None:
     """Make JAX store its executables in this cache; without one, or with a version of JAX without this interface, in none."""
     import jax
 
-    try:
-        from jax._src import compilation_cache
+    from tumblecal.ground.jax_interfaces import store_executables_in
 
-        compilation_cache.reset_cache()
-        _ = compilation_cache.get_file_cache
-        compilation_cache.get_file_cache = lambda path: None if cache is None else (cache, path)  # type: ignore
-    except (ImportError, AttributeError) as error:
-        _log.debug("JAX keeps no executables: %s", error)
-        cache = None
-    jax.config.update("jax_compilation_cache_dir", None if cache is None else str(cache.folder))
+    folder = "" if cache is None else str(cache.folder)
+    jax.config.update("jax_compilation_cache_dir", folder if store_executables_in(cache, folder) else None)
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)

@@ -17,7 +17,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from tumblecal.chain import Chain, Link, Where, with_parameters
 from tumblecal.estimation.priors import Priors
-from tumblecal.estimation.problem import Problem
+from tumblecal.estimation.problem import Problem, require_problem
 from tumblecal.ground.errors import InputError
 from tumblecal.simulation.chain_fit import Expansion, design, expansion, fit_chain
 from tumblecal.simulation.harmonic_fit import fit_harmonics, nominal_harmonics
@@ -243,6 +243,7 @@ def experiment_of(
 
     **Raises:** as `experiment`; `InputError` for an unknown `path`, or a sampler that is not a function of its key alone.
     """
+    require_problem(problem, "this function")
     if path not in ("auto", "harmonic", "chain"):
         raise InputError(f"path {path!r}: the paths are 'auto', 'harmonic' and 'chain'")
     problem, chain = problem.bare, problem.chain

@@ -13,7 +13,7 @@ from tumblecal.simulation.chain_fit import design
 
 
 def linearisation_error(
-    chain: Chain, where: Where, sizes: Sequence[float], *, draws: int = 256, seed: int = 0
+    chain: Chain, where: Where, sizes: Sequence[float] | float, *, draws: int = 256, seed: int = 0
 ) -> Float[np.ndarray, "sizes free"]:
     """Root mean square error of the parameters by a linear fit without noise, for instruments of different size.
 
@@ -49,5 +49,7 @@ def linearisation_error(
 
     directions = jax.random.normal(jax.random.key(seed), (draws, len(centre)))
     errors = jax.jit(jax.vmap(error))
-    squares = [np.mean(np.asarray(errors(centre[None] + size * directions)) ** 2, axis=0) for size in sizes]
+    squares = [
+        np.mean(np.asarray(errors(centre[None] + size * directions)) ** 2, axis=0) for size in np.atleast_1d(sizes)
+    ]
     return np.sqrt(np.stack(squares))

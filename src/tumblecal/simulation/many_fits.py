@@ -20,7 +20,7 @@ from scipy.special import stdtrit
 
 from tumblecal.chain import Chain
 from tumblecal.estimation.fit import Code
-from tumblecal.estimation.problem import Problem
+from tumblecal.estimation.problem import Problem, require_g
 from tumblecal.estimation.programs import cached_program, compiler_options
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.showing import brief
@@ -153,7 +153,7 @@ def fit_many(
     sizes: list[int] = []
 
     def blocks() -> Iterator[np.ndarray]:
-        for block in _blocks(readings, count):
+        for block in _blocks(readings, problem.chain, count):
             sizes.append(len(block))
             yield np.concatenate([block, np.repeat(block[-1:], BLOCK - len(block), axis=0)])
 
@@ -281,16 +281,17 @@ def _harmonic_block(plan: UniformPlan) -> Callable[[float, Array], tuple[Array, 
     return cached_program(program, plan)
 
 
-def _blocks(readings: Any, count: int) -> Iterator[np.ndarray]:
+def _blocks(readings: Any, chain: Chain, count: int) -> Iterator[np.ndarray]:
     """Readings in blocks of at most `BLOCK`.
 
-    **Raises:** `InputError` for a wrong shape.
+    **Raises:** `InputError` for a wrong shape, or readings that are not in g.
     """
     parts = [readings] if hasattr(readings, "ndim") or isinstance(readings, list | tuple) else readings
     for part in parts:
         values = np.asarray(part, float)
         if values.ndim != 3 or values.shape[1:] != (count, 3):
             raise InputError(f"readings have the shape {values.shape}; {count} positions need (fits, {count}, 3)")
+        require_g(chain, values[:BLOCK])
         yield from (values[begin : begin + BLOCK] for begin in range(0, len(values), BLOCK))
 
 
