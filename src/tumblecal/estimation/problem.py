@@ -12,13 +12,12 @@ from jaxtyping import Array, Bool, Float
 from numpy.typing import ArrayLike
 
 from tumblecal.chain import Chain, Link, Where
-from tumblecal.chain.nominal import Triad
 from tumblecal.chain.where import register_unchecked
 from tumblecal.data import PositionSet
+from tumblecal.estimation.array_checks import numbers_in_g, require_g, stated_sd
 from tumblecal.estimation.priors import Priors, prior_of
 from tumblecal.estimation.white_rows import log_determinant, unwhitened, white, whitening_matrix
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 from tumblecal.noise.covariance import Covariance
 
 
@@ -26,8 +25,6 @@ from tumblecal.noise.covariance import Covariance
 UNIT_SD = 1e-3
 UNIT = Covariance(np.ones(0), "rows")
 _NO_SD = np.ones((0, 3))
-# One g in the other units of readings.
-_ONE_G = {"m/s^2": STANDARD_GRAVITY_MS2, "mg": 1000.0}
 _HALF_LOG_2_PI = 0.5 * np.log(2 * np.pi)
 
 
@@ -111,21 +108,12 @@ class Problem:
             0.001
         """
         count, traced = len(where.alpha), isinstance(readings, Tracer)
-        readings = readings if traced else _numbers("readings", readings)
+        readings = readings if traced else numbers_in_g("readings", readings)
         if np.shape(readings) != (count, 3):
             raise InputError(f"readings have the shape {np.shape(readings)}; {count} positions need ({count}, 3)")
         if noise is not None and noise_sd is not None:
             raise InputError("noise_sd and noise both state the noise; give only one of them")
-        stated = _numbers("noise_sd", UNIT_SD if noise_sd is None else noise_sd)
-        if not np.all(stated > 0):
-            raise InputError("noise_sd must be above 0")
-        if stated.ndim > 2 or any(
-            size not in (1, full) for size, full in zip(stated.shape[::-1], (3, count), strict=False)
-        ):
-            raise InputError(
-                f"noise_sd has the shape {stated.shape}; give one number, one for each axis (3,), one for each position "
-                f"({count}, 1), or ({count}, 3)"
-            )
+        stated = stated_sd(UNIT_SD if noise_sd is None else noise_sd, count)
         known = noise is not None or noise_sd is not None
         mean, weights = prior_of(chain, priors or {})
         if not known and np.any(weights != 0):
@@ -304,17 +292,6 @@ class Problem:
         return replace(self, retained=retained)
 
 
-def _numbers(name: str, values: ArrayLike) -> np.ndarray:
-    """The values as an array.
-
-    **Raises:** `InputError` if they are not numbers.
-    """
-    try:
-        return np.asarray(values, float)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{name}: give numbers in g ({error})") from error
-
-
 def require_problem(problem: object, function: str) -> None:
     """Reject a position set or an array in place of a problem.
 
@@ -325,20 +302,6 @@ def require_problem(problem: object, function: str) -> None:
         raise TypeError(
             f"{function} takes a Problem, not {kind}: make one by problem_of(data) or Problem.from_arrays(chain, where, ...)"
         )
-
-
-def require_g(chain: Chain, readings: Float[np.ndarray, "... 3"]) -> None:
-    """Reject readings of accelerometers at rest (a chain with a triad) whose median norm is not 0.5 to 2 g. All zero: none yet.
-
-    **Raises:** `InputError` with the unit that they seem to have.
-    """
-    if not np.any(readings) or not any(isinstance(link, Triad) for link in chain.links):
-        return
-    size = float(np.nanmedian(np.linalg.norm(readings, axis=-1)))
-    likely = [f"they look like {unit}: divide by {g:g}" for unit, g in _ONE_G.items() if 0.5 < size / g < 2.0]
-    if not 0.5 < size < 2.0 and np.isfinite(size):
-        cure = likely[0] if likely else "check their unit"
-        raise InputError(f"readings: the median norm is {size:.4g}, but 1 g at rest; {cure}")
 
 
 register_unchecked(

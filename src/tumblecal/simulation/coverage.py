@@ -8,7 +8,8 @@ import numpy as np
 from tumblecal.chain import Chain
 from tumblecal.estimation.problem import Problem
 from tumblecal.ground.errors import InputError
-from tumblecal.simulation.experiment import BLOCK, Experiment, Sampler, experiment_of
+from tumblecal.simulation.experiment import BLOCK, Experiment, experiment_of
+from tumblecal.simulation.samplers import Sampler
 from tumblecal.simulation.sums import LEVELS, Sums, added, chunk_sums
 
 

@@ -6,8 +6,8 @@ on how many are asked for, in which order, or by how many processes.
 """
 
 import dataclasses
-from collections.abc import Callable, Mapping
-from typing import NamedTuple, TypeAlias
+from collections.abc import Mapping
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -21,12 +21,11 @@ from tumblecal.estimation.problem import Problem, require_problem
 from tumblecal.ground.errors import InputError
 from tumblecal.simulation.chain_fit import Expansion, design, expansion, fit_chain
 from tumblecal.simulation.harmonic_fit import fit_harmonics, nominal_harmonics
+from tumblecal.simulation.samplers import Sampler, check_sampler, draws
 from tumblecal.simulation.uniform import UniformPlan, harmonic_path
 
 
 BLOCK = 1024
-# Draws one vector of parameters (free,), base units, or the noise of one set of readings (positions, 3), g, from a key.
-Sampler: TypeAlias = Callable[[Array], Array]
 
 
 class Trials(NamedTuple):
@@ -81,7 +80,7 @@ class Experiment(eqx.Module):
         **Raises:** `InputError` if it is unknown.
         """
         if self.draw_noise is not None:
-            return _each(self.draw_noise, jax.random.fold_in(key, 2))
+            return draws(self.draw_noise, jax.random.fold_in(key, 2), BLOCK)
         if not self.problem.known:
             raise InputError("the noise is unknown: give a sampler, or a problem with a stated noise")
         white, whitening = jax.random.normal(key, (*self.readings.shape, BLOCK)), np.asarray(self.problem.whitening)
@@ -101,7 +100,7 @@ class Experiment(eqx.Module):
     def instruments(self, key: Array) -> Float[Array, "free lanes"]:
         """True parameters of one block."""
         if self.draw_truth is not None:
-            return _each(self.draw_truth, jax.random.fold_in(key, 1))
+            return draws(self.draw_truth, jax.random.fold_in(key, 1), BLOCK)
         if self.spread is None:
             return jnp.broadcast_to(jnp.asarray(self.truth)[:, None], (len(self.truth), BLOCK))
         drawn = jax.random.normal(jax.random.fold_in(key, 1), (len(self.truth), BLOCK))
@@ -156,24 +155,6 @@ def _packed(truth: Array, values: Array, chi2: Array, converged: Array) -> Trial
     rows = jnp.concatenate([values, chi2[None], jnp.asarray(converged, values.dtype)[None]])
     rows = materialised(jnp.where(jnp.isfinite(rows), rows, 0.0))
     return Trials(truth, rows[:-2], rows[-2], rows[-1] > 0.5)
-
-
-def _each(sampler: Sampler, key: Array) -> Float[Array, "*shape lanes"]:
-    """One draw for each lane of a block."""
-    return jax.vmap(lambda one: jnp.asarray(sampler(one)), out_axes=-1)(jax.random.split(key, BLOCK))
-
-
-def _check_sampler(sampler: Sampler | None, shape: tuple[int, ...], name: str) -> None:
-    """Reject a sampler that returns another shape, or other numbers for the same key: compiled, it would draw once."""
-    if sampler is None:
-        return
-    first, second = (np.asarray(sampler(jax.random.key(0))) for _ in range(2))
-    if first.shape != shape:
-        raise InputError(f"{name}: the sampler returns an array of the shape {first.shape}, not {shape}")
-    if not np.array_equal(first, second, equal_nan=True):
-        raise InputError(
-            f"{name}: the sampler returns different arrays for the same key; draw with jax.random from its key"
-        )
 
 
 def materialised(rows: Float[Array, "rows lanes"]) -> Float[Array, "rows lanes"]:
@@ -256,8 +237,8 @@ def experiment_of(
     same = simulated is None or simulated is chain
     simulated = chain if simulated is None else simulated
     readings = np.asarray(simulated(problem.where))
-    _check_sampler(draw_truth, chain.vector.shape, "truth")
-    _check_sampler(draw_noise, readings.shape, "noise")
+    check_sampler(draw_truth, chain.vector.shape, "truth")
+    check_sampler(draw_noise, readings.shape, "noise")
     return Experiment(
         names=chain.names,
         units=chain.units,

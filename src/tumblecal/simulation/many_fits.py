@@ -19,14 +19,16 @@ from numpy.typing import ArrayLike
 from scipy.special import stdtrit
 
 from tumblecal.chain import Chain
+from tumblecal.estimation.array_checks import require_g
 from tumblecal.estimation.fit import Code
-from tumblecal.estimation.problem import Problem, require_g
+from tumblecal.estimation.problem import Problem
 from tumblecal.estimation.programs import cached_program, compiler_options
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.showing import brief
 from tumblecal.simulation.chain_fit import fit_chain
-from tumblecal.simulation.experiment import BLOCK, Experiment, Sampler, experiment_of
+from tumblecal.simulation.experiment import BLOCK, Experiment, experiment_of
 from tumblecal.simulation.harmonic_fit import fit_harmonics
+from tumblecal.simulation.samplers import Sampler
 from tumblecal.simulation.uniform import UniformPlan
 
 
