@@ -96,7 +96,7 @@ def test_angles_in_the_wrong_unit_are_one_message(plan):
 def test_readings_that_follow_no_angle_have_an_infinite_misfit(plan):
     """Multiples of 7.5 deg are found above; other radians stated as degrees end here, and were a traceback."""
     _, where, readings = plan
-    assert ss_with_pitch_errors(readings, np.zeros((24, 3)), where.index("pitch"), -readings) == np.inf
+    assert ss_with_pitch_errors(readings, np.zeros((24, 3)), where.beta, -readings) == np.inf
 
 
 def test_other_kinds_of_arguments_are_one_message(plan, problem):
