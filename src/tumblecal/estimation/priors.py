@@ -22,7 +22,7 @@ def prior_of(chain: Chain, priors: Priors) -> tuple[np.ndarray, np.ndarray]:
     mean, weights = np.zeros(len(names)), np.zeros(len(names))
     members = {leaf.name: leaf.names for leaf in chain.free} | {name: (name,) for name in names}
     for key, stated in priors.items():
-        if np.shape(stated)[:1] != (2,) and not (isinstance(stated, tuple | list) and len(stated) == 2):
+        if not (isinstance(stated, tuple | list) and len(stated) == 2):
             raise InputError(f"prior on {key!r}: give (mean, standard deviation), not {stated!r}")
         centre, sd = stated
         unknown = [name for name in ((key,) if isinstance(key, str) else key) if name not in members]
