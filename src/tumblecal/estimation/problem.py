@@ -108,8 +108,8 @@ class Problem:
             0.001
         """
         count, traced = len(where.alpha), isinstance(readings, Tracer)
-        readings = readings if traced else numbers_in_g("readings", readings)
-        if np.shape(readings) != (count, 3):
+        numbers = np.zeros((0, 3)) if traced else numbers_in_g("readings", readings)
+        if np.shape(readings if traced else numbers) != (count, 3):
             raise InputError(f"readings have the shape {np.shape(readings)}; {count} positions need ({count}, 3)")
         if noise is not None and noise_sd is not None:
             raise InputError("noise_sd and noise both state the noise; give only one of them")
@@ -123,8 +123,9 @@ class Problem:
         labels = tuple(names) if names is not None else tuple(str(number) for number in range(1, count + 1))
         data = None
         if not traced:
-            data = PositionSet(labels, np.degrees(where.alpha), np.degrees(where.beta), readings, source="arrays")
-            require_g(chain, readings)
+            data = PositionSet(labels, np.degrees(where.alpha), np.degrees(where.beta), numbers, source="arrays")
+            require_g(chain, numbers)
+            readings = numbers
         with_prior = bool(np.any(weights != 0))
         sd = sd if noise.form == "rows" and noise_sd is not None else noise.sd.reshape(-1, 3)
         return cls(chain, where, readings, noise.inverse_root, mean, weights, known, with_prior, noise, sd, data)  # type: ignore[arg-type]
