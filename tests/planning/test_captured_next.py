@@ -29,6 +29,11 @@ seconds = 10
 settle_s = 3.5
 [limits]
 still_mg = 5
+[soak]
+stable_min = 20
+[chamber]
+url = "/dev/ttyUSB1"
+set = "TEMP,S{:.1f}"
 """
 
 
@@ -49,6 +54,7 @@ def test_a_plan_takes_over_how_the_first_was_captured(tumblecal, tmp_path, table
     assert plans and ("turned" in "".join(path.name for path in plans)) == (mount == "turns")
     for path, plan in plans.items():
         assert (plan.dwell, plan.limits) == (first.dwell, first.limits)
+        assert (plan.soak, plan.chamber) == (first.soak, first.chamber) and plan.chamber.url == "/dev/ttyUSB1"
         assert plan.port == first.port.model_copy(update={"serial_number": "N1"})
         assert (plan.session.operator, plan.session.head) == ('A. "N"', "head 4711")
         assert plan.session.title == f"next positions for {tmp_path / 'positions.csv'}"

@@ -7,7 +7,7 @@ from scipy import stats
 
 import independent
 from tumblecal import InputError
-from tumblecal.capture.capture_plan import Session, read_plan
+from tumblecal.capture.capture_plan import CapturePlan, PositionsTable, Session, read_plan
 from tumblecal.chain import nominal_chain, settings
 from tumblecal.chain.plan import grid
 from tumblecal.chain.rig import Rig
@@ -52,6 +52,14 @@ def test_a_second_measurement_continues_the_first_one_s_drift_at_its_own_tempera
     assert new.temperature_degc is not None and new.temperature_degc.tolist() == [24.0, 24.0]
     later = (new.time_s - first.time_s[:2]) / 3600 * 0.2e-3
     np.testing.assert_allclose(new.readings - first.readings[:2], np.outer(later, [1, 0, 0]), rtol=0, atol=1e-15)
+    requested = [
+        step.model_copy(update={"temperature_degc": degc}) for step, degc in zip(plan.steps, (5, 40), strict=True)
+    ]
+    warm = plan.model_copy(update={"positions": PositionsTable(listed=requested)})
+    warmed = simulated_after(
+        rig, CapturePlan.model_validate(warm.model_dump()), tmp_path / "next.toml", 0, noise_sd=0.0
+    )
+    assert warmed.temperature_degc is not None and warmed.temperature_degc.tolist() == [5.0, 40.0]
     unknown = plan.model_copy(update={"session": Session(mount="B")})
     with pytest.raises(InputError, match=r"next\.toml: mount B is not in .*hidden_effect\.toml"):
         simulated_after(rig, unknown, tmp_path / "next.toml", 0)
