@@ -1,0 +1,1 @@
+"""Calibration over temperature: from means in temperature bins to parameters as functions of temperature."""

@@ -1,0 +1,108 @@
+"""The chain of a temperature calibration: the nominal links, leaves that follow temperature, terms of direction, rate and time.
+
+Unknown attitudes are held still over a range of temperatures: each has two tilts for all its rows, so every row determines three
+numbers, while a hand-held position determines one.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+
+from tumblecal.capture.thermal.thermal_table import ThermalTable
+from tumblecal.chain import Chain, Where, coefficients, settings
+from tumblecal.chain.nominal import HAND_HELD, NOMINAL, Leaf, nominal_link
+from tumblecal.data.positions import ATTITUDES, UNKNOWN, PositionSet, attitudes_of
+from tumblecal.estimation.problem import Problem
+from tumblecal.ground.temperature_functions import TemperatureFunctions
+from tumblecal.thermal.given_signals import GivenSignals
+from tumblecal.thermal.signals import Signals
+
+
+# Leaves that may follow temperature, and their names in words.
+LEAVES = {"bias": "bias", "dK": "scale factor", "gamma": "non-orthogonality", "dtheta": "mount"}
+# Leaves of the sensor that are values at the reference temperature.
+SENSOR_LEAVES = ("dK", "bias", "gamma")
+
+
+@dataclass(frozen=True)
+class ThermalModel:
+    """The model of a table of bins.
+
+    - `functions`: by leaf, the functions of temperature that it follows; a leaf that is absent is constant.
+    - `free`: leaves of the sensor whose values at the reference are estimated; the others have the values in `fixed`.
+    - `signals`: signals of direction, rate or time, with their orders. `lag_s`: time by which the sensor is behind the thermometer.
+    """
+
+    table: ThermalTable
+    functions: Mapping[str, TemperatureFunctions]
+    free: tuple[str, ...] = SENSOR_LEAVES
+    fixed: Mapping[str, float] | None = None
+    signals: tuple[tuple[Signals, int], ...] = ()
+    lag_s: float = 0.0
+
+    @cached_property
+    def where(self) -> Where:
+        """The settings of the rows."""
+        table = self.table
+        if table.alpha_deg is not None and table.beta_deg is not None:
+            alpha, beta = np.radians(table.alpha_deg), np.radians(table.beta_deg)
+        else:
+            alpha, beta = (np.radians(angle) for angle in attitudes_of(self._mean_readings))
+        degc = table.temperature_degc - self.lag_s * table.rate_degc_per_s
+        known = table.alpha_deg is not None
+        mount = table.mount if known else table.attitude
+        pitch = None if known else np.zeros(len(table), int)
+        run = table.clock if known else None
+        return settings(alpha, beta, pitch=pitch, run=run, mount=mount, time_s=table.time_s, temperature_degc=degc)
+
+    @property
+    def _mean_readings(self) -> Float[np.ndarray, "rows 3"]:
+        """For each row the mean reading of its attitude."""
+        labels, number = np.unique(np.array(self.table.attitude), return_inverse=True)
+        count = np.bincount(number, minlength=len(labels))
+        sums = np.stack([np.bincount(number, column, len(labels)) for column in self.table.readings.T], axis=1)
+        return (sums / count[:, None])[number]
+
+    @cached_property
+    def chain(self) -> Chain:
+        """The chain, all coefficients zero but the fixed ones."""
+        where, known = self.where, self.table.alpha_deg is not None
+        leaves = {name: Leaf(follows=self.functions.get(name)) for name in LEAVES}
+        if known:
+            many = {column: len(set(where.names(column))) > 1 for column in ("run", "mount")}
+            by = ".".join([*(column for column in many if many[column]), "pitch"])
+            leaves["dbeta"] = Leaf(by)
+            leaves["dtheta"] = replace(leaves["dtheta"], by="mount" if many["mount"] else None)
+        else:
+            leaves |= {"dbeta": Leaf("pitch", free=False), "tilt": Leaf("mount")}
+        chain = Chain(tuple(nominal_link(name, where, leaves) for name in (NOMINAL if known else HAND_HELD)))
+        for given, order in self.signals:
+            size = coefficients(given.name, given.names(order), unit=given.unit, scale=given.scale)
+            chain = chain + GivenSignals(size, given.up_to(order))
+        chain = chain.named(dict(self.fixed or {}))
+        return chain.fixed({*(leaf for leaf in SENSOR_LEAVES if leaf not in self.free), *(() if known else ("dtheta",))})
+
+    def problem(self, factor: float = 1.0) -> Problem:
+        """The fit of the chain to the table; `factor`: of the standard deviations of its rows."""
+        table = self.table
+        problem = Problem.from_arrays(self.chain, self.where, table.readings, noise_sd=table.sd * factor)
+        return replace(problem, data=self._positions)
+
+    @property
+    def _positions(self) -> PositionSet:
+        table, where = self.table, self.where
+        comments = dict(table.comments) | ({} if table.alpha_deg is not None else {ATTITUDES: UNKNOWN})
+        return PositionSet(
+            names=tuple(f"{name} {degc:.1f} degC" for name, degc in zip(table.attitude, table.temperature_degc, strict=True)),
+            alpha_deg=np.degrees(np.asarray(where.alpha)),
+            beta_deg=np.degrees(np.asarray(where.beta)),
+            readings=table.readings,
+            sd=table.sd,
+            time_s=table.time_s,
+            temperature_degc=table.temperature_degc,
+            comments=comments,
+            source=table.source,
+        )

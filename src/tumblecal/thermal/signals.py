@@ -1,0 +1,110 @@
+"""Signals in a table of bins that no function of temperature makes: hysteresis, rate, lag of the thermometer, drift with time."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from tumblecal.capture.thermal.thermal_table import ThermalTable
+from tumblecal.ground.axes import AXES
+
+
+# Hysteresis as a function of temperature: constant, linear, quadratic.
+HYSTERESIS_ORDERS = 3
+NAMES = ("hysteresis", "rate", "lag", "drift")
+WORDS = {
+    "hysteresis": "a difference between rising and falling temperature",
+    "rate": "a bias that follows the rate of the temperature",
+    "lag": "a delay between the thermometer and the sensor",
+    "drift": "a bias that drifts with time",
+}
+
+
+@dataclass(frozen=True)
+class Signals:
+    """Signals of one kind: `values` (orders, components, rows, 3), g for a coefficient of 1; `scale`: a typical coefficient."""
+
+    name: str
+    components: tuple[str, ...]
+    unit: str
+    values: Float[np.ndarray, "orders components rows 3"]
+    scale: float = 1e-3
+
+    def up_to(self, order: int) -> Float[np.ndarray, "signals rows 3"]:
+        """The signals of the first orders, one after another."""
+        chosen = self.values[:order]
+        return chosen.reshape(-1, *chosen.shape[2:])
+
+    def names(self, order: int) -> tuple[str, ...]:
+        """Names of the components of the first orders."""
+        several = len(self.values) > 1
+        return tuple(
+            f"{component}{number if several else ''}" for number in range(1, order + 1) for component in self.components
+        )
+
+
+def of_table(table: ThermalTable) -> tuple[Signals, ...]:
+    """Hysteresis, rate and drift, as far as the table can show them."""
+    found = [_hysteresis(table), _rate(table), _drift(table)]
+    return tuple(signals for signals in found if signals is not None)
+
+
+def lag(table: ThermalTable, slope: Float[np.ndarray, "rows 3"]) -> Signals | None:
+    """A delay of the sensor by some seconds: readings follow the temperature that the thermometer showed before.
+
+    **Arguments:**
+
+    - `slope`: derivative of the readings by the temperature, g/degC.
+    """
+    if not _varies(table.rate_degc_per_s):
+        return None
+    signal = -table.rate_degc_per_s[:, None] * slope
+    return Signals("lag", ("",), "s", signal[None, None], scale=10.0)
+
+
+def _hysteresis(table: ThermalTable) -> Signals | None:
+    if not {1, -1} <= set(table.reached_by.tolist()):
+        return None
+    low, high = table.range_degc
+    share = 2 * (table.temperature_degc - low) / (high - low) - 1
+    shapes = [np.ones(len(table)), share, share**2 - 1 / 3]
+    return _on_axes("hysteresis", "g", [table.reached_by * shape for shape in shapes])
+
+
+def _rate(table: ThermalTable) -> Signals | None:
+    if not _varies(table.rate_degc_per_s):
+        return None
+    return _on_axes("rate", "g/(degC/s)", [table.rate_degc_per_s], scale=0.1)
+
+
+def _drift(table: ThermalTable) -> Signals | None:
+    """Time since the first row of each clock, h."""
+    hours = np.zeros(len(table))
+    for clock in set(table.clock):
+        here = np.array([label == clock for label in table.clock])
+        hours[here] = (table.time_s[here] - np.min(table.time_s[here])) / 3600
+    return _on_axes("drift", "g/h", [hours]) if _varies(hours) else None
+
+
+def _on_axes(name: str, unit: str, shapes: list[np.ndarray], scale: float = 1e-3) -> Signals:
+    values = np.zeros((len(shapes), 3, len(shapes[0]), 3))
+    for order, shape in enumerate(shapes):
+        for axis in range(3):
+            values[order, axis, :, axis] = shape
+    return Signals(name, AXES, unit, values, scale)
+
+
+def _varies(column: np.ndarray) -> bool:
+    return bool(np.ptp(column) > 1e-9 * max(1.0, float(np.max(np.abs(column)))))
+
+
+def half_widths(
+    table: ThermalTable, signals: Signals, order: int, coefficients: Float[np.ndarray, " signals"]
+) -> Float[np.ndarray, "3"]:
+    """The largest size of some signals on each axis over the rows, g: half of the width between branches for hysteresis."""
+    total = np.tensordot(coefficients, signals.up_to(order), 1)
+    return np.max(np.abs(total), axis=0)
+
+
+Slope = Callable[[], Float[np.ndarray, "rows 3"]]
