@@ -1,0 +1,101 @@
+"""An accelerometer triad in a chamber, in numpy alone: polynomials of temperature, hysteresis, lag, noise. Not the chain.
+
+`instrument(...)` draws a unit, `means(...)` its readings in temperature bins, and `truth(...)` its parameters at any temperature.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+AXES = "xyz"
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit: constants (9: dK xyz, bias xyz, g21, g31, g32) at 25 degC; changes (9, 5) by Legendre polynomials over the range, less
+    their value at 25 degC; half width (3) of the hysteresis of the biases, g."""
+
+    constants: np.ndarray
+    changes: np.ndarray
+    hysteresis: np.ndarray
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Programme:
+    """Temperatures: a list of (target degC, rate K/min) legs from a start; soaks at the targets of `soak_min` minutes."""
+
+    start: float
+    legs: tuple[tuple[float, float], ...]
+    soak_min: float = 0.0
+
+
+def instrument(rng, *, bias_order=1, scale_order=1, cross_order=0, bias_mg=3.0, scale_mg=2.0, cross_mrad=0.3, hysteresis_mg=0.0,
+               low=-10.0, high=60.0):
+    """A unit whose highest coefficients of each order have about the stated size over the range; every order below is present."""
+    constants = np.concatenate([rng.normal(0, 3e-3, 3), rng.normal(0, 5e-3, 3), rng.normal(0, 1e-3, 3)])
+    changes = np.zeros((9, 5))
+    for rows, order, size in (((3, 4, 5), bias_order, bias_mg * 1e-3), ((0, 1, 2), scale_order, scale_mg * 1e-3), ((6, 7, 8), cross_order, cross_mrad * 1e-3)):
+        for row in rows:
+            for power in range(order):
+                changes[row, power] = rng.choice([-1, 1]) * size * rng.uniform(0.5, 1.5) / (1 + power)
+    return Unit(constants, changes, rng.choice([-1, 1], 3) * hysteresis_mg * 1e-3 * rng.uniform(0.5, 1.5, 3), low, high)
+
+
+def truth(unit, degc):
+    """The nine parameters (temperatures, 9) on the mean of both branches."""
+    def legendre(values):
+        share = 2 * (np.asarray(values, float) - unit.low) / (unit.high - unit.low) - 1
+        return np.stack([np.polynomial.legendre.legval(share, np.eye(6)[k]) for k in range(1, 6)], axis=-1)
+
+    return unit.constants + (legendre(degc) - legendre(25.0)) @ unit.changes.T
+
+
+def readings(unit, force, degc, memory=0.0):
+    """Readings (rows, 3) of forces (rows, 3), g; `memory`: state of the hysteresis, -1 on the lower branch to 1."""
+    p = truth(unit, degc)
+    u = np.column_stack([
+        force[:, 0],
+        force[:, 1] + p[:, 6] * force[:, 0],
+        force[:, 2] + p[:, 7] * force[:, 0] + p[:, 8] * force[:, 1],
+    ])
+    return (1 + p[:, :3]) * u + p[:, 3:6] + np.outer(np.broadcast_to(memory, len(u)), unit.hysteresis)
+
+
+def memory_of(degc, width):
+    """The state of a play operator (Prandtl) over a history of temperatures: moves by 2/width a degC, held within -1 and 1."""
+    state = np.empty(len(degc))
+    now, before = 0.0, degc[0]
+    for k, value in enumerate(degc):
+        now = min(1.0, max(-1.0, now + 2 * (value - before) / width))
+        state[k], before = now, value
+    return state
+
+
+def attitudes(rng, count, tilt_deg=3.0):
+    """Directions of gravity: one face, six faces or an icosahedron-like set, each tilted at random."""
+    if count <= 6:
+        base = np.concatenate([np.eye(3)[::-1], -np.eye(3)[::-1]])[:count]
+    else:
+        k = np.arange(count) + 0.5
+        z, turn = 1 - 2 * k / count, np.pi * (1 + np.sqrt(5)) * k
+        base = np.column_stack([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z])
+    tilted = base + np.radians(tilt_deg) * rng.normal(size=base.shape)
+    return tilted / np.linalg.norm(tilted, axis=1)[:, None]
+
+
+def history(programme, step_s=1.0):
+    """Times (s), temperatures (degC) and rates (degC/s) of a programme."""
+    degc, soak = [programme.start], int(programme.soak_min * 60 / step_s)
+    rates = [0.0]
+    degc += [programme.start] * soak
+    rates += [0.0] * soak
+    for target, per_min in programme.legs:
+        count = max(2, int(abs(target - degc[-1]) / (per_min / 60) / step_s))
+        leg = np.linspace(degc[-1], target, count + 1)[1:]
+        rates += [(target - degc[-1]) / (count * step_s)] * count
+        degc += leg.tolist() + [target] * soak
+        rates += [0.0] * soak
+    return np.arange(len(degc)) * step_s, np.array(degc), np.array(rates)
