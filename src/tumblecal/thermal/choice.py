@@ -13,7 +13,7 @@ from tumblecal.ground.temperature_functions import HIGHEST_ORDER, TemperatureFun
 from tumblecal.thermal import signals as kinds
 from tumblecal.thermal.design import design_of, estimate
 from tumblecal.thermal.model import LEAVES, SENSOR_LEAVES, ThermalModel
-from tumblecal.thermal.orders import SEPARATED, Search, folds_of, without_worse_orders
+from tumblecal.thermal.orders import SEPARATED, Search, chains_of, confirmed, folds_of
 from tumblecal.thermal.signals import NAMES
 
 
@@ -81,7 +81,7 @@ def chosen_model(table: ThermalTable, stated: Stated = Stated()) -> Choice:
     functions = {leaf: _functions(table, leaf, stated, len(soaks), reference) for leaf in LEAVES}
     free, following = _determined(table, functions, stated)
     functions = {leaf: functions[leaf] for leaf in following if functions[leaf].count}
-    largest = ThermalModel(table, functions, free, stated.fixed)
+    largest = ThermalModel(table, functions, free, fixed=stated.fixed)
     forced = {leaf: functions[leaf].count for leaf in functions if leaf in stated.orders or leaf in stated.knots_degc}
     return _searched(largest, forced)
 
@@ -97,9 +97,7 @@ def distinct_temperatures(table: ThermalTable) -> list[float]:
     return found
 
 
-def _functions(
-    table: ThermalTable, leaf: str, stated: Stated, soaks: int, reference: float
-) -> TemperatureFunctions:
+def _functions(table: ThermalTable, leaf: str, stated: Stated, soaks: int, reference: float) -> TemperatureFunctions:
     highest, knots = min(HIGHEST_ORDER, soaks - 1), stated.knots_degc.get(leaf, ())
     wanted = 3 if knots else stated.orders.get(leaf, highest)
     if wanted + len(knots) > soaks - 1:
@@ -118,12 +116,12 @@ def _determined(
     linear = {leaf: replace(each, order=1, knots_degc=()) for leaf, each in functions.items()}
     best: tuple[tuple[str, ...], tuple[str, ...]] = ((), ("bias",))
     for following in _FOLLOWING:
-        model = ThermalModel(table, {leaf: linear[leaf] for leaf in following}, (), stated.fixed)
+        model = ThermalModel(table, {leaf: linear[leaf] for leaf in following}, (), fixed=stated.fixed)
         if _full_rank(model):
             best = ((), following)
             break
     for free in _REFERENCES:
-        if not free or _full_rank(ThermalModel(table, {}, free, stated.fixed)):
+        if not free or _full_rank(ThermalModel(table, {}, free, fixed=stated.fixed)):
             return free, best[1]
     return best
 
@@ -149,19 +147,21 @@ def _searched(largest: ThermalModel, forced: Mapping[str, int]) -> Choice:
     whole = design.with_signals(problem, others)
     orders: dict[str, int] = dict(forced)
     movable = {leaf: order for leaf, order in highest.items() if leaf not in forced}
+    chains = chains_of(table.attitude, table.branch, table.time_s)
+    # Functions of temperature first: in one ramp at a constant rate, time is a function of temperature.
+    orders = dict(Search(design, chains).best(orders, movable).orders)
     for _ in range(_MOST_ROUNDS):
         slope = _slope(largest, vector, orders)
         lag = kinds.lag(table, slope)
         available = [*others, *([lag] if lag is not None else [])]
         whole = design.with_signals(problem, available)
-        search = Search(whole)
+        search = Search(whole, chains)
         before = dict(orders)
         orders = dict(search.best(orders, movable | highest_of_signals | ({"lag": 1} if lag else {})).orders)
         if orders == before:
             break
-    final = without_worse_orders(
-        whole, orders, folds_of(table.attitude, np.asarray(table.reached_by, float), table.temperature_degc), [*movable]
-    )
+    folds = folds_of(table.attitude, np.asarray(table.reached_by, float), table.temperature_degc)
+    final = confirmed(whole, orders, folds, [*movable], chains)
     dropped = tuple(leaf for leaf in movable if final.get(leaf, 0) < orders.get(leaf, 0))
     functions = {leaf: _of_count(largest.functions[leaf], order) for leaf, order in final.items() if leaf in highest}
     signals = tuple((given, final[given.name]) for given in available if final.get(given.name))
@@ -218,5 +218,3 @@ def _not_separated(
                 alike.append(other)
         found[name] = tuple(alike)
     return found
-
-

@@ -81,7 +81,9 @@ class Design:
         """Least-squares coefficients of constants and families; zero along undetermined directions."""
         return np.linalg.lstsq(self._all(orders), self.values, rcond=RANK)[0]
 
-    def predicted(self, orders: Mapping[str, int], coefficients: Float[np.ndarray, " all"]) -> Float[np.ndarray, " rows"]:
+    def predicted(
+        self, orders: Mapping[str, int], coefficients: Float[np.ndarray, " all"]
+    ) -> Float[np.ndarray, " rows"]:
         """Values by coefficients of another part of the same design."""
         return self._all(orders) @ coefficients
 

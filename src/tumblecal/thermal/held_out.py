@@ -9,7 +9,7 @@ from tumblecal.capture.thermal.thermal_table import ThermalTable
 from tumblecal.ground.errors import InputError
 from tumblecal.thermal.choice import Stated, chosen_model
 from tumblecal.thermal.design import estimate
-from tumblecal.thermal.model import ThermalModel
+from tumblecal.thermal.model import ThermalModel, directions_of
 from tumblecal.thermal.orders import folds_of
 
 
@@ -53,11 +53,13 @@ def _of_rows(table: ThermalTable, apart: Bool[np.ndarray, " rows"], stated: Stat
     if not apart.any():
         return None
     model = chosen_model(rest, stated).model
-    model = replace(model, signals=(), lag_s=0.0)
+    model = replace(model, signals=(), lag_s=0.0, directions=directions_of(rest))
     values = dict(zip(model.chain.names, estimate(model).tolist(), strict=True))
     constant = {name: value for name, value in values.items() if "_T_" not in name}
     rows = table.rows(apart)
-    errors = [_errors(replace(model, table=rows, functions=f), v) for f, v in (({}, constant), (model.functions, values))]
+    errors = [
+        _errors(replace(model, table=rows, functions=f), v) for f, v in (({}, constant), (model.functions, values))
+    ]
     before, after = (1e3 * float(np.sqrt(np.mean(error**2))) for error in errors)
     noise = 1e3 * float(np.sqrt(np.mean(rows.sd**2)))
     return HeldOut(_label(rows, table), len(rows), before, after, noise)
@@ -74,6 +76,10 @@ def _label(rows: ThermalTable, table: ThermalTable) -> str:
     where = f"{low:.1f} to {high:.1f} degC"
     directions = {1: "rising", -1: "falling"}
     present = set(np.asarray(rows.reached_by).tolist())
-    if len(present) == 1 and present != set(np.asarray(table.reached_by).tolist()) and (sign := present.pop()) in directions:
+    if (
+        len(present) == 1
+        and present != set(np.asarray(table.reached_by).tolist())
+        and (sign := present.pop()) in directions
+    ):
         return f"{directions[sign]} temperature, {where}"
     return where

@@ -5,17 +5,17 @@ numbers, while a hand-held position determines one.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
 
 from tumblecal.capture.thermal.thermal_table import ThermalTable
-from tumblecal.chain import Chain, Where, coefficients, settings
+from tumblecal.chain import Chain, Parameter, Where, coefficients, settings
 from tumblecal.chain.nominal import HAND_HELD, NOMINAL, Leaf, nominal_link
 from tumblecal.data.positions import ATTITUDES, UNKNOWN, PositionSet, attitudes_of
 from tumblecal.estimation.problem import Problem
+from tumblecal.ground.axes import AXES
 from tumblecal.ground.temperature_functions import TemperatureFunctions
 from tumblecal.thermal.given_signals import GivenSignals
 from tumblecal.thermal.signals import Signals
@@ -33,15 +33,23 @@ class ThermalModel:
 
     - `functions`: by leaf, the functions of temperature that it follows; a leaf that is absent is constant.
     - `free`: leaves of the sensor whose values at the reference are estimated; the others have the values in `fixed`.
+    - `directions`: spindle and pitch angle (deg) of each unknown attitude, from which its tilts are counted; by default from the
+      mean readings of the table.
     - `signals`: signals of direction, rate or time, with their orders. `lag_s`: time by which the sensor is behind the thermometer.
     """
 
     table: ThermalTable
     functions: Mapping[str, TemperatureFunctions]
     free: tuple[str, ...] = SENSOR_LEAVES
-    fixed: Mapping[str, float] | None = None
+    directions: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    fixed: Mapping[str, float] = field(default_factory=dict)
     signals: tuple[tuple[Signals, int], ...] = ()
     lag_s: float = 0.0
+
+    @property
+    def known(self) -> bool:
+        """Whether the attitudes are known."""
+        return self.table.alpha_deg is not None
 
     @cached_property
     def where(self) -> Where:
@@ -50,26 +58,25 @@ class ThermalModel:
         if table.alpha_deg is not None and table.beta_deg is not None:
             alpha, beta = np.radians(table.alpha_deg), np.radians(table.beta_deg)
         else:
-            alpha, beta = (np.radians(angle) for angle in attitudes_of(self._mean_readings))
-        degc = table.temperature_degc - self.lag_s * table.rate_degc_per_s
-        known = table.alpha_deg is not None
-        mount = table.mount if known else table.attitude
-        pitch = None if known else np.zeros(len(table), int)
-        run = table.clock if known else None
-        return settings(alpha, beta, pitch=pitch, run=run, mount=mount, time_s=table.time_s, temperature_degc=degc)
-
-    @property
-    def _mean_readings(self) -> Float[np.ndarray, "rows 3"]:
-        """For each row the mean reading of its attitude."""
-        labels, number = np.unique(np.array(self.table.attitude), return_inverse=True)
-        count = np.bincount(number, minlength=len(labels))
-        sums = np.stack([np.bincount(number, column, len(labels)) for column in self.table.readings.T], axis=1)
-        return (sums / count[:, None])[number]
+            directions = self.directions or directions_of(table)
+            alpha, beta = np.radians([directions[name] for name in table.attitude]).T
+        return settings(
+            alpha,
+            beta,
+            pitch=None if self.known else np.zeros(len(table), int),
+            run=table.clock if self.known else None,
+            mount=table.mount if self.known else table.attitude,
+            time_s=table.time_s,
+            temperature_degc=table.temperature_degc - self.lag_s * table.rate_degc_per_s,
+        )
 
     @cached_property
     def chain(self) -> Chain:
-        """The chain, all coefficients zero but the fixed ones."""
-        where, known = self.where, self.table.alpha_deg is not None
+        """The chain, all coefficients zero but the fixed ones.
+
+        If the values at the reference are not determined, each attitude has an offset of each axis instead of its two tilts.
+        """
+        where, known = self.where, self.known
         leaves = {name: Leaf(follows=self.functions.get(name)) for name in LEAVES}
         if known:
             many = {column: len(set(where.names(column))) > 1 for column in ("run", "mount")}
@@ -77,13 +84,25 @@ class ThermalModel:
             leaves["dbeta"] = Leaf(by)
             leaves["dtheta"] = replace(leaves["dtheta"], by="mount" if many["mount"] else None)
         else:
-            leaves |= {"dbeta": Leaf("pitch", free=False), "tilt": Leaf("mount")}
+            leaves |= {"dbeta": Leaf("pitch", free=False), "tilt": Leaf("mount", free=bool(self.free))}
         chain = Chain(tuple(nominal_link(name, where, leaves) for name in (NOMINAL if known else HAND_HELD)))
         for given, order in self.signals:
             size = coefficients(given.name, given.names(order), unit=given.unit, scale=given.scale)
             chain = chain + GivenSignals(size, given.up_to(order))
-        chain = chain.named(dict(self.fixed or {}))
-        return chain.fixed({*(leaf for leaf in SENSOR_LEAVES if leaf not in self.free), *(() if known else ("dtheta",))})
+        if not (known or self.free):
+            chain = chain + GivenSignals(*self._offsets)
+        chain = chain.named(dict(self.fixed))
+        return chain.fixed(
+            {*(leaf for leaf in SENSOR_LEAVES if leaf not in self.free), *(() if known else ("dtheta",))}
+        )
+
+    @property
+    def _offsets(self) -> tuple[Parameter, np.ndarray]:
+        """A coefficient and a signal for each axis at each attitude."""
+        names = self.table.attitudes
+        of_attitude = np.array([[name == label for label in self.table.attitude] for name in names], float)
+        signals = (of_attitude[:, None, :, None] * np.eye(3)[:, None, :]).reshape(-1, len(self.table), 3)
+        return coefficients("offset", [f"{axis}@{name}" for name in names for axis in AXES], unit="g"), signals
 
     def problem(self, factor: float = 1.0) -> Problem:
         """The fit of the chain to the table; `factor`: of the standard deviations of its rows."""
@@ -96,7 +115,9 @@ class ThermalModel:
         table, where = self.table, self.where
         comments = dict(table.comments) | ({} if table.alpha_deg is not None else {ATTITUDES: UNKNOWN})
         return PositionSet(
-            names=tuple(f"{name} {degc:.1f} degC" for name, degc in zip(table.attitude, table.temperature_degc, strict=True)),
+            names=tuple(
+                f"{name} {degc:.1f} degC" for name, degc in zip(table.attitude, table.temperature_degc, strict=True)
+            ),
             alpha_deg=np.degrees(np.asarray(where.alpha)),
             beta_deg=np.degrees(np.asarray(where.beta)),
             readings=table.readings,
@@ -106,3 +127,10 @@ class ThermalModel:
             comments=comments,
             source=table.source,
         )
+
+
+def directions_of(table: ThermalTable) -> dict[str, tuple[float, float]]:
+    """Spindle and pitch angle (deg) of each attitude by the mean of its readings."""
+    labels = np.array(table.attitude)
+    mean = np.stack([table.readings[labels == name].mean(0) for name in table.attitudes])
+    return dict(zip(table.attitudes, zip(*(angle.tolist() for angle in attitudes_of(mean)), strict=True), strict=True))

@@ -1,17 +1,20 @@
 """The orders of the functions of temperature, and the terms of direction, rate and time: by evidence, checked by prediction.
 
 A model is chosen by the Bayesian information criterion (Schwarz 1978) over nested families, searched by changes of one family
-by up to three orders. The highest order of a family is dropped if, fitted to the other branch or the other temperatures, the
-model without it predicts the rows that took no part better by more than one standard error.
+by up to three orders. Its number of observations is reduced by the autocorrelation of the residuals of the largest model along
+the temperature: errors that neighbouring bins share, such as a loop of hysteresis of any shape, are no evidence for an order. The highest order
+of a family is dropped unless the model with it, fitted to the other branch or the other temperatures, predicts the rows that
+took no part better by more than one standard error.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from tumblecal.thermal.design import Design
+from tumblecal.thermal.signals import NAMES
 
 
 # A cubic may be needed although no quadratic is: steps of one to three orders are tried.
@@ -32,16 +35,18 @@ class Score:
 class Search:
     """The best orders of the families of a design."""
 
-    def __init__(self, design: Design):
-        self._design = design
+    def __init__(self, design: Design, chains: Sequence[Int[np.ndarray, " part"]]):
         projected = design.projected()
-        self._families, self._values = projected.families, projected.values
-        self._count = len(self._values) - np.linalg.matrix_rank(design.constant, tol=None)
+        constants = np.linalg.matrix_rank(design.constant)
         self._known: dict[tuple[tuple[str, int], ...], float] = {}
-        names = [name for name in projected.families]
+        names = [*projected.families]
         stacked = projected.columns({name: len(projected.families[name]) for name in names})
+        basis = np.linalg.svd(stacked, full_matrices=False)[0][:, : np.linalg.matrix_rank(stacked)]
+        residual = projected.values - basis @ (basis.T @ projected.values)
+        self._rows = len(projected.values) - constants
+        self._count = self._rows * independent_share(residual.reshape(-1, 3), chains)
         # Everything is in the space of the columns and the values: a small triangle instead of all rows.
-        _, triangle = np.linalg.qr(np.column_stack([stacked, self._values]))
+        _, triangle = np.linalg.qr(np.column_stack([stacked, projected.values]))
         self._triangle, self._places, start = triangle, {}, 0
         for name in names:
             orders, components, _ = projected.families[name].shape
@@ -49,7 +54,8 @@ class Search:
             start += orders * components
 
     def criterion(self, orders: Mapping[str, int]) -> float:
-        """Rows times the logarithm of the residual sum of squares, plus the logarithm of rows for each coefficient."""
+        """Observations times the logarithm of the mean square of residuals, plus the logarithm of observations for each
+        coefficient."""
         key = tuple(sorted((name, order) for name, order in orders.items() if order))
         if key not in self._known:
             taken = [self._places[name][0] + k for name, order in key for k in range(order * self._places[name][1])]
@@ -62,7 +68,7 @@ class Search:
                     self._known[key] = np.inf
                     return np.inf
             residual_ss = max(float(values @ values), 1e-300)
-            self._known[key] = self._count * np.log(residual_ss / self._count) + len(taken) * np.log(self._count)
+            self._known[key] = self._count * np.log(residual_ss / self._rows) + len(taken) * np.log(self._count)
         return self._known[key]
 
     def best(self, start: Mapping[str, int], highest: Mapping[str, int]) -> Score:
@@ -82,22 +88,46 @@ class Search:
         return Score({name: order for name, order in orders.items() if order}, score)
 
 
-def without_worse_orders(
-    design: Design, orders: Mapping[str, int], folds: Sequence[Bool[np.ndarray, " table"]], names: Sequence[str]
+def independent_share(residual: Float[np.ndarray, "table 3"], chains: Sequence[Int[np.ndarray, " part"]]) -> float:
+    """Independent observations for each row, `(1 - r) / (1 + r)` for the autocorrelation r of neighbours (first order)."""
+    product = sum(float(np.sum(residual[chain[1:]] * residual[chain[:-1]])) for chain in chains)
+    square = sum(float(np.sum(residual[chain[1:]] ** 2 + residual[chain[:-1]] ** 2)) / 2 for chain in chains)
+    correlation = min(max(product / square, 0.0), 0.98) if square > 0 else 0.0
+    return (1 - correlation) / (1 + correlation)
+
+
+def chains_of(
+    attitude: Sequence[str], branch: Sequence[str], time_s: Float[np.ndarray, " table"]
+) -> list[Int[np.ndarray, " part"]]:
+    """Rows of each attitude and branch in the order of time."""
+    labels = np.array([f"{name}\n{part}" for name, part in zip(attitude, branch, strict=True)])
+    return [
+        rows[np.argsort(time_s[rows])] for label in dict.fromkeys(labels) for rows in [np.flatnonzero(labels == label)]
+    ]
+
+
+def confirmed(
+    design: Design,
+    orders: Mapping[str, int],
+    folds: Sequence[Bool[np.ndarray, " table"]],
+    names: Sequence[str],
+    chains: Sequence[Int[np.ndarray, " part"]],
 ) -> dict[str, int]:
-    """The orders less those that predict worse than the order below.
+    """The orders that rows outside their fit confirm: the highest order of a family is dropped unless it predicts them better.
 
     **Arguments:**
 
-    - `folds`: rows that take no part, for each fold. `names`: families that may lose orders.
+    - `folds`: rows that take no part, for each fold. `names`: families that may lose orders. `chains`: as of `Search`.
     """
     chosen = dict(orders)
     for name in names:
         while chosen.get(name, 0) > 0 and folds:
             lower = chosen | {name: chosen[name] - 1}
-            difference = squared_errors(design, chosen, folds) - squared_errors(design, lower, folds)
-            error = np.std(difference, ddof=1) / np.sqrt(len(difference)) if len(difference) > 1 else np.inf
-            if not np.mean(difference) > error:
+            gain = squared_errors(design, lower, folds) - squared_errors(design, chosen, folds)
+            rows = np.isfinite(gain)
+            share = independent_share(np.where(rows, gain - np.nanmean(gain), 0.0)[:, None], chains)
+            error = np.nanstd(gain) / np.sqrt(max(np.count_nonzero(rows) * share, 1.0))
+            if np.nanmean(gain) > error:
                 break
             chosen = lower
     return {name: order for name, order in chosen.items() if order}
@@ -105,14 +135,22 @@ def without_worse_orders(
 
 def squared_errors(
     design: Design, orders: Mapping[str, int], folds: Sequence[Bool[np.ndarray, " table"]]
-) -> Float[np.ndarray, " predicted"]:
-    """For each row of the table in a fold, the sum of squared white errors of its prediction by the rows outside the fold."""
-    errors = []
+) -> Float[np.ndarray, " table"]:
+    """For each row of the table, the sum of squared white errors of its prediction by rows outside its fold; NaN in no fold.
+
+    A difference between the branches, of the orders of `hysteresis`, is no error of the prediction.
+    """
+    errors = np.full(len(design.values) // 3, np.nan)
+    branch = {"hysteresis": orders.get("hysteresis", 0)}
+    orders = {name: order for name, order in orders.items() if name not in NAMES}
     for held_out in folds:
         rest, apart = design.part(~held_out), design.part(held_out)
         error = apart.values - apart.predicted(orders, rest.coefficients(orders))
-        errors.append(np.sum(error.reshape(-1, 3) ** 2, axis=1))
-    return np.concatenate(errors) if errors else np.zeros(0)
+        if branch["hysteresis"]:
+            loop = apart.columns(branch)
+            error = error - loop @ np.linalg.lstsq(loop, error, rcond=None)[0]
+        errors[held_out] = np.sum(error.reshape(-1, 3) ** 2, axis=1)
+    return errors
 
 
 def folds_of(
