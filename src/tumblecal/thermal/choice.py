@@ -1,4 +1,4 @@
-"""The model of a table: leaves that its attitudes determine, orders of their functions, and signals that are not of temperature."""
+"""The model of a table: leaves that its attitudes determine, orders of their functions, signals that are not of temperature."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -6,27 +6,30 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tumblecal.capture.thermal.thermal_table import ThermalTable
+from tumblecal.data.sensor_parameters import SENSOR, SensorParameters, leaf_of
 from tumblecal.estimation.identifiability import identifiability
 from tumblecal.estimation.linearised import linearised
+from tumblecal.estimation.priors import Priors
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.soaks import soaks
 from tumblecal.ground.temperature_functions import HIGHEST_ORDER, TemperatureFunctions
 from tumblecal.thermal import signals as kinds
-from tumblecal.thermal.design import design_of, estimate
+from tumblecal.thermal.design import Design, design_of, estimate
 from tumblecal.thermal.model import LEAVES, SENSOR_LEAVES, ThermalModel
 from tumblecal.thermal.orders import SEPARATED, Search, chains_of, confirmed, folds_of
-from tumblecal.thermal.signals import NAMES
+from tumblecal.thermal.signals import NAMES, Signals
 
 
 # 25 degC is the usual reference of calibrations.
 USUAL_REFERENCE_DEGC = 25.0
-# Leaves whose values at the reference are estimated, if the attitudes determine them; the first that they do is used.
+# Leaves whose values at the reference the attitudes may determine; the first that they do is used.
 _REFERENCES = (SENSOR_LEAVES, ("dK", "bias"), ("bias",), ())
+# Standard deviations of those that they do not determine: sizes that data sheets of MEMS sensors allow.
+USUAL_SD = {"gamma": 5e-3, "dK": 2e-2}
 # Leaves that follow temperature, likewise.
 _FOLLOWING = (("bias", "dK", "gamma", "dtheta"), ("bias", "dK", "gamma"), ("bias", "dK"), ("bias",))
 # A combination of parameters with this many times the uncertainty of the median one is not determined in practice.
 _WEAKEST = 300.0
-# Soaks closer than this (degC), or than this share of the range, are one temperature.
-_SAME_DEGC, _SAME_SHARE = 0.5, 0.02
 _MOST_ROUNDS = 4
 
 
@@ -35,13 +38,13 @@ class Stated:
     """What the user states; the rest is chosen.
 
     - `orders`: highest order by leaf (0: constant). `knots_degc`: knots by leaf. `reference_degc`: of all functions.
-    - `fixed`: values of sensor parameters at the reference that the attitudes do not determine, by name (base units).
+    - `base`: parameters of the sensor from a calibration of the unit, for those that the attitudes do not determine.
     """
 
     orders: Mapping[str, int] = field(default_factory=dict)
     knots_degc: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     reference_degc: float | None = None
-    fixed: Mapping[str, float] = field(default_factory=dict)
+    base: SensorParameters | None = None
 
 
 @dataclass(frozen=True)
@@ -50,8 +53,8 @@ class Choice:
 
     - `model`: with its functions and signals. `orders`: by leaf or signal, and `criterion`: of the information criterion.
     - `constant_criterion`: that of parameters independent of temperature.
-    - `highest`: the highest orders that the temperatures determine. `not_separated`: for a chosen signal, the other signals that
-      explain the data almost as well. `dropped`: leaves that lost orders because they predict worse.
+    - `highest`: the highest orders that the temperatures determine. `not_separated`: for a chosen signal, the other signals
+      that explain the data almost as well. `dropped`: leaves that lost orders because rows outside the fit do not confirm them.
     """
 
     model: ThermalModel
@@ -63,14 +66,14 @@ class Choice:
     dropped: tuple[str, ...]
 
 
-def chosen_model(table: ThermalTable, stated: Stated = Stated()) -> Choice:
+def chosen_model(table: ThermalTable, stated: Stated) -> Choice:
     """The model of a table by evidence and prediction.
 
     **Raises:** `InputError` for orders or knots that the temperatures cannot determine, and for one temperature only.
     """
     low, high = table.range_degc
-    soaks = distinct_temperatures(table)
-    if len(soaks) < 2:
+    temperatures = len(soaks(table.temperature_degc))
+    if temperatures < 2:
         raise InputError(
             f"{table.source}: all rows are at {low:.1f} to {high:.1f} degC, which is one temperature; record a ramp, or "
             "soaks at several temperatures"
@@ -78,101 +81,116 @@ def chosen_model(table: ThermalTable, stated: Stated = Stated()) -> Choice:
     reference = stated.reference_degc
     if reference is None:
         reference = USUAL_REFERENCE_DEGC if low <= USUAL_REFERENCE_DEGC <= high else round((low + high) / 2, 1)
-    functions = {leaf: _functions(table, leaf, stated, len(soaks), reference) for leaf in LEAVES}
-    free, following = _determined(table, functions, stated)
+    functions = {leaf: _functions(table, leaf, stated, temperatures, reference) for leaf in LEAVES}
+    free, following = _determined(table, functions)
     functions = {leaf: functions[leaf] for leaf in following if functions[leaf].count}
-    largest = ThermalModel(table, functions, free, fixed=stated.fixed)
+    largest = ThermalModel(table, functions, free, fixed=_values(stated.base), priors=_priors(free, stated.base))
     forced = {leaf: functions[leaf].count for leaf in functions if leaf in stated.orders or leaf in stated.knots_degc}
     return _searched(largest, forced)
 
 
-def distinct_temperatures(table: ThermalTable) -> list[float]:
-    """Temperatures that are wider apart than a soak scatters, in increasing order."""
-    degc = np.sort(table.temperature_degc)
-    gap = max(_SAME_DEGC, _SAME_SHARE * float(np.ptp(degc)))
-    found = [float(degc[0])]
-    for value in degc.tolist():
-        if value - found[-1] > gap:
-            found.append(value)
-    return found
-
-
-def _functions(table: ThermalTable, leaf: str, stated: Stated, soaks: int, reference: float) -> TemperatureFunctions:
-    highest, knots = min(HIGHEST_ORDER, soaks - 1), stated.knots_degc.get(leaf, ())
+def _functions(
+    table: ThermalTable, leaf: str, stated: Stated, temperatures: int, reference: float
+) -> TemperatureFunctions:
+    highest, knots = min(HIGHEST_ORDER, temperatures - 1), stated.knots_degc.get(leaf, ())
     wanted = 3 if knots else stated.orders.get(leaf, highest)
-    if wanted + len(knots) > soaks - 1:
+    if wanted + len(knots) > temperatures - 1:
         kind = f"a spline with {len(knots)} knots" if knots else f"order {wanted}"
         raise InputError(
-            f"{table.source}: {soaks} different temperatures cannot determine {kind} of {LEAVES[leaf]}; "
+            f"{table.source}: {temperatures} different temperatures cannot determine {kind} of {LEAVES[leaf]}; "
             f"the highest order is {highest}"
         )
     return TemperatureFunctions(wanted, reference, table.range_degc, knots)
 
 
 def _determined(
-    table: ThermalTable, functions: Mapping[str, TemperatureFunctions], stated: Stated
+    table: ThermalTable, functions: Mapping[str, TemperatureFunctions]
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Sensor leaves whose values at the reference the attitudes determine, and leaves whose change they determine."""
     linear = {leaf: replace(each, order=1, knots_degc=()) for leaf, each in functions.items()}
-    best: tuple[tuple[str, ...], tuple[str, ...]] = ((), ("bias",))
-    for following in _FOLLOWING:
-        model = ThermalModel(table, {leaf: linear[leaf] for leaf in following}, (), fixed=stated.fixed)
-        if _full_rank(model):
-            best = ((), following)
-            break
-    for free in _REFERENCES:
-        if not free or _full_rank(ThermalModel(table, {}, free, fixed=stated.fixed)):
-            return free, best[1]
-    return best
+    following = next(
+        leaves
+        for leaves in _FOLLOWING
+        if len(leaves) == 1 or _full_rank(ThermalModel(table, {leaf: linear[leaf] for leaf in leaves}, ()), ())
+    )
+    nominal = ThermalModel(table, {})
+    return next(leaves for leaves in _REFERENCES if not leaves or _full_rank(nominal, leaves)), following
 
 
-def _full_rank(model: ThermalModel) -> bool:
-    """Whether the rows determine the parameters of a model in practice."""
+def _priors(free: tuple[str, ...], base: SensorParameters | None) -> Priors:
+    """Priors of the values at the reference that the attitudes do not determine: of a calibration, otherwise usual sizes."""
+    if not free or free == SENSOR_LEAVES:
+        return {}
+    names = tuple(name for name in SENSOR if leaf_of(name) not in free)
+    if base is None:
+        return {name: (0.0, USUAL_SD[leaf_of(name)]) for name in names}
+    known = base.of(names)
+    return {names: (known.values, known.covariance)}
+
+
+def _values(base: SensorParameters | None) -> dict[str, float]:
+    return {} if base is None else dict(zip(base.names, base.values.tolist(), strict=True))
+
+
+def _full_rank(model: ThermalModel, references: tuple[str, ...]) -> bool:
+    """Whether the rows determine a model in practice, with only these leaves of the sensor at the reference."""
     problem = model.problem()
-    if not problem.chain.names:
+    names = problem.chain.names
+    taken = np.array([name not in SENSOR or leaf_of(name) in references for name in names], bool)
+    if not taken.any():
         return True
-    jacobian = np.asarray(linearised(problem, problem.chain.vector)[1])
-    seen = identifiability(jacobian, problem.chain.names, problem.scales)
+    jacobian = np.asarray(linearised(problem, problem.chain.vector)[1])[:, taken]
+    seen = identifiability(jacobian, tuple(np.array(names)[taken].tolist()), problem.scales[taken])
     singular = seen.singular_values
     return not seen.unobservable and bool(np.median(singular) < _WEAKEST * singular[-1])
 
 
+@dataclass(frozen=True)
+class _Round:
+    """One search: with a lag signal by the slope of the model before it."""
+
+    search: Search
+    signals: tuple[Signals, ...]
+    design: Design
+    orders: dict[str, int]
+
+
 def _searched(largest: ThermalModel, forced: Mapping[str, int]) -> Choice:
-    table, problem = largest.table, largest.problem()
-    vector = estimate(largest)
+    table, vector = largest.table, estimate(largest)
     design = design_of(largest, vector)
-    others = kinds.of_table(table)
-    highest = {leaf: functions.count for leaf, functions in largest.functions.items()}
-    highest_of_signals = {given.name: len(given.values) for given in others}
-    whole = design.with_signals(problem, others)
-    orders: dict[str, int] = dict(forced)
-    movable = {leaf: order for leaf, order in highest.items() if leaf not in forced}
     chains = chains_of(table.attitude, table.branch, table.time_s)
-    # Functions of temperature first: in one ramp at a constant rate, time is a function of temperature.
-    orders = dict(Search(design, chains).best(orders, movable).orders)
-    for _ in range(_MOST_ROUNDS):
-        slope = _slope(largest, vector, orders)
-        lag = kinds.lag(table, slope)
-        available = [*others, *([lag] if lag is not None else [])]
-        whole = design.with_signals(problem, available)
+    highest = {leaf: functions.count for leaf, functions in largest.functions.items()}
+    movable = {leaf: order for leaf, order in highest.items() if leaf not in forced}
+
+    def searched(orders: Mapping[str, int]) -> _Round:
+        lag = kinds.lag(table, _slope(largest, vector, orders))
+        signals = (*kinds.of_table(table), *([] if lag is None else [lag]))
+        whole = design.with_signals(largest.problem(), signals)
         search = Search(whole, chains)
-        before = dict(orders)
-        orders = dict(search.best(orders, movable | highest_of_signals | ({"lag": 1} if lag else {})).orders)
-        if orders == before:
+        best = search.best(orders, movable | {given.name: len(given.values) for given in signals})
+        return _Round(search, signals, whole, dict(best.orders))
+
+    # Functions of temperature first: in one ramp at a constant rate, time is a function of temperature.
+    last = searched(Search(design, chains).best(forced, movable).orders)
+    for _ in range(_MOST_ROUNDS):
+        before, last = last, searched(last.orders)
+        if last.orders == before.orders:
             break
     folds = folds_of(table.attitude, np.asarray(table.reached_by, float), table.temperature_degc)
-    final = confirmed(whole, orders, folds, [*movable], chains)
-    dropped = tuple(leaf for leaf in movable if final.get(leaf, 0) < orders.get(leaf, 0))
+    final = confirmed(last.design, last.orders, folds, [*movable], chains)
     functions = {leaf: _of_count(largest.functions[leaf], order) for leaf, order in final.items() if leaf in highest}
-    signals = tuple((given, final[given.name]) for given in available if final.get(given.name))
     return Choice(
-        model=replace(largest, functions=functions, signals=signals),
+        model=replace(
+            largest,
+            functions=functions,
+            signals=tuple((given, final[given.name]) for given in last.signals if final.get(given.name)),
+        ),
         orders=final,
-        criterion=search.criterion(final),
-        constant_criterion=search.criterion({}),
+        criterion=last.search.criterion(final),
+        constant_criterion=last.search.criterion({}),
         highest=highest,
-        not_separated=_not_separated(search, final, {given.name: len(given.values) for given in available}),
-        dropped=dropped,
+        not_separated=_not_separated(last.search, final, {given.name: len(given.values) for given in last.signals}),
+        dropped=tuple(leaf for leaf in movable if final.get(leaf, 0) < last.orders.get(leaf, 0)),
     )
 
 

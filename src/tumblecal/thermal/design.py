@@ -1,7 +1,7 @@
-"""The linearised design of the largest temperature model: a family of columns for each leaf and each term, the rest projected out.
+"""The linearised design of the largest temperature model: a family of columns for each leaf and each kind of signals.
 
-Changes with temperature are small (mg), so the columns at one estimate serve all models of lower order. The families are nested:
-the first columns of a family are the family of lower order.
+Changes with temperature are small (mg), so the columns at one estimate serve all models of lower order. The families are
+nested: the first columns of a family are the family of lower order.
 """
 
 from collections.abc import Mapping, Sequence
@@ -104,7 +104,8 @@ class Design:
 def design_of(model: ThermalModel, vector: Float[np.ndarray, " free"]) -> Design:
     """The design of a model without signals, at an estimate of all its parameters."""
     problem, chain = model.problem(), model.chain
-    residual, jacobian = (np.asarray(part) for part in linearised(problem, vector))
+    # Rows of priors are no observations.
+    residual, jacobian = (np.asarray(part)[: model.table.readings.size] for part in linearised(problem, vector))
     families: dict[str, np.ndarray] = {}
     constant, start = np.ones(len(vector), bool), 0
     for leaf in chain.free:

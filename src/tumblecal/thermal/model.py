@@ -1,7 +1,7 @@
-"""The chain of a temperature calibration: the nominal links, leaves that follow temperature, terms of direction, rate and time.
+"""The chain of a temperature calibration: nominal links, leaves that follow temperature, signals of direction, rate and time.
 
-Unknown attitudes are held still over a range of temperatures: each has two tilts for all its rows, so every row determines three
-numbers, while a hand-held position determines one.
+Unknown attitudes are held still over a range of temperatures: each has two tilts for all its rows, so every row determines
+three numbers, while a hand-held position determines one.
 """
 
 from collections.abc import Mapping
@@ -14,6 +14,7 @@ from tumblecal.capture.thermal.thermal_table import ThermalTable
 from tumblecal.chain import Chain, Parameter, Where, coefficients, settings
 from tumblecal.chain.nominal import HAND_HELD, NOMINAL, Leaf, nominal_link
 from tumblecal.data.positions import ATTITUDES, UNKNOWN, PositionSet, attitudes_of
+from tumblecal.estimation.priors import Priors
 from tumblecal.estimation.problem import Problem
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.temperature_functions import TemperatureFunctions
@@ -32,10 +33,12 @@ class ThermalModel:
     """The model of a table of bins.
 
     - `functions`: by leaf, the functions of temperature that it follows; a leaf that is absent is constant.
-    - `free`: leaves of the sensor whose values at the reference are estimated; the others have the values in `fixed`.
-    - `directions`: spindle and pitch angle (deg) of each unknown attitude, from which its tilts are counted; by default from the
-      mean readings of the table.
-    - `signals`: signals of direction, rate or time, with their orders. `lag_s`: time by which the sensor is behind the thermometer.
+    - `free`: leaves of the sensor whose values at the reference the attitudes determine. The other leaves have `priors`. If it
+      is empty, no value at the reference is estimated: each attitude has an offset on each axis, and the sensor has the
+      values in `fixed`.
+    - `directions`: spindle and pitch angle (deg) of each unknown attitude, from which its tilts are counted; by default from
+      the mean readings of the table.
+    - `signals`: signals of direction, rate or time, with their orders. `lag_s`: delay of the sensor after the thermometer.
     """
 
     table: ThermalTable
@@ -43,6 +46,7 @@ class ThermalModel:
     free: tuple[str, ...] = SENSOR_LEAVES
     directions: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     fixed: Mapping[str, float] = field(default_factory=dict)
+    priors: Priors = field(default_factory=dict)
     signals: tuple[tuple[Signals, int], ...] = ()
     lag_s: float = 0.0
 
@@ -72,10 +76,7 @@ class ThermalModel:
 
     @cached_property
     def chain(self) -> Chain:
-        """The chain, all coefficients zero but the fixed ones.
-
-        If the values at the reference are not determined, each attitude has an offset of each axis instead of its two tilts.
-        """
+        """The chain, all coefficients zero but the fixed ones."""
         where, known = self.where, self.known
         leaves = {name: Leaf(follows=self.functions.get(name)) for name in LEAVES}
         if known:
@@ -92,9 +93,7 @@ class ThermalModel:
         if not (known or self.free):
             chain = chain + GivenSignals(*self._offsets)
         chain = chain.named(dict(self.fixed))
-        return chain.fixed(
-            {*(leaf for leaf in SENSOR_LEAVES if leaf not in self.free), *(() if known else ("dtheta",))}
-        )
+        return chain.fixed({*(() if self.free else SENSOR_LEAVES), *(() if known else ("dtheta",))})
 
     @property
     def _offsets(self) -> tuple[Parameter, np.ndarray]:
@@ -107,7 +106,9 @@ class ThermalModel:
     def problem(self, factor: float = 1.0) -> Problem:
         """The fit of the chain to the table; `factor`: of the standard deviations of its rows."""
         table = self.table
-        problem = Problem.from_arrays(self.chain, self.where, table.readings, noise_sd=table.sd * factor)
+        problem = Problem.from_arrays(
+            self.chain, self.where, table.readings, noise_sd=table.sd * factor, priors=self.priors
+        )
         return replace(problem, data=self._positions)
 
     @property

@@ -2,9 +2,9 @@
 
 A model is chosen by the Bayesian information criterion (Schwarz 1978) over nested families, searched by changes of one family
 by up to three orders. Its number of observations is reduced by the autocorrelation of the residuals of the largest model along
-the temperature: errors that neighbouring bins share, such as a loop of hysteresis of any shape, are no evidence for an order. The highest order
-of a family is dropped unless the model with it, fitted to the other branch or the other temperatures, predicts the rows that
-took no part better by more than one standard error.
+the temperature: errors that neighbouring bins share, such as a loop of hysteresis of any shape, are no evidence for an order.
+The highest order of a family is dropped unless the model with it, fitted to the other branch or the other temperatures,
+predicts the rows that took no part better by more than one standard error.
 """
 
 from collections.abc import Mapping, Sequence

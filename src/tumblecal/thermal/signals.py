@@ -1,6 +1,5 @@
-"""Signals in a table of bins that no function of temperature makes: hysteresis, rate, lag of the thermometer, drift with time."""
+"""Signals in a table of bins that are no function of temperature: hysteresis, rate, lag of the thermometer, drift with time."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -99,12 +98,7 @@ def _varies(column: np.ndarray) -> bool:
     return bool(np.ptp(column) > 1e-9 * max(1.0, float(np.max(np.abs(column)))))
 
 
-def half_widths(
-    table: ThermalTable, signals: Signals, order: int, coefficients: Float[np.ndarray, " signals"]
-) -> Float[np.ndarray, "3"]:
+def half_widths(signals: Signals, order: int, coefficients: Float[np.ndarray, " signals"]) -> Float[np.ndarray, "3"]:
     """The largest size of some signals on each axis over the rows, g: half of the width between branches for hysteresis."""
     total = np.tensordot(coefficients, signals.up_to(order), 1)
     return np.max(np.abs(total), axis=0)
-
-
-Slope = Callable[[], Float[np.ndarray, "rows 3"]]
