@@ -1,6 +1,6 @@
 """An accelerometer triad in a chamber, in numpy alone: polynomials of temperature, hysteresis, lag, noise. Not the chain.
 
-`instrument(...)` draws a unit, `means(...)` its readings in temperature bins, and `truth(...)` its parameters at any temperature.
+`instrument` draws a unit, `means` gives its readings in temperature bins, `recording` its samples, `truth` its parameters.
 """
 
 from dataclasses import dataclass
@@ -13,8 +13,8 @@ AXES = "xyz"
 
 @dataclass(frozen=True)
 class Unit:
-    """A unit: constants (9: dK xyz, bias xyz, g21, g31, g32) at 25 degC; changes (9, 5) by Legendre polynomials over the range, less
-    their value at 25 degC; half width (3) of the hysteresis of the biases, g."""
+    """A unit: constants (9: dK xyz, bias xyz, g21, g31, g32) at 25 degC; changes (9, 5) by Legendre polynomials over the range,
+    less their value at 25 degC; half width (3) of the hysteresis of the biases, g."""
 
     constants: np.ndarray
     changes: np.ndarray
@@ -32,12 +32,27 @@ class Programme:
     soak_min: float = 0.0
 
 
-def instrument(rng, *, bias_order=1, scale_order=1, cross_order=0, bias_mg=3.0, scale_mg=2.0, cross_mrad=0.3, hysteresis_mg=0.0,
-               low=-10.0, high=60.0):
-    """A unit whose highest coefficients of each order have about the stated size over the range; every order below is present."""
+def instrument(
+    rng,
+    *,
+    bias_order=1,
+    scale_order=1,
+    cross_order=0,
+    bias_mg=3.0,
+    scale_mg=2.0,
+    cross_mrad=0.3,
+    hysteresis_mg=0.0,
+    low=-10.0,
+    high=60.0,
+):
+    """A unit with every order up to the stated ones; the sizes are those of the first order over the range."""
     constants = np.concatenate([rng.normal(0, 3e-3, 3), rng.normal(0, 5e-3, 3), rng.normal(0, 1e-3, 3)])
     changes = np.zeros((9, 5))
-    for rows, order, size in (((3, 4, 5), bias_order, bias_mg * 1e-3), ((0, 1, 2), scale_order, scale_mg * 1e-3), ((6, 7, 8), cross_order, cross_mrad * 1e-3)):
+    for rows, order, size in (
+        ((3, 4, 5), bias_order, bias_mg * 1e-3),
+        ((0, 1, 2), scale_order, scale_mg * 1e-3),
+        ((6, 7, 8), cross_order, cross_mrad * 1e-3),
+    ):
         for row in rows:
             for power in range(order):
                 changes[row, power] = rng.choice([-1, 1]) * size * rng.uniform(0.5, 1.5) / (1 + power)
@@ -46,6 +61,7 @@ def instrument(rng, *, bias_order=1, scale_order=1, cross_order=0, bias_mg=3.0, 
 
 def truth(unit, degc):
     """The nine parameters (temperatures, 9) on the mean of both branches."""
+
     def legendre(values):
         share = 2 * (np.asarray(values, float) - unit.low) / (unit.high - unit.low) - 1
         return np.stack([np.polynomial.legendre.legval(share, np.eye(6)[k]) for k in range(1, 6)], axis=-1)
@@ -56,11 +72,13 @@ def truth(unit, degc):
 def readings(unit, force, degc, memory=0.0):
     """Readings (rows, 3) of forces (rows, 3), g; `memory`: state of the hysteresis, -1 on the lower branch to 1."""
     p = truth(unit, degc)
-    u = np.column_stack([
-        force[:, 0],
-        force[:, 1] + p[:, 6] * force[:, 0],
-        force[:, 2] + p[:, 7] * force[:, 0] + p[:, 8] * force[:, 1],
-    ])
+    u = np.column_stack(
+        [
+            force[:, 0],
+            force[:, 1] + p[:, 6] * force[:, 0],
+            force[:, 2] + p[:, 7] * force[:, 0] + p[:, 8] * force[:, 1],
+        ]
+    )
     return (1 + p[:, :3]) * u + p[:, 3:6] + np.outer(np.broadcast_to(memory, len(u)), unit.hysteresis)
 
 
@@ -99,3 +117,64 @@ def history(programme, step_s=1.0):
         degc += leg.tolist() + [target] * soak
         rates += [0.0] * soak
     return np.arange(len(degc)) * step_s, np.array(degc), np.array(rates)
+
+
+def recording(rng, unit, force, programme, rate_hz=10.0, noise_mg=1.0, resolution_degc=0.01, width=20.0):
+    """Samples of one still attitude: times, readings (rows, 3) g, thermometer (degC)."""
+    times, degc, _ = history(programme, 1 / rate_hz)
+    memory = memory_of(degc, width) if np.any(unit.hysteresis) else np.zeros(len(degc))
+    clean = readings(unit, np.repeat(force[None], len(degc), 0), degc, memory)
+    thermometer = np.round((degc + 0.02 * rng.normal(size=len(degc))) / resolution_degc) * resolution_degc
+    return times, clean + 1e-3 * noise_mg * rng.normal(size=clean.shape), thermometer
+
+
+def write_recording(path, times, values, degc):
+    """A CSV file of samples as a logger writes it."""
+    with open(path, "w") as file:
+        file.write("time_s,ax_g,ay_g,az_g,temperature_degc\n")
+        for t, (x, y, z), c in zip(times, values, degc, strict=True):
+            file.write(f"{t:.2f},{x:.6f},{y:.6f},{z:.6f},{c:.3f}\n")
+
+
+def means(
+    rng, unit, forces, programme, noise_mg=0.03, bins=40, width=20.0, lag_s=0.0, rate_effect=0.0, drift_mg_per_h=0.0
+):
+    """Means in bins of temperature at each attitude, as columns: one row for each attitude, bin and branch, or soak.
+
+    `lag_s`: delay of the sensor after the thermometer. `rate_effect`: bias of all axes, g for each degC/s.
+    """
+    columns: dict[str, list] = {name: [] for name in _COLUMNS}
+    for number, force in enumerate(forces):
+        times, degc, rates = history(programme, 10.0)
+        memory = memory_of(degc, width) if np.any(unit.hysteresis) else np.zeros(len(degc))
+        of_sensor = degc - lag_s * rates
+        values = readings(unit, np.repeat(force[None], len(degc), 0), of_sensor, memory)
+        values = values + rate_effect * rates[:, None] + 1e-3 * drift_mg_per_h * times[:, None] / 3600
+        still = rates == 0
+        stretch = np.cumsum(np.diff(np.sign(rates), prepend=0) != 0)
+        cell = np.floor((degc - unit.low) / ((unit.high - unit.low) / bins)).astype(int)
+        reached = 0
+        for part in dict.fromkeys(stretch.tolist()):
+            inside = stretch == part
+            sign = int(np.sign(rates[inside][0]))
+            reached = sign or reached
+            if sign and programme.soak_min:
+                continue  # between soaks
+            for k in dict.fromkeys(cell[inside].tolist()) if sign else [None]:
+                rows = inside if k is None else inside & (cell == k)
+                columns["attitude"].append(f"a{number}")
+                columns["readings"].append(values[rows].mean(0) + 1e-3 * noise_mg * rng.normal(size=3))
+                columns["temperature_degc"].append(degc[rows].mean())
+                columns["time_s"].append(times[rows].mean())
+                columns["rate_degc_per_s"].append(0.0 if still[rows].all() else rates[rows].mean())
+                columns["direction"].append(sign)
+                columns["reached_by"].append(reached)
+                columns["branch"].append(f"{number} {reached}")
+                columns["clock"].append(f"{number}")
+    return {name: np.array(values) if name in _NUMBERS else values for name, values in columns.items()} | {
+        "sd": 1e-3 * noise_mg
+    }
+
+
+_NUMBERS = ("readings", "temperature_degc", "time_s", "rate_degc_per_s", "direction", "reached_by")
+_COLUMNS = ("attitude", *_NUMBERS, "branch", "clock")

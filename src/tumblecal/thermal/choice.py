@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tumblecal.capture.thermal.thermal_table import ThermalTable
+from tumblecal.chain.following import CHANGE
 from tumblecal.data.sensor_parameters import SENSOR, SensorParameters, leaf_of
 from tumblecal.estimation.identifiability import identifiability
 from tumblecal.estimation.linearised import linearised
@@ -14,10 +15,10 @@ from tumblecal.ground.errors import InputError
 from tumblecal.ground.soaks import soaks
 from tumblecal.ground.temperature_functions import HIGHEST_ORDER, TemperatureFunctions
 from tumblecal.thermal import signals as kinds
-from tumblecal.thermal.design import Design, design_of, estimate
+from tumblecal.thermal.design import Design, design_of, estimate, free_of
 from tumblecal.thermal.model import LEAVES, SENSOR_LEAVES, ThermalModel
 from tumblecal.thermal.orders import SEPARATED, Search, chains_of, confirmed, folds_of
-from tumblecal.thermal.signals import NAMES, Signals
+from tumblecal.thermal.signals import NAMES
 
 
 # 25 degC is the usual reference of calibrations.
@@ -30,7 +31,6 @@ USUAL_SD = {"gamma": 5e-3, "dK": 2e-2}
 _FOLLOWING = (("bias", "dK", "gamma", "dtheta"), ("bias", "dK", "gamma"), ("bias", "dK"), ("bias",))
 # A combination of parameters with this many times the uncertainty of the median one is not determined in practice.
 _WEAKEST = 300.0
-_MOST_ROUNDS = 4
 
 
 @dataclass(frozen=True)
@@ -51,19 +51,33 @@ class Stated:
 class Choice:
     """The chosen model.
 
-    - `model`: with its functions and signals. `orders`: by leaf or signal, and `criterion`: of the information criterion.
-    - `constant_criterion`: that of parameters independent of temperature.
-    - `highest`: the highest orders that the temperatures determine. `not_separated`: for a chosen signal, the other signals
-      that explain the data almost as well. `dropped`: leaves that lost orders because rows outside the fit do not confirm them.
+    - `model`: with its functions and signals. `design`: the largest model, linearised.
+    - `orders`: by leaf or signal, and `criterion`: of the information criterion; `constant_criterion`: that of parameters
+      independent of temperature.
+    - `highest`: the highest orders that the temperatures determine, `forced`: those that the user states.
+    - `not_separated`: for a chosen signal, the other signals that explain the data almost as well. `dropped`: leaves that lost
+      orders because rows outside the fit do not confirm them.
     """
 
     model: ThermalModel
+    design: Design
+    reference_degc: float
     orders: Mapping[str, int]
     criterion: float
     constant_criterion: float
     highest: Mapping[str, int]
+    forced: Mapping[str, int]
     not_separated: Mapping[str, tuple[str, ...]]
     dropped: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Orders by evidence (`orders`), and those that rows outside the fit confirm."""
+
+    search: Search
+    orders: Mapping[str, int]
+    confirmed: Mapping[str, int]
 
 
 def chosen_model(table: ThermalTable, stated: Stated) -> Choice:
@@ -86,7 +100,7 @@ def chosen_model(table: ThermalTable, stated: Stated) -> Choice:
     functions = {leaf: functions[leaf] for leaf in following if functions[leaf].count}
     largest = ThermalModel(table, functions, free, fixed=_values(stated.base), priors=_priors(free, stated.base))
     forced = {leaf: functions[leaf].count for leaf in functions if leaf in stated.orders or leaf in stated.knots_degc}
-    return _searched(largest, forced)
+    return _chosen(largest, forced, reference)
 
 
 def _functions(
@@ -108,13 +122,37 @@ def _determined(
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Sensor leaves whose values at the reference the attitudes determine, and leaves whose change they determine."""
     linear = {leaf: replace(each, order=1, knots_degc=()) for leaf, each in functions.items()}
+    problem = ThermalModel(table, linear).problem()
+    names, scales = problem.chain.names, problem.scales
+    jacobian = np.asarray(linearised(problem, problem.chain.vector)[1])
+    changes = {name: name.partition(CHANGE + "_")[0] for name in names if CHANGE + "_" in name}
+    constant = np.array([name not in changes for name in names])
+    of_constants = jacobian[:, constant] if table.alpha_deg is not None else _offsets(table)
+
+    def determined(columns: np.ndarray, taken: np.ndarray) -> bool:
+        seen = identifiability(columns[:, taken], tuple(np.array(names)[taken].tolist()), scales[taken])
+        singular = seen.singular_values
+        return not seen.unobservable and bool(np.median(singular) < _WEAKEST * singular[-1])
+
+    apart = free_of(of_constants, jacobian)
     following = next(
         leaves
         for leaves in _FOLLOWING
-        if len(leaves) == 1 or _full_rank(ThermalModel(table, {leaf: linear[leaf] for leaf in leaves}, ()), ())
+        if len(leaves) == 1 or determined(apart, np.array([changes.get(name) in leaves for name in names]))
     )
-    nominal = ThermalModel(table, {})
-    return next(leaves for leaves in _REFERENCES if not leaves or _full_rank(nominal, leaves)), following
+    references = next(
+        leaves
+        for leaves in _REFERENCES
+        if not leaves
+        or determined(jacobian, constant & np.array([name not in SENSOR or leaf_of(name) in leaves for name in names]))
+    )
+    return references, following
+
+
+def _offsets(table: ThermalTable) -> np.ndarray:
+    """White columns of an offset of each axis at each attitude; they contain all values at the reference, and all tilts."""
+    at = np.array([[name == label for label in table.attitude] for name in table.attitudes], float)
+    return (at[:, None, :, None] * np.eye(3)[:, None, :] / table.sd).reshape(-1, 3 * len(table)).T
 
 
 def _priors(free: tuple[str, ...], base: SensorParameters | None) -> Priors:
@@ -132,65 +170,50 @@ def _values(base: SensorParameters | None) -> dict[str, float]:
     return {} if base is None else dict(zip(base.names, base.values.tolist(), strict=True))
 
 
-def _full_rank(model: ThermalModel, references: tuple[str, ...]) -> bool:
-    """Whether the rows determine a model in practice, with only these leaves of the sensor at the reference."""
-    problem = model.problem()
-    names = problem.chain.names
-    taken = np.array([name not in SENSOR or leaf_of(name) in references for name in names], bool)
-    if not taken.any():
-        return True
-    jacobian = np.asarray(linearised(problem, problem.chain.vector)[1])[:, taken]
-    seen = identifiability(jacobian, tuple(np.array(names)[taken].tolist()), problem.scales[taken])
-    singular = seen.singular_values
-    return not seen.unobservable and bool(np.median(singular) < _WEAKEST * singular[-1])
+def selected(design: Design, table: ThermalTable, highest: Mapping[str, int], forced: Mapping[str, int]) -> Selection:
+    """The best orders for the rows of a design, by evidence and prediction.
 
+    **Arguments:**
 
-@dataclass(frozen=True)
-class _Round:
-    """One search: with a lag signal by the slope of the model before it."""
-
-    search: Search
-    signals: tuple[Signals, ...]
-    design: Design
-    orders: dict[str, int]
-
-
-def _searched(largest: ThermalModel, forced: Mapping[str, int]) -> Choice:
-    table, vector = largest.table, estimate(largest)
-    design = design_of(largest, vector)
+    - `highest`: the highest order of each leaf. `forced`: orders that are not chosen.
+    """
     chains = chains_of(table.attitude, table.branch, table.time_s)
-    highest = {leaf: functions.count for leaf, functions in largest.functions.items()}
     movable = {leaf: order for leaf, order in highest.items() if leaf not in forced}
-
-    def searched(orders: Mapping[str, int]) -> _Round:
-        lag = kinds.lag(table, _slope(largest, vector, orders))
-        signals = (*kinds.of_table(table), *([] if lag is None else [lag]))
-        whole = design.with_signals(largest.problem(), signals)
-        search = Search(whole, chains)
-        best = search.best(orders, movable | {given.name: len(given.values) for given in signals})
-        return _Round(search, signals, whole, dict(best.orders))
-
+    others = {name: len(columns) for name, columns in design.families.items() if name in NAMES}
+    search = Search(design, chains)
     # Functions of temperature first: in one ramp at a constant rate, time is a function of temperature.
-    last = searched(Search(design, chains).best(forced, movable).orders)
-    for _ in range(_MOST_ROUNDS):
-        before, last = last, searched(last.orders)
-        if last.orders == before.orders:
-            break
+    of_temperature = search.best(forced, movable).orders
+    orders = search.best(of_temperature, movable | others).orders
     folds = folds_of(table.attitude, np.asarray(table.reached_by, float), table.temperature_degc)
-    final = confirmed(last.design, last.orders, folds, [*movable], chains)
+    return Selection(search, orders, confirmed(design, orders, folds, [*movable], chains))
+
+
+def _chosen(largest: ThermalModel, forced: Mapping[str, int], reference: float) -> Choice:
+    table, vector = largest.table, estimate(largest)
+    highest = {leaf: functions.count for leaf, functions in largest.functions.items()}
+    signals, bare = kinds.of_table(table), design_of(largest, vector)
+    problem = largest.problem()
+    design = bare.with_signals(problem, signals)
+    found = selected(design, table, highest, forced)
+    # The slope of the chosen model gives the signal of a lag.
+    if (lag := kinds.lag(table, _slope(largest, vector, found.orders))) is not None:
+        signals = (*signals, lag)
+        design = bare.with_signals(problem, signals)
+        found = selected(design, table, highest, forced)
+    final = found.confirmed
     functions = {leaf: _of_count(largest.functions[leaf], order) for leaf, order in final.items() if leaf in highest}
+    chosen = tuple((given, final[given.name]) for given in signals if final.get(given.name))
     return Choice(
-        model=replace(
-            largest,
-            functions=functions,
-            signals=tuple((given, final[given.name]) for given in last.signals if final.get(given.name)),
-        ),
+        model=replace(largest, functions=functions, signals=chosen),
+        design=design,
+        reference_degc=reference,
         orders=final,
-        criterion=last.search.criterion(final),
-        constant_criterion=last.search.criterion({}),
+        criterion=found.search.criterion(final),
+        constant_criterion=found.search.criterion({}),
         highest=highest,
-        not_separated=_not_separated(last.search, final, {given.name: len(given.values) for given in last.signals}),
-        dropped=tuple(leaf for leaf in movable if final.get(leaf, 0) < last.orders.get(leaf, 0)),
+        forced=forced,
+        not_separated=_not_separated(found.search, final, {given.name: len(given.values) for given in signals}),
+        dropped=tuple(leaf for leaf in highest if final.get(leaf, 0) < found.orders.get(leaf, 0)),
     )
 
 

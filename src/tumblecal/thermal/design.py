@@ -64,18 +64,15 @@ class Design:
         """The design of some rows of the table."""
         rows = taken[self.row_of]
         families = {name: columns[:, :, rows] for name, columns in self.families.items()}
-        return Design(self.constant[rows], families, self.values[rows], self.row_of[rows])
+        # The rows of the part are numbered from 0.
+        number = np.cumsum(taken) - 1
+        return Design(self.constant[rows], families, self.values[rows], number[self.row_of[rows]])
 
     def projected(self) -> "Design":
-        """The design in the space that the constants do not reach, in an orthonormal basis of all its columns."""
-        basis, sizes, _ = np.linalg.svd(self.constant, full_matrices=False)
-        basis = basis[:, sizes > RANK * np.max(sizes, initial=0.0)]
-
-        def free(columns: np.ndarray) -> np.ndarray:
-            return columns - (columns @ basis) @ basis.T
-
-        families = {name: free(columns) for name, columns in self.families.items()}
-        return Design(np.zeros((len(self.values), basis.shape[1]))[:, :0], families, free(self.values), self.row_of)
+        """The design in the space that the constants do not reach."""
+        families = {name: free_of(self.constant, columns.reshape(-1, len(self.values)).T).T.reshape(columns.shape)
+                    for name, columns in self.families.items()}  # fmt: skip
+        return Design(self.constant[:, :0], families, free_of(self.constant, self.values[:, None])[:, 0], self.row_of)
 
     def coefficients(self, orders: Mapping[str, int]) -> Float[np.ndarray, " all"]:
         """Least-squares coefficients of constants and families; zero along undetermined directions."""
@@ -90,15 +87,14 @@ class Design:
     def _all(self, orders: Mapping[str, int]) -> Float[np.ndarray, "rows all"]:
         return np.concatenate([self.constant, self.columns(orders)], axis=1)
 
-    def determines(self, orders: Mapping[str, int]) -> bool:
-        """Whether the rows determine every column of these families."""
-        columns = self.projected().columns(orders)
-        sizes = np.linalg.norm(columns, axis=0)
-        before = np.linalg.norm(self.columns(orders), axis=0)
-        if np.any(sizes <= RANK * before):
-            return False
-        singular = np.linalg.svd(columns / sizes, compute_uv=False)
-        return bool(singular[-1] > RANK * singular[0]) if len(singular) else True
+
+def free_of(
+    others: Float[np.ndarray, "rows others"], columns: Float[np.ndarray, "rows columns"]
+) -> Float[np.ndarray, "rows columns"]:
+    """Columns less their projection on other columns."""
+    basis, sizes, _ = np.linalg.svd(others, full_matrices=False)
+    basis = basis[:, sizes > RANK * np.max(sizes, initial=0.0)]
+    return columns - basis @ (basis.T @ columns)
 
 
 def design_of(model: ThermalModel, vector: Float[np.ndarray, " free"]) -> Design:

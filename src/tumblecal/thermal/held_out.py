@@ -1,16 +1,15 @@
 """The improvement on rows that took no part: the model chosen and fitted without them, and their errors with and without it."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool
 
 from tumblecal.capture.thermal.thermal_table import ThermalTable
-from tumblecal.ground.errors import InputError
-from tumblecal.thermal.choice import Stated, chosen_model
-from tumblecal.thermal.design import estimate
-from tumblecal.thermal.model import ThermalModel, directions_of
+from tumblecal.ground.soaks import soaks
+from tumblecal.thermal.choice import Choice, selected
 from tumblecal.thermal.orders import folds_of
+from tumblecal.thermal.signals import NAMES
 
 
 @dataclass(frozen=True)
@@ -28,47 +27,41 @@ class HeldOut:
     noise_mg: float
 
 
-def held_out(table: ThermalTable, stated: Stated) -> tuple[HeldOut, ...]:
+def held_out(choice: Choice) -> tuple[HeldOut, ...]:
     """The improvement on each branch or soak, or on each part of the temperatures, that is left out in turn.
 
-    A part that cannot be left out, because the rest determines no model of it, is omitted.
+    The linearised design of all rows serves every part. Functions are not extrapolated, and an attitude that is not in the rest
+    has no estimate: such rows are omitted.
     """
+    table = choice.model.table
     reached = np.asarray(table.reached_by, float)
-    found = []
-    for apart in folds_of(table.attitude, reached, table.temperature_degc):
-        try:
-            found.append(_of_rows(table, apart, stated))
-        except InputError:
-            continue
+    found = [_of_rows(choice, apart) for apart in folds_of(table.attitude, reached, table.temperature_degc)]
     return tuple(entry for entry in found if entry is not None)
 
 
-def _of_rows(table: ThermalTable, apart: Bool[np.ndarray, " rows"], stated: Stated) -> HeldOut | None:
+def _of_rows(choice: Choice, apart: Bool[np.ndarray, " rows"]) -> HeldOut | None:
+    table, design = choice.model.table, choice.design
     rest = table.rows(~apart)
     low, high = rest.range_degc
-    # The functions are not extrapolated; an attitude that is not in the rest has no estimate.
     inside = (table.temperature_degc >= low) & (table.temperature_degc <= high)
-    known = np.array([name in set(rest.attitude) for name in table.attitude])
-    apart = apart & inside & known
-    if not apart.any():
+    predictable = apart & inside & np.isin(np.array(table.attitude), np.array(rest.attitude))
+    highest = {leaf: min(order, len(soaks(rest.temperature_degc)) - 1) for leaf, order in choice.highest.items()}
+    if not predictable.any() or min(highest.values(), default=0) < 1:
         return None
-    model = chosen_model(rest, stated).model
-    model = replace(model, signals=(), lag_s=0.0, directions=directions_of(rest))
-    values = dict(zip(model.chain.names, estimate(model).tolist(), strict=True))
-    constant = {name: value for name, value in values.items() if "_T_" not in name}
-    rows = table.rows(apart)
-    errors = [
-        _errors(replace(model, table=rows, functions=f), v) for f, v in (({}, constant), (model.functions, values))
-    ]
-    before, after = (1e3 * float(np.sqrt(np.mean(error**2))) for error in errors)
-    noise = 1e3 * float(np.sqrt(np.mean(rows.sd**2)))
-    return HeldOut(_label(rows, table), len(rows), before, after, noise)
-
-
-def _errors(model: ThermalModel, values: dict[str, float]) -> np.ndarray:
-    chain = model.chain
-    chain = chain.named({name: value for name, value in values.items() if name in set(chain.names)})
-    return np.asarray(chain(model.where)) - model.table.readings
+    fitted, rows = design.part(~apart), design.part(predictable)
+    orders = selected(fitted, rest, highest, {leaf: order for leaf, order in choice.forced.items()}).confirmed
+    coefficients = fitted.coefficients(orders)
+    constants, temperature = design.constant.shape[1], np.concatenate(
+        [np.full(rows.columns({name: order}).shape[1], name not in NAMES) for name, order in orders.items()] or [np.zeros(0)]
+    ).astype(bool)  # fmt: skip
+    of_constants = np.concatenate([coefficients[:constants], np.zeros(len(temperature))])
+    of_temperature = np.concatenate([coefficients[:constants], coefficients[constants:] * temperature])
+    held = table.rows(predictable)
+    before, after = (
+        1e3 * float(np.sqrt(np.mean(((rows.values - rows.predicted(orders, each)) * held.sd.ravel()) ** 2)))
+        for each in (of_constants, of_temperature)
+    )
+    return HeldOut(_label(held, table), len(held), before, after, 1e3 * float(np.sqrt(np.mean(held.sd**2))))
 
 
 def _label(rows: ThermalTable, table: ThermalTable) -> str:

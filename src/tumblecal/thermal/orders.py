@@ -20,7 +20,8 @@ from tumblecal.thermal.signals import NAMES
 # A cubic may be needed although no quadratic is: steps of one to three orders are tried.
 _STEPS = (1, 2, 3, -1, -2)
 _MOST_CHANGES = 40
-# Alternatives with odds above 1 : 20 by the evidence are stated as not separated.
+# A signal that is no function of temperature is accepted with odds above 20 : 1, and other signals with odds above 1 : 20 in
+# its place are stated as not separated.
 SEPARATED = 2 * np.log(20.0)
 
 
@@ -68,7 +69,10 @@ class Search:
                     self._known[key] = np.inf
                     return np.inf
             residual_ss = max(float(values @ values), 1e-300)
-            self._known[key] = self._count * np.log(residual_ss / self._rows) + len(taken) * np.log(self._count)
+            others = sum(name in NAMES for name, _ in key)
+            self._known[key] = (
+                self._count * np.log(residual_ss / self._rows) + len(taken) * np.log(self._count) + SEPARATED * others
+            )
         return self._known[key]
 
     def best(self, start: Mapping[str, int], highest: Mapping[str, int]) -> Score:

@@ -70,6 +70,11 @@ class ThermalResult:
         return self.calibration.temperature
 
     @property
+    def reference_degc(self) -> float:
+        """The reference temperature."""
+        return self.choice.reference_degc
+
+    @property
     def undetermined(self) -> tuple[str, ...]:
         """Leaves of the sensor whose values at the reference these attitudes do not determine."""
         return tuple(leaf for leaf in ("dK", "bias", "gamma") if leaf not in self.choice.model.free)
@@ -94,7 +99,7 @@ def thermal_calibration(table: ThermalTable, stated: Stated | None = None) -> Th
         noise_factor=factor,
         signals=found,
         calibration=_calibration(table, choice, fit, found, stated.base),
-        held_out=held_out(table, stated),
+        held_out=held_out(choice),
         combinations=_combinations(choice),
     )
 
@@ -146,7 +151,7 @@ def _calibration(
         matrix=np.linalg.inv(triad_of(values)),
         bias=values[3:6],
         covariance=slope @ sensor.covariance @ slope.T,
-        temperature_degc=_reference(choice),
+        temperature_degc=choice.reference_degc,
         serial_number=positions.serial_number,
         gravity=positions.gravity,
         provenance={
@@ -164,10 +169,6 @@ def _calibration(
         use=_use(choice, base),
         temperature=curves,
     )
-
-
-def _reference(choice: Choice) -> float | None:
-    return next((each.reference_degc for each in choice.model.functions.values()), None)
 
 
 def _sensor(fit: Fit, base: SensorParameters | None) -> SensorParameters:

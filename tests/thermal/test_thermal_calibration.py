@@ -1,0 +1,137 @@
+"""Calibration over temperature from bins of an independent simulator (numpy, not the chain)."""
+
+import numpy as np
+import pytest
+
+from thermal_instrument import Programme, attitudes, instrument, means, truth
+from tumblecal.capture.thermal.thermal_table import table_of
+from tumblecal.data.calibration import Calibration
+from tumblecal.data.sensor_parameters import SENSOR, SensorParameters
+from tumblecal.ground.errors import InputError
+from tumblecal.thermal.choice import Stated, chosen_model
+from tumblecal.thermal.result import thermal_calibration
+
+
+CYCLE = Programme(-10.0, ((60.0, 1.0), (-10.0, 1.0)))
+
+
+def table(seed, count, programme=CYCLE, *, unit=None, more=None, **orders):
+    rng = np.random.default_rng(seed)
+    unit = instrument(rng, **orders) if unit is None else unit
+    forces = attitudes(rng, count)
+    return unit, forces, table_of(**means(rng, unit, forces, programme, **(more or {})))
+
+
+@pytest.mark.parametrize(("seed", "bias", "scale"), [(1, 3, 1), (2, 2, 0), (3, 5, 2)])
+def test_six_attitudes_give_orders_curves_and_the_improvement(seed, bias, scale):
+    unit, _, data = table(seed, 6, bias_order=bias, scale_order=scale)
+    result = thermal_calibration(data)
+    assert result.choice.orders == {"bias": bias, **({"dK": scale} if scale else {})}
+    assert result.undetermined == ("gamma",)
+    assert result.calibration.use.answer == "only"
+    degc = np.linspace(*data.range_degc, 9)
+    changes = truth(unit, degc) - truth(unit, [25.0])
+    sd = np.sqrt(result.curves.sd(degc) ** 2 + 1e-14)
+    assert np.max(np.abs(result.curves.at(degc) - changes)[:, 3:6] / 1e-3) < 0.05  # mg
+    assert np.all(
+        np.abs(result.calibration.sensor.of(SENSOR).values + result.curves.at(degc) - truth(unit, degc)) < 5 * sd
+    )
+    for part in result.held_out:
+        assert part.after_mg < 1.15 * part.noise_mg < part.before_mg
+
+
+def test_twenty_four_attitudes_determine_all_parameters_and_a_corrected_reading_is_exact():
+    unit, forces, data = table(4, 24, bias_order=2, scale_order=2, cross_order=1)
+    result = thermal_calibration(data)
+    assert result.choice.orders == {"bias": 2, "dK": 2, "gamma": 1}
+    assert result.calibration.use.answer == "yes"
+    corrected = result.calibration.corrected(data.readings, data.temperature_degc)
+    size = np.linalg.norm(corrected, axis=1)
+    assert np.sqrt(np.mean((size - 1) ** 2)) < 1.15 * 0.03e-3
+    del unit, forces
+
+
+def test_one_attitude_determines_changes_only_and_names_their_combination():
+    unit, _, data = table(5, 1, bias_order=3, scale_order=0)
+    result = thermal_calibration(data)
+    assert result.calibration.use.answer == "no"
+    assert "--calibration" in result.calibration.use.reason
+    assert result.combinations[2].startswith("bias_z + 1.00 dK_z")
+    degc = np.linspace(*data.range_degc, 7)
+    change = (truth(unit, degc) - truth(unit, [25.0]))[:, 3:6]
+    assert np.max(np.abs(result.curves.at(degc)[:, 3:6] - change)) < 0.03e-3
+    known = SensorParameters(SENSOR, truth(unit, [25.0])[0], np.diag(np.full(9, 1e-10)))
+    complete = thermal_calibration(data, Stated(base=known))
+    assert complete.calibration.use.answer == "yes"
+    assert np.allclose(complete.calibration.sensor.of(SENSOR).values, known.values)
+    assert np.all(complete.curves.sd(np.array([25.0]))[0] >= 0.99e-5)
+
+
+def test_hysteresis_is_found_stated_and_part_of_the_uncertainty():
+    unit, _, data = table(6, 6, bias_order=1, hysteresis_mg=0.6)
+    result = thermal_calibration(data)
+    (found,) = [signal for signal in result.signals if signal.name == "hysteresis"]
+    assert np.allclose(found.half_width, np.abs(unit.hysteresis), rtol=0.25)
+    stated = {part.parameter: part.half_width for part in result.curves.hysteresis}
+    assert stated == {f"bias_{axis}": pytest.approx(size) for axis, size in zip("xyz", found.half_width, strict=True)}
+
+
+def test_a_lag_of_the_thermometer_is_fitted_in_seconds():
+    rates = Programme(-10.0, ((60.0, 2.0), (-10.0, 0.5), (60.0, 1.0)))
+    _, _, data = table(7, 6, rates, bias_order=2, scale_order=1, more={"lag_s": 40.0, "noise_mg": 0.01})
+    result = thermal_calibration(data)
+    (found,) = result.signals
+    assert found.name == "lag"
+    assert found.coefficients[0] == pytest.approx(40.0, abs=4 * found.sd[0] + 0.5)
+    assert result.choice.orders["bias"] == 2
+
+
+def test_one_cycle_at_one_rate_cannot_separate_hysteresis_from_rate():
+    _, _, data = table(8, 6, bias_order=1, more={"rate_effect": 0.02})
+    choice = chosen_model(data, Stated())
+    (name,) = choice.not_separated
+    assert {name, *choice.not_separated[name]} >= {"hysteresis", "rate"}
+
+
+def test_soaks_limit_the_order():
+    soaks = Programme(0.0, ((25.0, 2.0), (50.0, 2.0)), soak_min=20.0)
+    _, _, data = table(9, 9, soaks, bias_order=1, low=0.0, high=50.0)
+    assert thermal_calibration(data).choice.highest["bias"] == 2
+    with pytest.raises(
+        InputError, match="3 different temperatures cannot determine order 3 of bias; the highest order is 2"
+    ):
+        thermal_calibration(data, Stated(orders={"bias": 3}))
+
+
+def test_orders_and_knots_that_are_stated_are_used():
+    _, _, data = table(10, 6, bias_order=1)
+    result = thermal_calibration(
+        data, Stated(orders={"bias": 2, "dK": 0}, knots_degc={"gamma": (20.0,)}, reference_degc=20.0)
+    )
+    functions = result.choice.model.functions
+    assert functions["bias"].order == 2
+    assert functions["gamma"].knots_degc == (20.0,)
+    assert "dK" not in functions
+    assert result.calibration.temperature_degc == 20.0
+
+
+def test_one_temperature_is_rejected():
+    columns = means(
+        np.random.default_rng(1), instrument(np.random.default_rng(1)), attitudes(np.random.default_rng(1), 6), CYCLE
+    )
+    columns["temperature_degc"] = 20.0 + 1e-3 * columns["temperature_degc"]
+    with pytest.raises(InputError, match="which is one temperature; record a ramp"):
+        thermal_calibration(table_of(**columns))
+
+
+def test_the_calibration_file_has_the_curves(tmp_path):
+    from tumblecal.data.calibration import read_calibration, write_calibration
+
+    _, _, data = table(11, 6, bias_order=2)
+    made = thermal_calibration(data).calibration
+    assert isinstance(made, Calibration)
+    write_calibration(tmp_path / "calibration.json", made)
+    read = read_calibration(tmp_path / "calibration.json")
+    assert np.array_equal(
+        read.corrected(data.readings, data.temperature_degc), made.corrected(data.readings, data.temperature_degc)
+    )
