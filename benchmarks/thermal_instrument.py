@@ -83,7 +83,17 @@ def readings(unit, force, degc, memory=0.0):
 
 
 def memory_of(degc, width):
-    """The state of a play operator (Prandtl) over a history of temperatures: moves by 2/width a degC, held within -1 and 1."""
+    """The state of the hysteresis over a history of temperatures, -1 to 1.
+
+    With a width: a play operator (Prandtl), which moves by 2/width a degC and is held within -1 and 1; its mean over both
+    branches is no polynomial. Width 0: a closed loop, an ellipse over the whole range.
+    """
+    if not width:
+        share = 2 * (degc - degc.min()) / np.ptp(degc) - 1
+        moves = np.sign(np.gradient(degc))
+        known = np.flatnonzero(moves)
+        before = np.clip(np.searchsorted(known, np.arange(len(degc)), side="right") - 1, 0, None)
+        return moves[known[before]] * np.sqrt(np.maximum(1 - share**2, 0.0))
     state = np.empty(len(degc))
     now, before = 0.0, degc[0]
     for k, value in enumerate(degc):

@@ -127,24 +127,27 @@ def confirmed(
     for name in names:
         while chosen.get(name, 0) > 0 and folds:
             lower = chosen | {name: chosen[name] - 1}
-            gain = squared_errors(design, lower, folds) - squared_errors(design, chosen, folds)
-            rows = np.isfinite(gain)
-            share = independent_share(np.where(rows, gain - np.nanmean(gain), 0.0)[:, None], chains)
-            error = np.nanstd(gain) / np.sqrt(max(np.count_nonzero(rows) * share, 1.0))
-            if np.nanmean(gain) > error:
+            errors = prediction_errors(design, chosen, folds)
+            change = prediction_errors(design, lower, folds) - errors
+            rows = np.isfinite(errors).all(axis=1)
+            share = independent_share(np.where(rows[:, None], errors, 0.0), chains)
+            # (e + d)^2 - e^2 summed, and the standard deviation of its part 2 e d.
+            gain = float(np.nansum(change**2 + 2 * errors * change))
+            spread = 2 * float(np.sqrt(np.nanmean(errors**2) * np.nansum(change**2) / share)) if rows.any() else 0.0
+            if gain > spread:
                 break
             chosen = lower
     return {name: order for name, order in chosen.items() if order}
 
 
-def squared_errors(
+def prediction_errors(
     design: Design, orders: Mapping[str, int], folds: Sequence[Bool[np.ndarray, " table"]]
-) -> Float[np.ndarray, " table"]:
-    """For each row of the table, the sum of squared white errors of its prediction by rows outside its fold; NaN in no fold.
+) -> Float[np.ndarray, "table 3"]:
+    """White errors of the prediction of each row of the table by the rows outside its fold; NaN in no fold.
 
     A difference between the branches, of the orders of `hysteresis`, is no error of the prediction.
     """
-    errors = np.full(len(design.values) // 3, np.nan)
+    errors = np.full((len(design.values) // 3, 3), np.nan)
     branch = {"hysteresis": orders.get("hysteresis", 0)}
     orders = {name: order for name, order in orders.items() if name not in NAMES}
     for held_out in folds:
@@ -153,7 +156,7 @@ def squared_errors(
         if branch["hysteresis"]:
             loop = apart.columns(branch)
             error = error - loop @ np.linalg.lstsq(loop, error, rcond=None)[0]
-        errors[held_out] = np.sum(error.reshape(-1, 3) ** 2, axis=1)
+        errors[held_out] = error.reshape(-1, 3)
     return errors
 
 

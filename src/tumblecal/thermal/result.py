@@ -144,7 +144,11 @@ def _calibration(
         widths = [
             Hysteresis(f"bias_{axis}", float(size), "g") for axis, size in zip(AXES, total, strict=True) if size > 0
         ]
-        curves = replace(curves, hysteresis=tuple(widths))
+        # The range is that of the thermometer, also if the sensor is behind it.
+        measured = tuple(
+            replace(each, functions=replace(each.functions, range_degc=table.range_degc)) for each in curves.curves
+        )
+        curves = replace(curves, curves=measured, hysteresis=tuple(widths))
     comments: dict[str, Any] = {} if table.alpha_deg is not None else {ATTITUDES: UNKNOWN}
     positions = fit.data
     return Calibration(
