@@ -49,11 +49,18 @@ def reported(fit: Fit) -> Reported:
     return Reported(tuple(names), tuple(units), slope @ fit.values, slope @ fit.covariance @ slope.T)
 
 
-def curves_of(fit: Fit) -> TemperatureCurves | None:
+def curves_of(
+    fit: Fit, of_others: Float[np.ndarray, "9 9"] | None = None
+) -> TemperatureCurves | None:
     """The parameters of the sensor over temperature, with the joint covariance of values at T0 and physical coefficients.
 
     Their range is the measured one; a stated range that is smaller limits it. None if no parameter of the sensor follows
     temperature, or if not all of them are estimated, one for all data.
+
+    **Arguments:**
+
+    - `of_others`: covariance of the sensor's parameters (in the order of `SENSOR`) from which those that the fit does not estimate
+      are taken, so that these are no reason for None.
 
     **Raises:** `InputError` if leaves have different reference temperatures or ranges.
 
@@ -68,10 +75,12 @@ def curves_of(fit: Fit) -> TemperatureCurves | None:
         ('bias_x', [1.0, 1.0, 1.0])
     """
     chain, names = fit.problem.chain, fit.names
-    if any(name not in names for name in SENSOR):
+    if of_others is None and any(name not in names for name in SENSOR):
         return None
     followings = {name: leaf for leaf in followings_of(chain) for name in leaf.reference.names}
-    curves, rows = [], [np.eye(len(names))[names.index(name)] for name in SENSOR]
+    curves, rows = [], [
+        np.eye(len(names))[names.index(name)] if name in names else np.zeros(len(names)) for name in SENSOR
+    ]
     for name in SENSOR:
         leaf = followings.get(name)
         if leaf is not None and (leaf.change.free or np.any(leaf.change.value)):
@@ -81,7 +90,11 @@ def curves_of(fit: Fit) -> TemperatureCurves | None:
     if not curves:
         return None
     slope = np.array(rows)
-    return TemperatureCurves(tuple(curves), slope @ fit.covariance @ slope.T, order_of_covariance(curves))
+    covariance = slope @ fit.covariance @ slope.T
+    if of_others is not None:
+        here = np.array([k for k, name in enumerate(SENSOR) if name not in names], int)
+        covariance[np.ix_(here, here)] = of_others[np.ix_(here, here)]
+    return TemperatureCurves(tuple(curves), covariance, order_of_covariance(curves))
 
 
 def _measured(functions: TemperatureFunctions, fit: Fit) -> TemperatureFunctions:

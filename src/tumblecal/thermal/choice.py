@@ -17,7 +17,7 @@ from tumblecal.ground.temperature_functions import HIGHEST_ORDER, TemperatureFun
 from tumblecal.thermal import signals as kinds
 from tumblecal.thermal.design import Design, design_of, estimate, free_of
 from tumblecal.thermal.model import LEAVES, SENSOR_LEAVES, ThermalModel
-from tumblecal.thermal.orders import SEPARATED, Search, chains_of, confirmed, folds_of
+from tumblecal.thermal.orders import SEPARATED, Search, chains_of, confirmed
 from tumblecal.thermal.signals import NAMES
 
 
@@ -177,15 +177,13 @@ def selected(design: Design, table: ThermalTable, highest: Mapping[str, int], fo
 
     - `highest`: the highest order of each leaf. `forced`: orders that are not chosen.
     """
-    chains = chains_of(table.attitude, table.branch, table.time_s)
     movable = {leaf: order for leaf, order in highest.items() if leaf not in forced}
     others = {name: len(columns) for name, columns in design.families.items() if name in NAMES}
-    search = Search(design, chains)
+    search = Search(design, chains_of(table))
     # Functions of temperature first: in one ramp at a constant rate, time is a function of temperature.
     of_temperature = search.best(forced, movable).orders
     orders = search.best(of_temperature, movable | others).orders
-    folds = folds_of(table.attitude, np.asarray(table.reached_by, float), table.temperature_degc)
-    return Selection(search, orders, confirmed(design, orders, folds, [*movable], chains))
+    return Selection(search, orders, confirmed(design, orders, table, [*movable]))
 
 
 def _chosen(largest: ThermalModel, forced: Mapping[str, int], reference: float) -> Choice:

@@ -6,9 +6,8 @@ import numpy as np
 from jaxtyping import Bool
 
 from tumblecal.capture.thermal.thermal_table import ThermalTable
-from tumblecal.ground.soaks import soaks
 from tumblecal.thermal.choice import Choice, selected
-from tumblecal.thermal.orders import folds_of
+from tumblecal.thermal.orders import folds_of, predictable, temperatures_outside
 from tumblecal.thermal.signals import NAMES
 
 
@@ -33,22 +32,17 @@ def held_out(choice: Choice) -> tuple[HeldOut, ...]:
     The linearised design of all rows serves every part. Functions are not extrapolated, and an attitude that is not in the rest
     has no estimate: such rows are omitted.
     """
-    table = choice.model.table
-    reached = np.asarray(table.reached_by, float)
-    found = [_of_rows(choice, apart) for apart in folds_of(table.attitude, reached, table.temperature_degc)]
+    found = [_of_rows(choice, apart) for apart in folds_of(choice.model.table)]
     return tuple(entry for entry in found if entry is not None)
 
 
 def _of_rows(choice: Choice, apart: Bool[np.ndarray, " rows"]) -> HeldOut | None:
     table, design = choice.model.table, choice.design
-    rest = table.rows(~apart)
-    low, high = rest.range_degc
-    inside = (table.temperature_degc >= low) & (table.temperature_degc <= high)
-    predictable = apart & inside & np.isin(np.array(table.attitude), np.array(rest.attitude))
-    highest = {leaf: min(order, len(soaks(rest.temperature_degc)) - 1) for leaf, order in choice.highest.items()}
-    if not predictable.any() or min(highest.values(), default=0) < 1:
+    rest, taken = table.rows(~apart), predictable(table, apart)
+    highest = {leaf: min(order, temperatures_outside(table, apart) - 1) for leaf, order in choice.highest.items()}
+    if not taken.any() or min(highest.values(), default=0) < 1:
         return None
-    fitted, rows = design.part(~apart), design.part(predictable)
+    fitted, rows = design.part(~apart), design.part(taken)
     orders = selected(fitted, rest, highest, {leaf: order for leaf, order in choice.forced.items()}).confirmed
     coefficients = fitted.coefficients(orders)
     constants, temperature = design.constant.shape[1], np.concatenate(
@@ -56,7 +50,7 @@ def _of_rows(choice: Choice, apart: Bool[np.ndarray, " rows"]) -> HeldOut | None
     ).astype(bool)  # fmt: skip
     of_constants = np.concatenate([coefficients[:constants], np.zeros(len(temperature))])
     of_temperature = np.concatenate([coefficients[:constants], coefficients[constants:] * temperature])
-    held = table.rows(predictable)
+    held = table.rows(taken)
     before, after = (
         1e3 * float(np.sqrt(np.mean(((rows.values - rows.predicted(orders, each)) * held.sd.ravel()) ** 2)))
         for each in (of_constants, of_temperature)

@@ -13,6 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from tumblecal.capture.thermal.thermal_table import ThermalTable
+from tumblecal.ground.soaks import soaks
 from tumblecal.thermal.design import Design
 from tumblecal.thermal.signals import NAMES
 
@@ -100,11 +102,9 @@ def independent_share(residual: Float[np.ndarray, "table 3"], chains: Sequence[I
     return (1 - correlation) / (1 + correlation)
 
 
-def chains_of(
-    attitude: Sequence[str], branch: Sequence[str], time_s: Float[np.ndarray, " table"]
-) -> list[Int[np.ndarray, " part"]]:
+def chains_of(table: ThermalTable) -> list[Int[np.ndarray, " part"]]:
     """Rows of each attitude and branch in the order of time."""
-    labels = np.array([f"{name}\n{part}" for name, part in zip(attitude, branch, strict=True)])
+    labels, time_s = np.array([f"{a}\n{b}" for a, b in zip(table.attitude, table.branch, strict=True)]), table.time_s
     return [
         rows[np.argsort(time_s[rows])] for label in dict.fromkeys(labels) for rows in [np.flatnonzero(labels == label)]
     ]
@@ -113,22 +113,24 @@ def chains_of(
 def confirmed(
     design: Design,
     orders: Mapping[str, int],
-    folds: Sequence[Bool[np.ndarray, " table"]],
+    table: ThermalTable,
     names: Sequence[str],
-    chains: Sequence[Int[np.ndarray, " part"]],
 ) -> dict[str, int]:
     """The orders that rows outside their fit confirm: the highest order of a family is dropped unless it predicts them better.
 
+    Rows at temperatures outside those of the fit, and parts whose rest has too few temperatures for the order, are no test.
+
     **Arguments:**
 
-    - `folds`: rows that take no part, for each fold. `names`: families that may lose orders. `chains`: as of `Search`.
+    - `names`: families that may lose orders.
     """
-    chosen = dict(orders)
+    chosen, chains = dict(orders), chains_of(table)
     for name in names:
-        while chosen.get(name, 0) > 0 and folds:
+        while chosen.get(name, 0) > 0:
+            folds = [part for part in folds_of(table) if temperatures_outside(table, part) > chosen[name]]
             lower = chosen | {name: chosen[name] - 1}
-            errors = prediction_errors(design, chosen, folds)
-            change = prediction_errors(design, lower, folds) - errors
+            errors = prediction_errors(design, chosen, table, folds)
+            change = prediction_errors(design, lower, table, folds) - errors
             rows = np.isfinite(errors).all(axis=1)
             share = independent_share(np.where(rows[:, None], errors, 0.0), chains)
             # (e + d)^2 - e^2 summed, and the standard deviation of its part 2 e d.
@@ -141,9 +143,9 @@ def confirmed(
 
 
 def prediction_errors(
-    design: Design, orders: Mapping[str, int], folds: Sequence[Bool[np.ndarray, " table"]]
+    design: Design, orders: Mapping[str, int], table: ThermalTable, folds: Sequence[Bool[np.ndarray, " table"]]
 ) -> Float[np.ndarray, "table 3"]:
-    """White errors of the prediction of each row of the table by the rows outside its fold; NaN in no fold.
+    """White errors of the prediction of each row of the table by the rows outside its fold; NaN without a prediction.
 
     A difference between the branches, of the orders of `hysteresis`, is no error of the prediction.
     """
@@ -151,21 +153,34 @@ def prediction_errors(
     branch = {"hysteresis": orders.get("hysteresis", 0)}
     orders = {name: order for name, order in orders.items() if name not in NAMES}
     for held_out in folds:
-        rest, apart = design.part(~held_out), design.part(held_out)
+        predicted = predictable(table, held_out)
+        rest, apart = design.part(~held_out), design.part(predicted)
         error = apart.values - apart.predicted(orders, rest.coefficients(orders))
         if branch["hysteresis"]:
             loop = apart.columns(branch)
             error = error - loop @ np.linalg.lstsq(loop, error, rcond=None)[0]
-        errors[held_out] = error.reshape(-1, 3)
+        errors[predicted] = error.reshape(-1, 3)
     return errors
 
 
-def folds_of(
-    attitude: Sequence[str], direction: Float[np.ndarray, " table"], degc: Float[np.ndarray, " table"]
-) -> list[Bool[np.ndarray, " table"]]:
+def predictable(table: ThermalTable, part: Bool[np.ndarray, " table"]) -> Bool[np.ndarray, " table"]:
+    """The rows of a part that the rest can predict: at its attitudes, within its temperatures."""
+    rest = table.rows(~part)
+    low, high = rest.range_degc
+    degc = table.temperature_degc
+    return part & (degc >= low) & (degc <= high) & np.isin(np.array(table.attitude), np.array(rest.attitude))
+
+
+def temperatures_outside(table: ThermalTable, part: Bool[np.ndarray, " table"]) -> int:
+    """The number of different temperatures outside a part; 0 if the rest predicts none of its rows."""
+    return len(soaks(table.temperature_degc[~part])) if predictable(table, part).any() else 0
+
+
+def folds_of(table: ThermalTable) -> list[Bool[np.ndarray, " table"]]:
     """Rows held out together: each direction of change, if both are present at the same attitudes; otherwise each interior
     fifth of the temperatures, or each interior soak."""
-    labels = np.array(attitude)
+    labels, degc = np.array(table.attitude), table.temperature_degc
+    direction = np.asarray(table.reached_by)
     both = [set(labels[direction == sign]) for sign in (1, -1)]
     if both[0] and both[0] == both[1]:
         return [direction == sign for sign in (1, -1)]
