@@ -49,9 +49,7 @@ def reported(fit: Fit) -> Reported:
     return Reported(tuple(names), tuple(units), slope @ fit.values, slope @ fit.covariance @ slope.T)
 
 
-def curves_of(
-    fit: Fit, of_others: Float[np.ndarray, "9 9"] | None = None
-) -> TemperatureCurves | None:
+def curves_of(fit: Fit, of_others: Float[np.ndarray, "9 9"] | None = None) -> TemperatureCurves | None:
     """The parameters of the sensor over temperature, with the joint covariance of values at T0 and physical coefficients.
 
     Their range is the measured one; a stated range that is smaller limits it. None if no parameter of the sensor follows
@@ -59,8 +57,8 @@ def curves_of(
 
     **Arguments:**
 
-    - `of_others`: covariance of the sensor's parameters (in the order of `SENSOR`) from which those that the fit does not estimate
-      are taken, so that these are no reason for None.
+    - `of_others`: covariance of the sensor's parameters (in the order of `SENSOR`), for those that the fit does not estimate;
+      they are then no reason for None.
 
     **Raises:** `InputError` if leaves have different reference temperatures or ranges.
 
@@ -78,9 +76,10 @@ def curves_of(
     if of_others is None and any(name not in names for name in SENSOR):
         return None
     followings = {name: leaf for leaf in followings_of(chain) for name in leaf.reference.names}
-    curves, rows = [], [
-        np.eye(len(names))[names.index(name)] if name in names else np.zeros(len(names)) for name in SENSOR
-    ]
+    curves, rows = (
+        [],
+        [np.eye(len(names))[names.index(name)] if name in names else np.zeros(len(names)) for name in SENSOR],
+    )
     for name in SENSOR:
         leaf = followings.get(name)
         if leaf is not None and (leaf.change.free or np.any(leaf.change.value)):

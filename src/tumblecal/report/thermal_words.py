@@ -36,7 +36,7 @@ def thermal_lines(result: ThermalResult) -> Iterator[str]:
 def _improvement(result: ThermalResult) -> Iterator[str]:
     for part in result.held_out:
         yield (
-            f"Rows that took no part ({part.label}, {counted(part.rows, 'row')}): errors {part.before_mg:.3g} mg without "
+            f"Held-out rows ({part.label}, {counted(part.rows, 'row')}): errors {part.before_mg:.3g} mg without "
             f"temperature terms, {part.after_mg:.3g} mg with them; noise {part.noise_mg:.3g} mg"
         )
     if not result.held_out:

@@ -1,4 +1,4 @@
-"""The improvement on rows that took no part: the model chosen and fitted without them, and their errors with and without it."""
+"""The improvement on held-out rows: the model is chosen and fitted without them; their errors with and without it."""
 
 from dataclasses import dataclass
 
@@ -13,7 +13,7 @@ from tumblecal.thermal.signals import NAMES
 
 @dataclass(frozen=True)
 class HeldOut:
-    """Errors of readings that took no part in choice and fit, root mean square over rows and axes, mg.
+    """Errors of readings outside choice and fit, root mean square over rows and axes, mg.
 
     - `label`: the rows. `rows`: their number. `before_mg`: with parameters at the reference temperature. `after_mg`: with
       parameters that follow temperature. `noise_mg`: standard deviation of their means.

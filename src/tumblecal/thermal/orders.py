@@ -4,7 +4,7 @@ A model is chosen by the Bayesian information criterion (Schwarz 1978) over nest
 by up to three orders. Its number of observations is reduced by the autocorrelation of the residuals of the largest model along
 the temperature: errors that neighbouring bins share, such as a loop of hysteresis of any shape, are no evidence for an order.
 The highest order of a family is dropped unless the model with it, fitted to the other branch or the other temperatures,
-predicts the rows that took no part better by more than one standard error.
+predicts the held-out rows better by more than one standard error.
 """
 
 from collections.abc import Mapping, Sequence
@@ -173,7 +173,7 @@ def predictable(table: ThermalTable, part: Bool[np.ndarray, " table"]) -> Bool[n
 
 def temperatures_outside(table: ThermalTable, part: Bool[np.ndarray, " table"]) -> int:
     """The number of different temperatures outside a part; 0 if the rest predicts none of its rows."""
-    return len(soaks(table.temperature_degc[~part])) if predictable(table, part).any() else 0
+    return len(soaks(table.temperature_degc[np.flatnonzero(~part)])) if predictable(table, part).any() else 0
 
 
 def folds_of(table: ThermalTable) -> list[Bool[np.ndarray, " table"]]:

@@ -51,7 +51,7 @@ class ThermalResult:
 
     - `choice`: the model and the orders. `fit`: its fit. `noise_factor`: ratio of the residuals to the standard deviations of
       the rows, at least 1; it is in all uncertainties. `signals`: signals that are not functions of temperature.
-    - `calibration`: parameters at the reference, curves, hysteresis. `held_out`: errors on rows that took no part.
+    - `calibration`: parameters at the reference, curves, hysteresis. `held_out`: errors on held-out rows.
     - `combinations`: for attitudes that do not determine all leaves, the combination that each curve of a bias contains.
     """
 
