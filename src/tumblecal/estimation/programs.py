@@ -36,6 +36,7 @@ _QUICKLY_COMPILED = {
     "xla_backend_optimization_level": 0,
     "xla_cpu_parallel_codegen_split_count": 1,
 }
+_OPTIMISED = {"xla_backend_optimization_level": 2}
 # A compiled program takes 5 to 20 MB. Limits in memory: kinds of arguments of one function, and programs of all
 # functions. Those beyond are read from disk or compiled again.
 _MOST_KINDS = 8
@@ -43,18 +44,22 @@ _MOST_PROGRAMS = 32
 
 
 @lru_cache
-def compiler_options() -> dict[str, Any]:
-    """XLA's options for programs of one plan; empty if not on the CPU, or if this version of XLA lacks them."""
+def compiler_options(optimised: bool = False) -> dict[str, Any]:
+    """XLA's options for programs of one plan; empty if not on the CPU, or if this version of XLA lacks them.
+
+    `optimised`: for one that runs for longer than its compilation takes.
+    """
     if jax.default_backend() != "cpu":
         return {}
+    options = _QUICKLY_COMPILED | (_OPTIMISED if optimised else {})
     try:
-        jax.jit(lambda x: x + 1.0, compiler_options=_QUICKLY_COMPILED)(1.0)
+        jax.jit(lambda x: x + 1.0, compiler_options=options)(1.0)
     except RuntimeError:
         return {}
-    return dict(_QUICKLY_COMPILED)
+    return options
 
 
-def cached_program(function: Callable[..., Any], *about: Any) -> Callable[..., Any]:
+def cached_program(function: Callable[..., Any], *about: Any, optimised: bool = False) -> Callable[..., Any]:
     """`jax.jit(function)` for a function of pytrees of arrays, stored on disk if a folder for programs is set.
 
     Equal programs are compiled once in a process. The last few kinds of arguments stay compiled.
@@ -62,6 +67,7 @@ def cached_program(function: Callable[..., Any], *about: Any) -> Callable[..., A
     **Arguments:**
 
     - `function`: of a module, or one that closes over nothing but `about`: chains, arrays, plain values.
+    - `optimised`: compiled to run for longer than the compilation takes.
     """
     traced, ready = jax.jit(function), dict[tuple, Callable[..., Any]]()
 
@@ -75,7 +81,7 @@ def cached_program(function: Callable[..., Any], *about: Any) -> Callable[..., A
             while len(ready) >= _MOST_KINDS:
                 ready.pop(next(iter(ready)))
             key = _key(function, about, (arguments, about), *map(str, kind[1:]))
-            ready[kind] = _made(_Program(key, cache, function, structure, leaves))
+            ready[kind] = _made(_Program(key, optimised, cache, function, structure, leaves))
         return ready[kind](leaves)
 
     return call
@@ -85,11 +91,12 @@ def cached_program(function: Callable[..., Any], *about: Any) -> Callable[..., A
 class _Program:
     """A function for one kind of arguments.
 
-    `key`: digest of all that it depends on, "" if unknown. `cache`: its store on disk. `structure`, `leaves`: of the first
-    arguments.
+    `key`: digest of all that it depends on, "" if unknown. `optimised`: as of `cached_program`. `cache`: its store on disk.
+    `structure`, `leaves`: of the first arguments.
     """
 
     key: str
+    optimised: bool
     cache: ProgramCache | None
     function: Callable[..., Any] = field(compare=False)
     structure: Any = field(compare=False)
@@ -101,7 +108,7 @@ class _Program:
         def of_leaves(flat):
             return self.function(*jax.tree.unflatten(self.structure, flat))
 
-        return jax.jit(of_leaves, compiler_options=compiler_options())
+        return jax.jit(of_leaves, compiler_options=compiler_options(self.optimised))
 
 
 def _made(program: _Program) -> Callable[[list], Any]:
@@ -139,7 +146,7 @@ def _from_disk(program: _Program) -> Callable[[list], Any]:
     if payload is None:
         return _exported(program, cache, name)
     try:
-        loaded = _of_used(export.deserialize(bytearray(payload)))
+        loaded = _of_used(export.deserialize(bytearray(payload)), program.optimised)
         jax.block_until_ready(loaded(program.leaves))
         return loaded
     except Exception as error:  # any error: the program is made again, and its errors appear then
@@ -158,10 +165,10 @@ def _exported(program: _Program, cache: ProgramCache, name: str) -> Callable[[li
         cache.put(name, bytes(exported.serialize()))
     except (ValueError, NotImplementedError):
         return made
-    return _of_used(exported)
+    return _of_used(exported, program.optimised)
 
 
-def _of_used(exported: Any) -> Callable[[list], Any]:
+def _of_used(exported: Any, optimised: bool) -> Callable[[list], Any]:
     """An exported program as a function of the list of its arguments' leaves. Only the leaves in use are passed,
     because passing the others takes longer than a short program runs."""
     used, kinds = exported.module_kept_var_idx, exported.in_avals
@@ -172,7 +179,7 @@ def _of_used(exported: Any) -> Callable[[list], Any]:
             leaves[number] = leaf
         return exported.call(leaves)
 
-    compiled = jax.jit(program, compiler_options=compiler_options())
+    compiled = jax.jit(program, compiler_options=compiler_options(optimised))
     return lambda leaves: compiled([leaves[number] for number in used])
 
 

@@ -1,14 +1,16 @@
 """Many exact fits of any chain and plan at once, with one Jacobian for all of them.
 
 Gauss-Newton spends its time on Jacobians: one per trial and iteration. Here the residual and its exact gradient
-`J(x)'r(x)` come from one forward and one reverse pass, and the normal matrix from an expansion about one reference
-point that all trials share,
+`J(x)'r(x)` come from one forward and one reverse pass, and the Hessian H from an expansion of the residual to second
+order about one reference point that all trials share, in coordinates z with J_0'J_0 = 1:
 
-    N(x) = J'J ~ N_0 + sum_l (x - x_0)_l (J_0' J_l + J_l' J_0),    J_l = dJ/dx_l.
+    H(z) ~ 1 + S + T z,    S_ij = sum_r r_0r d2r_r/dz_i dz_j,    T_ijl = sum over the places of one i, j, l in J_0' dJ/dz.
 
-The iteration `x <- x - N(x)^-1 J(x)'r(x)` stops only where J(x)'r(x) = 0, so its fixed point is the exact
-least-squares estimate whatever the error of N; that error only sets the rate (the square of the distance from the
-reference point: four digits and more a step for milliradians).
+S is linear in a trial's readings. The same expansion gives the start. The iteration `z <- z - H^-1 J(z)'r(z)` stops only
+where J(z)'r(z) = 0, so its fixed point is the exact least-squares estimate whatever the error of H; that error only sets
+the rate (the square of the distance from the reference point: three digits and more a step for milliradians).
+
+A pass steps a part of the trials, those farthest from convergence first, so that a few slow ones do not delay the others.
 """
 
 from typing import NamedTuple
@@ -22,6 +24,7 @@ from jaxtyping import Array, Bool, Float
 from tumblecal.estimation.linearised import linearised, require_full_rank
 from tumblecal.estimation.problem import Problem
 from tumblecal.estimation.programs import cached_program
+from tumblecal.simulation.evaluated_once import evaluated_once
 
 
 # A lane has converged when its remaining error, judged by the last step and the rate so far, is below this share of
@@ -30,8 +33,10 @@ REMAINING = 1e-10
 MOST_STEPS = 30
 # Plain Gauss-Newton stops at this step, in typical sizes; its error is smaller by the rate (residual times curvature).
 LAST_STEP = 1e-9
-# Terms of the series that solves with the expanded normal matrix; each gains about two digits.
-SERIES = 4
+# Terms of the series that solves with the expanded Hessian; each gains more than a digit, as much as its error allows.
+SERIES = 3
+# Parts of a batch on a CPU; other devices step all trials at once.
+PARTS = 4
 
 
 class ChainFits(NamedTuple):
@@ -43,17 +48,19 @@ class ChainFits(NamedTuple):
 
 
 class Expansion(eqx.Module):
-    """Common to all trials: the expansion about the parameters of a problem, in coordinates with N_0 = 1.
+    """Common to all trials: the expansion about the parameters of a problem, in coordinates z with J_0'J_0 = 1.
 
-    `to_values` turns such coordinates into parameters, `gain` (J_0 in them, transposed) a residual into a gradient;
-    `slope[i, j, l]` is the change of N_ij with coordinate l.
+    `to_values` turns such coordinates into parameters. `gain` turns errors of the readings (g) into the gradient at the
+    reference point, of which `prior` is the priors' part; `bend` turns them into S, and `skew` is T, which is symmetric.
     """
 
     centre: Float[Array, " free"]
     to_values: Float[Array, "free free"]
     predicted: Float[Array, "positions 3"]
-    gain: Float[Array, "free rows"]
-    slope: Float[Array, "free free free"]
+    gain: Float[Array, "free readings"]
+    prior: Float[Array, " free"]
+    bend: Float[Array, "free*free readings"]
+    skew: Float[Array, "free*free free"]
 
 
 def design(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
@@ -72,14 +79,24 @@ def expansion(problem: Problem) -> Expansion:
 
     **Raises:** `InputError` when the positions leave directions undetermined; they are named.
     """
-    centre = problem.chain.vector
+    centre, positions = problem.chain.vector, len(problem.readings)
     jacobian, to_values = design(problem)
-    second = _second_derivative(problem.bare, centre, to_values)
-    gain = (jacobian @ to_values).T
-    half = np.einsum("ir,rjl->ijl", gain, np.asarray(second))
-    predicted = np.asarray(problem.predicted(jnp.asarray(centre)))
-    slope = half + half.transpose(1, 0, 2)
-    return Expansion(*(jnp.asarray(part) for part in (centre, to_values, predicted, gain, slope)))
+    second = np.asarray(_second_derivative(problem.bare, centre, to_values))
+    gain, free = (jacobian @ to_values).T, len(centre)
+    half = np.einsum("ir,rjl->ijl", gain, second)
+    skew = half + half.transpose(1, 0, 2) + half.transpose(1, 2, 0)
+    # By the errors of the readings instead of white rows.
+    unwhitened = jax.linear_transpose(problem.rows, jnp.zeros((positions, 3)))
+    of_readings = jax.vmap(lambda row: unwhitened(row)[0].ravel())
+    rows = 3 * positions
+    prior = gain[:, rows:] @ np.asarray(problem.prior_rows(centre)) if problem.with_prior else np.zeros(free)
+    return Expansion(
+        *(jnp.asarray(part) for part in (centre, to_values, np.asarray(problem.predicted(jnp.asarray(centre))))),
+        gain=of_readings(jnp.asarray(gain[:, :rows])),
+        prior=jnp.asarray(prior),
+        bend=of_readings(jnp.asarray(second[:rows].reshape(rows, -1).T)),
+        skew=jnp.asarray(skew.reshape(free * free, free)),
+    )
 
 
 @cached_program
@@ -98,31 +115,54 @@ def fit_chain(problem: Problem, shared: Expansion, readings: Float[Array, "lanes
         rows = at.residual(shared.centre + shared.to_values @ coordinates)
         return 0.5 * jnp.sum(rows * rows)
 
-    gradient_of = jax.vmap(jax.value_and_grad(cost))
-    start, slope = _first_step(problem, shared, readings)
+    lanes = readings.shape[0]
+    part = lanes // PARTS if jax.default_backend() == "cpu" and lanes % PARTS == 0 else lanes
+    gradient_of = evaluated_once(jax.vmap(jax.value_and_grad(cost)), part)
+    to_sizes = (shared.to_values / problem.scales[:, None]).T
+    start, hessian = _start(shared, readings)
 
     def unfinished(state):
-        count, _, _, _, remaining = state
-        return (count < MOST_STEPS) & jnp.any(~(remaining < REMAINING))
+        passes, _, _, left, *_ = state
+        return (passes < MOST_STEPS * (lanes // part)) & (left > 0)
 
     def step(state):
-        count, point, _, earlier, _ = state
-        value, gradient = gradient_of(point, readings)
-        moved = _solve(slope, gradient)
-        length = jnp.max(jnp.abs(moved @ (shared.to_values / problem.scales[:, None]).T), axis=1)
-        rate = jnp.minimum(length / earlier, 0.99)
+        passes, order, begin, left, count, point, value, earlier, remaining = state
+        lane = jax.lax.dynamic_slice_in_dim(order, begin, part)
+        squares, gradient = gradient_of(point[lane], readings[lane])
+        moved = _solve(hessian[lane], gradient)
+        length = jnp.max(jnp.abs(moved @ to_sizes), axis=1)
+        rate = jnp.minimum(length / earlier[lane], 0.99)
         # The first step has no rate yet: the start's error is unknown, so go on.
-        remaining = jnp.where(count == 0, jnp.inf, length * rate / (1.0 - rate))
-        return count + 1, point - moved, value, jnp.maximum(length, 1e-300), remaining
+        error = jnp.where(count[lane] == 0, jnp.inf, length * rate / (1.0 - rate))
+        # A finished lane that fills the part moves by rounding, which is no rate.
+        error = jnp.where(remaining[lane] < REMAINING, remaining[lane], error)
+        point = point.at[lane].add(-moved)
+        # Half the sum of squares after the step.
+        value = value.at[lane].set(squares - 0.5 * jnp.sum(gradient * moved, axis=1))
+        earlier, remaining = earlier.at[lane].set(jnp.maximum(length, 1e-300)), remaining.at[lane].set(error)
+        order, begin, left = _queue(order, begin + part, left, remaining)
+        return passes + 1, order, begin, left, count.at[lane].add(1), point, value, earlier, remaining
 
-    lanes = readings.shape[0]
     nothing = jnp.zeros(lanes)
-    state = (jnp.zeros((), int), start, nothing, nothing + 1.0, nothing + jnp.inf)
-    _, point, value, _, remaining = jax.lax.while_loop(unfinished, step, state)
+    zero, numbers = jnp.zeros((), int), jnp.arange(lanes)
+    state = (zero, numbers, zero, zero + lanes, 0 * numbers, start, nothing, nothing + 1.0, nothing + jnp.inf)
+    *_, point, value, _, remaining = jax.lax.while_loop(unfinished, step, state)
     values = shared.centre[None] + point @ shared.to_values.T
-    # The value belongs to the point before the last step, which moved it by less than rounding once converged.
     good = (remaining < REMAINING) & jnp.all(jnp.isfinite(values), axis=1) & jnp.isfinite(value)
     return _again(problem, shared.centre, readings, ChainFits(values, 2.0 * value, good))
+
+
+def _queue(order: Array, begin: Array, left: Array, remaining: Array) -> tuple[Array, Array, Array]:
+    """Order of the lanes, where in it the next part begins, and the number of lanes that this round has to step.
+
+    A round that is not at its end goes on; the next one begins with the lanes that are not finished.
+    """
+
+    def next_round():
+        finished = remaining < REMAINING
+        return jnp.argsort(finished), jnp.zeros_like(begin), jnp.sum(~finished, dtype=left.dtype)
+
+    return jax.lax.cond(begin < left, lambda: (order, begin, left), next_round)
 
 
 def _again(problem: Problem, centre: Array, readings: Array, found: ChainFits) -> ChainFits:
@@ -155,22 +195,24 @@ def _again(problem: Problem, centre: Array, readings: Array, found: ChainFits) -
     return ChainFits(values, chi2, good)
 
 
-def _first_step(problem: Problem, shared: Expansion, readings: Array) -> tuple[Array, Array]:
-    """The linear estimate from the reference point, and the normal matrices' departures from 1 there."""
-    flat = jax.vmap(problem.rows)(shared.predicted[None] - readings)
-    gradient = flat @ shared.gain[:, : flat.shape[1]].T
-    if problem.with_prior:
-        prior = problem.prior_rows(shared.centre)
-        gradient = gradient + (shared.gain[:, flat.shape[1] :] @ prior)[None]
-    start = -gradient
-    free = start.shape[1]
-    slope = start @ shared.slope.reshape(free * free, free).T
-    return start, slope.reshape(-1, free, free)
+def _start(shared: Expansion, readings: Array) -> tuple[Array, Array]:
+    """The minimum of the expansion for each trial, and the departure of the Hessian from 1 at the linear estimate."""
+    error = (shared.predicted[None] - readings).reshape(len(readings), -1)
+    linear = -(error @ shared.gain.T + shared.prior[None])
+    by_residual, by_place = error @ shared.bend.T, linear @ shared.skew.T
+    shape = (*linear.shape, linear.shape[1])
+    hessian = (by_residual + by_place).reshape(shape)
+    gradient = _product((by_residual + 0.5 * by_place).reshape(shape), linear)
+    return linear - _solve(hessian, gradient), hessian
 
 
-def _solve(slope: Array, right: Array) -> Array:
-    """`(1 + slope)^-1 right` by its series, for slopes well below one."""
+def _solve(departure: Array, right: Array) -> Array:
+    """`(1 + departure)^-1 right` by its series, for departures well below one."""
     solution = right
     for _ in range(SERIES):
-        solution = right - jnp.sum(slope * solution[:, None, :], axis=2)
+        solution = right - _product(departure, solution)
     return solution
+
+
+def _product(matrices: Array, vectors: Array) -> Array:
+    return jnp.einsum("lij,lj->li", matrices, vectors)

@@ -20,6 +20,7 @@ from tumblecal.estimation.priors import Priors
 from tumblecal.estimation.problem import Problem, require_problem
 from tumblecal.ground.errors import InputError
 from tumblecal.simulation.chain_fit import Expansion, design, expansion, fit_chain
+from tumblecal.simulation.evaluated_once import materialised
 from tumblecal.simulation.harmonic_fit import fit_harmonics, nominal_harmonics
 from tumblecal.simulation.samplers import Sampler, check_sampler, draws
 from tumblecal.simulation.uniform import UniformPlan, harmonic_path
@@ -155,15 +156,6 @@ def _packed(truth: Array, values: Array, chi2: Array, converged: Array) -> Trial
     rows = jnp.concatenate([values, chi2[None], jnp.asarray(converged, values.dtype)[None]])
     rows = materialised(jnp.where(jnp.isfinite(rows), rows, 0.0))
     return Trials(truth, rows[:-2], rows[-2], rows[-1] > 0.5)
-
-
-def materialised(rows: Float[Array, "rows lanes"]) -> Float[Array, "rows lanes"]:
-    """The same numbers, put in memory.
-
-    The compiler fuses elementwise work into every consumer and would repeat a whole fit for each of the sums made of
-    it; a matrix product (here with 1) is where fusion ends. Its optimisation barrier does not do that on CPUs.
-    """
-    return jnp.eye(rows.shape[0]) @ rows
 
 
 def experiment(

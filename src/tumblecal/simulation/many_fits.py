@@ -35,6 +35,9 @@ from tumblecal.simulation.uniform import UniformPlan
 if TYPE_CHECKING:
     import polars as pl
 
+# From so many blocks on, a program that runs three times as fast repays the seconds that its compilation takes longer.
+MANY_BLOCKS = 128
+
 
 @dataclass(frozen=True)
 class ManyFits:
@@ -151,13 +154,15 @@ def fit_many(
         ((2000, 15), True)
     """
     one = experiment_of(problem, path=path)
-    count, program = len(problem.readings), _block_program(one)
+    known = len(readings) // BLOCK if hasattr(readings, "ndim") else 0  # type: ignore[arg-type]
+    count, program = len(problem.readings), _by_amount(one, known)
     sizes: list[int] = []
 
     def blocks() -> Iterator[np.ndarray]:
         for block in _blocks(readings, problem.chain, count):
             sizes.append(len(block))
-            yield np.concatenate([block, np.repeat(block[-1:], BLOCK - len(block), axis=0)])
+            missing = BLOCK - len(block)
+            yield np.concatenate([block, np.repeat(block[-1:], missing, axis=0)]) if missing else block
 
     results = list(_spread(program, blocks(), devices))
     parts = [[part[:size] for part in result] for result, size in zip(results, sizes, strict=True)]
@@ -261,18 +266,30 @@ def _none(free: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return np.zeros((0, free)), np.zeros(0), np.zeros(0, bool)
 
 
-def _block_program(one: Experiment) -> Callable[[Array], tuple[Array, Array, Array]]:
+def _by_amount(one: Experiment, known: int) -> Callable[[Array], tuple[Array, Array, Array]]:
+    """The program of a block; the optimised one if so many blocks are known to come, or have come."""
+    quick, optimised, count = _block_program(one, False), _block_program(one, True), known
+
+    def program(readings):
+        nonlocal count
+        count += 1
+        return (optimised if count > MANY_BLOCKS else quick)(readings)
+
+    return program
+
+
+def _block_program(one: Experiment, optimised: bool) -> Callable[[Array], tuple[Array, Array, Array]]:
     """From the readings (lanes, positions, 3) of one block to values (lanes, free), sums of squares and convergence."""
     if one.plan is None:
         assert one.shared is not None
-        return partial(_chain_block, one.problem, one.shared)
-    return partial(_harmonic_block(one.plan), one.sd)
+        return partial(_CHAIN_BLOCK[optimised], one.problem, one.shared)
+    return partial(_harmonic_block(one.plan, optimised), one.sd)
 
 
-_chain_block = cached_program(fit_chain)
+_CHAIN_BLOCK = {optimised: cached_program(fit_chain, optimised=optimised) for optimised in (False, True)}
 
 
-def _harmonic_block(plan: UniformPlan) -> Callable[[float, Array], tuple[Array, Array, Array]]:
+def _harmonic_block(plan: UniformPlan, optimised: bool) -> Callable[[float, Array], tuple[Array, Array, Array]]:
     def program(sd, readings):
         moved = jnp.moveaxis(readings, 0, 2)
         harmonics = plan.harmonics(moved)
@@ -280,7 +297,7 @@ def _harmonic_block(plan: UniformPlan) -> Callable[[float, Array], tuple[Array, 
         rest = jnp.sum((moved - plan.synthesis(harmonics)) ** 2, axis=(0, 1))
         return fits.values.T, (fits.sum_of_squares + rest) / sd**2, fits.converged
 
-    return cached_program(program, plan)
+    return cached_program(program, plan, optimised=optimised)
 
 
 def _blocks(readings: Any, chain: Chain, count: int) -> Iterator[np.ndarray]:

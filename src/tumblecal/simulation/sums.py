@@ -11,7 +11,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 from scipy.special import gammaincinv, ndtri, stdtrit
 
-from tumblecal.simulation.experiment import BLOCK, Experiment, Trials, materialised
+from tumblecal.simulation.evaluated_once import materialised
+from tumblecal.simulation.experiment import BLOCK, Experiment, Trials
 
 
 LEVELS = (0.68, 0.95, 0.99)

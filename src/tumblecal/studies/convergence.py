@@ -19,7 +19,8 @@ import polars as pl
 from jaxtyping import Array
 
 from tumblecal.estimation import harmonic, iterated
-from tumblecal.simulation.experiment import materialised, problem_for, spread_of
+from tumblecal.simulation.evaluated_once import materialised
+from tumblecal.simulation.experiment import problem_for, spread_of
 from tumblecal.simulation.harmonic_fit import fit_harmonics, nominal_harmonics
 from tumblecal.simulation.noise_steps import noise_steps
 from tumblecal.simulation.uniform import required_path
