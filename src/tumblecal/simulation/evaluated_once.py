@@ -74,7 +74,7 @@ def _group_sums(numbers: Any, target: Array, index: Array, parts: Array) -> Arra
     """The target with the parts added, by a product with the matrix of the groups' members."""
     (axis,) = numbers.scatter_dims_to_operand_dims
     (listed,) = set(range(parts.ndim)) - set(numbers.update_window_dims)
-    members = jnp.asarray(jnp.arange(target.shape[axis])[:, None] == index[:, 0], parts.dtype)
+    members = jnp.asarray(jnp.arange(target.shape[axis], dtype=index.dtype)[:, None] == index[:, 0], parts.dtype)
     return target + jnp.moveaxis(jnp.tensordot(members, parts, ((1,), (listed,))), 0, axis)
 
 
