@@ -4,7 +4,7 @@
 """
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 
@@ -30,3 +30,40 @@ def store_executables_in(cache: Any, folder: str) -> bool:
     reset()
     compilation_cache.get_file_cache = lambda path: None if cache is None else (cache, folder)  # type: ignore
     return cache is not None
+
+
+def with_results(function: Callable[..., Any], changed: Callable[[str, Any], Any]) -> Callable[..., Any]:
+    """`function` of pytrees of arrays, with `changed(operation, result)` in place of each result of an operation of JAX.
+
+    Operations within loops and branches stay as they are; a derivative that a part of the function defines is lost.
+    """
+    import jax
+
+    def evaluated(*arguments):
+        program, shape = jax.make_jaxpr(function, return_shape=True)(*arguments)
+        results = _run(program, jax.tree.leaves(arguments), changed)
+        return jax.tree.unflatten(jax.tree.structure(shape), results)
+
+    return evaluated
+
+
+def _run(program: Any, arguments: Sequence[Any], changed: Callable[[str, Any], Any]) -> list[Any]:
+    """The results of a traced program, operation by operation."""
+    variables = (*program.jaxpr.constvars, *program.jaxpr.invars)
+    known = dict(zip(variables, (*program.consts, *arguments), strict=True))
+
+    def values(parts):
+        # A literal has its value; a variable has none.
+        return [part.val if hasattr(part, "val") else known[part] for part in parts]
+
+    for operation in program.jaxpr.eqns:
+        inputs, name, options = values(operation.invars), operation.primitive.name, operation.params
+        # A call: of a compiled function, or of one with a derivative of its own.
+        called = options.get("jaxpr" if name in ("jit", "pjit") else "call_jaxpr")
+        if called is not None:
+            results = _run(called, inputs, changed)
+        else:
+            results = operation.primitive.bind(*inputs, **options)
+            results = [changed(name, part) for part in (results if operation.primitive.multiple_results else [results])]
+        known |= dict(zip(operation.outvars, results, strict=True))
+    return values(program.jaxpr.outvars)

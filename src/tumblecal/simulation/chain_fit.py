@@ -50,16 +50,16 @@ class ChainFits(NamedTuple):
 class Expansion(eqx.Module):
     """Common to all trials: the expansion about the parameters of a problem, in coordinates z with J_0'J_0 = 1.
 
-    `to_values` turns such coordinates into parameters. Errors of the readings (g), followed by 1 for the priors' constant
-    part, become by `gain` the gradient at the reference point, and by `bend` S + T z at the linear estimate. `skew` is T,
-    which is symmetric.
+    `to_values` turns such coordinates into parameters. `gain` turns errors of the readings (g) into the gradient at the
+    reference point, of which `prior` is the priors' part; `bend` turns them into S, and `skew` is T, which is symmetric.
     """
 
     centre: Float[Array, " free"]
     to_values: Float[Array, "free free"]
     predicted: Float[Array, "positions 3"]
-    gain: Float[Array, "free readings+1"]
-    bend: Float[Array, "free*free readings+1"]
+    gain: Float[Array, "free readings"]
+    prior: Float[Array, " free"]
+    bend: Float[Array, "free*free readings"]
     skew: Float[Array, "free*free free"]
 
 
@@ -85,17 +85,18 @@ def expansion(problem: Problem) -> Expansion:
     gain, free = (jacobian @ to_values).T, len(centre)
     half = np.einsum("ir,rjl->ijl", gain, second)
     skew = half + half.transpose(1, 0, 2) + half.transpose(1, 2, 0)
-    skew = skew.reshape(free * free, free)
     # By the errors of the readings instead of white rows.
     unwhitened = jax.linear_transpose(problem.rows, jnp.zeros((positions, 3)))
-    of_readings = jax.jit(jax.vmap(lambda row: unwhitened(row)[0].ravel()))
+    of_readings = jax.vmap(lambda row: unwhitened(row)[0].ravel())
     rows = 3 * positions
     prior = gain[:, rows:] @ np.asarray(problem.prior_rows(centre)) if problem.with_prior else np.zeros(free)
-    by_error = np.column_stack([of_readings(gain[:, :rows]), prior])
-    residual_alone = np.column_stack([of_readings(second[:rows].reshape(rows, -1).T), np.zeros(free * free)])
-    predicted = np.asarray(problem.predicted(jnp.asarray(centre)))
-    parts = (centre, to_values, predicted, by_error, residual_alone - skew @ by_error, skew)
-    return Expansion(*(jnp.asarray(part) for part in parts))
+    return Expansion(
+        *(jnp.asarray(part) for part in (centre, to_values, np.asarray(problem.predicted(jnp.asarray(centre))))),
+        gain=of_readings(jnp.asarray(gain[:, :rows])),
+        prior=jnp.asarray(prior),
+        bend=of_readings(jnp.asarray(second[:rows].reshape(rows, -1).T)),
+        skew=jnp.asarray(skew.reshape(free * free, free)),
+    )
 
 
 @cached_program
@@ -196,15 +197,12 @@ def _again(problem: Problem, centre: Array, readings: Array, found: ChainFits) -
 
 def _start(shared: Expansion, readings: Array) -> tuple[Array, Array]:
     """The minimum of the expansion for each trial, and the departure of the Hessian from 1 at the linear estimate."""
-    lanes = len(readings)
-    error = (shared.predicted[None] - readings).reshape(lanes, -1)
-    error = jnp.concatenate([error, jnp.ones((lanes, 1))], axis=1)
-    linear = -(error @ shared.gain.T)
-    free = linear.shape[1]
-    hessian = (error @ shared.bend.T).reshape(lanes, free, free)
-    # (S + T z / 2) z
-    squares = (linear[:, :, None] * linear[:, None, :]).reshape(lanes, free * free)
-    gradient = _product(hessian, linear) - 0.5 * squares @ shared.skew
+    error = (shared.predicted[None] - readings).reshape(len(readings), -1)
+    linear = -(error @ shared.gain.T + shared.prior[None])
+    by_residual, by_place = error @ shared.bend.T, linear @ shared.skew.T
+    shape = (*linear.shape, linear.shape[1])
+    hessian = (by_residual + by_place).reshape(shape)
+    gradient = _product((by_residual + 0.5 * by_place).reshape(shape), linear)
     return linear - _solve(hessian, gradient), hessian
 
 

@@ -1,18 +1,17 @@
 """Batched programs for the CPU in which every sine, root and logarithm is evaluated once.
 
 XLA's compiler for the CPU fuses elementwise work into every consumer of it, so the sines of a chain are evaluated again for
-each of the sums of its gradient: half of the time of a fit. Sums over groups of positions, the derivative of a parameter for
-each pitch setting, are matrix products here, because its scatter adds one index after the other.
+each of the sums of its gradient: a third of the time of a fit.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jax.extend.core import Jaxpr, Literal
-from jax.lax import GatherScatterMode
 from jaxtyping import Array, Float
+
+from tumblecal.ground.jax_interfaces import with_results
 
 
 _SLOW = frozenset({"sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh"}) | frozenset(
@@ -30,52 +29,10 @@ def evaluated_once(function: Callable[..., Any], lanes: int) -> Callable[..., An
     if jax.default_backend() != "cpu":
         return function
 
-    def evaluated(*arguments):
-        traced, shape = jax.make_jaxpr(function, return_shape=True)(*arguments)
-        results = _run(traced.jaxpr, traced.consts, jax.tree.leaves(arguments), lanes)
-        return jax.tree.unflatten(jax.tree.structure(shape), results)
+    def stored(operation, result):
+        return _in_memory(result, lanes) if operation in _SLOW else result
 
-    return evaluated
-
-
-def _run(program: Jaxpr, constants: Sequence[Any], arguments: Sequence[Any], lanes: int) -> list[Any]:
-    """The results of a traced program, operation by operation."""
-    known: dict[Any, Any] = dict(zip((*program.constvars, *program.invars), (*constants, *arguments), strict=True))
-    for operation in program.eqns:
-        inputs = [part.val if isinstance(part, Literal) else known[part] for part in operation.invars]
-        primitive, options = operation.primitive, operation.params
-        # A call: of a compiled function, or of one with a derivative of its own, which is not needed any more.
-        called = options.get("jaxpr" if primitive.name in ("jit", "pjit") else "call_jaxpr")
-        if called is not None:
-            results = _run(called.jaxpr, called.consts, inputs, lanes)
-        elif primitive.name == "scatter-add" and _by_groups(options, *inputs):
-            results = [_group_sums(options["dimension_numbers"], *inputs)]
-        else:
-            results = primitive.bind(*inputs, **options)
-            results = list(results) if primitive.multiple_results else [results]
-        if primitive.name in _SLOW:
-            results = [_in_memory(result, lanes) for result in results]
-        known |= dict(zip(operation.outvars, results, strict=True))
-    return [part.val if isinstance(part, Literal) else known[part] for part in program.outvars]
-
-
-def _by_groups(options: Mapping[str, Any], target: Array, index: Array, parts: Array) -> bool:
-    """Whether a scatter adds whole slices along one axis of the target, each to the place in a list."""
-    numbers = options["dimension_numbers"]
-    if index.ndim != 2 or len(numbers.scatter_dims_to_operand_dims) != 1 or numbers.operand_batching_dims:
-        return False
-    (axis,) = numbers.scatter_dims_to_operand_dims
-    slices = tuple(parts.shape[k] for k in numbers.update_window_dims)
-    whole = slices == target.shape[:axis] + target.shape[axis + 1 :] and numbers.inserted_window_dims == (axis,)
-    return whole and options["mode"] != GatherScatterMode.CLIP
-
-
-def _group_sums(numbers: Any, target: Array, index: Array, parts: Array) -> Array:
-    """The target with the parts added, by a product with the matrix of the groups' members."""
-    (axis,) = numbers.scatter_dims_to_operand_dims
-    (listed,) = set(range(parts.ndim)) - set(numbers.update_window_dims)
-    members = jnp.asarray(jnp.arange(target.shape[axis], dtype=index.dtype)[:, None] == index[:, 0], parts.dtype)
-    return target + jnp.moveaxis(jnp.tensordot(members, parts, ((1,), (listed,))), 0, axis)
+    return with_results(function, stored)
 
 
 def _in_memory(batch: Array, lanes: int) -> Array:

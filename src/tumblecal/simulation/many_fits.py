@@ -5,38 +5,29 @@ sufficient, otherwise by the exact gradient of each fit with one expansion of th
 that does not converge. The blocks go to all devices in turn. A trial depends on the seed and its number alone.
 """
 
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 from numpy.typing import ArrayLike
 from scipy.special import stdtrit
 
 from tumblecal.chain import Chain
-from tumblecal.estimation.array_checks import require_g
 from tumblecal.estimation.fit import Code
 from tumblecal.estimation.problem import Problem
-from tumblecal.estimation.programs import cached_program, compiler_options
+from tumblecal.estimation.programs import compiler_options
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.showing import brief
-from tumblecal.simulation.chain_fit import fit_chain
+from tumblecal.simulation.blocks import block_program, blocks_of, in_turn
 from tumblecal.simulation.experiment import BLOCK, Experiment, experiment_of
-from tumblecal.simulation.harmonic_fit import fit_harmonics
 from tumblecal.simulation.samplers import Sampler
-from tumblecal.simulation.uniform import UniformPlan
 
 
 if TYPE_CHECKING:
     import polars as pl
-
-# From so many blocks on, a program that runs three times as fast repays the seconds that its compilation takes longer.
-MANY_BLOCKS = 128
 
 
 @dataclass(frozen=True)
@@ -154,17 +145,17 @@ def fit_many(
         ((2000, 15), True)
     """
     one = experiment_of(problem, path=path)
-    known = len(readings) // BLOCK if hasattr(readings, "ndim") else 0  # type: ignore[arg-type]
-    count, program = len(problem.readings), _by_amount(one, known)
+    known = sum(getattr(readings, "shape", ())[:1]) // BLOCK
+    count, program = len(problem.readings), block_program(one, known)
     sizes: list[int] = []
 
     def blocks() -> Iterator[np.ndarray]:
-        for block in _blocks(readings, problem.chain, count):
+        for block in blocks_of(readings, problem.chain, count):
             sizes.append(len(block))
-            missing = BLOCK - len(block)
-            yield np.concatenate([block, np.repeat(block[-1:], missing, axis=0)]) if missing else block
+            # A copy: JAX may use an array's memory as it is, and a generator may write its next part into it.
+            yield np.concatenate([block, np.repeat(block[-1:], BLOCK - len(block), axis=0)])
 
-    results = list(_spread(program, blocks(), devices))
+    results = list(in_turn(program, blocks(), devices))
     parts = [[part[:size] for part in result] for result, size in zip(results, sizes, strict=True)]
     values, chi2, converged = (
         map(np.concatenate, zip(*parts, strict=True)) if parts else _none(len(problem.chain.names))
@@ -224,7 +215,7 @@ def monte_carlo(
 
     program = jax.jit(trial_block, compiler_options=compiler_options())
     numbers = range(first // BLOCK, first // BLOCK + -(-trials // BLOCK))
-    parts = list(_spread(program, (np.asarray(number) for number in numbers), devices))
+    parts = list(in_turn(program, (np.asarray(number) for number in numbers), devices))
     drawn, values, chi2, converged = (np.concatenate(blocks)[:trials] for blocks in zip(*parts, strict=True))
     return _many(problem, one, values, chi2, converged, drawn)
 
@@ -264,64 +255,3 @@ def _many(problem: Problem, one: Experiment, values, chi2, converged, truth=None
 
 def _none(free: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return np.zeros((0, free)), np.zeros(0), np.zeros(0, bool)
-
-
-def _by_amount(one: Experiment, known: int) -> Callable[[Array], tuple[Array, Array, Array]]:
-    """The program of a block; the optimised one if so many blocks are known to come, or have come."""
-    quick, optimised, count = _block_program(one, False), _block_program(one, True), known
-
-    def program(readings):
-        nonlocal count
-        count += 1
-        return (optimised if count > MANY_BLOCKS else quick)(readings)
-
-    return program
-
-
-def _block_program(one: Experiment, optimised: bool) -> Callable[[Array], tuple[Array, Array, Array]]:
-    """From the readings (lanes, positions, 3) of one block to values (lanes, free), sums of squares and convergence."""
-    if one.plan is None:
-        assert one.shared is not None
-        return partial(_CHAIN_BLOCK[optimised], one.problem, one.shared)
-    return partial(_harmonic_block(one.plan, optimised), one.sd)
-
-
-_CHAIN_BLOCK = {optimised: cached_program(fit_chain, optimised=optimised) for optimised in (False, True)}
-
-
-def _harmonic_block(plan: UniformPlan, optimised: bool) -> Callable[[float, Array], tuple[Array, Array, Array]]:
-    def program(sd, readings):
-        moved = jnp.moveaxis(readings, 0, 2)
-        harmonics = plan.harmonics(moved)
-        fits = fit_harmonics(harmonics, plan.pitch, plan.angles)
-        rest = jnp.sum((moved - plan.synthesis(harmonics)) ** 2, axis=(0, 1))
-        return fits.values.T, (fits.sum_of_squares + rest) / sd**2, fits.converged
-
-    return cached_program(program, plan, optimised=optimised)
-
-
-def _blocks(readings: Any, chain: Chain, count: int) -> Iterator[np.ndarray]:
-    """Readings in blocks of at most `BLOCK`.
-
-    **Raises:** `InputError` for a wrong shape, or readings that are not in g.
-    """
-    parts = [readings] if hasattr(readings, "ndim") or isinstance(readings, list | tuple) else readings
-    for part in parts:
-        values = np.asarray(part, float)
-        if values.ndim != 3 or values.shape[1:] != (count, 3):
-            raise InputError(f"readings have the shape {values.shape}; {count} positions need (fits, {count}, 3)")
-        require_g(chain, values[:BLOCK])
-        yield from (values[begin : begin + BLOCK] for begin in range(0, len(values), BLOCK))
-
-
-def _spread(
-    program: Callable[[Any], Any], blocks: Iterable[Any], devices: Sequence[Any] | None
-) -> Iterator[list[np.ndarray]]:
-    """The results of the blocks in order; each device has one block waiting while it computes another."""
-    devices, waiting = list(jax.devices() if devices is None else devices), deque[Any]()
-    for number, block in enumerate(blocks):
-        waiting.append(program(jax.device_put(block, devices[number % len(devices)])))
-        if len(waiting) > 2 * len(devices):
-            yield [np.asarray(part) for part in waiting.popleft()]
-    while waiting:
-        yield [np.asarray(part) for part in waiting.popleft()]
