@@ -131,7 +131,7 @@ def confirmed(
             lower = chosen | {name: chosen[name] - 1}
             errors = prediction_errors(design, chosen, table, folds)
             change = prediction_errors(design, lower, table, folds) - errors
-            rows = np.isfinite(errors).all(axis=1)
+            rows = np.all(np.isfinite(errors), axis=1)
             share = independent_share(np.where(rows[:, None], errors, 0.0), chains)
             # (e + d)^2 - e^2 summed, and the standard deviation of its part 2 e d.
             gain = float(np.nansum(change**2 + 2 * errors * change))
