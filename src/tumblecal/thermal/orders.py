@@ -8,7 +8,7 @@ predicts the held-out rows better by more than one standard error.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -147,20 +147,29 @@ def prediction_errors(
 ) -> Float[np.ndarray, "table 3"]:
     """White errors of the prediction of each row of the table by the rows outside its fold; NaN without a prediction.
 
-    A difference between the branches, of the orders of `hysteresis`, is no error of the prediction.
+    Signals that are no function of temperature, such as the difference between the branches, are no errors of the prediction:
+    their estimate by all rows is subtracted first.
     """
     errors = np.full((len(design.values) // 3, 3), np.nan)
-    branch = {"hysteresis": orders.get("hysteresis", 0)}
+    design = without_signals(design, orders)
     orders = {name: order for name, order in orders.items() if name not in NAMES}
     for held_out in folds:
         predicted = predictable(table, held_out)
         rest, apart = design.part(~held_out), design.part(predicted)
         error = apart.values - apart.predicted(orders, rest.coefficients(orders))
-        if branch["hysteresis"]:
-            loop = apart.columns(branch)
-            error = error - loop @ np.linalg.lstsq(loop, error, rcond=None)[0]
         errors[predicted] = error.reshape(-1, 3)
     return errors
+
+
+def without_signals(design: Design, orders: Mapping[str, int]) -> Design:
+    """The design with its values less the signals that are no function of temperature, as estimated by all rows."""
+    others = {name: order for name, order in orders.items() if name in NAMES}
+    if not others:
+        return design
+    # Families in this order, so that the coefficients of the signals are the last.
+    arranged = {name: order for name, order in orders.items() if name not in NAMES} | others
+    columns = design.columns(others)
+    return replace(design, values=design.values - columns @ design.coefficients(arranged)[-columns.shape[1] :])
 
 
 def predictable(table: ThermalTable, part: Bool[np.ndarray, " table"]) -> Bool[np.ndarray, " table"]:
