@@ -5,8 +5,8 @@
 A unit rests in one attitude while it warms from cold, stays hot for an hour, and cools. The methods of PX4
 (process_sensor_caldata.py) and ArduPilot (tempcal_IMU.py) are re-derived from their formulas: third-order polynomials by least
 squares over all samples, about the middle of the range and about 35 degC. `tumblecal thermal` averages in temperature bins and
-chooses the order. Each method uses the warming branch and the hot hour only. Its error is the root mean square of the change of the readings with the
-temperature that it leaves on the cooling branch, over equal steps of temperature.
+chooses the order. Each method uses the warming branch and the hot hour only. Its error is the root mean square of the change of
+the readings with the temperature that it leaves on the cooling branch, over equal steps of temperature.
 """
 
 import argparse
