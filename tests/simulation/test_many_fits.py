@@ -9,8 +9,9 @@ import pytest
 import tumblecal
 from tumblecal import InputError, Problem
 from tumblecal.chain import nominal_chain, settings
+from tumblecal.estimation import programs
 from tumblecal.noise import Covariance
-from tumblecal.simulation import coverage, linearisation_error, monte_carlo, sweep
+from tumblecal.simulation import blocks, coverage, linearisation_error, monte_carlo, sweep
 from tumblecal.simulation.experiment import experiment_of
 
 
@@ -54,13 +55,17 @@ def test_unknown_noise_is_estimated_for_each_fit(problem, readings):
     assert many.sd[2] == pytest.approx(fit.sd, rel=0.02) and many.covariances.shape == (3, 15, 15)
 
 
-def test_parts_from_a_generator_are_one_batch_and_priors_count(problem, readings):
+def test_parts_from_a_generator_are_one_batch_and_priors_count(problem, readings, monkeypatch):
     stated = Problem.from_arrays(
         problem.chain, problem.where, problem.readings, noise_sd=SD, priors={"dbeta": (0.0, 1e-4)}
     )
     whole = tumblecal.fit_many(stated, readings[:40])
+    # From the second block on by the optimised program.
+    compiled, options = [], programs.compiler_options
+    monkeypatch.setattr(blocks, "MANY_BLOCKS", 1)
+    monkeypatch.setattr(programs, "compiler_options", lambda kind=False: compiled.append(kind) or options(kind))
     parts = tumblecal.fit_many(stated, (part for part in np.split(readings[:40], [7, 30])))
-    assert np.allclose(whole.values, parts.values, rtol=0, atol=1e-13)
+    assert True in compiled and np.allclose(whole.values, parts.values, rtol=0, atol=1e-13)
     fit = single(problem, readings[9], noise_sd=SD, priors={"dbeta": (0.0, 1e-4)})
     assert np.max(np.abs(whole.values[9] - fit.values)) < 1e-11
 
