@@ -92,6 +92,7 @@ def thermal(
     from tumblecal.ground.blas import single_blas_thread
     from tumblecal.ground.result_set import result_set
     from tumblecal.report.thermal_files import write_thermal
+    from tumblecal.report.thermal_page import write_thermal_page
     from tumblecal.thermal.result import thermal_calibration
 
     stated = _stated(temperature)
@@ -111,6 +112,8 @@ def thermal(
         result = thermal_calibration(reading.table, stated)
     with output_folders([out]), result_set(out, _WRITTEN) as aside:
         written = write_thermal(aside, result)
+        write_thermal_page(aside / "thermal.html", result)
+        written.append("thermal.html")
     if output.words:
         from tumblecal.report.thermal_terminal import print_thermal
 
@@ -124,14 +127,15 @@ def thermal(
 
 def _printed(output: Output, reading: "ThermalReading") -> None:
     """Print the layout, guesses and warnings of every source, then the branches and attitudes that were found."""
-    from tumblecal.report.recording_words import layout_words, left_out_words
+    from tumblecal.report.recording_words import grouped_lines, layouts_words, left_out_words
 
+    if reading.read:
+        output.say("\n".join(layouts_words(reading.read)))
     for source, contents in reading.read:
-        output.say("\n".join(layout_words(contents)))
         output.warn(source, left_out_words(contents))
     for source, lines in reading.warnings:
         output.warn(source, lines)
-    output.say("\n".join(reading.lines))
+    output.say("\n".join(grouped_lines(reading.lines)))
 
 
 def _stated(temperature: TemperatureOptions) -> "Stated":

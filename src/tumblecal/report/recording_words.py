@@ -1,13 +1,13 @@
 """Messages of `tumblecal import` and `tumblecal reduce` about a recording, a line each, and the document of an import."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tumblecal.capture.columns.units import FORCE
-from tumblecal.ground.counted import counted
+from tumblecal.ground.counted import counted, shortened
 from tumblecal.ground.gravity import unit_in_g
 
 
@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 
 # Units as people write them.
 UNITS = {"ms2": "m/s^2", "dps": "deg/s", "rads": "rad/s"} | {unit: unit for unit in ("g", "mg", "counts")}
-_MOST = 12
+_MOST, _MOST_NAMES = 12, 8
+_SIZE = ", size about "
 
 
 def temperature_words(contents: "Contents") -> Iterator[str]:
@@ -47,8 +48,26 @@ def layout_words(contents: "Contents") -> Iterator[str]:
     columns = (f"{role}={column.name}" for role, column in layout.columns.items())
     yield f"columns: {', '.join(columns)}"
     per_g = f" ({layout.per_g:g} a g)" if layout.per_g else ""
-    yield f"accelerations in {UNITS[layout.unit]}{per_g}, size about {layout.size:.5g}"
+    yield f"accelerations in {UNITS[layout.unit]}{per_g}{_SIZE}{layout.size:.5g}"
     yield from layout.guesses
+
+
+def layouts_words(read: Sequence[tuple[object, "Contents"]]) -> Iterator[str]:
+    """The layout of several files: that of the first, then the lines in which others differ, except the mean size."""
+    of_all = list(layout_words(read[0][1]))
+    yield from of_all
+    known = {line.partition(_SIZE)[0] for line in of_all}
+    for name, contents in read[1:]:
+        yield from (f"{name}: {line}" for line in layout_words(contents) if line.partition(_SIZE)[0] not in known)
+
+
+def grouped_lines(lines: Sequence[str]) -> Iterator[str]:
+    """Lines `NAME: words`, those with equal words as one line with all their names."""
+    names: dict[str, list[str]] = {}
+    for line in lines:
+        name, _, words = line.partition(": ")
+        names.setdefault(words, []).append(name)
+    yield from (f"{shortened(each, _MOST_NAMES)}: {words}" for words, each in names.items())
 
 
 def format_words(contents: "Contents", *, tables: bool) -> Iterator[str]:
@@ -134,12 +153,9 @@ def reduction_words(reduction: "RecordingReduction") -> Iterator[str]:
 
 def files_words(reduction: "FilesReduction") -> Iterator[str]:
     """Several files: contents, differences between them, still intervals, and the relation of their clocks."""
-    of_all = list(layout_words(reduction.parts[0].contents))
-    yield from of_all
+    yield from layouts_words([(part.file, part.contents) for part in reduction.parts])
     for part in reduction.parts:
-        about = [line for line in layout_words(part.contents) if not line.startswith("accelerations")]
-        about = [line for line in about if line not in of_all]
-        about += [*left_out_words(part.contents), *list(rate_words(part.contents))[1:]]
+        about = [*left_out_words(part.contents), *list(rate_words(part.contents))[1:]]
         yield from (f"{part.file}: {line}" for line in about)
     rows = sum(part.stop - part.start for part in reduction.parts)
     yield f"{counted(rows, 'sample')} of {counted(len(reduction.parts), 'file')} at {reduction.table.rate_hz:.6g} Hz"

@@ -3,7 +3,8 @@
 from rich.console import Console
 
 from tumblecal.report.narrow import print_table, print_words
-from tumblecal.report.thermal_words import coefficient_table, reference_table, thermal_lines
+from tumblecal.report.thermal_tables import coefficient_table, reference_table
+from tumblecal.report.thermal_words import thermal_lines
 from tumblecal.thermal.result import ThermalResult
 
 
@@ -14,8 +15,9 @@ def print_thermal(result: ThermalResult, console: Console | None = None) -> None
     print_words(console, result.table.source, style="bold")
     for line in thermal_lines(result):
         print_words(console, line)
-    print_words(console, "")
-    print_table(console, reference_table(result))
+    if not result.calibration.use.refused:
+        print_words(console, "")
+        print_table(console, reference_table(result))
     if result.curves is not None:
         print_words(console, "")
         print_table(console, coefficient_table(result))

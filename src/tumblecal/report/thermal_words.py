@@ -1,118 +1,198 @@
-"""The result of a temperature calibration in words: verdict first, then parameters, signals, improvement and limits."""
+"""The result of a temperature calibration in words: use, improvement, orders, signals, and effects that cannot be separated."""
 
 from collections.abc import Iterator
 
 import numpy as np
 
 from tumblecal.data.sensor_parameters import SENSOR, leaf_of
+from tumblecal.ground.axes import AXES
 from tumblecal.ground.counted import counted
-from tumblecal.ground.units import shown
-from tumblecal.report.tables import Table
+from tumblecal.ground.numbers_shown import changed
 from tumblecal.thermal.model import LEAVES
 from tumblecal.thermal.result import FoundSignal, ThermalResult
-from tumblecal.thermal.signals import WORDS
 
 
 _ORDERS = ("constant", "linear", "quadratic", "cubic", "of fourth order", "of fifth order")
+# Residuals above this multiple of the standard uncertainties of the rows are stated.
+_MUCH_NOISE = 1.2
+_ABOUT = {
+    "hysteresis": "half of the difference between rising and falling temperature",
+    "rate": "a bias proportional to the rate of the temperature",
+    "lag": "the sensor follows the thermometer with a delay",
+    "drift": "a bias that changes with time",
+}
+_DIRECTIONS = {1: "rises", -1: "falls"}
 
 
 def thermal_lines(result: ThermalResult) -> Iterator[str]:
     """The findings, one line each, the most important first."""
-    low, high = result.table.range_degc
-    yield f"Temperature: {low:.1f} to {high:.1f} degC; reference {result.reference_degc:.4g} degC"
-    yield f"Use: {result.calibration.use.words}"
-    yield from _improvement(result)
-    yield from _orders(result)
+    yield f"Use of calibration.json: {result.calibration.use.words}"
+    yield range_words(result)
+    yield from improvement_lines(result)
+    yield from order_lines(result)
     for signal in result.signals:
-        yield _signal(signal)
+        yield f"{signal.name.capitalize()}: {signal_words(signal)}"
+        yield from separation_lines(result, signal)
+    yield from untested_lines(result)
     yield from combination_lines(result)
-    if result.noise_factor > 1.2:
+    yield from noise_lines(result)
+
+
+def range_words(result: ThermalResult) -> str:
+    """Measured range and reference temperature."""
+    low, high = result.table.range_degc
+    return f"Measured from {low:.1f} to {high:.1f} degC; reference temperature {result.reference_degc:.4g} degC"
+
+
+def improvement_lines(result: ThermalResult) -> Iterator[str]:
+    """Errors on held-out rows, without and with the dependence on temperature."""
+    if not result.held_out:
         yield (
-            f"The residuals are {result.noise_factor:.2g} times the standard uncertainties of the bins; all uncertainties are "
-            "multiplied by this factor"
+            "Improvement on held-out rows: not known, because the rest of the data would not determine the model. Record the "
+            "temperature in both directions"
         )
-
-
-def _improvement(result: ThermalResult) -> Iterator[str]:
+        return
+    if not _by_direction(result):
+        parts, rows = counted(len(result.held_out), "part"), sum(part.rows for part in result.held_out)
+        before, after, noise = _total(result)
+        yield (
+            f"Held-out rows, {parts} of the temperatures in turn ({counted(rows, 'row')}): error {changed(before, after)} "
+            f"mg rms, noise {noise:.3g} mg"
+        )
+        return
     for part in result.held_out:
         yield (
-            f"Held-out rows ({part.label}, {counted(part.rows, 'row')}): errors {part.before_mg:.3g} mg without "
-            f"temperature terms, {part.after_mg:.3g} mg with them; noise {part.noise_mg:.3g} mg"
+            f"Held-out rows at {part.label} ({counted(part.rows, 'row')}): error "
+            f"{changed(part.before_mg, part.after_mg)} mg rms, noise {part.noise_mg:.3g} mg"
         )
-    if not result.held_out:
-        yield "No part of the data could be left out, so the improvement on other data is not known"
+    if any(signal.name != "drift" for signal in result.signals):
+        yield "Part of these errors is the difference between rising and falling temperature, which no correction includes"
 
 
-def _orders(result: ThermalResult) -> Iterator[str]:
-    orders, highest = result.choice.orders, result.choice.highest
-    followed = [f"{words} {order_words(result, leaf)}" for leaf, words in LEAVES.items() if orders.get(leaf)]
-    constant = [LEAVES[leaf] for leaf in highest if not orders.get(leaf)]
+def _by_direction(result: ThermalResult) -> bool:
+    return {part.label.partition(" ")[0] for part in result.held_out} >= {"rising", "falling"}
+
+
+def total_improvement(result: ThermalResult) -> tuple[float, float, float] | None:
+    """Errors of all held-out rows before and after, and their noise, mg; None without held-out rows."""
+    return _total(result) if result.held_out else None
+
+
+def _total(result: ThermalResult) -> tuple[float, float, float]:
+    rows = np.array([part.rows for part in result.held_out], float)
+    sizes = np.array([(part.before_mg, part.after_mg, part.noise_mg) for part in result.held_out])
+    before, after, noise = np.sqrt(rows @ sizes**2 / np.sum(rows)).tolist()
+    return before, after, noise
+
+
+def order_lines(result: ThermalResult) -> Iterator[str]:
+    """The order of each leaf, and the limits of the choice."""
+    choice = result.choice
+    followed = [f"{words} {order_words(result, leaf)}" for leaf, words in LEAVES.items() if choice.orders.get(leaf)]
     yield f"Dependence on temperature: {', '.join(followed) or 'none found'}"
-    if constant:
+    if constant := [LEAVES[leaf] for leaf in choice.highest if not choice.orders.get(leaf)]:
         yield f"No dependence found: {', '.join(constant)}"
-    if result.choice.dropped:
-        names = ", ".join(LEAVES[leaf] for leaf in result.choice.dropped)
-        yield f"A higher order of {names} was dropped, because it does not improve the prediction of rows outside the fit"
-    lowest = min(highest.values(), default=0)
+    if choice.dropped:
+        names = ", ".join(LEAVES[leaf] for leaf in choice.dropped)
+        yield f"Higher order rejected, because it does not improve the prediction of rows outside the fit: {names}"
+    lowest = min((choice.highest[leaf] for leaf in choice.highest if leaf not in choice.forced), default=0)
     if 0 < lowest < 3:
         yield f"{counted(lowest + 1, 'temperature')} cannot determine an order above {lowest}"
 
 
 def order_words(result: ThermalResult, leaf: str) -> str:
     """The order of a leaf: `cubic`, or `by a cubic spline with 2 knots`."""
-    functions = result.choice.model.functions[leaf]
+    functions = result.choice.model.functions.get(leaf)
+    if functions is None:
+        return _ORDERS[0]
     if functions.knots_degc:
         return f"by a cubic spline with {counted(len(functions.knots_degc), 'knot')}"
     return _ORDERS[functions.order]
 
 
-def _signal(signal: FoundSignal) -> str:
-    sizes = ", ".join(f"{axis} {1e3 * size:.3g}" for axis, size in zip("xyz", signal.half_width, strict=True))
-    words = f"{signal.name}: {WORDS[signal.name]}; largest size {sizes} mg. No correction includes it"
+def signal_words(signal: FoundSignal) -> str:
+    """A signal that no correction includes, with its largest size on each axis."""
+    about = _ABOUT[signal.name]
     if signal.name == "lag":
-        words += f"; delay {signal.coefficients[0]:.3g} s (standard uncertainty {signal.sd[0]:.2g} s)"
-    if signal.not_separated:
-        words += f". These data cannot separate it from {' or '.join(signal.not_separated)}"
-        words += ": repeat the ramp at a different rate, or with soaks"
-    return words
+        about += f" of {signal.coefficients[0]:.3g} +- {signal.sd[0]:.2g} s"
+    budget = "no uncertainty does either" if signal.name == "drift" else "the uncertainty over temperature does"
+    return f"{about}, at most {signal_size(signal)}. No correction includes it; {budget}"
+
+
+def signal_size(signal: FoundSignal) -> str:
+    """The largest size on each axis: `0.67 (x), 0.47 (y), 0.33 (z) mg`."""
+    return f"{', '.join(f'{1e3 * size:.2g} ({axis})' for axis, size in zip(AXES, signal.half_width, strict=True))} mg"
+
+
+def separation_lines(result: ThermalResult, signal: FoundSignal) -> Iterator[str]:
+    """The other signals that explain the data as well, with the reason and the remedy."""
+    if not signal.not_separated:
+        return
+    names = " or ".join((signal.name, *signal.not_separated))
+    rates = np.abs(result.table.rate_degc_per_s[result.table.direction != 0])
+    one = len(rates) and np.max(rates) < 2 * np.median(rates)
+    reason = (
+        "the temperature changed at about one rate"
+        if one
+        else "their signals in these rows differ by less than the noise"
+    )
+    remedy = "repeat the cycle at a different rate"
+    if "drift" in (signal.name, *signal.not_separated):
+        remedy = "repeat the cycle, and return to the first temperature"
+    yield f"{names}: indistinguishable, because {reason}. To separate them, {remedy}"
+
+
+def untested_lines(result: ThermalResult) -> Iterator[str]:
+    """Signals that these recordings cannot show at any size, with the reason."""
+    table = result.table
+    directions = {1, -1} & set(np.asarray(table.reached_by).tolist())
+    if len(directions) == 1:
+        yield (
+            f"Hysteresis is not testable: the temperature only {_DIRECTIONS[directions.pop()]}. Record the return to the first "
+            "temperature too"
+        )
+    branches: dict[str, set[str]] = {}
+    for clock, branch in zip(table.clock, table.branch, strict=True):
+        branches.setdefault(clock, set()).add(branch)
+    if all(len(each) == 1 for each in branches.values()) and np.ptp(table.time_s) > 0:
+        yield (
+            "Drift, and a delay of the sensor, are not separated from the dependence on temperature: each recording has one "
+            "ramp, in which time is a function of temperature. The curves include both"
+        )
 
 
 def combination_lines(result: ThermalResult) -> Iterator[str]:
     """Combinations that the attitudes do not separate."""
     missing = [LEAVES[leaf] for leaf in LEAVES if leaf not in result.choice.highest]
-    if missing and result.choice.model.free != ("dK", "bias", "gamma"):
-        count = counted(len(result.table.attitudes), "attitude")
-        yield f"{count} cannot separate the change of the {', '.join(missing)} from that of the bias"
+    count = counted(len(result.table.attitudes), "attitude")
+    if missing and (result.table.alpha_deg is None or len(missing) > 1):
+        yield f"{count}: changes of {_listed(missing)} are not separated from those of the bias"
     if result.combinations:
-        yield f"The curves of the biases are those of the combinations {'; '.join(result.combinations)}"
+        yield f"Combinations that the curves of the biases describe: {'; '.join(result.combinations)}"
 
 
-def coefficient_table(result: ThermalResult) -> Table:
-    """The physical coefficients of all curves with standard uncertainties."""
-    curves = result.curves
-    rows = []
-    if curves is not None:
-        sd = np.sqrt(np.diag(curves.covariance))
-        place = len(SENSOR)
-        for curve in curves.curves:
-            for name, unit, value in zip(curve.coefficient_names, curve.units, curve.coefficients, strict=True):
-                display, factor = _display(unit)
-                rows.append([name, f"{value * factor:.5g}", f"{sd[place] * factor:.2g}", display])
-                place += 1
-    return Table(("coefficient", "value", "standard uncertainty", "unit"), rows)
+def _listed(words: list[str]) -> str:
+    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
 
 
-def _display(unit: str) -> tuple[str, float]:
-    base, divisor = unit.split("/", 1)
-    display, factor = shown(base)
-    return f"{display}/{divisor}", factor
+def noise_lines(result: ThermalResult) -> Iterator[str]:
+    """The ratio of residuals and noise, if it is large."""
+    if result.noise_factor > _MUCH_NOISE:
+        yield (
+            f"Residuals: {result.noise_factor:.2g} times the standard uncertainties of the rows. All uncertainties are "
+            "multiplied by this factor"
+        )
 
 
-def reference_table(result: ThermalResult) -> Table:
-    """The parameters at the reference temperature."""
-    sensor = result.calibration.sensor.of(SENSOR)
-    rows = []
-    for name, value, sd in zip(sensor.names, sensor.values.tolist(), sensor.sd.tolist(), strict=True):
-        unit, factor = shown({"dK": "1", "bias": "g", "gamma": "rad"}[leaf_of(name)])
-        rows.append([name, f"{value * factor:.5g}", f"{sd * factor:.2g}" if sd else "not determined", unit])
-    return Table(("parameter", "value", "standard uncertainty", "unit"), rows)
+def source_words(result: ThermalResult, parameter: str) -> str:
+    """Where the value of a parameter at the reference temperature comes from."""
+    if leaf_of(parameter) in result.choice.model.free:
+        return "measured"
+    answers = {"yes": "stated calibration", "only": "assumed size"}
+    return answers.get(result.calibration.use.answer or "", "not determined")
+
+
+def undetermined_words(result: ThermalResult) -> list[str]:
+    """The leaves whose values at the reference temperature are not known."""
+    sources = {leaf_of(name): source_words(result, name) for name in SENSOR}
+    return [LEAVES[leaf] for leaf, source in sources.items() if source in ("assumed size", "not determined")]

@@ -26,6 +26,8 @@ from tumblecal.ground.errors import InputError
 
 # The temperature is constant if it changes by less than this many resolution steps.
 _LEAST_STEPS = 3.0
+# Ends of branches have one decimal on wider ranges than this.
+_WIDE_DEGC = 10.0
 
 
 @dataclass(frozen=True)
@@ -165,8 +167,9 @@ def _words(
     part: ThermalSeries, course: TemperatureCourse, branches: Branches, table: ThermalTable, width: float
 ) -> list[str]:
     """The findings on a recording, a line each."""
+    places = 1 if np.ptp(course.degc) > _WIDE_DEGC else 2
     stretches = ", ".join(
-        f"{text.partition(' ')[2]} {course.degc[cells].min():.2f} to {course.degc[cells].max():.2f} degC"
+        f"{text.partition(' ')[2]} {course.degc[cells].min():.{places}f} to {course.degc[cells].max():.{places}f} degC"
         for k in range(len(branches.sign))
         if len(cells := np.flatnonzero(branches.stretch == k)) and (text := branches.label(part.clock, k))
     )

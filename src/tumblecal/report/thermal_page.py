@@ -1,0 +1,196 @@
+"""`thermal.html`: a calibration over temperature on one page."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from tumblecal.ground.counted import counted
+from tumblecal.ground.numbers_shown import changed
+from tumblecal.ground.suggested_command import suggested
+from tumblecal.report.page import PageFigure, Section, inline_drawing, write_page
+from tumblecal.report.tables import Table
+from tumblecal.report.thermal_figures import figures_of, small_figure
+from tumblecal.report.thermal_tables import (
+    coefficient_table,
+    held_out_table,
+    order_table,
+    reference_table,
+    temperature_table,
+)
+from tumblecal.report.thermal_words import (
+    combination_lines,
+    improvement_lines,
+    noise_lines,
+    order_lines,
+    range_words,
+    separation_lines,
+    signal_size,
+    signal_words,
+    total_improvement,
+    undetermined_words,
+    untested_lines,
+)
+from tumblecal.report.verdict import Finding, Unresolved, Verdict, as_sentence
+from tumblecal.thermal.result import ThermalResult
+
+
+_BADGES = {"yes": "usable", "within": "usable", "only": "usable in part", "no": "do not use"}
+_TONES = {"yes": "good", "within": "good", "only": "open", "no": "bad"}
+_CAPTIONS = {
+    "parameters": "Line: the calibration. Band: 95 % by its standard uncertainty u(T), with hysteresis. Dots and rings: "
+    "estimates from the rows of one temperature and direction alone. Dotted line: reference temperature. For parameters whose "
+    "value at the reference is not determined, the change is drawn.",
+    "residuals": "Measured minus predicted, by axis, with the parameters at the reference temperature (left), and at the "
+    "temperature of each row (right). Band: two standard deviations of the noise.",
+    "hysteresis": "Residuals after the correction, mean over the attitudes, by direction. Lines: fitted branches for rising "
+    "(solid) and falling (dashed) temperature. Half of their distance is the hysteresis.",
+    "held_out": "Each part was predicted by a model that was chosen and fitted without it. Black line: noise of these rows.",
+    "course": "Mean temperature of each row over time, by direction of change.",
+}
+
+
+def write_thermal_page(path: Path, result: ThermalResult) -> None:
+    """Write the page."""
+    answer = result.calibration.use.answer or "yes"
+    pictures = {0: inline_drawing(small_figure(result), "changes")} if result.curves is not None else {}
+    if result.signals and pictures:
+        pictures = {1: pictures[0]}
+    write_page(
+        path,
+        f"Calibration over temperature of {_name(result.table.source)}",
+        _lead(result),
+        thermal_verdict(result, path.parent),
+        list(_sections(result)),
+        tone=_TONES[answer],
+        pictures=pictures,
+    )
+
+
+def _name(source: str) -> str:
+    """The first file without its folder, and the number of others: `a.csv and 5 more`."""
+    first, joint, others = source.partition(" and ")
+    return f"{Path(first).name}{joint}{others}"
+
+
+def _lead(result: ThermalResult) -> str:
+    table, serial = result.table, result.calibration.serial_number
+    known = "known" if table.alpha_deg is not None else "unknown"
+    parts = [f"serial number {serial}"] if serial else []
+    parts += [f"{counted(len(table.attitudes), f'{known} attitude')}", f"{counted(len(table), 'row')} over temperature"]
+    return f"{', '.join(parts)}."
+
+
+def thermal_verdict(result: ThermalResult, folder: Path) -> Verdict:
+    """Use and improvement; signals that no correction includes as findings; values and effects that are not determined."""
+    answer = result.calibration.use.answer or "yes"
+    found = [
+        Finding(f"{as_sentence(signal.name)}: no correction includes it", f"at most {signal_size(signal)}", signal.name)
+        for signal in result.signals
+    ]
+    unresolved = [
+        Unresolved(*_reason(line), (number,))
+        for number, signal in enumerate(result.signals, 1)
+        for line in separation_lines(result, signal)
+    ]
+    if missing := undetermined_words(result):
+        unresolved.append(Unresolved(f"Not determined at the reference temperature: {', '.join(missing)}."))
+    unresolved += [Unresolved(f"{line}.") for line in (*untested_lines(result), *combination_lines(result))]
+    evidence = [range_words(result), *order_lines(result), *noise_lines(result)]
+    return Verdict(
+        _BADGES[answer],
+        _headline(result),
+        result.table.source,
+        result.calibration.use.words,
+        tuple(found),
+        tuple(unresolved),
+        tuple(f"{line}." for line in evidence),
+        tuple(_next(result, folder)),
+    )
+
+
+def _reason(line: str) -> tuple[str, str]:
+    words, _, reason = line.partition(": ")
+    return words, f"{reason}."
+
+
+def _headline(result: ThermalResult) -> str:
+    if result.curves is None:
+        return "No parameter of the sensor depends on temperature in these data."
+    if (sizes := total_improvement(result)) is None:
+        return "Improvement on held-out rows: not known."
+    before, after, noise = sizes
+    return f"Error on held-out rows: {changed(before, after)} mg rms with the dependence on temperature; noise {noise:.3g} mg."
+
+
+def _next(result: ThermalResult, folder: Path) -> Iterator[str]:
+    calibration = folder / "calibration.json"
+    if result.calibration.use.refused:
+        yield (
+            "To determine the values at the reference temperature, repeat the command with --calibration and the "
+            "calibration.json of the unit at one temperature, or record six or more attitudes over the same temperatures."
+        )
+        return
+    if undetermined_words(result):
+        yield "To determine all parameters, record nine or more attitudes, or add the calibration of the unit (--calibration)."
+    yield "Correct a log with temperatures, write the calibration for a device, or write a certificate:"
+    yield suggested("apply", calibration, "log.csv")
+    yield suggested("export", calibration, "--to", "c-header")
+    low, high = result.table.range_degc
+    stated = ",".join(
+        f"{degc:g}" for degc in sorted({float(np.ceil(low)), result.reference_degc, float(np.floor(high))})
+    )
+    yield suggested("certificate", folder, "--admin", "lab.toml", f"--temperatures={stated}")
+
+
+def _sections(result: ThermalResult) -> Iterator[Section]:
+    drawn = {name: PageFigure(inline_drawing(figure, name), _CAPTIONS[name]) for name, figure in figures_of(result)}
+    if result.curves is not None:
+        yield Section(
+            "Parameters over temperature",
+            words=["u is the standard uncertainty, with hysteresis. parameters.csv has a row for each temperature."],
+            tables=[temperature_table(result)],
+            figures=[drawn["parameters"]],
+        )
+    yield Section("Residuals", figures=[drawn["residuals"]])
+    words = [f"{line}." for line in improvement_lines(result)] if not result.held_out else []
+    yield Section(
+        "Held-out rows",
+        words=words or ["Errors are the root mean square over rows and axes."],
+        tables=[held_out_table(result)] if result.held_out else [],
+        figures=[drawn["held_out"]] if "held_out" in drawn else [],
+    )
+    if result.signals:
+        yield Section(
+            "Signals that no correction includes",
+            words=[f"{as_sentence(signal.name)}: {signal_words(signal)}." for signal in result.signals],
+            figures=[drawn["hysteresis"]] if "hysteresis" in drawn else [],
+        )
+    yield Section("Orders", words=list(_criterion(result)), tables=[order_table(result)])
+    yield Section(
+        "Coefficients",
+        words=[
+            "Parameters at the reference temperature, and coefficients of T minus the reference. u is the standard uncertainty "
+            "without hysteresis."
+        ],
+        tables=[
+            *([] if result.calibration.use.refused else [reference_table(result)]),
+            *([coefficient_table(result)] if result.curves is not None else []),
+        ],
+    )
+    yield Section("Temperature over time", figures=[drawn["course"]])
+
+
+def _coefficients(result: ThermalResult) -> Iterator[Table]:
+    if not result.calibration.use.refused:
+        yield reference_table(result)
+    if result.curves is not None:
+        yield coefficient_table(result)
+
+
+def _criterion(result: ThermalResult) -> Iterator[str]:
+    gain = result.choice.constant_criterion - result.choice.criterion
+    yield (
+        "Orders are chosen by the Bayesian information criterion, and lowered if rows outside the fit do not confirm them. "
+        f"Improvement over constant parameters: {gain:.0f}."
+    )
