@@ -1,0 +1,113 @@
+"""`tumblecal thermal` on the example of docs/thermal.md, run as the page states it: output, files, page, rejected options."""
+
+import json
+import re
+import shlex
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tumblecal.data.calibration import read_calibration
+
+
+ROOT = Path(__file__).parents[2]
+PAGE = (ROOT / "docs" / "thermal.md").read_text(encoding="utf-8")
+BIAS = np.array([[0.1e-3, 0, 1e-7], [-0.05e-3, 0, -6e-8], [0.2e-3, 0, 8e-8]])  # of the page: g/degC, g/degC^2, g/degC^3
+
+
+def blocks(language):
+    return re.findall(rf"^```{language}\n(.*?)^```", PAGE, re.S | re.M)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("thermal")
+
+
+@pytest.fixture
+def example(folder, tumblecal, monkeypatch):
+    """The folder in which the program and the first command of the page ran, once."""
+    monkeypatch.chdir(folder)
+    if not Path("printed").exists():
+        Path("configs").symlink_to(ROOT / "configs")
+        (program,) = blocks("python")
+        exec(compile(program, "thermal.md", "exec"), {})
+        outcome = tumblecal(*shlex.split(blocks("sh")[0])[1:])
+        assert outcome.code == 0, outcome.lines
+        Path("printed").write_text(outcome.out, encoding="utf-8")
+    return folder
+
+
+def test_the_page_s_example_prints_its_lines_and_finds_the_bias(example):
+    printed = (example / "printed").read_text(encoding="utf-8")
+    (text,) = blocks("text")
+    assert text in printed
+    # Equal layouts and equal findings are printed once.
+    assert printed.count("columns: ax=ax_g") == 1 and printed.count("0 soaks") == 1
+    assert "hysteresis or rate: indistinguishable, because the temperature changed at about one rate" in " ".join(
+        printed.split()
+    )
+    curves = read_calibration(example / "unit17" / "calibration.json").temperature
+    degc = np.linspace(*curves.range_degc, 9)
+    powers = np.stack([(degc - 25) ** k for k in (1, 2, 3)])
+    assert np.max(np.abs(curves.at(degc)[:, 3:6].T - BIAS @ powers)) < 0.15e-3
+    table = (example / "unit17" / "parameters.csv").read_text(encoding="utf-8").splitlines()
+    assert table[0].startswith("temperature_degc,dK_x,u_dK_x") and len(table) > 50
+
+
+def test_the_page_is_complete_in_a_browser(example, chromium):
+    page = example / "unit17" / "thermal.html"
+    for width in (1280, 500):
+        seen, document = chromium.seen(page, width)
+        assert seen["figures"] == seen["drawn"] == 5
+        assert seen["dangling"] == seen["twice"] == seen["broken"] == seen["resources"] == 0 and seen["wide"] <= 0
+    first = document[: document.index("<nav>")]
+    for words in ("USABLE IN PART", "on held-out rows", "Hysteresis: no correction includes it", "non-orthogonality"):
+        assert words in first, words
+    text = re.sub(r"<(svg|style|script).*?</\1>", "", document, flags=re.S)
+    assert not re.search(r"\bnan\b|\binf\b|None|\{\{", text)
+
+
+def test_the_other_commands_of_the_page_run(example, tumblecal):
+    for line in "".join(blocks("sh")[1:]).splitlines():
+        outcome = tumblecal(*shlex.split(line)[1:])
+        assert outcome.code == 0, (line, outcome.lines)
+    record = json.loads(Path("one_attitude/thermal.json").read_text(encoding="utf-8"))
+    assert record["use"]["answer"] == "yes" and record["not_determined"]["combinations"]
+    assert "bias_x - " in record["not_determined"]["combinations"][0]
+
+
+def test_one_attitude_without_a_calibration_has_exit_code_3_and_a_record(example, tumblecal):
+    outcome = tumblecal("thermal", "z_up.csv", "--order", "bias=1", "--json", "--out", "changes")
+    assert outcome.code == 3
+    record = json.loads(outcome.out)
+    assert record["schema"] == "tumblecal.thermal/1" and record["use"]["answer"] == "no"
+    assert record["orders"]["bias"] == 1 and record["not_determined"]["at_reference"] == ["dK", "bias", "gamma"]
+    assert any("--calibration" in line for line in outcome.lines)
+    page = Path("changes/thermal.html").read_text(encoding="utf-8")
+    assert "DO NOT USE" in page and "Combinations that the curves of the biases describe" in page
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--order", "bias=9"], "--order: '9' is not an order; write for example --order bias=3,scale=1 (0 to 5)"),
+        (["--order", "size=1"], "--order: no leaf 'size'; leaves: bias, scale, orthogonality, mount"),
+        (["--knots", "bias=a"], "--knots bias=a: write for example --knots bias=0,20,40 (degC)"),
+        (["--order", "bias=3", "--knots", "bias=20"], "--order and --knots both state bias"),
+        (["--bin-width", "0"], "width of the bins, 0 degC: it must be above 0"),
+        (["--calibration", "missing.json"], "missing.json"),
+    ],
+)
+def test_an_option_that_cannot_be_read_is_one_line(example, tumblecal, options, words):
+    outcome = tumblecal("thermal", "z_up.csv", *options, "--out", "none")
+    assert outcome.code == 2 and len(outcome.lines) == 1 and words in outcome.lines[0]
+    assert not Path("none").exists()
+
+
+def test_inputs_are_not_overwritten(example, tumblecal):
+    before = Path("unit17/bins.csv").read_bytes()
+    outcome = tumblecal("thermal", "unit17/bins.csv", "--out", "unit17")
+    assert outcome.code == 2 and len(outcome.lines) == 1 and "bins.csv" in outcome.lines[0]
+    assert Path("unit17/bins.csv").read_bytes() == before
