@@ -49,6 +49,7 @@ def test_the_page_s_example_prints_its_lines_and_finds_the_bias(example):
         printed.split()
     )
     curves = read_calibration(example / "unit17" / "calibration.json").temperature
+    assert curves is not None
     degc = np.linspace(*curves.range_degc, 9)
     powers = np.stack([(degc - 25) ** k for k in (1, 2, 3)])
     assert np.max(np.abs(curves.at(degc)[:, 3:6].T - BIAS @ powers)) < 0.15e-3
