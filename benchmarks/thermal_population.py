@@ -5,7 +5,7 @@
 Each unit has a bias of order 1 to 5, a scale factor of order 0 to 2, a constant or linear non-orthogonality, with or without
 hysteresis; ramps of 0.2 to 5 K/min up and down, or 3 to 8 soaks; 6 or 24 unknown attitudes. The calibration is applied to
 readings of a fresh falling branch without hysteresis, with fresh noise. With 6 attitudes the non-orthogonality at the reference
-is not determined, so the constant error of each attitude is removed there.
+is not determined, so the constant error of each attitude is removed there, and the coverage is that of the changes.
 """
 
 import argparse
@@ -62,15 +62,7 @@ def outcome(
     if count < 9:
         for name in dict.fromkeys(attitude.tolist()):
             error[attitude == name] -= error[attitude == name].mean(0)
-    grid = np.linspace(low, high, 9)
-    curves = result.curves
-    values = result.calibration.sensor.of(SENSOR).values + (0.0 if curves is None else curves.at(grid))
-    sd = (
-        np.zeros((9, 9)) + np.sqrt(np.diag(result.calibration.covariance[:9, :9]))
-        if curves is None
-        else curves.sd(grid)
-    )
-    covered = (np.abs(values - truth(unit, grid)) < 1.96 * sd)[:, :6]
+    covered = coverage(result, unit, np.linspace(low, high, 9), whole=count >= 9)
     found = [result.choice.orders.get(leaf, 0) for leaf in ("bias", "dK", "gamma")]
     able = [result.choice.highest.get(leaf, 0) for leaf in ("bias", "dK", "gamma")]
     return Outcome(
@@ -80,6 +72,24 @@ def outcome(
         1e3 * float(np.sqrt(np.mean(unit.hysteresis**2))),
         covered,
     )
+
+
+def coverage(result, unit, grid, *, whole: bool) -> np.ndarray:
+    """Whether the 95 % intervals of biases and scale factors contain the truth at temperatures; only of their changes, if the
+    attitudes do not determine all values at the reference."""
+    curves = result.curves
+    if curves is None:
+        return np.zeros((0, 6), bool)
+    at_reference = truth(unit, [curves.reference_degc])[0]
+    error = curves.at(grid) - (truth(unit, grid) - at_reference)
+    if whole:
+        error = error + result.calibration.sensor.of(SENSOR).values - at_reference
+    else:
+        covariance = curves.covariance.copy()
+        covariance[:9], covariance[:, :9] = 0.0, 0.0
+        curves = replace(curves, covariance=covariance)
+    sd = curves.sd(grid)
+    return (np.abs(error) < 1.96 * sd)[:, :6][(sd > 0)[:, :6]]
 
 
 def main() -> None:
@@ -107,7 +117,7 @@ def main() -> None:
                     found.append(outcome(rng, count, orders, hysteresis, steps, rate, width))
                 ratio = np.sqrt(np.mean([each.after_mg**2 for each in found])) / NOISE_MG
                 words = "soaks" if soaks else "ramps"
-                covered = np.mean([each.covered for each in found])
+                covered = np.mean(np.concatenate([each.covered.ravel() for each in found]))
                 cells = [
                     str(count), words, kind, str(len(found)),
                     f"{np.mean([each.too_high for each in found]):.1%}", f"{np.mean([each.too_low for each in found]):.1%}",
