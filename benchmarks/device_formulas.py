@@ -130,21 +130,57 @@ def matlab(text: str, a: np.ndarray, degc: np.ndarray, gravity_ms2: float) -> np
 
 
 def in_csv(text: str, a: np.ndarray, degc: np.ndarray, gravity_ms2: float) -> np.ndarray:
-    """`M (A - b)`, a row for each axis, b in g (docs/devices.md)."""
+    """`M (A - b)`, a row for each axis, b in g; of a table over temperature the parameters at the temperature, by linear
+    interpolation (docs/devices.md)."""
+    lines = [line for line in text.splitlines() if line[:1] != "#"]
+    if lines[0].startswith("temperature_degc"):
+        table = np.array([line.split(",") for line in lines[1:]], float)
+        parameters_at = [np.interp(degc, table[:, 0], table[:, 1 + 2 * k]) for k in range(9)]
+        return _of_parameters(a / gravity_ms2, np.array(parameters_at).T) * gravity_ms2
     rows = np.array([line.split(",")[1:] for line in text.splitlines() if line[:2] in ("x,", "y,", "z,")], float)
     return ((a / gravity_ms2 - rows[:, 3]) @ rows[:, :3].T) * gravity_ms2
 
 
 def in_json(text: str, a: np.ndarray, degc: np.ndarray, gravity_ms2: float) -> np.ndarray:
-    """`f = M (A - b - terms(u, T))`, u the inputs along the sensitive axes, by fixed-point steps (docs/files.md)."""
+    """`f = M (A - b - terms(u, T))`, u the inputs along the sensitive axes, by fixed-point steps; the parameters may be curves
+    of the temperature (docs/files.md)."""
     content = json.loads(text)
     matrix, bias, readings = np.array(content["matrix"]), np.array(content["bias_g"]), a / gravity_ms2
     forward = np.linalg.inv(matrix)
+    if "temperature" in content:
+        scale = np.diag(forward)
+        gamma = (forward / scale[:, None])[[1, 2, 2], [0, 0, 1]]
+        values = np.concatenate([scale - 1, bias, gamma]) + _curves(content["temperature"], degc)
+        return _of_parameters(readings, values) * gravity_ms2
     to_inputs = (forward / np.diag(forward)[:, None]).T
     force = (readings - bias) @ matrix.T
     for _ in range(60):
         force = (readings - bias - _terms(content.get("terms", []), force @ to_inputs, degc)) @ matrix.T
     return force * gravity_ms2
+
+
+_PARAMETERS = (*(f"{leaf}_{axis}" for leaf in ("dK", "bias") for axis in "xyz"), "gamma_21", "gamma_31", "gamma_32")
+
+
+def _curves(stated: dict, degc: np.ndarray) -> np.ndarray:
+    """Changes (n, 9) of the parameters since the reference temperature (docs/files.md)."""
+    changes, reference = np.zeros((len(degc), 9)), stated["reference_degc"]
+    for curve in stated["curves"]:
+        order, coefficients = curve["order"], curve["coefficients"]
+        functions = [(degc - reference) ** power for power in range(1, order + 1)]
+        functions += [
+            np.clip(degc - knot, 0, None) ** order - max(reference - knot, 0) ** order
+            for knot in curve.get("knots_degc", [])
+        ]
+        changes[:, _PARAMETERS.index(curve["parameter"])] = np.array(coefficients) @ np.array(functions)
+    return changes
+
+
+def _of_parameters(readings: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Specific force (n, 3) of readings in g: the equations of each row solved as a linear system."""
+    triad = np.tile(np.eye(3), (len(values), 1, 1))
+    triad[:, [1, 2, 2], [0, 0, 1]] = values[:, 6:]
+    return np.linalg.solve((1 + values[:, :3])[:, :, None] * triad, (readings - values[:, 3:6])[:, :, None])[:, :, 0]
 
 
 def _terms(terms: list[dict], u: np.ndarray, degc: np.ndarray) -> np.ndarray:

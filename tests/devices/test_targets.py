@@ -15,10 +15,8 @@ import pytest
 from tumblecal import InputError
 from tumblecal.cli.export import Format
 from tumblecal.data.calibration import Calibration, write_calibration
-from tumblecal.data.temperature_curves import Curve, TemperatureCurves, order_of_covariance
 from tumblecal.devices import TARGETS, Export, losses, read_any
 from tumblecal.ground.gravity import Gravity
-from tumblecal.ground.temperature_functions import TemperatureFunctions
 
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
@@ -244,16 +242,3 @@ def test_a_header_whose_terms_are_nested_without_end_is_a_line(tmp_path):
     (tmp_path / "calibration.h").write_text(f" * terms: {'[' * 100_000}\n")
     with pytest.raises(InputError, match="the comment with the terms cannot be read"):
         read_any(f"c-header:{tmp_path / 'calibration.h'}")
-
-
-@pytest.mark.parametrize("name", ["json", "px4", "c-header"])
-def test_curves_of_temperature_that_a_target_lacks_are_a_loss(tumblecal, tmp_path, name):
-    """0.1 mg/degC, at most 35 degC from the reference: 3.5 mg at one g along x, with a matrix of 1."""
-    curve = Curve("bias_x", TemperatureFunctions(1, 25.0, (0.0, 60.0)), np.array([1e-4]))
-    curves = TemperatureCurves((curve,), np.diag([1e-10] * 10), order_of_covariance([curve]))
-    write_calibration(
-        tmp_path / "cal.json", Calibration(np.eye(3), np.zeros(3), np.zeros((12, 12)), temperature=curves)
-    )
-    outcome = tumblecal("export", tmp_path / "cal.json", "--to", name, "--out", tmp_path / "unit")
-    assert outcome.code == 0
-    assert "lost: temperature (curves of the parameters), from 0 to 60 degC: up to 3.5 mg" in outcome.out

@@ -29,6 +29,8 @@ def export(
     out: Path | None = None,
     gravity: Annotated[str | None, Parameter(show_default=False)] = None,
     temperatures: str | None = None,
+    at: float | None = None,
+    table_step: float | None = None,
     noise: Path | None = None,
     run_time: str | None = None,
     use_anyway: Annotated[bool, Parameter(negative=())] = False,
@@ -48,8 +50,14 @@ def export(
         Gravity of the calibration, for targets in m/s^2: m/s^2, or a site (lat=48.14,height=520). A value that contradicts the
         calibration is rejected. Default: that of the calibration, or 9.80665. Example: --gravity 9.8123.
     temperatures
-        Temperature range (degC) of the thermal terms of the bias: px4 and ardupilot apply them within it, and losses are stated
-        for it. Default: the range of the calibration data. Example: --temperatures 0:60.
+        Temperature range (degC) of curves and thermal terms: px4, ardupilot and c-header apply them within it, and losses are
+        stated for it. Default: the range of the calibration data. Example: --temperatures 0:60.
+    at
+        Temperature (degC) of exported constants: for px4 and ardupilot the reference of their polynomials, for other targets
+        of all parameters, in place of curves. Default: the reference of the calibration. Example: --at 40.
+    table_step
+        Step (degC) of a table over temperature that is interpolated linearly, for c-header and csv. Default: polynomials in
+        c-header, and 5 degC in csv. Example: --table-step 2.
     noise
         The reduction.json of tumblecal reduce, for noise density and random walk of kalibr. Default: none. Example:
         --noise reduced/reduction.json.
@@ -76,10 +84,11 @@ def export(
     protect_inputs([calibration, noise], out=out)
     measured = _measured(whole)
     span = measured if temperatures is None else _span(temperatures)
-    part = target.carried(whole, span)
+    _require_choice(at, table_step, span)
+    part = target.carried(whole, span, at)
     run_s = None if run_time is None else _run_time(run_time)
     noises = () if noise is None else _noise(noise)
-    bare = Export(part, one_g.value_ms2, _about(calibration, whole), span, noises, run_s)
+    bare = Export(part, one_g.value_ms2, _about(calibration, whole), span, noises, run_s, at, table_step)
     lost = losses(target, bare, whole, target.write(bare))
     notes = [f"lost: {loss}" for loss in lost] or ["nothing of this calibration is lost"]
     notes += filter(None, [undetermined_words(whole.terms)])
@@ -93,7 +102,7 @@ def export(
         notes.append(f"one g is {one_g}, as in the calibration")
     if one_g.assumed and to not in ("c-header", "csv"):
         notes.append(f"one g is {one_g}: {'calibrate again' if whole.gravity else 'state it'} with --gravity")
-    text = target.write(Export(part, one_g.value_ms2, (*bare.header, target.words, *notes), span, bare.noise))
+    text = target.write(replace(bare, header=(*bare.header, target.words, *notes)))
     if out is None:
         print(text, end="")
     else:
@@ -102,7 +111,9 @@ def export(
         print(f"{out}: {target.words}")
     if run_time is not None and not any(term.per_hour for term in whole.terms):
         notes.append(f"--run-time {run_time}: no effect, because this calibration has no drift terms")
-    given = {"gravity": gravity, "temperatures": temperatures, "noise": noise}
+    if at is not None and "temperature_degc" not in whole.columns_needed:
+        notes.append(f"--at {at:g}: no effect, because nothing in this calibration depends on temperature")
+    given = {"gravity": gravity, "temperatures": temperatures, "noise": noise, "table-step": table_step}
     for line in [
         *notes,
         *_without_effect(target, bare, {name: text for name, text in given.items() if text is not None}),
@@ -160,6 +171,7 @@ def _without_effect(target: "Target", export: "Export", given: dict[str, object]
         "gravity": replace(export, gravity_ms2=export.gravity_ms2 * 1.001),
         "temperatures": replace(export, temperatures_degc=None),
         "noise": replace(export, noise=()),
+        "table-step": replace(export, table_step_degc=None),
     }
     for name, value in given.items():
         if target.write(without[name]) == text:
@@ -206,6 +218,19 @@ def _span(text: str) -> tuple[float, float]:
     if not colon or not -100 <= span[0] < span[1] <= 200:
         raise InputError(f"--temperatures {text}: write LOW:HIGH in degC, such as 0:60")
     return span
+
+
+def _require_choice(at: float | None, table_step: float | None, span: tuple[float, float] | None) -> None:
+    """Check `--at` and `--table-step`.
+
+    **Raises:** `InputError` for a temperature that is outside the range, or a step that is not above 0.
+    """
+    from tumblecal.ground.errors import InputError
+
+    if at is not None and span is not None and not span[0] <= at <= span[1]:
+        raise InputError(f"--at {at:g}: outside the range of {span[0]:.4g} to {span[1]:.4g} degC; widen --temperatures")
+    if table_step is not None and not 0 < table_step < float("inf"):
+        raise InputError(f"--table-step {table_step:g}: must be above 0 degC")
 
 
 def _noise(path: Path) -> tuple[dict[str, float], ...]:

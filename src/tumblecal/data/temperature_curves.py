@@ -213,7 +213,8 @@ class TemperatureCurves:
     def _orders(self) -> Iterator[str]:
         for curve in self.curves:
             knots = len(curve.functions.knots_degc)
-            order = f"cubic spline with {counted(knots, 'knot')}" if knots else f"order {curve.functions.order}"
+            kind = "linear" if curve.functions.order == 1 else "cubic"
+            order = f"{kind} spline with {counted(knots, 'knot')}" if knots else f"order {curve.functions.order}"
             yield f"{curve.parameter} {order}"
 
     def _of_curves(self, degc: np.ndarray, functions: Sequence[np.ndarray]) -> np.ndarray:

@@ -11,6 +11,7 @@ Examples:
     INS_ACCOFFS_X,0.00980999973
 """
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,8 @@ import numpy as np
 from tumblecal.data.calibration import Calibration, read_calibration
 from tumblecal.data.calibration_file import require_triad
 from tumblecal.devices import autopilots, c_header, plain, robotics, vectornav
-from tumblecal.devices.target import Export, Loss, Target, losses
+from tumblecal.devices.losses import Loss, losses
+from tumblecal.devices.target import Export, Target
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 from tumblecal.ground.strict_json import LARGEST
@@ -67,6 +69,4 @@ def read_any(given: str, gravity_ms2: float = STANDARD_GRAVITY_MS2) -> Calibrati
         require_triad(read.matrix)
     except InputError as fault:
         raise InputError([f if f.startswith(f"{path}:") else f"{path}: {f}" for f in fault.faults]) from fault
-    return Calibration(
-        read.matrix, read.bias, read.covariance, extra=read.extra, provenance={"data": str(path), "format": name}
-    )
+    return replace(read, provenance={"data": str(path), "format": name})

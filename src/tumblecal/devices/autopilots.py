@@ -62,9 +62,9 @@ def _read_px4(text: str, gravity_ms2: float) -> Numbers:
     return _numbers(scale, offset + powers[0], powers, _parameter(text, "TC_A0_TREF", 25.0), gravity_ms2)
 
 
-def _in_px4(calibration: Calibration, gravity_ms2: float) -> tuple[Calibration, str]:
+def _in_px4(calibration: Calibration, export: Export) -> tuple[Calibration, str]:
     """The calibration that PX4 applies: offsets and scale factors whose vector is within the dead band are ignored."""
-    offset, scale = calibration.bias * gravity_ms2, np.diag(calibration.matrix)
+    offset, scale = calibration.bias * export.gravity_ms2, np.diag(calibration.matrix)
     far_offset, far_scale = float(np.linalg.norm(offset)), float(np.linalg.norm(scale - 1))
     applied = Calibration(
         calibration.matrix if far_scale > PX4_DEAD_BAND else np.eye(3),
@@ -157,6 +157,7 @@ TARGETS = (
             "The axes are those of the sensor, not of the vehicle: the board rotation is applied afterwards.",
         ),
         _in_px4,
+        (1.0, "the thermal offset is updated after a change of 1 degC at the latest"),
     ),
     Target(
         "ardupilot",

@@ -3,22 +3,42 @@
 import csv
 import io
 import json
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from tumblecal.data.calibration import Calibration
+from tumblecal.data.calibration_table import COLUMNS, calibration_table
 from tumblecal.data.calibration_terms import terms_of
-from tumblecal.devices.target import Export, Numbers, Target, inverse, listed, number, numbers_after
+from tumblecal.data.sensor_parameters import triad_of
+from tumblecal.data.temperature_curves_file import StatedTemperature
+from tumblecal.devices.target import (
+    TEMPERATURE,
+    Export,
+    Numbers,
+    Target,
+    inverse,
+    listed,
+    number,
+    numbers_after,
+)
+from tumblecal.devices.temperature_table import in_table, linear_curves
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.json_file import require_plain, without_repeats
+from tumblecal.ground.strict_json import validated
 
 
 SCHEMA = "tumblecal.device/1"
+# Step of the table of a CSV file if none is given, degC.
+_STEP_DEGC = 5.0
 
 
 def _json(export: Export) -> str:
     calibration = export.calibration
+    curves = calibration.temperature
+    temperature = {} if curves is None else {"temperature": StatedTemperature.of(curves).model_dump(exclude_unset=True)}
     content = {
         "schema": SCHEMA,
         "equation": "f = matrix (A - bias - terms), in g; in m/s^2 with bias_ms2",
@@ -29,6 +49,7 @@ def _json(export: Export) -> str:
         "temperature_degc": calibration.temperature_degc,
         "serial_number": calibration.serial_number,
         "terms": [term.record() for term in calibration.terms],
+        **temperature,
         "about": list(export.header),
     }
     return json.dumps(content, indent=1, allow_nan=False) + "\n"
@@ -37,7 +58,9 @@ def _json(export: Export) -> str:
 def _read_json(text: str, gravity_ms2: float) -> Numbers:
     content = json_object(text)
     matrix, bias = json_numbers(content, "matrix", (3, 3)), json_numbers(content, "bias_g", (3,))
-    return Numbers(matrix, bias, terms_of(content.get("terms", [])))
+    stated = content.get("temperature")
+    curves = None if stated is None else validated(stated, StatedTemperature, "", "temperature").curves_of_temperature()
+    return Numbers(matrix, bias, terms_of(content.get("terms", [])), curves)
 
 
 def json_object(text: str) -> dict[str, Any]:
@@ -73,6 +96,10 @@ def json_numbers(content: dict[str, Any], key: str, shape: tuple[int, ...]) -> n
 
 def _csv(export: Export) -> str:
     calibration = export.calibration
+    if calibration.temperature is not None:
+        rows = calibration_table(calibration, _table_degc(export).tolist(), extrapolate=True)
+        table = [",".join(COLUMNS), *(",".join(map(number, row.values())) for row in rows)]
+        return export.commented("#") + "\n".join(table) + "\n"
     lines = ["axis,m_x,m_y,m_z,bias_g"]
     for axis, row, bias in zip(AXES, calibration.matrix, calibration.bias, strict=True):
         lines.append(f"{axis},{','.join(number(value) for value in row)},{number(bias)}")
@@ -81,13 +108,32 @@ def _csv(export: Export) -> str:
 
 def _read_csv(text: str, gravity_ms2: float) -> Numbers:
     rows = list(csv.DictReader(io.StringIO("\n".join(line for line in text.splitlines() if line[:1] != "#"))))
+    over_temperature = bool(rows) and COLUMNS[0] in rows[0]
+    names = [COLUMNS[0], *COLUMNS[1::2]] if over_temperature else ["m_x", "m_y", "m_z", "bias_g"]
     try:
-        table = np.array([[float(row[name]) for name in ("m_x", "m_y", "m_z", "bias_g")] for row in rows])
+        table = np.array([[float(row[name]) for name in names] for row in rows])
     except (KeyError, TypeError, ValueError) as error:
-        raise InputError("columns m_x, m_y, m_z, bias_g must have numbers") from error
+        raise InputError(f"columns {', '.join(names)} must have numbers") from error
+    if over_temperature:
+        if not np.all(np.isfinite(table)):
+            raise InputError(f"columns {', '.join(names)} must have finite numbers")
+        values, curves = linear_curves(table[:, 0], table[:, 1:])
+        return Numbers(inverse(triad_of(values), "diag(1 + dK) T"), values[3:6], (), curves)
     if table.shape != (3, 4):
         raise InputError(f"{len(table)} rows; there must be one for each of x, y and z")
     return Numbers(table[:, :3], table[:, 3])
+
+
+def _table_degc(export: Export) -> np.ndarray:
+    return replace(export, table_step_degc=export.table_step_degc or _STEP_DEGC).table_degc
+
+
+def _in_table(calibration: Calibration, export: Export) -> tuple[Calibration, str]:
+    """The calibration of a program that interpolates the rows of the table linearly."""
+    if calibration.temperature is None:
+        return calibration, "linear interpolation"
+    degc = _table_degc(replace(export, calibration=calibration))
+    return in_table(calibration, degc), f"{TEMPERATURE} (linear interpolation between {len(degc)} rows)"
 
 
 def _matlab(export: Export) -> str:
@@ -111,13 +157,23 @@ TARGETS = (
     Target(
         "json",
         ".json",
-        "matrix, bias (g and m/s^2) and terms",
+        "matrix, bias (g and m/s^2), terms and curves",
         _json,
         _read_json,
-        _LINEAR | {"terms"},
+        _LINEAR | {"terms", "curves"},
         "docs/files.md",
     ),
-    Target("csv", ".csv", "matrix and bias, one row for each axis", _csv, _read_csv, _LINEAR, "docs/files.md"),
+    Target(
+        "csv",
+        ".csv",
+        "matrix and bias, one row for each axis; with curves of temperature the parameters, one row for each temperature",
+        _csv,
+        _read_csv,
+        _LINEAR | {"curves"},
+        "docs/files.md",
+        (),
+        _in_table,
+    ),
     Target(
         "matlab",
         ".m",

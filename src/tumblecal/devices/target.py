@@ -1,10 +1,9 @@
-"""Targets of an export: writing a calibration, reading it, and losses of the format."""
+"""Targets of an export: writing a calibration, reading it, and the part of a calibration that the format includes."""
 
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -12,17 +11,19 @@ from jaxtyping import Float
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.calibration_terms import Term
 from tumblecal.data.sensor_parameters import SensorParameters, leaf_of
-from tumblecal.devices.temperature import at_temperature, export_degc, of_third_order, temperatures
+from tumblecal.data.temperature_curves import TemperatureCurves
+from tumblecal.devices.temperature import (
+    at_temperature,
+    export_degc,
+    of_third_order,
+    with_curves_of_bias,
+)
+from tumblecal.devices.temperature_table import table_degc
 from tumblecal.ground.errors import InputError
 
 
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 _WORD = re.compile(r"[A-Za-z]\w*")
-# Number of attitudes for losses: a lattice on the sphere (Fibonacci), in addition to both directions of the axes.
-_ATTITUDES = 400
-# A smaller loss (mg) is due to rounding, and is not reported.
-_NOTHING_MG = 1e-4
-_HOUR_S = 3600.0
 
 
 # Parts of a linear calibration that some formats do not include, and their leaves.
@@ -35,7 +36,9 @@ class Export:
 
     - `calibration`: the part that the target includes. `gravity_ms2`: one g in m/s^2.
     - `header`: lines for formats with comments.
-    - `temperatures_degc`: temperature range of thermal terms, if given. `run_s`: operating time of the device, s, if given.
+    - `temperatures_degc`: temperature range of curves and thermal terms, if given. `at_degc`: the temperature of constant
+      parameters, if given. `table_step_degc`: step of a table over temperature, if given.
+    - `run_s`: operating time of the device, s, if given.
     - `noise`: coefficients of each axis as written by `reduce`, if given.
 
     Examples:
@@ -53,6 +56,16 @@ class Export:
     temperatures_degc: tuple[float, float] | None = None
     noise: tuple[dict[str, float], ...] = ()
     run_s: float | None = None
+    at_degc: float | None = None
+    table_step_degc: float | None = None
+
+    @property
+    def table_degc(self) -> Float[np.ndarray, " rows"]:
+        """The temperatures (degC) of a table, over the given range or that of the curves; none without curves or a step."""
+        curves = self.calibration.temperature
+        if curves is None or self.table_step_degc is None:
+            return np.zeros(0)
+        return table_degc(self.temperatures_degc or curves.range_degc, self.table_step_degc)
 
     @property
     def bias_ms2(self) -> Float[np.ndarray, "3"]:
@@ -68,9 +81,11 @@ class Export:
 class Target:
     """A device or program with a format for calibrations.
 
-    - `write`: text of the file. `read`: matrix, bias (g) and terms of such a text, for one g in m/s^2.
-    - `carries`: included parts, of `cross terms`, `bias`, `bias temperature` (third order, within a range), `terms` (all).
+    - `write`: text of the file. `read`: matrix, bias (g), terms and curves of such a text, for one g in m/s^2.
+    - `carries`: included parts, of `cross terms`, `bias`, `bias temperature` (third order, within a range), `terms` (all),
+      `curves` (of all parameters).
     - `on_device`: the calibration that the device applies, with words on the difference.
+    - `held_degc`: the device changes its thermal correction after this change of temperature, with words on that.
     - `notes`: notes for the user; `source`: source of the convention.
 
     Examples:
@@ -87,7 +102,8 @@ class Target:
     carries: frozenset[str]
     source: str
     notes: tuple[str, ...] = ()
-    on_device: Callable[[Calibration, float], tuple[Calibration, str]] | None = None
+    on_device: Callable[[Calibration, Export], tuple[Calibration, str]] | None = None
+    held_degc: tuple[float, str] | None = None
 
     @property
     def lacks(self) -> list[str]:
@@ -100,127 +116,65 @@ class Target:
         unknown = {_LEAVES[part] for part in self.lacks}
         return sensor.of([name for name in sensor.names if leaf_of(name) not in unknown])
 
-    def carried(self, calibration: Calibration, temperatures_degc: tuple[float, float] | None = None) -> Calibration:
-        """The part of a calibration that the format includes, for a temperature range (degC)."""
-        for _, part in _reductions(self, calibration, temperatures_degc):
+    def carried(
+        self,
+        calibration: Calibration,
+        temperatures_degc: tuple[float, float] | None = None,
+        at_degc: float | None = None,
+    ) -> Calibration:
+        """The part of a calibration that the format includes, for a temperature range, and constants at one temperature."""
+        for _, part in reductions(self, calibration, temperatures_degc, at_degc):
             calibration = part
         return calibration
 
 
 @dataclass(frozen=True)
 class Numbers:
-    """Numbers in the file of a target: `f = matrix (A - bias)`, bias in g, and terms as in a calibration file."""
+    """Numbers in the file of a target: `f = matrix (A - bias)`, bias in g, and terms and curves as in a calibration file."""
 
     matrix: Float[np.ndarray, "3 3"]
     bias: Float[np.ndarray, "3"]
     terms: Sequence[Term] = ()
+    temperature: TemperatureCurves | None = None
 
     def calibration(self, like: Calibration | None = None) -> Calibration:
         """The numbers as a calibration with unknown uncertainty (a covariance of zeros)."""
         if like is None:
             like = Calibration(self.matrix, self.bias, np.zeros((12, 12)))
-        return replace(like, matrix=self.matrix, bias=self.bias, extra={}).with_terms(self.terms)
-
-
-@dataclass(frozen=True)
-class Loss:
-    """A loss of a format, and its largest error at 1 g for this unit, mg; `per`: for each degC or h.
-
-    Examples:
-        >>> from tumblecal.devices import Loss
-        >>> str(Loss("bias over temperature", 0.0213, "degC"))
-        'bias over temperature: up to 0.0213 mg per degC'
-    """
-
-    what: str
-    mg: float
-    per: Literal["", "degC", "h"] = ""
-
-    def __str__(self) -> str:
-        return f"{self.what}: up to {self.mg:.3g} mg{f' per {self.per}' if self.per else ''}"
-
-
-def losses(target: Target, export: Export, whole: Calibration, text: str) -> list[Loss]:
-    """The losses of a calibration in the file of a target, by cause: the largest error at 1 g in any attitude.
-
-    They apply to the temperature range and operating time of the export; if not given, to the references of thermal and drift
-    terms, and for these terms to one degC and one hour.
-
-    **Arguments:**
-
-    - `export`: the exported content, `text`: the file. `whole`: the complete calibration.
-
-    Examples:
-        >>> import numpy as np
-        >>> from tumblecal.data import Calibration
-        >>> from tumblecal.devices import TARGETS, Export, losses
-        >>> matrix = np.eye(3) + [[0.02, 0.0, 0.0], [3e-4, 0.02, 0.0], [0.0, 0.0, 0.02]]
-        >>> whole = Calibration(matrix, np.array([0.01, 0.01, 0.01]), np.zeros((12, 12)))
-        >>> target = TARGETS["ardupilot"]
-        >>> export = Export(target.carried(whole), gravity_ms2=9.81)
-        >>> for loss in losses(target, export, whole, target.write(export)):
-        ...     print(loss)
-        cross terms (off the matrix' diagonal): up to 0.294 mg
-    """
-    lost, before = list[Loss](), whole
-    span, run_s = export.temperatures_degc, export.run_s
-    grid, reference = temperatures(whole, span).tolist(), export_degc(whole, span)
-    starts = {term.reference_s for term in whole.terms if term.per_hour}
-    start_s, ends_s = min(starts, default=0.0), max(starts, default=0.0) + (_HOUR_S if run_s is None else run_s)
-    for what, after in _on_the_way(target, export, whole, text):
-        if what.startswith(DRIFT):
-            over = "" if run_s is None else f", over {run_s / _HOUR_S:.3g} h"
-            lost.append(Loss(what + over, farthest_mg(before, after, grid, ends_s), "h" if run_s is None else ""))
-        elif what.startswith(TEMPERATURE):
-            changed = thermal_part(before), thermal_part(after)
-            over, at = ("", [reference + 1.0]) if span is None else (f", from {span[0]:g} to {span[1]:g} degC", grid)
-            lost.append(Loss(what + over, farthest_mg(*changed, at), "degC" if span is None else ""))
-        else:
-            lost.append(Loss(what, farthest_mg(before, after, [reference], start_s)))
-        before = after
-    lost = [loss for loss in lost if loss.mg > _NOTHING_MG]
-    if sum(not loss.per for loss in lost) > 1:
-        where = "at its reference temperature" if span is None else f"from {span[0]:g} to {span[1]:g} degC"
-        lost.append(Loss(f"in total, {where}", farthest_mg(whole, before, grid, start_s if run_s is None else ends_s)))
-    return lost
+        known = like.parameters if self.temperature is None else None
+        numbers = replace(
+            like, matrix=self.matrix, bias=self.bias, extra={}, temperature=self.temperature, parameters=known
+        )
+        return numbers.with_terms(self.terms)
 
 
 DRIFT, TEMPERATURE, NONLINEAR = "drift", "temperature", "nonlinear terms"
 
 
-def _on_the_way(target: Target, export: Export, whole: Calibration, text: str) -> Iterator[tuple[str, Calibration]]:
-    """The steps from a calibration to the device: words for each step, and the calibration after it."""
-    carried, device = whole, target.on_device
-    for what, carried in _reductions(target, whole, export.temperatures_degc):
-        yield what, carried
-    if device is not None:
-        used, words = device(carried, export.gravity_ms2)
-        yield words, used
-    read = target.read(text, export.gravity_ms2).calibration(carried)
-    yield "rounding of the numbers in the file", read if device is None else device(read, export.gravity_ms2)[0]
-
-
-def _reductions(
-    target: Target, whole: Calibration, span: tuple[float, float] | None
+def reductions(
+    target: Target, whole: Calibration, span: tuple[float, float] | None, at_degc: float | None
 ) -> Iterator[tuple[str, Calibration]]:
     """The parts that the target does not include, removed in turn: name, and the calibration without the part."""
-    # No target has parameters that follow temperature yet.
-    if whole.temperature is not None:
-        whole = whole.at(export_degc(whole, span), extrapolate=True)
-        yield f"{TEMPERATURE} (curves of the parameters)", whole
+    degc = export_degc(whole, span, at_degc)
+    polynomial = span is not None and "bias temperature" in target.carries
+    if whole.temperature is not None and polynomial:
+        whole = with_curves_of_bias(whole, degc)
+        yield f"{TEMPERATURE} (scale factors and cross terms: values at {degc:.4g} degC)", whole
+    elif whole.temperature is not None and ("curves" not in target.carries or at_degc is not None):
+        whole = whole.at(degc, extrapolate=True)
+        yield f"{TEMPERATURE} (all parameters: values at {degc:.4g} degC)", whole
     # No target has the time since the start of the run.
     for what, group in _by_effect(DRIFT, [term for term in whole.terms if term.per_hour]):
         whole = whole.with_terms([term for term in whole.terms if term not in group])
         yield what, whole
     if whole.terms and "terms" not in target.carries:
-        polynomial = span is not None and "bias temperature" in target.carries
         thermal = [term for term in whole.terms if term.thermal and not (polynomial and term.of_bias)]
         for what, group in (*_by_effect(TEMPERATURE, thermal), *_by_effect(NONLINEAR, _not_thermal(whole))):
-            whole = at_temperature(whole, export_degc(whole, span), group)
+            whole = at_temperature(whole, degc, group)
             yield what, whole
-        if span is not None and any(term.thermal for term in whole.terms):
-            whole = of_third_order(whole, span)
-            yield f"{TEMPERATURE}, above third order", whole
+    if span is not None and polynomial and "temperature_degc" in whole.columns_needed:
+        whole = of_third_order(whole, span, degc)
+        yield f"{TEMPERATURE}, above third order", whole
     if "cross terms" not in target.carries:
         whole = replace(whole, matrix=np.diag(np.diag(whole.matrix)))
         yield "cross terms (off the matrix' diagonal)", whole
@@ -238,31 +192,6 @@ def _by_effect(what: str, terms: Sequence[Term]) -> list[tuple[str, list[Term]]]
     effects = dict.fromkeys(term.effect for term in terms)
     groups = [(effect, [term for term in terms if term.effect == effect]) for effect in effects]
     return [(f"{what} ({effect})" if effect else what, group) for effect, group in groups]
-
-
-def thermal_part(calibration: Calibration) -> Calibration:
-    """A calibration with its thermal terms only, because a change of sign in another term would look like a thermal change."""
-    return calibration.with_terms([term for term in calibration.terms if term.thermal])
-
-
-def farthest_mg(
-    first: Calibration, second: Calibration, temperatures_degc: Sequence[float], time_s: float | None = None
-) -> float:
-    """The largest difference of the forces of two calibrations at 1 g over some temperatures, mg; drift terms at one time."""
-    readings = attitudes() @ np.linalg.inv(first.matrix).T + first.bias
-
-    def force(of: Calibration, degc: float) -> np.ndarray:
-        return of.corrected(readings, degc, time_s, extrapolate=True)
-
-    return 1e3 * max(float(np.max(np.abs(force(first, degc) - force(second, degc)))) for degc in temperatures_degc)
-
-
-def attitudes() -> Float[np.ndarray, "attitudes 3"]:
-    """Directions of gravity: a Fibonacci lattice on the unit sphere, and both directions of the axes."""
-    k = np.arange(_ATTITUDES) + 0.5
-    z, turn = 1 - 2 * k / _ATTITUDES, np.pi * (1 + np.sqrt(5)) * k
-    lattice = np.column_stack([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z])
-    return np.concatenate([lattice, np.eye(3), -np.eye(3)])
 
 
 def numbers_after(text: str, key: str, count: int) -> Float[np.ndarray, " count"]:

@@ -1,9 +1,10 @@
-"""Functions of temperature that a parameter may follow: a polynomial, or a cubic spline.
+"""Functions of temperature that a parameter may follow: a polynomial, or a spline.
 
 A parameter p follows the temperature T as `p(T) = p(T0) + sum of c_k h_k(T)`, with
 
 - `h_k(T) = (T - T0)^k` for k = 1 to the order, and
-- `h(T) = max(T - knot, 0)^3 - max(T0 - knot, 0)^3` for each knot of a cubic spline (truncated powers).
+- `h(T) = max(T - knot, 0)^3 - max(T0 - knot, 0)^3` for each knot of a cubic spline (truncated powers);
+  with the power 1 for a linear spline, which interpolates a table.
 
 All functions are zero at the reference T0, so the parameter itself is its value at T0. A fit uses combinations that are
 orthonormal over the measured range (root mean square 1, equal weight over temperature), because powers of the temperature are
@@ -22,7 +23,7 @@ from tumblecal.ground.errors import InputError
 
 
 HIGHEST_ORDER = 5
-SPLINE_ORDER = 3
+SPLINE_ORDER, _LINEAR = 3, 1
 # Temperatures of the range at which functions are orthonormal.
 _GRID = 201
 # Two knots, or a knot and an end of the range, that are closer than this share of the range determine no cubic between them.
@@ -35,9 +36,9 @@ class TemperatureFunctions:
 
     **Arguments:**
 
-    - `order`: of the polynomial, 0 (constant) to 5; 3 with knots.
+    - `order`: of the polynomial, 0 (constant) to 5; with knots 3 (cubic spline) or 1 (linear spline).
     - `reference_degc`: where all functions are zero. `range_degc`: lowest and highest measured temperature.
-    - `knots_degc`: interior knots of a cubic spline, increasing; none: a polynomial.
+    - `knots_degc`: interior knots of a spline, increasing; none: a polynomial.
 
     **Raises:** `InputError` for an order outside 0 to 5, an empty range, or knots that are not increasing within the range.
 
@@ -63,12 +64,13 @@ class TemperatureFunctions:
             raise InputError(
                 f"temperature range {low:g} to {high:g} degC: the lowest temperature must be below the highest"
             )
-        if self.knots_degc and self.order != SPLINE_ORDER:
+        if self.knots_degc and self.order not in (SPLINE_ORDER, _LINEAR):
             raise InputError(
                 f"knots with order {self.order}: a cubic spline has order 3; remove the order or the knots"
             )
         gaps = np.diff([low, *self.knots_degc, high])
-        if self.knots_degc and np.min(gaps) < _CLOSEST_KNOTS * (high - low):
+        closest = _CLOSEST_KNOTS * (high - low) if self.order == SPLINE_ORDER else np.finfo(float).tiny
+        if self.knots_degc and np.min(gaps) < closest:
             stated = ", ".join(f"{knot:g}" for knot in self.knots_degc)
             raise InputError(f"knots {stated} degC: they must increase within the range {low:g} to {high:g} degC")
 
@@ -90,7 +92,7 @@ class TemperatureFunctions:
 
     @property
     def words(self) -> str:
-        """`order 3`, or a cubic spline with its knots."""
+        """`order 3`, or a spline with its knots."""
         return form_words(self.order, self.knots_degc)
 
     def values(self, degc: Any) -> Any:
@@ -101,7 +103,7 @@ class TemperatureFunctions:
         """The derivatives of the functions with respect to the temperature, 1/degC times the unit of each."""
         above = degc - self.reference_degc
         rows = [power * above ** (power - 1) for power in range(1, self.order + 1)]
-        rows += [3 * np.maximum(degc - knot, 0.0) ** 2 for knot in self.knots_degc]
+        rows += [self.order * np.maximum(degc - k, 0.0) ** (self.order - 1) * (degc > k) for k in self.knots_degc]
         return _stacked(degc, rows)
 
     def orthonormal(self, degc: Any) -> Any:
@@ -133,15 +135,16 @@ class TemperatureFunctions:
 
 def unit_divisors(order: int, knots: int) -> tuple[str, ...]:
     """The divisor of the unit of each coefficient of a polynomial, or of a spline with this many knots."""
-    powers = [*range(1, order + 1), *([SPLINE_ORDER] * knots)]
+    powers = [*range(1, order + 1), *([order] * knots)]
     return tuple("/degC" if power == 1 else f"/degC^{power}" for power in powers)
 
 
 def form_words(order: int, knots_degc: Sequence[float]) -> str:
-    """`order 3`, or a cubic spline with its knots."""
+    """`order 3`, or a spline with its knots."""
+    kind = "linear" if order == _LINEAR else "cubic"
     knots = ", ".join(f"{knot:g}" for knot in knots_degc)
     return (
-        f"a cubic spline with {'a knot' if len(knots_degc) == 1 else 'knots'} at {knots} degC"
+        f"a {kind} spline with {'a knot' if len(knots_degc) == 1 else 'knots'} at {knots} degC"
         if knots
         else f"order {order}"
     )
@@ -151,12 +154,12 @@ def function_rows(degc: Any, order: int, reference_degc: Any, knots_degc: Sequen
     """The functions, one by one, at temperatures (rows); numbers of numpy or JAX."""
     above = degc - reference_degc
     powers = [above**power for power in range(1, order + 1)]
-    return powers + [_cubed(degc - knot) - _cubed(reference_degc - knot) for knot in knots_degc]
+    return powers + [_truncated(degc - knot, order) - _truncated(reference_degc - knot, order) for knot in knots_degc]
 
 
-def _cubed(above: Any) -> Any:
-    # The larger of this and 0, for numbers of numpy, JAX and Python.
-    return ((above + abs(above)) / 2) ** 3
+def _truncated(above: Any, power: int) -> Any:
+    # A power of the larger of this and 0, for numbers of numpy, JAX and Python.
+    return ((above + abs(above)) / 2) ** power
 
 
 def _stacked(degc: Any, rows: list[Any]) -> Any:

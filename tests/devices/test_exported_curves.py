@@ -1,0 +1,209 @@
+"""Curves of temperature in every target, by its own formula (benchmarks/device_formulas.py) next to apply."""
+
+import json
+import re
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+from test_targets import FORMULAS, MAIN, TERMS, G, applied, attitudes
+
+from tumblecal import InputError
+from tumblecal.data.calibration import Calibration, read_calibration, write_calibration
+from tumblecal.data.sensor_parameters import SENSOR, triad_of
+from tumblecal.data.temperature_curves import Curve, Hysteresis, TemperatureCurves, order_of_covariance
+from tumblecal.devices import TARGETS, Export, losses, read_any
+from tumblecal.ground.gravity import Gravity
+from tumblecal.ground.temperature_functions import TemperatureFunctions
+
+
+SPAN, T0 = (-10.0, 60.0), 25.0
+CUBIC = TemperatureFunctions(3, T0, SPAN)
+SPLINE = TemperatureFunctions(3, T0, SPAN, (10.0, 40.0))
+LINEAR, SQUARE = TemperatureFunctions(1, T0, SPAN), TemperatureFunctions(2, T0, SPAN)
+# g/degC, g/degC^2, g/degC^3: the biases change by some 10 mg over the range.
+BIASES = {
+    "bias_x": (1.2e-4, -1.5e-6, 2e-8, 1e-7, -2e-7),
+    "bias_y": (-8e-5, 1e-6, -3e-8, -2e-7, 4e-7),
+    "bias_z": (5e-5, 2e-6, 1e-8, 3e-7, -1e-7),
+}
+OTHERS = {"dK_x": (SQUARE, [4e-6, 3e-8]), "dK_z": (LINEAR, [-5e-6]), "gamma_31": (LINEAR, [2e-6])}
+VALUES = np.array([12e-3, -9e-3, 7e-3, 5e-3, -4e-3, 3e-3, 1e-3, -2e-3, 1.5e-3])
+KINDS = ["cubic", "spline"]
+
+
+def unit(kind: str, *, terms=()) -> Calibration:
+    functions = SPLINE if kind == "spline" else CUBIC
+    curves = [Curve(name, functions, np.array(c[: functions.count])) for name, c in BIASES.items()]
+    curves += [Curve(name, how, np.array(c)) for name, (how, c) in OTHERS.items()]
+    order = order_of_covariance(curves)
+    covariance = np.diag([1e-10] * 9 + [0.0] * (len(order) - 9))
+    return Calibration(
+        np.linalg.inv(triad_of(VALUES)), VALUES[3:6], np.eye(12) * 1e-12, gravity=Gravity(G, "stated"),
+        temperature=TemperatureCurves(tuple(curves), covariance, order, (Hysteresis("bias_x", 1e-4, "g"),)),
+        extra={"terms": list(terms)} if terms else {},
+    )  # fmt: skip
+
+
+def at(kind: str, degc: np.ndarray) -> np.ndarray:
+    """The parameters (n, 9), from the coefficients above."""
+    values, t = np.tile(VALUES, (len(degc), 1)), degc - T0
+    knots = SPLINE.knots_degc if kind == "spline" else ()
+    for name, c in BIASES.items():
+        change = c[0] * t + c[1] * t**2 + c[2] * t**3
+        for factor, knot in zip(c[3:], knots, strict=False):
+            change += factor * (np.where(degc > knot, degc - knot, 0.0) ** 3 - max(T0 - knot, 0.0) ** 3)
+        values[:, SENSOR.index(name)] += change
+    values[:, 0] += 4e-6 * t + 3e-8 * t**2
+    values[:, 2] -= 5e-6 * t
+    values[:, 7] += 2e-6 * t
+    return values
+
+
+def readings_of(kind: str, force: np.ndarray, degc: np.ndarray) -> np.ndarray:
+    values = at(kind, degc)
+    return np.einsum("rij,rj->ri", triad_of(values), force) + values[:, 3:6]
+
+
+def exported(name, calibration, span=SPAN, **more):
+    target = TARGETS[name]
+    export = Export(target.carried(calibration, span, more.get("at_degc")), G, ("about",), span, **more)
+    text = target.write(export)
+    return text, losses(target, export, calibration, text)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("name", [name for name in FORMULAS if name != "c-header" or shutil.which("cc")])
+def test_the_error_of_every_target_is_the_stated_loss(name, kind):
+    degc = np.repeat(np.linspace(*SPAN, 141), 150)
+    force = attitudes(len(degc))
+    readings = readings_of(kind, force, degc)
+    text, lost = exported(name, unit(kind))
+    error = 1e3 * np.max(np.abs(applied(name, text, readings, degc, G) - force))
+    total = max((loss.mg for loss in lost if not loss.what.startswith("in addition")), default=0.0)
+    assert error <= total * 1.03 + 3e-4 and error >= total * 0.9 - 3e-4, [str(loss) for loss in lost]
+    bounds = {"c-header": 0.0, "json": 0.0, "csv": 1.0, "px4": 4.0, "ardupilot": 4.0}
+    assert total <= bounds.get(name, 50.0)
+
+
+@pytest.mark.parametrize("name", ["px4", "ardupilot"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_bias_of_an_autopilot_is_the_least_squares_cubic(name, kind):
+    """At zero force the scale factor has no influence: the error is the rest of a fit with equal weight over temperature."""
+    degc = np.linspace(*SPAN, 1001)
+    bias = at(kind, degc)[:, 3:6]
+    fitted = np.array([np.polynomial.Polynomial.fit(degc, column, 3)(degc) for column in bias.T]).T
+    text, lost = exported(name, unit(kind))
+    scale = np.diag(np.linalg.inv(triad_of(VALUES)))
+    np.testing.assert_allclose(applied(name, text, bias, degc, G), (bias - fitted) * scale, atol=3e-8)
+    rest = 1e3 * np.max(np.abs(bias - fitted))
+    above = sum(loss.mg for loss in lost if "above third order" in loss.what)
+    assert above == pytest.approx(rest if kind == "spline" else 0.0, rel=0.03, abs=1e-4)
+
+
+def test_px4_holds_its_offset_for_a_degree():
+    _, lost = exported("px4", unit("cubic"))
+    slope = np.max(np.abs(np.diff(at("cubic", np.arange(-10.0, 61.0))[:, 3:6], axis=0))) * 1e3
+    (held,) = (loss.mg for loss in lost if loss.what.startswith("in addition"))
+    assert held == pytest.approx(slope, rel=0.05)
+
+
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc to compile with")
+@pytest.mark.parametrize(("real", "tolerance"), [("float", 5e-7), ("double", 4e-15)])
+@pytest.mark.parametrize("form", ["cubic", "spline", "table", "terms"])
+def test_the_header_in_c_agrees_to_rounding_and_keeps_the_ends(tmp_path, real, tolerance, form):
+    kind = "cubic" if form == "cubic" else "spline"
+    own = unit(kind, terms=TERMS if form == "terms" else ())
+    step = 2.0 if form == "table" else None
+    (tmp_path / "calibration.h").write_text(exported("c-header", own, table_step_degc=step)[0])
+    (tmp_path / "main.c").write_text(MAIN.replace("THERMAL", "(TUMBLECAL_REAL)in[3],"))
+    strict = ["gcc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O1", f"-DTUMBLECAL_REAL={real}"]
+    # Unused functions of a header are no fault, but clang warns about them.
+    subprocess.run([*strict, "main.c", "-o", "main"], cwd=tmp_path, check=True)
+    rng = np.random.default_rng(3)
+    readings = rng.uniform(-1.4, 1.4, (20_000, 3)).astype(np.float32).astype(float)
+    degc = rng.uniform(-20, 70, 20_000).astype(np.float32).astype(float)
+    out = subprocess.run(
+        [tmp_path / "main"], input=np.column_stack([readings, degc]).tobytes(), capture_output=True, check=True
+    ).stdout
+    if form == "table":
+        rows = np.append(np.arange(-10.0, 60.0, 2.0), 60.0)
+        values = np.array([np.interp(degc, rows, column) for column in at(kind, rows).T]).T
+        expected = np.linalg.solve(triad_of(values), (readings - values[:, 3:6])[:, :, None])[:, :, 0]
+    else:
+        expected = own.corrected(readings, np.clip(degc, *SPAN))
+    clear = np.abs(expected[:, 1]) > 0.01
+    np.testing.assert_allclose(np.frombuffer(out).reshape(-1, 3)[clear], expected[clear], rtol=0, atol=tolerance)
+
+
+@pytest.mark.parametrize("step", [None, 2.0, 3.3])
+@pytest.mark.parametrize("name", ["json", "csv", "c-header"])
+def test_curves_and_tables_are_read_again(tmp_path, name, step):
+    own = unit("spline")
+    (path := tmp_path / "file").write_text(exported(name, own, table_step_degc=step)[0])
+    back = read_any(f"{name}:{path}", G)
+    width = step or 5.0
+    rows = np.append(np.arange(-10.0, 60.0 - 1e-9, width), 60.0)
+    exact = name == "json" or (name == "c-header" and step is None)
+    degc = np.linspace(*SPAN, 97) if exact else rows
+    force = attitudes(len(degc))
+    np.testing.assert_allclose(back.corrected(readings_of("spline", force, degc), degc), force, atol=1e-12)
+    if not exact:
+        middle = (rows[1:] + rows[:-1]) / 2
+        force = np.zeros((len(middle), 3))
+        error = back.corrected(readings_of("spline", force, middle), middle)
+        chord = at("spline", middle)[:, 3:6] - (at("spline", rows)[1:, 3:6] + at("spline", rows)[:-1, 3:6]) / 2
+        assert 1e3 * np.max(np.abs(error)) == pytest.approx(1e3 * np.max(np.abs(chord)), rel=0.02)
+        loss = next(loss for loss in exported(name, own, table_step_degc=step)[1] if "interpolation" in loss.what)
+        assert loss.mg == pytest.approx(1e3 * np.max(np.abs(chord)), rel=0.05)
+    if name == "json":
+        np.testing.assert_array_equal(back.temperature.covariance, own.temperature.covariance)
+    for old, new in (('"order": 3', '"order": 9'), ("bias_x_g", "bias_x"), ("table[", "tables[")):
+        path.write_text(path.read_text().replace(old, new))
+    if name != "c-header" or step is None:
+        with pytest.raises(InputError, match=r"file: "):
+            read_any(f"{name}:{path}", G)
+
+
+def test_export_of_curves_on_the_command_line(tumblecal, tmp_path):
+    path = tmp_path / "calibration.json"
+    write_calibration(path, unit("cubic"))
+    csv = tumblecal("export", path, "--to", "csv", "--temperatures", "0:60", "--table-step", "20")
+    rows = [line.split(",") for line in csv.out.splitlines() if line[0] != "#"]
+    assert [row[0] for row in rows] == ["temperature_degc", "0.0", "20.0", "40.0", "60.0"]
+    column = rows[0].index("bias_x_g")
+    np.testing.assert_allclose(
+        [float(row[column]) for row in rows[1:]], at("cubic", np.array([0.0, 20, 40, 60]))[:, 3], rtol=1e-12
+    )
+    assert float(rows[1][column + 1]) == pytest.approx(np.hypot(1e-5, 1e-4 / np.sqrt(3)))  # noise and hysteresis
+    assert any("lost: temperature (linear interpolation between 4 rows), from 0 to 60 degC" in x for x in csv.lines)
+    ros = tumblecal("export", path, "--to", "ros", "--at", "40")
+    matrix = np.array(re.findall(r"[-+.e\d]+", ros.out.split("SM: ")[1])[:9], float).reshape(3, 3)
+    np.testing.assert_allclose(matrix, np.linalg.inv(triad_of(at("cubic", np.array([40.0]))))[0], atol=1e-12)
+    (line,) = [x for x in ros.lines if x.startswith("lost: ")]
+    assert re.match(
+        r"lost: temperature \(all parameters: values at 40 degC\), from -10 to 60 degC: up to [\d.]+ mg", line
+    )
+    px4 = tumblecal("export", path, "--to", "px4", "--at", "40").out
+    assert "TC_A0_TREF\t40\t" in px4 and "TC_A0_TMIN\t-10\t" in px4 and "TC_A0_TMAX\t60\t" in px4
+    header = tumblecal("export", path, "--to", "c-header", "--at", "40").out
+    assert "temperature_degc" not in header
+    stated = json.loads(tumblecal("export", path, "--to", "json").out)["temperature"]
+    assert stated == json.loads(path.read_text())["temperature"]
+    assert tumblecal("compare", path, f"json:{_written(tumblecal, path, tmp_path)}").code == 0
+    for options, words in (
+        (["--to", "ros", "--at", "90"], "--at 90: outside the range of -10 to 60 degC; widen --temperatures"),
+        (["--to", "csv", "--table-step", "0"], "--table-step 0: must be above 0 degC"),
+        (["--to", "csv", "--table-step", "1e-3"], "more than 2000 rows; give a longer step"),
+    ):
+        outcome = tumblecal("export", path, *options)
+        assert outcome.code == 2 and len(outcome.lines) == 1 and words in outcome.lines[0]
+    outcome = tumblecal("export", path, "--to", "ros", "--table-step", "2")
+    assert any("--table-step 2.0: no effect on the export" in line for line in outcome.lines)
+    assert read_calibration(path).temperature is not None
+
+
+def _written(tumblecal, path, folder):
+    tumblecal("export", path, "--to", "json", "--out", folder / "unit.json")
+    return folder / "unit.json"
