@@ -9,6 +9,7 @@
 | `frozen` | readings that stop while the clock goes on | left out |
 | `disorder` | rows that are not in the order of their clock | sorted, or left out if they have no place |
 | `duplicates` | rows that occur twice | left out |
+| `corrected` | the device has already corrected the readings for temperature | reported |
 | `repeats` | each sample several times: the logger was faster than the sensor | one row of each sample retained |
 """
 

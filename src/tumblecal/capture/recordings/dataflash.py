@@ -4,11 +4,13 @@ A message is 0xA3 0x95, its type (1 byte) and its fields; messages of type 0x80 
 fields of each type. https://ardupilot.org/dev/docs/code-overview-adding-a-new-log-message.html
 """
 
+import re
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tumblecal.capture.recordings.already_corrected import ardupilot_correction
 from tumblecal.capture.recordings.table import Reader, Source, SourceTable, of_arrays
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
@@ -31,6 +33,7 @@ ROLES |= {f"Acc{axis.upper()}": f"a{axis}_ms2" for axis in "xyz"} | {
 FORCE = frozenset(("AccX", "AccY", "AccZ"))
 _TIMES = ("SampleUS", "TimeUS", "TimeMS")
 _INSTANCE = "I"
+_PARAMETER, _CORRECTION = "PARM", re.compile(rb"INS_TCAL(\d)_ENABLE\0*")
 
 
 @dataclass(frozen=True)
@@ -94,11 +97,12 @@ def _scanned(log: bytes) -> tuple[dict[int, _Kind], dict[int, list[int]], int, i
 def _read(source: Source) -> list[SourceTable]:
     log = source.path.read_bytes()
     kinds, places, skipped, first = _scanned(log)
+    enabled = _corrections(kinds, places, log)
     tables = [
         table
         for number, kind in kinds.items()
         if number in places and kind.sound and set(kind.fields) >= FORCE
-        for table in _tables(kind, log, np.array(places[number]))
+        for table in _tables(kind, log, np.array(places[number]), enabled)
     ]
     if skipped:
         source.damage.report(
@@ -114,11 +118,31 @@ def _read(source: Source) -> list[SourceTable]:
     return tables
 
 
-def _tables(kind: _Kind, log: bytes, places: NDArray[np.int64]) -> list[SourceTable]:
-    """A table for each instance of a sensor, `IMU/1`; one table for older logs, with a name for each instance."""
+def _values(kind: _Kind, log: bytes, places: NDArray[np.int64]) -> np.ndarray:
+    """The fields of some messages."""
     # A view of the fields at every byte, indexed only at the messages.
     anywhere = np.ndarray((len(log) - kind.length + 1,), kind.dtype, log, _HEADER, (1,))
-    values = anywhere[places]
+    return anywhere[places]
+
+
+def _corrections(kinds: dict[int, _Kind], places: dict[int, list[int]], log: bytes) -> set[int]:
+    """The numbers n of `INS_TCALn_ENABLE` with the value 1."""
+    parameters = [
+        _values(kind, log, np.array(places[number]))
+        for number, kind in kinds.items()
+        if kind.name == _PARAMETER and number in places and kind.sound and {"Name", "Value"} <= {*kind.fields}
+    ]
+    return {
+        int(match[1])
+        for values in parameters
+        for name, value in zip(values["Name"], values["Value"], strict=True)
+        if value == 1 and (match := _CORRECTION.fullmatch(bytes(name)))
+    }
+
+
+def _tables(kind: _Kind, log: bytes, places: NDArray[np.int64], enabled: set[int]) -> list[SourceTable]:
+    """A table for each instance of a sensor, `IMU/1`; one table for older logs, with a name for each instance."""
+    values = _values(kind, log, places)
     columns = {
         name: values[name] * 0.01 if code in _HUNDREDTHS else values[name].copy()
         for name, code in zip(kind.fields, kind.formats, strict=True)
@@ -127,7 +151,8 @@ def _tables(kind: _Kind, log: bytes, places: NDArray[np.int64]) -> list[SourceTa
     time = next((name for name in _TIMES if name in columns and columns[name].any()), None)
     roles = {name: role for name, role in ROLES.items() if name in columns and (name == time or name not in _TIMES)}
     if _INSTANCE not in columns:
-        return [of_arrays(kind.name, columns, roles=roles, row_word="message")]
+        own = ardupilot_correction(enabled, int(kind.name[-1]) - 1 if kind.name[-1:].isdigit() else 0)
+        return [of_arrays(kind.name, columns, roles=roles, row_word="message", comments=own)]
     instances = columns.pop(_INSTANCE)
     names = [(number, f"{kind.name}/{number}" if number else kind.name) for number in np.unique(instances).tolist()]
     return [
@@ -136,6 +161,7 @@ def _tables(kind: _Kind, log: bytes, places: NDArray[np.int64]) -> list[SourceTa
             {key: column[instances == number] for key, column in columns.items()},
             roles=roles,
             row_word="message",
+            comments=ardupilot_correction(enabled, number),
         )
         for number, name in names
     ]

@@ -7,6 +7,7 @@ milliseconds). A message with an instance `I` is a table for each instance.
 import re
 from pathlib import Path
 
+from tumblecal.capture.recordings.already_corrected import ardupilot_correction
 from tumblecal.capture.recordings.damage import Damage
 from tumblecal.capture.recordings.dataflash import FORCE, ROLES
 from tumblecal.capture.recordings.table import Reader, Source, SourceTable
@@ -20,18 +21,22 @@ from tumblecal.ground.text_file import shown
 
 _FORMAT = re.compile(rb"^FMT, *\d+, *\d+, *(\w+), *\w+, *([\w,]+)", re.MULTILINE)
 
+# A parameter follows the time, which older logs do not have.
+_CORRECTION = re.compile(rb"^PARM,(?:[^,\n]*,)? *INS_TCAL(\d)_ENABLE, *1(?:\.0*)? *(?:[,\r\n]|$)", re.MULTILINE)
+
 
 def _read(source: Source) -> list[SourceTable]:
-    fields, instances = dict[str, list[str]](), dict[str, set[str]]()
+    fields, instances, enabled = dict[str, list[str]](), dict[str, set[str]](), set[int]()
     for piece in pieces_of(source.path):
         fields |= {name.decode(): names.decode().split(",") for name, names in _FORMAT.findall(piece)}
+        enabled |= {int(number) for number in _CORRECTION.findall(piece)}
         for name, names in fields.items():
             if set(names) >= FORCE and (found := {*re.findall(_begin(name, names), piece, re.MULTILINE)}):
                 instances.setdefault(name, set()).update(map(bytes.decode, found))
     if not instances:
         raise InputError(f"{source.path}: no accelerations among its messages {shown(', '.join(fields))}")
     return [
-        _table(source.path, name, fields[name], instance, source.damage)
+        _table(source.path, name, fields[name], instance, enabled, source.damage)
         for name in fields.keys() & instances.keys()
         for instance in sorted(instances[name])
     ]
@@ -43,7 +48,7 @@ def _begin(name: str, fields: list[str]) -> bytes:
     return b"^%s,%s" % (name.encode(), before)
 
 
-def _table(path: Path, name: str, fields: list[str], instance: str, damage: Damage) -> SourceTable:
+def _table(path: Path, name: str, fields: list[str], instance: str, enabled: set[int], damage: Damage) -> SourceTable:
     others = rb"^(?!%s,).*$" % name.encode()
     if instance:
         others += rb"|%s.*$" % _begin(name, fields).replace(rb"(\d+)", rb"(?!%s,)\d+" % instance.encode())
@@ -51,7 +56,9 @@ def _table(path: Path, name: str, fields: list[str], instance: str, damage: Dama
         re.compile(rb"^%s, *" % name.encode(), re.MULTILINE), b"", tuple(fields), re.compile(others, re.MULTILINE)
     )
     layout = TextLayout(path, tuple(fields), ",", (".",) * len(fields), None, 1, form)
-    return text_table(f"{name}[{instance}]" if instance else name, layout, {}, damage, ROLES)
+    number = int(instance) if instance else int(name[-1]) - 1 if name[-1].isdigit() else 0
+    comments = ardupilot_correction(enabled, number)
+    return text_table(f"{name}[{instance}]" if instance else name, layout, comments, damage, ROLES)
 
 
 READER = Reader("ArduPilot dataflash text", lambda path, head: bool(_FORMAT.search(head[:8192])), _read, rank=1)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from tumblecal.capture.recordings.already_corrected import PX4_CORRECTED_TOPICS, px4_correction
 from tumblecal.capture.recordings.table import Reader, Source, SourceTable, library, of_arrays
 from tumblecal.ground.counted import counted
 from tumblecal.ground.decoding import decoding, silenced
@@ -77,6 +78,7 @@ def _read(source: Source) -> list[SourceTable]:
             lost_ms = sum(dropout.duration for dropout in log.dropouts)
             source.damage.report(f"the logger lost messages {counted(len(log.dropouts), 'time')}, {lost_ms} ms in all")
     comments = {"system": str(log.msg_info_dict.get("sys_name", ""))}
+    corrected = px4_correction(log.initial_parameters, _selected(log), [data.name for data in log.data_list])
     tables = []
     for data in log.data_list:
         columns = {name: np.asarray(values) for name, values in data.data.items()}
@@ -84,8 +86,15 @@ def _read(source: Source) -> list[SourceTable]:
         time = next((name for name in _TIME if name in columns and np.any(columns[name])), None)
         roles |= {time: _TIME[time]} if time else {}
         name = data.name if not data.multi_id else f"{data.name}/{data.multi_id}"
-        tables.append(of_arrays(name, columns, roles=roles, comments=comments))
+        stated = comments | (corrected if data.name in PX4_CORRECTED_TOPICS else {})
+        tables.append(of_arrays(name, columns, roles=roles, comments=stated))
     return tables
+
+
+def _selected(log: Any) -> set[int]:
+    """The device ids of the selected accelerometers; none if the log does not state them."""
+    selections = [data.data.get("accel_device_id", ()) for data in log.data_list if data.name == "sensor_selection"]
+    return {int(number) for numbers in selections for number in numbers if number}
 
 
 READER = Reader("PX4 ULog", lambda path, head: head.startswith(b"ULog\x01\x12\x35"), _read)

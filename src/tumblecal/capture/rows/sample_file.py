@@ -19,6 +19,7 @@ from tumblecal.capture.columns.roles import ColumnLayout, has_force, layout_of
 from tumblecal.capture.columns.units import FORCE, RATE, Column
 from tumblecal.capture.decoding.sample_table import write_frames
 from tumblecal.capture.recordings import source_tables
+from tumblecal.capture.recordings.already_corrected import already_corrected
 from tumblecal.capture.recordings.damage import Damage
 from tumblecal.capture.recordings.guesses import guessed
 from tumblecal.capture.recordings.options import RecordingOptions
@@ -74,6 +75,8 @@ def sample_stream(
     damage = Damage()
     reader, tables = source_tables(path, options, damage)
     table = _chosen(path, tables, options)
+    for record in already_corrected(table.comments):
+        damage.add(record)
     layout = layout_of(table, options, str(path), needed if table.sheet else None, wraps)
     if in_force_units:
         with guessed(layout.guesses):

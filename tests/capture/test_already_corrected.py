@@ -1,0 +1,118 @@
+"""Logs whose parameters state that the readings are already corrected for temperature: one warning, in every command."""
+
+import struct
+
+import numpy as np
+import pytest
+from test_binary_logs import dataflash, fmt
+
+from tumblecal.capture.recordings.options import RecordingOptions
+from tumblecal.capture.rows.sample_file import write_samples
+
+
+ROWS = np.random.default_rng(2).normal([0, 0, 0, 1.0, -2.0, 9.5], 0.01, size=(300, 6))
+
+
+def parm(name: str, value: float) -> bytes:
+    return b"\xa3\x95\x28" + struct.pack("<Q16sf", 1, name.encode(), value)
+
+
+def ulog(parameters: dict[str, int], selected: int | None = None, rows: np.ndarray = ROWS) -> bytes:
+    """A PX4 log with sensor_combined and sensor_accel (docs.px4.io, dev_log/ulog_file_format)."""
+
+    def message(kind: bytes, content: bytes) -> bytes:
+        return struct.pack("<HB", len(content), kind[0]) + content
+
+    formats = [
+        "sensor_combined:uint64_t timestamp;float[3] gyro_rad;float[3] accelerometer_m_s2;",
+        "sensor_accel:uint64_t timestamp;uint32_t device_id;float x;float y;float z;float temperature;",
+        "sensor_selection:uint64_t timestamp;uint32_t accel_device_id;",
+    ]
+    out = [b"ULog\x01\x12\x35\x01" + bytes(8), message(b"B", bytes(40))]
+    out += [message(b"F", text.encode()) for text in formats]
+    for name, value in parameters.items():
+        key = f"int32_t {name}".encode()
+        out.append(message(b"P", bytes([len(key)]) + key + struct.pack("<i", value)))
+    for number, name in enumerate((b"sensor_combined", b"sensor_accel", b"sensor_selection")):
+        out.append(message(b"A", struct.pack("<BH", 0, number) + name))
+    if selected is not None:
+        out.append(message(b"D", struct.pack("<HQI", 2, 10**6, selected)))
+    for k, row in enumerate(rows):
+        time = 10**6 + 5000 * k
+        out.append(message(b"D", struct.pack("<HQ6f", 0, time, *row)))
+        out.append(message(b"D", struct.pack("<HQI4f", 1, time, 77, *row[3:], 30.0 + k / 100)))
+    return b"".join(out)
+
+
+CORRECTED = {"TC_A_ENABLE": 1, "TC_A0_ID": 77, "TC_A1_ID": 0}
+
+
+@pytest.mark.parametrize(
+    ("parameters", "selected", "topic", "warned"),
+    [
+        (CORRECTED, None, "sensor_combined", True),
+        (CORRECTED, 77, "sensor_combined", True),
+        (CORRECTED, 78, "sensor_combined", False),
+        (CORRECTED, 77, "sensor_accel", False),
+        (CORRECTED | {"TC_A_ENABLE": 0}, 77, "sensor_combined", False),
+        (CORRECTED | {"TC_A0_ID": 0}, 77, "sensor_combined", False),
+    ],
+)
+def test_px4(tmp_path, parameters, selected, topic, warned):
+    pytest.importorskip("pyulog")
+    (tmp_path / "log.ulg").write_bytes(ulog(parameters, selected))
+    contents = write_samples(tmp_path / "log.ulg", tmp_path / "out.csv", RecordingOptions(topic=topic))
+    assert contents.damage.lines == (
+        [
+            "the device has already corrected these readings for temperature (TC_A_ENABLE 1, TC_A0_ID 77), so a calibration "
+            "corrects them twice: read --topic sensor_accel, which is not corrected, or record again with TC_A_ENABLE 0"
+        ]
+        if warned
+        else []
+    )
+    again = write_samples(tmp_path / "out.csv", tmp_path / "again.parquet", RecordingOptions())
+    assert again.damage.lines == contents.damage.lines
+
+
+@pytest.mark.parametrize("form", ["binary", "text"])
+def test_ardupilot(tmp_path, form):
+    """INS_TCAL1_ENABLE of the first sensor; 2 learns, and corrects nothing."""
+    parameters = {"INS_TCAL1_ENABLE": 1.0, "INS_TCAL2_ENABLE": 2.0, "INS_TCAL3_ENABLE": 0.0, "INS_USE": 1.0}
+    if form == "binary":
+        messages = [fmt(40, "PARM", "QNf", "TimeUS,Name,Value"), *(parm(*one) for one in parameters.items())]
+        path, topics = tmp_path / "log.bin", ("IMU", "IMU/1")
+        path.write_bytes(b"".join([*dataflash(ROWS)[:1], *messages, *dataflash(ROWS)[1:]]))
+    else:
+        path, topics = tmp_path / "log.log", ("IMU[0]", "IMU[1]")
+        lines = ["FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns"]
+        lines += ["FMT, 131, 43, IMU, QBffffff, TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ"]
+        lines += [f"PARM, 1, {name}, {value}" for name, value in parameters.items()]
+        lines += [
+            ", ".join(["IMU", str(5000 * k), str(i), *map(repr, row.tolist())])
+            for k, row in enumerate(ROWS)
+            for i in (0, 1)
+        ]
+        path.write_text("\n".join(lines) + "\n")
+    first, second = (
+        write_samples(path, tmp_path / "out.parquet", RecordingOptions(topic=topic)).damage.lines for topic in topics
+    )
+    assert not second
+    assert first == [
+        "the device has already corrected these readings for temperature (INS_TCAL1_ENABLE 1), so a calibration corrects them "
+        "twice: record again with INS_TCAL1_ENABLE 0"
+    ]
+
+
+def test_commands_warn_in_one_line(tumblecal, tmp_path):
+    pytest.importorskip("pyulog")
+    still = np.random.default_rng(1).normal(0.0, 1e-3, size=(4800, 6))
+    still[:, 3:] += 9.81 * np.repeat([[0, 0, 1], [0, 1, 0], [1, 0, 0], [0, 0, -1]], 1200, axis=0)
+    (path := tmp_path / "log.ulg").write_bytes(ulog(CORRECTED, rows=still))
+    for command in (
+        ["import", path, "--topic", "sensor_combined", "--out", tmp_path / "log.csv"],
+        ["reduce", path, "--static", "--topic", "sensor_combined", "--out", tmp_path / "reduced"],
+    ):
+        outcome = tumblecal(*command)
+        warnings = [line for line in outcome.lines if line.startswith("WARNING")]
+        assert outcome.code == 0
+        assert len([line for line in warnings if "TC_A_ENABLE 1, TC_A0_ID 77" in line]) == 1
