@@ -191,7 +191,11 @@ def test_export_of_curves_on_the_command_line(tumblecal, tmp_path):
     assert "temperature_degc" not in header
     stated = json.loads(tumblecal("export", path, "--to", "json").out)["temperature"]
     assert stated == json.loads(path.read_text())["temperature"]
-    assert tumblecal("compare", path, f"json:{_written(tumblecal, path, tmp_path)}").code == 0
+    for to, *options in (("json",), ("px4", "--at", "40"), ("csv", "--temperatures", "0:60")):
+        tumblecal("export", path, "--to", to, *options, "--out", tmp_path / "unit")
+        compared = tumblecal("compare", path, f"{to}:{tmp_path / 'unit'}").out
+        changes = {row[0]: float(row[3]) for line in compared.splitlines() if len(row := line.split()) == 7}
+        assert len(changes) == (6 if to == "px4" else 9) and max(map(abs, changes.values())) <= 2e-4
     for options, words in (
         (["--to", "ros", "--at", "90"], "--at 90: outside the range of -10 to 60 degC; widen --temperatures"),
         (["--to", "csv", "--table-step", "0"], "--table-step 0: must be above 0 degC"),
@@ -202,8 +206,3 @@ def test_export_of_curves_on_the_command_line(tumblecal, tmp_path):
     outcome = tumblecal("export", path, "--to", "ros", "--table-step", "2")
     assert any("--table-step 2.0: no effect on the export" in line for line in outcome.lines)
     assert read_calibration(path).temperature is not None
-
-
-def _written(tumblecal, path, folder):
-    tumblecal("export", path, "--to", "json", "--out", folder / "unit.json")
-    return folder / "unit.json"

@@ -57,7 +57,8 @@ def _sensor(given: str, calibration: "Calibration", degc: float | None) -> "tupl
         target = TARGETS[name]
         lacks = " and no ".join(target.lacks)
         omitted = f"; {name} has no {lacks}: not in table and tests" if lacks else ""
-        return target.stated(calibration), f"{given}: its uncertainty is unknown and is assumed to be zero{omitted}"
+        own = calibration if degc is None else calibration.at(degc)
+        return target.stated(own), f"{given}: its uncertainty is unknown and is assumed to be zero{omitted}"
     words = calibration.sensor.undetermined_words
     notes = (f"use: {calibration.use.words}", *losses_words(calibration.not_applied))
     use = "".join([f"\n{given}: {note}" for note in notes])

@@ -120,7 +120,8 @@ def _numbers(
         for power in (1, 2, 3)
         if powers[power, k]
     ]
-    return Numbers(np.diag(scale), offset / gravity_ms2, thermal)
+    stated_degc = reference_degc if thermal else None
+    return Numbers(np.diag(scale), offset / gravity_ms2, thermal, temperature_degc=stated_degc)
 
 
 def _parameter(text: str, name: str, default: float | None = None) -> float:

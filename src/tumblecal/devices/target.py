@@ -130,17 +130,21 @@ class Target:
 
 @dataclass(frozen=True)
 class Numbers:
-    """Numbers in the file of a target: `f = matrix (A - bias)`, bias in g, and terms and curves as in a calibration file."""
+    """Numbers in the file of a target: `f = matrix (A - bias)`, bias in g, and terms and curves as in a calibration file.
+
+    `temperature_degc`: the temperature of matrix and bias; None if the format does not state it.
+    """
 
     matrix: Float[np.ndarray, "3 3"]
     bias: Float[np.ndarray, "3"]
     terms: Sequence[Term] = ()
     temperature: TemperatureCurves | None = None
+    temperature_degc: float | None = None
 
     def calibration(self, like: Calibration | None = None) -> Calibration:
         """The numbers as a calibration with unknown uncertainty (a covariance of zeros)."""
         if like is None:
-            like = Calibration(self.matrix, self.bias, np.zeros((12, 12)))
+            like = Calibration(self.matrix, self.bias, np.zeros((12, 12)), temperature_degc=self.temperature_degc)
         known = like.parameters if self.temperature is None else None
         numbers = replace(
             like, matrix=self.matrix, bias=self.bias, extra={}, temperature=self.temperature, parameters=known
