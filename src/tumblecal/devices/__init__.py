@@ -19,7 +19,7 @@ import numpy as np
 from tumblecal.data.calibration import Calibration, read_calibration
 from tumblecal.data.calibration_file import require_triad
 from tumblecal.devices import autopilots, c_header, plain, robotics, vectornav
-from tumblecal.devices.losses import Loss, losses
+from tumblecal.devices.format_losses import Loss, losses
 from tumblecal.devices.target import Export, Target
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2

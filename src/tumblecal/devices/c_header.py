@@ -16,7 +16,7 @@ from tumblecal.devices.c_header_curves import (
     numbers_with_curves,
     parameter_functions,
 )
-from tumblecal.devices.losses import attitudes
+from tumblecal.devices.format_losses import attitudes
 from tumblecal.devices.target import Export, Numbers, Target, numbers_after
 from tumblecal.devices.temperature import temperatures
 from tumblecal.ground.axes import AXES
