@@ -64,7 +64,7 @@ def test_px4(tmp_path, parameters, selected, topic, warned):
     contents = write_samples(tmp_path / "log.ulg", tmp_path / "out.csv", RecordingOptions(topic=topic))
     assert contents.damage.lines == (
         [
-            "the device has already corrected these readings for temperature (TC_A_ENABLE 1, TC_A0_ID 77), so a calibration "
+            "the device has corrected these readings for temperature (TC_A_ENABLE 1, TC_A0_ID 77), so a calibration "
             "corrects them twice: read --topic sensor_accel, which is not corrected, or record again with TC_A_ENABLE 0"
         ]
         if warned
@@ -98,7 +98,7 @@ def test_ardupilot(tmp_path, form):
     )
     assert not second
     assert first == [
-        "the device has already corrected these readings for temperature (INS_TCAL1_ENABLE 1), so a calibration corrects them "
+        "the device has corrected these readings for temperature (INS_TCAL1_ENABLE 1), so a calibration corrects them "
         "twice: record again with INS_TCAL1_ENABLE 0"
     ]
 

@@ -56,5 +56,7 @@ def already_corrected(comments: Mapping[str, str]) -> Iterable[DamageRecord]:
     """The record of a table that states a correction for temperature; none otherwise."""
     if stated := comments.get(TEMPERATURE_CORRECTED_BY):
         by, _, remedy = stated.partition("; ")
-        finding = f"the device has already corrected these readings for temperature ({by}), so a calibration corrects them twice"
+        finding = (
+            f"the device has corrected these readings for temperature ({by}), so a calibration corrects them twice"
+        )
         yield DamageRecord("corrected", finding, remedy)
