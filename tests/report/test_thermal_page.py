@@ -8,7 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tumblecal.capture.thermal.thermal_table import table_of
 from tumblecal.data.calibration import read_calibration
+from tumblecal.report.thermal_words import untested_lines
 
 
 ROOT = Path(__file__).parents[2]
@@ -112,3 +114,15 @@ def test_inputs_are_not_overwritten(example, tumblecal):
     outcome = tumblecal("thermal", "unit17/bins.csv", "--out", "unit17")
     assert outcome.code == 2 and len(outcome.lines) == 1 and "bins.csv" in outcome.lines[0]
     assert Path("unit17/bins.csv").read_bytes() == before
+
+
+def test_effects_that_the_programme_cannot_show_are_named():
+    rising = table_of(["a"] * 3, np.zeros((3, 3)), 1e-4, [0.0, 20.0, 40.0], reached_by=1)
+    hysteresis, drift = untested_lines(rising)
+    assert hysteresis.startswith("Hysteresis is not testable: the temperature only rises. Record the return")
+    assert drift.startswith("Drift cannot be separated from the dependence on temperature: no recording returns")
+    ramp = table_of(["a"] * 3, np.zeros((3, 3)), 1e-4, [40.0, 20.0, 0.0], direction=-1)
+    hysteresis, drift = untested_lines(ramp)
+    assert "the temperature only falls" in hysteresis and drift.startswith("Drift, and a delay of the sensor, cannot")
+    cycle = table_of(["a"] * 3, np.zeros((3, 3)), 1e-4, [0.0, 20.0, 0.0], reached_by=[1, 1, -1], branch=["u", "u", "d"])
+    assert not list(untested_lines(cycle))

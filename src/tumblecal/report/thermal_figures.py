@@ -30,7 +30,7 @@ _DEGC = "temperature / °C"
 _COVERAGE = 1.96
 _POINTS = 121
 # Marks of rising and falling temperature, and of soaks that were not reached by a change.
-_FILLED = {1: True, 0: True, -1: False}
+_MARKS, _FILLED = {1: "o", -1: "o", 0: "s"}, {1: True, 0: True, -1: False}
 _WORDS = {1: "rising", -1: "falling", 0: "constant"}
 _DIRECTION_COLOUR = {1: OUTSIDE, -1: "#0072B2", 0: INK}
 _OF_COMPONENT = {"21": "x", "31": "y", "32": "z"}
@@ -157,7 +157,7 @@ def held_out_figure(result: ThermalResult) -> Figure:
     panel.grid(axis="y", visible=False)
     panel.set_xlim(0, 1.12 * max(part.before_mg for part in parts))
     panel.set_xlabel("error on held-out rows, root mean square / mg")
-    figure.legend(loc="outside upper right", ncols=3, fontsize=7)
+    figure.legend(loc="outside upper left", ncols=3, fontsize=7)
     return figure
 
 
@@ -178,7 +178,7 @@ def course_figure(result: ThermalResult) -> Figure:
         panel.plot(hours[here], table.temperature_degc[here], "o", ms=3, color=_DIRECTION_COLOUR[sign], label=words)
     panel.set_xlabel("time since the first row of the recording / h")
     panel.set_ylabel(_DEGC)
-    figure.legend(loc="outside upper right", ncols=3, fontsize=7)
+    figure.legend(loc="outside upper left", ncols=3, fontsize=7)
     return figure
 
 
@@ -199,16 +199,16 @@ def small_figure(result: ThermalResult) -> Figure:
     panel.tick_params(labelsize=7.5, length=2)
     panel.set_xlabel(_DEGC, fontsize=8)
     panel.set_ylabel(f"change / {unit}", fontsize=8)
-    figure.legend(loc="outside upper right", ncols=3, fontsize=7)
+    figure.legend(loc="outside upper left", ncols=3, fontsize=7)
     return figure
 
 
 def _points(panel: Axes, across: np.ndarray, values: np.ndarray, direction: np.ndarray, colour: str) -> None:
-    """Dots for rising, rings for falling temperature."""
+    """Dots for rising, rings for falling, squares for constant temperature."""
     for sign in _signs(direction):
         here = direction == sign
         face = colour if _FILLED[sign] else "none"
-        panel.plot(across[here], values[here], "o", ms=3, color=colour, mfc=face, mew=0.7, ls="none")
+        panel.plot(across[here], values[here], _MARKS[sign], ms=3, color=colour, mfc=face, mew=0.7, ls="none")
 
 
 def _legend(figure: Figure, direction: np.ndarray) -> None:
@@ -216,8 +216,8 @@ def _legend(figure: Figure, direction: np.ndarray) -> None:
     for sign in _signs(direction):
         face = INK if _FILLED[sign] else "none"
         words = f"{_WORDS[sign]} temperature"
-        panel.plot([], [], "o", ms=3, color=INK, mfc=face, mew=0.7, ls="none", label=words)
-    figure.legend(*panel.get_legend_handles_labels(), loc="outside upper right", ncols=3, fontsize=7)
+        panel.plot([], [], _MARKS[sign], ms=3, color=INK, mfc=face, mew=0.7, ls="none", label=words)
+    figure.legend(*panel.get_legend_handles_labels(), loc="outside upper left", ncols=3, fontsize=7)
 
 
 def _signs(direction: np.ndarray) -> list[int]:

@@ -95,7 +95,7 @@ def thermal_verdict(result: ThermalResult, folder: Path) -> Verdict:
     ]
     if missing := undetermined_words(result):
         unresolved.append(Unresolved(f"Not determined at the reference temperature: {', '.join(missing)}."))
-    unresolved += [Unresolved(f"{line}.") for line in (*untested_lines(result), *combination_lines(result))]
+    unresolved += [Unresolved(f"{line}.") for line in (*untested_lines(result.table), *combination_lines(result))]
     evidence = [range_words(result), *order_lines(result), *noise_lines(result)]
     return Verdict(
         _BADGES[answer],

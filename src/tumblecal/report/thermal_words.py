@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from tumblecal.capture.thermal.thermal_table import ThermalTable
 from tumblecal.data.sensor_parameters import SENSOR, leaf_of
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.counted import counted
@@ -33,7 +34,7 @@ def thermal_lines(result: ThermalResult) -> Iterator[str]:
     for signal in result.signals:
         yield f"{signal.name.capitalize()}: {signal_words(signal)}"
         yield from separation_lines(result, signal)
-    yield from untested_lines(result)
+    yield from untested_lines(result.table)
     yield from combination_lines(result)
     yield from noise_lines(result)
 
@@ -142,22 +143,23 @@ def separation_lines(result: ThermalResult, signal: FoundSignal) -> Iterator[str
     yield f"{names}: indistinguishable, because {reason}. To separate them, {remedy}"
 
 
-def untested_lines(result: ThermalResult) -> Iterator[str]:
+def untested_lines(table: ThermalTable) -> Iterator[str]:
     """Signals that these recordings cannot show at any size, with the reason."""
-    table = result.table
-    directions = {1, -1} & set(np.asarray(table.reached_by).tolist())
+    changing = np.asarray(table.reached_by) != 0
+    directions = set(np.asarray(table.reached_by)[changing].tolist())
     if len(directions) == 1:
         yield (
             f"Hysteresis is not testable: the temperature only {_DIRECTIONS[directions.pop()]}. Record the return to the first "
             "temperature too"
         )
     branches: dict[str, set[str]] = {}
-    for clock, branch in zip(table.clock, table.branch, strict=True):
-        branches.setdefault(clock, set()).add(branch)
-    if all(len(each) == 1 for each in branches.values()) and np.ptp(table.time_s) > 0:
+    for row in np.flatnonzero(changing).tolist():
+        branches.setdefault(table.clock[row], set()).add(table.branch[row])
+    if branches and all(len(each) == 1 for each in branches.values()):
+        names = "Drift" if table.soak.all() else "Drift, and a delay of the sensor,"
         yield (
-            "Drift, and a delay of the sensor, are not separated from the dependence on temperature: each recording has one "
-            "ramp, in which time is a function of temperature. The curves include both"
+            f"{names} cannot be separated from the dependence on temperature: no recording returns to a temperature, so time "
+            "is a function of temperature. The curves include these effects"
         )
 
 

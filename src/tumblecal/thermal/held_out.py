@@ -59,13 +59,12 @@ def _of_rows(choice: Choice, apart: Bool[np.ndarray, " rows"]) -> HeldOut | None
 
 
 def _label(rows: ThermalTable, table: ThermalTable) -> str:
-    low, high = rows.range_degc
-    where = f"{low:.1f} to {high:.1f} degC"
-    directions = {1: "rising", -1: "falling"}
-    present = set(np.asarray(rows.reached_by).tolist())
+    low, high = (f"{end:.1f}" for end in rows.range_degc)
+    where = f"{low} degC" if low == high else f"{low} to {high} degC"
+    directions, present = {1: "rising", -1: "falling"}, set(rows.reached_by.tolist())
     if (
         len(present) == 1
-        and present != set(np.asarray(table.reached_by).tolist())
+        and directions.keys() <= set(table.reached_by.tolist())
         and (sign := present.pop()) in directions
     ):
         return f"{directions[sign]} temperature, {where}"
