@@ -8,6 +8,9 @@ from test_binary_logs import dataflash, fmt
 
 from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.capture.rows.sample_file import write_samples
+from tumblecal.capture.thermal.read_thermal import thermal_reading
+from tumblecal.cli.output import Output
+from tumblecal.cli.thermal import _printed
 
 
 ROWS = np.random.default_rng(2).normal([0, 0, 0, 1.0, -2.0, 9.5], 0.01, size=(300, 6))
@@ -101,6 +104,19 @@ def test_ardupilot(tmp_path, form):
         "the device has corrected these readings for temperature (INS_TCAL1_ENABLE 1), so a calibration corrects them "
         "twice: record again with INS_TCAL1_ENABLE 0"
     ]
+
+
+def test_a_ramp_of_a_corrected_sensor_is_warned_of(capsys, tmp_path):
+    """The warnings of a recording were not printed by `thermal`."""
+    rng, degc = np.random.default_rng(5), np.linspace(20.0, 50.0, 3000)
+    accelerations = [0.1, 0.2, 9.8] + 1e-3 * degc[:, None] + 0.01 * rng.normal(size=(3000, 3))
+    messages = [*dataflash(ROWS)[:1], fmt(40, "PARM", "QNf", "TimeUS,Name,Value"), parm("INS_TCAL1_ENABLE", 1.0)]
+    messages.append(fmt(21, "IMU", "QBffff", "TimeUS,I,AccX,AccY,AccZ,T"))
+    for k, (row, own) in enumerate(zip(accelerations, degc, strict=True)):
+        messages.append(b"\xa3\x95\x15" + struct.pack("<QB4f", 10**6 + 50_000 * k, 0, *row, own))
+    (tmp_path / "ramp.bin").write_bytes(b"".join(messages))
+    _printed(Output(), thermal_reading([tmp_path / "ramp.bin"]))
+    assert capsys.readouterr().err.count("(INS_TCAL1_ENABLE 1), so a calibration corrects them twice") == 1
 
 
 def test_commands_warn_in_one_line(tumblecal, tmp_path):

@@ -9,7 +9,7 @@ from cyclopts import Parameter
 
 from tumblecal.capture.recordings.options import Criterion, KnownContext, RecordingOptions
 from tumblecal.cli.calibrate import NOT_USABLE
-from tumblecal.cli.output import Output
+from tumblecal.cli.output import Output, warn
 from tumblecal.ground.errors import InputError
 
 
@@ -134,7 +134,7 @@ def _printed(output: Output, reading: "ThermalReading") -> None:
     for source, contents in reading.read:
         output.warn(source, left_out_words(contents))
     for source, lines in reading.warnings:
-        output.warn(source, lines)
+        warn(source, lines)
     output.say("\n".join(grouped_lines(reading.lines)))
 
 
