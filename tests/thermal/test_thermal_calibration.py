@@ -19,7 +19,7 @@ def table(seed, count, programme=CYCLE, *, unit=None, more=None, **orders):
     rng = np.random.default_rng(seed)
     unit = instrument(rng, **orders) if unit is None else unit
     forces = attitudes(rng, count)
-    return unit, forces, table_of(**means(rng, unit, forces, programme, **(more or {})))
+    return unit, forces, table_of(**means(rng, unit, forces, programme, **({"bins": 24} | (more or {}))))
 
 
 @pytest.mark.parametrize(("seed", "bias", "scale"), [(1, 3, 1), (2, 2, 0), (3, 5, 2)])
@@ -40,8 +40,8 @@ def test_six_attitudes_give_orders_curves_and_the_improvement(seed, bias, scale)
         assert part.after_mg < 1.15 * part.noise_mg < part.before_mg
 
 
-def test_twenty_four_attitudes_determine_all_parameters_and_a_corrected_reading_is_exact():
-    unit, forces, data = table(4, 24, bias_order=2, scale_order=2, cross_order=1)
+def test_ten_attitudes_determine_all_parameters_and_a_corrected_reading_is_exact():
+    unit, forces, data = table(4, 10, bias_order=2, scale_order=2, cross_order=1)
     result = thermal_calibration(data)
     assert result.choice.orders == {"bias": 2, "dK": 2, "gamma": 1}
     assert result.calibration.use.answer == "yes"
@@ -59,7 +59,7 @@ def test_one_attitude_determines_changes_only_and_names_their_combination():
     assert result.combinations[2].startswith("bias_z + 1.00 dK_z")
     degc = np.linspace(*data.range_degc, 7)
     change = (truth(unit, degc) - truth(unit, [25.0]))[:, 3:6]
-    assert np.max(np.abs(result.curves.at(degc)[:, 3:6] - change)) < 0.03e-3
+    assert np.max(np.abs(result.curves.at(degc)[:, 3:6] - change)) < 0.04e-3
     known = SensorParameters(SENSOR, truth(unit, [25.0])[0], np.diag(np.full(9, 1e-10)))
     complete = thermal_calibration(data, Stated(base=known))
     assert complete.calibration.use.answer == "yes"
