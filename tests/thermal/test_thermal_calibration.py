@@ -111,7 +111,7 @@ def test_orders_and_knots_that_are_stated_are_used():
     functions = result.choice.model.functions
     assert functions["bias"].order == 2
     assert functions["gamma"].knots_degc == (20.0,)
-    assert "dK" not in functions
+    assert "dK" not in functions and result.choice.inseparable == ()
     assert result.calibration.temperature_degc == 20.0
 
 

@@ -11,7 +11,6 @@ from tumblecal.data.calibration_table import COLUMNS, calibration_table
 from tumblecal.ground.atomic import write_text, written_aside
 from tumblecal.ground.json_file import json_text
 from tumblecal.report.thermal_words import thermal_lines
-from tumblecal.thermal.model import LEAVES
 from tumblecal.thermal.result import ThermalResult
 
 
@@ -59,7 +58,7 @@ def thermal_record(result: ThermalResult) -> dict[str, Any]:
         "dropped": list(choice.dropped),
         "not_determined": {
             "at_reference": [leaf for leaf in ("dK", "bias", "gamma") if leaf not in choice.model.free],
-            "change": [leaf for leaf in LEAVES if leaf not in choice.highest],
+            "change": list(choice.inseparable),
             "combinations": list(result.combinations),
         },
         "information_criterion": {"chosen": choice.criterion, "constant": choice.constant_criterion},

@@ -77,6 +77,9 @@ def order_table(result: ThermalResult) -> Table:
     """For each leaf, the orders that were considered and the chosen one."""
     choice, rows = result.choice, []
     for leaf, words in LEAVES.items():
+        if leaf in choice.forced and leaf not in choice.highest:
+            rows.append([words, "0", order_words(result, leaf), "stated"])
+            continue
         if leaf not in choice.highest:
             rows.append([words, "", "", "not separated by these attitudes"])
             continue

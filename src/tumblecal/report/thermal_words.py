@@ -47,6 +47,8 @@ def range_words(result: ThermalResult) -> str:
 
 def improvement_lines(result: ThermalResult) -> Iterator[str]:
     """Errors on held-out rows, without and with the dependence on temperature."""
+    if result.curves is None and not result.held_out:
+        return
     if not result.held_out:
         yield (
             "Improvement on held-out rows: not known, because the rest of the data would not determine the model. Record the "
@@ -93,6 +95,8 @@ def order_lines(result: ThermalResult) -> Iterator[str]:
     yield f"Dependence on temperature: {', '.join(followed) or 'none found'}"
     if constant := [LEAVES[leaf] for leaf in choice.highest if not choice.orders.get(leaf)]:
         yield f"No dependence found: {', '.join(constant)}"
+    if stated := [LEAVES[leaf] for leaf in LEAVES if choice.forced.get(leaf) == 0]:
+        yield f"Stated as constant: {', '.join(stated)}"
     if choice.dropped:
         names = ", ".join(LEAVES[leaf] for leaf in choice.dropped)
         yield f"Higher order rejected, because it does not improve the prediction of rows outside the fit: {names}"
@@ -165,7 +169,7 @@ def untested_lines(table: ThermalTable) -> Iterator[str]:
 
 def combination_lines(result: ThermalResult) -> Iterator[str]:
     """Combinations that the attitudes do not separate."""
-    missing = [LEAVES[leaf] for leaf in LEAVES if leaf not in result.choice.highest]
+    missing = [LEAVES[leaf] for leaf in result.choice.inseparable]
     count = counted(len(result.table.attitudes), "attitude")
     if missing and (result.table.alpha_deg is None or len(missing) > 1):
         yield f"{count}: changes of {_listed(missing)} are not separated from those of the bias"

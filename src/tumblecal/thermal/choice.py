@@ -70,6 +70,11 @@ class Choice:
     not_separated: Mapping[str, tuple[str, ...]]
     dropped: tuple[str, ...]
 
+    @property
+    def inseparable(self) -> tuple[str, ...]:
+        """Leaves whose change the attitudes do not determine, and that are not stated to be constant."""
+        return tuple(leaf for leaf in LEAVES if leaf not in self.highest and leaf not in self.forced)
+
 
 @dataclass(frozen=True)
 class Selection:
@@ -100,6 +105,7 @@ def chosen_model(table: ThermalTable, stated: Stated) -> Choice:
     functions = {leaf: functions[leaf] for leaf in following if functions[leaf].count}
     largest = ThermalModel(table, functions, free, fixed=_values(stated.base), priors=_priors(free, stated.base))
     forced = {leaf: functions[leaf].count for leaf in functions if leaf in stated.orders or leaf in stated.knots_degc}
+    forced |= {leaf: 0 for leaf, order in stated.orders.items() if order == 0}
     return _chosen(largest, forced, reference)
 
 

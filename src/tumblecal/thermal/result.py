@@ -205,7 +205,7 @@ def _use(choice: Choice, base: SensorParameters | None) -> Use:
 def _combinations(choice: Choice) -> tuple[str, ...]:
     """The combination in each curve of a bias, if the attitudes do not determine the change of other leaves."""
     functions, table = choice.model.functions, choice.model.table
-    missing = [leaf for leaf in LEAVES if leaf not in choice.highest]
+    missing = choice.inseparable
     if not functions or not missing or len(table.attitudes) > 1:
         return ()
     force = np.mean(table.readings, axis=0)
