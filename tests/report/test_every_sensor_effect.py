@@ -21,7 +21,7 @@ from tumblecal.devices import TARGETS, Export, losses
 from tumblecal.diagnosis.model.full_model import model_of
 from tumblecal.effects import output_effect
 from tumblecal.effects.catalogue import belongs_to, catalogue
-from tumblecal.effects.effect import NO_FORMS, OF_GROUPS, OF_MOUNT, OF_PATH, OF_RESOLUTION, OF_RUN
+from tumblecal.effects.effect import NO_FORMS, OF_BRANCH, OF_GROUPS, OF_MOUNT, OF_PATH, OF_RESOLUTION, OF_RUN
 from tumblecal.estimation import problem_of
 from tumblecal.estimation.fit import Code, Fit
 from tumblecal.report.result_file import calibration_of
@@ -41,6 +41,9 @@ def _mine(id, axis, term, forms):
     return output_effect(
         id, axis, term, unit="mg", typical=1.0, physics="", cause="", forms=forms, needs=("temperature_degc",)
     )
+
+
+ORDERS = {"quadratic": 2, "cubic": 3, "quartic": 4, "quintic": 5}
 
 
 # A user's own: scale factor with the third power of the temperature, a kink that follows it, and one of no stated form.
@@ -104,6 +107,8 @@ def added(id, u, where):
     before = np.r_[0, np.arange(len(u) - 1)]
     before = np.where(where.run[before] == where.run, before, np.arange(len(u)))
 
+    parameter, _, order = kind.rpartition("_")
+
     def on(own, signal):
         table = np.zeros((len(u), 3))
         table[:, own] = signal
@@ -120,6 +125,9 @@ def added(id, u, where):
             signals = [u[:, "xyz".index(pair[0])] * u[:, "xyz".index(pair[1])]]
         case "cross_axis_square":
             signals = [u[:, other] ** 2 for other in others]
+        case _ if order in ORDERS and parameter in ("bias_temperature", "scale_temperature"):
+            factor = u[:, k] if parameter == "scale_temperature" else one
+            signals = [factor * warm**power for power in range(1, ORDERS[order] + 1)]
         case "bias_drift":
             signals = [time]
         case "bias_drift_square":
@@ -136,6 +144,9 @@ def added(id, u, where):
             signals = [u[:, other] * warm for other in others]
         case "bias_temperature_square":
             signals = [(where.degc - PLAN.degc.mean()) ** 2]
+        case "bias_hysteresis":
+            # Soaks at -20, 25, 60 and 5 degC.
+            signals = [np.select([time < 60 * 40, time < 60 * 120], [0.0, 1.0], -1.0)]
         case "temperature_rate":
             passed = where.time - where.time[before]
             signals = [60 * (where.degc - where.degc[before]) / np.where(passed > 0, passed, 1.0)]
@@ -232,6 +243,7 @@ def held_out(id):
 REASONS = {
     OF_RUN: ("bias_drift", "bias_drift_square", "scale_drift", "misalignment_drift", "warm_up", "settling"),
     OF_GROUPS: ("bias_by_pitch", "scale_by_pitch", "run_drift", "bias_repeatability"),
+    OF_BRANCH: ("bias_hysteresis",),
     OF_PATH: ("memory", "hysteresis", "temperature_rate"),
     OF_MOUNT: ("mount_drift", "mount_temperature"),
     OF_RESOLUTION: ("clipping", "quantisation", "dead_zone"),

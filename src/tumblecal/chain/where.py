@@ -16,10 +16,13 @@ from tumblecal.ground.angle_settings import setting_angle, setting_index
 from tumblecal.ground.clocks import continued_times
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.showing import brief
+from tumblecal.ground.soaks import soaks
 
 
 Column = Float[Array | np.ndarray, " positions"]
 
+# A dependence on temperature over a smaller range (degC) is a straight line for usual sensors, as far as data can show.
+LEAST_RANGE_DEGC = 10.0
 # Smallest time between positions, as a share of the median step.
 _LEAST_STEP = 1e-3
 # Two turns, rad: a pitch angle beyond is one in degrees.
@@ -96,6 +99,12 @@ class Where:
         replaced = {name: None if column is None else jnp.asarray(column)[rows] for name, column in columns.items()}
         groups = {name: jnp.asarray(index)[rows] for name, index in self.groups.items()}
         return replace(self, groups=groups, **replaced)
+
+    @cached_property
+    def soaks(self) -> int:
+        """Number of separate temperatures over the smallest range that shows a curvature; 0 over a smaller one."""
+        degc = self.temperature_degc
+        return 0 if degc is None or np.ptp(np.asarray(degc)) < LEAST_RANGE_DEGC else len(soaks(np.asarray(degc)))
 
     @cached_property
     def pitch_angle(self) -> Float[np.ndarray, " positions"]:

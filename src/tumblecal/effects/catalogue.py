@@ -17,6 +17,7 @@ from tumblecal.effects import (
     procedure,
     readout,
     sensor,
+    temperature,
 )
 from tumblecal.effects.effect import Effect, of_head
 from tumblecal.effects.users_file import Source, effects_of, read_source
@@ -49,7 +50,18 @@ def extended(sources: Sequence[Source]) -> Catalogue:
 
     **Raises:** `InputError` for a text that cannot be used.
     """
-    modules = (dividing_head, sensor, environment, alignment, by_setting, history, readout, procedure, noise)
+    modules = (
+        dividing_head,
+        sensor,
+        environment,
+        temperature,
+        alignment,
+        by_setting,
+        history,
+        readout,
+        procedure,
+        noise,
+    )
     entries = {entry.id: entry for module in modules for entry in module.ENTRIES}
     for source in sources:
         entries |= {effect.id: effect for effect in effects_of(source, entries)}

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from tumblecal.chain import Link, Place, Where
+from tumblecal.chain.where import LEAST_RANGE_DEGC
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.units import converts
 
@@ -30,6 +31,7 @@ OF_HEAD = "it acts in the dividing head, not in the sensor"
 OF_RUN = "it is relative to the start of this measurement and has no value at another time"
 OF_GROUPS = "it has a value for each pitch setting or run of this measurement, and none for other readings"
 OF_PATH = "it depends on the position measured before, which single readings do not state"
+OF_BRANCH = "it depends on the direction in which the temperature was reached, which single readings do not state"
 OF_MOUNT = (
     "it turns the triad in its mount: force in the frame of the triad is correct without it; only `alignment` changes"
 )
@@ -61,6 +63,7 @@ class Effect:
     - `largest`: the size (base unit) of a coefficient beyond which it is no cause: it would be noticed in the set-up.
     - `found_as`: the finding of the diagnosis for an entry that it does not test.
     - `pauses`: for an effect of time, the pauses of unknown length that it allows: "" none, "between runs", or "any".
+    - `least_soaks`: the number of separate temperatures that determine it, over a range of 10 degC or more; 0: any.
     - `of_time`: the power of time with which it changes the bias of its axis; 0 for any other function.
 
     Examples:
@@ -94,6 +97,7 @@ class Effect:
     largest: float = math.inf
     pauses: str = ""
     of_time: int = 0
+    least_soaks: int = 0
 
     def lacking(self, where: Where) -> str:
         """The needs that the data lack, as in "the data have no column time_s and only one run"; "" if none. A single
@@ -102,6 +106,8 @@ class Effect:
         single = [name for name in self.needs if name in where.groups and len(where.names(name)) < 2]
         words = [f"no column {' and '.join(columns)}"] if columns else []
         words += [f"only one {_ONE_OF.get(name, name)}" for name in single]
+        if self.least_soaks > where.soaks and where.temperature_degc is not None:
+            words.append(f"no {self.least_soaks} separate temperatures over {LEAST_RANGE_DEGC:g} degC or more")
         return " and ".join([*words, *(["pauses of unknown length"] if self._depends_on_a_pause(where) else [])])
 
     def _depends_on_a_pause(self, where: Where) -> bool:
@@ -124,6 +130,16 @@ class Effect:
             return (), 0
         ((variable, power),) = powered
         return (str(form.get("axis")), variable), int(power)
+
+    @property
+    def over_temperature(self) -> tuple[Any, ...]:
+        """Axis and powers of the inputs of an effect that is a polynomial of the temperature, from the first power on: its
+        orders are one cause. `()` for any other."""
+        of_inputs = {
+            (str(form.get("axis")), *form.get("powers", ())) for form in self.forms if not form.get("per_hour")
+        }
+        powers = [form.get("degc_power", int(bool(form.get("per_degc")))) for form in self.forms]
+        return of_inputs.pop() if len(of_inputs) == 1 and powers == [*range(1, len(powers) + 1)] else ()
 
     def shows(self, base: str) -> bool:
         """Whether a coefficient of this base unit is shown in its unit."""

@@ -123,7 +123,7 @@ def _axis_entries(number: int, axis: str) -> tuple[Effect, ...]:
             needs=("time_s", "temperature_degc"),
             pauses="any",
             cause=f"The {axis} axis is not yet at the temperature shown: its bias follows the rate of change (a sensor that "
-            "leads or lags).",
+            "leads or lags, such as a lag of the thermometer: in proportion to the slope of the bias over temperature).",
             advice="Let the temperature settle; put the temperature sensor on the unit itself.",
             source="IEEE 1293 (temperature gradient sensitivity)",
             not_held=OF_PATH,

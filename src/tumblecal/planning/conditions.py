@@ -9,7 +9,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from tumblecal.chain.where import LEAST_RANGE_DEGC
 from tumblecal.data import PositionSet
+from tumblecal.ground.soaks import soaks
 
 
 # The trend of the temperature is that of the last positions, by this share of all.
@@ -18,6 +20,8 @@ _TREND_SHARE = 0.25
 _LEAST_RANGE_DEGC, _WARMER_DEGC = 1.0, 5.0
 # Pauses before the new positions, as shares of the duration of the measurement.
 _PAUSES = (0.5, 1.0)
+# More separate temperatures than these are a ramp.
+_MOST_SOAKS = 12
 
 
 class Conditions(NamedTuple):
@@ -92,7 +96,7 @@ def candidates(data: PositionSet, *, in_time: bool, with_temperature: bool) -> I
     pauses = [first.after_s]
     if first.time_s is not None and first.after_s is not None and data.time_s is not None and in_time:
         pauses = [share * float(np.ptp(data.time_s)) for share in _PAUSES]
-    far = _far_temperature(data, first) if with_temperature else None
+    others = _temperatures(data, first) if with_temperature else []
     for pause in pauses:
         later = first
         if pause is not None and first.time_s is not None and first.after_s is not None:
@@ -100,8 +104,25 @@ def candidates(data: PositionSet, *, in_time: bool, with_temperature: bool) -> I
         later = later._replace(temperature_degc=first.last_degc)
         if pause != first.after_s:
             yield later
-        if far is not None:
-            yield later._replace(temperature_degc=far)
+        for degc in others:
+            yield later._replace(temperature_degc=degc)
+
+
+def _temperatures(data: PositionSet, first: Conditions) -> list[float]:
+    """The end of the measured temperatures that is farther from the last one, and the middle of the largest step of soaks."""
+    far = _far_temperature(data, first)
+    between = None if data.temperature_degc is None else between_soaks(np.asarray(data.temperature_degc, float))
+    near = between is None or first.last_degc is None or abs(between - first.last_degc) < _LEAST_RANGE_DEGC
+    return [degc for degc in (far, None if near else between) if degc is not None]
+
+
+def between_soaks(degc: np.ndarray) -> float | None:
+    """The middle of the largest step between two neighbouring soaks, degC; None for soaks over a small range, or a ramp."""
+    levels = np.array(soaks(degc))
+    if not 1 < len(levels) <= _MOST_SOAKS or np.ptp(levels) < LEAST_RANGE_DEGC:
+        return None
+    widest = int(np.argmax(np.diff(levels)))
+    return float(levels[widest : widest + 2].mean())
 
 
 def _far_temperature(data: PositionSet, first: Conditions) -> float | None:

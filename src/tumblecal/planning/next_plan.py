@@ -22,6 +22,7 @@ from tumblecal.planning.promise import Promise
 from tumblecal.planning.proposals import Allowed, Proposal, proposals, reversed_run
 from tumblecal.planning.sampling import REVERSED, SAMPLE, samples
 from tumblecal.planning.separating import separate
+from tumblecal.planning.temperature_notes import temperature_notes
 from tumblecal.planning.value import Sharpening
 
 
@@ -125,7 +126,7 @@ def next_plan(diagnosis: Diagnosis, allowed: Allowed | None = None) -> NextPlan:
     notes = [why_not] if why_not else []
     if diagnosis.problem.correlated:
         notes.append("The noise is correlated between positions; new positions are assumed independent.")
-    notes += _repeats(diagnosis.members)
+    notes += [*_repeats(diagnosis.members), *temperature_notes(diagnosis)]
     with single_blas_thread():
         first, separated = separate(diagnosis, listed, MOST, reversed_run(diagnosis.data, allowed))
     rows, leader, evaluated = first.rows, columns_of(diagnosis.members), first

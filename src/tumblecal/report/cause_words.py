@@ -181,6 +181,28 @@ def polynomial_words(diagnosis: Diagnosis, causes: Sequence[Cause]) -> tuple[str
     return _title(axis, variable, causes), _sizes(diagnosis, variable, causes)
 
 
+def order_sizes(diagnosis: Diagnosis, cause: Cause) -> str:
+    """The coefficients of an effect of several orders of the temperature: `a mg/degC and b ug/degC^2 about 25 degC`."""
+    words = [size for _, size in size_words(diagnosis, cause)]
+    if combined(diagnosis, cause) or not all(one["determined"] for one in coefficients(diagnosis, cause).values()):
+        return "; ".join(words)
+    *lower, highest = (size.partition(" = ")[2] for size in words)
+    return f"{', '.join(lower)} and {highest} about {REFERENCE_DEGC:g} degC"
+
+
+def temperature_orders(causes: Iterable[Cause]) -> dict[str, int]:
+    """The order in which each parameter of the sensor follows the temperature, by its name."""
+    orders: dict[str, int] = {}
+    for cause in causes:
+        if parameter := cause.slot.parameter_over_temperature:
+            axis, *powers = parameter
+            of_input = AXES[powers.index(1)] if sum(powers) == 1 else ""
+            name = {"": f"bias_{axis}", axis: f"dK_{axis}"}.get(of_input)
+            if name and sum(powers) <= 1:
+                orders[name] = max(orders.get(name, 0), cause.slot.order or len(cause.slot.columns))
+    return orders
+
+
 def _title(axis: str, variable: str, causes: Sequence[Cause]) -> str:
     if variable in AXES:
         orders = [_ORDINALS.get(cause.slot.order, f"{cause.slot.order}th") for cause in causes]

@@ -12,7 +12,7 @@ from tumblecal.ground.atomic import writable_folder, write_texts
 from tumblecal.ground.gravity import record_of
 from tumblecal.ground.json_file import json_text
 from tumblecal.planning import NextPlan
-from tumblecal.report.cause_words import coefficients, combined, unexplained_words
+from tumblecal.report.cause_words import coefficients, combined, temperature_orders, unexplained_words
 from tumblecal.report.diagnosis_calibration import diagnosed_use
 from tumblecal.report.diagnosis_details import shifts
 from tumblecal.report.diagnosis_tables import leading
@@ -147,6 +147,7 @@ def _explanation(diagnosis: Diagnosis, explanation: Explanation) -> dict:
         "chosen": chosen,
         "coefficients": {name: value for cause in members for name, value in coefficients(diagnosis, cause).items()},
         "combinations": [combination for cause in members for combination in combined(diagnosis, cause)],
+        "temperature_orders": temperature_orders(members),
     }
 
 

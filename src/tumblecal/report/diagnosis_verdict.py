@@ -21,6 +21,7 @@ from tumblecal.report.cause_words import (
     label_words,
     less_probable_words,
     odds_words,
+    order_sizes,
     patchwork_words,
     polynomial_words,
     size_words,
@@ -167,6 +168,8 @@ def _finding(diagnosis: Diagnosis, causes: Sequence[Cause]) -> Finding:
     if positions:
         known = f" ({cause.words})" if cause.words else ""
         return Finding(f"{words}, at {positions.replace('+', ' and ')}{known}", id=id)
+    if cause.slot.of_several_orders:
+        return Finding(words, order_sizes(diagnosis, cause), id)
     sizes = [size.removeprefix(f"{id} = ") for _, size in size_words(diagnosis, cause)]
     return Finding(words, "; ".join(sizes), id)
 

@@ -42,6 +42,8 @@ def one_function_at_1_g(first: Collection[Slot], second: Collection[Slot]) -> bo
     others can, with free nominal parameters. False where one of them is not an effect on an output."""
     if not (first and second and all(slot.columns for slot in (*first, *second))):
         return False
+    if any(slot.of_several_orders for slot in (*first, *second)):
+        return False  # an order of a polynomial includes every lower one, but other temperatures separate them
     return _one_function(*(tuple([(slot.make, slot.variant) for slot in own]) for own in (first, second)))
 
 

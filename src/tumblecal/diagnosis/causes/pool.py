@@ -186,9 +186,13 @@ class Pool:
 
     @property
     def effect_blocks(self) -> Blocks:
-        """The blocks of the effects of the catalogue."""
+        """The blocks of the effects of the catalogue, and of polynomials of the temperature on all axes: one cause each."""
         rows = [table.own_rows for table in self.tables if table.kind is EFFECT]
-        return Blocks(np.concatenate([np.zeros((0, self.dof)), *rows]), self.ranks[self.effects])
+        several = np.array([self.slots[first].of_several_orders for first in self.axes[:, 0].tolist()], bool)
+        axes = self.axes[several]
+        bases, ranks = family_bases(self.stacked.T, self.first_columns[axes], self.ranks[axes])
+        rows = np.concatenate([np.zeros((0, self.dof)), *rows, bases])
+        return Blocks(rows, np.concatenate([self.ranks[self.effects], ranks]))
 
     @property
     def visible(self) -> frozenset[str]:

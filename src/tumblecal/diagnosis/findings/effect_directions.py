@@ -1,6 +1,6 @@
 """Directions of the coefficients of the catalogue's effects, each of the effect's typical size."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -75,3 +75,11 @@ def _typical_sizes(model: FullModel, slot: Slot, entry: Effect) -> list[float]:
         entry.typical * factor(entry.unit, base) / float(model.scales[column]) if entry.shows(base) else 1.0
         for column, base in zip(slot.columns, slot.units, strict=False)
     ]
+
+
+def included_orders(slots: Sequence[Slot], named: Sequence[Slot]) -> set[str]:
+    """The effects that another one includes, as orders of one dependence on temperature: of a parameter with a named order all
+    others, of any other parameter those of several orders."""
+    followed = {slot.over_temperature for slot in named if slot.of_several_orders}
+    included = {slot.id for slot in slots if slot.of_several_orders or slot.parameter_over_temperature in followed}
+    return included - {slot.id for slot in named}

@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float
 
 from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.diagnosis.causes.sign_variants import SIGNS
-from tumblecal.diagnosis.findings.effect_directions import EffectDirections
+from tumblecal.diagnosis.findings.effect_directions import EffectDirections, included_orders
 from tumblecal.diagnosis.findings.effect_posterior import Candidates, effect_posterior
 from tumblecal.diagnosis.findings.model_average import (
     Average,
@@ -68,7 +68,8 @@ def in_use(
     if len(weighed) < 2:
         weighed = [Weighed(screened.best.labels, 1.0, screened.members, extended)]
     weighed = [replace(explanation, fit=at_reference(explanation.fit, at, added)) for explanation in weighed]
-    directions = directions.only(~directions.of(_STATED))
+    members = [cause.slot for explanation in weighed for cause in explanation.members]
+    directions = directions.only(~directions.of({*_STATED, *included_orders(at.model.slots, members)}))
     named = directions.of({cause.slot.id for explanation in weighed for cause in explanation.members})
     removed = named
     if screened.detection.detected:

@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 from scipy import special
 
 from tumblecal.diagnosis.evidence import log_evidence
-from tumblecal.diagnosis.findings.effect_directions import EffectDirections
+from tumblecal.diagnosis.findings.effect_directions import EffectDirections, included_orders
 from tumblecal.diagnosis.model.layout import Slot
 from tumblecal.diagnosis.priors import POWER, VISIBLE
 from tumblecal.diagnosis.refine.insert import directions_of
@@ -199,8 +199,9 @@ def undetected_shifts(
     - `directions`: of the effects to consider. `sigma`: noise in units of the white rows.
     """
     at, fitted = screened.at, extended.jacobian / sigma
-    named = {cause.slot.id for cause in screened.members}
-    directions = directions.only(directions.shown & ~directions.of(named))
+    members = [cause.slot for cause in screened.members]
+    present = {*(slot.id for slot in members), *included_orders(at.model.slots, members)}
+    directions = directions.only(directions.shown & ~directions.of(present))
     signals = at.varying @ directions.steps.T / sigma
     # Excluded positions contribute nothing.
     signals[~fitted.any(axis=1)] = 0.0

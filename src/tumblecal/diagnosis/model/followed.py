@@ -18,7 +18,9 @@ def already_followed(effect: Effect, nominal: Chain, where: Where) -> str:
     orders = {leaf.reference.name: leaf.functions.order for leaf in followings_of(nominal) if leaf.change.free}
     if not orders or "temperature_degc" not in effect.needs:
         return ""
-    terms = _leaves(effect, where)
+    terms = [*_leaves(effect, where)]
+    if effect.over_temperature:
+        terms = terms[-1:]  # the highest order includes the others
     included = [leaves for leaves, power in terms if all(orders.get(leaf, 0) >= power for leaf in leaves)]
     return " and ".join(dict.fromkeys(leaf for leaves in included for leaf in leaves))
 

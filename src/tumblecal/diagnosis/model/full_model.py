@@ -15,6 +15,7 @@ from tumblecal.effects import Catalogue, Effect
 from tumblecal.estimation.chain_programs import Evaluation, Programs, programs_of
 from tumblecal.ground.frames import rotate_x, rotate_y, rotate_z
 from tumblecal.ground.showing import brief
+from tumblecal.ground.temperature_functions import HIGHEST_ORDER
 
 
 # Plans whose evaluation at the start is remembered.
@@ -149,9 +150,9 @@ class FullModel:
 
 
 def settings_key(where: Where) -> tuple[Any, ...]:
-    """Key of a model: number of positions, columns, groups; not the values of the columns."""
+    """Key of a model: number of positions, columns, groups, soaks; not the values of the columns."""
     present = tuple(getattr(where, name) is None for name in ("time_s", "temperature_degc", "approach"))
-    return (len(np.asarray(where.alpha)), present, where.labels)
+    return (len(np.asarray(where.alpha)), present, where.labels, min(where.soaks, HIGHEST_ORDER + 1))
 
 
 def model_of(nominal: Chain, where: Where, entries: Catalogue) -> FullModel:
@@ -237,6 +238,7 @@ def _slot(effect: Effect, variant: int, link: Link, first: int) -> Slot:
         effect.largest,
         effect.needs,
         *effect.polynomial,
+        effect.over_temperature,
     )
 
 

@@ -20,7 +20,8 @@ class Slot:
     """The columns of one link of one effect in the full vector; `shape` columns (a time constant) act only once their
     amplitudes are not zero. `make` makes the effect's links for other settings; `thermal`: they read the temperature;
     `weight`: how often the effect is the cause; `share`: the share of this variant in it; `largest`: size of a coefficient
-    (base unit) beyond which it is no cause; `needs`: required columns; `polynomial`, `order`: as of `Effect.polynomial`."""
+    (base unit) beyond which it is no cause; `needs`: required columns; `polynomial`, `order`: as of `Effect.polynomial`,
+    and `over_temperature`."""
 
     __repr__ = brief
 
@@ -40,6 +41,18 @@ class Slot:
     needs: tuple[str, ...] = ()
     polynomial: tuple[str, ...] = ()
     order: int = 0
+    over_temperature: tuple[Any, ...] = ()
+
+    @property
+    def parameter_over_temperature(self) -> tuple[Any, ...]:
+        """Axis and powers of the inputs of the parameter that follows one power or several of the temperature; () for any other
+        effect."""
+        return self.over_temperature or ((self.polynomial[0], 0, 0, 0) if self.polynomial[1:] == ("degc",) else ())
+
+    @property
+    def of_several_orders(self) -> bool:
+        """Whether it is a polynomial of the temperature that includes the entries of lower orders."""
+        return bool(self.over_temperature) and len(self.columns) > 1
 
     @property
     def all_columns(self) -> list[int]:

@@ -15,6 +15,7 @@ from tumblecal.diagnosis.causes.generic import UNEXPLAINED
 from tumblecal.diagnosis.causes.identities import one_function_at_1_g
 from tumblecal.diagnosis.causes.pool import Pool
 from tumblecal.diagnosis.causes.together import Together
+from tumblecal.diagnosis.model.layout import Slot
 from tumblecal.diagnosis.priors import INDISTINGUISHABLE, LEAST_NAMED, LEAST_ODDS, NEGLIGIBLE
 from tumblecal.diagnosis.sets.cause_sets import Members, Ranked, sets_of
 from tumblecal.diagnosis.sets.exchanges import Labels, membership
@@ -65,8 +66,9 @@ def explanations(
     found, used, unnamed = [], set(), groups.unnamed.tolist()
     sets, order = sets_of(groups.sets), list(range(len(groups.labels)))
     powers = further_powers(search.pool.together, groups.sets)
+    orders = other_orders(search.pool.slots, groups.sets)
     for k in near:
-        equivalents[k] = equivalents.get(k, {}) | dict.fromkeys(np.flatnonzero(powers[k]).tolist(), np.nan)
+        equivalents[k] = equivalents.get(k, {}) | dict.fromkeys(np.flatnonzero(powers[k] | orders[k]).tolist(), np.nan)
     if named_first and (named := named_in_place(groups.labels, shares, equivalents)) is not None:
         first, unnamed_one = named
         equivalents[first] = {unnamed_one: np.nan} | equivalents.get(first, {})
@@ -90,6 +92,7 @@ def explanations(
                 identical=tuple(
                     [groups.labels[other] for other in same if _identical(search.pool, members, sets[other])]
                 ),
+                orders=tuple([groups.labels[other] for other in same if orders[k, other]]),
                 at_any_odds=tuple([groups.labels[other] for other in same if bound[k, other]]),
             )
         )
@@ -188,6 +191,21 @@ def further_powers(together: Together, sets: Int[np.ndarray, "sets most"]) -> Bo
     here = nested & np.all(of_both, axis=1)
     more[fewer[here], larger[here]] = True
     return more | more.T
+
+
+def other_orders(slots: Sequence[Slot], sets: Int[np.ndarray, "sets most"]) -> Bool[np.ndarray, "sets sets"]:
+    """Which pairs of sets (rows that end in -1) differ only by the orders in which the same parameters follow the temperature,
+    where one has an entry of several powers."""
+    several = {k for k, slot in enumerate(slots) if slot.of_several_orders}
+    if not several:
+        return np.zeros((len(sets), len(sets)), bool)
+    causes, has_several, listed = np.empty(len(sets), int), np.zeros(len(sets), bool), dict[frozenset, int]()
+    for row, members in enumerate(sets_of(sets)):
+        parameters = frozenset(slots[k].parameter_over_temperature or k for k in members)
+        causes[row] = listed.setdefault(parameters, len(listed))
+        has_several[row] = not several.isdisjoint(members)
+    pairs = (causes[:, None] == causes) & (has_several[:, None] | has_several)
+    return pairs & ~np.eye(len(sets), dtype=bool)
 
 
 def named_in_place(

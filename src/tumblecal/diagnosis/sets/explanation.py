@@ -16,7 +16,8 @@ class Explanation:
     - `labels`: ids, positions after a colon; empty: the model is adequate.
     - `equivalents`: other sets of labels that can produce its signal, and those with fewer or more powers of the same
       polynomial; `identical`: those of them that are the same function at 1 g, so that no data of a head separate them;
-      `at_any_odds`: those that count regardless of their probability.
+      `orders`: those that differ only by the order in which a parameter follows the temperature; `at_any_odds`: those that
+      count regardless of their probability.
     - `own_probability`: that the truth is this set; `shares`: the same of each equivalent.
     - `apart`: norm of the part of its signal that each equivalent cannot produce, in noise standard deviations; NaN if
       unknown.
@@ -30,6 +31,7 @@ class Explanation:
     members: tuple[int, ...]
     noise: str = ""
     identical: tuple[Labels, ...] = ()
+    orders: tuple[Labels, ...] = ()
     at_any_odds: tuple[Labels, ...] = ()
     apart: tuple[float, ...] = ()
 
@@ -50,9 +52,9 @@ class Explanation:
 
     @cached_property
     def powers(self) -> tuple[Labels, ...]:
-        """The same causes with fewer or more powers of a polynomial."""
+        """The same causes with fewer or more powers of a polynomial, or another order of it."""
         nested = [own for own in self.equivalents if {*own} < {*self.labels} or {*own} > {*self.labels}]
-        return tuple([own for own in nested if own not in self.at_any_odds])
+        return tuple([own for own in (*nested, *self.orders) if own not in self.at_any_odds])
 
     @property
     def class_probability(self) -> float:

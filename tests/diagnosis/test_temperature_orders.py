@@ -1,0 +1,127 @@
+"""Diagnosis of parameters that follow the temperature, and of hysteresis: independent simulator (numpy), soaks up and down."""
+
+import numpy as np
+import pytest
+
+import tumblecal
+from tumblecal.chain import settings
+from tumblecal.data import PositionSet
+from tumblecal.diagnosis.causes.identities import one_function_at_1_g
+from tumblecal.diagnosis.model.full_model import model_of, settings_key
+from tumblecal.diagnosis.sets.classes import other_orders
+from tumblecal.effects import catalogue
+from tumblecal.effects.temperature import reached_from
+from tumblecal.estimation import problem_of
+from tumblecal.planning.temperature_notes import temperature_notes
+from tumblecal.report.cause_words import order_sizes, temperature_orders
+from tumblecal.report.diagnosis_calibration import extended_calibration
+
+
+SD = 1e-4
+UP = [-10.0, 8.0, 25.0, 43.0, 60.0]
+ALPHA, BETA = (grid.ravel() for grid in np.meshgrid([0.0, 90.0, 180.0, 270.0], [0.0, 45.0, 90.0]))
+SCALE, BIAS = np.array([2e-4, -1e-4, 3e-4]), np.array([1.1e-3, -0.8e-3, 0.8e-3])
+# Of the share (T - 25)/35: bias of third order on every axis, g.
+CUBIC = np.array([[3e-3, -2e-3, 4e-3], [-2e-3, 3e-3, -3e-3], [2.5e-3, 2e-3, 3e-3]])
+HYSTERESIS_Y = 0.5e-3
+
+
+def specific_force(alpha, beta):
+    """`Rx(alpha) Ry(beta) (0, 0, 1)`."""
+    across = np.cos(beta)
+    return np.column_stack([-np.sin(beta), across * np.sin(alpha), across * np.cos(alpha)])
+
+
+def bias(degc):
+    share = (np.asarray(degc)[:, None] - 25.0) / 35.0
+    return BIAS + sum(CUBIC[:, power - 1] * share**power for power in (1, 2, 3))
+
+
+@pytest.fixture(scope="module")
+def data():
+    """Twelve positions at each of nine soaks, up and down; a cubic bias, and hysteresis of y."""
+    rng = np.random.default_rng(3)
+    soaks = np.array(UP + UP[-2::-1])
+    direction = np.array([0, 1, 1, 1, 1, -1, -1, -1, -1])
+    count = len(ALPHA)
+    alpha, beta = np.tile(ALPHA, len(soaks)), np.tile(BETA, len(soaks))
+    degc = np.repeat(soaks, count) + 0.05 * rng.normal(size=len(alpha))
+    time = 60.0 * np.arange(len(alpha)) + 1800.0 * np.repeat(np.arange(len(soaks)), count)
+    readings = (1 + SCALE) * specific_force(np.radians(alpha), np.radians(beta)) + bias(degc)
+    readings[:, 1] += HYSTERESIS_Y * np.repeat(direction, count)
+    readings += SD * rng.normal(size=readings.shape)
+    names = tuple(f"p{k}" for k in range(len(alpha)))
+    return PositionSet(names, alpha, beta, readings, time_s=time, temperature_degc=degc)
+
+
+@pytest.fixture(scope="module")
+def diagnosis(data):
+    return tumblecal.diagnose(data, noise_sd=SD)
+
+
+def test_a_cubic_bias_is_one_cause_per_axis_and_hysteresis_has_its_name(diagnosis):
+    cubic = tuple(f"bias_temperature_cubic.{axis}" for axis in "xyz")
+    assert diagnosis.verdict == "identified"
+    assert set(diagnosis.labels) == {*cubic, "bias_hysteresis.y"}
+    assert temperature_orders(diagnosis.members) == {"bias_x": 3, "bias_y": 3, "bias_z": 3}
+    fit = diagnosis.extended
+    for row, axis in enumerate("xyz"):
+        for power in (1, 2, 3):
+            k = fit.names.index(f"bias_temperature_cubic.{axis}" + (f"^{power}" if power > 1 else ""))
+            assert abs(fit.values[k] - CUBIC[row, power - 1] / 35.0**power) < 5 * fit.sd[k]
+    k = fit.names.index("bias_hysteresis.y")
+    assert abs(fit.values[k] - HYSTERESIS_Y) < 5 * fit.sd[k]
+    (first,) = (cause for cause in diagnosis.members if cause.label == cubic[0])
+    words = order_sizes(diagnosis, first)
+    assert words.endswith(" ug/degC^3 about 25 degC") and words.count("+-") == 3
+
+
+def test_the_calibration_corrects_left_out_temperatures_to_the_noise(diagnosis):
+    calibration = extended_calibration(diagnosis)
+    assert calibration is not None
+    degc = np.repeat([0.0, 17.0, 34.0, 51.0], len(ALPHA))
+    f = np.tile(specific_force(np.radians(ALPHA), np.radians(BETA)), (4, 1))
+    corrected = calibration.corrected((1 + SCALE) * f + bias(degc), degc)
+    assert np.sqrt(np.mean((corrected - f) ** 2)) < 0.6 * SD  # 1.6 mg without terms of temperature
+    (loss,) = (loss for loss in calibration.not_applied if loss.effect == "bias_hysteresis.y")
+    assert "direction in which the temperature was reached" in loss.reason
+
+
+def test_next_measurement_states_a_further_soak_and_the_reverse_order(diagnosis):
+    notes = " ".join(temperature_notes(diagnosis))
+    assert "A further soak at 16.0 degC" in notes or "A further soak at -1.0 degC" in notes or "34.0 degC" in notes
+    assert "reverse order: a hysteresis changes its sign with the direction" in notes
+
+
+def test_direction_of_the_last_change_by_each_clock():
+    degc = [0.0, 0.4, 25.0, 24.5, 25.3, 60.0, 59.2, 25.0, 0.0]
+    where = settings([0.0] * 9, [0.0] * 9, time_s=list(range(9)), temperature_degc=degc)
+    assert reached_from(where).tolist() == [0, 0, 1, 1, 1, 1, 1, -1, -1]
+    once = settings([0.0] * 9, [0.0] * 9, time_s=list(range(9)), temperature_degc=sorted(degc))
+    assert not np.any(reached_from(once))
+
+
+@pytest.mark.parametrize(
+    ("degc", "orders"), [([0, 30, 60], {2}), ([0, 15, 30, 60], {2, 3}), ([0, 2, 4, 6, 8], set()), (UP, {2, 3, 4})]
+)
+def test_the_soaks_limit_the_order(degc, orders):
+    where = settings([0.0] * len(degc), [0.0] * len(degc), temperature_degc=[float(value) for value in degc])
+    entries = [entry for id, entry in catalogue().items() if id.startswith("scale_temperature") and id.endswith(".x")]
+    assert {len(entry.forms) for entry in entries if not entry.lacking(where)} == {1, *orders}
+    assert settings_key(where)[-1] == (0 if not orders else len(degc))
+
+
+def test_orders_of_one_parameter_are_one_explanation(data):
+    problem = problem_of(data, noise_sd=SD)
+    slots = model_of(problem.chain, problem.where, catalogue()).slots
+    of = {slot.id: number for number, slot in enumerate(slots)}
+    cubic, quartic = of["bias_temperature_cubic.x"], of["bias_temperature_quartic.x"]
+    pair = [of["bias_temperature.x"], of["bias_temperature_square.x"]]
+    scale = of["scale_temperature_cubic.x"]
+    linear, square = pair
+    rows = [[cubic], [quartic], pair, [linear], [square], [scale], [cubic, scale]]
+    sets = np.array([row + [-1] * (3 - len(row)) for row in rows])
+    same = other_orders(slots, sets)
+    assert np.flatnonzero(same[0]).tolist() == [1, 2, 3, 4]
+    assert np.flatnonzero(same[3]).tolist() == [0, 1]  # one power and another alone are two causes
+    assert not one_function_at_1_g([slots[cubic]], [slots[quartic]])
