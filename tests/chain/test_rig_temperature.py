@@ -193,7 +193,8 @@ def test_effects_that_the_chain_includes_are_not_tested():
 
     bias = {f"bias_temperature.{axis}" for axis in "xyz"}
     assert included(bias=1) == bias
-    assert included(bias=2) == bias | {f"bias_temperature_square.{axis}" for axis in "xyz"}
+    second = {f"bias_temperature_{order}.{axis}" for order in ("square", "quadratic") for axis in "xyz"}
+    assert included(bias=2) == bias | second
     assert included(dK=1) == {f"scale_temperature.{axis}" for axis in "xyz"}
     assert included(gamma=1) == {"misalignment_temperature.y", "misalignment_temperature.z"}
     assert included(dtheta=1) == {"mount_temperature"}

@@ -182,7 +182,11 @@ def test_effects_of_the_sensor_that_are_one_function_at_1_g():
     slots = {}
     for effect in ENTRIES.values():
         if effect.id.startswith(("second", "third", "fifth", "cross", "scale_asym", "bias_temp")):
-            slots[effect.id] = replace(NO_SLOT, id=effect.id, make=effect.make, columns=(0,))
+            columns = tuple(range(max(1, len(effect.forms))))
+            parameter = effect.over_temperature
+            slots[effect.id] = replace(
+                NO_SLOT, id=effect.id, make=effect.make, columns=columns, over_temperature=parameter
+            )
     pairs = {(a, b) for a, b in combinations(slots, 2) if one_function_at_1_g([slots[a]], [slots[b]])}
     assert pairs == {(f"second_order.{axis}", f"cross_axis_square.{axis}") for axis in "xyz"}
     text = (ROOT / "docs/diagnosis_rules.md").read_text()
