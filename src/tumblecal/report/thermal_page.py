@@ -116,7 +116,8 @@ def _reason(line: str) -> tuple[str, str]:
 
 def _headline(result: ThermalResult) -> str:
     if result.curves is None:
-        return "No parameter of the sensor depends on temperature in these data."
+        stated = 0 in result.choice.forced.values()
+        return "Parameters stated as constant over temperature." if stated else "No dependence on temperature found."
     if (sizes := total_improvement(result)) is None:
         return "Improvement on held-out rows: not known."
     before, after, noise = sizes
@@ -136,11 +137,12 @@ def _next(result: ThermalResult, folder: Path) -> Iterator[str]:
     yield "Correct a log with temperatures, write the calibration for a device, or write a certificate:"
     yield suggested("apply", calibration, "log.csv")
     yield suggested("export", calibration, "--to", "c-header")
-    low, high = result.table.range_degc
-    stated = ",".join(
-        f"{degc:g}" for degc in sorted({float(np.ceil(low)), result.reference_degc, float(np.floor(high))})
-    )
-    yield suggested("certificate", folder, "--admin", "lab.toml", f"--temperatures={stated}")
+    certificate = [folder, "--admin", "lab.toml"]
+    if result.curves is not None:
+        low, high = result.table.range_degc
+        degc = sorted({float(np.ceil(low)), result.reference_degc, float(np.floor(high))})
+        certificate.append(f"--temperatures={','.join(f'{each:g}' for each in degc)}")
+    yield suggested("certificate", *certificate)
 
 
 def _sections(result: ThermalResult) -> Iterator[Section]:
@@ -153,13 +155,15 @@ def _sections(result: ThermalResult) -> Iterator[Section]:
             figures=[drawn["parameters"]],
         )
     yield Section("Residuals", figures=[drawn["residuals"]])
-    words = [f"{line}." for line in improvement_lines(result)] if not result.held_out else []
-    yield Section(
-        "Held-out rows",
-        words=words or ["Errors are the root mean square over rows and axes."],
-        tables=[held_out_table(result)] if result.held_out else [],
-        figures=[drawn["held_out"]] if "held_out" in drawn else [],
-    )
+    if result.held_out:
+        yield Section(
+            "Held-out rows",
+            words=["Errors are the root mean square over rows and axes."],
+            tables=[held_out_table(result)],
+            figures=[drawn["held_out"]],
+        )
+    elif words := [f"{line}." for line in improvement_lines(result)]:
+        yield Section("Held-out rows", words=words)
     if result.signals:
         yield Section(
             "Signals that no correction includes",
