@@ -77,7 +77,7 @@ def test_the_other_commands_of_the_page_run(example, tumblecal):
         outcome = tumblecal(*shlex.split(line)[1:])
         assert outcome.code == 0, (line, outcome.lines)
     record = json.loads(Path("one_attitude/thermal.json").read_text(encoding="utf-8"))
-    assert record["use"]["answer"] == "yes" and record["not_determined"]["combinations"]
+    assert record["use"]["answer"] == "only" and record["not_determined"]["combinations"]
     assert "bias_x - " in record["not_determined"]["combinations"][0]
 
 

@@ -62,7 +62,8 @@ def test_one_attitude_determines_changes_only_and_names_their_combination():
     assert np.max(np.abs(result.curves.at(degc)[:, 3:6] - change)) < 0.04e-3
     known = SensorParameters(SENSOR, truth(unit, [25.0])[0], np.diag(np.full(9, 1e-10)))
     complete = thermal_calibration(data, Stated(base=known))
-    assert complete.calibration.use.answer == "yes"
+    assert complete.calibration.use.answer == "only"
+    assert "included in that of the bias" in complete.calibration.use.reason
     assert np.allclose(complete.calibration.sensor.of(SENSOR).values, known.values)
     assert np.all(complete.curves.sd(np.array([25.0]))[0] >= 0.99e-5)
 

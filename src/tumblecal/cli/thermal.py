@@ -1,7 +1,7 @@
 """`tumblecal thermal`: calibration over temperature from recordings."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -35,8 +35,8 @@ class TemperatureOptions:
     knots
         Interior knots (degC) of a cubic spline in place of a polynomial. Repeatable. Example: --knots bias=0,20,40.
     reference
-        Reference temperature (degC), at which the parameters of the calibration apply. Default: 25 if it was measured,
-        otherwise the middle of the range. Example: --reference 20.
+        Reference temperature (degC), at which the parameters of the calibration apply. Default: that of --calibration,
+        otherwise 25, if it was measured; otherwise the middle of the range. Example: --reference 20.
     bin_width
         Width of the temperature bins (degC). Default: a fortieth of the range, at least some steps of the thermometer.
         Example: --bin-width 2.
@@ -154,10 +154,12 @@ def _stated(temperature: TemperatureOptions) -> "Stated":
         knots[_leaf("--knots", leaf)] = _numbers(given, numbers)
     if both := [leaf for leaf in knots if leaf in orders]:
         raise InputError(f"--order and --knots both state {both[0]}; give one of them")
-    base = None
-    if temperature.calibration is not None:
-        base = read_calibration(temperature.calibration).sensor.of(SENSOR)
-    return Stated(orders, knots, temperature.reference, base)
+    given = Stated(orders, knots, temperature.reference)
+    if temperature.calibration is None:
+        return given
+    base = read_calibration(temperature.calibration)
+    base.use.require(temperature.calibration, anyway=False)
+    return replace(given, base=base.sensor.of(SENSOR), base_use=base.use, base_degc=base.temperature_degc)
 
 
 def _assigned(option: str, text: str) -> Mapping[str, str]:

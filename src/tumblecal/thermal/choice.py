@@ -7,6 +7,7 @@ import numpy as np
 
 from tumblecal.capture.thermal.thermal_table import ThermalTable
 from tumblecal.chain.following import CHANGE
+from tumblecal.data.calibration_use import YES, Use
 from tumblecal.data.sensor_parameters import SENSOR, SensorParameters, leaf_of
 from tumblecal.estimation.identifiability import identifiability
 from tumblecal.estimation.linearised import linearised
@@ -38,13 +39,16 @@ class Stated:
     """What the user states; the rest is chosen.
 
     - `orders`: highest order by leaf (0: constant). `knots_degc`: knots by leaf. `reference_degc`: of all functions.
-    - `base`: parameters of the sensor from a calibration of the unit, for those that the attitudes do not determine.
+    - `base`: parameters of the sensor from a calibration of the unit, for those that the attitudes do not determine, with its
+      `base_use` and its temperature `base_degc`, which is the reference if it was measured.
     """
 
     orders: Mapping[str, int] = field(default_factory=dict)
     knots_degc: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     reference_degc: float | None = None
     base: SensorParameters | None = None
+    base_use: Use = YES
+    base_degc: float | None = None
 
 
 @dataclass(frozen=True)
@@ -97,9 +101,10 @@ def chosen_model(table: ThermalTable, stated: Stated) -> Choice:
             f"{table.source}: all rows are at {low:.1f} to {high:.1f} degC, which is one temperature; record a ramp, or "
             "soaks at several temperatures"
         )
+    usual = USUAL_REFERENCE_DEGC if stated.base_degc is None else stated.base_degc
     reference = stated.reference_degc
     if reference is None:
-        reference = USUAL_REFERENCE_DEGC if low <= USUAL_REFERENCE_DEGC <= high else round((low + high) / 2, 1)
+        reference = usual if low <= usual <= high else round((low + high) / 2, 1)
     functions = {leaf: _functions(table, leaf, stated, temperatures, reference) for leaf in LEAVES}
     free, following = _determined(table, functions)
     functions = {leaf: functions[leaf] for leaf in following if functions[leaf].count}

@@ -25,6 +25,9 @@ _MOST_CHANGES = 40
 # A signal that is no function of temperature is accepted with odds above 20 : 1, and other signals with odds above 1 : 20 in
 # its place are stated as not separated.
 SEPARATED = 2 * np.log(20.0)
+# A signal needs a part of this share that no function of temperature and no other signal of the model makes; otherwise large
+# coefficients could cancel.
+_DISTINCT = 0.1
 
 
 @dataclass(frozen=True)
@@ -59,13 +62,19 @@ class Search:
     def criterion(self, orders: Mapping[str, int]) -> float:
         """Observations times the logarithm of the mean square of residuals, plus the logarithm of observations for each
         coefficient."""
-        key = tuple(sorted((name, order) for name, order in orders.items() if order))
+        # Signals after the functions of temperature, so that each is compared with what these make.
+        key = tuple(
+            sorted(((n, order) for n, order in orders.items() if order), key=lambda each: (each[0] in NAMES, each))
+        )
         if key not in self._known:
             taken = [self._places[name][0] + k for name, order in key for k in range(order * self._places[name][1])]
             columns, values = self._triangle[:, taken], self._triangle[:, -1]
             if taken:
                 basis, triangle = np.linalg.qr(columns)
-                good = np.abs(np.diag(triangle)) > 1e-9 * np.linalg.norm(columns, axis=0)
+                least = [
+                    _DISTINCT if n in NAMES else 1e-9 for n, order in key for _ in range(order * self._places[n][1])
+                ]
+                good = np.abs(np.diag(triangle)) > np.array(least) * np.linalg.norm(columns, axis=0)
                 values = values - basis @ (basis.T @ values)
                 if not np.all(good):
                     self._known[key] = np.inf

@@ -1,5 +1,6 @@
 """The result of a temperature calibration: parameters over temperature, signals that are no function of it, the improvement."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from typing import Any
@@ -9,7 +10,7 @@ from jaxtyping import Float
 
 from tumblecal.capture.thermal.thermal_table import ThermalTable
 from tumblecal.data.calibration import Calibration
-from tumblecal.data.calibration_use import YES, Use
+from tumblecal.data.calibration_use import YES, Use, combined
 from tumblecal.data.positions import ATTITUDES, UNKNOWN
 from tumblecal.data.sensor_parameters import SENSOR, SensorParameters, correction_slope, leaf_of, triad_of
 from tumblecal.data.temperature_curves import Hysteresis, TemperatureCurves
@@ -21,10 +22,13 @@ from tumblecal.ground.axes import AXES
 from tumblecal.thermal import signals as kinds
 from tumblecal.thermal.choice import Choice, Stated, chosen_model
 from tumblecal.thermal.held_out import HeldOut, held_out
-from tumblecal.thermal.model import LEAVES
+from tumblecal.thermal.model import LEAVES, SENSOR_LEAVES
+from tumblecal.thermal.orders import chains_of
 
 
 _LAG_ROUNDS = 3
+# Residuals above this many standard uncertainties of the bins are a systematic error, not noise.
+_MISFIT = 3.0
 
 
 @dataclass(frozen=True)
@@ -98,7 +102,7 @@ def thermal_calibration(table: ThermalTable, stated: Stated | None = None) -> Th
         fit=fit,
         noise_factor=factor,
         signals=found,
-        calibration=_calibration(table, choice, fit, found, stated.base),
+        calibration=_calibration(fit, choice, found, stated, factor),
         held_out=held_out(choice),
         combinations=_combinations(choice),
     )
@@ -134,8 +138,9 @@ def _found(fit: Fit, given: kinds.Signals, order: int, choice: Choice) -> FoundS
 
 
 def _calibration(
-    table: ThermalTable, choice: Choice, fit: Fit, found: tuple[FoundSignal, ...], base: SensorParameters | None
+    fit: Fit, choice: Choice, found: tuple[FoundSignal, ...], stated: Stated, factor: float
 ) -> Calibration:
+    table, base = choice.model.table, stated.base
     sensor = _sensor(fit, base)
     slope, values = correction_slope(sensor.values), sensor.values
     curves = curves_of(fit, sensor.covariance)
@@ -144,10 +149,9 @@ def _calibration(
         widths = [
             Hysteresis(f"bias_{axis}", float(size), "g") for axis, size in zip(AXES, total, strict=True) if size > 0
         ]
-        # The range is that of the thermometer, also if the sensor is behind it.
-        measured = tuple(
-            replace(each, functions=replace(each.functions, range_degc=table.range_degc)) for each in curves.curves
-        )
+        # The range is that of the thermometer, also if the sensor is behind it, up to the edges of the outer bins.
+        span = measured_range(table)
+        measured = tuple(replace(each, functions=replace(each.functions, range_degc=span)) for each in curves.curves)
         curves = replace(curves, curves=measured, hysteresis=tuple(widths))
     comments: dict[str, Any] = {} if table.alpha_deg is not None else {ATTITUDES: UNKNOWN}
     positions = fit.data
@@ -166,13 +170,27 @@ def _calibration(
             "code": fit.code.name,
             "sigma_g": float(fit.sigma) if np.isfinite(fit.sigma) else None,
             "dof": None,
-            "temperature_range_degc": list(table.range_degc),
+            "temperature_range_degc": list(measured_range(table)),
             "date_utc": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
         },
         parameters=sensor,
-        use=_use(choice, base),
+        use=_use(choice, stated, factor),
         temperature=curves,
     )
+
+
+def measured_range(table: ThermalTable) -> tuple[float, float]:
+    """Lowest and highest measured temperature, degC: rows are means, so the outer bins of a ramp extend by half of the distance
+    to their neighbours."""
+    low, high = table.range_degc
+    beyond = [0.0, 0.0]
+    for rows in chains_of(table):
+        degc = np.sort(table.temperature_degc[rows][~table.soak[rows]])
+        if len(degc) < 2:
+            continue
+        beyond[0] = max(beyond[0], low - float(degc[0] - (degc[1] - degc[0]) / 2))
+        beyond[1] = max(beyond[1], float(degc[-1] + (degc[-1] - degc[-2]) / 2) - high)
+    return low - beyond[0], high + beyond[1]
 
 
 def _sensor(fit: Fit, base: SensorParameters | None) -> SensorParameters:
@@ -185,21 +203,36 @@ def _sensor(fit: Fit, base: SensorParameters | None) -> SensorParameters:
     return SensorParameters(SENSOR, np.zeros(len(SENSOR)), np.zeros((len(SENSOR), len(SENSOR))))
 
 
-def _use(choice: Choice, base: SensorParameters | None) -> Use:
-    """Whether the calibration may be used: not if the values at the reference are not known."""
-    free = choice.model.free
-    if base is not None or len(free) == 3:
-        return YES
-    if not free:
+def _use(choice: Choice, stated: Stated, factor: float) -> Use:
+    """Whether the calibration may be used: by its values at the reference, by the changes that the attitudes determine, and by
+    the size of the residuals."""
+    free, table = choice.model.free, choice.model.table
+    if stated.base is None and not free:
         reason = (
             "these attitudes do not determine bias and scale factor at the reference temperature, only their changes; add the "
             "calibration of the unit with --calibration, or record six or more attitudes"
         )
         return Use("no", reason)
-    parameters = tuple(name for name in SENSOR if leaf_of(name) in free)
-    missing = ", ".join(LEAVES[leaf] for leaf in ("dK", "bias", "gamma") if leaf not in free)
-    reason = f"these attitudes do not determine the {missing} at the reference temperature; a usual size is assumed"
-    return Use("only", reason, parameters=parameters)
+    uses = [stated.base_use if stated.base is not None else YES]
+    if stated.base is None and len(free) < len(SENSOR_LEAVES):
+        missing = ", ".join(LEAVES[leaf] for leaf in SENSOR_LEAVES if leaf not in free)
+        reason = f"these attitudes do not determine the {missing} at the reference temperature; a usual size is assumed"
+        uses.append(Use("only", reason, parameters=_of_leaves(free)))
+    # Leaves that the user states as constant are not listed.
+    joined = [leaf for leaf in choice.inseparable if leaf in SENSOR_LEAVES]
+    if joined:
+        words = ", ".join(LEAVES[leaf] for leaf in joined)
+        reason = f"the change of the {words} with temperature is included in that of the bias: valid in the recorded attitudes"
+        uses.append(Use("only", reason, parameters=_of_leaves([leaf for leaf in SENSOR_LEAVES if leaf not in joined])))
+    if factor > _MISFIT:
+        size = factor * float(np.median(table.sd))
+        reason = f"the residuals are {factor:.2g} times the standard uncertainties of the bins"
+        uses.append(Use("within", reason, size_g=size))
+    return combined(uses)
+
+
+def _of_leaves(leaves: Sequence[str]) -> tuple[str, ...]:
+    return tuple(name for name in SENSOR if leaf_of(name) in leaves)
 
 
 def _combinations(choice: Choice) -> tuple[str, ...]:
