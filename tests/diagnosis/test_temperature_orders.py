@@ -105,10 +105,18 @@ def test_direction_of_the_last_change_by_each_clock():
     ("degc", "orders"), [([0, 30, 60], {2}), ([0, 15, 30, 60], {2, 3}), ([0, 2, 4, 6, 8], set()), (UP, {2, 3, 4})]
 )
 def test_the_soaks_limit_the_order(degc, orders):
-    where = settings([0.0] * len(degc), [0.0] * len(degc), temperature_degc=[float(value) for value in degc])
+    where = settings([0.0] * 3 * len(degc), [0.0] * 3 * len(degc), temperature_degc=np.repeat(degc, 3).astype(float))
     entries = [entry for id, entry in catalogue().items() if id.startswith("scale_temperature") and id.endswith(".x")]
     assert {len(entry.forms) for entry in entries if not entry.lacking(where)} == {1, *orders}
     assert settings_key(where)[-1] == (0 if not orders else len(degc))
+
+
+def test_a_ramp_has_no_orders():
+    degc = np.linspace(0.0, 60.0, 24)
+    where = settings(np.zeros(24), np.zeros(24), temperature_degc=degc)
+    assert where.soaks == 0
+    assert "separate temperatures" in catalogue()["bias_temperature_cubic.x"].lacking(where)
+    assert not catalogue()["bias_temperature.x"].lacking(where)
 
 
 def test_orders_of_one_parameter_are_one_explanation(data):

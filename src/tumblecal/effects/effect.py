@@ -107,7 +107,7 @@ class Effect:
         words = [f"no column {' and '.join(columns)}"] if columns else []
         words += [f"only one {_ONE_OF.get(name, name)}" for name in single]
         if self.least_soaks > where.soaks and where.temperature_degc is not None:
-            words.append(f"no {self.least_soaks} separate temperatures over {LEAST_RANGE_DEGC:g} degC or more")
+            words.append(f"no {self.least_soaks} separate temperatures (soaks) over {LEAST_RANGE_DEGC:g} degC or more")
         return " and ".join([*words, *(["pauses of unknown length"] if self._depends_on_a_pause(where) else [])])
 
     def _depends_on_a_pause(self, where: Where) -> bool:
