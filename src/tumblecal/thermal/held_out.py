@@ -7,7 +7,7 @@ from jaxtyping import Bool
 
 from tumblecal.capture.thermal.thermal_table import ThermalTable
 from tumblecal.thermal.choice import Choice, selected
-from tumblecal.thermal.orders import folds_of, predictable, temperatures_outside
+from tumblecal.thermal.orders import folds_of, predictable, temperatures_outside, without_signals
 from tumblecal.thermal.signals import NAMES
 
 
@@ -43,17 +43,14 @@ def _of_rows(choice: Choice, apart: Bool[np.ndarray, " rows"]) -> HeldOut | None
     if not taken.any() or min(highest.values(), default=0) < 1:
         return None
     fitted, rows = design.part(~apart), design.part(taken)
-    orders = selected(fitted, rest, highest, {leaf: order for leaf, order in choice.forced.items()}).confirmed
-    coefficients = fitted.coefficients(orders)
-    constants, temperature = design.constant.shape[1], np.concatenate(
-        [np.full(rows.columns({name: order}).shape[1], name not in NAMES) for name, order in orders.items()] or [np.zeros(0)]
-    ).astype(bool)  # fmt: skip
-    of_constants = np.concatenate([coefficients[:constants], np.zeros(len(temperature))])
-    of_temperature = np.concatenate([coefficients[:constants], coefficients[constants:] * temperature])
+    chosen = selected(fitted, rest, highest, choice.forced).confirmed
+    orders = {name: order for name, order in chosen.items() if name not in NAMES}
+    coefficients = without_signals(fitted, chosen).coefficients(orders)
+    at_reference = np.where(np.arange(len(coefficients)) < design.constant.shape[1], coefficients, 0.0)
     held = table.rows(taken)
     before, after = (
         1e3 * float(np.sqrt(np.mean(((rows.values - rows.predicted(orders, each)) * held.sd.ravel()) ** 2)))
-        for each in (of_constants, of_temperature)
+        for each in (at_reference, coefficients)
     )
     return HeldOut(_label(held, table), len(held), before, after, 1e3 * float(np.sqrt(np.mean(held.sd**2))))
 
