@@ -23,7 +23,7 @@ Column = Float[Array | np.ndarray, " positions"]
 
 # A dependence on temperature over a smaller range (degC) is a straight line for usual sensors, as far as data can show.
 LEAST_RANGE_DEGC = 10.0
-# Positions of a soak, on average; a ramp has one at each temperature.
+# Positions in each tenth of the range that has any, on average; a ramp has fewer.
 _LEAST_IN_SOAK = 3
 # Smallest time between positions, as a share of the median step.
 _LEAST_STEP = 1e-3
@@ -106,14 +106,15 @@ class Where:
     def soaks(self) -> int:
         """Number of soaks over the smallest range that shows a curvature; 0 over a smaller one, and on a ramp.
 
-        Soaks have three or more positions each on average. On a ramp every position has its own temperature, so a power of the
-        temperature is also a function of the attitude and of time.
+        On a ramp, a tenth of the range has fewer than three positions on average; a power of the temperature is then also a
+        function of the attitude and of time.
         """
         degc = self.temperature_degc
         if degc is None or np.ptp(np.asarray(degc)) < LEAST_RANGE_DEGC:
             return 0
-        count = len(soaks(np.asarray(degc)))
-        return count if _LEAST_IN_SOAK * count <= len(np.asarray(degc)) else 0
+        values = np.asarray(degc)
+        tenths = np.unique(np.floor(10 * (values - values.min()) / np.ptp(values)).clip(max=9))
+        return len(soaks(values)) if _LEAST_IN_SOAK * len(tenths) <= len(values) else 0
 
     @cached_property
     def pitch_angle(self) -> Float[np.ndarray, " positions"]:
