@@ -9,7 +9,8 @@ import pytest
 
 from tumblecal.capture.recordings.options import KnownContext, RecordingOptions
 from tumblecal.capture.still import blocks
-from tumblecal.capture.thermal.read_thermal import read_thermal, thermal_reading
+from tumblecal.capture.thermal.read_thermal import thermal_reading
+from tumblecal.capture.thermal.thermal_table import ThermalTable
 from tumblecal.data.files import write_positions
 from tumblecal.data.positions import PositionSet
 from tumblecal.ground.errors import InputError
@@ -17,6 +18,10 @@ from tumblecal.ground.errors import InputError
 
 RATE = 20.0
 UP, RIGHT = np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0])
+
+
+def read_thermal(*given, **options) -> ThermalTable:
+    return thermal_reading(*given, **options).table
 
 
 def bias(degc: np.ndarray) -> np.ndarray:

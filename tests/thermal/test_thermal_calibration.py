@@ -61,7 +61,8 @@ def test_one_attitude_determines_changes_only_and_names_their_combination():
     change = (truth(unit, degc) - truth(unit, [25.0]))[:, 3:6]
     assert np.max(np.abs(result.curves.at(degc)[:, 3:6] - change)) < 0.04e-3
     known = SensorParameters(SENSOR, truth(unit, [25.0])[0], np.diag(np.full(9, 1e-10)))
-    complete = thermal_calibration(data, Stated(base=known))
+    base = Calibration(np.eye(3), np.zeros(3), np.zeros((12, 12)), parameters=known)
+    complete = thermal_calibration(data, Stated(base=base))
     assert complete.calibration.use.answer == "only"
     assert "included in that of the bias" in complete.calibration.use.reason
     assert np.allclose(complete.calibration.sensor.of(SENSOR).values, known.values)

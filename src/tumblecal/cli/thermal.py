@@ -1,7 +1,7 @@
 """`tumblecal thermal`: calibration over temperature from recordings."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -144,7 +144,6 @@ def _stated(temperature: TemperatureOptions) -> "Stated":
     **Raises:** `InputError` for an option that cannot be read.
     """
     from tumblecal.data.calibration import read_calibration
-    from tumblecal.data.sensor_parameters import SENSOR
     from tumblecal.thermal.choice import Stated
 
     orders = {leaf: _order(text) for leaf, text in _assigned("--order", temperature.order).items()}
@@ -154,12 +153,11 @@ def _stated(temperature: TemperatureOptions) -> "Stated":
         knots[_leaf("--knots", leaf)] = _numbers(given, numbers)
     if both := [leaf for leaf in knots if leaf in orders]:
         raise InputError(f"--order and --knots both state {both[0]}; give one of them")
-    given = Stated(orders, knots, temperature.reference)
-    if temperature.calibration is None:
-        return given
-    base = read_calibration(temperature.calibration)
-    base.use.require(temperature.calibration, anyway=False)
-    return replace(given, base=base.sensor.of(SENSOR), base_use=base.use, base_degc=base.temperature_degc)
+    base = None
+    if temperature.calibration is not None:
+        base = read_calibration(temperature.calibration)
+        base.use.require(temperature.calibration, anyway=False)
+    return Stated(orders, knots, temperature.reference, base)
 
 
 def _assigned(option: str, text: str) -> Mapping[str, str]:

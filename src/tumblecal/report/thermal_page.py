@@ -75,7 +75,7 @@ def _name(source: str) -> str:
 
 def _lead(result: ThermalResult) -> str:
     table, serial = result.table, result.calibration.serial_number
-    known = "known" if table.alpha_deg is not None else "unknown"
+    known = "known" if table.known_attitudes else "unknown"
     parts = [f"serial number {serial}"] if serial else []
     parts += [f"{counted(len(table.attitudes), f'{known} attitude')}", f"{counted(len(table), 'row')} over temperature"]
     return f"{', '.join(parts)}."

@@ -171,7 +171,7 @@ def combination_lines(result: ThermalResult) -> Iterator[str]:
     """Combinations that the attitudes do not separate."""
     missing = [LEAVES[leaf] for leaf in result.choice.inseparable]
     count = counted(len(result.table.attitudes), "attitude")
-    if missing and (result.table.alpha_deg is None or len(missing) > 1):
+    if missing and (not result.table.known_attitudes or len(missing) > 1):
         yield f"{count}: changes of {_listed(missing)} are not separated from those of the bias"
     if result.combinations:
         yield f"Combinations that the curves of the biases describe: {'; '.join(result.combinations)}"

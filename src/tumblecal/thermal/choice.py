@@ -7,7 +7,7 @@ import numpy as np
 
 from tumblecal.capture.thermal.thermal_table import ThermalTable
 from tumblecal.chain.following import CHANGE
-from tumblecal.data.calibration_use import YES, Use
+from tumblecal.data.calibration import Calibration
 from tumblecal.data.sensor_parameters import SENSOR, SensorParameters, leaf_of
 from tumblecal.estimation.identifiability import identifiability
 from tumblecal.estimation.linearised import linearised
@@ -17,7 +17,7 @@ from tumblecal.ground.soaks import soaks
 from tumblecal.ground.temperature_functions import HIGHEST_ORDER, TemperatureFunctions
 from tumblecal.thermal import signals as kinds
 from tumblecal.thermal.design import Design, design_of, estimate, free_of
-from tumblecal.thermal.model import LEAVES, SENSOR_LEAVES, ThermalModel
+from tumblecal.thermal.model import LEAVES, SENSOR_LEAVES, ThermalModel, offsets
 from tumblecal.thermal.orders import SEPARATED, Search, chains_of, confirmed
 from tumblecal.thermal.signals import NAMES
 
@@ -39,16 +39,14 @@ class Stated:
     """What the user states; the rest is chosen.
 
     - `orders`: highest order by leaf (0: constant). `knots_degc`: knots by leaf. `reference_degc`: of all functions.
-    - `base`: parameters of the sensor from a calibration of the unit, for those that the attitudes do not determine, with its
-      `base_use` and its temperature `base_degc`, which is the reference if it was measured.
+    - `base`: a calibration of the unit, for parameters that the attitudes do not determine. Its temperature is the reference
+      if it was measured.
     """
 
     orders: Mapping[str, int] = field(default_factory=dict)
     knots_degc: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     reference_degc: float | None = None
-    base: SensorParameters | None = None
-    base_use: Use = YES
-    base_degc: float | None = None
+    base: Calibration | None = None
 
 
 @dataclass(frozen=True)
@@ -101,14 +99,16 @@ def chosen_model(table: ThermalTable, stated: Stated) -> Choice:
             f"{table.source}: all rows are at {low:.1f} to {high:.1f} degC, which is one temperature; record a ramp, or "
             "soaks at several temperatures"
         )
-    usual = USUAL_REFERENCE_DEGC if stated.base_degc is None else stated.base_degc
+    base = None if stated.base is None else stated.base.sensor.of(SENSOR)
+    of_base = None if stated.base is None else stated.base.temperature_degc
+    usual = USUAL_REFERENCE_DEGC if of_base is None else of_base
     reference = stated.reference_degc
     if reference is None:
         reference = usual if low <= usual <= high else round((low + high) / 2, 1)
     functions = {leaf: _functions(table, leaf, stated, temperatures, reference) for leaf in LEAVES}
     free, following = _determined(table, functions)
     functions = {leaf: functions[leaf] for leaf in following if functions[leaf].count}
-    largest = ThermalModel(table, functions, free, fixed=_values(stated.base), priors=_priors(free, stated.base))
+    largest = ThermalModel(table, functions, free, fixed=_values(base), priors=_priors(free, base))
     forced = {leaf: functions[leaf].count for leaf in functions if leaf in stated.orders or leaf in stated.knots_degc}
     forced |= {leaf: 0 for leaf, order in stated.orders.items() if order == 0}
     return _chosen(largest, forced, reference)
@@ -133,12 +133,12 @@ def _determined(
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Sensor leaves whose values at the reference the attitudes determine, and leaves whose change they determine."""
     linear = {leaf: replace(each, order=1, knots_degc=()) for leaf, each in functions.items()}
-    problem = ThermalModel(table, linear).problem()
+    problem = ThermalModel(table, linear).problem
     names, scales = problem.chain.names, problem.scales
     jacobian = np.asarray(linearised(problem, problem.chain.vector)[1])
     changes = {name: name.partition(CHANGE + "_")[0] for name in names if CHANGE + "_" in name}
     constant = np.array([name not in changes for name in names])
-    of_constants = jacobian[:, constant] if table.alpha_deg is not None else _offsets(table)
+    of_constants = jacobian[:, constant] if table.known_attitudes else problem.rows(np.moveaxis(offsets(table), 0, -1))
 
     def determined(columns: np.ndarray, taken: np.ndarray) -> bool:
         seen = identifiability(columns[:, taken], tuple(np.array(names)[taken].tolist()), scales[taken])
@@ -158,12 +158,6 @@ def _determined(
         or determined(jacobian, constant & np.array([name not in SENSOR or leaf_of(name) in leaves for name in names]))
     )
     return references, following
-
-
-def _offsets(table: ThermalTable) -> np.ndarray:
-    """White columns of an offset of each axis at each attitude; they contain all values at the reference, and all tilts."""
-    at = np.array([[name == label for label in table.attitude] for name in table.attitudes], float)
-    return (at[:, None, :, None] * np.eye(3)[:, None, :] / table.sd).reshape(-1, 3 * len(table)).T
 
 
 def _priors(free: tuple[str, ...], base: SensorParameters | None) -> Priors:
@@ -192,8 +186,8 @@ def selected(design: Design, table: ThermalTable, highest: Mapping[str, int], fo
     others = {name: len(columns) for name, columns in design.families.items() if name in NAMES}
     search = Search(design, chains_of(table))
     # Functions of temperature first: in one ramp at a constant rate, time is a function of temperature.
-    of_temperature = search.best(forced, movable).orders
-    orders = search.best(of_temperature, movable | others).orders
+    of_temperature = search.best(forced, movable)
+    orders = search.best(of_temperature, movable | others)
     return Selection(search, orders, confirmed(design, orders, table, [*movable]))
 
 
@@ -201,7 +195,7 @@ def _chosen(largest: ThermalModel, forced: Mapping[str, int], reference: float) 
     table, vector = largest.table, estimate(largest)
     highest = {leaf: functions.count for leaf, functions in largest.functions.items()}
     signals, bare = kinds.of_table(table), design_of(largest, vector)
-    problem = largest.problem()
+    problem = largest.problem
     design = bare.with_signals(problem, signals)
     found = selected(design, table, highest, forced)
     # The slope of the chosen model gives the signal of a lag.
@@ -239,7 +233,7 @@ def _slope(model: ThermalModel, vector: np.ndarray, orders: Mapping[str, int]) -
     """
     smooth = dict(zip(model.chain.names, vector.tolist(), strict=True))
     for leaf in model.chain.free:
-        family = leaf.name.removesuffix("_T")
+        family = leaf.name.removesuffix(CHANGE)
         if family in model.functions and leaf.name != family:
             order, each = max(orders.get(family, 0), 1), leaf.value.size // model.functions[family].count
             smooth |= dict.fromkeys(leaf.names[order * each :], 0.0)
@@ -259,12 +253,12 @@ def _not_separated(
     found: dict[str, tuple[str, ...]] = {}
     for name in [kind for kind in NAMES if orders.get(kind)]:
         rest = {other: order for other, order in orders.items() if other != name}
-        alike = []
+        near = []
         for other, highest in available.items():
             if other == name or orders.get(other):
                 continue
             best = min(search.criterion(rest | {other: order}) for order in range(1, highest + 1))
             if best < search.criterion(orders) + SEPARATED:
-                alike.append(other)
-        found[name] = tuple(alike)
+                near.append(other)
+        found[name] = tuple(near)
     return found

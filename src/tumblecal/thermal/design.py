@@ -25,7 +25,7 @@ RANK = 1e-7
 
 def estimate(model: ThermalModel) -> Float[np.ndarray, " free"]:
     """The least-squares estimate of all parameters of a model; along undetermined directions it remains at the start."""
-    problem, vector = model.problem(), model.chain.vector
+    problem, vector = model.problem, model.chain.vector
     for _ in range(_STEPS):
         residual, jacobian = (np.asarray(part) for part in linearised(problem, vector))
         vector = vector - np.linalg.lstsq(jacobian, residual, rcond=RANK)[0] * problem.scales
@@ -68,12 +68,6 @@ class Design:
         number = np.cumsum(taken) - 1
         return Design(self.constant[rows], families, self.values[rows], number[self.row_of[rows]])
 
-    def projected(self) -> "Design":
-        """The design in the space that the constants do not reach."""
-        families = {name: free_of(self.constant, columns.reshape(-1, len(self.values)).T).T.reshape(columns.shape)
-                    for name, columns in self.families.items()}  # fmt: skip
-        return Design(self.constant[:, :0], families, free_of(self.constant, self.values[:, None])[:, 0], self.row_of)
-
     def coefficients(self, orders: Mapping[str, int]) -> Float[np.ndarray, " all"]:
         """Least-squares coefficients of constants and families; zero along undetermined directions."""
         return np.linalg.lstsq(self._all(orders), self.values, rcond=RANK)[0]
@@ -99,7 +93,7 @@ def free_of(
 
 def design_of(model: ThermalModel, vector: Float[np.ndarray, " free"]) -> Design:
     """The design of a model without signals, at an estimate of all its parameters."""
-    problem, chain = model.problem(), model.chain
+    problem, chain = model.problem, model.chain
     # Rows of priors are no observations.
     residual, jacobian = (np.asarray(part)[: model.table.readings.size] for part in linearised(problem, vector))
     families: dict[str, np.ndarray] = {}

@@ -9,9 +9,10 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from jaxtyping import Float
 
 from tumblecal.capture.thermal.thermal_table import ThermalTable
-from tumblecal.chain import Chain, Parameter, Where, coefficients, settings
+from tumblecal.chain import Chain, Where, coefficients, settings
 from tumblecal.chain.nominal import HAND_HELD, NOMINAL, Leaf, nominal_link
 from tumblecal.data.positions import ATTITUDES, UNKNOWN, PositionSet, attitudes_of
 from tumblecal.estimation.priors import Priors
@@ -36,40 +37,32 @@ class ThermalModel:
     - `free`: leaves of the sensor whose values at the reference the attitudes determine. The other leaves have `priors`. If it
       is empty, no value at the reference is estimated: each attitude has an offset on each axis, and the sensor has the
       values in `fixed`.
-    - `directions`: spindle and pitch angle (deg) of each unknown attitude, from which its tilts are counted; by default from
-      the mean readings of the table.
     - `signals`: signals of direction, rate or time, with their orders. `lag_s`: delay of the sensor after the thermometer.
     """
 
     table: ThermalTable
     functions: Mapping[str, TemperatureFunctions]
     free: tuple[str, ...] = SENSOR_LEAVES
-    directions: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     fixed: Mapping[str, float] = field(default_factory=dict)
     priors: Priors = field(default_factory=dict)
     signals: tuple[tuple[Signals, int], ...] = ()
     lag_s: float = 0.0
 
-    @property
-    def known(self) -> bool:
-        """Whether the attitudes are known."""
-        return self.table.alpha_deg is not None
-
     @cached_property
     def where(self) -> Where:
         """The settings of the rows."""
         table = self.table
+        known = table.known_attitudes
+        angles = directions_of(table)
         if table.alpha_deg is not None and table.beta_deg is not None:
-            alpha, beta = np.radians(table.alpha_deg), np.radians(table.beta_deg)
-        else:
-            directions = self.directions or directions_of(table)
-            alpha, beta = np.radians([directions[name] for name in table.attitude]).T
+            angles = table.alpha_deg, table.beta_deg
+        alpha, beta = (np.radians(angle) for angle in angles)
         return settings(
             alpha,
             beta,
-            pitch=None if self.known else np.zeros(len(table), int),
-            run=table.clock if self.known else None,
-            mount=table.mount if self.known else table.attitude,
+            pitch=None if known else np.zeros(len(table), int),
+            run=table.clock if known else None,
+            mount=table.mount if known else table.attitude,
             time_s=table.time_s,
             temperature_degc=table.temperature_degc - self.lag_s * table.rate_degc_per_s,
         )
@@ -77,7 +70,7 @@ class ThermalModel:
     @cached_property
     def chain(self) -> Chain:
         """The chain, all coefficients zero but the fixed ones."""
-        where, known = self.where, self.known
+        where, known = self.where, self.table.known_attitudes
         leaves = {name: Leaf(follows=self.functions.get(name)) for name in LEAVES}
         if known:
             many = {column: len(set(where.names(column))) > 1 for column in ("run", "mount")}
@@ -91,30 +84,22 @@ class ThermalModel:
             size = coefficients(given.name, given.names(order), unit=given.unit, scale=given.scale)
             chain = chain + GivenSignals(size, given.up_to(order))
         if not (known or self.free):
-            chain = chain + GivenSignals(*self._offsets)
+            names = [f"{axis}@{name}" for name in self.table.attitudes for axis in AXES]
+            chain = chain + GivenSignals(coefficients("offset", names, unit="g"), offsets(self.table))
         chain = chain.named(dict(self.fixed))
         return chain.fixed({*(() if self.free else SENSOR_LEAVES), *(() if known else ("dtheta",))})
 
     @property
-    def _offsets(self) -> tuple[Parameter, np.ndarray]:
-        """A coefficient and a signal for each axis at each attitude."""
-        names = self.table.attitudes
-        of_attitude = np.array([[name == label for label in self.table.attitude] for name in names], float)
-        signals = (of_attitude[:, None, :, None] * np.eye(3)[:, None, :]).reshape(-1, len(self.table), 3)
-        return coefficients("offset", [f"{axis}@{name}" for name in names for axis in AXES], unit="g"), signals
-
-    def problem(self, factor: float = 1.0) -> Problem:
-        """The fit of the chain to the table; `factor`: of the standard deviations of its rows."""
+    def problem(self) -> Problem:
+        """The fit of the chain to the table."""
         table = self.table
-        problem = Problem.from_arrays(
-            self.chain, self.where, table.readings, noise_sd=table.sd * factor, priors=self.priors
-        )
+        problem = Problem.from_arrays(self.chain, self.where, table.readings, noise_sd=table.sd, priors=self.priors)
         return replace(problem, data=self._positions)
 
     @property
     def _positions(self) -> PositionSet:
         table, where = self.table, self.where
-        comments = dict(table.comments) | ({} if table.alpha_deg is not None else {ATTITUDES: UNKNOWN})
+        comments = dict(table.comments) | ({} if table.known_attitudes else {ATTITUDES: UNKNOWN})
         return PositionSet(
             names=tuple(
                 f"{name} {degc:.1f} degC" for name, degc in zip(table.attitude, table.temperature_degc, strict=True)
@@ -130,8 +115,17 @@ class ThermalModel:
         )
 
 
-def directions_of(table: ThermalTable) -> dict[str, tuple[float, float]]:
-    """Spindle and pitch angle (deg) of each attitude by the mean of its readings."""
+def offsets(table: ThermalTable) -> Float[np.ndarray, "signals rows 3"]:
+    """A signal of 1 for each attitude and axis: they contain all values at the reference, and all tilts."""
+    at = np.array([[name == label for label in table.attitude] for name in table.attitudes], float)
+    return (at[:, None, :, None] * np.eye(3)[:, None, :]).reshape(-1, len(table), 3)
+
+
+def directions_of(table: ThermalTable) -> tuple[Float[np.ndarray, " rows"], Float[np.ndarray, " rows"]]:
+    """Spindle and pitch angles (deg) of the rows of unknown attitudes: those of the mean reading of each attitude, from which
+    its tilts are counted."""
     labels = np.array(table.attitude)
-    mean = np.stack([table.readings[labels == name].mean(0) for name in table.attitudes])
-    return dict(zip(table.attitudes, zip(*(angle.tolist() for angle in attitudes_of(mean)), strict=True), strict=True))
+    mean = np.zeros((len(table), 3))
+    for name in table.attitudes:
+        mean[labels == name] = table.readings[labels == name].mean(0)
+    return attitudes_of(mean)

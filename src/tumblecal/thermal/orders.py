@@ -8,14 +8,14 @@ predicts the held-out rows better by more than one standard error.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from tumblecal.capture.thermal.thermal_table import ThermalTable
 from tumblecal.ground.soaks import soaks
-from tumblecal.thermal.design import Design
+from tumblecal.thermal.design import Design, free_of
 from tumblecal.thermal.signals import NAMES
 
 
@@ -30,34 +30,25 @@ SEPARATED = 2 * np.log(20.0)
 _DISTINCT = 0.1
 
 
-@dataclass(frozen=True)
-class Score:
-    """The Bayesian information criterion of some orders; smaller is better."""
-
-    orders: Mapping[str, int]
-    criterion: float
-
-
 class Search:
     """The best orders of the families of a design."""
 
     def __init__(self, design: Design, chains: Sequence[Int[np.ndarray, " part"]]):
-        projected = design.projected()
-        constants = np.linalg.matrix_rank(design.constant)
         self._known: dict[tuple[tuple[str, int], ...], float] = {}
-        names = [*projected.families]
-        stacked = projected.columns({name: len(projected.families[name]) for name in names})
-        basis = np.linalg.svd(stacked, full_matrices=False)[0][:, : np.linalg.matrix_rank(stacked)]
-        residual = projected.values - basis @ (basis.T @ projected.values)
-        self._rows = len(projected.values) - constants
+        highest = {name: len(columns) for name, columns in design.families.items()}
+        # In the space that the constants do not reach.
+        free = free_of(design.constant, np.column_stack([design.columns(highest), design.values]))
+        columns, values = free[:, :-1], free[:, -1]
+        basis = np.linalg.svd(columns, full_matrices=False)[0][:, : np.linalg.matrix_rank(columns)]
+        residual = values - basis @ (basis.T @ values)
+        self._rows = len(values) - np.linalg.matrix_rank(design.constant)
         self._count = self._rows * independent_share(residual.reshape(-1, 3), chains)
         # Everything is in the space of the columns and the values: a small triangle instead of all rows.
-        _, triangle = np.linalg.qr(np.column_stack([stacked, projected.values]))
-        self._triangle, self._places, start = triangle, {}, 0
-        for name in names:
-            orders, components, _ = projected.families[name].shape
-            self._places[name] = (start, components)
-            start += orders * components
+        _, self._triangle = np.linalg.qr(free)
+        self._places, start = {}, 0
+        for name, family in design.families.items():
+            self._places[name] = (start, family.shape[1])
+            start += family.shape[0] * family.shape[1]
 
     def criterion(self, orders: Mapping[str, int]) -> float:
         """Observations times the logarithm of the mean square of residuals, plus the logarithm of observations for each
@@ -86,9 +77,9 @@ class Search:
             )
         return self._known[key]
 
-    def best(self, start: Mapping[str, int], highest: Mapping[str, int]) -> Score:
+    def best(self, start: Mapping[str, int], highest: Mapping[str, int]) -> dict[str, int]:
         """The best orders from a start, each at most its highest."""
-        orders, score = dict(start), self.criterion(start)
+        orders = dict(start)
         for _ in range(_MOST_CHANGES):
             changes = [
                 orders | {name: orders.get(name, 0) + step}
@@ -97,10 +88,10 @@ class Search:
                 if 0 <= orders.get(name, 0) + step <= highest[name]
             ]
             better = min(changes, key=self.criterion, default=orders)
-            if not self.criterion(better) < score - 1e-9:
+            if not self.criterion(better) < self.criterion(orders) - 1e-9:
                 break
-            orders, score = better, self.criterion(better)
-        return Score({name: order for name, order in orders.items() if order}, score)
+            orders = better
+        return {name: order for name, order in orders.items() if order}
 
 
 def independent_share(residual: Float[np.ndarray, "table 3"], chains: Sequence[Int[np.ndarray, " part"]]) -> float:
@@ -134,9 +125,10 @@ def confirmed(
     - `names`: families that may lose orders.
     """
     chosen, chains = dict(orders), chains_of(table)
+    parts = [(part, temperatures_outside(table, part)) for part in folds_of(table)]
     for name in names:
         while chosen.get(name, 0) > 0:
-            folds = [part for part in folds_of(table) if temperatures_outside(table, part) > chosen[name]]
+            folds = [part for part, temperatures in parts if temperatures > chosen[name]]
             lower = chosen | {name: chosen[name] - 1}
             errors = prediction_errors(design, chosen, table, folds)
             change = prediction_errors(design, lower, table, folds) - errors

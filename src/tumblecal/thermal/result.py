@@ -81,7 +81,7 @@ class ThermalResult:
     @property
     def undetermined(self) -> tuple[str, ...]:
         """Leaves of the sensor whose values at the reference these attitudes do not determine."""
-        return tuple(leaf for leaf in ("dK", "bias", "gamma") if leaf not in self.choice.model.free)
+        return tuple(leaf for leaf in SENSOR_LEAVES if leaf not in self.choice.model.free)
 
 
 def thermal_calibration(table: ThermalTable, stated: Stated | None = None) -> ThermalResult:
@@ -111,10 +111,10 @@ def thermal_calibration(table: ThermalTable, stated: Stated | None = None) -> Th
 def _fitted(choice: Choice) -> tuple[Choice, Fit, float]:
     """The exact fit; a lag shifts the temperatures until its column has nothing to explain."""
     model = choice.model
-    fit = exact.fit(model.problem())
+    fit = exact.fit(model.problem)
     for _ in range(_LAG_ROUNDS if "lag" in fit.names else 0):
         model = replace(model, lag_s=model.lag_s + fit.value("lag"))
-        fit = exact.fit(model.problem(), np.where(np.array(fit.names) == "lag", 0.0, fit.values))
+        fit = exact.fit(model.problem, np.where(np.array(fit.names) == "lag", 0.0, fit.values))
     factor = max(1.0, fit.level) if fit.dof > 0 else 1.0
     if factor > 1:
         fit = replace(fit, covariance=fit.covariance * factor**2)
@@ -140,8 +140,8 @@ def _found(fit: Fit, given: kinds.Signals, order: int, choice: Choice) -> FoundS
 def _calibration(
     fit: Fit, choice: Choice, found: tuple[FoundSignal, ...], stated: Stated, factor: float
 ) -> Calibration:
-    table, base = choice.model.table, stated.base
-    sensor = _sensor(fit, base)
+    table = choice.model.table
+    sensor, span = _sensor(fit, stated.base), measured_range(table)
     slope, values = correction_slope(sensor.values), sensor.values
     curves = curves_of(fit, sensor.covariance)
     if curves is not None:
@@ -150,10 +150,9 @@ def _calibration(
             Hysteresis(f"bias_{axis}", float(size), "g") for axis, size in zip(AXES, total, strict=True) if size > 0
         ]
         # The range is that of the thermometer, also if the sensor is behind it, up to the edges of the outer bins.
-        span = measured_range(table)
         measured = tuple(replace(each, functions=replace(each.functions, range_degc=span)) for each in curves.curves)
         curves = replace(curves, curves=measured, hysteresis=tuple(widths))
-    comments: dict[str, Any] = {} if table.alpha_deg is not None else {ATTITUDES: UNKNOWN}
+    comments: dict[str, Any] = {} if table.known_attitudes else {ATTITUDES: UNKNOWN}
     positions = fit.data
     return Calibration(
         matrix=np.linalg.inv(triad_of(values)),
@@ -170,7 +169,7 @@ def _calibration(
             "code": fit.code.name,
             "sigma_g": float(fit.sigma) if np.isfinite(fit.sigma) else None,
             "dof": None,
-            "temperature_range_degc": list(measured_range(table)),
+            "temperature_range_degc": list(span),
             "date_utc": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
         },
         parameters=sensor,
@@ -193,13 +192,13 @@ def measured_range(table: ThermalTable) -> tuple[float, float]:
     return low - beyond[0], high + beyond[1]
 
 
-def _sensor(fit: Fit, base: SensorParameters | None) -> SensorParameters:
+def _sensor(fit: Fit, base: Calibration | None) -> SensorParameters:
     """Parameters at the reference: estimated, otherwise those of `base`, otherwise zero without uncertainty."""
     if one_sensor(fit):
         here = sensor_places(fit)
         return SensorParameters(SENSOR, fit.values[here], fit.covariance[np.ix_(here, here)])
     if base is not None:
-        return base.of(SENSOR)
+        return base.sensor.of(SENSOR)
     return SensorParameters(SENSOR, np.zeros(len(SENSOR)), np.zeros((len(SENSOR), len(SENSOR))))
 
 
@@ -213,7 +212,7 @@ def _use(choice: Choice, stated: Stated, factor: float) -> Use:
             "calibration of the unit with --calibration, or record six or more attitudes"
         )
         return Use("no", reason)
-    uses = [stated.base_use if stated.base is not None else YES]
+    uses = [YES if stated.base is None else stated.base.use]
     if stated.base is None and len(free) < len(SENSOR_LEAVES):
         missing = ", ".join(LEAVES[leaf] for leaf in SENSOR_LEAVES if leaf not in free)
         reason = f"these attitudes do not determine the {missing} at the reference temperature; a usual size is assumed"

@@ -9,15 +9,7 @@ from tumblecal.capture.thermal.thermal_table import ThermalTable
 from tumblecal.ground.axes import AXES
 
 
-# Hysteresis as a function of temperature: constant, linear, quadratic.
-HYSTERESIS_ORDERS = 3
 NAMES = ("hysteresis", "rate", "lag", "drift")
-WORDS = {
-    "hysteresis": "a difference between rising and falling temperature",
-    "rate": "a bias that follows the rate of the temperature",
-    "lag": "a delay between the thermometer and the sensor",
-    "drift": "a bias that drifts with time",
-}
 
 
 @dataclass(frozen=True)
@@ -67,6 +59,7 @@ def _hysteresis(table: ThermalTable) -> Signals | None:
         return None
     low, high = table.range_degc
     share = 2 * (table.temperature_degc - low) / (high - low) - 1
+    # The difference between the branches is constant, linear or quadratic over temperature.
     shapes = [np.ones(len(table)), share, share**2 - 1 / 3]
     return _on_axes("hysteresis", "g", [table.reached_by * shape for shape in shapes])
 

@@ -40,19 +40,6 @@ class ThermalReading:
     warnings: tuple[tuple[str, list[str]], ...]
 
 
-def read_thermal(
-    paths: Sequence[Path],
-    context: KnownContext = KnownContext(),
-    options: RecordingOptions = RecordingOptions(),
-    criterion: Criterion = Criterion(),
-    *,
-    bin_degc: float | None = None,
-    same_attitude: bool = False,
-) -> ThermalTable:
-    """The table of `thermal_reading`."""
-    return thermal_reading(paths, context, options, criterion, bin_degc=bin_degc, same_attitude=same_attitude).table
-
-
 def thermal_reading(
     paths: Sequence[Path],
     context: KnownContext = KnownContext(),

@@ -76,6 +76,11 @@ class ThermalTable:
         return len(self.attitude)
 
     @property
+    def known_attitudes(self) -> bool:
+        """Whether the angles of the attitudes are known."""
+        return self.alpha_deg is not None
+
+    @property
     def attitudes(self) -> tuple[str, ...]:
         """The attitudes, in the order of their first rows."""
         return tuple(dict.fromkeys(self.attitude))
