@@ -9,6 +9,7 @@ from tumblecal.data.calibration import Calibration
 from tumblecal.data.sensor_parameters import SENSOR, SensorParameters
 from tumblecal.ground.errors import InputError
 from tumblecal.thermal.choice import Stated, chosen_model
+from tumblecal.thermal.orders import Search, chains_of
 from tumblecal.thermal.result import thermal_calibration
 
 
@@ -137,3 +138,12 @@ def test_the_calibration_file_has_the_curves(tmp_path):
     assert np.array_equal(
         read.corrected(data.readings, data.temperature_degc), made.corrected(data.readings, data.temperature_degc)
     )
+
+
+def test_a_difference_between_branches_is_not_chosen_if_there_is_one_branch():
+    _, _, data = table(12, 6, bias_order=2, hysteresis_mg=0.3)
+    choice = chosen_model(data, Stated())
+    rising = np.asarray(data.reached_by) > 0
+    search = Search(choice.design.part(rising), chains_of(data.rows(rising)))
+    assert np.isinf(search.criterion({"hysteresis": 1}))
+    assert np.isfinite(Search(choice.design, chains_of(data)).criterion({"hysteresis": 1}))

@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float, Int
 
 from tumblecal.capture.thermal.thermal_table import ThermalTable
 from tumblecal.ground.soaks import soaks
-from tumblecal.thermal.design import Design, free_of
+from tumblecal.thermal.design import RANK, Design, free_of
 from tumblecal.thermal.signals import NAMES
 
 
@@ -37,7 +37,10 @@ class Search:
         self._known: dict[tuple[tuple[str, int], ...], float] = {}
         highest = {name: len(columns) for name, columns in design.families.items()}
         # In the space that the constants do not reach.
-        free = free_of(design.constant, np.column_stack([design.columns(highest), design.values]))
+        whole = np.column_stack([design.columns(highest), design.values])
+        free = free_of(design.constant, whole)
+        # The rest of a column that the constants absorb (a difference between branches of which there is one) is rounding.
+        self._absorbed = np.linalg.norm(free, axis=0) <= RANK * np.linalg.norm(whole, axis=0)
         columns, values = free[:, :-1], free[:, -1]
         basis = np.linalg.svd(columns, full_matrices=False)[0][:, : np.linalg.matrix_rank(columns)]
         residual = values - basis @ (basis.T @ values)
@@ -67,7 +70,7 @@ class Search:
                 ]
                 good = np.abs(np.diag(triangle)) > np.array(least) * np.linalg.norm(columns, axis=0)
                 values = values - basis @ (basis.T @ values)
-                if not np.all(good):
+                if not np.all(good) or np.any(self._absorbed[taken]):
                     self._known[key] = np.inf
                     return np.inf
             residual_ss = max(float(values @ values), 1e-300)
