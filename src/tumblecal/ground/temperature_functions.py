@@ -24,6 +24,8 @@ from tumblecal.ground.errors import InputError
 
 HIGHEST_ORDER = 5
 SPLINE_ORDER, _LINEAR = 3, 1
+# A reference outside these temperatures is a typing error.
+_LOWEST_DEGC, _HIGHEST_DEGC = -273.15, 1000.0
 # Temperatures of the range at which functions are orthonormal.
 _GRID = 201
 # Two knots, or a knot and an end of the range, that are closer than this share of the range determine no cubic between them.
@@ -40,7 +42,8 @@ class TemperatureFunctions:
     - `reference_degc`: where all functions are zero. `range_degc`: lowest and highest measured temperature.
     - `knots_degc`: interior knots of a spline, increasing; none: a polynomial.
 
-    **Raises:** `InputError` for an order outside 0 to 5, an empty range, or knots that are not increasing within the range.
+    **Raises:** `InputError` for an order outside 0 to 5, an empty range, an impossible reference, or knots that are not
+    increasing within the range.
 
     Examples:
         >>> cubic = TemperatureFunctions(3, reference_degc=25.0, range_degc=(0.0, 60.0))
@@ -60,6 +63,9 @@ class TemperatureFunctions:
         low, high = self.range_degc
         if not 0 <= self.order <= HIGHEST_ORDER:
             raise InputError(f"order {self.order} of a temperature polynomial: it must be 0 to {HIGHEST_ORDER}")
+        if not _LOWEST_DEGC <= self.reference_degc <= _HIGHEST_DEGC:
+            limits = f"{_LOWEST_DEGC:g} to {_HIGHEST_DEGC:g} degC"
+            raise InputError(f"reference temperature {self.reference_degc:g} degC: it must be from {limits}")
         if not low < high:
             raise InputError(
                 f"temperature range {low:g} to {high:g} degC: the lowest temperature must be below the highest"
@@ -70,7 +76,7 @@ class TemperatureFunctions:
             )
         gaps = np.diff([low, *self.knots_degc, high])
         closest = _CLOSEST_KNOTS * (high - low) if self.order == SPLINE_ORDER else np.finfo(float).tiny
-        if self.knots_degc and np.min(gaps) < closest:
+        if self.knots_degc and not np.min(gaps) >= closest:
             stated = ", ".join(f"{knot:g}" for knot in self.knots_degc)
             raise InputError(f"knots {stated} degC: they must increase within the range {low:g} to {high:g} degC")
 
