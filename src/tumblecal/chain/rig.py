@@ -10,6 +10,7 @@ import numpy as np
 
 from tumblecal.chain.chain import Chain
 from tumblecal.chain.considered import Considered
+from tumblecal.chain.head_ability import HeadAbility
 from tumblecal.chain.link import Link
 from tumblecal.chain.nominal import NOMINAL, Leaf, nominal_link
 from tumblecal.chain.plan import Plan
@@ -31,6 +32,7 @@ class Rig(Shown):
     `truth`: true values by leaf or parameter name (base units), for simulation; zero where absent. `priors`: mean and
     sd by leaf or parameter name. `usual`: the largest plausible size by the same names. `considered`: inputs of its
     budget. `temperature`: leaves that follow temperature. `mounts`: intended rotation of each mounting, deg about x, y, z.
+    `ability`: what the head can do, for the design of a plan; None if the file has no table `[head]`.
     """
 
     title: str
@@ -46,6 +48,7 @@ class Rig(Shown):
     usual: Mapping[str, float] = field(default_factory=dict)
     considered: Mapping[str, Considered] = field(default_factory=dict)
     temperature: RigTemperature = field(default_factory=RigTemperature)
+    ability: HeadAbility | None = None
     source: str = "rig"
 
     def screen(self) -> Screen:

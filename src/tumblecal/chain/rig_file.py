@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from pydantic import Field
 
 from tumblecal.chain.considered import Considered
+from tumblecal.chain.head_ability import HeadTable
 from tumblecal.chain.nominal import LINKS, NOMINAL, UNIT_OF_LEAF, Leaf
 from tumblecal.chain.plan_table import PlanTable
 from tumblecal.chain.rig import EffectLinks, Rig
@@ -74,6 +75,7 @@ class RigTable(Strict):
     usual: dict[str, str] = {}
     considered: dict[str, Considered] = {}
     temperature: TemperatureTable = TemperatureTable()
+    head: HeadTable | None = None
 
 
 def read_rig(
@@ -136,9 +138,11 @@ def rig_of(
     temperature = rig_temperature(table.temperature, table.chain.links, faults, str(path))
     if faults:
         raise InputError(located(path, faults))
+    plan = table.plan.plan()
+    of_plan = tuple(sorted(set(plan.beta_deg))), tuple(dict.fromkeys(plan.mounts))
     return Rig(
         title=table.title,
-        plan=table.plan.plan(),
+        plan=plan,
         links=tuple(table.chain.links),
         leaves={name: Leaf(leaf.by, leaf.free) for name, leaf in table.chain.leaves.items()},
         mounts={name: (m.rotation_deg[0], m.rotation_deg[1], m.rotation_deg[2]) for name, m in table.mounts.items()},
@@ -150,6 +154,7 @@ def rig_of(
         usual=usual,
         considered=table.considered,
         temperature=temperature,
+        ability=None if table.head is None else table.head.ability(*of_plan),
         source=str(path),
     )
 

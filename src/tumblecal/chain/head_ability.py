@@ -1,0 +1,168 @@
+"""What a dividing head can do, as stated in the `[head]` table of a rig file: settings, times, repeatability, slow noise."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Annotated
+
+from pydantic import AfterValidator, Field, model_validator
+
+from tumblecal.chain.plan_table import Angles, Steps
+from tumblecal.ground.errors import InputError
+from tumblecal.ground.strict_toml import Line, Number, Strict
+from tumblecal.ground.units import quantity
+
+
+@dataclass(frozen=True)
+class Times:
+    """Times, s: of a dwell, of settling before it, of a turn of the spindle, a change of the pitch setting, of the mounting
+    and of the temperature."""
+
+    dwell_s: float = 60.0
+    settle_s: float = 10.0
+    turn_s: float = 15.0
+    pitch_change_s: float = 120.0
+    remount_s: float = 1800.0
+    temperature_change_s: float = 7200.0
+
+
+@dataclass(frozen=True)
+class Repeatability:
+    """Standard deviation of a pitch setting and of a mounting when it is set again, rad; None: not stated."""
+
+    pitch: float | None = None
+    mount: float | None = None
+
+
+@dataclass(frozen=True)
+class SlowNoise:
+    """Parts of the noise that are common to neighbouring dwells, on each axis: bias instability (flicker), g; random walk,
+    g/sqrt(s); an exponentially correlated part, g, with its correlation time, s."""
+
+    bias_instability_g: float = 0.0
+    random_walk_g_per_rts: float = 0.0
+    markov_sd_g: float = 0.0
+    markov_time_s: float = 1000.0
+
+    @property
+    def any(self) -> bool:
+        """Whether there is such a part."""
+        return max(self.bias_instability_g, self.random_walk_g_per_rts, self.markov_sd_g) > 0
+
+
+@dataclass(frozen=True)
+class HeadAbility:
+    """What a dividing head can do.
+
+    - `alpha_deg`, `beta_deg`: spindle angles and pitch settings that can be set. `alpha_continuous`, `beta_continuous`: whether
+      any angle within their range can.
+    - `mounts`: possible mountings, by their labels in `[mounts]`. `temperatures_degc`: of the chamber; empty: no chamber.
+    - `slow_noise`: in addition to the white noise of a dwell (`[noise] sd`).
+    """
+
+    alpha_deg: tuple[float, ...]
+    beta_deg: tuple[float, ...]
+    mounts: tuple[str, ...] = ("1",)
+    temperatures_degc: tuple[float, ...] = ()
+    alpha_continuous: bool = False
+    beta_continuous: bool = False
+    times: Times = Times()
+    repeatability: Repeatability = Repeatability()
+    slow_noise: SlowNoise = SlowNoise()
+
+
+def _unit(unit: str) -> Callable[[str], str]:
+    def check(text: str) -> str:
+        try:
+            value = quantity(text, unit)
+        except InputError as error:
+            raise ValueError(str(error)) from error
+        if not value >= 0:
+            raise ValueError(f"{text!r} must not be below 0")
+        return text
+
+    return check
+
+
+Angle = Annotated[str, AfterValidator(_unit("rad"))]
+Force = Annotated[str, AfterValidator(_unit("g"))]
+Seconds = Annotated[Number, Field(ge=0)]
+
+
+class TimesTable(Strict):
+    """The `[head.times]` table, s."""
+
+    dwell_s: Annotated[Number, Field(gt=0)] = Times.dwell_s
+    settle_s: Seconds = Times.settle_s
+    turn_s: Seconds = Times.turn_s
+    pitch_change_s: Seconds = Times.pitch_change_s
+    remount_s: Seconds = Times.remount_s
+    temperature_change_s: Seconds = Times.temperature_change_s
+
+
+class RepeatabilityTable(Strict):
+    """The `[head.repeatability]` table: standard deviation of a setting that is set again."""
+
+    pitch: Angle | None = None
+    mount: Angle | None = None
+
+
+class SlowNoiseTable(Strict):
+    """The `[head.noise]` table: parts of the noise that are common to neighbouring dwells."""
+
+    bias_instability: Force | None = None
+    random_walk_g_per_rts: Annotated[Number, Field(ge=0)] = 0.0
+    markov_sd: Force | None = None
+    markov_time_s: Annotated[Number, Field(gt=0)] = 1000.0
+
+    def slow_noise(self) -> SlowNoise:
+        """The parts."""
+        sizes = (self.bias_instability, self.markov_sd)
+        flicker, markov = (quantity(text, "g") if text else 0.0 for text in sizes)
+        return SlowNoise(flicker, float(self.random_walk_g_per_rts), markov, float(self.markov_time_s))
+
+
+class HeadTable(Strict):
+    """The `[head]` table of a rig file."""
+
+    alpha_deg: Angles = Field(default_factory=lambda: Steps(start=0, step=15, count=24))
+    beta_deg: Angles | None = None
+    mounts: Annotated[list[Line], Field(min_length=1)] | None = None
+    temperatures_degc: Annotated[list[Number], Field(default_factory=list)]
+    alpha_continuous: bool = False
+    beta_continuous: bool = False
+    times: TimesTable = TimesTable()
+    repeatability: RepeatabilityTable = RepeatabilityTable()
+    noise: SlowNoiseTable = SlowNoiseTable()
+
+    @model_validator(mode="after")
+    def _distinct(self) -> "HeadTable":
+        for name in ("alpha_deg", "beta_deg", "mounts", "temperatures_degc"):
+            listed = _values(getattr(self, name))
+            if len(set(listed)) < len(listed):
+                raise ValueError(f"{name}: a value is listed twice; list each once")
+        if self.alpha_deg is not None and not _values(self.alpha_deg):
+            raise ValueError("alpha_deg is empty; list the spindle angles that can be set")
+        if any(abs(angle) > 90 for angle in _values(self.beta_deg)):
+            raise ValueError("beta_deg: pitch settings are from -90 to 90 deg")
+        return self
+
+    def ability(self, beta_deg: tuple[float, ...], mounts: tuple[str, ...]) -> HeadAbility:
+        """What the head can do; `beta_deg`, `mounts`: of the rig's plan, if the table states none."""
+        spread = self.repeatability
+        return HeadAbility(
+            alpha_deg=tuple(float(angle) for angle in _values(self.alpha_deg)),
+            beta_deg=tuple(float(angle) for angle in _values(self.beta_deg)) or beta_deg,
+            mounts=tuple(self.mounts or mounts),
+            temperatures_degc=tuple(float(degc) for degc in self.temperatures_degc),
+            alpha_continuous=self.alpha_continuous,
+            beta_continuous=self.beta_continuous,
+            times=Times(**self.times.model_dump()),
+            repeatability=Repeatability(
+                *(None if text is None else quantity(text, "rad") for text in (spread.pitch, spread.mount))
+            ),
+            slow_noise=self.noise.slow_noise(),
+        )
+
+
+def _values(listed: "list | Steps | None") -> list:
+    return listed.values if isinstance(listed, Steps) else listed or []

@@ -1,0 +1,66 @@
+"""Cells that a position of a plan may occupy: a spindle angle, a pitch setting, a mounting, a temperature."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from tumblecal.chain import Where, settings
+from tumblecal.chain.head_ability import HeadAbility
+
+
+@dataclass(frozen=True)
+class Cells:
+    """Candidates for positions, one entry each; `temperature_degc`: None without a chamber."""
+
+    alpha_deg: Float[np.ndarray, " cells"]
+    beta_deg: Float[np.ndarray, " cells"]
+    mounts: tuple[str, ...]
+    temperature_degc: Float[np.ndarray, " cells"] | None = None
+
+    def __len__(self) -> int:
+        return len(self.alpha_deg)
+
+    @cached_property
+    def where(self) -> Where:
+        """The settings of all cells."""
+        return settings(
+            np.radians(self.alpha_deg),
+            np.radians(self.beta_deg),
+            mount=self.mounts,
+            temperature_degc=self.temperature_degc,
+        )
+
+    @cached_property
+    def mounting(self) -> Int[np.ndarray, " cells"]:
+        """Number of the mounting of each cell."""
+        order = list(dict.fromkeys(self.mounts))
+        return np.array([order.index(label) for label in self.mounts], int)
+
+    @cached_property
+    def pitch(self) -> Int[np.ndarray, " cells"]:
+        """Number of the pitch setting of each cell, by increasing angle."""
+        return np.unique(np.round(self.beta_deg, 9), return_inverse=True)[1].ravel()
+
+    @cached_property
+    def soak(self) -> Int[np.ndarray, " cells"]:
+        """Number of the temperature of each cell, by increasing temperature."""
+        if self.temperature_degc is None:
+            return np.zeros(len(self), int)
+        return np.unique(self.temperature_degc, return_inverse=True)[1].ravel()
+
+    @cached_property
+    def group(self) -> Int[np.ndarray, " cells"]:
+        """Number of the combination of temperature, mounting and pitch setting."""
+        columns = np.stack([self.soak, self.mounting, self.pitch], axis=1)
+        return np.unique(columns, axis=0, return_inverse=True)[1].ravel()
+
+
+def cells_of(ability: HeadAbility) -> Cells:
+    """Every spindle angle at every pitch setting, mounting and temperature that a head can set."""
+    degc = ability.temperatures_degc
+    listed = list(product(degc or (0.0,), ability.mounts, ability.beta_deg, ability.alpha_deg))
+    temperatures, mounts, beta, alpha = zip(*listed, strict=True)
+    return Cells(np.array(alpha), np.array(beta), mounts, np.array(temperatures) if degc else None)

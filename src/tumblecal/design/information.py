@@ -1,0 +1,111 @@
+"""The covariance of the parameters that a schedule determines, settings that are set again and slow noise included.
+
+The model is linear with random effects (split plot: Jones and Goos 2007, Applied Statistics 56, 347): the errors of a setting
+are common to all positions of one visit. They are parameters with a prior here, which gives the same information.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.linalg import block_diag, cho_factor, cho_solve
+
+from tumblecal.chain.head_ability import HeadAbility, SlowNoise, Times
+from tumblecal.design.responses import Responses, Setting
+from tumblecal.design.schedule import Schedule
+from tumblecal.noise import Dwells, Flicker, GaussMarkov, Noise, Part, RandomWalk
+
+
+# Slow noise is evaluated with so many samples in a dwell: its means do not depend on the rate of the samples.
+_SAMPLES = 60
+
+
+def slow_noise(stated: SlowNoise, times: Times) -> Noise:
+    """The parts of the noise that neighbouring dwells share."""
+    unit, parts = np.ones(3), list[Part]()
+    if stated.bias_instability_g:
+        shortest = times.dwell_s / _SAMPLES
+        parts.append(Flicker(unit * stated.bias_instability_g, shortest_s=shortest))
+    if stated.markov_sd_g:
+        parts.append(GaussMarkov(unit * stated.markov_sd_g, stated.markov_time_s))
+    if stated.random_walk_g_per_rts:
+        parts.append(RandomWalk(unit * stated.random_walk_g_per_rts))
+    return Noise(tuple(parts))
+
+
+def noise_covariance(
+    responses: Responses, schedule: Schedule, ability: HeadAbility
+) -> Float[np.ndarray, "3 positions positions"]:
+    """Covariance of the means of a schedule on each axis, g^2: white noise and the slow parts."""
+    times = ability.times
+    dwells = Dwells(schedule.start_s, _SAMPLES, times.dwell_s / _SAMPLES)
+    slow = slow_noise(ability.slow_noise, times).mean_covariance(dwells)
+    return slow + responses.sd**2 * np.eye(len(schedule))
+
+
+def visit_precision(setting: Setting, settings: Int[np.ndarray, " visits"]) -> Float[np.ndarray, "visits visits"]:
+    """Information on one component of the errors of some visits; `settings`: the setting that each belongs to."""
+    count = len(settings)
+    if setting.common is None and not setting.again:
+        # Each visit is unknown without bound if the setting is, and nothing is stated of its repeatability.
+        return np.zeros((count, count))
+    same = settings[:, None] == settings
+    if setting.common is None:
+        return (np.eye(count) - same / same.sum(axis=1)) / setting.again**2
+    covariance = setting.common**2 * same + setting.again**2 * np.eye(count)
+    # Exactly repeated settings are kept invertible.
+    return np.linalg.inv(covariance + 1e-18 * np.eye(count))
+
+
+@dataclass(frozen=True)
+class Design:
+    """The linear model of a schedule: `columns` (positions, 3, all), g, each in its scale: the shared parameters, then the
+    errors of each visit of a pitch setting and of each mounting; `information` (all, all): of their priors; `shared`: number of
+    the shared parameters."""
+
+    columns: Float[np.ndarray, "positions 3 all"]
+    information: Float[np.ndarray, "all all"]
+    shared: int
+
+
+def design_of(responses: Responses, schedule: Schedule) -> Design:
+    """The linear model of a schedule."""
+    cells, taken = responses.cells, schedule.cells
+    columns, information = [responses.columns[taken]], [responses.information]
+    for setting, visit, labels in (
+        (responses.pitch, schedule.pitch_visit, cells.pitch[taken]),
+        (responses.mount, schedule.mount_visit, cells.mounting[taken]),
+    ):
+        if setting.common == 0.0 and not setting.again:
+            continue
+        first = np.unique(visit, return_index=True)[1]
+        precision = visit_precision(setting, labels[first])
+        here = visit[:, None] == np.arange(len(first))
+        for component in range(setting.columns.shape[2]):
+            columns.append(setting.columns[taken][:, :, component, None] * here[:, None, :])
+            information.append(precision)
+    return Design(np.concatenate(columns, axis=2), np.asarray(block_diag(*information)), len(responses.names))
+
+
+def information_of(design: Design, noise: Float[np.ndarray, "3 positions positions"]) -> Float[np.ndarray, "all all"]:
+    """Information on all parameters of a design: its priors, and the positions under a covariance on each axis, g^2."""
+    total = design.information.copy()
+    for axis in range(3):
+        columns = design.columns[:, axis]
+        total += columns.T @ cho_solve(cho_factor(noise[axis]), columns)
+    return total
+
+
+def covariance_of(
+    design: Design, noise: Float[np.ndarray, "3 positions positions"]
+) -> Float[np.ndarray, "shared shared"]:
+    """Covariance of the shared parameters (scaled); infinite along directions that nothing determines.
+
+    **Raises:** `numpy.linalg.LinAlgError` if the design does not determine them.
+    """
+    information, count = information_of(design, noise), design.shared
+    of_visits = information[count:, count:]
+    # Directions of the visits that nothing determines do not matter for the shared parameters unless they are mixed with them.
+    mixed = information[:count, count:]
+    reduced = information[:count, :count] - mixed @ np.linalg.pinv(of_visits, hermitian=True) @ mixed.T
+    return np.linalg.inv(reduced)
