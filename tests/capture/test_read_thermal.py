@@ -216,6 +216,34 @@ def test_position_file_is_a_table_of_soaks(tmp_path: Path):
     np.testing.assert_array_equal(table.sd, 1e-5)
 
 
+def test_positions_of_a_scattering_thermometer_are_soaks(tmp_path: Path):
+    """Uniform within 1 degC at each of five soaks, as of a chamber with a two-point controller."""
+    data = positions([0, 15, 30, 15, 0])
+    scatter = np.random.default_rng(4).uniform(-1, 1, len(data))
+    path = tmp_path / "positions.csv"
+    write_positions(path, replace(data, temperature_degc=data.temperature_degc + scatter))
+    table = read_thermal([path])
+    assert table.soak.all()
+    assert table.reached_by.tolist() == [0] * 6 + [1] * 12 + [-1] * 12
+
+
+def test_noise_of_position_files_can_be_stated_and_that_of_samples_not(tmp_path: Path):
+    path = tmp_path / "positions.csv"
+    write_positions(path, replace(positions([0, 20]), sd=None, n=None))
+    with pytest.raises(InputError, match=r"mean of a position, add --means --noise-sd 0\.1mg"):
+        read_thermal([path])
+    np.testing.assert_array_equal(read_thermal([path], noise_sd=2e-4).sd, 2e-4)
+    write_positions(path, replace(positions([0, 20]), sd=None))
+    with pytest.raises(InputError, match=r"no standard uncertainties of the means; give --noise-sd 0\.1mg"):
+        read_thermal([path])
+    samples = written(tmp_path, _RAMP)
+    with pytest.raises(InputError, match="is a recording of samples, whose noise is measured: remove the option"):
+        read_thermal([samples], noise_sd=2e-4)
+    angles = _RAMP.with_columns(position=1, alpha_deg=0.0, beta_deg=0.0)
+    with pytest.raises(InputError, match="1200 rows, but only 1 stretch of one position"):
+        read_thermal([written(tmp_path, angles)], noise_sd=2e-4)
+
+
 _RAMP = recording(ramp(0, 40, 1), UP)
 
 

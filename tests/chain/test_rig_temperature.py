@@ -61,11 +61,21 @@ def test_the_truth_does_not_depend_on_the_positions_asked_for(tmp_path):
     assert x[1] - x[0] == pytest.approx(0.1e-3 * 10 + 1e-6 * 100, rel=1e-12)
 
 
-def test_soaks_are_groups_of_temperatures_with_much_larger_steps_between():
+def test_soaks_are_groups_of_temperatures_with_larger_steps_between():
     noise = np.random.default_rng(1).uniform(-0.3, 0.3, len(DEGC))
     np.testing.assert_allclose(soaks(DEGC + noise), [0, 15, 28, 41, 60], atol=0.2)
     assert len(soaks(np.repeat([0.0, 30.0, 60.0], 24) + np.tile(np.linspace(0, 2.4, 24), 3))) == 3
     assert len(soaks(np.linspace(0.0, 60.0, 24))) == 24 and soaks(np.full(9, 25.0)) == [25.0]
+
+
+def test_scatter_within_soaks_is_no_ramp_and_an_uneven_ramp_has_no_soaks():
+    rng = np.random.default_rng(2)
+    levels = np.array([0.0, 10.0, 50.0, 60.0])
+    for _ in range(20):
+        np.testing.assert_allclose(soaks(np.repeat(levels, 8) + rng.uniform(-1, 1, 32)), levels, atol=1.0)
+        assert len(soaks(np.sort(rng.uniform(0, 60, 60)))) == 60
+    # Eight positions on a ramp, then a pause as long as they took.
+    assert len(soaks(np.concatenate([16 * k + np.arange(8) for k in range(8)]) / 2)) == 64
 
 
 @pytest.mark.parametrize(

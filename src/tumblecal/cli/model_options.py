@@ -62,7 +62,7 @@ def _column_names(text: str) -> dict[str, str]:
     return {name.strip(): column.strip() for name, _, column in pairs}
 
 
-def _noise_sd(option: str | None, rig: Rig | None) -> float | None:
+def stated_noise_sd(option: str | None, rig: Rig | None) -> float | None:
     """Standard deviation of a reading, g: `--noise-sd`, or that of the rig; None if neither states it.
 
     **Raises:** `InputError` for a value that gives no weights.
@@ -141,7 +141,7 @@ class StatedModel:
         unknown = sorted(set(options.fix) - set(known))
         if unknown:
             raise InputError(f"--fix {unknown[0]}: no such parameter; parameters: {', '.join(known)}")
-        stated = _noise_sd(options.noise_sd, described)
+        stated = stated_noise_sd(options.noise_sd, described)
         head = None if options.head is None else read_head(options.head, *links_and_units(entries))
         gravity = None if options.gravity is None else gravity_of_option(options.gravity)
         columns = None if options.columns is None else _column_names(options.columns)

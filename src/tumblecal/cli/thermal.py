@@ -9,6 +9,7 @@ from cyclopts import Parameter
 
 from tumblecal.capture.recordings.options import Criterion, KnownContext, RecordingOptions
 from tumblecal.cli.calibrate import NOT_USABLE
+from tumblecal.cli.options import NoiseSd
 from tumblecal.cli.output import Output, warn
 from tumblecal.ground.errors import InputError
 
@@ -64,6 +65,7 @@ def thermal(
     context: Annotated[KnownContext, Parameter(name="*")] = KnownContext(),
     options: Annotated[RecordingOptions, Parameter(name="*")] = RecordingOptions(),
     criterion: Annotated[Criterion, Parameter(name="*")] = Criterion(),
+    noise_sd: NoiseSd = None,
     out: Path = Path("thermal"),
     output: Output = Output(),
 ) -> int:
@@ -87,6 +89,7 @@ def thermal(
     start()
     from tumblecal.capture.reduction.file_names import recording_files
     from tumblecal.capture.thermal.read_thermal import thermal_reading
+    from tumblecal.cli.model_options import stated_noise_sd
     from tumblecal.data.overwriting import protect_inputs
     from tumblecal.ground.atomic import output_folders
     from tumblecal.ground.blas import single_blas_thread
@@ -95,7 +98,7 @@ def thermal(
     from tumblecal.report.thermal_page import write_thermal_page
     from tumblecal.thermal.result import thermal_calibration
 
-    stated = _stated(temperature)
+    stated, sd = _stated(temperature), stated_noise_sd(noise_sd, None)
     files = recording_files(recordings, [context.table, context.plan])
     protect_inputs([*files, context.plan, context.table, temperature.calibration], folders=[out], names=_WRITTEN)
     with single_blas_thread(), output.working("reading"):
@@ -106,6 +109,7 @@ def thermal(
             criterion,
             bin_degc=temperature.bin_width,
             same_attitude=temperature.same_attitude,
+            noise_sd=sd,
         )
     _printed(output, reading)
     with output.working("fitting"):

@@ -1,7 +1,7 @@
 """Position means with temperatures, of `reduce` or `capture`, as rows over temperature.
 
-Rules: successive positions of one clock whose temperatures are within a bin of each other are a run. A run that spans less
-than a bin is a soak, otherwise a ramp.
+Rules: if the temperatures of one clock form soaks (`ground/soaks.py`), successive positions of one soak are one. Otherwise,
+successive positions whose temperatures are within a bin of each other are a run; a run that spans less than a bin is a soak.
 """
 
 from dataclasses import replace
@@ -21,12 +21,18 @@ from tumblecal.data.conditions import are_kelvin, temperature_faults
 from tumblecal.data.files import read_positions
 from tumblecal.data.positions import PositionSet
 from tumblecal.data.raw import column_names
+from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.soaks import soak_numbers
 
 
-def are_positions(path: Path, context: KnownContext) -> bool:
+# This many consecutive rows of one position are samples of a recording.
+_LIKE_SAMPLES = 16
+
+
+def are_positions(path: Path, context: KnownContext, *, stated: bool = False) -> bool:
     """Whether a source has one row for each position: the folder of a capture, a file with standard deviations of means
-    (`ax_sd_g`) or numbers of samples (`n`), or any table with `--means`."""
+    (`ax_sd_g`) or numbers of samples (`n`), or any table with `--means`; with angles, also one whose noise is `stated`."""
     if path.is_dir():
         return (path / JOURNAL_NAME).is_file()
     if context.means:
@@ -34,13 +40,21 @@ def are_positions(path: Path, context: KnownContext) -> bool:
     if path.suffix not in (".csv", ".parquet") or not path.is_file():
         return False
     names = column_names(path)
-    return "alpha_deg" in names and not {"ax_sd_g", "ax_sd_mg", "ax_sd_ms2", "n"}.isdisjoint(names)
+    of_means = {"ax_sd_g", "ax_sd_mg", "ax_sd_ms2", "n"}
+    return "alpha_deg" in names and (stated or not of_means.isdisjoint(names))
 
 
-def positions_of(path: Path, context: KnownContext, options: RecordingOptions) -> PositionSet:
+def positions_of(
+    path: Path, context: KnownContext, options: RecordingOptions, noise_sd: float | None = None
+) -> PositionSet:
     """The positions of such a source.
 
-    **Raises:** `InputError` for positions without temperatures, with impossible ones, or without standard deviations.
+    **Arguments:**
+
+    - `noise_sd`: stated standard deviation of the readings, g; None: that of the columns.
+
+    **Raises:** `InputError` for positions without temperatures, with impossible ones, or without standard deviations; for
+    samples of a recording.
     """
     if path.is_dir():
         data = reduce(path).data
@@ -57,10 +71,17 @@ def positions_of(path: Path, context: KnownContext, options: RecordingOptions) -
         raise InputError(f"{path}: temperatures {warmth.min():.4g} to {warmth.max():.4g} are in kelvin; write degC")
     for row, fault in temperature_faults(warmth):
         raise InputError(f"{path}: position {data.names[row]}: temperature {fault}")
+    if len(data) >= _LIKE_SAMPLES * data.stretches:
+        raise InputError(
+            f"{path}: {len(data)} rows, but only {counted(data.stretches, 'stretch')} of one position each, so these are "
+            "samples, whose noise is measured; remove --noise-sd"
+        )
+    if noise_sd is not None:
+        return replace(data, sd=np.full(data.readings.shape, noise_sd))
     if data.sd is None:
         raise InputError(
-            f"{path}: no standard uncertainties of the means; write the columns ax_sd_g, ay_sd_g, az_sd_g, or give the "
-            "recordings of the samples"
+            f"{path}: no standard uncertainties of the means; give --noise-sd 0.1mg, or write the columns ax_sd_g, ay_sd_g, "
+            "az_sd_g"
         )
     return data
 
@@ -101,12 +122,14 @@ def _of_clock(
     rows = rows[np.argsort(time[rows], kind="stable")]
     degc, time = data.temperature_degc[rows], time[rows]
     stretch, sign = stretches_of_temperature(degc, threshold_of(bin_degc, 0.0, 0.0))
-    runs = np.split(np.arange(len(rows)), np.flatnonzero(np.abs(np.diff(degc)) > bin_degc) + 1)
+    number = soak_numbers(degc)
+    edges = np.abs(np.diff(degc)) > bin_degc if number is None else np.diff(number) != 0
+    runs = np.split(np.arange(len(rows)), np.flatnonzero(edges) + 1)
     soak, rate, soaks = np.full(len(rows), -1), np.zeros(len(rows)), 0
     for run in runs:
         if len(run) > 1 and np.ptp(time[run]) > 0:
             rate[run] = np.polyfit(time[run] - time[run[0]], degc[run], 1)[0]
-        if np.ptp(degc[run]) <= bin_degc:
+        if number is not None or np.ptp(degc[run]) <= bin_degc:
             soak[run], soaks = soaks, soaks + 1
         elif len(run) > 2:
             rate[run] = np.gradient(degc[run], time[run]) if (np.diff(time[run]) > 0).all() else rate[run]

@@ -30,6 +30,7 @@ from tumblecal.ground.gravity import stated_gravity, unit_in_g
 # Names of columns in units that are not converted.
 _NOT_DEGC = re.compile(r"(?:^|[\W_])(?:deg_?f|f|fahrenheit|deg_?k|k|kelvin)\W*$", re.IGNORECASE)
 _SHOWN = 3
+_MEANS = "If each row is the mean of a position, add --means --noise-sd 0.1mg, or the columns ax_sd_g, ay_sd_g, az_sd_g"
 # Time at rest without a temperature that is not worth a warning, s.
 _LONGEST_LOST_S = 5.0
 
@@ -92,10 +93,10 @@ def _check_columns(path: Path, contents: Contents) -> None:
     if contents.rate_hz is None and "time" in contents.layout.columns:
         raise InputError(
             f"{path}: time steps are longer than {LONGEST_STEP_S:g} s, so rest and movement cannot be distinguished; "
-            "give samples at 2 Hz or more, or position means with their standard uncertainties"
+            f"give samples at 2 Hz or more. {_MEANS}"
         )
     if contents.rate_hz is None:
-        raise InputError(f"{path}: the sample rate is not known; give --rate 100 (Hz), or --columns time=...")
+        raise InputError(f"{path}: the sample rate is not known; give --rate 100 (Hz), or --columns time=.... {_MEANS}")
 
 
 def _rejected(stillness: Stillness) -> list[str]:

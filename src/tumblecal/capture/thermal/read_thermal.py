@@ -48,6 +48,7 @@ def thermal_reading(
     *,
     bin_degc: float | None = None,
     same_attitude: bool = False,
+    noise_sd: float | None = None,
     report: Callable[[str], None] = lambda text: None,
 ) -> ThermalReading:
     """Read recordings and position files over temperature.
@@ -57,7 +58,8 @@ def thermal_reading(
     - `paths`: recordings of any format; position files with temperatures; folders of captures. Each has its own clock.
     - `context`: known attitudes (`plan`; `table` of the files), run and mounting. `options`, `criterion`: as for `reduce`.
     - `bin_degc`: width of the bins; by default a fortieth of the range. `same_attitude`: whether attitudes of several files
-      with the same direction of gravity (within 10 deg) are the same attitude.
+      with the same direction of gravity (within 10 deg) are the same attitude. `noise_sd`: stated standard deviation of the
+      readings of position files, g.
     - `report`: called with the name of each file before it is read.
 
     **Raises:** `InputError` for a recording that cannot be read, has no temperature, an impossible or a constant one, or no
@@ -75,8 +77,8 @@ def thermal_reading(
     for path, name in zip(paths, names, strict=True):
         report(str(path))
         try:
-            if are_positions(path, context):
-                means.append((name, positions_of(path, context, options)))
+            if are_positions(path, context, stated=noise_sd is not None):
+                means.append((name, positions_of(path, context, options, noise_sd)))
             else:
                 recordings.append(read_series(path, name, (context, plan), options, criterion, of_file.get(path)))
         except InputError as fault:
@@ -85,6 +87,11 @@ def thermal_reading(
     if faults:
         with guessed(notes):
             raise InputError(faults)
+    if noise_sd is not None and not means:
+        raise InputError(
+            f"--noise-sd is for position files; {paths[0]} is a recording of samples, whose noise is measured: remove the "
+            "option, or give --means if each row is the mean of a position"
+        )
     recordings = labelled(recordings, same=same_attitude)
     guesses = [line for one in recordings for line in one.contents.layout.guesses]
     with guessed(guesses):
