@@ -36,17 +36,22 @@ class Repeatability:
 @dataclass(frozen=True)
 class SlowNoise:
     """Parts of the noise that are common to neighbouring dwells, on each axis: bias instability (flicker), g; random walk,
-    g/sqrt(s); an exponentially correlated part, g, with its correlation time, s."""
+    g/sqrt(s); an exponentially correlated part, g, with its correlation time, s; standard deviation of a linear drift, g/h,
+    and of an exponential warm-up, g, with its time constant, s."""
 
     bias_instability_g: float = 0.0
     random_walk_g_per_rts: float = 0.0
     markov_sd_g: float = 0.0
     markov_time_s: float = 1000.0
+    drift_g_per_h: float = 0.0
+    warm_up_g: float = 0.0
+    warm_up_time_s: float = 1800.0
 
     @property
     def any(self) -> bool:
         """Whether there is such a part."""
-        return max(self.bias_instability_g, self.random_walk_g_per_rts, self.markov_sd_g) > 0
+        stationary = max(self.bias_instability_g, self.random_walk_g_per_rts, self.markov_sd_g)
+        return max(stationary, self.drift_g_per_h, self.warm_up_g) > 0
 
 
 @dataclass(frozen=True)
@@ -85,6 +90,7 @@ def _unit(unit: str) -> Callable[[str], str]:
 
 Angle = Annotated[str, AfterValidator(_unit("rad"))]
 Force = Annotated[str, AfterValidator(_unit("g"))]
+Rate = Annotated[str, AfterValidator(_unit("g/h"))]
 Seconds = Annotated[Number, Field(ge=0)]
 
 
@@ -112,13 +118,25 @@ class SlowNoiseTable(Strict):
     bias_instability: Force | None = None
     random_walk_g_per_rts: Annotated[Number, Field(ge=0)] = 0.0
     markov_sd: Force | None = None
-    markov_time_s: Annotated[Number, Field(gt=0)] = 1000.0
+    markov_time_s: Annotated[Number, Field(gt=0)] = SlowNoise.markov_time_s
+    drift: Rate | None = None
+    warm_up: Force | None = None
+    warm_up_time_s: Annotated[Number, Field(gt=0)] = SlowNoise.warm_up_time_s
 
     def slow_noise(self) -> SlowNoise:
         """The parts."""
-        sizes = (self.bias_instability, self.markov_sd)
-        flicker, markov = (quantity(text, "g") if text else 0.0 for text in sizes)
-        return SlowNoise(flicker, float(self.random_walk_g_per_rts), markov, float(self.markov_time_s))
+        flicker, markov, warm_up = (
+            quantity(text, "g") if text else 0.0 for text in (self.bias_instability, self.markov_sd, self.warm_up)
+        )
+        return SlowNoise(
+            bias_instability_g=flicker,
+            random_walk_g_per_rts=float(self.random_walk_g_per_rts),
+            markov_sd_g=markov,
+            markov_time_s=float(self.markov_time_s),
+            drift_g_per_h=quantity(self.drift, "g/h") if self.drift else 0.0,
+            warm_up_g=warm_up,
+            warm_up_time_s=float(self.warm_up_time_s),
+        )
 
 
 class HeadTable(Strict):

@@ -10,36 +10,17 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.linalg import block_diag, cho_factor, cho_solve
 
-from tumblecal.chain.head_ability import HeadAbility, SlowNoise, Times
+from tumblecal.chain.head_ability import HeadAbility
 from tumblecal.design.responses import Responses, Setting
 from tumblecal.design.schedule import Schedule
-from tumblecal.noise import Dwells, Flicker, GaussMarkov, Noise, Part, RandomWalk
-
-
-# Slow noise is evaluated with so many samples in a dwell: its means do not depend on the rate of the samples.
-_SAMPLES = 60
-
-
-def slow_noise(stated: SlowNoise, times: Times) -> Noise:
-    """The parts of the noise that neighbouring dwells share."""
-    unit, parts = np.ones(3), list[Part]()
-    if stated.bias_instability_g:
-        shortest = times.dwell_s / _SAMPLES
-        parts.append(Flicker(unit * stated.bias_instability_g, shortest_s=shortest))
-    if stated.markov_sd_g:
-        parts.append(GaussMarkov(unit * stated.markov_sd_g, stated.markov_time_s))
-    if stated.random_walk_g_per_rts:
-        parts.append(RandomWalk(unit * stated.random_walk_g_per_rts))
-    return Noise(tuple(parts))
+from tumblecal.design.slow_noise import slow_covariance
 
 
 def noise_covariance(
     responses: Responses, schedule: Schedule, ability: HeadAbility
 ) -> Float[np.ndarray, "3 positions positions"]:
     """Covariance of the means of a schedule on each axis, g^2: white noise and the slow parts."""
-    times = ability.times
-    dwells = Dwells(schedule.start_s, _SAMPLES, times.dwell_s / _SAMPLES)
-    slow = slow_noise(ability.slow_noise, times).mean_covariance(dwells)
+    slow = slow_covariance(ability.slow_noise, ability.times, schedule.start_s)
     return slow + responses.sd**2 * np.eye(len(schedule))
 
 
@@ -76,7 +57,7 @@ def design_of(responses: Responses, schedule: Schedule) -> Design:
         (responses.pitch, schedule.pitch_visit, cells.pitch[taken]),
         (responses.mount, schedule.mount_visit, cells.mounting[taken]),
     ):
-        if setting.common == 0.0 and not setting.again:
+        if setting.exact:
             continue
         first = np.unique(visit, return_index=True)[1]
         precision = visit_precision(setting, labels[first])

@@ -32,6 +32,11 @@ class Setting:
     common: float | None
     again: float
 
+    @property
+    def exact(self) -> bool:
+        """Whether there are no such errors."""
+        return self.common == 0.0 and not self.again
+
 
 @dataclass(frozen=True)
 class Responses:

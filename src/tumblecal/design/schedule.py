@@ -59,3 +59,18 @@ def schedule(cells: Cells, order: Int[np.ndarray, " positions"], times: Times) -
     changed = remounted | (np.diff(cells.pitch[order]) != 0)
     visits = (np.concatenate([[0], np.cumsum(change)]) for change in (changed, remounted))
     return Schedule(order, start, float(start[-1] + times.dwell_s), *visits)
+
+
+def continued(cells: Cells, measured: Schedule, order: Int[np.ndarray, " positions"], times: Times) -> Schedule:
+    """A schedule, measured or planned, with further positions after it."""
+    order = np.concatenate([measured.cells[-1:], np.asarray(order, int)])
+    # The last measured position, then the further ones: times and visits from its end on.
+    further = schedule(cells, order, times)
+    shift = measured.end_s - further.start_s[0] - times.dwell_s
+    return Schedule(
+        np.concatenate([measured.cells, order[1:]]),
+        np.concatenate([measured.start_s, further.start_s[1:] + shift]),
+        further.end_s + shift,
+        np.concatenate([measured.pitch_visit, measured.pitch_visit[-1] + further.pitch_visit[1:]]),
+        np.concatenate([measured.mount_visit, measured.mount_visit[-1] + further.mount_visit[1:]]),
+    )
