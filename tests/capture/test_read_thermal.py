@@ -251,6 +251,18 @@ _RAMP = recording(ramp(0, 40, 1), UP)
     ("frame", "options", "fault"),
     [
         (_RAMP.drop("temperature_degc"), {}, "no temperature among the columns .*--columns temperature=NAME"),
+        (
+            _RAMP.with_columns(temperature_degc=np.nan),
+            {},
+            "column temperature_degc has no values; write the temperature of",
+        ),
+        (
+            _RAMP.rename({"temperature_degc": "temp_degf"}),
+            {},
+            "column temp_degf is in kelvin or Fahrenheit by its name",
+        ),
+        (_RAMP.rename({"temperature_degc": "TempF"}), {}, "column TempF is in kelvin or Fahrenheit by its name"),
+        (recording(np.full(2400, 25.0), UP), {}, r"the temperature is constant \(.*within its resolution and noise\)"),
         (_RAMP.with_columns(temperature_degc=25.0), {}, r"the temperature is constant \(25 degC throughout\)"),
         (_RAMP.with_columns(pl.col("temperature_degc") + 273.15), {}, "are in kelvin; write degC"),
         (_RAMP.with_columns(pl.col("temperature_degc") * 340), {}, "not a possible temperature of a triad"),
@@ -263,13 +275,32 @@ _RAMP = recording(ramp(0, 40, 1), UP)
         (_RAMP.head(20), {}, "too few to find intervals"),
         (_RAMP.with_columns(pl.col("time_s") * 20), {}, "time steps are longer than 0.5 s"),
     ],
-    ids=["missing", "constant", "kelvin", "counts", "fahrenheit", "moving", "few", "slow"],
+    ids=[
+        "missing",
+        "empty",
+        "degf",
+        "camel",
+        "noise",
+        "constant",
+        "kelvin",
+        "counts",
+        "fahrenheit",
+        "moving",
+        "few",
+        "slow",
+    ],
 )
 def test_bad_recordings_have_one_clear_line(tmp_path: Path, frame: pl.DataFrame, options: dict, fault: str):
     with pytest.raises(InputError, match=fault) as raised:
         read_thermal([written(tmp_path, frame)], options=RecordingOptions(**options))
     assert len(raised.value.faults) == 1
     assert raised.value.faults[0].startswith(str(tmp_path))
+
+
+def test_temperatures_above_those_of_sensors_are_reported(tmp_path: Path):
+    fahrenheit = _RAMP.with_columns(pl.col("temperature_degc") * 1.8 + 60)
+    ((_, lines), *more) = [one for one in thermal_reading([written(tmp_path, fahrenheit)]).warnings if one[1]]
+    assert not more and len(lines) == 1 and "if these are counts or degrees Fahrenheit, write degC" in lines[0]
 
 
 def test_bad_positions_have_one_clear_line(tmp_path: Path):

@@ -1,6 +1,7 @@
 """A recording of any format as blocks over temperature: its samples, intervals at rest, temperatures and attitudes."""
 
 import re
+from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 
@@ -8,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tumblecal.capture.capture_plan import CapturePlan
+from tumblecal.capture.columns.column_names import parsed
+from tumblecal.capture.columns.column_words import WORDS
 from tumblecal.capture.recordings.guesses import guessed
 from tumblecal.capture.recordings.options import Criterion, KnownContext, RecordingOptions
 from tumblecal.capture.reduction.file_positions import FilePosition
@@ -28,7 +31,7 @@ from tumblecal.ground.gravity import stated_gravity, unit_in_g
 
 
 # Names of columns in units that are not converted.
-_NOT_DEGC = re.compile(r"(?:^|[\W_])(?:deg_?f|f|fahrenheit|deg_?k|k|kelvin)\W*$", re.IGNORECASE)
+_NOT_DEGC = re.compile(r"(?:^|[\W_]|(?<=[a-z]))(?:deg_?[FfKk]|F|K|(?<![A-Za-z])[fk]|[Ff]ahrenheit|[Kk]elvin)\W*$")
 _SHOWN = 3
 _MEANS = "If each row is the mean of a position, add --means --noise-sd 0.1mg, or the columns ax_sd_g, ay_sd_g, az_sd_g"
 # Time at rest without a temperature that is not worth a warning, s.
@@ -81,15 +84,9 @@ def read_series(
 def _check_columns(path: Path, contents: Contents) -> None:
     column = contents.layout.columns.get("temperature")
     if column is None:
-        there = ", ".join(contents.layout.table.columns)
-        raise InputError(
-            f"{path}: no temperature among the columns {there[:200]}; name it: --columns temperature=NAME (in degC)"
-        )
+        raise InputError(f"{path}: {_no_temperature(contents.layout.table.columns)}")
     if _NOT_DEGC.search(column.name):
-        raise InputError(
-            f"{path}: column {column.name} is in kelvin or Fahrenheit by its name; write a column in degC, and give it by "
-            "--columns temperature=..."
-        )
+        raise InputError(f"{path}: {_other_unit(column.name)}")
     if contents.rate_hz is None and "time" in contents.layout.columns:
         raise InputError(
             f"{path}: time steps are longer than {LONGEST_STEP_S:g} s, so rest and movement cannot be distinguished; "
@@ -97,6 +94,27 @@ def _check_columns(path: Path, contents: Contents) -> None:
         )
     if contents.rate_hz is None:
         raise InputError(f"{path}: the sample rate is not known; give --rate 100 (Hz), or --columns time=.... {_MEANS}")
+
+
+def _no_temperature(there: Sequence[str]) -> str:
+    """The reason why none of these columns is the temperature, and the remedy."""
+    meanings = {name: parsed(name) for name in there}
+    if empty := [name for name, meaning in meanings.items() if meaning.quantity == "temperature"]:
+        return (
+            f"column {empty[0]} has no values; write the temperature of the sensor there (degC), or give a different column by "
+            "--columns temperature=NAME"
+        )
+    words = {name: {WORDS.get(word) for word in meaning.stem} for name, meaning in meanings.items()}
+    if other := [name for name in there if "temperature" in words[name] and _NOT_DEGC.search(name)]:
+        return _other_unit(other[0])
+    return f"no temperature among the columns {', '.join(there)[:200]}; name it: --columns temperature=NAME (in degC)"
+
+
+def _other_unit(name: str) -> str:
+    return (
+        f"column {name} is in kelvin or Fahrenheit by its name; write a column in degC, and give it by "
+        "--columns temperature=..."
+    )
 
 
 def _rejected(stillness: Stillness) -> list[str]:

@@ -24,8 +24,10 @@ from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 
 
-# The temperature is constant if it changes by less than this many resolution steps.
-_LEAST_STEPS = 3.0
+# The temperature is constant if it changes by less than this many resolution steps, and standard deviations of its noise.
+_LEAST_STEPS, _LEAST_SD = 3.0, 4.0
+# Few accelerometers are specified above this temperature, degC.
+_UNUSUAL_DEGC = 125.0
 # Ends of branches have one decimal on wider ranges than this.
 _WIDE_DEGC = 10.0
 
@@ -134,7 +136,16 @@ def _table(
     _check_range(table, courses)
     read = tuple((str(one.path), one.contents) for one in recordings)
     warnings = tuple((str(one.path), [*one.contents.damage.lines, *one.warnings]) for one in recordings)
+    warnings += tuple((one.source, _unusual(one)) for one in tables if one.range_degc[1] > _UNUSUAL_DEGC)
     return ThermalReading(table, read, tuple(lines), warnings)
+
+
+def _unusual(table: ThermalTable) -> list[str]:
+    low, high = table.range_degc
+    return [
+        f"temperatures {low:.4g} to {high:.4g} degC: few sensors are used above {_UNUSUAL_DEGC:g} degC; if these are counts or "
+        "degrees Fahrenheit, write degC"
+    ]
 
 
 def _check_range(table: ThermalTable, courses: Sequence[TemperatureCourse]) -> None:
@@ -144,9 +155,13 @@ def _check_range(table: ThermalTable, courses: Sequence[TemperatureCourse]) -> N
     """
     low = min([table.range_degc[0], *(float(course.degc.min()) for course in courses)])
     high = max([table.range_degc[1], *(float(course.degc.max()) for course in courses)])
-    finest = max([0.0, *(_LEAST_STEPS * course.resolution for course in courses)])
+    finest = max([0.0, *(max(_LEAST_STEPS * course.resolution, _LEAST_SD * course.noise) for course in courses)])
     if high - low <= max(finest, 1e-9):
-        words = f"{low:.6g} degC throughout" if high == low else f"{low:.6g} to {high:.6g} degC, within its resolution"
+        words = (
+            f"{low:.6g} degC throughout"
+            if high == low
+            else f"{low:.6g} to {high:.6g} degC, within its resolution and noise"
+        )
         raise InputError(
             f"{table.source}: the temperature is constant ({words}): the thermometer is stuck, or nothing was heated; "
             "check the column (--columns temperature=...)"
