@@ -8,7 +8,7 @@ import pytest
 from pydantic import ValidationError
 
 from tumblecal.chain.head_ability import HeadTable, SlowNoise, Times
-from tumblecal.design.slow_noise import slow_covariance, tabulated_covariance
+from tumblecal.noise.of_head import slow_covariance, tabulated_covariance
 
 
 TIMES = Times(dwell_s=60.0)

@@ -1,6 +1,6 @@
 """What a dividing head can do, as stated in the `[head]` table of a rig file: settings, times, repeatability, slow noise."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -62,6 +62,7 @@ class HeadAbility:
       any angle within their range can.
     - `mounts`: possible mountings, by their labels in `[mounts]`. `temperatures_degc`: of the chamber; empty: no chamber.
     - `slow_noise`: in addition to the white noise of a dwell (`[noise] sd`).
+    - `assumed`: keys of the table that the file does not state: `times.turn_s`, `repeatability.pitch`.
     """
 
     alpha_deg: tuple[float, ...]
@@ -73,6 +74,7 @@ class HeadAbility:
     times: Times = Times()
     repeatability: Repeatability = Repeatability()
     slow_noise: SlowNoise = SlowNoise()
+    assumed: tuple[str, ...] = ()
 
 
 def _unit(unit: str) -> Callable[[str], str]:
@@ -179,7 +181,16 @@ class HeadTable(Strict):
                 *(None if text is None else quantity(text, "rad") for text in (spread.pitch, spread.mount))
             ),
             slow_noise=self.noise.slow_noise(),
+            assumed=tuple(self._assumed()),
         )
+
+    def _assumed(self) -> Iterator[str]:
+        for name, table in (("", self), ("times.", self.times), ("repeatability.", self.repeatability)):
+            tables = {"times", "repeatability", "noise"} if table is self else set[str]()
+            unstated = type(table).model_fields.keys() - table.model_fields_set - tables
+            yield from sorted(name + key for key in unstated)
+        if not self.noise.slow_noise().any:
+            yield "noise"
 
 
 def _values(listed: "list | Steps | None") -> list:

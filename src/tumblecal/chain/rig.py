@@ -15,7 +15,7 @@ from tumblecal.chain.link import Link
 from tumblecal.chain.nominal import NOMINAL, Leaf, nominal_link
 from tumblecal.chain.plan import Plan
 from tumblecal.chain.rig_temperature import RigTemperature
-from tumblecal.chain.where import Where, settings
+from tumblecal.chain.where import Where, settings, with_visits
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.frames import rotation_matrix
 from tumblecal.ground.showing import Screen, Shown
@@ -73,7 +73,7 @@ class Rig(Shown):
     def where(self) -> Where:
         """The settings of the plan's positions."""
         plan = self.plan
-        return settings(
+        where = settings(
             plan.alpha,
             plan.beta,
             run=plan.runs,
@@ -82,6 +82,7 @@ class Rig(Shown):
             temperature_degc=plan.temperature_degc,
             approach=plan.approach,
         )
+        return with_visits(where, {leaf.by for leaf in self.leaves.values()})
 
     def chain(self, where: Where) -> Chain:
         """The rig's chain for a set of positions: its links, then its effects, coefficients zero.
@@ -94,6 +95,7 @@ class Rig(Shown):
         return self._made(where, leaves)
 
     def _made(self, where: Where, leaves: Mapping[str, Leaf]) -> Chain:
+        where = with_visits(where, {leaf.by for leaf in leaves.values()})
         rotations = partial(self._rotations, where)
         chain = Chain(tuple(nominal_link(name, where, leaves, rotations) for name in self.links))
         for name in self.effects:

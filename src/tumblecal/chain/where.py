@@ -1,6 +1,6 @@
 """Angles, times and conditions of each position: the inputs of the chain, one entry for each position."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -282,10 +282,31 @@ def settings(
     return Where(alpha, beta, groups, time, degc, side, tuple(labels), mean_time, mean_degc)
 
 
+# Visits of a pitch setting, and of a mounting: the columns of which a change, in measuring order, begins a visit, and the one
+# that names the setting.
+VISITS = {"pitch_visit": ("run.mount.pitch", "pitch"), "mount_visit": ("run.mount", "mount")}
+
+
+def with_visits(where: Where, by: Collection[str | None]) -> Where:
+    """The settings with those of the index columns `by` that number visits: each time a setting is set again is another group,
+    named by the setting and the number of the visit (`_0@visit=3`)."""
+    groups, labels, order = dict(where.groups), list(where.labels), np.asarray(where.in_order)
+    for name, (changing, setting) in VISITS.items():
+        if name not in by or name in groups:
+            continue
+        ordered = np.asarray(where.index(changing))[order]
+        groups[name] = np.zeros(len(order), np.int64)
+        groups[name][order] = np.concatenate([[0], np.cumsum(ordered[1:] != ordered[:-1])])
+        first = np.unique(groups[name], return_index=True)[1]
+        names = [where.names(setting)[group] for group in np.asarray(where.index(setting))[first]]
+        labels.append((name, tuple(f"{suffix}@visit={number}" for number, suffix in enumerate(names, start=1))))
+    return replace(where, groups=groups, labels=tuple(labels)) if len(labels) > len(where.labels) else where
+
+
 def check_index(by: str, where: Where) -> None:
     """Reject an index that is not a column of the data.
 
     **Raises:** `InputError` with the available columns.
     """
     if by not in where.groups:
-        raise InputError(f"no index column {by!r}; the columns are {', '.join(where.groups)}")
+        raise InputError(f"no index column {by!r}; the columns are {', '.join([*where.groups, *VISITS])}")

@@ -33,12 +33,15 @@ from tumblecal.estimation.methods import checked
 from tumblecal.estimation.plausibility import Implausible
 from tumblecal.estimation.priors import Priors
 from tumblecal.estimation.setup_error import SetupError
+from tumblecal.estimation.visits import with_repeatability
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import Gravity, gravity_of_option
 from tumblecal.ground.suggested_command import suggested
 from tumblecal.ground.toml_faults import located
 from tumblecal.ground.units import quantity, reading_sd
+from tumblecal.noise import Covariance
+from tumblecal.noise.of_head import slow_covariance
 
 
 _log = logging.getLogger(__name__)
@@ -218,7 +221,16 @@ class StatedModel:
         """The fit of the stated chain to these data."""
         known = self.known(data)
         chain = self.chain(data, known=known)
-        return problem_of(data, chain, noise_sd=self.noise_sd, priors=self.stated(chain, data, known=known))
+        problem = problem_of(data, chain, noise_sd=self.noise_sd, priors=self.stated(chain, data, known=known))
+        ability = None if self.rig is None else self.rig.ability
+        if self.noise_sd is None or ability is None or not ability.slow_noise.any:
+            return problem
+        if data.time_s is None:
+            print(f"WARNING: {data.source}: no column time_s, so [head.noise] of the rig is not used", file=sys.stderr)
+            return problem
+        covariance = slow_covariance(ability.slow_noise, ability.times, data.time_s)
+        covariance += self.noise_sd**2 * np.eye(len(data))
+        return problem.with_noise(Covariance.by_axis(covariance), known=True)
 
     def chain(self, data: PositionSet, *, known: bool) -> Chain:
         """The chain to fit to these data; `known`: whether their noise is known.
@@ -244,9 +256,12 @@ class StatedModel:
 
     def stated(self, chain: Chain, data: PositionSet, *, known: bool) -> Priors:
         """The priors of the parameters of that chain."""
+        where, stated = where_of(data, chain), self.priors
+        if known and self.rig is not None and self.rig.ability is not None:
+            stated = with_repeatability(stated, self.rig.ability.repeatability, chain, where)
         if self.head is None or not known:
-            return self.priors
-        return dict(self.priors.items()) | self.head.priors(chain, where_of(data))
+            return stated
+        return dict(stated.items()) | self.head.priors(chain, where)
 
     def with_sources(self, listed: Sequence[Implausible], problem: Problem) -> tuple[Implausible, ...]:
         """Implausible parameters of a fit to this problem; if they contradict a statement, with its option or file."""

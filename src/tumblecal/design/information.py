@@ -7,13 +7,14 @@ are common to all positions of one visit. They are parameters with a prior here,
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from scipy.linalg import block_diag, cho_factor, cho_solve
 
 from tumblecal.chain.head_ability import HeadAbility
-from tumblecal.design.responses import Responses, Setting
+from tumblecal.design.responses import Responses
 from tumblecal.design.schedule import Schedule
-from tumblecal.design.slow_noise import slow_covariance
+from tumblecal.estimation.visits import visit_precision
+from tumblecal.noise.of_head import slow_covariance
 
 
 def noise_covariance(
@@ -22,20 +23,6 @@ def noise_covariance(
     """Covariance of the means of a schedule on each axis, g^2: white noise and the slow parts."""
     slow = slow_covariance(ability.slow_noise, ability.times, schedule.start_s)
     return slow + responses.sd**2 * np.eye(len(schedule))
-
-
-def visit_precision(setting: Setting, settings: Int[np.ndarray, " visits"]) -> Float[np.ndarray, "visits visits"]:
-    """Information on one component of the errors of some visits; `settings`: the setting that each belongs to."""
-    count = len(settings)
-    if setting.common is None and not setting.again:
-        # Each visit is unknown without bound if the setting is, and nothing is stated of its repeatability.
-        return np.zeros((count, count))
-    same = settings[:, None] == settings
-    if setting.common is None:
-        return (np.eye(count) - same / same.sum(axis=1)) / setting.again**2
-    covariance = setting.common**2 * same + setting.again**2 * np.eye(count)
-    # Exactly repeated settings are kept invertible.
-    return np.linalg.inv(covariance + 1e-18 * np.eye(count))
 
 
 @dataclass(frozen=True)
@@ -60,7 +47,7 @@ def design_of(responses: Responses, schedule: Schedule) -> Design:
         if setting.exact:
             continue
         first = np.unique(visit, return_index=True)[1]
-        precision = visit_precision(setting, labels[first])
+        precision = visit_precision(setting.common, setting.again, labels[first])
         here = visit[:, None] == np.arange(len(first))
         for component in range(setting.columns.shape[2]):
             columns.append(setting.columns[taken][:, :, component, None] * here[:, None, :])

@@ -239,7 +239,7 @@ class Diagnoser:
 
     def _model(self, given: Chain | None, data: PositionSet, sd: float | None, priors: Priors | None) -> FullModel:
         """The compiled model of data of this kind, started for these."""
-        where, turns = where_of(data), turned_mountings(data) if given is None else {}
+        where, turns = where_of(data, given), turned_mountings(data) if given is None else {}
         key = (None if given is None else key_of(given), data.hand_held, tuple(turns.items()), *settings_key(where))
         if key not in self._models:
             while len(self._models) >= _MOST_MODELS:

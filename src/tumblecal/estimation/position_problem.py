@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from tumblecal.chain import Chain, Where, hand_held_chain, nominal_chain, settings
-from tumblecal.chain.where import register_unchecked
+from tumblecal.chain.where import register_unchecked, with_visits
 from tumblecal.data import PositionSet
 from tumblecal.estimation.mountings import mount_labels, nominal_rotations, turned_mountings
 from tumblecal.estimation.priors import Priors, prior_of
@@ -28,8 +28,8 @@ register_unchecked(
 )  # fmt: skip
 
 
-def where_of(data: PositionSet) -> Where:
-    """The settings of a position set.
+def where_of(data: PositionSet, chain: Chain | None = None) -> Where:
+    """The settings of a position set, with the visits of settings if leaves of the chain are indexed by them.
 
     For unknown attitudes the names do not contain the pitch settings, so that all such sets of one size have the same model.
 
@@ -52,7 +52,7 @@ def where_of(data: PositionSet) -> Where:
         clock=data.clock,
     )
     if not data.hand_held:
-        return where
+        return where if chain is None else with_visits(where, {leaf.by for leaf in chain.parameters})
     numbered = (
         (name, tuple(f"_{k}" for k in range(len(labels))) if "pitch" in name else labels)
         for name, labels in where.labels
@@ -133,7 +133,7 @@ def problem_of(
     noise = Covariance.of_sd(sd) if noise_sd is not None else _recorded(data) or Covariance.of_sd(sd)
     return Problem(
         chain=chain,
-        where=where_of(data),
+        where=where_of(data, chain),
         readings=data.readings,
         whitening=noise.inverse_root,
         prior_mean=mean,

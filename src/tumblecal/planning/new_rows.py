@@ -12,6 +12,7 @@ from jaxtyping import Float
 
 from tumblecal.chain import Parameter, parameters_of
 from tumblecal.chain.nominal import Mount
+from tumblecal.chain.where import VISITS
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.model.full_model import FullModel
 from tumblecal.diagnosis.model.tangent import white_rows
@@ -168,6 +169,9 @@ class _NewPositions:
         # Group of each new position in every index column; -1: a new group.
         self.index: dict[str, np.ndarray] = {}
         for by, group in where.groups.items():
+            if by in VISITS:
+                self.index[by] = np.full(len(self.keys), -1)
+                continue
             here = {"pitch": beta.tolist(), "mount": mount, "run": run, "clock": clock, "position": range(count)}
             parts = by.split(".")
             known = dict(

@@ -242,7 +242,7 @@ def experiment_of(
         simulated=simulated,
         readings=readings,
         beyond=None if same or chosen is None else _beyond(chosen, readings),
-        factor=factor if covariance is None else np.stack([_square_root(part) for part in covariance]),
+        factor=factor if covariance is None else np.stack([square_root(part) for part in covariance]),
         sd=float(1.0 / np.max(np.abs(np.asarray(problem.whitening)))) if problem.whitening.ndim == 1 else float("nan"),
         covariance=_predicted_covariance(problem),
         path="chain" if chosen is None else "harmonic",
@@ -288,7 +288,7 @@ def spread_of(chain: Chain, spread: Mapping[str, float]) -> Float[np.ndarray, " 
     return sd
 
 
-def _square_root(covariance: np.ndarray) -> np.ndarray:
+def square_root(covariance: np.ndarray) -> np.ndarray:
     """A square root of a covariance that may be singular."""
     sizes, vectors = np.linalg.eigh(covariance)
     return vectors * np.sqrt(np.maximum(sizes, 0.0))

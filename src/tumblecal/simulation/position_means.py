@@ -9,6 +9,8 @@ from tumblecal.chain.rig import Rig
 from tumblecal.data import PositionSet
 from tumblecal.estimation.programs import compiler_options
 from tumblecal.ground.errors import InputError
+from tumblecal.noise.of_head import slow_covariance
+from tumblecal.simulation.experiment import square_root
 
 
 def position_means(
@@ -54,7 +56,16 @@ def simulated(rig: Rig, seed: int, noise_sd: float | None = None) -> PositionSet
     where, plan = rig.where, rig.plan
     # The chain as one program: a first simulation would compile its hundred steps one by one.
     exact = jax.jit(Chain.__call__, compiler_options=compiler_options())(rig.true_chain(where), where)
-    readings = _with_noise(exact, noise_sd, jax.random.key(seed))
+    key = jax.random.key(seed)
+    readings = _with_noise(exact, noise_sd, key)
+    if rig.ability is not None and rig.ability.slow_noise.any:
+        if plan.time_s is None:
+            raise InputError(
+                f"{rig.source}: [head.noise] needs the times of the positions; add plan.interval_s, or time_s"
+            )
+        slow = slow_covariance(rig.ability.slow_noise, rig.ability.times, np.asarray(plan.time_s))
+        root = np.stack([square_root(part) for part in slow])
+        readings += np.einsum("apq,qa->pa", root, jax.random.normal(jax.random.fold_in(key, 1), readings.shape))
     return PositionSet(
         names=plan.names,
         alpha_deg=np.asarray(plan.alpha_deg, float),

@@ -1,4 +1,4 @@
-"""Noise that the dwells of a schedule share: flicker, Gauss-Markov, random walk, linear drift, warm-up.
+"""Noise that dwells share, as `[head.noise]` of a rig states it: flicker, Gauss-Markov, random walk, linear drift, warm-up.
 
 Drift and warm-up are signals of a known shape and a random size; as noise they have a covariance of rank one, which is the same
 as a nuisance parameter with a prior.
@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.chain.head_ability import SlowNoise, Times
-from tumblecal.noise import Dwells, Flicker, GaussMarkov, Noise, Part, RandomWalk
+from tumblecal.noise.parts import Dwells, Flicker, GaussMarkov, Noise, Part, RandomWalk
 
 
 # Slow noise is evaluated with so many samples in a dwell: its means do not depend on the rate of the samples.
