@@ -2,7 +2,6 @@
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.special import gammaln
 
 
 # Temperatures within so much (degC) are one temperature: usual thermometers are in error by as much.
@@ -71,5 +70,5 @@ def soak_numbers(degc: Float[np.ndarray, " positions"]) -> Int[np.ndarray, " pos
 
 
 def _log_chance(count: int, groups: int, ratio: float) -> float:
-    ways = gammaln(count) - gammaln(groups) - gammaln(count - groups + 1)
+    ways = lgamma(count) - lgamma(groups) - lgamma(count - groups + 1)
     return float(ways - (count - groups) * np.log1p(ratio))
