@@ -23,6 +23,36 @@ class Cells:
     def __len__(self) -> int:
         return len(self.alpha_deg)
 
+    def chosen(self, numbers: Int[np.ndarray, " chosen"]) -> "Cells":
+        """Some of the cells, in this order."""
+        degc = self.temperature_degc
+        return Cells(
+            self.alpha_deg[numbers],
+            self.beta_deg[numbers],
+            tuple(self.mounts[k] for k in numbers),
+            None if degc is None else degc[numbers],
+        )
+
+    def joined(self, other: "Cells") -> tuple["Cells", Int[np.ndarray, " other"]]:
+        """These cells with those of the other that are not among them, and the number of each of the other's cells."""
+        number, new = {key: k for k, key in enumerate(self._keys)}, list[int]()
+        for k, key in enumerate(other._keys):
+            if key not in number:
+                number[key] = len(self) + len(new)
+                new.append(k)
+        numbers, added = np.array([number[key] for key in other._keys], int), other.chosen(np.array(new, int))
+        degc = None
+        if self.temperature_degc is not None and added.temperature_degc is not None:
+            degc = np.concatenate([self.temperature_degc, added.temperature_degc])
+        angles = (np.concatenate(pair) for pair in ((self.alpha_deg, added.alpha_deg), (self.beta_deg, added.beta_deg)))
+        return Cells(*angles, self.mounts + added.mounts, degc), numbers
+
+    @property
+    def _keys(self) -> list[tuple]:
+        degc = np.zeros(len(self)) if self.temperature_degc is None else self.temperature_degc
+        columns = np.round([self.alpha_deg % 360.0, self.beta_deg, degc], 6).T.tolist()
+        return [(*column, mount) for column, mount in zip(columns, self.mounts, strict=True)]
+
     @cached_property
     def where(self) -> Where:
         """The settings of all cells."""

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from tumblecal.chain.nominal import Leaf
 from tumblecal.chain.rig import Rig
@@ -56,6 +56,14 @@ class Responses:
     pitch: Setting
     mount: Setting
     sd: float
+
+    def chosen(self, numbers: Int[np.ndarray, " chosen"]) -> "Responses":
+        """The responses of some of the cells, in this order."""
+        settings = (replace(each, columns=each.columns[numbers]) for each in (self.pitch, self.mount))
+        columns = self.columns[numbers]
+        return Responses(
+            self.cells.chosen(numbers), self.names, self.scales, columns, self.information, *settings, self.sd
+        )
 
     def indices(self, parameters: Sequence[str]) -> np.ndarray:
         """Places of some shared parameters.
