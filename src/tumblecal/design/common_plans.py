@@ -46,9 +46,13 @@ def common_plans(
     eighths, twelfths = np.arange(0, 360, 45.0), np.arange(0, 360, 30.0)
     golden = (1 + 5**0.5) / 2
     corners = [np.roll((0.0, sign, turn * golden), shift) for shift in range(3) for sign in (1, -1) for turn in (1, -1)]
-    circles = [np.roll((np.cos(angle), np.sin(angle), 0.0), shift) for shift in range(3) for angle in np.radians(twelfths)]
+    circles = [
+        np.roll((np.cos(angle), np.sin(angle), 0.0), shift) for shift in range(3) for angle in np.radians(twelfths)
+    ]
     faces = np.concatenate([np.eye(3), -np.eye(3)])
-    listed = [(alpha, beta, mount) for mount in ability.mounts for beta in ability.beta_deg for alpha in ability.alpha_deg]
+    listed = [
+        (alpha, beta, mount) for mount in ability.mounts for beta in ability.beta_deg for alpha in ability.alpha_deg
+    ]
     random = np.sort(np.random.default_rng(seed).choice(len(listed), min(_RANDOM, len(listed)), replace=False))
     alpha, beta, mounts = zip(*(listed[k] for k in random), strict=True)
     return (

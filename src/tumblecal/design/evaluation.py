@@ -12,7 +12,7 @@ from tumblecal.design.schedule import Schedule
 
 
 # Directions with less information than this share of the largest, all parameters in their own uncertainty, are not determined.
-_DETERMINED = 1e-9
+DETERMINED = 1e-9
 # A parameter with more than this share in such a direction is not determined.
 _SHARE = 1e-4
 
@@ -45,7 +45,7 @@ def uncertainties(responses: Responses, schedule: Schedule, ability: HeadAbility
     # Rounding of the difference is relative to what is subtracted.
     size = np.sqrt(np.maximum(np.diag(information)[:count], np.finfo(float).tiny))
     values, vectors = np.linalg.eigh(reduced / np.outer(size, size))
-    lost = values < _DETERMINED
+    lost = values < DETERMINED
     share = np.sum(vectors[:, lost] ** 2, axis=1)
     inverse = vectors[:, ~lost] / values[~lost] @ vectors[:, ~lost].T
     covariance = inverse / np.outer(size, size)
@@ -53,9 +53,7 @@ def uncertainties(responses: Responses, schedule: Schedule, ability: HeadAbility
     return Uncertainties(responses.names, sd, covariance)
 
 
-def in_use_sd(
-    use: Responses, covariance: Float[np.ndarray, "shared shared"]
-) -> Float[np.ndarray, "attitudes 3"]:
+def in_use_sd(use: Responses, covariance: Float[np.ndarray, "shared shared"]) -> Float[np.ndarray, "attitudes 3"]:
     """Standard uncertainty of the corrected force on each axis, g.
 
     **Arguments:**

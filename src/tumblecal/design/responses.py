@@ -26,11 +26,13 @@ class Setting:
     - `columns` (cells, 3, components): readings, g, by a unit of scale.
     - `common`: prior sd of what all visits of one setting share, in scales; None: unknown without bound; 0: exact.
     - `again`: sd of what each visit adds, in scales.
+    - `scale`: rad.
     """
 
     columns: Float[np.ndarray, "cells 3 components"]
     common: float | None
     again: float
+    scale: float = 1e-3
 
     @property
     def exact(self) -> bool:
@@ -125,4 +127,4 @@ def _setting(
     if again is None and common:
         # Without a repeatability visits of one setting may differ as much as two settings.
         common, again = 0.0, prior[1] if prior is not None else None
-    return Setting(columns, common, (again or 0.0) / scale)
+    return Setting(columns, common, (again or 0.0) / scale, scale)
