@@ -1,5 +1,7 @@
 """Soaks: the separate temperatures of measurements at nearly constant temperatures."""
 
+from math import lgamma
+
 import numpy as np
 from jaxtyping import Float, Int
 
