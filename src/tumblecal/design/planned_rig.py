@@ -1,6 +1,6 @@
 """The rig of a designed plan: its positions, and the errors of each visit of a setting with their priors.
 
-A calibration with this rig states the uncertainties of the plan. A simulation includes the errors of settings that are set again.
+A calibration with this rig states the uncertainties of the plan. A simulation has the errors of settings that are set again.
 """
 
 from dataclasses import replace
