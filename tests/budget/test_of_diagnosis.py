@@ -14,7 +14,7 @@ from tumblecal.data.calibration import write_calibration
 from tumblecal.data.calibration_use import Use
 from tumblecal.data.sensor_parameters import SENSOR
 from tumblecal.estimation import exact, problem_of
-from tumblecal.report.result_file import linear_calibration
+from tumblecal.estimation.linear_calibration import linear_calibration
 
 
 # Two inputs whose shifts are known in closed form: of the scale factors alike, and of what is written.

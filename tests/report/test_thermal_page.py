@@ -1,5 +1,6 @@
 """`tumblecal thermal` on the example of docs/thermal.md, run as the page states it: output, files, page, rejected options."""
 
+import hashlib
 import json
 import re
 import shlex
@@ -50,8 +51,12 @@ def test_the_page_s_example_prints_its_lines_and_finds_the_bias(example):
     assert "hysteresis or rate: indistinguishable, because the temperature changed at about one rate" in " ".join(
         printed.split()
     )
-    curves = read_calibration(example / "unit17" / "calibration.json").temperature
+    calibration = read_calibration(example / "unit17" / "calibration.json")
+    curves, digests = calibration.temperature, calibration.provenance["files"]
     assert curves is not None
+    assert len(digests) == 6
+    assert digests["x_up.csv"] == hashlib.sha256((example / "x_up.csv").read_bytes()).hexdigest()
+    assert calibration.provenance["method"] == "thermal" and "tumblecal" in calibration.provenance
     degc = np.linspace(*curves.range_degc, 9)
     powers = np.stack([(degc - 25) ** k for k in (1, 2, 3)])
     assert np.max(np.abs(curves.at(degc)[:, 3:6].T - BIAS @ powers)) < 0.15e-3

@@ -139,7 +139,7 @@ def _of_diagnosis(made: "Budget", diagnosis: Path, model: "StatedModel", file: s
     from tumblecal.budget.of_diagnosis import of_diagnosis, require_same_data
     from tumblecal.data.calibration import read_calibration
     from tumblecal.data.not_applied import losses_words
-    from tumblecal.report.result_file import source_of
+    from tumblecal.data.source_of import source_of
 
     path = diagnosis / "calibration.json" if diagnosis.is_dir() else diagnosis
     calibration = read_calibration(path)

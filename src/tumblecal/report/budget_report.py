@@ -10,6 +10,7 @@ from jaxtyping import Float
 from tumblecal.budget.budget import Budget
 from tumblecal.budget.monte_carlo import MonteCarlo
 from tumblecal.data.calibration import ORDER
+from tumblecal.data.source_of import source_of
 from tumblecal.estimation.intrinsic import intrinsic, matrix_and_bias, one_sensor
 from tumblecal.ground.atomic import write_text
 from tumblecal.ground.json_file import json_text
@@ -17,7 +18,6 @@ from tumblecal.ground.numbers_shown import decimals, rounded, with_decimals
 from tumblecal.ground.units import shown
 from tumblecal.report.drawing import INK, new_figure, save
 from tumblecal.report.page import Section, inline_figure, write_page
-from tumblecal.report.result_file import source_of
 from tumblecal.report.tables import Table
 from tumblecal.report.verdict import Verdict
 

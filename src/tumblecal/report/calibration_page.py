@@ -8,6 +8,7 @@ import numpy as np
 
 from tumblecal import __version__
 from tumblecal.data.calibration import Calibration
+from tumblecal.data.source_of import source_of
 from tumblecal.estimation.curves_of_fit import reported
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.intrinsic import one_sensor
@@ -28,7 +29,7 @@ from tumblecal.report.calibration_words import (
 )
 from tumblecal.report.finding_figures import overview_figure
 from tumblecal.report.page import PageFigure, Section, inline_drawing, inline_figure, write_page
-from tumblecal.report.result_file import calibration_of, source_of, strong_correlations
+from tumblecal.report.result_file import calibration_of, strong_correlations
 from tumblecal.report.tables import Table
 from tumblecal.report.verdict import Finding, Verdict, as_sentence, command_at_end, ended
 

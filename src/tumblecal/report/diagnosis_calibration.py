@@ -21,12 +21,12 @@ from tumblecal.effects.effect import reason_not_held
 from tumblecal.effects.environment import REFERENCE_DEGC
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.intrinsic import one_sensor
+from tumblecal.estimation.linear_calibration import linear_calibration
 from tumblecal.ground.errors import InputError
 from tumblecal.report.calibration_judgements import MOST_MOVED_SD, MOST_TIMES_NOISE
 from tumblecal.report.calibration_limits import DIRECTIONS, gravity_use, limits, undetermined_use
 from tumblecal.report.cause_words import label_words
 from tumblecal.report.effect_forms import require_forms
-from tumblecal.report.result_file import linear_calibration
 from tumblecal.report.sensor_terms import FittedEffect, SensorTerms, Signal, lacking_words, terms_of_chain
 from tumblecal.report.terms_covariance import WITH_TERMS, covariance_in_use
 

@@ -1,28 +1,23 @@
 """`result.json` and `calibration.json` of a calibration."""
 
-import hashlib
 from collections.abc import Mapping
 from dataclasses import replace
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tumblecal import __version__
 from tumblecal.chain import followings_of
-from tumblecal.data import PositionSet
 from tumblecal.data.calibration import Calibration, write_calibration
-from tumblecal.data.position_comments import ATTITUDES, UNKNOWN
-from tumblecal.data.sensor_parameters import SENSOR, SensorParameters, leaf_of
+from tumblecal.data.source_of import source_of
 from tumblecal.effects import Catalogue, catalogue
-from tumblecal.estimation.curves_of_fit import curves_of, reported
+from tumblecal.estimation.curves_of_fit import reported
 from tumblecal.estimation.fit import Fit
-from tumblecal.estimation.intrinsic import intrinsic, matrix_and_bias, one_sensor
+from tumblecal.estimation.intrinsic import intrinsic, one_sensor
+from tumblecal.estimation.linear_calibration import linear_calibration
 from tumblecal.estimation.methods import Calibrated
 from tumblecal.estimation.mountings import turns_of
 from tumblecal.ground.atomic import write_text
-from tumblecal.ground.frames import rotation_matrix
 from tumblecal.ground.gravity import record_of
 from tumblecal.ground.json_file import json_text
 from tumblecal.report.calibration_judgements import judgements, use_of
@@ -138,54 +133,6 @@ def calibration_of(result: Fit, entries: Catalogue | None = None) -> Calibration
     """
     terms = terms_of_chain(result, result.problem.chain, catalogue() if entries is None else entries)
     return terms.put_into(linear_calibration(result), result.data.temperature_degc)
-
-
-def linear_calibration(result: Fit) -> Calibration:
-    """Matrix and bias of the sensor alone; if they follow temperature, at the reference temperature, with the curves.
-
-    **Raises:** `KeyError` when the sensor's parameters are not all estimated, one for all data.
-    """
-    data, degc, curves = result.data, result.data.temperature_degc, curves_of(result)
-    matrix, bias, covariance = matrix_and_bias(result)
-    turned = [result.value(name) for name in ("dtheta_x", "dtheta_y", "dtheta_z") if name in result.names]
-    return Calibration(
-        matrix=matrix,
-        bias=bias,
-        covariance=covariance,
-        alignment=rotation_matrix(np.array(turned)).T if len(turned) == 3 else None,
-        temperature_degc=curves.reference_degc if curves else None if degc is None else float(np.mean(degc)),
-        serial_number=data.serial_number,
-        gravity=data.gravity,
-        provenance={
-            **source_of(data),
-            **({ATTITUDES: UNKNOWN} if any(leaf_of(name) == "tilt" for name in result.names) else {}),
-            "method": result.method,
-            "code": result.code.name,
-            "sigma_g": float(result.sigma) if np.isfinite(result.sigma) else None,
-            "dof": result.dof if result.noise == "estimated" else None,
-            **({} if degc is None else {"temperature_range_degc": [float(np.min(degc)), float(np.max(degc))]}),
-            "date_utc": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
-        },
-        parameters=_sensor_and_mount(result),
-        temperature=curves,
-    )
-
-
-def _sensor_and_mount(result: Fit) -> SensorParameters:
-    """Fitted parameters of the sensor and angles of its mountings."""
-    names = [name for name in result.names if name in SENSOR or leaf_of(name) == "dtheta"]
-    here = [result.names.index(name) for name in names]
-    undetermined = tuple([name for name in names if name in result.undetermined])
-    return SensorParameters(tuple(names), result.values[here], result.covariance[np.ix_(here, here)], undetermined)
-
-
-def source_of(data: PositionSet) -> dict[str, Any]:
-    """Source of the data: file, SHA-256 of its content, number of positions, version of the program."""
-    path = Path(data.source)
-    digest = hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else None
-    source = {"data": data.source, "sha256": digest, "positions": len(data), "tumblecal": __version__}
-    measured = data.comments.get("measured_utc")
-    return source | ({"measured_utc": measured} if measured else {})
 
 
 def strong_correlations(result: Fit) -> list[dict[str, Any]]:

@@ -112,6 +112,7 @@ class ThermalModel:
             temperature_degc=table.temperature_degc,
             comments=comments,
             source=table.source,
+            files=table.files,
         )
 
 

@@ -2,8 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -12,12 +10,13 @@ from tumblecal.capture.thermal.thermal_table import ThermalTable
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.calibration_use import YES, Use, combined
 from tumblecal.data.positions import ATTITUDES, UNKNOWN
-from tumblecal.data.sensor_parameters import SENSOR, SensorParameters, correction_slope, leaf_of, triad_of
+from tumblecal.data.sensor_parameters import SENSOR, SensorParameters, leaf_of
 from tumblecal.data.temperature_curves import Hysteresis, TemperatureCurves
 from tumblecal.estimation import exact
 from tumblecal.estimation.curves_of_fit import curves_of
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.intrinsic import one_sensor, sensor_places
+from tumblecal.estimation.linear_calibration import calibration_with
 from tumblecal.ground.axes import AXES
 from tumblecal.thermal import signals as kinds
 from tumblecal.thermal.choice import Choice, Stated, chosen_model
@@ -142,7 +141,6 @@ def _calibration(
 ) -> Calibration:
     table = choice.model.table
     sensor, span = _sensor(fit, stated.base), measured_range(table)
-    slope, values = correction_slope(sensor.values), sensor.values
     curves = curves_of(fit, sensor.covariance)
     if curves is not None:
         total = sum((signal.half_width for signal in found if signal.name != "drift"), np.zeros(3))
@@ -152,29 +150,14 @@ def _calibration(
         # The range is that of the thermometer, also if the sensor is behind it, up to the edges of the outer bins.
         measured = tuple(replace(each, functions=replace(each.functions, range_degc=span)) for each in curves.curves)
         curves = replace(curves, curves=measured, hysteresis=tuple(widths))
-    comments: dict[str, Any] = {} if table.known_attitudes else {ATTITUDES: UNKNOWN}
-    positions = fit.data
-    return Calibration(
-        matrix=np.linalg.inv(triad_of(values)),
-        bias=values[3:6],
-        covariance=slope @ sensor.covariance @ slope.T,
+    calibration = calibration_with(fit, sensor, curves)
+    unknown = {} if table.known_attitudes else {ATTITUDES: UNKNOWN}
+    more = {"method": "thermal", "temperature_range_degc": list(span)}
+    return replace(
+        calibration,
         temperature_degc=choice.reference_degc,
-        serial_number=positions.serial_number,
-        gravity=positions.gravity,
-        provenance={
-            "data": table.source,
-            "positions": len(table),
-            **comments,
-            "method": "thermal",
-            "code": fit.code.name,
-            "sigma_g": float(fit.sigma) if np.isfinite(fit.sigma) else None,
-            "dof": None,
-            "temperature_range_degc": list(span),
-            "date_utc": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
-        },
-        parameters=sensor,
+        provenance=calibration.provenance | unknown | more,
         use=_use(choice, stated, factor),
-        temperature=curves,
     )
 
 

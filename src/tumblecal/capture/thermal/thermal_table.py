@@ -31,7 +31,8 @@ class ThermalTable:
     - `direction`: +1 while the temperature rises, -1 while it falls, 0 in a soak. `reached_by`: +1 if the stretch of the row
       rises (a soak reached from a lower temperature), -1 if it falls, 0 if the temperature does not change.
     - `alpha_deg`, `beta_deg`: angles of the attitude; None if attitudes are unknown. `mount`: label of the mounting, or None.
-    - `source`: name of the recordings. `comments`: stated gravity, serial number and others, as of a position file.
+    - `source`: name of the recordings, `files`: their paths. `comments`: stated gravity, serial
+      number and others, as of a position file.
 
     **Raises:** `InputError` for columns of different lengths, numbers that are not finite, or `sd` not above 0.
     """
@@ -53,6 +54,7 @@ class ThermalTable:
     mount: tuple[str, ...] | None = None
     source: str = "recording"
     comments: Mapping[str, str] = field(default_factory=dict)
+    files: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         rows = len(self.attitude)

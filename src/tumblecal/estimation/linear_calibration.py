@@ -1,0 +1,60 @@
+"""The calibration of a fit without the terms of effects: matrix and bias of the sensor, its curves over temperature, origin."""
+
+from datetime import UTC, datetime
+
+import numpy as np
+
+from tumblecal.data.calibration import Calibration
+from tumblecal.data.position_comments import ATTITUDES, UNKNOWN
+from tumblecal.data.sensor_parameters import SENSOR, SensorParameters, correction_slope, leaf_of, triad_of
+from tumblecal.data.source_of import source_of
+from tumblecal.data.temperature_curves import TemperatureCurves
+from tumblecal.estimation.curves_of_fit import curves_of
+from tumblecal.estimation.fit import Fit
+from tumblecal.estimation.intrinsic import matrix_and_bias
+from tumblecal.ground.frames import rotation_matrix
+
+
+def linear_calibration(result: Fit) -> Calibration:
+    """Matrix and bias of the sensor alone; if they follow temperature, at the reference temperature, with the curves.
+
+    **Raises:** `KeyError` when the sensor's parameters are not all estimated, one for all data.
+    """
+    matrix_and_bias(result)
+    return calibration_with(result, _sensor_and_mount(result), curves_of(result))
+
+
+def calibration_with(result: Fit, parameters: SensorParameters, curves: TemperatureCurves | None) -> Calibration:
+    """The calibration of a fit with these parameters, of which some may be from elsewhere, and curves."""
+    data, degc, sensor = result.data, result.data.temperature_degc, parameters.of(SENSOR)
+    slope = correction_slope(sensor.values)
+    turned = [result.value(name) for name in ("dtheta_x", "dtheta_y", "dtheta_z") if name in result.names]
+    return Calibration(
+        matrix=np.linalg.inv(triad_of(sensor.values)),
+        bias=sensor.values[3:6],
+        covariance=slope @ sensor.covariance @ slope.T,
+        alignment=rotation_matrix(np.array(turned)).T if len(turned) == 3 else None,
+        temperature_degc=curves.reference_degc if curves else None if degc is None else float(np.mean(degc)),
+        serial_number=data.serial_number,
+        gravity=data.gravity,
+        provenance={
+            **source_of(data),
+            **({ATTITUDES: UNKNOWN} if any(leaf_of(name) == "tilt" for name in result.names) else {}),
+            "method": result.method,
+            "code": result.code.name,
+            "sigma_g": float(result.sigma) if np.isfinite(result.sigma) else None,
+            "dof": result.dof if result.noise == "estimated" else None,
+            **({} if degc is None else {"temperature_range_degc": [float(np.min(degc)), float(np.max(degc))]}),
+            "date_utc": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
+        },
+        parameters=parameters,
+        temperature=curves,
+    )
+
+
+def _sensor_and_mount(result: Fit) -> SensorParameters:
+    """Fitted parameters of the sensor and angles of its mountings."""
+    names = [name for name in result.names if name in SENSOR or leaf_of(name) == "dtheta"]
+    here = [result.names.index(name) for name in names]
+    undetermined = tuple([name for name in names if name in result.undetermined])
+    return SensorParameters(tuple(names), result.values[here], result.covariance[np.ix_(here, here)], undetermined)
