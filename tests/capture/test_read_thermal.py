@@ -174,6 +174,28 @@ def test_very_long_recordings_have_a_bounded_number_of_blocks(tmp_path: Path, mo
     assert np.sqrt(np.mean(scores(table, UP) ** 2)) < 1.3
 
 
+@pytest.mark.parametrize(
+    ("jump_degc", "cause"), [(0.0, "the unit was perhaps moved"), (8.0, "two recordings are joined")]
+)
+def test_a_step_of_the_readings_is_named_and_divides_the_recording(tmp_path: Path, jump_degc: float, cause: str):
+    """A jump of 20 mg on y in the middle of a ramp; on both sides the bias follows the temperature."""
+    degc = ramp(0, 20, 3)
+    after = np.arange(len(degc)) >= len(degc) // 2
+    step = np.array([0.0, 20e-3, 0.0])
+    path = written(tmp_path, recording(degc + jump_degc * after, UP + np.outer(after, step)))
+    reading = thermal_reading([path])
+    ((_, (line,)),) = reading.warnings
+    assert "step at 90.00 s" in line and cause in line
+    x, y, z = (float(text) for text in line.partition("jump by ")[2].partition(" mg")[0].split(","))
+    change = 1e3 * np.diff(bias(np.array([10.0, 10.0 + jump_degc])), axis=0)[0] + [0, 20, 0]
+    # 64 samples of 0.5 mg on both sides.
+    np.testing.assert_allclose([x, y, z], change, atol=4 * 0.5 * np.sqrt(2 / 64))
+    table = reading.table
+    assert table.attitudes == ("a1", "a1 after 90 s") and set(table.clock) == {"ramp", "ramp (clock 2)"}
+    second = np.array([label != "a1" for label in table.attitude])
+    assert np.sqrt(np.mean(scores(table, UP + np.outer(second, step)) ** 2)) < 1.3
+
+
 def test_a_knock_is_not_averaged(tmp_path: Path):
     degc = ramp(0, 40, 4)
     frame = recording(degc, UP)

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -25,6 +26,7 @@ from tumblecal.capture.thermal.attitudes import attitudes_of_intervals
 from tumblecal.capture.thermal.block_temperature import block_temperatures, stuck_readings, without_short_gaps
 from tumblecal.capture.thermal.series import Attitude, RecordingSeries, ThermalSeries
 from tumblecal.capture.thermal.smoothed_temperature import resolution_of
+from tumblecal.capture.thermal.steps import Step, steps_of
 from tumblecal.ground.atomic import scratch_folder
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import stated_gravity, unit_in_g
@@ -71,7 +73,9 @@ def read_series(
             index, attitudes, warnings = attitudes_of_intervals(samples, stillness.used, means, context, plan, of_file)
             if (index < 0).all():
                 raise InputError(f"{path}: no interval at rest is a position of the plan; check mount_rotation_deg")
-            parts, more = series_of(name, stillness, (index, tuple(attitudes)), (degc, first), to_g)
+            steps = steps_of(stillness.blocks, first, to_g)
+            index, attitudes = apart_at_steps(stillness, index, attitudes, steps)
+            parts, more = series_of(name, stillness, (index, tuple(attitudes)), (degc, first), to_g, steps)
             if not parts:
                 raise InputError(
                     f"{path}: no interval at rest has a temperature; give the column by --columns temperature=..."
@@ -132,8 +136,9 @@ def series_of(
     known: tuple[NDArray[np.int64], tuple[Attitude, ...]],
     temperatures: tuple[NDArray[np.float64], NDArray[np.float64]],
     to_g: float,
+    steps: Sequence[Step] = (),
 ) -> tuple[tuple[ThermalSeries, ...], list[str]]:
-    """The blocks of the used intervals, in parts between restarts of the clock, and warnings about the temperature.
+    """The blocks of the used intervals, in parts between restarts of the clock and steps, and warnings.
 
     **Arguments:**
 
@@ -143,9 +148,10 @@ def series_of(
     blocks, (index, attitudes), (degc, first) = stillness.blocks, known, temperatures
     visit, of_visit = _visits(stillness, index)
     middle = blocks.start_s + (blocks.size - 1) / 2 / blocks.rate_hz
-    edges = [0, *(np.flatnonzero(np.diff(middle) < 0) + 1).tolist(), len(blocks)]
+    restarts = np.flatnonzero(np.diff(middle) < 0) + 1
+    edges = [0, *np.union1d(restarts, [step.block for step in steps]).astype(int).tolist(), len(blocks)]
     parts, without = list[ThermalSeries](), 0
-    for number, (start, stop) in enumerate(pairwise(edges)):
+    for start, stop in pairwise(edges):
         part = slice(start, stop)
         if not np.isfinite(degc[part]).any():
             without += int((visit[part] >= 0).sum())
@@ -159,7 +165,7 @@ def series_of(
             continue
         parts.append(
             ThermalSeries(
-                clock=name if number == 0 else f"{name} (clock {number + 1})",
+                clock=f"{name} (clock {len(parts) + 1})" if parts else name,
                 block_s=blocks.size / blocks.rate_hz,
                 size=blocks.size,
                 time_s=middle[part][used],
@@ -175,7 +181,8 @@ def series_of(
             )
         )
     lost_s = without * blocks.size / blocks.rate_hz
-    lines = [f"{lost_s:.0f} s at rest have no temperature and are not used"] if lost_s > _LONGEST_LOST_S else []
+    lines = [step.words for step in steps]
+    lines += [f"{lost_s:.0f} s at rest have no temperature and are not used"] if lost_s > _LONGEST_LOST_S else []
     if run := stuck_readings(first):
         start_s, stop_s = middle[run[0]], middle[run[1] - 1]
         lines.append(
@@ -183,6 +190,22 @@ def series_of(
             "of other times: it may be stuck; cut this part out"
         )
     return tuple(parts), lines
+
+
+def apart_at_steps(
+    stillness: Stillness, index: NDArray[np.int64], attitudes: Sequence[Attitude], steps: Sequence[Step]
+) -> tuple[NDArray[np.int64], list[Attitude]]:
+    """Attitudes of the intervals with a separate one after each step: its jump is then no change with temperature."""
+    times = stillness.blocks.start_s[[step.block for step in steps]] if steps else np.zeros(0)
+    part = np.searchsorted(times, [interval.start_s for interval in stillness.used], side="right")
+    keys = [(int(at), int(number)) for at, number in zip(index, part, strict=True)]
+    places = [key for key in dict.fromkeys(keys) if key[0] >= 0]
+    first = int(part.min(initial=len(steps)))
+    divided = [
+        replace(attitudes[at], label=attitudes[at].label + (f" after {times[n - 1]:.0f} s" if n > first else ""))
+        for at, n in places
+    ]
+    return np.array([places.index(key) if key[0] >= 0 else -1 for key in keys], int), divided
 
 
 def _visits(stillness: Stillness, index: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
