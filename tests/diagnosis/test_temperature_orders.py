@@ -6,6 +6,7 @@ import pytest
 import tumblecal
 from tumblecal.chain import settings
 from tumblecal.data import PositionSet
+from tumblecal.diagnosis import Diagnoser
 from tumblecal.diagnosis.causes.identities import one_function_at_1_g
 from tumblecal.diagnosis.model.full_model import model_of, settings_key
 from tumblecal.diagnosis.sets.classes import other_orders
@@ -85,6 +86,33 @@ def test_the_calibration_corrects_left_out_temperatures_to_the_noise(diagnosis):
     assert np.sqrt(np.mean((corrected - f) ** 2)) < 0.6 * SD  # 1.6 mg without terms of temperature
     (loss,) = (loss for loss in calibration.not_applied if loss.effect == "bias_hysteresis.y")
     assert "direction in which the temperature was reached" in loss.reason
+
+
+def test_a_lag_between_thermometer_and_sensor_has_its_name():
+    """Ramps up and down at 0.9 degC a minute; the sensor follows with 15 minutes (steps of a second, numpy)."""
+    rng, count, tau = np.random.default_rng(5), 108, 900.0
+    fine = np.arange(0.0, 90.0 * count)
+    degc = np.interp(fine, [0.0, 45.0 * (count - 1), 90.0 * (count - 1)], [-10.0, 60.0, -10.0])
+    sensor = degc.copy()
+    for n in range(1, len(fine)):
+        sensor[n] = sensor[n - 1] + (degc[n - 1] - sensor[n - 1]) / tau
+    time, alpha, beta = 90.0 * np.arange(count), np.tile(ALPHA, 9), np.tile(BETA, 9)
+    thermometer, warm = (np.interp(time, fine, of)[:, None] for of in (degc, sensor - 25.0))
+    slopes = np.array([2e-4, -1e-4, 1.5e-4])
+    readings = (1 + SCALE + 1e-4 * warm) * specific_force(np.radians(alpha), np.radians(beta)) + BIAS + slopes * warm
+    readings += SD * rng.normal(size=readings.shape)
+    names = tuple(f"p{k}" for k in range(count))
+    data = PositionSet(names, alpha, beta, readings, time_s=time, temperature_degc=thermometer[:, 0])
+    diagnosis = Diagnoser(nested=False)(data, noise_sd=SD)
+    assert diagnosis.verdict == "identified"
+    linear = {f"{of}_temperature.{axis}" for of in ("bias", "scale") for axis in "xyz"}
+    assert set(diagnosis.labels) == {*linear, "temperature_lag"}
+    fit = diagnosis.extended
+    true = {"temperature_lag_tau": tau, "temperature_lag_scale_z": -1e-4}
+    true |= {f"temperature_lag_bias_{axis}": -slope for axis, slope in zip("xyz", slopes, strict=True)}
+    for name, value in true.items():
+        k = fit.names.index(name)
+        assert abs(fit.values[k] - value) < 4 * fit.sd[k]
 
 
 def test_next_measurement_states_a_further_soak_and_the_reverse_order(diagnosis):

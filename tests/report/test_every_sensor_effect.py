@@ -168,6 +168,14 @@ def added(id, u, where):
             new = np.r_[True, (where.pitch[1:] != where.pitch[:-1]) | (where.run[1:] != where.run[:-1])]
             since = where.time - where.time[new][np.cumsum(new) - 1]
             return [on(own, np.exp(-since / np.median(np.diff(PLAN.time)))) for own in range(3)]
+        case "temperature_lag":
+            # Closed form on each line between positions: the lag tends to rate times tau.
+            lag, tau = np.zeros_like(time), 1.5 * np.median(np.diff(PLAN.time))
+            for n in range(1, len(time)):
+                passed = time[n] - time[n - 1]
+                limit = tau * (where.degc[n] - where.degc[n - 1]) / passed
+                lag[n] = limit + (lag[n - 1] - limit) * np.exp(-passed / tau)
+            return [on(own, lag) for own in range(3)] + [on(own, u[:, own] * lag) for own in range(3)]
         case "my_cubic":
             return [on(1, u[:, 1] * (where.degc - 20.0) ** 3)]
         case "my_kink":
@@ -244,7 +252,7 @@ REASONS = {
     OF_RUN: ("bias_drift", "bias_drift_square", "scale_drift", "misalignment_drift", "warm_up", "settling"),
     OF_GROUPS: ("bias_by_pitch", "scale_by_pitch", "run_drift", "bias_repeatability"),
     OF_BRANCH: ("bias_hysteresis",),
-    OF_PATH: ("memory", "hysteresis", "temperature_rate"),
+    OF_PATH: ("memory", "hysteresis", "temperature_rate", "temperature_lag"),
     OF_MOUNT: ("mount_drift", "mount_temperature"),
     OF_RESOLUTION: ("clipping", "quantisation", "dead_zone"),
     NO_FORMS: ("my_own",),

@@ -32,7 +32,7 @@ def temperature_notes(diagnosis: Diagnosis) -> Iterator[str]:
             "Measure the same temperatures again in the reverse order: a hysteresis changes its sign with the direction, a "
             "drift does not."
         )
-    if any(entry.id.startswith("temperature_rate") for entry in thermal):
+    if any(entry.id.startswith(("temperature_rate", "temperature_lag")) for entry in thermal):
         yield (
             "Repeat the change of temperature at half of its rate: an error by the rate or by the lag of the thermometer is "
             "then half as large, a hysteresis is unchanged."

@@ -9,8 +9,17 @@ directions.
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from tumblecal.diagnosis.evidence import highest_shortfall, log_evidence_at_most
 from tumblecal.diagnosis.findings.gain import fold_errors
-from tumblecal.diagnosis.priors import FOLD_ROUNDS, FOLD_SETS, FOLD_SINGLES, HOPELESS, NEAR_IN_FOLDS, SIZE_PRIOR
+from tumblecal.diagnosis.priors import (
+    COLLINEAR,
+    FOLD_ROUNDS,
+    FOLD_SETS,
+    FOLD_SINGLES,
+    HOPELESS,
+    NEAR_IN_FOLDS,
+    SIZE_PRIOR,
+)
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.sets.cause_sets import MOST, Members, parts_of, rows_of
 from tumblecal.diagnosis.sets.enlarged import Enlarged
@@ -77,7 +86,8 @@ class _FoldSearch:
 
     def __init__(self, screened: Screened, asides: Float[np.ndarray, "folds out nu"]):
         search = screened.search
-        self._pool, self._z, self._known, self._asides = search.pool, search.z, search.known, asides
+        self._search, self._asides = search, asides
+        self._pool, self._z, self._known = search.pool, search.z, search.known
         ranked = search.ranked()
         self._starts = [ranked.set_at(rank) for rank in range(min(FOLD_SETS, len(ranked.members)))]
         near = ranked.members[ranked.log_posterior > ranked.log_posterior[0] - NEAR_IN_FOLDS]
@@ -96,6 +106,8 @@ class _FoldSearch:
         parts = [part for members in self._starts for part in parts_of(members)]
         best = self._begun(sorted({k for members in self._starts for k in members}))
         todo = dict.fromkeys((fold, members) for fold in folds for members in (*((k,) for k in best[fold]), *parts))
+        # The whole sets first: they are the best of nearly every fold, which leaves few of their parts.
+        self._promising([(fold, members) for members in self._starts if len(members) > 1 for fold in folds])
         for size in range(1, MOST):
             self._expand(self._promising([each for each in todo if len(each[1]) == size]))
         for _ in range(FOLD_ROUNDS):
@@ -127,15 +139,58 @@ class _FoldSearch:
         """Sets (fold, members), of those given, that are not far behind the best of their fold."""
         by_part = {each: self._score_by_part(*each) for each in sets}
         scores = {each: score for each, score in by_part.items() if score is not None}
-        if alone := [each for each in by_part if each not in scores]:
-            asides = self._asides[[fold for fold, _ in alone]]
-            bases = partial_sets(self._pool, self._z, [members for _, members in alone], asides)
+        alone = self._may_be_promising([each for each in by_part if each not in scores])
+        for first in range(0, len(alone), _AT_ONCE):
+            some = alone[first : first + _AT_ONCE]
+            bases = partial_sets(
+                self._pool, self._z, [members for _, members in some], self._asides[[fold for fold, _ in some]]
+            )
             evidence = bases.log_evidence(self._pool.dof, self._known)
             known = (evidence + SetPriors.of(self._pool, rows_of(bases.members)).own).tolist()
-            for (fold, members), score in zip(alone, known, strict=True):
+            for (fold, members), score in zip(some, known, strict=True):
                 scores[fold, members] = score
                 self._best[fold] = max(self._best[fold], (score, members))
-        return [each for each, score in scores.items() if score > self._best[each[0]][0] - HOPELESS]
+        return [each for each, score in scores.items() if score > self._hopeless(each[0])]
+
+    def _may_be_promising(self, sets: list[_FoldSet]) -> list[_FoldSet]:
+        """Those of some sets (fold, members) that an upper bound of their score does not show to be far behind.
+
+        The sum of squares that a set leaves without a fold is that of all data less the part that the excluded directions
+        explain: one basis for each set serves all folds.
+        """
+        by_members: dict[Members, list[int]] = {}
+        for fold, members in sets:
+            by_members.setdefault(members, []).append(fold)
+        listed, may = [*by_members], list[_FoldSet]()
+        priors = SetPriors.of(self._pool, rows_of(listed)).own.tolist()
+        for members, prior, base in zip(listed, priors, self._search.bases(listed), strict=True):
+            folds, rest = by_members[members], base.z - base.q @ (base.q.T @ base.z)
+            asides = self._asides[folds]
+            inside = asides @ base.q
+            free, turn = np.linalg.eigh(np.eye(asides.shape[1]) - inside @ inside.mT)
+            toward = (turn.mT @ (asides @ rest)[:, :, None])[:, :, 0]
+            left = np.maximum(rest @ rest - np.vecdot(toward, toward / np.maximum(free, COLLINEAR)), 0.0)
+            shortfalls = np.sum(highest_shortfall(1) * (np.array(base.segments) > 0))
+            most = log_evidence_at_most(
+                left,
+                np.array(base.z @ base.z),
+                shortfalls,
+                np.array(self._pool.dof - asides.shape[1] - base.q.shape[1]),
+                self._pool.dof - asides.shape[1],
+                self._known,
+            )
+            # Where a fold alone shows a direction of the set, the bound does not hold.
+            most = np.where(free.min(axis=1) > COLLINEAR, most + prior, np.inf)
+            may += [
+                (fold, members)
+                for fold, score in zip(folds, most.tolist(), strict=True)
+                if score > self._hopeless(fold)
+            ]
+        return may
+
+    def _hopeless(self, fold: int) -> float:
+        """The score that a set of a fold must exceed."""
+        return self._best[fold][0] - HOPELESS
 
     def _score_by_part(self, fold: int, members: Members) -> float | None:
         """Log posterior of one set from a part of it that was expanded; None where there is none."""

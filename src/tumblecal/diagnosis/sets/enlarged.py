@@ -131,23 +131,32 @@ class Enlarged:
         self._bound(faults, self._left_by_faults, shortfalls, np.zeros(len(faults), int))
 
     def _settle_blocks(self, here: Bool[np.ndarray, "sets causes"]) -> None:
-        sets, number = here[:, self._several].nonzero()
-        if not len(sets):
-            return
+        # Blocks of one rank together: the eigenvalue problem has the dimension of the block, or of the set if that is smaller.
+        ranks = self._pool.ranks[self._several]
+        for rank in np.unique(ranks).tolist():
+            own = np.flatnonzero(ranks == rank)
+            sets, number = here[:, self._several[own]].nonzero()
+            if len(sets):
+                self._settle_blocks_of(rank, sets, own[number])
+
+    def _settle_blocks_of(self, rank: int, sets: Int[np.ndarray, " open"], number: Int[np.ndarray, " open"]) -> None:
+        """Settle sets with blocks of one rank, by their number among those of several directions."""
         causes = self._several[number]
-        ranks, first = self._pool.ranks[causes], self._pool.first_columns[causes]
-        # The columns of each block, the last of all in place of those that it lacks.
-        columns = first[:, None] + np.arange(ranks.max())
-        overlap = self._overlap[sets[:, None], :, np.minimum(columns, self._overlap.shape[2] - 1)]
-        overlap *= (columns < (first + ranks)[:, None])[:, :, None]
-        taken, turn = np.linalg.eigh(overlap.mT @ overlap)
-        toward = (self._toward[sets, :, number][:, None] @ turn)[:, 0] ** 2
+        columns = self._pool.first_columns[causes][:, None] + np.arange(rank)
+        overlap = self._overlap[sets[:, None], :, columns]
+        of_block = rank < overlap.shape[2]
+        taken, turn = np.linalg.eigh(overlap @ overlap.mT if of_block else overlap.mT @ overlap)
         free = 1.0 - taken > COLLINEAR
-        # A direction that does not count takes with it what it has of p'p.
-        weight = np.where(free, 1.0 / np.maximum(1.0 - taken, COLLINEAR), -1.0 / np.maximum(taken, COLLINEAR))
-        explained = self._squares[sets, number] + np.vecdot(toward, weight)
-        adds = ranks - (~free).sum(axis=1)
-        parts = [*((part[sets, 0], rank[sets, 0]) for part, rank in self._parts), (explained, adds)]
+        if of_block:
+            along = (self._along[sets[:, None], columns][:, None] @ turn)[:, 0] ** 2
+            explained = np.vecdot(along, np.where(free, 1.0 / np.maximum(1.0 - taken, COLLINEAR), 0.0))
+        else:
+            toward = (self._toward[sets, :, number][:, None] @ turn)[:, 0] ** 2
+            # A direction that does not count takes with it what it has of p'p.
+            weight = np.where(free, 1.0 / np.maximum(1.0 - taken, COLLINEAR), -1.0 / np.maximum(taken, COLLINEAR))
+            explained = self._squares[sets, number] + np.vecdot(toward, weight)
+        adds = rank - (~free).sum(axis=1)
+        parts = [*((part[sets, 0], ranks[sets, 0]) for part, ranks in self._parts), (explained, adds)]
         score = log_evidence(self._bases.total[sets], parts, self._dof, self._known)
         self.evidence[sets, causes] = np.where(adds > 0, score, -np.inf)
 

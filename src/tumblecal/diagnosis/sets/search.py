@@ -1,6 +1,7 @@
 """Sets of causes: forward from the best, backward and by exchange, until nothing better is found."""
 
 from collections.abc import Sequence
+from itertools import permutations
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -194,10 +195,15 @@ class Search:
     def _exchange_for_families(self, best: Members) -> None:
         """The best set with an effect on all axes, or a polynomial, in place of each member with a time constant, or without a
         name: a long warm-up is a drift, many coefficients may be one on every axis, and no exchange of single effects leads
-        there."""
+        there. Nor does one lead from an order of the temperature on all axes to another."""
         flexible = [k for k in best if self.pool.slots[k].shape or not self.pool.is_named[k]]
         several = [*self._families, *self._polynomials]
         sets = {tuple(sorted({*best} - {k} | {*own})) for k in flexible for own in several}
+        slots = self.pool.slots
+        parameters = {own: [slots[k].parameter_over_temperature for k in own] for own in self._families}
+        for own, other in permutations(self._families, 2):
+            if {*own} <= {*best} and all(parameters[own]) and parameters[own] == parameters[other]:
+                sets.add(tuple(sorted({*best} - {*own} | {*other})))
         sets = {members for members in sets if len(best) <= len(members) <= MOST} - self._exchanged
         if sets:
             self._exchanged |= sets
