@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 
-from thermal_instrument import Programme, attitudes, instrument, means, truth
+from thermal_instrument import Programme, attitudes, history, instrument, means, memory_of, truth
 from tumblecal.capture.thermal.thermal_table import table_of
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.sensor_parameters import SENSOR, SensorParameters
 from tumblecal.ground.errors import InputError
 from tumblecal.thermal.choice import Stated, chosen_model
+from tumblecal.thermal.hysteresis import forms_of
 from tumblecal.thermal.orders import Search, chains_of
 from tumblecal.thermal.result import thermal_calibration
 
@@ -77,6 +78,32 @@ def test_hysteresis_is_found_stated_and_part_of_the_uncertainty():
     assert np.allclose(found.half_width, np.abs(unit.hysteresis), rtol=0.25)
     stated = {part.parameter: part.half_width for part in result.curves.hysteresis}
     assert stated == {f"bias_{axis}": pytest.approx(size) for axis, size in zip("xyz", found.half_width, strict=True)}
+
+
+EIGHT_SOAKS = Programme(-10.0, tuple((degc, 2.0) for degc in [*range(0, 61, 10), *range(50, -11, -10)]), soak_min=20.0)
+
+
+@pytest.mark.parametrize(("width", "programme"), [(20.0, CYCLE), (0.0, EIGHT_SOAKS)], ids=["play", "ellipse"])
+def test_a_loop_of_hysteresis_is_no_evidence_for_an_order(width, programme):
+    _, _, data = table(21, 12, programme, bias_order=2, scale_order=0, hysteresis_mg=0.3, more={"width": width})
+    choice = chosen_model(data, Stated())
+    assert choice.orders["bias"] == 2
+    assert "hysteresis" in choice.orders and "dK" not in choice.orders
+
+
+def test_the_memory_of_a_loop_follows_the_history_of_the_temperature():
+    _, _, data = table(22, 1, more={"noise_mg": 1e-9, "bins": 40})
+    _, degc, _ = history(CYCLE, 10.0)
+    rising = np.arange(len(degc)) <= np.argmax(degc)
+    width = np.ptp(data.temperature_degc) / 4
+    state = memory_of(degc, width)
+    shape = forms_of(data)["hysteresis_memory"][0]
+    for sign, part in ((1, rising), (-1, ~rising)):
+        rows = np.asarray(data.reached_by) == sign
+        order = np.argsort(degc[part])
+        exact = np.interp(data.temperature_degc[rows], degc[part][order], state[part][order])
+        # The place of the reversal is known within half of a bin.
+        assert np.max(np.abs(shape[rows] - exact)) < 70 / 40 / width
 
 
 def test_a_lag_of_the_thermometer_is_fitted_in_seconds():

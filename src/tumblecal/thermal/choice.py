@@ -17,8 +17,9 @@ from tumblecal.ground.soaks import soaks
 from tumblecal.ground.temperature_functions import HIGHEST_ORDER, TemperatureFunctions
 from tumblecal.thermal import signals as kinds
 from tumblecal.thermal.design import Design, design_of, estimate, free_of
+from tumblecal.thermal.hysteresis import FORMS, forms_of
 from tumblecal.thermal.model import LEAVES, SENSOR_LEAVES, ThermalModel, offsets
-from tumblecal.thermal.orders import SEPARATED, Search, chains_of, confirmed
+from tumblecal.thermal.orders import SEPARATED, Search, above_hysteresis, chains_of, confirmed
 from tumblecal.thermal.signals import NAMES
 
 
@@ -183,12 +184,19 @@ def selected(design: Design, table: ThermalTable, highest: Mapping[str, int], fo
     - `highest`: the highest order of each leaf. `forced`: orders that are not chosen.
     """
     movable = {leaf: order for leaf, order in highest.items() if leaf not in forced}
-    others = {name: len(columns) for name, columns in design.families.items() if name in NAMES}
+    families = {name: len(columns) for name, columns in design.families.items()}
+    # On one branch, hysteresis is a function of temperature.
+    forms = [form for form in forms_of(table) if form in families] or [""]
+    others = {name: order for name, order in families.items() if name in NAMES and name not in FORMS}
     search = Search(design, chains_of(table))
     # Functions of temperature first: in one ramp at a constant rate, time is a function of temperature.
     of_temperature = search.best(forced, movable)
-    orders = search.best(of_temperature, movable | others)
-    return Selection(search, orders, confirmed(design, orders, table, [*movable]))
+    orders = min(
+        (search.best(of_temperature, movable | others | {form: families.get(form, 0)}) for form in forms),
+        key=search.criterion,
+    )
+    found = confirmed(design, orders, table, [*movable])
+    return Selection(search, orders, above_hysteresis(design, found) if "bias" in movable else found)
 
 
 def _chosen(largest: ThermalModel, forced: Mapping[str, int], reference: float) -> Choice:
@@ -205,12 +213,15 @@ def _chosen(largest: ThermalModel, forced: Mapping[str, int], reference: float) 
         found = selected(design, table, highest, forced)
     final = found.confirmed
     functions = {leaf: _of_count(largest.functions[leaf], order) for leaf, order in final.items() if leaf in highest}
-    chosen = tuple((given, final[given.name]) for given in signals if final.get(given.name))
+    # The form of the hysteresis is a detail of the model.
+    chosen = tuple(
+        (replace(given, name=kinds.kind(given.name)), final[given.name]) for given in signals if final.get(given.name)
+    )
     return Choice(
         model=replace(largest, functions=functions, signals=chosen),
         design=design,
         reference_degc=reference,
-        orders=final,
+        orders={kinds.kind(name): order for name, order in final.items()},
         criterion=found.search.criterion(final),
         constant_criterion=found.search.criterion({}),
         highest=highest,
@@ -251,14 +262,14 @@ def _not_separated(
 ) -> dict[str, tuple[str, ...]]:
     """For each chosen signal, the other signals that explain the data almost as well in its place."""
     found: dict[str, tuple[str, ...]] = {}
-    for name in [kind for kind in NAMES if orders.get(kind)]:
+    for name in [each for each in NAMES if orders.get(each)]:
         rest = {other: order for other, order in orders.items() if other != name}
         near = []
         for other, highest in available.items():
-            if other == name or orders.get(other):
+            if kinds.kind(other) in {kinds.kind(name), *near} or orders.get(other):
                 continue
             best = min(search.criterion(rest | {other: order}) for order in range(1, highest + 1))
             if best < search.criterion(orders) + SEPARATED:
-                near.append(other)
-        found[name] = tuple(near)
+                near.append(kinds.kind(other))
+        found[kinds.kind(name)] = tuple(near)
     return found

@@ -5,9 +5,12 @@ by up to three orders. Its number of observations is reduced by the autocorrelat
 the temperature: errors that neighbouring bins share, such as a loop of hysteresis of any shape, are no evidence for an order.
 The highest order of a family is dropped unless the model with it, fitted to the other branch or the other temperatures,
 predicts the held-out rows better by more than one standard error.
+
+Hysteresis has one of several forms, chosen by the same criterion. No form is that of the unit, so the middle between the
+branches is known only within a part of the hysteresis: a highest order of the bias with a smaller curve is dropped.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +19,7 @@ from jaxtyping import Bool, Float, Int
 from tumblecal.capture.thermal.thermal_table import ThermalTable
 from tumblecal.ground.soaks import soaks
 from tumblecal.thermal.design import RANK, Design, free_of
+from tumblecal.thermal.hysteresis import FORMS
 from tumblecal.thermal.signals import NAMES
 
 
@@ -28,6 +32,11 @@ SEPARATED = 2 * np.log(20.0)
 # A signal needs a part of this share that no function of temperature and no other signal of the model makes; otherwise large
 # coefficients could cancel.
 _DISTINCT = 0.1
+# Signals that separate rising from falling temperature; at one rate, hysteresis and an effect of the rate are the same.
+_BETWEEN_BRANCHES = (*FORMS, "rate")
+# The root mean square of the highest order of the bias, relative to that of these signals. For loops of seven other laws, most
+# orders above the true one are below this part, and the true orders are above 1/3.
+_OF_HYSTERESIS = 0.2
 
 
 class Search:
@@ -146,6 +155,31 @@ def confirmed(
     return {name: order for name, order in chosen.items() if order}
 
 
+def above_hysteresis(design: Design, orders: Mapping[str, int]) -> dict[str, int]:
+    """The orders without those of the bias whose curve is small relative to the hysteresis.
+
+    The curve of an order is the change of the fitted bias by it, signals excluded; the lower orders are fitted again.
+    """
+    chosen = dict(orders)
+    size = float(np.linalg.norm(design.values - without_signals(design, orders, _BETWEEN_BRANCHES).values))
+    fitted = _of_temperature(design, chosen)
+    while size > 0 and chosen.get("bias", 0) > 0:
+        lower = chosen | {"bias": chosen["bias"] - 1}
+        before, fitted = fitted, _of_temperature(design, lower)
+        if np.linalg.norm(fitted - before) > _OF_HYSTERESIS * size:
+            break
+        chosen = lower
+    return {name: order for name, order in chosen.items() if order}
+
+
+def _of_temperature(design: Design, orders: Mapping[str, int]) -> Float[np.ndarray, " rows"]:
+    """Fitted values of constants and functions of temperature; signals are fitted, and subtracted."""
+    functions = {name: order for name, order in orders.items() if name not in NAMES}
+    coefficients = design.coefficients(functions | {name: order for name, order in orders.items() if name in NAMES})
+    count = design.constant.shape[1] + design.columns(functions).shape[1]
+    return design.predicted(functions, coefficients[:count])
+
+
 def prediction_errors(
     design: Design, orders: Mapping[str, int], table: ThermalTable, folds: Sequence[Bool[np.ndarray, " table"]]
 ) -> Float[np.ndarray, "table 3"]:
@@ -165,13 +199,14 @@ def prediction_errors(
     return errors
 
 
-def without_signals(design: Design, orders: Mapping[str, int]) -> Design:
-    """The design with its values less the signals that are no function of temperature, as estimated by all rows."""
-    others = {name: order for name, order in orders.items() if name in NAMES}
+def without_signals(design: Design, orders: Mapping[str, int], names: Collection[str] = NAMES) -> Design:
+    """The design with its values less the signals of these names, which are no function of temperature, as estimated by all
+    rows."""
+    others = {name: order for name, order in orders.items() if name in names}
     if not others:
         return design
     # Families in this order, so that the coefficients of the signals are the last.
-    arranged = {name: order for name, order in orders.items() if name not in NAMES} | others
+    arranged = {name: order for name, order in orders.items() if name not in names} | others
     columns = design.columns(others)
     return replace(design, values=design.values - columns @ design.coefficients(arranged)[-columns.shape[1] :])
 

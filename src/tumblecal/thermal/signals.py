@@ -7,9 +7,10 @@ from jaxtyping import Float
 
 from tumblecal.capture.thermal.thermal_table import ThermalTable
 from tumblecal.ground.axes import AXES
+from tumblecal.thermal.hysteresis import FORMS, forms_of
 
 
-NAMES = ("hysteresis", "rate", "lag", "drift")
+NAMES = (*FORMS, "rate", "lag", "drift")
 
 
 @dataclass(frozen=True)
@@ -37,8 +38,13 @@ class Signals:
 
 def of_table(table: ThermalTable) -> tuple[Signals, ...]:
     """Hysteresis, rate and drift, as far as the table can show them."""
-    found = [_hysteresis(table), _rate(table), _drift(table)]
-    return tuple(signals for signals in found if signals is not None)
+    found = [_on_axes(name, "g", shapes) for name, shapes in forms_of(table).items()]
+    return (*found, *(signals for signals in (_rate(table), _drift(table)) if signals is not None))
+
+
+def kind(name: str) -> str:
+    """The kind of a signal: one for all forms of hysteresis."""
+    return "hysteresis" if name in FORMS else name
 
 
 def lag(table: ThermalTable, slope: Float[np.ndarray, "rows 3"]) -> Signals | None:
@@ -52,16 +58,6 @@ def lag(table: ThermalTable, slope: Float[np.ndarray, "rows 3"]) -> Signals | No
         return None
     signal = -table.rate_degc_per_s[:, None] * slope
     return Signals("lag", ("",), "s", signal[None, None], scale=10.0)
-
-
-def _hysteresis(table: ThermalTable) -> Signals | None:
-    if not {1, -1} <= set(table.reached_by.tolist()):
-        return None
-    low, high = table.range_degc
-    share = 2 * (table.temperature_degc - low) / (high - low) - 1
-    # The difference between the branches is constant, linear or quadratic over temperature.
-    shapes = [np.ones(len(table)), share, share**2 - 1 / 3]
-    return _on_axes("hysteresis", "g", [table.reached_by * shape for shape in shapes])
 
 
 def _rate(table: ThermalTable) -> Signals | None:
