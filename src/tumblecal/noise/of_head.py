@@ -90,8 +90,11 @@ def tabulated_covariance(stated: SlowNoise, times: Times, longest_s: float) -> O
             np.fill_diagonal(stationary, variance)
             total += stationary
         if walk:
-            dwells = Dwells(start_s, _SAMPLES, period)
-            total += RandomWalk(np.full(1, walk**0.5)).mean_covariance(dwells)[0]
+            # `RandomWalk.mean_covariance` for dwells of one length that do not overlap.
+            since = walk * (start_s - start_s.min())
+            common = np.minimum.outer(since, since) + walk * (_SAMPLES - 1) / 2 * period
+            np.fill_diagonal(common, since + walk * (_SAMPLES - 1) * (2 * _SAMPLES - 1) / (6 * _SAMPLES) * period)
+            total += common
         return total
 
     return covariance
