@@ -1,8 +1,8 @@
 """The order of the positions of a plan under slow noise, with the costs of transitions and with settings that are set again.
 
 A trend-free order keeps drift out of the parameters, but changes of pitch setting and mounting take time and add errors when
-they are set again (Tack and Vandebroek 2004, Budget constrained run orders in optimum design, Journal of Statistical Planning and
-Inference 124). The search exchanges positions of one pitch setting and mounting (all pairs at once), and exchanges, reverses,
+they are set again (Tack and Vandebroek 2004, Budget constrained run orders in optimum design, Journal of Statistical Planning
+and Inference 124). The search exchanges positions of one pitch setting and mounting (all pairs at once), and exchanges, reverses,
 moves, splits and joins visits, from several starts.
 """
 
@@ -80,10 +80,8 @@ def best_order(
     planned = values.scheduled(order)
     if minutes is not None and planned.minutes > minutes:
         least, here = ("at least ", "") if kind == "best" else ("", " in this order")
-        raise InputError(
-            f"{len(planned)} positions need {least}{np.ceil(planned.minutes):.0f} min{here}, but {minutes:g} min are allowed; allow "
-            "more time or fewer positions"
-        )
+        needed = f"{len(planned)} positions need {least}{np.ceil(planned.minutes):.0f} min{here}"
+        raise InputError(f"{needed}, but {minutes:g} min are allowed; allow more time or fewer positions")
     return valued(responses, ability, criterion, planned)
 
 

@@ -15,10 +15,10 @@ from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from tumblecal.chain.head_ability import HeadAbility
 from tumblecal.design.cells import Cells
-from tumblecal.design.information import visit_precision
 from tumblecal.design.responses import Responses, Setting
 from tumblecal.design.schedule import Schedule, continued, schedule
-from tumblecal.design.slow_noise import tabulated_covariance
+from tumblecal.estimation.visits import visit_precision
+from tumblecal.noise.of_head import tabulated_covariance
 
 
 class OfCovariance(Protocol):
@@ -132,7 +132,7 @@ class OrderValue:
         if key not in self._precisions:
             if len(self._precisions) > _MOST_KEPT:
                 self._precisions.clear()
-            self._precisions[key] = visit_precision(setting, settings)
+            self._precisions[key] = visit_precision(setting.common, setting.again, settings)
         return self._precisions[key]
 
     def value(self, planned: Schedule, *, slow: bool = True) -> float:
