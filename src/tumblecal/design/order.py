@@ -2,8 +2,8 @@
 
 A trend-free order keeps drift out of the parameters, but changes of pitch setting and mounting take time and add errors when
 they are set again (Tack and Vandebroek 2004, Budget constrained run orders in optimum design, Journal of Statistical Planning
-and Inference 124). The search exchanges positions of one pitch setting and mounting (all pairs at once), and exchanges, reverses,
-moves, splits and joins visits, from several starts.
+and Inference 124). The search exchanges positions of one pitch setting and mounting (all pairs at once). It also exchanges,
+reverses, moves, splits and joins visits, from several starts.
 """
 
 from dataclasses import dataclass
