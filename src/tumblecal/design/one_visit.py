@@ -1,0 +1,125 @@
+"""The linear model in which a plan is searched: each combination of temperature, mounting and pitch setting is visited once.
+
+All candidates have one list of parameters then, whichever of them a plan contains, so information is a sum over positions.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+
+from tumblecal.design.responses import Responses, Setting
+
+
+# A parameter without a bound has a prior of so many times the noise of a dwell, seen through its largest response; it is
+# undetermined if a plan reduces the variance of that prior by less than a factor of ten.
+_FREE = 1e3
+_SEEN = 0.1
+
+
+@dataclass(frozen=True)
+class OneVisit:
+    """Candidates and priors. Parameters: the shared ones, scaled as in `Responses`, then the errors of the settings.
+
+    - `columns` (cells, 3, all): readings, in standard deviations of the white noise. `prior`: covariance before the plan, of
+      positions that are measured already included; `free`: variance that stands for "no bound" on each shared parameter.
+    """
+
+    names: tuple[str, ...]
+    columns: Float[np.ndarray, "cells 3 all"]
+    prior: Float[np.ndarray, "all all"]
+    free: Float[np.ndarray, " shared"]
+
+    @cached_property
+    def information(self) -> Float[np.ndarray, "all all"]:
+        """Inverse of the prior."""
+        return _inverse(self.prior)
+
+    def information_with(self, cells: Sequence[int] | np.ndarray) -> Float[np.ndarray, "all all"]:
+        """Information after positions in these cells; one that is listed twice is measured twice."""
+        rows = self.columns[np.asarray(cells, int)].reshape(-1, self.columns.shape[2])
+        return self.information + rows.T @ rows
+
+    def covariance(self, cells: Sequence[int] | np.ndarray) -> Float[np.ndarray, "shared shared"]:
+        """Covariance of the shared parameters (scaled) after positions in these cells."""
+        shared = len(self.names)
+        return _inverse(self.information_with(cells))[:shared, :shared]
+
+    def free_directions(self, covariance: Float[np.ndarray, "shared shared"]) -> Float[np.ndarray, "shared directions"]:
+        """Combinations of the shared parameters, each over its free standard deviation, that a covariance does not bound."""
+        size = np.sqrt(self.free)
+        variances, directions = np.linalg.eigh(covariance / np.outer(size, size))
+        return directions[:, variances > _SEEN]
+
+    def undetermined(self, cells: Sequence[int] | np.ndarray | None = None) -> tuple[str, ...]:
+        """Shared parameters that positions in these cells do not determine; `cells` omitted: that no plan determines."""
+        taken = np.arange(len(self.columns)) if cells is None else cells
+        share = np.linalg.norm(self.free_directions(self.covariance(taken)), axis=1)
+        return tuple(name for name, part in zip(self.names, share, strict=True) if part > _SEEN)
+
+
+def one_visit(responses: Responses, keep: Sequence[int] | np.ndarray = ()) -> OneVisit:
+    """The model of a rig's responses; `keep`: cells that are measured already, in visits of their own (one each)."""
+    cells, kept = responses.cells, np.asarray(keep, int)
+    columns = [responses.columns / responses.sd]
+    size = _size(columns[0])
+    free = _FREE**2 / size**2
+    covariance = _inverse(responses.information + np.diag(1 / free))
+    blocks = [covariance]
+    for setting, labels, visits in (
+        (responses.pitch, cells.pitch, cells.group),
+        (
+            responses.mount,
+            cells.mounting,
+            np.unique(np.stack([cells.soak, cells.mounting]), axis=1, return_inverse=True)[1],
+        ),
+    ):
+        if setting.common == 0.0 and not setting.again:
+            continue
+        # Visits of the plan first, then those of positions that are measured already.
+        both = np.concatenate([labels, labels[kept]])
+        visit = np.concatenate([visits.ravel(), visits.ravel()[kept] + visits.max() + 1])
+        if setting.common and not setting.again:
+            visit = both
+        number, first, visit = np.unique(visit, return_index=True, return_inverse=True)
+        here = visit.ravel()[:, None] == np.arange(len(number))
+        of_setting = _visit_covariance(setting, both[first], responses.sd)
+        for component in range(setting.columns.shape[2]):
+            one = setting.columns[:, :, component] / responses.sd
+            columns.append(np.concatenate([one, one[kept]])[:, :, None] * here[:, None, :])
+            blocks.append(of_setting)
+    columns[0] = np.concatenate([columns[0], columns[0][kept]])
+    everything = np.concatenate(columns, axis=2)
+    prior = np.zeros((everything.shape[2],) * 2)
+    at = 0
+    for block in blocks:
+        prior[at : at + len(block), at : at + len(block)] = block
+        at += len(block)
+    if len(kept):
+        rows = everything[len(cells) :].reshape(-1, len(prior))
+        prior = _inverse(_inverse(prior) + rows.T @ rows)
+    used = np.any(everything[: len(cells)] != 0, axis=(0, 1)) | (np.arange(len(prior)) < len(free))
+    return OneVisit(responses.names, everything[: len(cells)][:, :, used], prior[np.ix_(used, used)], free)
+
+
+def _size(columns: np.ndarray) -> np.ndarray:
+    """Largest response of any candidate to each parameter; that of the others for a parameter without any."""
+    size = np.max(np.linalg.norm(columns, axis=1), axis=0)
+    return np.where(size > 0, size, np.max(size, initial=1e-300))
+
+
+def _visit_covariance(setting: Setting, labels: np.ndarray, sd: float) -> np.ndarray:
+    """Prior covariance of one component of the errors of visits of these settings."""
+    same = labels[:, None] == labels
+    free = _FREE**2 / float(np.max(_size(setting.columns / sd))) ** 2
+    if setting.common is None:
+        return free * (same if setting.again else np.eye(len(labels))) + setting.again**2 * np.eye(len(labels))
+    return setting.common**2 * same + setting.again**2 * np.eye(len(labels))
+
+
+def _inverse(matrix: np.ndarray) -> np.ndarray:
+    """Inverse of a symmetric positive definite matrix, scaled to a unit diagonal for accuracy."""
+    size = 1 / np.sqrt(np.diag(matrix))
+    return np.outer(size, size) * np.linalg.inv(matrix * np.outer(size, size))

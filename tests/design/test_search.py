@@ -1,0 +1,161 @@
+"""The choice of positions: against enumeration of all plans, and updates of rank three against direct inverses, in numpy."""
+
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tumblecal.chain.head_ability import Times
+from tumblecal.design.criteria import Criterion, Weighted, determined, mean, volume, worst
+from tumblecal.design.exchange import exchange
+from tumblecal.design.information import covariance_of, design_of, noise_covariance
+from tumblecal.design.limits import Occupied, in_order, limits_of
+from tumblecal.design.measure import measures
+from tumblecal.design.one_visit import one_visit
+from tumblecal.design.schedule import schedule
+from tumblecal.ground.errors import InputError
+
+
+# Ten cells, of two pitch settings in each of two mountings.
+FEW = np.r_[8:11, 25:28, 48:50, 64:66]
+
+
+@pytest.fixture(scope="module")
+def model(candidates):
+    return one_visit(candidates)
+
+
+def value(model, rows, cells, combine):
+    """A criterion from the inverse of the whole information, in numpy."""
+    columns = model.columns[list(cells)].reshape(-1, model.columns.shape[2])
+    full = np.linalg.inv(np.linalg.inv(model.prior) + columns.T @ columns)[: len(model.names), : len(model.names)]
+    of_rows = rows @ full @ rows.T
+    if combine == "volume":
+        return np.linalg.det(of_rows) ** (0.5 / len(rows))
+    return np.sqrt({"largest": np.max, "mean": np.mean}[combine](np.diag(of_rows)))
+
+
+def test_the_model_of_a_search_gives_the_covariance_of_its_schedule(head, candidates, model):
+    taken = in_order(candidates.cells, np.r_[0:5, 9:14, 18:20, 40:47, 58:62])
+    planned = schedule(candidates.cells, taken, head.ability.times)
+    exact = covariance_of(design_of(candidates, planned), noise_covariance(candidates, planned, head.ability))
+    assert len(np.unique(planned.pitch_visit)) == len(np.unique(candidates.cells.group[taken]))
+    assert np.sqrt(np.diag(model.covariance(taken))) == pytest.approx(np.sqrt(np.diag(exact)), rel=1e-4)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_updates_are_direct_inverses(candidates, model, seed):
+    rng = np.random.default_rng(seed)
+    cells, more = rng.integers(80, size=rng.integers(1, 30)), int(rng.integers(80))
+    criterion = [worst, mean, volume][seed % 3](candidates)
+    measure = measures(model, criterion)(cells)
+    for step in (more, (more + 31) % 80):
+        measure.add(step)
+    measure.remove(0)
+    kept = list(measure.cells)
+    added, removed = measure.if_added(), measure.if_removed()
+    direct = [value(model, criterion.functionals, taken, criterion.combine) for taken in (kept, [*kept, 17], kept[:-1])]
+    assert [measure.value, added[17], removed[-1]] == pytest.approx(direct, rel=2e-3)
+
+
+@pytest.mark.parametrize("build", [worst, mean, volume])
+def test_the_best_plan_of_all_is_found(head, candidates, model, build):
+    criterion = build(candidates)
+    allowed = np.isin(np.arange(80), FEW)
+    found = exchange(candidates, head.ability, measures(model, criterion), count=6, allowed=allowed, restarts=6)
+    every = [value(model, criterion.functionals, plan, criterion.combine) for plan in combinations(FEW, 6)]
+    assert found.value == pytest.approx(min(every), rel=1e-6)
+    assert found.value == pytest.approx(value(model, criterion.functionals, found.cells, criterion.combine), rel=1e-6)
+
+
+def test_the_best_plan_in_a_time_is_found(head, candidates, model):
+    """All plans that fit, of any number of positions; the duration is that of the schedule, in minutes."""
+    ability = replace(head.ability, times=Times(dwell_s=60, settle_s=0, turn_s=0, pitch_change_s=100, remount_s=150))
+    criterion, cells = mean(candidates), candidates.cells
+    allowed = np.isin(np.arange(80), FEW)
+    found = exchange(candidates, ability, measures(model, criterion), minutes=11.0, allowed=allowed, restarts=4)
+    every = [
+        value(model, criterion.functionals, plan, "mean")
+        for size in range(1, 11)
+        for plan in combinations(FEW, size)
+        if schedule(cells, in_order(cells, plan), ability.times).minutes <= 11.0
+    ]
+    assert found.value == pytest.approx(min(every), rel=1e-6)
+    assert found.minutes <= 11.0
+
+
+def test_the_same_seed_gives_the_same_plan(head, candidates, model):
+    one, two = (
+        exchange(candidates, head.ability, measures(model, worst(candidates)), minutes=40.0, restarts=1, seed=3)
+        for _ in "ab"
+    )
+    assert one.cells.tolist() == two.cells.tolist() and one.value == two.value
+
+
+@given(st.lists(st.integers(0, 79), min_size=1, max_size=25))
+@settings(max_examples=30, deadline=None)
+def test_a_plan_takes_at_most_the_time_of_its_settings(head, candidates, cells):
+    limits = limits_of(candidates.cells, head.ability, count=None, minutes=500.0, repeats=25)
+    occupied = Occupied(limits)
+    for cell in cells:
+        occupied.change(cell, 1)
+    planned = schedule(candidates.cells, in_order(candidates.cells, cells), head.ability.times)
+    # Not more than a turn is saved at each change of the pitch setting.
+    groups = len(np.unique(candidates.cells.group[cells]))
+    assert 0 <= occupied.seconds - planned.end_s <= head.ability.times.turn_s * groups + 1e-6
+
+
+def test_measured_positions_have_settings_of_their_own(head, candidates, model):
+    """In numpy: the errors of the settings of measured positions are other draws around the same common part."""
+    kept, taken = [40, 42, 45, 50], [40, 41, 43, 56, 60, 2, 5, 11, 13, 20]
+    found = one_visit(candidates, kept).covariance(taken)
+    cells, sd = candidates.cells, candidates.sd
+    both = np.array([*kept, *taken])
+    group = np.concatenate([-1 - cells.group[kept], cells.group[taken]])
+    mount = np.concatenate([-1 - cells.mounting[kept], cells.mounting[taken]])
+    total = np.eye(3 * len(both))
+    for setting, label, visit, common in (
+        (candidates.pitch, cells.pitch[both], group, candidates.pitch.common),
+        (candidates.mount, cells.mounting[both], mount, 1e4),
+    ):
+        columns = setting.columns[both] / sd
+        of = common**2 * (label[:, None] == label) + setting.again**2 * (visit[:, None] == visit)
+        total += np.einsum("ikc,jlc,ij->ikjl", columns, columns, of).reshape(total.shape)
+    shared = (candidates.columns[both] / sd).reshape(len(total), -1)
+    exact = np.linalg.inv(shared.T @ np.linalg.solve(total, shared))
+    assert np.sqrt(np.diag(found)) == pytest.approx(np.sqrt(np.diag(exact)), rel=1e-3)
+
+
+def test_a_parameter_that_no_plan_determines_is_named_and_left_out(candidates, model):
+    """With the spindle level gravity never acts along x in the first mounting."""
+    few = np.flatnonzero((candidates.cells.beta_deg == 0) & (np.array(candidates.cells.mounts) == "A"))
+    level = replace(model, columns=model.columns[few])
+    assert level.undetermined() == ("dK_x", "gamma_21", "gamma_31") and not model.undetermined()
+    sure = determined(worst(candidates), level)
+    assert len(sure.functionals) == 6 and sure.ignored == level.undetermined()
+    assert sure.of(level.covariance(range(8))) < 1.0 < worst(candidates).of(level.covariance(range(8)))
+    with pytest.raises(InputError, match="no plan on this head determines dK_x, gamma_21, gamma_31"):
+        determined(Criterion("one", np.eye(9)[:1], "largest"), level)
+
+
+def test_a_weighted_set_is_the_sum_of_relative_values(candidates, model):
+    one, two = worst(candidates), volume(candidates)
+    both = Weighted((one, two), (1.0, 3.0), (2.0, 0.5))
+    taken = np.arange(0, 80, 3)
+    covariance = model.covariance(taken)
+    expected = 0.25 * one.of(covariance) / 2 + 0.75 * two.of(covariance) / 0.5
+    measure = measures(model, both)(taken)
+    assert [both.of(covariance), measure.value] == pytest.approx([expected] * 2)
+    assert measure.if_added()[4] == pytest.approx(both.of(model.covariance([*taken, 4])))
+    with pytest.raises(InputError, match="above 0"):
+        Weighted((one,), (0.0,), (1.0,))
+
+
+def test_limits_that_no_position_fits_are_rejected(head, candidates):
+    with pytest.raises(InputError, match=r"no position fits; one takes 1\.17 min"):
+        limits_of(candidates.cells, head.ability, count=None, minutes=1.0)
+    with pytest.raises(InputError, match="a number of positions or a duration"):
+        limits_of(candidates.cells, head.ability, count=None, minutes=None)
