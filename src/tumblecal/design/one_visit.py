@@ -76,7 +76,7 @@ def one_visit(responses: Responses, keep: Sequence[int] | np.ndarray = ()) -> On
             np.unique(np.stack([cells.soak, cells.mounting]), axis=1, return_inverse=True)[1],
         ),
     ):
-        if setting.common == 0.0 and not setting.again:
+        if setting.exact:
             continue
         # Visits of the plan first, then those of positions that are measured already.
         both = np.concatenate([labels, labels[kept]])
