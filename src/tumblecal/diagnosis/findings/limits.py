@@ -66,7 +66,7 @@ def limits(screened: Screened, entries: Catalogue, sigma: float) -> dict[str, De
         if not rank or slot.id in listed or slot.id not in weights:
             continue
         odds = round(weights[slot.id] - threshold, 6)
-        norm = math.sqrt(_noncentrality(rank, odds, detection.dof, known)) * sigma
+        norm = math.sqrt(noncentrality(rank, odds, detection.dof, known)) * sigma
         entry = entries[slot.id]
         unit = entry.unit
         shares = [size / max(whole, 1e-300) for size, whole in zip(projected, wholes, strict=True)]
@@ -88,7 +88,7 @@ _ROUNDS = 10
 
 
 @lru_cache(maxsize=4096)
-def _noncentrality(rank: int, odds: float, dof: int, known: bool) -> float:
+def noncentrality(rank: int, odds: float, dof: int, known: bool) -> float:
     """Squared norm (in sigma) at which one effect of this rank passes the threshold with 80 % probability; infinite where so
     few degrees of freedom remain that none does.
 

@@ -1,0 +1,86 @@
+"""Errors in use that effects leave in a calibration which does not know them: the parameters absorb a part of each."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from tumblecal.chain import Place, State, Where, settings
+from tumblecal.design.effects_of_plan import EffectsOfPlan
+from tumblecal.estimation.identifiability import RANK_TOLERANCE
+from tumblecal.ground.axes import AXES
+from tumblecal.ground.showing import brief
+from tumblecal.simulation.inject import injected_links
+
+
+# Attitudes of use: the directions of gravity to the corners, edges and faces of a cube.
+_ATTITUDES = np.array([[x, y, z] for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if x or y or z], float)
+ATTITUDES = _ATTITUDES / np.linalg.norm(_ATTITUDES, axis=1, keepdims=True)
+
+
+def sensor_rows(names: tuple[str, ...], forces: Float[np.ndarray, "attitudes 3"]) -> Float[np.ndarray, "rows parameters"]:
+    """Readings, g, by parameters of the sensor (base units), axis by axis for each attitude; other parameters add nothing."""
+    rows = np.zeros((len(forces), 3, len(names)))
+    for column, name in enumerate(names):
+        leaf, _, own = name.partition("_")
+        if leaf == "bias" and own in AXES:
+            rows[:, AXES.index(own), column] = 1.0
+        elif leaf == "dK" and own in AXES:
+            rows[:, AXES.index(own), column] = forces[:, AXES.index(own)]
+        elif leaf == "gamma" and own in ("21", "31", "32"):
+            rows[:, int(own[0]) - 1, column] = forces[:, int(own[1]) - 1]
+    return rows.reshape(-1, len(names))
+
+
+@dataclass(frozen=True)
+class InUse:
+    """Errors of the corrected force, g, at the attitudes of use, at the mean time and temperature of a measurement."""
+
+    __repr__ = brief
+
+    of: EffectsOfPlan
+
+    @cached_property
+    def where(self) -> Where:
+        """The settings of use; the first one begins the measurement, as effects of time count from there."""
+        plan, count = self.of.at.problem.where, len(ATTITUDES)
+        time, degc = plan.time_s, plan.temperature_degc
+        return settings(
+            np.zeros(count + 1),
+            np.zeros(count + 1),
+            time_s=None if time is None else np.append(np.min(time), np.full(count, np.mean(time))),
+            temperature_degc=None if degc is None else np.full(count + 1, np.mean(degc)),
+        )
+
+    def effect(self, id: str) -> Float[np.ndarray, " rows"]:
+        """What an effect of size 1 in its unit adds to the readings in use; 0 for one of the head, the path or settings."""
+        entry, slot = self.of.entries[id], self.of.slot(id)
+        link = slot.links[0]
+        added = np.zeros((len(ATTITUDES), 3))
+        if link.place != Place.READING or link.looks_back or slot.shape or entry.lacking(self.where):
+            return added.ravel()
+        (link,) = injected_links({id: [1.0]}, self.where, self.of.entries)
+        forces = np.vstack([ATTITUDES[:1], ATTITUDES])
+        zero = jnp.zeros(len(forces))
+        state = State(zero, zero, tuple(jnp.asarray(forces.T)), (zero, zero, zero))
+        reading = [np.broadcast_to(np.asarray(part), len(forces))[1:] for part in link(state, self.where).reading]
+        return np.stack(reading, axis=1).ravel()
+
+    @cached_property
+    def _inverse(self) -> Float[np.ndarray, "nominal rows"]:
+        return np.linalg.pinv(self.of.at.jacobian[:, : self.of.model.nominal], rcond=RANK_TOLERANCE)
+
+    @cached_property
+    def _rows(self) -> Float[np.ndarray, "rows nominal"]:
+        model = self.of.model
+        return sensor_rows(model.names, ATTITUDES) * model.scales[: model.nominal]
+
+    def error(self, id: str) -> Float[np.ndarray, " rows"]:
+        """Error in use of an effect of size 1 in its unit that the calibration does not know."""
+        return self.effect(id) - self._rows @ (self._inverse @ self.of.signal(id))
+
+    def largest(self, id: str) -> float:
+        """The largest error in use of an effect of size 1 in its unit."""
+        return float(np.max(np.abs(self.error(id))))

@@ -1,0 +1,146 @@
+"""What the diagnosis will have to decide with: a schedule measured by an instrument without errors, and its list of causes.
+
+The decisions are made in the residual space, which the nominal model does not reach: an effect adds its signal there, and the
+noise is white. Causes, weights and thresholds are those of the diagnosis itself.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from tumblecal.chain import Where, settings
+from tumblecal.chain.rig import Rig
+from tumblecal.design.cells import Cells
+from tumblecal.design.schedule import Schedule
+from tumblecal.diagnosis.causes.effects import SeenEffects, seen_effects
+from tumblecal.diagnosis.causes.pool import Pool, pooled
+from tumblecal.diagnosis.detection.alternatives import Alternatives, alternatives
+from tumblecal.diagnosis.detection.detect import kept_null
+from tumblecal.diagnosis.model.full_model import FullModel, model_of
+from tumblecal.diagnosis.model.layout import Slot
+from tumblecal.diagnosis.model.tangent import Tangent, tangent
+from tumblecal.diagnosis.priors import SIZE
+from tumblecal.effects import Catalogue
+from tumblecal.effects.catalogue import entry
+from tumblecal.estimation.problem import Problem
+from tumblecal.ground.errors import InputError
+from tumblecal.ground.showing import brief
+from tumblecal.ground.units import factor
+
+
+def where_of_schedule(cells: Cells, schedule: Schedule) -> Where:
+    """The settings of the positions of a schedule, in measuring order."""
+    taken = schedule.cells
+    degc = cells.temperature_degc
+    return settings(
+        np.radians(cells.alpha_deg[taken]),
+        np.radians(cells.beta_deg[taken]),
+        mount=[cells.mounts[cell] for cell in taken.tolist()],
+        time_s=schedule.start_s,
+        temperature_degc=None if degc is None else degc[taken],
+    )
+
+
+@dataclass(frozen=True)
+class EffectsOfPlan:
+    """A schedule linearised without errors, and the causes among which its diagnosis will choose.
+
+    - `at`: the linearised problem. `entries`: the catalogue.
+    """
+
+    __repr__ = brief
+
+    at: Tangent
+    entries: Catalogue
+
+    @cached_property
+    def pool(self) -> Pool:
+        """The causes."""
+        return pooled(self.at, 1.0)
+
+    @cached_property
+    def alternatives(self) -> Alternatives:
+        """Other noise, and lack of fit."""
+        return alternatives(self.at, self.pool.effect_blocks)
+
+    @cached_property
+    def _seen(self) -> SeenEffects:
+        return seen_effects(self.at)
+
+    @cached_property
+    def undetectable(self) -> tuple[str, ...]:
+        """Ids of the effects that the nominal parameters absorb in every direction."""
+        shown = {slot.id for slot, rank in zip(self._seen.slots, self._seen.ranks.tolist(), strict=True) if rank}
+        return tuple(id for id in dict.fromkeys(slot.id for slot in self.model.slots) if id not in shown)
+
+    @cached_property
+    def threshold(self) -> float:
+        """Test statistic from which on the data are not adequate."""
+        null = kept_null(self.pool, self.alternatives, self.at.problem.known)
+        return float(np.interp((1 - SIZE) * (len(null) - 1), np.arange(len(null)), null))
+
+    @property
+    def model(self) -> FullModel:
+        """The nominal chain with every effect that the schedule allows."""
+        return self.at.model
+
+    def slot(self, id: str) -> Slot:
+        """The first link of an effect.
+
+        **Raises:** `InputError` for an effect that the catalogue lacks or that this schedule cannot test.
+        """
+        found = next((slot for slot in self.model.slots if slot.id == id), None)
+        if found is None:
+            entry(self.entries, id)
+            on_data = "it acts on the data or on the noise, not on the readings of a position"
+            reason = self.model.not_testable.get(id, on_data)
+            raise InputError(f"{id}: a plan cannot be designed for it: {reason}")
+        return found
+
+    def steps(self, id: str) -> Float[np.ndarray, " columns"]:
+        """Every coefficient of an effect, of size 1 in its unit, in scales of the model."""
+        slot, unit = self.slot(id), self.entries[id].unit
+        scales = self.model.scales[list(slot.columns)]
+        shown = [factor(unit, base) if self.entries[id].shows(base) else 0.0 for base in slot.units]
+        by_column = dict(zip(slot.all_columns, shown, strict=True))
+        return np.array([by_column[column] for column in slot.columns]) / scales
+
+    def signal(self, id: str) -> Float[np.ndarray, " rows"]:
+        """White signal of an effect of size 1 in its unit, every coefficient of this size."""
+        return self.at.jacobian[:, list(self.slot(id).columns)] @ self.steps(id)
+
+    def shown(self, id: str) -> Float[np.ndarray, " nu"]:
+        """What the nominal model leaves of it."""
+        return self.at.basis.T @ self.signal(id)
+
+    @property
+    def ids(self) -> tuple[str, ...]:
+        """The effects that the schedule allows."""
+        return tuple(dict.fromkeys(slot.id for slot in self.model.slots))
+
+    def causes(self, id: str) -> Int[np.ndarray, " own"]:
+        """Numbers of an effect among the causes; several for one with several starts, none for one that does not show."""
+        return np.array([k for k in self.pool.effects.tolist() if self.pool.labels[k] == id], int)
+
+
+def effects_of_plan(rig: Rig, cells: Cells, schedule: Schedule, entries: Catalogue) -> EffectsOfPlan:
+    """The effects at the positions of a schedule.
+
+    **Raises:** `InputError` for a rig whose noise is not stated, or whose chain does not fit the schedule.
+    """
+    return effects_at(rig, where_of_schedule(cells, schedule), entries)
+
+
+def effects_at(rig: Rig, where: Where, entries: Catalogue) -> EffectsOfPlan:
+    """The effects at given settings; as of `effects_of_plan`."""
+    if not rig.noise_sd_g:
+        raise InputError(f'{rig.source}: noise.sd: the noise of a dwell is needed; write [noise] sd = "0.1 mg"')
+    chain = rig.chain(where)
+    model = model_of(chain, where, entries)
+    readings = np.asarray(model.predict(where, model.start))
+    known = {name: (0.0, sd) for name, (_, sd) in rig.priors.items()}
+    problem = Problem.from_arrays(chain, where, readings, noise_sd=rig.noise_sd_g, priors=known)
+    return EffectsOfPlan(tangent(model, problem, model.start), entries)

@@ -1,0 +1,223 @@
+"""Forecast of a diagnosis: which effects a schedule will detect, name and identify, from which sizes on, and which it cannot.
+
+The residuals of each size are drawn in the residual space and decided as the diagnosis decides (`decisions`). The same draws
+serve all sizes, so rates rise smoothly with the size.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.special import ndtri
+
+from tumblecal.chain.rig import Rig
+from tumblecal.design.alias import InUse
+from tumblecal.design.cells import Cells
+from tumblecal.design.decisions import Decisions, decisions, detections, identities
+from tumblecal.design.effects_of_plan import EffectsOfPlan, effects_of_plan
+from tumblecal.design.schedule import Schedule
+from tumblecal.diagnosis.findings.limits import noncentrality
+from tumblecal.diagnosis.priors import INDISTINGUISHABLE, POWER, VISIBLE
+from tumblecal.effects import Catalogue
+from tumblecal.ground.errors import InputError
+
+
+# Sizes are tried in steps of this factor, up to this norm of the visible signal (sigma).
+_STEP, _LARGEST = 1.2, 400.0
+# Detection limits are interpolated from here to the closed form; draws of each.
+_BELOW, _DRAWS_OF_LIMITS = 0.85, 250
+
+
+@dataclass(frozen=True)
+class EffectForecast:
+    """Forecast for one effect; sizes in `unit`, of every coefficient.
+
+    - `visible_fraction`: share of its signal that the nominal parameters do not absorb.
+    - `detected`, `named`, `identified`: probabilities at `size`: that something is detected; that the effect is named, alone or
+      among explanations of the same signal (as `study power` counts); that it is the verdict `identified`.
+    - `detection_limit`, `smallest_named`, `smallest_identified`: sizes at which these probabilities are 0.8; None: at none.
+    - `identical`: effects that are one function with it at 1 g. `not_separated`: others that make its signal, of `size` or at
+      the detection limit if that is larger, to within what the diagnosis takes for indistinguishable.
+    """
+
+    id: str
+    unit: str
+    size: float
+    visible_fraction: float
+    detected: float
+    named: float
+    identified: float
+    detection_limit: float | None
+    smallest_named: float | None
+    smallest_identified: float | None
+    identical: tuple[str, ...]
+    not_separated: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Alias:
+    """The largest error in use, g, of one effect that the calibration does not know, at a size in its unit."""
+
+    effect: str
+    size: float
+    unit: str
+    error_g: float
+
+
+@dataclass(frozen=True)
+class NamingForecast:
+    """Forecast of the diagnosis of a schedule.
+
+    - `effects`: of those asked for. `limits`: size of every effect that is detected with probability 0.8 (every coefficient of
+      this size), None for undetectable ones. `undetectable`: those that the nominal parameters absorb.
+    - `alias`: the largest error in use that an effect at its detection limit leaves; `alias_of_undetectable`: the same of
+      undetectable effects of usual size; None if there are none.
+    - `draws`: number of draws of each probability. `not_testable`: reasons by effect.
+    """
+
+    effects: tuple[EffectForecast, ...]
+    limits: dict[str, float | None]
+    undetectable: tuple[str, ...]
+    alias: Alias | None
+    alias_of_undetectable: Alias | None
+    draws: int
+    not_testable: dict[str, str]
+
+
+def forecast(
+    rig: Rig,
+    cells: Cells,
+    schedule: Schedule,
+    effects: Mapping[str, float],
+    entries: Catalogue,
+    *,
+    draws: int = 500,
+    seed: int = 0,
+) -> NamingForecast:
+    """Forecast of the diagnosis of a schedule by the rig's chain with its priors, the noise known.
+
+    **Arguments:**
+
+    - `effects`: sizes by id, each in the unit of its entry; every coefficient has this size.
+
+    **Raises:** `InputError` for an unknown effect, one that this schedule cannot test, or a size that is not above 0.
+    """
+    return forecast_of(effects_of_plan(rig, cells, schedule, entries), effects, draws=draws, seed=seed)
+
+
+def forecast_of(of: EffectsOfPlan, effects: Mapping[str, float], *, draws: int = 500, seed: int = 0) -> NamingForecast:
+    """`forecast` of a plan's effects."""
+    for id, size in effects.items():
+        of.slot(id)
+        if not size > 0:
+            raise InputError(f"{id}: size {size:g}: a size above 0 is needed")
+    limits = {id: detection_limit(of, id, min(draws, _DRAWS_OF_LIMITS), seed) for id in of.ids}
+    listed = tuple(forecast_of_effect(of, id, size, limits[id], draws, seed) for id, size in effects.items())
+    in_use = InUse(of)
+    usual = {id: of.entries[id].typical for id, limit in limits.items() if limit is None}
+    return NamingForecast(
+        listed,
+        limits,
+        tuple(usual),
+        _largest_alias(in_use, {id: limit for id, limit in limits.items() if limit is not None}),
+        _largest_alias(in_use, usual),
+        draws,
+        dict(of.model.not_testable),
+    )
+
+
+def _largest_alias(in_use: InUse, sizes: Mapping[str, float]) -> Alias | None:
+    """The largest error in use among effects of these sizes."""
+    errors = {id: size * in_use.largest(id) for id, size in sizes.items()}
+    if not errors:
+        return None
+    id = max(errors, key=errors.__getitem__)
+    return Alias(id, sizes[id], in_use.of.entries[id].unit, errors[id])
+
+
+def detection_limit(of: EffectsOfPlan, id: str, draws: int, seed: int) -> float | None:
+    """Size in the effect's unit that is detected with probability 0.8; None for an undetectable one.
+
+    The closed form of the diagnosis counts the effect's own signal only, others that resemble it lower the limit: of draws at
+    this size and below the probability is interpolated.
+    """
+    own, shown = of.causes(id), of.shown(id)
+    norm = float(np.linalg.norm(shown))
+    if not len(own) or norm <= VISIBLE * np.linalg.norm(of.signal(id)):
+        return None
+    odds = round(float(of.pool.test_log_weights[own].max()) - max(of.threshold, -2.0), 6)
+    alone = float(np.sqrt(noncentrality(int(of.pool.ranks[own[0]]), odds, of.pool.dof, True)))
+    sizes = np.array([_BELOW, 1.0]) * alone / norm
+    noise = np.random.default_rng(seed).standard_normal((draws, of.pool.dof))
+    low, high = (_normal_quantile(detections(of, noise + size * shown)) for size in sizes)
+    return float(sizes[1] - (sizes[1] - sizes[0]) * max(high - float(ndtri(POWER)), 0.0) / max(high - low, 1e-9))
+
+
+def _normal_quantile(happened: Bool[np.ndarray, " draws"]) -> float:
+    """Standard normal quantile of the probability of what happened in some draws."""
+    return float(ndtri((np.sum(happened) + 0.5) / (len(happened) + 1)))
+
+
+def forecast_of_effect(
+    of: EffectsOfPlan, id: str, size: float, limit: float | None, draws: int, seed: int
+) -> EffectForecast:
+    """Forecast for one effect of a size in its unit; `limit`: about where it is detected, None for an undetectable one."""
+    whole, shown = np.linalg.norm(of.signal(id)), np.linalg.norm(of.shown(id))
+    unit = of.entries[id].unit
+    rates = Rates(of, id, np.random.default_rng(seed).standard_normal((draws, of.pool.dof)))
+    first = int(of.causes(id)[0]) if limit is not None else None
+    same = () if first is None else tuple(dict.fromkeys(of.pool.labels[k] for k in identities(of, first)))
+    at_size = rates(size)
+    sizes = [None if limit is None else rates.smallest(number, limit) for number in range(3)]
+    return EffectForecast(
+        id,
+        unit,
+        size,
+        float(shown / whole) if whole else 0.0,
+        *at_size,
+        *sizes,
+        same,
+        () if limit is None else not_separated(of, id, max(size, limit), same),
+    )
+
+
+def not_separated(of: EffectsOfPlan, id: str, size: float, identical: tuple[str, ...]) -> tuple[str, ...]:
+    """Effects that make the signal of another one of a size to within what the diagnosis takes for indistinguishable."""
+    signal, found = size * of.shown(id), list[str]()
+    for k in of.pool.effects.tolist():
+        label, block = of.pool.labels[k], of.pool.causes[k].block
+        rest = signal - block @ (block.T @ signal)
+        if label not in (id, *identical, *found) and rest @ rest < INDISTINGUISHABLE**2:
+            found.append(label)
+    return tuple(found)
+
+
+class Rates:
+    """Shares of draws that are detected, named and identified, by the size of an effect in its unit."""
+
+    def __init__(self, of: EffectsOfPlan, id: str, noise: Float[np.ndarray, "draws nu"]):
+        self._of, self._id, self._noise = of, id, noise
+        self._shown = of.shown(id)
+        self._decided: dict[float, Decisions] = {}
+
+    def __call__(self, size: float) -> tuple[float, float, float]:
+        """The shares at a size."""
+        if size not in self._decided:
+            self._decided[size] = decisions(self._of, self._id, self._noise + size * self._shown)
+        detected, named, identified = (float(np.mean(own)) for own in self._decided[size])
+        return detected, named, identified
+
+    def smallest(self, number: int, start: float) -> float | None:
+        """The smallest size with a share of at least `POWER`, in steps from `start` on and interpolated; None if no size that
+        shows by up to `_LARGEST` has it."""
+        largest, size = _LARGEST / float(np.linalg.norm(self._shown)), start
+        while self(size)[number] < POWER:
+            size *= _STEP
+            if size > largest:
+                return None
+        while self(size / _STEP)[number] >= POWER:
+            size /= _STEP
+        low, high = (_normal_quantile(self._decided[own][number]) for own in (size / _STEP, size))
+        share = (float(ndtri(POWER)) - low) / max(high - low, 1e-9)
+        return size * _STEP ** (min(max(share, 0.0), 1.0) - 1.0)
