@@ -20,7 +20,9 @@ _ATTITUDES = np.array([[x, y, z] for x in (-1, 0, 1) for y in (-1, 0, 1) for z i
 ATTITUDES = _ATTITUDES / np.linalg.norm(_ATTITUDES, axis=1, keepdims=True)
 
 
-def sensor_rows(names: tuple[str, ...], forces: Float[np.ndarray, "attitudes 3"]) -> Float[np.ndarray, "rows parameters"]:
+def sensor_rows(
+    names: tuple[str, ...], forces: Float[np.ndarray, "attitudes 3"]
+) -> Float[np.ndarray, "rows parameters"]:
     """Readings, g, by parameters of the sensor (base units), axis by axis for each attitude; other parameters add nothing."""
     rows = np.zeros((len(forces), 3, len(names)))
     for column, name in enumerate(names):

@@ -32,7 +32,7 @@ from tumblecal.diagnosis.sets.prior import SetPriors
 
 class Decisions(NamedTuple):
     """For each residual vector: whether something is detected; whether the effect is named by the leading explanation or one
-    that the data cannot tell from it; whether it is identified, the only cause (identities at 1 g aside)."""
+    that the data cannot separate from it; whether it is identified, the only cause (identities at 1 g aside)."""
 
     detected: Bool[np.ndarray, " draws"]
     named: Bool[np.ndarray, " draws"]
@@ -88,10 +88,12 @@ def _sum(*parts: Float[np.ndarray, "draws sets"]) -> Float[np.ndarray, " draws"]
     return np.logaddexp.reduce(np.concatenate(parts, axis=1), axis=1)
 
 
-def _with_each(of: EffectsOfPlan, members: Members, z: Float[np.ndarray, "draws nu"]) -> Float[np.ndarray, "draws causes"]:
+def _with_each(
+    of: EffectsOfPlan, members: Members, z: Float[np.ndarray, "draws nu"]
+) -> Float[np.ndarray, "draws causes"]:
     """Log posterior of a set with each further cause, for every vector; bounds of what is negligible."""
     pool, count = of.pool, len(z)
-    blocks = np.concatenate([pool.causes[k].block.T for k in members]) if members else np.zeros((0, pool.dof))
+    blocks = np.concatenate([of.block(k).T for k in members]) if members else np.zeros((0, pool.dof))
     bases = PartialSets(
         [members] * count,
         z,
@@ -112,7 +114,7 @@ def _family(of: EffectsOfPlan, own: int, z: Float[np.ndarray, "draws nu"]) -> Fl
     """Log posterior of the effect's family on all axes, the effect first in the order of what they explain."""
     pool, scores = of.pool, [np.zeros((len(z), 0))]
     for members in (tuple(sorted(axes)) for axes in pool.axes.tolist() if own in axes):
-        sets = partial_sets(pool, pool.causes[own].block.sum(axis=1), [members])
+        sets = partial_sets(pool, of.block(own).sum(axis=1), [members])
         along = (z @ sets.q[0].T) ** 2
         parts = [(along[:, rows].sum(axis=1), rank) for rows, rank in zip(sets.segments, sets.ranks[0], strict=True)]
         evidence = log_evidence(np.vecdot(z, z), parts, pool.dof, True)
@@ -169,7 +171,7 @@ def _imitates(
     """Whether the effect counts as equivalent to the leading single cause: no less probable than `LEAST_ODDS` allows, priors
     aside, and able to make its signal."""
     pool, leading = of.pool, np.argmax(singles, axis=1)
-    block = pool.causes[own].block
+    block = of.block(own)
     found = np.zeros(len(z), bool)
     for k in np.unique(leading).tolist():
         here, cause = leading == k, pool.causes[k]

@@ -4,17 +4,13 @@ The decisions are made in the residual space, which the nominal model does not r
 noise is white. Causes, weights and thresholds are those of the diagnosis itself.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from tumblecal.chain import Where, settings
 from tumblecal.chain.rig import Rig
-from tumblecal.design.cells import Cells
-from tumblecal.design.schedule import Schedule
 from tumblecal.diagnosis.causes.effects import SeenEffects, seen_effects
 from tumblecal.diagnosis.causes.pool import Pool, pooled
 from tumblecal.diagnosis.detection.alternatives import Alternatives, alternatives
@@ -25,23 +21,14 @@ from tumblecal.diagnosis.model.tangent import Tangent, tangent
 from tumblecal.diagnosis.priors import SIZE
 from tumblecal.effects import Catalogue
 from tumblecal.effects.catalogue import entry
+from tumblecal.estimation.priors import Priors
 from tumblecal.estimation.problem import Problem
+from tumblecal.estimation.visits import with_repeatability
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.showing import brief
 from tumblecal.ground.units import factor
-
-
-def where_of_schedule(cells: Cells, schedule: Schedule) -> Where:
-    """The settings of the positions of a schedule, in measuring order."""
-    taken = schedule.cells
-    degc = cells.temperature_degc
-    return settings(
-        np.radians(cells.alpha_deg[taken]),
-        np.radians(cells.beta_deg[taken]),
-        mount=[cells.mounts[cell] for cell in taken.tolist()],
-        time_s=schedule.start_s,
-        temperature_degc=None if degc is None else degc[taken],
-    )
+from tumblecal.noise.covariance import Covariance
+from tumblecal.noise.of_head import slow_covariance
 
 
 @dataclass(frozen=True)
@@ -121,26 +108,38 @@ class EffectsOfPlan:
         """The effects that the schedule allows."""
         return tuple(dict.fromkeys(slot.id for slot in self.model.slots))
 
+    def block(self, number: int) -> Float[np.ndarray, "nu rank"]:
+        """Orthonormal basis of the signal of a cause with coefficients."""
+        block = self.pool.causes[number].block
+        assert block is not None  # faults have an offset instead
+        return block
+
     def causes(self, id: str) -> Int[np.ndarray, " own"]:
         """Numbers of an effect among the causes; several for one with several starts, none for one that does not show."""
         return np.array([k for k in self.pool.effects.tolist() if self.pool.labels[k] == id], int)
 
 
-def effects_of_plan(rig: Rig, cells: Cells, schedule: Schedule, entries: Catalogue) -> EffectsOfPlan:
-    """The effects at the positions of a schedule.
+def effects_of_plan(rig: Rig, entries: Catalogue) -> EffectsOfPlan:
+    """The effects at the positions of a rig's plan, by its chain with its priors; slow noise as a noise model states it.
 
-    **Raises:** `InputError` for a rig whose noise is not stated, or whose chain does not fit the schedule.
+    **Arguments:**
+
+    - `rig`: of `planned_rig` for the positions and times of a schedule.
+
+    **Raises:** `InputError` for a rig whose noise is not stated.
     """
-    return effects_at(rig, where_of_schedule(cells, schedule), entries)
-
-
-def effects_at(rig: Rig, where: Where, entries: Catalogue) -> EffectsOfPlan:
-    """The effects at given settings; as of `effects_of_plan`."""
     if not rig.noise_sd_g:
         raise InputError(f'{rig.source}: noise.sd: the noise of a dwell is needed; write [noise] sd = "0.1 mg"')
+    where, ability = rig.where, rig.ability
     chain = rig.chain(where)
     model = model_of(chain, where, entries)
+    priors: Priors = {name: (0.0, sd) for name, (_, sd) in rig.priors.items()}
+    if ability is not None:
+        priors = with_repeatability(priors, ability.repeatability, chain, where)
     readings = np.asarray(model.predict(where, model.start))
-    known = {name: (0.0, sd) for name, (_, sd) in rig.priors.items()}
-    problem = Problem.from_arrays(chain, where, readings, noise_sd=rig.noise_sd_g, priors=known)
+    problem = Problem.from_arrays(chain, where, readings, noise_sd=rig.noise_sd_g, priors=priors)
+    if ability is not None and ability.slow_noise.any and where.time_s is not None:
+        covariance = slow_covariance(ability.slow_noise, ability.times, np.asarray(where.time_s))
+        covariance += rig.noise_sd_g**2 * np.eye(len(readings))
+        problem = problem.with_noise(Covariance.by_axis(covariance), known=True)
     return EffectsOfPlan(tangent(model, problem, model.start), entries)

@@ -1,4 +1,4 @@
-"""Forecast of a diagnosis: which effects a schedule will detect, name and identify, from which sizes on, and which it cannot.
+"""Forecast of a diagnosis: which effects a plan will detect, name and identify, from which sizes on, and which it cannot.
 
 The residuals of each size are drawn in the residual space and decided as the diagnosis decides (`decisions`). The same draws
 serve all sizes, so rates rise smoothly with the size.
@@ -13,10 +13,8 @@ from scipy.special import ndtri
 
 from tumblecal.chain.rig import Rig
 from tumblecal.design.alias import InUse
-from tumblecal.design.cells import Cells
 from tumblecal.design.decisions import Decisions, decisions, detections, identities
 from tumblecal.design.effects_of_plan import EffectsOfPlan, effects_of_plan
-from tumblecal.design.schedule import Schedule
 from tumblecal.diagnosis.findings.limits import noncentrality
 from tumblecal.diagnosis.priors import INDISTINGUISHABLE, POWER, VISIBLE
 from tumblecal.effects import Catalogue
@@ -67,7 +65,7 @@ class Alias:
 
 @dataclass(frozen=True)
 class NamingForecast:
-    """Forecast of the diagnosis of a schedule.
+    """Forecast of the diagnosis of a plan.
 
     - `effects`: of those asked for. `limits`: size of every effect that is detected with probability 0.8 (every coefficient of
       this size), None for undetectable ones. `undetectable`: those that the nominal parameters absorb.
@@ -86,24 +84,18 @@ class NamingForecast:
 
 
 def forecast(
-    rig: Rig,
-    cells: Cells,
-    schedule: Schedule,
-    effects: Mapping[str, float],
-    entries: Catalogue,
-    *,
-    draws: int = 500,
-    seed: int = 0,
+    rig: Rig, effects: Mapping[str, float], entries: Catalogue, *, draws: int = 500, seed: int = 0
 ) -> NamingForecast:
-    """Forecast of the diagnosis of a schedule by the rig's chain with its priors, the noise known.
+    """Forecast of the diagnosis of a rig's plan by its chain with its priors, the noise known.
 
     **Arguments:**
 
+    - `rig`: of `planned_rig` for a schedule.
     - `effects`: sizes by id, each in the unit of its entry; every coefficient has this size.
 
-    **Raises:** `InputError` for an unknown effect, one that this schedule cannot test, or a size that is not above 0.
+    **Raises:** `InputError` for an unknown effect, one that this plan cannot test, or a size that is not above 0.
     """
-    return forecast_of(effects_of_plan(rig, cells, schedule, entries), effects, draws=draws, seed=seed)
+    return forecast_of(effects_of_plan(rig, entries), effects, draws=draws, seed=seed)
 
 
 def forecast_of(of: EffectsOfPlan, effects: Mapping[str, float], *, draws: int = 500, seed: int = 0) -> NamingForecast:
@@ -168,17 +160,21 @@ def forecast_of_effect(
     rates = Rates(of, id, np.random.default_rng(seed).standard_normal((draws, of.pool.dof)))
     first = int(of.causes(id)[0]) if limit is not None else None
     same = () if first is None else tuple(dict.fromkeys(of.pool.labels[k] for k in identities(of, first)))
-    at_size = rates(size)
-    sizes = [None if limit is None else rates.smallest(number, limit) for number in range(3)]
+    detected, named, identified = rates(size)
+    of_detection, of_name, of_verdict = (None if limit is None else rates.smallest(k, limit) for k in range(3))
     return EffectForecast(
-        id,
-        unit,
-        size,
-        float(shown / whole) if whole else 0.0,
-        *at_size,
-        *sizes,
-        same,
-        () if limit is None else not_separated(of, id, max(size, limit), same),
+        id=id,
+        unit=unit,
+        size=size,
+        visible_fraction=float(shown / whole) if whole else 0.0,
+        detected=detected,
+        named=named,
+        identified=identified,
+        detection_limit=of_detection,
+        smallest_named=of_name,
+        smallest_identified=of_verdict,
+        identical=same,
+        not_separated=() if limit is None else not_separated(of, id, max(size, limit), same),
     )
 
 
@@ -186,7 +182,7 @@ def not_separated(of: EffectsOfPlan, id: str, size: float, identical: tuple[str,
     """Effects that make the signal of another one of a size to within what the diagnosis takes for indistinguishable."""
     signal, found = size * of.shown(id), list[str]()
     for k in of.pool.effects.tolist():
-        label, block = of.pool.labels[k], of.pool.causes[k].block
+        label, block = of.pool.labels[k], of.block(k)
         rest = signal - block @ (block.T @ signal)
         if label not in (id, *identical, *found) and rest @ rest < INDISTINGUISHABLE**2:
             found.append(label)
