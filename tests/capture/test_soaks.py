@@ -107,6 +107,13 @@ def test_the_order_of_a_plan_and_what_a_costly_one_costs() -> None:
     assert applied.chamber.url == "oven" and applied.soak.stable_min == 3.0 and applied.soaks == plan.soaks
 
 
+def test_a_resumed_run_has_the_options_about_temperatures() -> None:
+    first = {"entry": "temperature_options", "options": {"chamber": "oven", "soak_minutes": 3.0}}
+    state = replayed([{"entry": "session"}, first, {"entry": "temperature_options", "options": {"soak_minutes": 4.0}}])
+    assert state.temperature_options == {"chamber": "oven", "soak_minutes": 4.0}
+    assert set(state.temperature_options) <= set(vars(ChamberOptions()))
+
+
 def test_a_soak_is_finished_before_the_next_one_begins() -> None:
     soaks, state = [0, 0, 0, 1, 1, 2], RunState()
     order, position = [], -1

@@ -154,6 +154,17 @@ def test_one_temperature_is_rejected():
         thermal_calibration(table_of(**columns))
 
 
+def test_two_attitudes_at_one_temperature_each_determine_no_change():
+    """As of a cold and a hot recording with a movement between them: the slope was that of the movement."""
+    rng = np.random.default_rng(3)
+    cold, hot = 10 + np.linspace(0, 0.3, 8), 50 + np.linspace(0, 0.3, 8)
+    force = np.repeat([[0, 0, 1.0], [0, 0.6, 0.8]], 8, axis=0)
+    names, degc = ["cold"] * 8 + ["hot"] * 8, np.concatenate([cold, hot])
+    rows = table_of(names, force + 1e-4 * rng.normal(size=force.shape), 1e-4, degc, clock=names)
+    with pytest.raises(InputError, match=r"each attitude has one temperature \(cold 10\.[12] degC, hot 50\.1 degC\)"):
+        chosen_model(rows, Stated())
+
+
 def test_the_calibration_file_has_the_curves(tmp_path):
     from tumblecal.data.calibration import read_calibration, write_calibration
 

@@ -61,6 +61,7 @@ class RunState:
       `devices`: all of them, one for each start of the recording.
     - `finished`: whether the run was ended.
     - `to_compare`: whether the instrument may be different, so that a finished position is measured again first.
+    - `temperature_options`: options of the command about soaks and the chamber, the last of each.
     - `doubts`: entries on an instrument that was not confirmed, and on the comparisons made for it.
     """
 
@@ -74,6 +75,7 @@ class RunState:
     finished: bool = False
     to_compare: bool = False
     doubts: list[dict[str, Any]] = field(default_factory=list)
+    temperature_options: dict[str, Any] = field(default_factory=dict)
 
     @property
     def serial_number(self) -> str | None:
@@ -146,6 +148,8 @@ def replayed(entries: list[dict[str, Any]]) -> RunState:
                 state.skipped.add(position)
             case "soak_postponed":
                 state.postponed.add(entry["soak"])
+            case "temperature_options":
+                state.temperature_options |= entry["options"]
             case "finished":
                 state.finished = True
     return state

@@ -59,7 +59,7 @@ class OperatorOptions:
 @Parameter(name="*")
 @dataclass(frozen=True)
 class ChamberOptions:
-    """Temperatures of the plan; the default is the table [soak] or [chamber] of the plan.
+    """Temperatures of the plan; the default is the table [soak] or [chamber] of the plan. --resume keeps them.
 
     Parameters
     ----------
@@ -151,7 +151,11 @@ def capture(
                 )
             )
             return
+        given = {name: value for name, value in vars(temperature).items() if value is not None}
+        temperature = ChamberOptions(**(run_folder.state.temperature_options | given))
         run_folder.plan = temperature.applied(run_folder.plan)
+        if given:
+            run_folder.journal.write("temperature_options", options=given)
         live = _live_estimate(run_folder.plan) if operator.estimate else None
         try:
             how = {"plain": operator.plain, "wait_s": operator.wait, "trust": operator.trust_instrument}

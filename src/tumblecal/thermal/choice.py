@@ -31,6 +31,8 @@ _REFERENCES = (SENSOR_LEAVES, ("dK", "bias"), ("bias",), ())
 USUAL_SD = {"gamma": 5e-3, "dK": 2e-2}
 # Leaves that follow temperature, likewise.
 _FOLLOWING = (("bias", "dK", "gamma", "dtheta"), ("bias", "dK", "gamma"), ("bias", "dK"), ("bias",))
+# Attitudes that a message lists.
+_SHOWN = 3
 # A combination of parameters with this many times the uncertainty of the median one is not determined in practice.
 _WEAKEST = 300.0
 
@@ -91,7 +93,8 @@ class Selection:
 def chosen_model(table: ThermalTable, stated: Stated) -> Choice:
     """The model of a table by evidence and prediction.
 
-    **Raises:** `InputError` for orders or knots that the temperatures cannot determine, and for one temperature only.
+    **Raises:** `InputError` for orders or knots that the temperatures cannot determine, for one temperature only, or for one in
+    each of a few unknown attitudes.
     """
     low, high = table.range_degc
     temperatures = len(soaks(table.temperature_degc))
@@ -108,11 +111,32 @@ def chosen_model(table: ThermalTable, stated: Stated) -> Choice:
         reference = usual if low <= usual <= high else round((low + high) / 2, 1)
     functions = {leaf: _functions(table, leaf, stated, temperatures, reference) for leaf in LEAVES}
     free, following = _determined(table, functions)
+    if not free:
+        # Each attitude has its own offset, so only temperatures of one attitude show a change.
+        temperatures = _in_one_attitude(table)
+        functions = {leaf: _functions(table, leaf, stated, temperatures, reference) for leaf in LEAVES}
     functions = {leaf: functions[leaf] for leaf in following if functions[leaf].count}
     largest = ThermalModel(table, functions, free, fixed=_values(base), priors=_priors(free, base))
     forced = {leaf: functions[leaf].count for leaf in functions if leaf in stated.orders or leaf in stated.knots_degc}
     forced |= {leaf: 0 for leaf, order in stated.orders.items() if order == 0}
     return _chosen(largest, forced, reference)
+
+
+def _in_one_attitude(table: ThermalTable) -> int:
+    """The largest number of temperatures in one attitude.
+
+    **Raises:** `InputError` if each attitude has only one.
+    """
+    labels = np.array(table.attitude)
+    found = {name: soaks(table.temperature_degc[labels == name]) for name in table.attitudes}
+    if (count := max(len(levels) for levels in found.values())) > 1:
+        return count
+    listed = ", ".join(f"{name} {levels[0]:.1f} degC" for name, levels in list(found.items())[:_SHOWN])
+    raise InputError(
+        f"{table.source}: each attitude has one temperature ({listed}), so the readings change with the attitude and the "
+        "temperature at once, and one recording does not predict another; record several temperatures in each attitude, or "
+        "give --same-attitude if the unit was not moved"
+    )
 
 
 def _functions(
