@@ -19,6 +19,7 @@ import polars as pl
 from jaxtyping import Array
 
 from tumblecal.estimation import harmonic, iterated
+from tumblecal.ground.errors import InputError
 from tumblecal.simulation.evaluated_once import materialised
 from tumblecal.simulation.experiment import problem_for, spread_of
 from tumblecal.simulation.harmonic_fit import fit_harmonics, nominal_harmonics
@@ -52,6 +53,11 @@ class Convergence:
     def __init__(self, study: Mapping[str, Any]):
         table: ConvergenceTable = table_of(study)
         rig = rig_of_study(study)
+        if rig.temperature.leaves:
+            raise InputError(
+                f"{rig.source}: [temperature]: a convergence study uses the paper's linear equations, in which parameters are "
+                "constant; remove [temperature], or use a coverage study (tumblecal study coverage)"
+            )
         chain = rig.true_chain(rig.where)
         self.table, self.names, self.units = table, chain.names, chain.units
         self.sd, _ = noise_of(table.noise, rig)
