@@ -34,7 +34,7 @@ SEPARATED = 2 * np.log(20.0)
 _DISTINCT = 0.1
 # Signals that separate rising from falling temperature; at one rate, hysteresis and an effect of the rate are the same.
 _BETWEEN_BRANCHES = (*FORMS, "rate")
-# The root mean square of the highest order of the bias, relative to that of these signals. For loops of seven other laws, most
+# The root mean square of the highest order of the bias, relative to that of these signals. For loops of eight other laws, most
 # orders above the true one are below this part, and the true orders are above 1/3.
 _OF_HYSTERESIS = 0.2
 
