@@ -9,6 +9,7 @@ from tumblecal.data.calibration import Calibration
 from tumblecal.data.sensor_parameters import SENSOR, SensorParameters
 from tumblecal.ground.errors import InputError
 from tumblecal.thermal.choice import Stated, chosen_model
+from tumblecal.thermal.held_out import between_recordings
 from tumblecal.thermal.hysteresis import forms_of
 from tumblecal.thermal.orders import Search, chains_of
 from tumblecal.thermal.result import thermal_calibration
@@ -163,6 +164,19 @@ def test_two_attitudes_at_one_temperature_each_determine_no_change():
     rows = table_of(names, force + 1e-4 * rng.normal(size=force.shape), 1e-4, degc, clock=names)
     with pytest.raises(InputError, match=r"each attitude has one temperature \(cold 10\.[12] degC, hot 50\.1 degC\)"):
         chosen_model(rows, Stated())
+
+
+def test_a_cold_recording_predicts_a_hot_one_by_its_extrapolation():
+    """A linear bias: the prediction is as good as its slope; without it, the error is the change of the bias."""
+    rng = np.random.default_rng(5)
+    degc = np.linspace(0.0, 60.0, 40)
+    names = np.where(degc < 35, "cold", "hot")
+    readings = [0, 0, 1] + np.outer(degc, [1e-4, 0, 0]) + 2e-5 * rng.normal(size=(40, 3))
+    rows = table_of(["a1"] * 40, readings, 2e-5, degc, clock=names.tolist(), direction=1)
+    parts = between_recordings(chosen_model(rows, Stated()))
+    hot = next(part for part in parts if part.label.startswith("hot, 35"))
+    assert "from the other recordings, 0.0 to 33.8 degC" in hot.label and hot.rows == 17
+    assert hot.after_mg < 0.1 < 1.0 < hot.before_mg
 
 
 def test_the_calibration_file_has_the_curves(tmp_path):

@@ -19,6 +19,7 @@ from tumblecal.report.thermal_tables import (
     temperature_table,
 )
 from tumblecal.report.thermal_words import (
+    between_lines,
     combination_lines,
     improvement_lines,
     noise_lines,
@@ -158,7 +159,10 @@ def _sections(result: ThermalResult) -> Iterator[Section]:
     if result.held_out:
         yield Section(
             "Held-out rows",
-            words=["Errors are the root mean square over rows and axes."],
+            words=[
+                "Errors are the root mean square over rows and axes.",
+                *(f"{line}." for line in between_lines(result)),
+            ],
             tables=[held_out_table(result)],
             figures=[drawn["held_out"]],
         )

@@ -30,6 +30,7 @@ def thermal_lines(result: ThermalResult) -> Iterator[str]:
     yield f"Use of calibration.json: {result.calibration.use.words}"
     yield range_words(result)
     yield from improvement_lines(result)
+    yield from between_lines(result)
     yield from order_lines(result)
     for signal in result.signals:
         yield f"{signal.name.capitalize()}: {signal_words(signal)}"
@@ -70,6 +71,15 @@ def improvement_lines(result: ThermalResult) -> Iterator[str]:
         )
     if any(signal.name != "drift" for signal in result.signals):
         yield "Part of these errors is the difference between rising and falling temperature, which no correction includes"
+
+
+def between_lines(result: ThermalResult) -> Iterator[str]:
+    """How well other recordings predict one at temperatures outside theirs."""
+    for part in result.between:
+        yield (
+            f"Prediction of {part.label} ({counted(part.rows, 'row')}): error {changed(part.before_mg, part.after_mg)} mg rms, "
+            f"noise {part.noise_mg:.3g} mg"
+        )
 
 
 def _by_direction(result: ThermalResult) -> bool:

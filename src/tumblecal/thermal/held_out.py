@@ -1,11 +1,12 @@
 """The improvement on held-out rows: the model is chosen and fitted without them; their errors with and without it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool
 
 from tumblecal.capture.thermal.thermal_table import ThermalTable
+from tumblecal.ground.soaks import soaks
 from tumblecal.thermal.choice import Choice, selected
 from tumblecal.thermal.orders import folds_of, predictable, temperatures_outside, without_signals
 from tumblecal.thermal.signals import NAMES
@@ -36,10 +37,36 @@ def held_out(choice: Choice) -> tuple[HeldOut, ...]:
     return tuple(entry for entry in found if entry is not None)
 
 
-def _of_rows(choice: Choice, apart: Bool[np.ndarray, " rows"]) -> HeldOut | None:
+def between_recordings(choice: Choice) -> tuple[HeldOut, ...]:
+    """How well the other recordings predict each one at temperatures outside theirs, in the attitudes that they have too.
+
+    The functions are extrapolated, as nowhere else: the error is that of a calibration that is used outside its range.
+    """
+    table, found = choice.model.table, list[HeldOut]()
+    clocks, labels, degc = np.array(table.clock), np.array(table.attitude), table.temperature_degc
+    for clock in dict.fromkeys(table.clock):
+        apart = clocks == clock
+        if apart.all():
+            continue
+        low, high = degc[~apart].min(), degc[~apart].max()
+        taken = apart & np.isin(labels, labels[~apart]) & ((degc < low) | (degc > high))
+        part = _of_rows(choice, apart, taken)
+        if part is not None:
+            words = f"{clock}, {part.label}, from the other recordings, {low:.1f} to {high:.1f} degC"
+            found.append(replace(part, label=words))
+    return tuple(found)
+
+
+def _of_rows(
+    choice: Choice, apart: Bool[np.ndarray, " rows"], taken: Bool[np.ndarray, " rows"] | None = None
+) -> HeldOut | None:
     table, design = choice.model.table, choice.design
-    rest, taken = table.rows(~apart), predictable(table, apart)
-    highest = {leaf: min(order, temperatures_outside(table, apart) - 1) for leaf, order in choice.highest.items()}
+    rest = table.rows(~apart)
+    if taken is None:
+        taken, temperatures = predictable(table, apart), temperatures_outside(table, apart)
+    else:
+        temperatures = len(soaks(rest.temperature_degc))
+    highest = {leaf: min(order, temperatures - 1) for leaf, order in choice.highest.items()}
     if not taken.any() or min(highest.values(), default=0) < 1:
         return None
     fitted, rows = design.part(~apart), design.part(taken)

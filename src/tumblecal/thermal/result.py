@@ -20,7 +20,7 @@ from tumblecal.estimation.linear_calibration import calibration_with
 from tumblecal.ground.axes import AXES
 from tumblecal.thermal import signals as kinds
 from tumblecal.thermal.choice import Choice, Stated, chosen_model
-from tumblecal.thermal.held_out import HeldOut, held_out
+from tumblecal.thermal.held_out import HeldOut, between_recordings, held_out
 from tumblecal.thermal.model import LEAVES, SENSOR_LEAVES
 from tumblecal.thermal.orders import chains_of
 
@@ -54,7 +54,8 @@ class ThermalResult:
 
     - `choice`: the model and the orders. `fit`: its fit. `noise_factor`: ratio of the residuals to the standard deviations of
       the rows, at least 1; it is in all uncertainties. `signals`: signals that are not functions of temperature.
-    - `calibration`: parameters at the reference, curves, hysteresis. `held_out`: errors on held-out rows.
+    - `calibration`: parameters at the reference, curves, hysteresis. `held_out`: errors on held-out rows;
+      `between`: on those of each recording at temperatures outside the others.
     - `combinations`: for attitudes that do not determine all leaves, the combination that each curve of a bias contains.
     """
 
@@ -65,6 +66,7 @@ class ThermalResult:
     signals: tuple[FoundSignal, ...]
     calibration: Calibration
     held_out: tuple[HeldOut, ...]
+    between: tuple[HeldOut, ...]
     combinations: tuple[str, ...]
 
     @property
@@ -103,6 +105,7 @@ def thermal_calibration(table: ThermalTable, stated: Stated | None = None) -> Th
         signals=found,
         calibration=_calibration(fit, choice, found, stated, factor),
         held_out=held_out(choice),
+        between=between_recordings(choice),
         combinations=_combinations(choice),
     )
 
