@@ -35,6 +35,7 @@ COMMANDS = {
     "history": "List the results of all units, or evaluate one: repeatability, drift, control charts.",
     "compare": "Compare two calibrations of a unit.",
     "example": "Write an example file (rig, plan or study), or list all examples.",
+    "plan": "Design a measurement: positions, their order, the uncertainties to expect.",
     "simulate": "Simulate position means of a rig.",
     "effects": "List the catalogue of effects, or explain one effect.",
     "study": "Run simulation studies: convergence, linearization, coverage, sweep, power.",

@@ -21,11 +21,12 @@ _SHARE = 1e-4
 class Uncertainties:
     """Of the shared parameters of a schedule.
 
-    - `names`, `sd`: standard uncertainties, base units (rad, g, 1); infinite for a parameter that is not determined.
+    - `names`, `scales`, `sd`: standard uncertainties, base units (rad, g, 1); infinite for a parameter that is not determined.
     - `covariance`: of the scaled parameters; of those that are not determined it has no meaning.
     """
 
     names: tuple[str, ...]
+    scales: Float[np.ndarray, " shared"]
     sd: Float[np.ndarray, " shared"]
     covariance: Float[np.ndarray, "shared shared"]
 
@@ -50,7 +51,7 @@ def uncertainties(responses: Responses, schedule: Schedule, ability: HeadAbility
     inverse = vectors[:, ~lost] / values[~lost] @ vectors[:, ~lost].T
     covariance = inverse / np.outer(size, size)
     sd = np.where(share > _SHARE**2, np.inf, np.sqrt(np.diag(covariance)) * responses.scales)
-    return Uncertainties(responses.names, sd, covariance)
+    return Uncertainties(responses.names, responses.scales, sd, covariance)
 
 
 def in_use_sd(use: Responses, covariance: Float[np.ndarray, "shared shared"]) -> Float[np.ndarray, "attitudes 3"]:

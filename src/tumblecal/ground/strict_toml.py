@@ -1,5 +1,6 @@
 """TOML files of users: strict validation, all faults reported at once, with dotted paths."""
 
+import re
 import tomllib
 from collections.abc import Iterator, Mapping
 from json.encoder import encode_basestring
@@ -108,10 +109,36 @@ def toml_table(name: str, values: Mapping[str, object]) -> list[str]:
     return [f"[{name}]", *(f"{key} = {_toml(value)}" for key, value in values.items() if value is not None), ""]
 
 
+def toml_lines(content: Mapping[str, object], above: str = "") -> list[str]:
+    """The lines of a document: values first, then its tables, and arrays of tables, by their names after `above`."""
+    values = {name: value for name, value in content.items() if not _has_tables(value)}
+    lines = [f"{_key(name)} = {_toml(value)}" for name, value in values.items()]
+    lines = [*([f"[{above}]"] if above and (lines or not content) else []), *lines, *([""] if lines else [])]
+    for name, value in content.items():
+        inner = f"{above}.{_key(name)}" if above else _key(name)
+        if isinstance(value, Mapping):
+            lines += toml_lines(value, inner)
+        elif isinstance(value, list | tuple) and _has_tables(value):
+            for table in value:
+                lines += toml_table(f"[{inner}]", {_key(key): part for key, part in table.items()})
+    return lines
+
+
+def _has_tables(value: object) -> bool:
+    """Whether a value is a table, or an array of tables."""
+    return isinstance(value, Mapping) or (
+        isinstance(value, list | tuple) and bool(value) and all(isinstance(part, Mapping) for part in value)
+    )
+
+
+def _key(name: str) -> str:
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else toml_string(name)
+
+
 def _toml(value: object) -> str:
     """A text, number, list or inline table."""
     if isinstance(value, Mapping):
-        return f"{{ {', '.join(f'{key} = {_toml(part)}' for key, part in value.items())} }}"
+        return f"{{ {', '.join(f'{_key(key)} = {_toml(part)}' for key, part in value.items())} }}"
     if isinstance(value, list | tuple):
         return f"[{', '.join(map(_toml, value))}]"
     if isinstance(value, bool):
