@@ -9,6 +9,8 @@ from jaxtyping import Float
 
 from tumblecal.chain import Place, State, Where, settings
 from tumblecal.design.effects_of_plan import EffectsOfPlan
+from tumblecal.diagnosis.model.layout import Slot
+from tumblecal.effects import Catalogue
 from tumblecal.estimation.identifiability import RANK_TOLERANCE
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.showing import brief
@@ -36,39 +38,42 @@ def sensor_rows(
     return rows.reshape(-1, len(names))
 
 
+def of_use(plan: Where) -> Where:
+    """The settings of use, at the mean time and temperature of a measurement; the first one begins it, as effects of time count
+    from there."""
+    time, degc, count = plan.time_s, plan.temperature_degc, len(ATTITUDES)
+    return settings(
+        np.zeros(count + 1),
+        np.zeros(count + 1),
+        time_s=None if time is None else np.append(np.min(time), np.full(count, np.mean(time))),
+        temperature_degc=None if degc is None else np.full(count + 1, np.mean(degc)),
+    )
+
+
+def effect_in_use(entries: Catalogue, slot: Slot, use: Where) -> Float[np.ndarray, " rows"]:
+    """What an effect of size 1 in its unit adds to the readings at the attitudes of use, axis by axis for each attitude; 0 for
+    one of the head, of the path or of settings."""
+    link, added = slot.links[0], np.zeros((len(ATTITUDES), 3))
+    if link.place != Place.READING or link.looks_back or slot.shape or entries[slot.id].lacking(use):
+        return added.ravel()
+    (link,) = injected_links({slot.id: [1.0]}, use, entries)
+    x, y, z = (jnp.asarray(np.append(part[0], part)) for part in ATTITUDES.T)
+    zero = jnp.zeros_like(x)
+    reading = link(State(zero, zero, (x, y, z), (zero, zero, zero)), use).reading
+    return np.stack([np.broadcast_to(np.asarray(part), zero.shape)[1:] for part in reading], axis=1).ravel()
+
+
 @dataclass(frozen=True)
 class InUse:
-    """Errors of the corrected force, g, at the attitudes of use, at the mean time and temperature of a measurement."""
+    """Errors of the corrected force, g, at the attitudes of use, that effects leave in the calibration of a plan."""
 
     __repr__ = brief
 
     of: EffectsOfPlan
 
     @cached_property
-    def where(self) -> Where:
-        """The settings of use; the first one begins the measurement, as effects of time count from there."""
-        plan, count = self.of.at.problem.where, len(ATTITUDES)
-        time, degc = plan.time_s, plan.temperature_degc
-        return settings(
-            np.zeros(count + 1),
-            np.zeros(count + 1),
-            time_s=None if time is None else np.append(np.min(time), np.full(count, np.mean(time))),
-            temperature_degc=None if degc is None else np.full(count + 1, np.mean(degc)),
-        )
-
-    def effect(self, id: str) -> Float[np.ndarray, " rows"]:
-        """What an effect of size 1 in its unit adds to the readings in use; 0 for one of the head, the path or settings."""
-        entry, slot = self.of.entries[id], self.of.slot(id)
-        link = slot.links[0]
-        added = np.zeros((len(ATTITUDES), 3))
-        if link.place != Place.READING or link.looks_back or slot.shape or entry.lacking(self.where):
-            return added.ravel()
-        (link,) = injected_links({id: [1.0]}, self.where, self.of.entries)
-        forces = np.vstack([ATTITUDES[:1], ATTITUDES])
-        zero = jnp.zeros(len(forces))
-        state = State(zero, zero, tuple(jnp.asarray(forces.T)), (zero, zero, zero))
-        reading = [np.broadcast_to(np.asarray(part), len(forces))[1:] for part in link(state, self.where).reading]
-        return np.stack(reading, axis=1).ravel()
+    def _use(self) -> Where:
+        return of_use(self.of.at.problem.where)
 
     @cached_property
     def _inverse(self) -> Float[np.ndarray, "nominal rows"]:
@@ -81,7 +86,8 @@ class InUse:
 
     def error(self, id: str) -> Float[np.ndarray, " rows"]:
         """Error in use of an effect of size 1 in its unit that the calibration does not know."""
-        return self.effect(id) - self._rows @ (self._inverse @ self.of.signal(id))
+        own = effect_in_use(self.of.entries, self.of.slot(id), self._use)
+        return own - self._rows @ (self._inverse @ self.of.signal(id))
 
     def largest(self, id: str) -> float:
         """The largest error in use of an effect of size 1 in its unit."""

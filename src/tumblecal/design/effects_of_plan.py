@@ -136,7 +136,7 @@ def effects_of_plan(rig: Rig, entries: Catalogue) -> EffectsOfPlan:
     priors: Priors = {name: (0.0, sd) for name, (_, sd) in rig.priors.items()}
     if ability is not None:
         priors = with_repeatability(priors, ability.repeatability, chain, where)
-    readings = np.asarray(model.predict(where, model.start))
+    readings = model.evaluate(where, model.start).predicted
     problem = Problem.from_arrays(chain, where, readings, noise_sd=rig.noise_sd_g, priors=priors)
     if ability is not None and ability.slow_noise.any and where.time_s is not None:
         covariance = slow_covariance(ability.slow_noise, ability.times, np.asarray(where.time_s))

@@ -23,8 +23,8 @@ from tumblecal.ground.errors import InputError
 
 # Sizes are tried in steps of this factor, up to this norm of the visible signal (sigma).
 _STEP, _LARGEST = 1.2, 400.0
-# Detection limits are interpolated from here to the closed form; draws of each.
-_BELOW, _DRAWS_OF_LIMITS = 0.85, 250
+# Detection limits are found from draws so far (sigma) below the closed form, which is that much too high; so many of each.
+_BELOW, _DRAWS_OF_LIMITS = 0.3, 200
 
 
 @dataclass(frozen=True)
@@ -131,19 +131,18 @@ def _largest_alias(in_use: InUse, sizes: Mapping[str, float]) -> Alias | None:
 def detection_limit(of: EffectsOfPlan, id: str, draws: int, seed: int) -> float | None:
     """Size in the effect's unit that is detected with probability 0.8; None for an undetectable one.
 
-    The closed form of the diagnosis counts the effect's own signal only, others that resemble it lower the limit: of draws at
-    this size and below the probability is interpolated.
+    The closed form of the diagnosis counts the effect's signal alone, and others that resemble it lower the limit. The root of
+    the test statistic follows the norm of the signal with a standard deviation of one: draws at one norm give the limit.
     """
     own, shown = of.causes(id), of.shown(id)
     norm = float(np.linalg.norm(shown))
     if not len(own) or norm <= VISIBLE * np.linalg.norm(of.signal(id)):
         return None
     odds = round(float(of.pool.test_log_weights[own].max()) - max(of.threshold, -2.0), 6)
-    alone = float(np.sqrt(noncentrality(int(of.pool.ranks[own[0]]), odds, of.pool.dof, True)))
-    sizes = np.array([_BELOW, 1.0]) * alone / norm
+    alone = float(np.sqrt(noncentrality(int(of.pool.ranks[own[0]]), odds, of.pool.dof, True))) - _BELOW
     noise = np.random.default_rng(seed).standard_normal((draws, of.pool.dof))
-    low, high = (_normal_quantile(detections(of, noise + size * shown)) for size in sizes)
-    return float(sizes[1] - (sizes[1] - sizes[0]) * max(high - float(ndtri(POWER)), 0.0) / max(high - low, 1e-9))
+    above = _normal_quantile(detections(of, noise + alone / norm * shown)) - float(ndtri(POWER))
+    return (alone - above) / norm
 
 
 def _normal_quantile(happened: Bool[np.ndarray, " draws"]) -> float:

@@ -1,0 +1,118 @@
+"""Measures of naming and alias against projections in numpy, and their steps against measures made from scratch."""
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tumblecal.chain.rig_file import rig_of
+from tumblecal.design.alias import ATTITUDES
+from tumblecal.design.cells import cells_of
+from tumblecal.design.naming_measures import alias_measures, naming_measures
+from tumblecal.design.one_visit import one_visit
+from tumblecal.design.responses import responses_of
+from tumblecal.effects import catalogue
+from tumblecal.effects.catalogue import links_and_units
+from tumblecal.ground.errors import InputError
+
+
+RIG = """
+schema = "tumblecal.rig/1"
+[plan]
+alpha_deg = { start = 0, step = 45, count = 8 }
+beta_deg = [0, 45, 90]
+mounts = ["A", "B"]
+[chain.leaves]
+dbeta = { by = "mount.pitch", free = false }
+dtheta = { by = "mount", free = false }
+[mounts]
+A = { rotation_deg = [0, 0, 0] }
+B = { rotation_deg = [0, 0, 90] }
+[noise]
+sd = "0.1 mg"
+[head]
+alpha_deg = { start = 0, step = 45, count = 8 }
+"""
+SD = 1e-4
+EFFECTS = ("gravity_value", "memory.x", "scale_asymmetry.x", "scale_asymmetry.z", "second_order.z", "third_order.x")
+
+
+@pytest.fixture(scope="module")
+def head():
+    entries = {id: effect for id, effect in catalogue().items() if id in EFFECTS}
+    rig = rig_of(tomllib.loads(RIG), Path("rig.toml"), *links_and_units(entries))
+    responses = responses_of(rig, cells_of(rig.ability))
+    return rig, responses, one_visit(responses), entries
+
+
+@pytest.fixture(scope="module")
+def cells(head):
+    return np.random.default_rng(5).permutation(len(head[1].cells))[:20]
+
+
+def _inputs(head):
+    """Forces on the axes of the sensor, g, from the frames of the documentation, in numpy."""
+    cells = head[1].cells
+    alpha, beta = np.radians(cells.alpha_deg), np.radians(cells.beta_deg)
+    f = np.stack([-np.sin(beta), np.cos(beta) * np.sin(alpha), np.cos(beta) * np.cos(alpha)], axis=1)
+    turned = np.stack([f[:, 1], -f[:, 0], f[:, 2]], axis=1)
+    return np.where(np.array([mount == "B" for mount in cells.mounts])[:, None], turned, f)
+
+
+def _nominal(u):
+    """Readings of one axis by bias, scale and two misalignments: of z, all of the sensor's parameters that it has."""
+    return np.column_stack([np.ones(len(u)), u])
+
+
+def test_smallest_size_that_is_named(head, cells):
+    """second_order.z: the largest of what detection and each separation need."""
+    measure = naming_measures(*head[:3], {"second_order.z": 0.5}, head[3])(cells)
+    u = _inputs(head)[cells]
+    square = u[:, 2] ** 2 * 1e-3 / SD  # of 1 mg/g^2, in noise sd
+
+    def left(columns):
+        columns = np.column_stack([_nominal(u), *columns])
+        return np.linalg.norm(square - columns @ np.linalg.lstsq(columns, square, rcond=None)[0])
+
+    detection = measure._measures[0].value * 0.5 * left([])
+    assert 4.0 < detection < 5.0
+    separation = 0.8416 + np.sqrt(0.8416**2 + 2 * np.log(4))
+    values = [one.value * 0.5 / separation for one in measure._measures[1:]]
+    assert 1 / left([np.abs(u[:, 2])]) == pytest.approx(
+        min(values, key=lambda one: abs(one * left([np.abs(u[:, 2])]) - 1)), rel=1e-3
+    )
+    assert measure.value == max(one.value for one in measure._measures)
+
+
+def test_largest_error_in_use_at_the_detection_limit(head, cells):
+    measure = alias_measures(*head[:3], ["second_order.z"], head[3])(cells)
+    detected = naming_measures(*head[:3], {"second_order.z": 1.0}, head[3])(cells)._measures[0].value  # mg/g^2
+    u = _inputs(head)[cells]
+    fitted = np.linalg.lstsq(_nominal(u), u[:, 2] ** 2, rcond=None)[0]
+    error = ATTITUDES[:, 2] ** 2 - _nominal(ATTITUDES) @ fitted
+    assert measure.value == pytest.approx(detected * np.max(np.abs(error)), rel=1e-3)
+
+
+@pytest.mark.parametrize("kind", ["naming", "alias"])
+def test_steps_are_those_of_new_measures(head, cells, kind):
+    made = (
+        naming_measures(*head[:3], {"third_order.x": 1.0}, head[3])
+        if kind == "naming"
+        else alias_measures(*head[:3], ["third_order.x"], head[3])
+    )
+    measure = made(cells)
+    added, removed = measure.if_added(), measure.if_removed()
+    assert added[7] == pytest.approx(made([*cells, 7]).value, rel=1e-8)
+    assert removed[3] == pytest.approx(made(np.delete(cells, 3)).value, rel=1e-8)
+    measure.add(7)
+    measure.remove(3)
+    assert measure.cells == (*np.delete(cells, 3), 7)
+    assert measure.value == pytest.approx(made(measure.cells).value, rel=1e-8)
+
+
+def test_effects_that_positions_cannot_show(head):
+    with pytest.raises(InputError, match="gravity_value: no positions of this head show it"):
+        naming_measures(*head[:3], {"gravity_value": 1.0}, head[3])
+    with pytest.raises(InputError, match="depends on the position before"):
+        naming_measures(*head[:3], {"memory.x": 1.0}, head[3])
