@@ -9,13 +9,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tumblecal.chain.head_ability import Times
-from tumblecal.design.criteria import Criterion, Weighted, determined, mean, volume, worst
+from tumblecal.design.criteria import Criterion, determined, mean, volume, worst
 from tumblecal.design.exchange import exchange
 from tumblecal.design.information import covariance_of, design_of, noise_covariance
 from tumblecal.design.limits import Occupied, in_order, limits_of
 from tumblecal.design.measure import measures
 from tumblecal.design.one_visit import one_visit
 from tumblecal.design.schedule import schedule
+from tumblecal.design.weighted import Weighted
 from tumblecal.ground.errors import InputError
 
 

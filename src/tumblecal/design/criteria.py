@@ -34,14 +34,29 @@ class CriterionOfCovariance(Protocol):
         """Functionals of the shared parameters."""
         ...
 
+    def smooth(self, power: float) -> "CriterionOfCovariance":
+        """The same with a power mean of variances in place of the largest one."""
+        ...
+
     def changed(
         self, covariance: Float[np.ndarray, "k k"], parts: Float[np.ndarray, "3 k cells"], sign: int
     ) -> Float[np.ndarray, " cells"]:
         """Values after the change of the covariance by `sign` times the sum of the outer products of the parts."""
         ...
 
-    def slope(self, covariance: Float[np.ndarray, "k k"]) -> tuple[float, Float[np.ndarray, "k k"]]:
-        """The value, and the derivative of its logarithm by the covariance of the functionals."""
+    def of_rows(self, covariance: Float[np.ndarray, "*n k k"]) -> Float[np.ndarray, "*n"]:
+        """The value for a covariance of the functionals, or for each of several."""
+        ...
+
+    def support(self, covariance: Float[np.ndarray, "k k"]) -> tuple[float, Float[np.ndarray, "k r"]]:
+        """The value at a covariance of a function that is nowhere above the criterion and whose logarithm is convex in the
+        information, and R: the derivative of that logarithm by the covariance is R R'."""
+        ...
+
+    def curvature(
+        self, covariance: Float[np.ndarray, "k k"], first: Float[np.ndarray, "p k"], then: Float[np.ndarray, "n p k"]
+    ) -> Float[np.ndarray, "n n"]:
+        """Second derivatives of the logarithm by the covariance, along its changes first' then."""
         ...
 
 
@@ -68,10 +83,13 @@ class Criterion:
 
     def of(self, covariance: Float[np.ndarray, "*n shared shared"]) -> Float[np.ndarray, "*n"]:
         """The value for a covariance of the scaled shared parameters, or for each of several."""
-        of_rows = self.functionals @ covariance @ self.functionals.T
+        return self.of_rows(self.functionals @ covariance @ self.functionals.T)
+
+    def of_rows(self, covariance: Float[np.ndarray, "*n k k"]) -> Float[np.ndarray, "*n"]:
+        """The value for a covariance of the functionals, or for each of several."""
         if self.combine == "volume":
-            return np.exp(np.linalg.slogdet(of_rows)[1] / (2 * len(self.functionals)))
-        return self._of_variances(np.diagonal(of_rows, axis1=-2, axis2=-1))
+            return np.exp(np.linalg.slogdet(covariance)[1] / (2 * len(self.functionals)))
+        return self._of_variances(np.diagonal(covariance, axis1=-2, axis2=-1))
 
     def _of_variances(self, variances: Float[np.ndarray, "*n k"]) -> Float[np.ndarray, "*n"]:
         if self.combine == "mean":
@@ -98,77 +116,38 @@ class Criterion:
         variances = np.diag(covariance)[:, None] + sign * (parts[0] ** 2 + parts[1] ** 2 + parts[2] ** 2)
         return self._of_variances(variances.T)
 
-    def slope(self, covariance: Float[np.ndarray, "k k"]) -> tuple[float, Float[np.ndarray, "k k"]]:
-        """The value, and the derivative of its logarithm by the covariance of the functionals."""
+    def support(self, covariance: Float[np.ndarray, "k k"]) -> tuple[float, Float[np.ndarray, "k r"]]:
+        """The value of a log-convex function that is nowhere above the criterion, and R: the derivative of its logarithm by the
+        covariance is R R'. For the largest of several functionals: their mean with fixed weights."""
         k = len(covariance)
         if self.combine == "volume":
-            return float(np.exp(np.linalg.slogdet(covariance)[1] / (2 * k))), np.linalg.inv(covariance) / (2 * k)
+            return float(self.of_rows(covariance)), np.linalg.inv(np.linalg.cholesky(covariance)).T / np.sqrt(2 * k)
         variances = np.diag(covariance)
+        weights = self._weights(variances)
+        total = float(weights @ variances)
+        return np.sqrt(total / weights.sum()), np.diag(np.sqrt(weights / (2 * total)))
+
+    def _weights(self, variances: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+        """Proportional to the derivative by each variance."""
         if self.combine == "mean":
-            weights = np.ones(k)
-        elif self.power is None:
-            weights = (variances == variances.max()) * 1.0
-        else:
-            weights = (variances / variances.max()) ** (self.power - 1)
-        return float(self._of_variances(variances)), np.diag(weights / (2 * float(weights @ variances)))
+            return np.ones(len(variances))
+        share = variances / variances.max()
+        return share ** (self.power - 1) if self.power else (share == 1.0) * 1.0
 
-
-@dataclass(frozen=True)
-class Weighted:
-    """A weighted sum of criteria, each divided by its reference value."""
-
-    criteria: tuple[Criterion, ...]
-    weights: tuple[float, ...]
-    references: tuple[float, ...]
-    name: str = "weighted"
-
-    def __post_init__(self) -> None:
-        if not len(self.criteria) == len(self.weights) == len(self.references) > 0:
-            raise InputError("a weighted set of criteria needs one weight and one reference for each criterion")
-        if min(self.weights) <= 0 or min(self.references) <= 0:
-            raise InputError("the weights and the reference values of criteria must be above 0")
-
-    @property
-    def rows(self) -> Float[np.ndarray, "k shared"]:
-        """The functionals of all criteria."""
-        return np.concatenate([criterion.rows for criterion in self.criteria])
-
-    @property
-    def _slices(self) -> list[slice]:
-        ends = np.cumsum([len(criterion.rows) for criterion in self.criteria])
-        return [slice(end - len(one.rows), end) for one, end in zip(self.criteria, ends, strict=True)]
-
-    def of(self, covariance: Float[np.ndarray, "*n shared shared"]) -> Float[np.ndarray, "*n"]:
-        """The value for a covariance of the scaled shared parameters, or for each of several."""
-        parts = [share * one.of(covariance) for one, share in zip(self.criteria, self._shares, strict=True)]
-        return np.sum(parts, axis=0)
-
-    @property
-    def _shares(self) -> list[float]:
-        total = sum(self.weights)
-        return [weight / total / size for weight, size in zip(self.weights, self.references, strict=True)]
-
-    def smooth(self, power: float) -> "Weighted":
-        """The same with smooth criteria."""
-        return replace(self, criteria=tuple(one.smooth(power) for one in self.criteria))
-
-    def changed(
-        self, covariance: Float[np.ndarray, "k k"], parts: Float[np.ndarray, "3 k cells"], sign: int
-    ) -> Float[np.ndarray, " cells"]:
-        """Values after the change of the covariance by `sign` times the sum of the outer products of the parts."""
-        total = np.zeros(parts.shape[2])
-        for one, at, share in zip(self.criteria, self._slices, self._shares, strict=True):
-            total += share * one.changed(covariance[at, at], parts[:, at], sign)
-        return total
-
-    def slope(self, covariance: Float[np.ndarray, "k k"]) -> tuple[float, Float[np.ndarray, "k k"]]:
-        """The value, and the derivative of its logarithm by the covariance of the functionals."""
-        value, derivative = 0.0, np.zeros_like(covariance)
-        for one, at, share in zip(self.criteria, self._slices, self._shares, strict=True):
-            part, slope = one.slope(covariance[at, at])
-            value += share * part
-            derivative[at, at] += share * part * slope
-        return value, derivative / value
+    def curvature(
+        self, covariance: Float[np.ndarray, "k k"], first: Float[np.ndarray, "p k"], then: Float[np.ndarray, "n p k"]
+    ) -> Float[np.ndarray, "n n"]:
+        """Second derivatives of the logarithm by the covariance, along its changes first' then."""
+        k = len(covariance)
+        if self.combine == "volume":
+            relative = np.linalg.inv(covariance) @ np.einsum("pk,npl->nkl", first, then, optimize=True)
+            return -np.einsum("nab,mba->nm", relative, relative, optimize=True) / (2 * k)
+        variances, power = np.diag(covariance), 1.0 if self.combine == "mean" else self.power or 1.0
+        relative = np.einsum("pk,npk->nk", first, then) / variances
+        share = self._weights(variances) * variances
+        share = share / share.sum()
+        slope = relative @ share
+        return ((power - 1) * (relative * share) @ relative.T - power * np.outer(slope, slope)) / 2
 
 
 def worst(responses: Responses, parameters: Sequence[str] | None = None) -> Criterion:

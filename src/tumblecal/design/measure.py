@@ -64,7 +64,7 @@ class CriterionMeasure:
     @property
     def value(self) -> float:
         """Value of the positions so far."""
-        return self._criterion.slope(self._of_rows)[0]
+        return float(self._criterion.of_rows(self._of_rows))
 
     @property
     def cells(self) -> tuple[int, ...]:

@@ -35,7 +35,7 @@ class OneVisit:
     @cached_property
     def information(self) -> Float[np.ndarray, "all all"]:
         """Inverse of the prior."""
-        return _inverse(self.prior)
+        return inverse(self.prior)
 
     def information_with(self, cells: Sequence[int] | np.ndarray) -> Float[np.ndarray, "all all"]:
         """Information after positions in these cells; one that is listed twice is measured twice."""
@@ -45,7 +45,7 @@ class OneVisit:
     def covariance(self, cells: Sequence[int] | np.ndarray) -> Float[np.ndarray, "shared shared"]:
         """Covariance of the shared parameters (scaled) after positions in these cells."""
         shared = len(self.names)
-        return _inverse(self.information_with(cells))[:shared, :shared]
+        return inverse(self.information_with(cells))[:shared, :shared]
 
     def free_directions(self, covariance: Float[np.ndarray, "shared shared"]) -> Float[np.ndarray, "shared directions"]:
         """Combinations of the shared parameters, each over its free standard deviation, that a covariance does not bound."""
@@ -66,7 +66,7 @@ def one_visit(responses: Responses, keep: Sequence[int] | np.ndarray = ()) -> On
     columns = [responses.columns / responses.sd]
     size = _size(columns[0])
     free = _FREE**2 / size**2
-    covariance = _inverse(responses.information + np.diag(1 / free))
+    covariance = inverse(responses.information + np.diag(1 / free))
     blocks = [covariance]
     for setting, labels, visits in (
         (responses.pitch, cells.pitch, cells.group),
@@ -99,7 +99,7 @@ def one_visit(responses: Responses, keep: Sequence[int] | np.ndarray = ()) -> On
         at += len(block)
     if len(kept):
         rows = everything[len(cells) :].reshape(-1, len(prior))
-        prior = _inverse(_inverse(prior) + rows.T @ rows)
+        prior = inverse(inverse(prior) + rows.T @ rows)
     used = np.any(everything[: len(cells)] != 0, axis=(0, 1)) | (np.arange(len(prior)) < len(free))
     return OneVisit(responses.names, everything[: len(cells)][:, :, used], prior[np.ix_(used, used)], free)
 
@@ -119,7 +119,7 @@ def _visit_covariance(setting: Setting, labels: np.ndarray, sd: float) -> np.nda
     return setting.common**2 * same + setting.again**2 * np.eye(len(labels))
 
 
-def _inverse(matrix: np.ndarray) -> np.ndarray:
+def inverse(matrix: np.ndarray) -> np.ndarray:
     """Inverse of a symmetric positive definite matrix, scaled to a unit diagonal for accuracy."""
     size = 1 / np.sqrt(np.diag(matrix))
     return np.outer(size, size) * np.linalg.inv(matrix * np.outer(size, size))

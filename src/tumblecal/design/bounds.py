@@ -1,0 +1,197 @@
+"""The least value of a criterion that any plan within limits can have under white noise, and the reason for the distance to it.
+
+Plans are divided into classes: the set of mountings and temperatures, and the number of pitch settings, which together give the
+number of positions that fit. Each class is bounded over its convex hull; a tangent found in one class bounds the others too, so
+few need a search of their own. Settings are visited once each. A second visit of a setting costs time and is of no use, unless
+its error is drawn again (`[head.repeatability]`).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from tumblecal.design.criteria import CriterionOfCovariance
+from tumblecal.design.limits import Limits
+from tumblecal.design.one_visit import OneVisit
+from tumblecal.design.relaxation import POWER, Relaxed, relaxed
+
+
+# Sets of mountings and temperatures are listed up to this number; more are bounded by their size.
+_LISTED = 127
+_SEARCHES = 60
+_BISECTIONS = 30
+# An efficiency that needs no reason.
+GOOD = 0.95
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """Lower bounds of a criterion under white noise, settings visited once.
+
+    - `white`: of every plan within the limits. `own`: of plans with the number of positions of this plan, in its settings.
+    - `value`: of the plan. `fractions`: positions of the relaxed optimum.
+    - `reason`: for the distance to the bound.
+    """
+
+    white: float
+    own: float
+    value: float
+    fractions: Float[np.ndarray, " cells"]
+    reason: str
+
+    @property
+    def efficiency(self) -> float:
+        """Bound over value."""
+        return self.white / self.value
+
+
+@dataclass(frozen=True)
+class _Classes:
+    """Classes of plans with positions in some cells: each has a largest number of pitch settings and one of positions."""
+
+    cells: Int[np.ndarray, " allowed"]
+    groups: Int[np.ndarray, " classes"]
+    positions: Int[np.ndarray, " classes"]
+
+    def only(self, number: int) -> "_Classes":
+        """One of the classes."""
+        return _Classes(self.cells, self.groups[number : number + 1], self.positions[number : number + 1])
+
+
+def bounds(
+    model: OneVisit, criterion: CriterionOfCovariance, limits: Limits, chosen: Sequence[int] | np.ndarray
+) -> Bounds:
+    """Bounds for the best plan within limits; `chosen`: cells of a good one."""
+    value = float(criterion.of_rows(criterion.rows @ model.covariance(chosen) @ criterion.rows.T))
+    smooth, plan = criterion.smooth(POWER), np.bincount(np.asarray(chosen, int), minlength=len(model.columns))
+    sets = _classes(limits)
+    each = [(number, k) for number, one in enumerate(sets) for k in range(len(one.groups))]
+    lower, searched = np.full(len(each), -np.inf), dict[int, Relaxed]()
+    for _ in range(_SEARCHES):
+        at = int(np.argmin(lower))
+        if at in searched or lower[at] >= np.log(value) - 1e-3:
+            break
+        number, k = each[at]
+        found = searched[at] = _searched(model, smooth, limits, sets[number].only(k), plan, np.log(value))
+        tangent = found.tangent
+        bound = tangent.level - np.concatenate([_gains(limits, one, tangent.gain)[0] for one in sets])
+        lower = np.maximum(lower, bound)
+        lower[at] = max(lower[at], found.log_bound)
+    at = int(np.argmin(lower))
+    nearest = searched[at] if at in searched else searched[max(searched)]
+    groups = len(np.unique(limits.cells.group[np.flatnonzero(plan)]))
+    settings = np.flatnonzero(limits.allowed & np.isin(limits.cells.group, limits.cells.group[np.flatnonzero(plan)]))
+    own = _searched(
+        model, smooth, limits, _Classes(settings, np.array([groups]), np.array([plan.sum()])), plan, np.log(value)
+    )
+    white, within = (min(float(np.exp(log)), value) for log in (lower[at], max(own.log_bound, lower[at])))
+    return Bounds(white, within, value, nearest.fractions, _reason(white, within, value, int(plan.sum())))
+
+
+def _reason(white: float, own: float, value: float, positions: int) -> str:
+    """Why a plan is not closer to its bound."""
+    if white >= GOOD * value:
+        return ""
+    if own / value > white / own:
+        return (
+            f"the settings: with these {positions} positions in these settings the bound is {own / value:.1%} of the value; "
+            "the other bound counts fractions of a pitch setting, so it pays only a part of its time"
+        )
+    return (
+        f"whole positions: in its own settings the bound is {own / value:.1%} of the value, since it divides {positions} "
+        "positions into fractions"
+    )
+
+
+def _searched(
+    model: OneVisit, criterion: CriterionOfCovariance, limits: Limits, one: _Classes, plan: np.ndarray, log_value: float
+) -> Relaxed:
+    """The bound of one class."""
+
+    def best(gain: np.ndarray) -> tuple[np.ndarray, float]:
+        most, threshold = _gains(limits, one, gain)
+        return _plan(limits, one, gain, float(threshold[0])), float(most[0])
+
+    rows = model.columns[one.cells]
+    first = best(np.bincount(one.cells, np.sum(rows[:, :, : len(model.names)] ** 2, axis=(1, 2)), len(plan)))[0]
+    taken = np.flatnonzero(plan)
+    within = np.all(np.isin(taken, one.cells)) and plan.sum() <= one.positions[0]
+    starts = [plan, first] if within and len(np.unique(limits.cells.group[taken])) <= one.groups[0] else [first]
+    return relaxed(model, criterion, best, starts, enough=log_value)
+
+
+def _gains(limits: Limits, one: _Classes, gain: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """For each class a bound of the sum of gains of its plans, and a threshold of the gain of their positions.
+
+    A position must gain more than a price; the bound holds for any price (Lagrange), and is least at that where the
+    number of positions agrees.
+    """
+    group = np.unique(limits.cells.group[one.cells], return_inverse=True)[1].ravel()
+    order = np.argsort(group, kind="stable")
+    gain, first = gain[one.cells][order], np.unique(group[order], return_index=True)[1]
+    rank = np.arange(len(first))
+    inside = rank < one.groups[:, None]
+    low, high = np.zeros(len(one.groups)), np.full(len(one.groups), gain.max(initial=0.0))
+    for _ in range(_BISECTIONS):
+        price = (low + high) / 2
+        over = np.maximum(gain - price[:, None], 0.0)
+        of_group = np.add.reduceat(over, first, axis=1)
+        number = np.add.reduceat(over > 0, first, axis=1, dtype=int)
+        by_value = np.argsort(-of_group, axis=1)
+        count = np.sum(np.take_along_axis(number, by_value, axis=1) * inside, axis=1) * limits.repeats
+        low, high = np.where(count > one.positions, price, low), np.where(count > one.positions, high, price)
+    over = np.add.reduceat(np.maximum(gain - high[:, None], 0.0), first, axis=1)
+    best = np.sum(-np.sort(-over, axis=1) * inside, axis=1) * limits.repeats
+    return best + high * one.positions, high
+
+
+def _plan(limits: Limits, one: _Classes, gain: np.ndarray, price: float) -> np.ndarray:
+    """Positions in each cell of a plan of the (only) class with the largest gains."""
+    group = limits.cells.group
+    over = np.bincount(group[one.cells], np.maximum(gain[one.cells] - price * (1 - 1e-9), 0.0), int(group.max()) + 1)
+    taken = np.argsort(-over, kind="stable")[: one.groups[0]]
+    cells = one.cells[np.isin(group[one.cells], taken)]
+    cells = np.repeat(cells[np.argsort(-gain[cells], kind="stable")], limits.repeats)[: one.positions[0]]
+    return np.bincount(cells, minlength=len(gain))
+
+
+def _classes(limits: Limits) -> list[_Classes]:
+    """All plans: a set of mountings and temperatures each, with the numbers of pitch settings and positions that fit."""
+    allowed, group = np.flatnonzero(limits.allowed), limits.cells.group
+    if not limits.timed:
+        groups = len(np.unique(group[allowed]))
+        return [
+            _Classes(allowed, np.array([groups]), np.array([min(limits.count, limits.repeats * len(allowed))], int))
+        ]
+    live = np.unique(limits.sitting[allowed])
+    soak_of = np.array([limits.cells.soak[limits.sitting == one][0] for one in live])
+    if 2 ** len(live) - 1 <= _LISTED:
+        sets = [np.array(one) for size in range(1, len(live) + 1) for one in combinations(range(len(live)), size)]
+        listed = [(live[one], len(one), len(np.unique(soak_of[one]))) for one in sets]
+    else:
+        soaks = len(np.unique(soak_of))
+        listed = [(live, k, s) for k in range(1, len(live) + 1) for s in range(1, min(k, soaks) + 1)]
+    made = (_of_set(limits, allowed[np.isin(limits.sitting[allowed], one)], k, soaks) for one, k, soaks in listed)
+    return [one for one in made if len(one.groups)]
+
+
+def _of_set(limits: Limits, cells: np.ndarray, sittings: int, soaks: int) -> _Classes:
+    """Classes of a set of mountings and temperatures; the times are at most those of any schedule."""
+    times = limits.times
+    # A turn may be saved where the pitch setting changes, and in a cell that is measured twice.
+    turn = min(times.turn_s, times.pitch_change_s) if limits.repeats == 1 else 0.0
+    groups = np.arange(max(1, sittings), len(np.unique(limits.cells.group[cells])) + 1)
+    settings = (
+        (groups - soaks) * times.pitch_change_s
+        - groups * turn
+        + (sittings - soaks) * times.remount_s
+        + (soaks - 1) * times.temperature_change_s
+    )
+    positions = np.floor((limits.seconds - settings + 1e-6) / (times.dwell_s + times.settle_s + turn))
+    positions = np.minimum(positions, min(limits.count, limits.repeats * len(cells)))
+    # More settings for the same number of positions are not a class of their own, nor are settings without positions.
+    useful = (positions >= groups) & (positions > np.append(positions[1:], 0))
+    return _Classes(cells, groups[useful], positions[useful].astype(int))
