@@ -13,9 +13,9 @@ import numpy as np
 from jaxtyping import Int
 
 from tumblecal.chain.head_ability import HeadAbility
-from tumblecal.design.information import covariance_of, design_of, noise_covariance
+from tumblecal.design.information import design_of, information_of, noise_covariance
 from tumblecal.design.order_moves import changed, mirrored, nested, pairs_of_groups
-from tumblecal.design.order_value import OfCovariance, OrderValue
+from tumblecal.design.order_value import OfCovariance, OrderValue, shared_covariance
 from tumblecal.design.responses import Responses
 from tumblecal.design.schedule import Schedule
 from tumblecal.ground.errors import InputError
@@ -26,7 +26,7 @@ Kind = Literal["best", "random", "keep"]
 # Exponent of the duration in the objective. Without a limit a longer order must pay: repeating a measurement reduces all
 # standard deviations by the square root of the time. With a limit time up to it is free, but not wasted on negligible gains.
 _PRICE, _PRICE_WITHIN_LIMIT = 0.5, 0.02
-# An order this close to the value with the slow noise known is not improved further; nor is a gain below `_GAIN` pursued.
+# A long order this close to the value with the slow noise known is not improved further; nor is a gain below `_GAIN` pursued.
 _CLOSE, _GAIN = 1e-3, 1e-6
 # Up to so many positions are searched with more effort.
 _FEW = 60
@@ -66,15 +66,14 @@ def best_order(
       random order; `"best"`: the least criterion.
     - `after`: positions that are measured already; the order continues them.
 
-    **Raises:** `InputError` if the positions need more than `minutes`; `numpy.linalg.LinAlgError` if they do not determine the
-    parameters.
+    **Raises:** `InputError` if the positions need more than `minutes`.
     """
     rng = np.random.default_rng(seed)
     values = OrderValue(responses, ability, criterion, np.asarray(cells, int), after)
     if kind == "keep":
         order = np.arange(len(values.listed))
     elif kind == "random":
-        order = shortest(values, rng)
+        order = _fitting(values, shortest(values, rng), minutes)
     else:
         order = _Search(values, rng, minutes).run()
     planned = values.scheduled(order)
@@ -86,26 +85,35 @@ def best_order(
 
 
 def valued(responses: Responses, ability: HeadAbility, criterion: OfCovariance, planned: Schedule) -> Ordered:
-    """A schedule with its criterion.
-
-    **Raises:** `numpy.linalg.LinAlgError` if it does not determine the parameters.
-    """
+    """A schedule with its criterion, which is huge if the schedule does not determine the parameters."""
     design = design_of(responses, planned)
     white = np.tile(responses.sd**2 * np.eye(len(planned)), (3, 1, 1))
-    covariances = [covariance_of(design, noise) for noise in (noise_covariance(responses, planned, ability), white)]
-    value, known = (float(criterion.of(covariance)) for covariance in covariances)
+    value, known = (
+        float(criterion.of(shared_covariance(information_of(design, noise), design.shared)))
+        for noise in (noise_covariance(responses, planned, ability), white)
+    )
     return Ordered(planned, value, known)
 
 
-def shortest(values: OrderValue, rng: np.random.Generator) -> np.ndarray:
-    """A random order with one visit of each pitch setting and mounting, and the fewest remounts and changes of temperature."""
-    order, cells = rng.permutation(len(values.listed)), values.cells
+def shortest(values: OrderValue, rng: np.random.Generator | None) -> np.ndarray:
+    """An order with one visit of each pitch setting and mounting, and the fewest remounts and changes of temperature; random,
+    or by increasing spindle angle."""
+    cells = values.cells
+    by_angle = np.argsort(cells.alpha_deg[values.listed], kind="stable")
+    order = by_angle if rng is None else rng.permutation(by_angle)
     if values.after is not None:
         # The settings of the last measured position come first.
         last = values.after.cells[-1]
         for label in (cells.pitch, cells.mounting, cells.soak):
             order = order[np.argsort(label[values.listed[order]] != label[last], kind="stable")]
     return nested(order, *(label[values.listed] for label in (cells.soak, cells.mounting, cells.pitch)))
+
+
+def _fitting(values: OrderValue, order: np.ndarray, minutes: float | None) -> np.ndarray:
+    """The order, or if it does not fit one with the fewest changes in which equal spindle angles follow each other."""
+    if minutes is None or values.scheduled(order).minutes <= minutes:
+        return order
+    return shortest(values, None)
 
 
 class _Search:
@@ -115,8 +123,8 @@ class _Search:
         self.values, self.rng = values, rng
         self.limit_s = np.inf if minutes is None else 60 * minutes
         # Effort: starts, rounds for each, orders that are polished in a round; an evaluation takes longer for more positions.
-        few = len(values.listed) <= _FEW
-        self.starts, self.rounds, self.polished = (4, 12, 2) if few else (2, 8, 1)
+        self.few = len(values.listed) <= _FEW
+        self.starts, self.rounds, self.polished = (4, 12, 2) if self.few else (2, 16, 1)
         self.price = _PRICE if minutes is None else _PRICE_WITHIN_LIMIT
 
     def run(self) -> np.ndarray:
@@ -126,11 +134,11 @@ class _Search:
             return np.arange(len(values.listed))
         starts = [shortest(values, rng) for _ in range(self.starts)]
         starts[1::2] = [mirrored(start, values.group, rng) for start in starts[1::2]]
-        # A start that does not fit is replaced by the order with the fewest changes.
-        starts = [start if self._fits(start) else shortest(values, rng) for start in starts]
+        starts[2:3] = [rng.permutation(start) for start in starts[2:3]]
+        starts = [_fitting(values, start, self.limit_s / 60) for start in starts]
         best = self._improved(starts[0])
         for start in starts[1:]:
-            if self._close(best[1]):
+            if not self.few and self._close(best[1]):
                 break
             best = min(best, self._improved(start), key=lambda found: found[0])
         return best[1]
@@ -138,9 +146,6 @@ class _Search:
     def _close(self, order: np.ndarray) -> bool:
         planned = self.values.scheduled(order)
         return self.values.value(planned) < (1 + _CLOSE) * self.values.value(planned, slow=False)
-
-    def _fits(self, order: np.ndarray) -> bool:
-        return self.values.scheduled(order).end_s <= self.limit_s
 
     def _objective(self, order: np.ndarray) -> float:
         planned = self.values.scheduled(order)
@@ -152,13 +157,19 @@ class _Search:
         """The best order from one start by rounds of changes of visits, the most promising ones polished."""
         best = self._polished(order)
         for _ in range(self.rounds):
-            tried = [changed(best[1], self.values.group, self.rng) for _ in range(_TRIED)]
+            tried = [self._changed(best[1]) for _ in range(_TRIED)]
             sizes = np.array([self._objective(order) for order in tried])
             chosen = [tried[k] for k in np.argsort(sizes, kind="stable")[: self.polished] if np.isfinite(sizes[k])]
             found = min((self._polished(order) for order in chosen), key=lambda found: found[0], default=best)
             if found[0] < best[0] - _GAIN:
                 best = found
         return best
+
+    def _changed(self, order: np.ndarray) -> np.ndarray:
+        """An order after one or two random changes of its visits."""
+        for _ in range(self.rng.integers(1, 3)):
+            order = changed(order, self.values.group, self.rng)
+        return order
 
     def _polished(self, order: np.ndarray) -> tuple[float, np.ndarray]:
         """An order with exchanges of positions of one group, as long as they gain; with its objective."""

@@ -30,16 +30,18 @@ class OfCovariance(Protocol):
 
 
 # Information that keeps unknown errors of a visit invertible: a standard deviation of 10,000 scales.
-_RIDGE = 1e-8
+RIDGE = 1e-8
 # Informations on visits that are kept for further orders with the same visits.
 _MOST_KEPT = 1000
 # Exchanges that are evaluated at once: limits memory.
 _AT_ONCE = 2048
 
 
-def shared_covariance(information: Float[np.ndarray, "all all"], shared: int) -> Float[np.ndarray, "shared shared"]:
+def shared_covariance(
+    information: Float[np.ndarray, "all all"], shared: int, ridge: float = RIDGE
+) -> Float[np.ndarray, "shared shared"]:
     """Covariance of the first parameters, for an information that a small ridge makes invertible."""
-    flipped = information[::-1, ::-1] + _RIDGE * np.eye(len(information))
+    flipped = information[::-1, ::-1] + ridge * np.eye(len(information))
     root = np.linalg.cholesky(flipped)[-shared:, -shared:]
     inverse = solve_triangular(root, np.eye(shared), lower=True)
     return (inverse.T @ inverse)[::-1, ::-1]
@@ -60,7 +62,8 @@ class State:
 class OrderValue:
     """Values of the orders of some positions: `order` is a permutation of the positions `listed`, numbers of cells.
 
-    `after`: a schedule that is measured already; the positions continue it.
+    `after`: a schedule that is measured already; the positions continue it. `further`: positions that schedules may have in
+    addition to these.
     """
 
     def __init__(
@@ -70,6 +73,7 @@ class OrderValue:
         criterion: OfCovariance,
         listed: Int[np.ndarray, " positions"],
         after: Schedule | None = None,
+        further: int = 0,
     ) -> None:
         self.responses, self.ability, self.criterion = responses, ability, criterion
         self.listed, self.after = np.asarray(listed, int), after
@@ -77,7 +81,7 @@ class OrderValue:
         times = ability.times
         all_moves = times.settle_s + times.turn_s + times.pitch_change_s + times.remount_s + times.temperature_change_s
         span = 0.0 if after is None else after.end_s - after.start_s[0]
-        longest = span + len(self.listed) * (times.dwell_s + all_moves)
+        longest = span + (len(self.listed) + further) * (times.dwell_s + all_moves)
         self._precisions = dict[tuple[bool, bytes], np.ndarray]()
         self.slow = tabulated_covariance(ability.slow_noise, times, longest)
 
@@ -105,24 +109,16 @@ class OrderValue:
 
     def model(self, planned: Schedule) -> tuple[np.ndarray, np.ndarray]:
         """Rows (positions, 3, all) and information of the priors (all, all): `design_of` with fewer operations."""
-        responses, taken = self.responses, planned.cells
-        settings = [
-            (setting, visit, labels[taken], setting.columns.shape[2], int(visit[-1]) + 1)
-            for setting, visit, labels in (
-                (responses.pitch, planned.pitch_visit, self.cells.pitch),
-                (responses.mount, planned.mount_visit, self.cells.mounting),
-            )
-            if not setting.exact
-        ]
-        offset, here = len(responses.names), np.arange(len(taken))
-        total = offset + sum(components * visits for *_, components, visits in settings)
-        rows, information = np.zeros((len(taken), 3, total)), np.zeros((total, total))
-        rows[:, :, :offset], information[:offset, :offset] = responses.columns[taken], responses.information
+        settings = self._settings(planned)
+        rows = self._embedded(planned, planned.cells, np.arange(len(planned)))
+        shared, total = len(self.responses.names), rows.shape[2]
+        information = np.zeros((total, total))
+        information[:shared, :shared] = self.responses.information
+        offset = shared
         for setting, visit, labels, components, visits in settings:
             first = np.concatenate([[0], np.flatnonzero(np.diff(visit)) + 1])
             precision = self._visit_precision(setting, labels[first])
-            for component in range(components):
-                rows[here, :, offset + visit] = setting.columns[taken, :, component]
+            for _ in range(components):
                 information[offset : offset + visits, offset : offset + visits] = precision
                 offset += visits
         return rows, information
@@ -155,7 +151,7 @@ class OrderValue:
         weighted = (precision @ rows.reshape(len(rows), -1)).reshape(rows.shape)
         parameters = rows.shape[2]
         information += rows.reshape(-1, parameters).T @ weighted.reshape(-1, parameters)
-        covariance = np.linalg.inv(information + _RIDGE * np.eye(parameters))
+        covariance = np.linalg.inv(information + RIDGE * np.eye(parameters))
         return State(planned, rows, weighted, precision, covariance)
 
     def exchanges(self, state: State, pairs: Int[np.ndarray, "pairs 2"]) -> Float[np.ndarray, " pairs"]:
@@ -182,19 +178,35 @@ class OrderValue:
         return np.asarray(self.criterion.of(state.covariance[:shared, :shared] - removed))
 
     def _changed(self, state: State, at: np.ndarray, by: np.ndarray) -> Float[np.ndarray, "pairs 3 all"]:
-        """The change of the rows of the positions `at` if they get the cells of `by`."""
-        responses, planned = self.responses, state.schedule
-        old, new = planned.cells[at], planned.cells[by]
-        shared = len(responses.names)
-        changed = np.zeros((len(at), *state.rows.shape[1:]))
-        changed[:, :, :shared] = responses.columns[new] - responses.columns[old]
-        offset, here = shared, np.arange(len(at))
-        for setting, visit in ((responses.pitch, planned.pitch_visit), (responses.mount, planned.mount_visit)):
-            if setting.exact:
-                continue
-            visits = int(visit[-1]) + 1
-            for component in range(setting.columns.shape[2]):
-                difference = setting.columns[new, :, component] - setting.columns[old, :, component]
-                changed[here, :, offset + visit[at]] = difference
+        """The change of the rows of the positions `at` if they get the cells of the positions `by`."""
+        planned = state.schedule
+        return self._embedded(planned, planned.cells[by], at) - state.rows[at]
+
+    def rows_of(self, planned: Schedule, cells: Int[np.ndarray, " cells"]) -> Float[np.ndarray, "cells 3 all"]:
+        """Rows of the last position of a schedule if it were in each of some cells of the same group."""
+        return self._embedded(planned, cells, np.full(len(cells), len(planned) - 1))
+
+    def _embedded(self, planned: Schedule, cells: np.ndarray, at: np.ndarray) -> np.ndarray:
+        """Rows of cells at positions of a schedule."""
+        settings = self._settings(planned)
+        total = sum(components * visits for *_, components, visits in settings)
+        offset, here = len(self.responses.names), np.arange(len(cells))
+        rows = np.zeros((len(cells), 3, offset + total))
+        rows[:, :, :offset] = self.responses.columns[cells]
+        for setting, visit, _, components, visits in settings:
+            for component in range(components):
+                rows[here, :, offset + visit[at]] = setting.columns[cells, :, component]
                 offset += visits
-        return changed
+        return rows
+
+    def _settings(self, planned: Schedule) -> list[tuple[Setting, np.ndarray, np.ndarray, int, int]]:
+        """Settings with errors: number of the visit and of the setting of each position, components, number of visits."""
+        responses = self.responses
+        return [
+            (setting, visit, labels[planned.cells], setting.columns.shape[2], int(visit[-1]) + 1)
+            for setting, visit, labels in (
+                (responses.pitch, planned.pitch_visit, self.cells.pitch),
+                (responses.mount, planned.mount_visit, self.cells.mounting),
+            )
+            if not setting.exact
+        ]
