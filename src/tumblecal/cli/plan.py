@@ -15,7 +15,7 @@ from tumblecal.ground.errors import InputError
 if TYPE_CHECKING:
     from tumblecal.chain.rig import Rig
     from tumblecal.design.common_plans import Positions
-    from tumblecal.design.plan import Wanted
+    from tumblecal.design.wanted import Wanted
     from tumblecal.effects.catalogue import Catalogue
 
 _CRITERIA = ("worst", "mean", "volume", "in_use", "in_use_largest", "naming", "alias")
@@ -63,6 +63,9 @@ class PlanOptions:
         Restarts of the search. Default: 4. Example: --restarts 20.
     seed
         Seed of the search; the same seed gives the same plan. Example: --seed 1.
+    forecast
+        Forecast of the diagnosis, for this plan and for common practice: effects that it will detect and name. Takes up to a
+        minute. Example: --no-forecast.
     """
 
     positions: int | None = None
@@ -78,6 +81,7 @@ class PlanOptions:
     compare: Annotated[tuple[Path, ...], Parameter(negative=(), show_default=False, consume_multiple=True)] = ()
     restarts: int = 4
     seed: int = 0
+    forecast: bool = True
 
 
 def plan(
@@ -170,7 +174,7 @@ def _wanted(rig: "Rig", options: PlanOptions, entries: "Catalogue") -> "Wanted":
 
     **Raises:** `InputError` for an option that cannot be read, and options that contradict each other.
     """
-    from tumblecal.design.plan import Wanted
+    from tumblecal.design.wanted import Wanted
 
     seed_in_range(options.seed)
     for option, value in (("--positions", options.positions), ("--minutes", options.minutes)):
@@ -189,6 +193,7 @@ def _wanted(rig: "Rig", options: PlanOptions, entries: "Catalogue") -> "Wanted":
         seed=options.seed,
         measured=None if options.augment is None else _positions(options.augment, rig),
         compared=tuple(_positions(path, rig) for path in options.compare),
+        forecast=options.forecast,
     )
 
 

@@ -1,91 +1,46 @@
-"""The design of a measurement: positions, order, uncertainties, comparison with common practice."""
+"""The design of a measurement: positions, order, uncertainties, forecast of the diagnosis, comparison with common practice."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Int
 
 from tumblecal.chain.head_ability import HeadAbility
 from tumblecal.chain.rig import Rig
-from tumblecal.design.cells import Cells, cells_of
+from tumblecal.design.candidates import Candidates, Evaluated
+from tumblecal.design.cells import Cells
 from tumblecal.design.common_plans import Positions, common_plans
-from tumblecal.design.evaluation import Uncertainties, in_use_sd, uncertainties
+from tumblecal.design.criteria import Criterion
+from tumblecal.design.effects_of_plan import effects_of_plan
+from tumblecal.design.exchange import exchange
+from tumblecal.design.measure import measures
+from tumblecal.design.naming import NamingForecast, detection_limit, forecast, forecast_of_effect
+from tumblecal.design.one_visit import one_visit
+from tumblecal.design.order import best_order
 from tumblecal.design.planned_rig import planned_rig
-from tumblecal.design.responses import Responses, responses_of
-from tumblecal.design.schedule import Schedule, continued, schedule
+from tumblecal.design.responses import Responses
+from tumblecal.design.schedule import Schedule, schedule
+from tumblecal.design.wanted import Wanted, criterion_of, rig_positions
+from tumblecal.design.weighted import Weighted
 from tumblecal.effects.catalogue import Catalogue
 from tumblecal.ground.errors import InputError
 
 
-Order = Literal["keep", "random", "best"]
-# Positions of a plan if neither their number nor the time is stated.
-POSITIONS = 24
-# Numbers of positions of the trade-off, relative to that of the plan.
-_TRADED = (0.4, 0.6, 0.8, 1.0, 1.4, 2.0, 3.0)
-
-
-@dataclass(frozen=True)
-class Wanted:
-    """A wanted plan.
-
-    - `positions`, `minutes`: number of new positions, and time for them; None: not stated.
-    - `criteria`: weights of the criteria by name. `parameters`: those that the criteria are about; none: all of the sensor.
-    - `effects`: sizes of effects that are to be named, in the unit of each.
-    - `order`: of the positions. `restarts`, `seed`: of the search.
-    - `measured`: positions that are measured already. `compared`: further plans to compare.
-    """
-
-    positions: int | None = None
-    minutes: float | None = None
-    criteria: Mapping[str, float] = field(default_factory=lambda: {"worst": 1.0})
-    parameters: tuple[str, ...] = ()
-    effects: Mapping[str, float] = field(default_factory=dict)
-    order: Order = "best"
-    restarts: int = 4
-    seed: int = 0
-    measured: Positions | None = None
-    compared: tuple[Positions, ...] = ()
-
-
-@dataclass(frozen=True)
-class Evaluated:
-    """A plan with its uncertainties.
-
-    - `positions`: once, as stated. `schedule`: of the plan as evaluated (repeated until the time is used).
-    - `in_use` (attitudes, 3): standard uncertainty of the corrected force, g.
-    - `fits`: whether one pass fits in the time.
-    """
-
-    positions: Positions
-    schedule: Schedule
-    uncertainties: Uncertainties
-    in_use: Float[np.ndarray, "attitudes 3"]
-    fits: bool = True
-
-    @property
-    def worst(self) -> tuple[str, float]:
-        """The parameter with the largest standard uncertainty relative to its scale, and this uncertainty in base units."""
-        sd = self.uncertainties.sd
-        k = int(np.argmax(sd / self.uncertainties.scales))
-        return self.uncertainties.names[k], float(sd[k])
-
-    @property
-    def in_use_average(self) -> float:
-        """Root mean square over attitudes and axes, g; infinite if a parameter is not determined."""
-        if self.uncertainties.undetermined:
-            return float("inf")
-        return float(np.sqrt(np.mean(self.in_use**2)))
+# Numbers of positions, or minutes, of the trade-off, relative to those of the plan.
+_TRADED = (0.5, 0.7, 1.0, 1.4, 2.0, 3.0)
+# Draws for each effect of a plan that is compared.
+_DRAWS = 200
 
 
 class TradeOff(NamedTuple):
-    """A point of the trade-off: number of positions, minutes, largest standard uncertainty (mg, mrad or 1e-3)."""
+    """A point of the trade-off: number of positions, minutes, and the criterion."""
 
     positions: int
     minutes: float
-    worst: float
+    value: float
 
 
 @dataclass(frozen=True)
@@ -94,9 +49,10 @@ class DesignedPlan:
 
     - `rig`: with the positions of the plan. `ability`: of the head. `wanted`: the request.
     - `responses`: of all cells. `names`: of the positions of `after.schedule`; `measured`: so many are measured already.
+    - `criterion`: with its `value`, and `drift_known`, the value if the slow noise were known.
     - `after`: the plan. `before`: the positions that are measured already, otherwise the plan of the rig file.
     - `practice`: common practice, and plans to compare, in the same time.
-    - `traded`: the trade-off between time and uncertainty.
+    - `traded`: the trade-off between time and criterion. `forecast`: of the diagnosis.
     """
 
     rig: Rig
@@ -105,10 +61,14 @@ class DesignedPlan:
     responses: Responses
     names: tuple[str, ...]
     measured: int
+    criterion: Criterion | Weighted
+    value: float
+    drift_known: float
     after: Evaluated
     before: Evaluated
     practice: tuple[Evaluated, ...]
     traded: tuple[TradeOff, ...]
+    forecast: NamingForecast | None
 
     @cached_property
     def cells(self) -> Cells:
@@ -134,126 +94,137 @@ def design_plan(rig: Rig, wanted: Wanted, entries: Catalogue) -> DesignedPlan:
     ability = rig.ability
     if ability is None:
         raise InputError(
-            f"{rig.source}: no table [head]; write what the head can do, for example [head.times] dwell_s = 60"
+            f"{rig.source}: no table [head]; state what the head can do, for example [head.times] dwell_s = 60"
         )
-    space = _Space.of(rig, ability, wanted)
-    kept = space.numbers["measured"] if wanted.measured else np.zeros(0, int)
-    done = schedule(space.cells, kept, ability.times) if len(kept) else None
-    chosen = _chosen(space, wanted, ability)
-    planned = schedule(space.cells, chosen, ability.times)
-    if done is not None:
-        planned = continued(space.cells, done, chosen, ability.times)
+    common = (*common_plans(ability, rig.mounts, wanted.seed), *wanted.compared)
+    others = {"rig": rig_positions(rig)} | {f"practice {k}": each for k, each in enumerate(common)}
+    if wanted.measured is not None:
+        others["measured"] = wanted.measured
+    candidates = Candidates.of(rig, ability, others)
+    search = _Search.of(candidates, wanted)
+    planned, value, known = search.planned()
     names = _names(wanted.measured, len(planned))
-    after = space.evaluated(Positions("this plan", "", (), (), ()), planned)
-    if wanted.minutes is not None and planned.minutes > wanted.minutes:
-        raise InputError(f"--minutes {wanted.minutes:g}: these {len(chosen)} positions take {planned.minutes:.0f} min")
-    before_positions = wanted.measured or _of_rig(rig)
-    before_order = kept if done is not None else space.numbers["rig"]
-    before = space.evaluated(before_positions, schedule(space.cells, before_order, ability.times))
-    practice = tuple(
-        space.in_time(positions, space.numbers[f"practice {k}"], planned.minutes)
-        for k, positions in enumerate(space.practice)
+    after = candidates.evaluated(Positions("this plan", "", (), (), ()), planned)
+    before_of = candidates.numbers["rig" if wanted.measured is None else "measured"]
+    before = candidates.evaluated(
+        wanted.measured or others["rig"], schedule(candidates.responses.cells, before_of, ability.times)
     )
+    practice = [
+        candidates.in_time(positions, candidates.numbers[f"practice {k}"], planned.minutes)
+        for k, positions in enumerate(common)
+    ]
+    made = planned_rig(rig, candidates.responses, planned, ability, names, wanted.seed)
+    predicted = None
+    if wanted.forecast:
+        predicted = forecast(made, wanted.effects, entries, seed=wanted.seed)
+        after = replace(after, effects=predicted.effects, undetectable=predicted.undetectable)
+        before, *practice = (_with_effects(rig, candidates, each, wanted, entries) for each in (before, *practice))
     return DesignedPlan(
-        rig=planned_rig(rig, space.responses, planned, ability, names, wanted.seed),
+        rig=made,
         ability=ability,
         wanted=wanted,
-        responses=space.responses,
+        responses=candidates.responses,
         names=names,
-        measured=len(kept),
+        measured=len(search.measured),
+        criterion=search.criterion,
+        value=value,
+        drift_known=known,
         after=after,
         before=before,
-        practice=practice,
-        traded=(),
+        practice=tuple(practice),
+        traded=tuple(search.traded(len(planned) - len(search.measured))),
+        forecast=predicted,
     )
 
 
 @dataclass(frozen=True)
-class _Space:
-    """All cells of a design: those of the head (the first `allowed`), and those of plans to compare, by their numbers."""
+class _Search:
+    """A search among the positions of a head: `cells` are their numbers among the candidates, `responses` those of these cells;
+    `allowed`: those that may be chosen; `measured`: numbers, among the candidates, of positions that are measured already."""
 
+    candidates: Candidates
+    wanted: Wanted
+    cells: Int[np.ndarray, " cells"]
     responses: Responses
-    use: Responses
-    ability: HeadAbility
-    allowed: int
-    practice: tuple[Positions, ...]
-    numbers: Mapping[str, Int[np.ndarray, " positions"]]
-
-    @property
-    def cells(self) -> Cells:
-        return self.responses.cells
+    allowed: np.ndarray
+    measured: Int[np.ndarray, " measured"]
+    criterion: Criterion | Weighted
 
     @classmethod
-    def of(cls, rig: Rig, ability: HeadAbility, wanted: Wanted) -> "_Space":
-        cells, numbers = cells_of(ability), dict[str, np.ndarray]()
-        allowed = len(cells)
-        practice = (*common_plans(ability, rig.mounts, wanted.seed), *wanted.compared)
-        listed = {"rig": _of_rig(rig)} | {f"practice {k}": each for k, each in enumerate(practice)}
-        if wanted.measured is not None:
-            listed["measured"] = wanted.measured
-        for name, positions in listed.items():
-            cells, numbers[name] = cells.joined(_cells(positions, ability))
-        return cls(responses_of(rig, cells), responses_of(rig, _sphere(ability)), ability, allowed, practice, numbers)
+    def of(cls, candidates: Candidates, wanted: Wanted) -> "_Search":
+        measured = candidates.numbers.get("measured", np.zeros(0, int))
+        cells, allowed = candidates.choices(measured)
+        responses = candidates.responses.chosen(cells)
+        criterion = criterion_of(wanted, responses, candidates.use, candidates.ability, allowed)
+        return cls(candidates, wanted, cells, responses, allowed, measured, criterion)
 
-    def evaluated(self, positions: Positions, planned: Schedule, *, fits: bool = True) -> Evaluated:
-        found = uncertainties(self.responses, planned, self.ability)
-        return Evaluated(positions, planned, found, in_use_sd(self.use, found.covariance), fits)
+    def chosen(self, *, count: int | None, minutes: float | None, restarts: int) -> Int[np.ndarray, " new"]:
+        """Numbers of the best cells among the candidates."""
+        kept = np.searchsorted(self.cells, self.measured)
+        times = self.candidates.ability.times
+        most = np.inf if minutes is None else 60 * minutes / (times.dwell_s + times.settle_s)
+        most = most if count is None else min(most, count)
+        found = exchange(
+            self.responses,
+            self.candidates.ability,
+            measures(one_visit(self.responses, kept), self.criterion),
+            count=count,
+            minutes=minutes,
+            allowed=self.allowed,
+            # Cells are measured again only if there are too few.
+            repeats=int(np.ceil(most / np.sum(self.allowed))),
+            restarts=restarts,
+            seed=self.wanted.seed,
+        )
+        return self.cells[found.cells]
 
-    def in_time(self, positions: Positions, once: Int[np.ndarray, " positions"], minutes: float) -> Evaluated:
-        """Positions of each mounting repeated, without remounting, until the time is used."""
-        times, mounting = self.ability.times, self.cells.mounting[once]
-        blocks = np.split(once, 1 + np.flatnonzero(np.diff(mounting)))
+    def planned(self) -> tuple[Schedule, float, float]:
+        """The schedule, its criterion, and the criterion if the slow noise were known."""
+        wanted, candidates = self.wanted, self.candidates
+        cells, times = candidates.responses.cells, candidates.ability.times
+        taken = self.chosen(count=wanted.count, minutes=wanted.minutes, restarts=wanted.restarts)
+        after = schedule(cells, self.measured, times) if len(self.measured) else None
+        limit = None if wanted.minutes is None else wanted.minutes + (0.0 if after is None else after.minutes)
+        ordered = best_order(
+            candidates.responses,
+            candidates.ability,
+            self.criterion,
+            taken,
+            minutes=limit,
+            seed=wanted.seed,
+            kind=wanted.order,
+            after=after,
+        )
+        return ordered.schedule, ordered.value, ordered.drift_known
 
-        def repeated(passes: int) -> Schedule:
-            return schedule(self.cells, np.concatenate([np.tile(block, passes) for block in blocks]), times)
+    def traded(self, count: int) -> Iterator[TradeOff]:
+        """Plans for other numbers of positions, or other times."""
+        cells, times = self.responses.cells, self.candidates.ability.times
+        kept = np.searchsorted(self.cells, self.measured)
+        model = one_visit(self.responses, kept)
+        for share in _TRADED:
+            minutes = None if self.wanted.minutes is None else share * self.wanted.minutes
+            number = None if minutes is not None else round(share * count)
+            try:
+                taken = np.searchsorted(self.cells, self.chosen(count=number, minutes=minutes, restarts=1))
+            except InputError:
+                continue
+            value = float(self.criterion.of(model.covariance(taken)))
+            yield TradeOff(len(taken), schedule(cells, taken, times).minutes, value)
 
-        passes = 1
-        while repeated(passes + 1).minutes <= minutes:
-            passes += 1
-        planned = repeated(passes)
-        # The last mounting gets the rest of the time.
-        longer = schedule(self.cells, np.concatenate([planned.cells, np.tile(blocks[-1], passes + len(once))]), times)
-        count = int(np.sum(longer.start_s + times.dwell_s <= 60 * minutes + 1e-6))
-        if count > len(planned):
-            planned = schedule(self.cells, longer.cells[:count], times)
-        return self.evaluated(positions, planned, fits=planned.minutes <= minutes + 1e-6)
 
-
-def _chosen(space: _Space, wanted: Wanted, ability: HeadAbility) -> Int[np.ndarray, " new"]:
-    """The numbers of the new positions, in measuring order."""
-    count = wanted.positions or POSITIONS
-    return np.unique(np.linspace(0, space.allowed - 1, count).astype(int))
+def _with_effects(rig: Rig, candidates: Candidates, plan: Evaluated, wanted: Wanted, entries: Catalogue) -> Evaluated:
+    """A plan with its forecasts."""
+    names = tuple(map(str, range(len(plan.schedule))))
+    of = effects_of_plan(planned_rig(rig, candidates.responses, plan.schedule, candidates.ability, names), entries)
+    limits = {id: detection_limit(of, id, 1, wanted.seed) for id in of.ids}
+    effects = tuple(
+        forecast_of_effect(of, id, size, limits[id], _DRAWS, wanted.seed) for id, size in wanted.effects.items()
+    )
+    return replace(plan, effects=effects, undetectable=tuple(id for id, limit in limits.items() if limit is None))
 
 
 def _names(measured: Positions | None, count: int) -> tuple[str, ...]:
-    """Names of all positions: those measured, then numbers."""
-    first = 0 if measured is None else len(measured)
-    return (
-        tuple(str(number) for number in range(1, count + 1))
-        if not first
-        else (
-            *(f"measured {k + 1}" for k in range(first)),
-            *(str(k + 1) for k in range(count - first)),
-        )
-    )
-
-
-def _of_rig(rig: Rig) -> Positions:
-    plan = rig.plan
-    return Positions("plan of the rig file", "", plan.alpha_deg, plan.beta_deg, plan.mounts)
-
-
-def _cells(positions: Positions, ability: HeadAbility) -> Cells:
-    degc = ability.temperatures_degc
-    count = len(positions)
-    temperature = np.full(count, float(np.median(degc))) if degc else None
-    return Cells(np.array(positions.alpha_deg), np.array(positions.beta_deg), positions.mounts, temperature)
-
-
-def _sphere(ability: HeadAbility, count: int = 200) -> Cells:
-    """Attitudes evenly over the sphere (a spiral), in the first mounting."""
-    k = np.arange(count) + 0.5
-    beta = np.degrees(np.arcsin(1 - 2 * k / count))
-    alpha = np.degrees(np.pi * (1 + 5**0.5) * k) % 360
-    degc = ability.temperatures_degc
-    return Cells(alpha, beta, ability.mounts[:1] * count, np.full(count, float(np.median(degc))) if degc else None)
+    """Names of all positions: those measured already, then numbers."""
+    done = 0 if measured is None else len(measured)
+    return (*(f"measured-{k + 1}" for k in range(done)), *(str(k + 1) for k in range(count - done)))

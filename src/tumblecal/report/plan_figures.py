@@ -122,10 +122,10 @@ def trade_off_figure(plan: DesignedPlan) -> Figure:
     panel = figure.subplots()
     minutes = [each.minutes for each in plan.traded]
     panel.plot(
-        minutes, [each.worst for each in plan.traded], "o-", color=AXIS_COLOUR["x"], ms=4, label="designed plans"
+        minutes, [each.value for each in plan.traded], "o-", color=AXIS_COLOUR["x"], ms=4, label="designed plans"
     )
     for each in plan.traded:
-        panel.annotate(str(each.positions), (each.minutes, each.worst), (0, 6), textcoords="offset points", fontsize=7)
+        panel.annotate(str(each.positions), (each.minutes, each.value), (0, 6), textcoords="offset points", fontsize=7)
     panel.set_xlabel("time / min")
     panel.set_ylabel("largest standard uncertainty\n/ mg, mrad, 1e-3")
     panel.set_yscale("log")

@@ -11,7 +11,8 @@ import numpy as np
 
 from tumblecal.capture.capture_plan import CaptureSetup
 from tumblecal.chain.rig_file import unit_of_parameter
-from tumblecal.design.plan import DesignedPlan, Evaluated
+from tumblecal.design.candidates import Evaluated
+from tumblecal.design.plan import DesignedPlan
 from tumblecal.ground.atomic import write_text
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.json_file import json_text, read_json
@@ -186,7 +187,7 @@ def plan_record(plan: DesignedPlan) -> dict[str, Any]:
         "before": _evaluated(plan.before),
         "practice": [_evaluated(each) for each in plan.practice],
         "trade_off": [
-            {"positions": each.positions, "minutes": each.minutes, "worst": each.worst} for each in plan.traded
+            {"positions": each.positions, "minutes": each.minutes, "value": each.value} for each in plan.traded
         ],
         "assumptions": [{"words": each.words, "override": each.override} for each in assumptions(plan)],
         "words": list(plan_lines(plan)),

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from tumblecal.design.plan import DesignedPlan, Evaluated
+from tumblecal.design.candidates import Evaluated
+from tumblecal.design.plan import DesignedPlan
 from tumblecal.ground.units import shown
 from tumblecal.report.plan_assumptions import assumptions
 from tumblecal.report.plan_words import digits, relative_worst, u_words, unit_of

@@ -6,7 +6,8 @@ import numpy as np
 
 from tumblecal.chain.nominal import UNIT_OF_LEAF
 from tumblecal.chain.rig_file import unit_of_parameter
-from tumblecal.design.plan import DesignedPlan, Evaluated
+from tumblecal.design.candidates import Evaluated
+from tumblecal.design.plan import DesignedPlan
 from tumblecal.ground.counted import counted, shortened
 from tumblecal.ground.numbers_shown import decimals, with_decimals
 from tumblecal.ground.units import in_words, shown
