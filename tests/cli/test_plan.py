@@ -18,7 +18,7 @@ from tumblecal.simulation.position_means import simulated
 def test_the_files_of_a_plan_and_the_uncertainties_of_their_calibration(tumblecal, configs, tmp_path):
     mine = tmp_path / "plan_mine.toml"
     mine.write_text("# not of this command")
-    outcome = tumblecal("plan", configs / "plan_head.toml", "--positions", "20", "--out", tmp_path)
+    outcome = tumblecal("plan", configs / "plan_head.toml", "--positions", "20", "--no-forecast", "--out", tmp_path)
     assert outcome.code == 0, outcome.lines
     assert re.search(r"^20 positions in 2 mountings", outcome.out, re.MULTILINE)
     assert "</html>" in (tmp_path / "plan.html").read_text() and mine.exists()

@@ -151,7 +151,9 @@ def _allowed(rig: "Rig", options: PlanOptions) -> "Rig":
     from tumblecal.chain.head_ability import HeadTable
 
     there = rig.plan
-    ability = rig.ability or HeadTable().ability(tuple(sorted(set(there.beta_deg))), tuple(dict.fromkeys(there.mounts)))
+    ability = rig.ability or HeadTable.model_validate({}).ability(
+        tuple(sorted(set(there.beta_deg))), tuple(dict.fromkeys(there.mounts))
+    )
     alpha, beta = angles("--allow-alpha", options.allow_alpha), angles("--allow-beta", options.allow_beta)
     mounts = tuple(label.strip() for label in options.allow_mount.split(",") if label.strip())
     known = {*rig.mounts, *there.mounts}

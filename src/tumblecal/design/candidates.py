@@ -75,6 +75,11 @@ class Candidates:
         use = responses_of(rig, attitudes_in_use(ability))
         return cls(responses_of(rig, cells), use, ability, of_head, numbers)
 
+    @property
+    def measured(self) -> Int[np.ndarray, " measured"]:
+        """Numbers of the positions that are measured already."""
+        return self.numbers.get("measured", np.zeros(0, int))
+
     def choices(
         self, measured: Int[np.ndarray, " measured"]
     ) -> tuple[Int[np.ndarray, " cells"], Bool[np.ndarray, " cells"]]:
@@ -104,7 +109,7 @@ class Candidates:
         count = int(np.sum(longer.start_s + times.dwell_s <= 60 * minutes + 1e-6))
         if count > len(planned):
             planned = schedule(cells, longer.cells[:count], times)
-        return self.evaluated(positions, planned, fits=planned.minutes <= minutes + 1e-6)
+        return self.evaluated(positions, planned, fits=bool(planned.minutes <= minutes + 1e-6))
 
 
 def _cells(positions: Positions, ability: HeadAbility) -> Cells:

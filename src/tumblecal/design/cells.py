@@ -44,8 +44,9 @@ class Cells:
         degc = None
         if self.temperature_degc is not None and added.temperature_degc is not None:
             degc = np.concatenate([self.temperature_degc, added.temperature_degc])
-        angles = (np.concatenate(pair) for pair in ((self.alpha_deg, added.alpha_deg), (self.beta_deg, added.beta_deg)))
-        return Cells(*angles, self.mounts + added.mounts, degc), numbers
+        alpha = np.concatenate([self.alpha_deg, added.alpha_deg])
+        beta = np.concatenate([self.beta_deg, added.beta_deg])
+        return Cells(alpha, beta, self.mounts + added.mounts, degc), numbers
 
     @property
     def _keys(self) -> list[tuple]:

@@ -96,7 +96,8 @@ def _of_directions(
             if angle < nearest[0] - 0.1:
                 nearest = angle, number, pair
         deviation = max(deviation, nearest[0])
-        chosen.append((nearest[1], *reversed(nearest[2])))
+        _, number, (alpha_deg, beta_deg) = nearest
+        chosen.append((number, beta_deg, alpha_deg))
     # One mounting and one pitch setting after the other.
     number, beta, alpha = zip(*sorted(dict.fromkeys(chosen)), strict=True)
     return Positions(name, source, alpha, beta, tuple(ability.mounts[k] for k in number), deviation)

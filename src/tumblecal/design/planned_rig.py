@@ -94,8 +94,8 @@ def _truth_of_settings(rig: Rig, planned: Rig, responses: Responses, seed: int) 
     for leaf in planned.chain(where).parameters:
         if leaf.name not in _BY:
             continue
-        stated = np.asarray(known[leaf.name].value, float)
-        of_row = np.zeros(len(there), int) if known[leaf.name].by is None else rig.where.index(known[leaf.name].by)
+        stated, by = np.asarray(known[leaf.name].value, float), known[leaf.name].by
+        of_row = np.zeros(len(there), int) if by is None else rig.where.index(by)
         group = np.zeros(len(plan), int) if leaf.by is None else np.asarray(where.index(leaf.by))
         values = np.zeros(leaf.value.shape)
         for number, k in enumerate(np.unique(group, return_index=True)[1].tolist()):

@@ -61,11 +61,9 @@ class Responses:
 
     def chosen(self, numbers: Int[np.ndarray, " chosen"]) -> "Responses":
         """The responses of some of the cells, in this order."""
-        settings = (replace(each, columns=each.columns[numbers]) for each in (self.pitch, self.mount))
+        pitch, mount = (replace(each, columns=each.columns[numbers]) for each in (self.pitch, self.mount))
         columns = self.columns[numbers]
-        return Responses(
-            self.cells.chosen(numbers), self.names, self.scales, columns, self.information, *settings, self.sd
-        )
+        return replace(self, cells=self.cells.chosen(numbers), columns=columns, pitch=pitch, mount=mount)
 
     def indices(self, parameters: Sequence[str]) -> np.ndarray:
         """Places of some shared parameters.

@@ -89,7 +89,7 @@ def _uncertainties(panel: Axes, plan: DesignedPlan, size: float = 8) -> None:
         old, place, "o", mfc="none", color=MUTED, ms=5, label="measured already" if plan.measured else "plan of the rig"
     )
     panel.plot(new, place, "o", color=AXIS_COLOUR["x"], ms=5, label="this plan")
-    for k in np.flatnonzero(np.isinf(old)):
+    for k in np.flatnonzero(np.isinf(old)).tolist():
         panel.text(np.max(new) * 10, k, "not determined", va="center", ha="right", fontsize=size - 1, color=MUTED)
     panel.set_yticks(place, list(after.names), fontsize=size)
     panel.invert_yaxis()

@@ -1,0 +1,168 @@
+"""The search of a plan: criteria, the choice of positions, their order, bounds, and the trade-off against time."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Int
+
+from tumblecal.chain.rig import Rig
+from tumblecal.design.bounds import Bounds, bounds
+from tumblecal.design.candidates import Candidates
+from tumblecal.design.criteria import Criterion, in_use, mean, volume, worst
+from tumblecal.design.exchange import exchange
+from tumblecal.design.limits import limits_of
+from tumblecal.design.measure import Measures, measures
+from tumblecal.design.naming_measures import alias_measures, naming_measures
+from tumblecal.design.one_visit import OneVisit, one_visit
+from tumblecal.design.order import Ordered, best_order
+from tumblecal.design.responses import Responses
+from tumblecal.design.schedule import schedule
+from tumblecal.design.wanted import COVARIANCE, Wanted
+from tumblecal.design.weighted import Weighted
+from tumblecal.design.weighted_measures import weighted_measures
+from tumblecal.effects.catalogue import Catalogue
+from tumblecal.ground.errors import InputError
+
+
+# Numbers of positions, or minutes, of the trade-off, relative to those of the plan.
+_TRADED = (0.5, 0.7, 1.0, 1.4, 2.0, 3.0)
+
+
+class TradeOff(NamedTuple):
+    """A point of the trade-off: number of positions, minutes, and the criterion."""
+
+    positions: int
+    minutes: float
+    value: float
+
+
+@dataclass(frozen=True)
+class Search:
+    """A search among the positions of a head.
+
+    - `cells`: numbers, among the candidates, of the cells that the search is about. `responses`, `model`: of these. `allowed`:
+      those that may be chosen. `kept`: positions that are measured already, numbers among these cells.
+    - `criterion`: of the covariance, for order, bounds and comparison. `factory`: measures of all criteria, for the choice.
+    """
+
+    candidates: Candidates
+    wanted: Wanted
+    cells: Int[np.ndarray, " cells"]
+    responses: Responses
+    model: OneVisit
+    allowed: Bool[np.ndarray, " cells"]
+    kept: Int[np.ndarray, " measured"]
+    criterion: Criterion | Weighted
+    factory: Measures
+
+    @classmethod
+    def of(cls, rig: Rig, candidates: Candidates, wanted: Wanted, entries: Catalogue) -> "Search":
+        """The search of a wanted plan.
+
+        **Raises:** `InputError` for a parameter or an effect that no plan on this head determines.
+        """
+        cells, allowed = candidates.choices(candidates.measured)
+        responses, kept = candidates.responses.chosen(cells), np.searchsorted(cells, candidates.measured)
+        model = one_visit(responses, kept)
+        made = partial(cls, candidates, wanted, cells, responses, model, allowed, kept)
+        parameters = wanted.parameters_of(responses)
+        builders = {
+            "worst": lambda: worst(responses, parameters),
+            "mean": lambda: mean(responses, parameters),
+            "volume": lambda: volume(responses, parameters),
+            "in_use": lambda: in_use(candidates.use, "average"),
+            "in_use_largest": lambda: in_use(candidates.use, "largest"),
+        }
+        criteria = {name: builders[name]() for name in COVARIANCE if name in wanted.criteria}
+        factories = {name: measures(model, each) for name, each in criteria.items()}
+        minutes = wanted.minutes or 60.0
+        if "naming" in wanted.criteria:
+            factories["naming"] = naming_measures(rig, responses, model, wanted.effects, entries, minutes)
+        if "alias" in wanted.criteria:
+            factories["alias"] = alias_measures(rig, responses, model, wanted.effects, entries, minutes)
+        first = next(iter(criteria.values()), None) or worst(responses, parameters)
+        if len(factories) == 1:
+            return made(first, next(iter(factories.values())))
+        # Each relative to its own optimum.
+        alone = {
+            name: made(first, factory).chosen(wanted.count, wanted.minutes, 1)[1] for name, factory in factories.items()
+        }
+        names = tuple(criteria)
+        if len(criteria) > 1:
+            first = Weighted(
+                tuple(criteria.values()),
+                tuple(wanted.criteria[name] for name in names),
+                tuple(alone[name] for name in names),
+            )
+        if len(criteria) == len(factories):
+            return made(first, measures(model, first))
+        shares = [wanted.criteria[name] / alone[name] for name in factories]
+        return made(first, weighted_measures(list(factories.values()), shares))
+
+    def chosen(self, count: int | None, minutes: float | None, restarts: int) -> tuple[Int[np.ndarray, " new"], float]:
+        """The best new positions, numbers among the cells of the search, and their value."""
+        times = self.candidates.ability.times
+        most = np.inf if minutes is None else 60 * minutes / (times.dwell_s + times.settle_s)
+        most = most if count is None else min(most, count)
+        found = exchange(
+            self.responses,
+            self.candidates.ability,
+            self.factory,
+            count=count,
+            minutes=minutes,
+            allowed=self.allowed,
+            # Cells are measured again only if there are too few.
+            repeats=max(1, int(np.ceil(most / np.sum(self.allowed)))),
+            restarts=restarts,
+            seed=self.wanted.seed,
+        )
+        return found.cells, found.value
+
+    def ordered(self, taken: Int[np.ndarray, " new"]) -> Ordered:
+        """New positions in the wanted order, after those measured already; the schedule has the numbers of the candidates."""
+        wanted, candidates = self.wanted, self.candidates
+        after = None
+        if len(self.kept):
+            after = schedule(candidates.responses.cells, candidates.measured, candidates.ability.times)
+        done = 0.0 if after is None else after.minutes
+        return best_order(
+            candidates.responses,
+            candidates.ability,
+            self.criterion,
+            self.cells[taken],
+            minutes=None if wanted.minutes is None else wanted.minutes + done,
+            seed=wanted.seed,
+            kind=wanted.order,
+            after=after,
+        )
+
+    def bounds(self, taken: Int[np.ndarray, " new"]) -> Bounds | None:
+        """Bounds of the criterion; None if the positions are chosen by other criteria too."""
+        if set(self.wanted.criteria) - {*COVARIANCE}:
+            return None
+        limits = limits_of(
+            self.responses.cells,
+            self.candidates.ability,
+            count=self.wanted.count,
+            minutes=self.wanted.minutes,
+            allowed=self.allowed,
+            repeats=int(np.bincount(taken).max()),
+        )
+        return bounds(self.model, self.criterion, limits, taken)
+
+    def traded(self, count: int) -> Iterator[TradeOff]:
+        """Plans for other numbers of positions, or other times; `count`: number of the plan."""
+        cells, times = self.responses.cells, self.candidates.ability.times
+        for share in _TRADED:
+            minutes = None if self.wanted.minutes is None else share * self.wanted.minutes
+            number = None if minutes is not None else round(share * count)
+            try:
+                taken, _ = self.chosen(number, minutes, 1)
+            except InputError:
+                continue
+            if not self.model.undetermined(taken):
+                value = float(self.criterion.of(self.model.covariance(taken)))
+                yield TradeOff(len(taken), schedule(cells, taken, times).minutes, value)
