@@ -1,0 +1,312 @@
+"""Promises of a plan against what happens: standard deviations, probabilities that an effect is detected, named, identified.
+
+    python benchmarks/plan_naming.py sd --runs 2000
+    python benchmarks/plan_naming.py agreement --runs 2000
+    python benchmarks/plan_naming.py loop --heads 200 --runs 5
+
+`sd`: predicted standard deviations against the errors of fits. `agreement`: three plans. `loop`: random heads, each with its
+plan (search, schedule, forecast), then measured and diagnosed. Readings are simulated in plain numpy (`blind_instrument`), with
+random errors of the instrument, of settings, and of settings that are set again.
+"""
+
+import argparse
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+import blind_instrument as blind
+import tumblecal
+from tumblecal.chain import Where
+from tumblecal.chain.rig import Rig
+from tumblecal.chain.rig_file import rig_of
+from tumblecal.data import PositionSet
+from tumblecal.design.cells import cells_of
+from tumblecal.design.criteria import worst
+from tumblecal.design.effects_of_plan import EffectsOfPlan, effects_of_plan
+from tumblecal.design.evaluation import uncertainties
+from tumblecal.design.exchange import exchange
+from tumblecal.design.measure import measures
+from tumblecal.design.naming import Rates
+from tumblecal.design.naming_measures import naming_measures
+from tumblecal.design.one_visit import one_visit
+from tumblecal.design.planned_rig import planned_rig
+from tumblecal.design.responses import Responses, responses_of
+from tumblecal.design.schedule import Schedule, schedule
+from tumblecal.diagnosis import Diagnoser
+from tumblecal.effects import catalogue
+from tumblecal.effects.catalogue import links_and_units
+from tumblecal.estimation.position_problem import problem_of
+from tumblecal.estimation.visits import with_repeatability
+from tumblecal.ground.errors import InputError
+
+
+ENTRIES = catalogue()
+TURNS = {"A": (0.0, 0.0, 0.0), "B": (0.0, 0.0, 90.0), "C": (0.0, 90.0, 0.0)}
+# g, rad or rad/rad of one unit of the catalogue: mg/g^2, mg/g^3, mrad.
+UNIT = 1e-3
+EFFECTS = [
+    *(f"{kind}.{axis}" for kind in ("second_order", "third_order", "scale_asymmetry") for axis in "xyz"),
+    *(f"cross_coupling.{axis}.{pair}" for axis in "xyz" for pair in ("xy", "xz", "yz")),
+    *(f"cross_axis_square.{axis}" for axis in "xyz"),
+    "axis_perpendicularity",
+    "index_eccentricity",
+    "index_ellipticity",
+    "spindle_wobble_1",
+    "spindle_wobble_2",
+]
+# Plans of `agreement` and `sd`: spindle angles, pitch settings, mountings; effects with the norms of their visible signals.
+PLANS = {
+    "4 x 12": ((30.0, 12), (0, 30, 60, 90), ("A",), {"second_order.z": 6.0, "index_eccentricity": 5.5}),
+    "3 x 8, two mountings": ((45.0, 8), (0, 45, 90), ("A", "B"), {"second_order.x": 6.0, "axis_perpendicularity": 8.0}),
+    "3 x 8": ((45.0, 8), (0, 45, 90), ("A",), {"second_order.z": 7.0, "index_ellipticity": 5.0}),
+}
+
+
+def rig_with(
+    step: tuple[float, int],
+    beta_deg: Sequence[float],
+    mounts: Sequence[str],
+    *,
+    sd_mg: float = 0.15,
+    prior: bool = False,
+    again: bool = False,
+) -> Rig:
+    """A head: step and number of its spindle angles, pitch settings, mountings, noise, a prior of 3 arcmin on the pitch errors,
+    a repeatability of 3 arcsec of a pitch setting."""
+    alpha = {"start": 0, "step": step[0], "count": step[1]}
+    table = {
+        "schema": "tumblecal.rig/1",
+        "plan": {"alpha_deg": alpha, "beta_deg": list(beta_deg), "mounts": list(mounts)},
+        "chain": {"leaves": {"dbeta": {"by": "mount.pitch"}, "dtheta": {"by": "mount"}}},
+        "mounts": {name: {"rotation_deg": list(TURNS[name])} for name in mounts},
+        "noise": {"sd": f"{sd_mg} mg"},
+        "head": {"alpha_deg": alpha, "beta_deg": list(beta_deg)},
+    }
+    if prior:
+        table["priors"] = {"dbeta": "3 arcmin"}
+    if again:
+        table["head"]["repeatability"] = {"pitch": "3 arcsec"}
+    return rig_of(table, Path("rig.toml"), *links_and_units(ENTRIES))
+
+
+class Head:
+    """A rig with a schedule on it, its forecasts, and its diagnoses of simulated data."""
+
+    def __init__(self, rig: Rig, responses: Responses, taken: np.ndarray):
+        assert rig.ability is not None
+        self.responses: Responses = responses
+        self.schedule: Schedule = schedule(responses.cells, taken, rig.ability.times)
+        names = tuple(f"p{k}" for k in range(len(taken)))
+        self.rig: Rig = planned_rig(rig, responses, self.schedule, rig.ability, names)
+        self.where: Where = self.rig.where
+        self.prior: float | None = None if "dbeta" not in rig.priors else rig.priors["dbeta"][1]
+        self.again: float = rig.ability.repeatability.pitch or 0.0
+        chain = self.rig.chain(self.where)
+        self.chain = chain
+        self.priors = with_repeatability(self.rig.priors, self.rig.ability.repeatability, chain, self.where)
+
+    @classmethod
+    def whole(cls, rig: Rig) -> "Head":
+        """Every cell in turn."""
+        responses = responses_of(rig, cells_of(rig.ability))
+        return cls(rig, responses, np.arange(len(responses.cells)))
+
+    def setup(self, rng: np.random.Generator) -> blind.Setup:
+        """The measurement of a random instrument."""
+        plan, visit = self.rig.plan, self.schedule.pitch_visit
+        cells = self.responses.cells.chosen(self.schedule.cells)
+        labels = sorted(set(plan.mounts))
+        mounting = np.array([labels.index(label) for label in plan.mounts])
+        # Where the repeatability is stated, a pitch setting has the same error in every mounting, and what each visit adds.
+        settings = cells.pitch + (0 if self.again else 100) * mounting
+        first = np.unique(visit, return_index=True)[1]
+        of_setting = {
+            int(own): rng.normal(0, self.prior) if self.prior else rng.uniform(-3e-3, 3e-3)
+            for own in np.unique(settings)
+        }
+        errors = np.array([of_setting[int(settings[k])] for k in first]) + self.again * rng.standard_normal(len(first))
+        mounts = [np.radians(1.0) * rng.uniform() ** (1 / 3) * direction(rng) for _ in labels]
+        return blind.Setup(
+            alpha=np.radians(cells.alpha_deg),
+            beta=np.radians(cells.beta_deg),
+            time_s=np.asarray(plan.time_s),
+            temperature_degc=np.full(len(plan), 25.0),
+            approach=np.ones(len(plan)),
+            pitch=visit,
+            nominal={
+                "dK": rng.normal(0, 3e-3, 3),
+                "bias": rng.normal(0, 3e-3, 3),
+                "gamma": rng.normal(0, 1e-3, 3),
+                "dtheta": np.concatenate(mounts),
+                "dbeta": np.tile(errors, len(labels)),
+            },
+            names=list(plan.names),
+            mounting=mounting,
+            turns=Rotation.from_euler("XYZ", [[-np.radians(a) for a in TURNS[label]] for label in labels]).as_matrix(),
+        )
+
+    def data(self, rng: np.random.Generator, setup: blind.Setup, effects: dict[str, np.ndarray]) -> PositionSet:
+        """Its readings."""
+        plan = self.rig.plan
+        noise = self.rig.noise_sd_g * rng.standard_normal((len(plan), 3))
+        return PositionSet(
+            names=plan.names,
+            alpha_deg=np.asarray(plan.alpha_deg, float),
+            beta_deg=np.asarray(plan.beta_deg, float),
+            readings=blind.readings(setup, setup.nominal, effects) + noise,
+            mount=plan.mounts if len(set(plan.mounts)) > 1 else None,
+            time_s=np.asarray(plan.time_s),
+            source="simulated",
+        )
+
+    def judged(self, diagnoser: Diagnoser, rng: np.random.Generator, id: str, size: float) -> np.ndarray:
+        """Whether an effect is detected, named, identified in one simulated measurement."""
+        count = (blind.COEFFICIENTS | blind.RARE)[id]
+        data = self.data(rng, self.setup(rng), {id: np.full(count, size * UNIT)})
+        found = diagnoser(data, chain=self.chain, noise_sd=self.rig.noise_sd_g, priors=self.priors)
+        best = found.best
+        detected = bool(found.labels)
+        named = {label for labels in (best.labels, *best.equivalents) for label in labels}
+        right = best.labels == (id,) or (id,) in best.identical
+        return np.array([detected, detected and id in named, right and found.verdict == "identified"], float)
+
+
+def direction(rng: np.random.Generator) -> np.ndarray:
+    """A random unit vector."""
+    vector = rng.normal(size=3)
+    return vector / np.linalg.norm(vector)
+
+
+def promised(of: EffectsOfPlan, id: str, size: float, draws: int) -> np.ndarray:
+    """The forecast of a plan for an effect of a size."""
+    return np.array(Rates(of, id, np.random.default_rng(0).standard_normal((draws, of.pool.dof)))(size))
+
+
+def standard_deviations(runs: int) -> None:
+    """Errors of fits over predicted standard deviations, by sensor parameter."""
+    for name, (step, beta, mounts, _) in PLANS.items():
+        for again in (False, True):
+            head = Head.whole(rig_with(step, beta, mounts, prior=again, again=again))
+            predicted = uncertainties(head.responses, head.schedule, head.rig.ability)
+            rng, errors = np.random.default_rng(1), []
+            for _ in range(runs):
+                setup = head.setup(rng)
+                data = head.data(rng, setup, {})
+                fit = tumblecal.fit(problem_of(data, head.chain, noise_sd=head.rig.noise_sd_g, priors=head.priors))
+                truth = np.concatenate([setup.nominal[leaf] for leaf in ("gamma", "dK", "bias")])
+                names = [f"gamma_{k}" for k in (21, 31, 32)] + [
+                    f"{leaf}_{axis}" for leaf in ("dK", "bias") for axis in "xyz"
+                ]
+                errors.append([fit.value(own) - one for own, one in zip(names, truth, strict=True)])
+            sd = dict(zip(predicted.names, predicted.sd, strict=True))
+            ratios = np.std(errors, axis=0) / [sd[own] for own in names]
+            kind = "prior and repeatability" if again else "free pitch errors"
+            print(
+                f"{name}, {kind}: observed / predicted sd {ratios.min():.3f} to {ratios.max():.3f} ({runs} runs)",
+                flush=True,
+            )
+
+
+def agreement(runs: int) -> None:
+    """Promised and observed rates of three plans."""
+    for name, (step, beta, mounts, effects) in PLANS.items():
+        head = Head.whole(rig_with(step, beta, mounts))
+        of, diagnoser = effects_of_plan(head.rig, ENTRIES), Diagnoser(ENTRIES, nested=False)
+        for id, norm in effects.items():
+            size = norm / float(np.linalg.norm(of.shown(id)))
+            rng = np.random.default_rng(3)
+            observed = np.mean([head.judged(diagnoser, rng, id, size) for _ in range(runs)], axis=0)
+            rates = promised(of, id, size, 4000)
+            words = ", ".join(
+                f"{word} {100 * a:.1f} / {100 * b:.1f}"
+                for word, a, b in zip(("detected", "named", "identified"), rates, observed, strict=True)
+            )
+            print(
+                f"{name}, {id} of {size:.3g} {ENTRIES[id].unit}: promised / observed % {words} ({runs} runs)",
+                flush=True,
+            )
+
+
+def random_head(rng: np.random.Generator) -> tuple[Head, str]:
+    """A random head with a plan for it, and the criterion of its search."""
+    while True:
+        count = int(rng.choice([24, 32]))
+        beta = np.sort(rng.choice(np.arange(0, 91, 15), size=rng.integers(3, 6), replace=False)).tolist()
+        turns = [["A"], ["A", "B"], ["A", "C"]][rng.integers(3)]
+        step = float(rng.choice([15.0, 30.0, 45.0]))
+        rig = rig_with(
+            (step, round(360 / step)),
+            beta,
+            turns,
+            sd_mg=float(np.round(np.exp(rng.uniform(np.log(0.05), np.log(0.3))), 3)),
+            prior=bool(rng.integers(2)),
+            again=bool(rng.uniform() < 0.3),
+        )
+        responses = responses_of(rig, cells_of(rig.ability))
+        model, kind = one_visit(responses), ["worst", "naming"][rng.integers(2)]
+        try:
+            if kind == "worst":
+                factory = measures(model, worst(responses))
+            else:
+                wanted = rng.choice(["second_order.y", "third_order.z", "cross_coupling.z.xz"], 1)
+                factory = naming_measures(rig, responses, model, {str(wanted[0]): 0.5}, ENTRIES)
+            chosen = exchange(responses, rig.ability, factory, count=min(count, len(responses.cells)), restarts=1)
+            return Head(rig, responses, chosen.cells), kind
+        except InputError:
+            continue
+
+
+def closed_loop(heads: int, runs: int, seed: int) -> None:
+    """Promised against observed rates on random heads, by bins of the promise."""
+    promises, happened, began = [], [], time.monotonic()
+    diagnoser = Diagnoser(ENTRIES, nested=False)
+    for number in range(heads):
+        rng = np.random.default_rng([seed, number])
+        head, _ = random_head(rng)
+        of = effects_of_plan(head.rig, ENTRIES)
+        shown = [id for id in EFFECTS if len(of.causes(id)) and not _hidden(of, id)]
+        id = shown[rng.integers(len(shown))]
+        size = rng.uniform(4.0, 11.0) / float(np.linalg.norm(of.shown(id)))
+        promises.append(promised(of, id, size, 400))
+        happened.append(np.mean([head.judged(diagnoser, rng, id, size) for _ in range(runs)], axis=0))
+        if (number + 1) % 20 == 0 or number + 1 == heads:
+            _print_bins(np.array(promises), np.array(happened), runs, time.monotonic() - began)
+
+
+def _hidden(of: EffectsOfPlan, id: str) -> bool:
+    return bool(np.linalg.norm(of.shown(id)) < 0.05 * np.linalg.norm(of.signal(id)))
+
+
+def _print_bins(promises: np.ndarray, happened: np.ndarray, runs: int, seconds: float) -> None:
+    """Mean promise and mean rate of each bin of promises."""
+    print(f"{len(promises)} heads, {runs} measurements each, {seconds:.0f} s", flush=True)
+    for column, word in enumerate(("detected", "named", "identified")):
+        parts = [f"all {100 * promises[:, column].mean():.1f} / {100 * happened[:, column].mean():.1f}"]
+        for low, high in ((0.0, 0.2), (0.2, 0.4), (0.4, 0.6), (0.6, 0.8), (0.8, 0.95), (0.95, 1.01)):
+            own = (promises[:, column] >= low) & (promises[:, column] < high)
+            if np.any(own):
+                spread = 100 * np.sqrt(np.sum(promises[own, column] * (1 - promises[own, column])) / runs) / own.sum()
+                parts.append(
+                    f"{100 * promises[own, column].mean():.1f} / {100 * happened[own, column].mean():.1f} "
+                    f"({own.sum()} heads, sd {spread:.1f})"
+                )
+        print(f"  {word}: promised / observed %: {'; '.join(parts)}", flush=True)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("part", choices=("sd", "agreement", "loop"))
+    parser.add_argument("--runs", type=int, default=2000)
+    parser.add_argument("--heads", type=int, default=200)
+    parser.add_argument("--seed", type=int, default=48)
+    chosen = parser.parse_args()
+    tumblecal.enable_float64()
+    if chosen.part == "sd":
+        standard_deviations(chosen.runs)
+    elif chosen.part == "agreement":
+        agreement(chosen.runs)
+    else:
+        closed_loop(chosen.heads, chosen.runs, chosen.seed)
