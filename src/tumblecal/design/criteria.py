@@ -21,21 +21,12 @@ from tumblecal.ground.errors import InputError
 SENSOR = ("dK", "bias", "gamma")
 
 
-class CriterionOfCovariance(Protocol):
-    """A criterion: `rows` (k, shared) of functionals, and a number from their covariance."""
-
-    @property
-    def name(self) -> str:
-        """What it is called."""
-        ...
+class OfRows(Protocol):
+    """A number, to be small, of the covariance of some functionals of the shared parameters."""
 
     @property
     def rows(self) -> Float[np.ndarray, "k shared"]:
         """Functionals of the shared parameters."""
-        ...
-
-    def smooth(self, power: float) -> "CriterionOfCovariance":
-        """The same with a power mean of variances in place of the largest one."""
         ...
 
     def changed(
@@ -46,6 +37,19 @@ class CriterionOfCovariance(Protocol):
 
     def of_rows(self, covariance: Float[np.ndarray, "*n k k"]) -> Float[np.ndarray, "*n"]:
         """The value for a covariance of the functionals, or for each of several."""
+        ...
+
+
+class CriterionOfCovariance(OfRows, Protocol):
+    """A criterion with bounds."""
+
+    @property
+    def name(self) -> str:
+        """What it is called."""
+        ...
+
+    def smooth(self, power: float) -> "CriterionOfCovariance":
+        """The same with a power mean of variances in place of the largest one."""
         ...
 
     def support(self, covariance: Float[np.ndarray, "k k"]) -> tuple[float, Float[np.ndarray, "k r"]]:

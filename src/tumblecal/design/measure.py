@@ -6,7 +6,7 @@ from typing import Protocol
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.design.criteria import CriterionOfCovariance
+from tumblecal.design.criteria import OfRows
 from tumblecal.design.one_visit import OneVisit
 
 
@@ -51,9 +51,7 @@ _ALONE = 1e-3
 class CriterionMeasure:
     """The value of a criterion by updates of rank three (Woodbury)."""
 
-    def __init__(
-        self, model: OneVisit, criterion: CriterionOfCovariance, cells: Sequence[int] | np.ndarray = ()
-    ) -> None:
+    def __init__(self, model: OneVisit, criterion: OfRows, cells: Sequence[int] | np.ndarray = ()) -> None:
         self._model, self._criterion = model, criterion
         self._columns = model.columns
         self._flat = np.ascontiguousarray(model.columns.transpose(1, 0, 2)).reshape(-1, model.columns.shape[2])
@@ -129,7 +127,7 @@ class CriterionMeasure:
         self._of_rows = rows @ self._covariance[:shared, :shared] @ rows.T
 
 
-def measures(model: OneVisit, criterion: CriterionOfCovariance) -> Measures:
+def measures(model: OneVisit, criterion: OfRows) -> Measures:
     """Measures of a criterion that begin with given cells."""
     return lambda cells: CriterionMeasure(model, criterion, cells)
 

@@ -85,7 +85,6 @@ class Alias:
 
     rows: Float[np.ndarray, "k shared"]
     limit: float
-    name: str = "alias"
 
     def changed(
         self, covariance: Float[np.ndarray, "k k"], parts: Float[np.ndarray, "3 k cells"], sign: int
@@ -94,13 +93,10 @@ class Alias:
         shared = covariance[:, -1:] + sign * np.einsum("ikc,ic->kc", parts, parts[:, -1])
         return self.limit * np.max(np.abs(shared[:-1]), axis=0) / np.sqrt(np.maximum(shared[-1], 1e-300))
 
-    def slope(self, covariance: Float[np.ndarray, "k k"]) -> tuple[float, Float[np.ndarray, "k k"]]:
-        """The value, and the derivative of its logarithm by the covariance of the functionals."""
-        shared, k = covariance[:, -1], int(np.argmax(np.abs(covariance[:-1, -1])))
-        slope = np.zeros_like(covariance)
-        slope[k, -1] = slope[-1, k] = 0.5 / shared[k] if shared[k] else 0.0
-        slope[-1, -1] = -0.5 / shared[-1]
-        return self.limit * float(np.abs(shared[k]) / np.sqrt(shared[-1])), slope
+    def of_rows(self, covariance: Float[np.ndarray, "*n k k"]) -> Float[np.ndarray, "*n"]:
+        """The value for a covariance of the functionals, or for each of several."""
+        shared = covariance[..., -1]
+        return self.limit * np.max(np.abs(shared[..., :-1]), axis=-1) / np.sqrt(shared[..., -1])
 
 
 @dataclass(frozen=True)
