@@ -66,7 +66,7 @@ class AddedResults:
     Parameters
     ----------
     add
-        Output folder of calibrate or diagnose to add. Repeatable. Example: --add calibration.
+        Output folder of calibrate, diagnose or check to add. Repeatable. Example: --add calibration.
     example
         The three runs of Table 2 of the paper, added as unit "paper".
     """
@@ -95,7 +95,7 @@ def history(
     Parameters
     ----------
     database
-        History file; calibrate and diagnose write it with --history.
+        History file; calibrate, diagnose and check write it with --history.
     serial
         Serial number of the unit. Default: a list of all units.
     files
@@ -183,7 +183,7 @@ def _added(database: Path, folders: Sequence[Path], *, example: bool) -> None:
     for folder in folders:
         kinds = [kind for name, kind in KINDS.items() if (folder / name).is_file()]
         if not kinds:
-            raise InputError(f"{folder}: no {' or '.join(KINDS)}; give an output folder of calibrate or diagnose")
+            raise InputError(f"{folder}: no {' or '.join(KINDS)}; give an output folder of calibrate, diagnose or check")
         entries += [of_folder(folder, kind) for kind in kinds]
     if example:
         entries += _example()

@@ -1,4 +1,4 @@
-"""`result.json` of calibrate and `diagnosis.json` of diagnose: the keys that the program reads again."""
+"""`result.json` of calibrate, `diagnosis.json` of diagnose and `check.json` of check: the keys that the program reads again."""
 
 import math
 from dataclasses import replace
@@ -12,13 +12,14 @@ from tumblecal.ground.json_file import read_json
 from tumblecal.ground.strict_json import Finite, Flag, Record, Text
 
 
-RESULT, DIAGNOSIS = "result.json", "diagnosis.json"
+RESULT, DIAGNOSIS, CHECK = "result.json", "diagnosis.json", "check.json"
 REMEDY = "run the command that wrote this file again"
 
 
-def _at(*keys: str) -> Any:
-    """A field at a path of the file."""
-    return Field(validation_alias=AliasPath(*keys))
+def _at(*keys: str | int) -> Any:
+    """A field at a path of the file: keys, and numbers in lists."""
+    first, *rest = keys
+    return Field(validation_alias=AliasPath(str(first), *rest))
 
 
 class StatedJudgement(Record):
@@ -71,6 +72,26 @@ class DiagnosisFile(Record):
     def outcome(self) -> str:
         """Verdict and causes."""
         return self.verdict + (f": {', '.join(self.causes)}" if self.causes else "")
+
+
+class CheckFile(Record):
+    """`check.json`, with the names of `ResultFile`; `use`: that of the calibration after the check."""
+
+    schema_: Annotated[Literal["tumblecal.check/1"], Field(alias="schema")]
+    source: Text
+    sha256: Text | None = _at("recording", 0, "sha256")
+    verdict: Text
+    answer: Text = _at("use", "answer")
+    measured_utc: Text | None = None
+    serial_number: Text | None = None
+    rms_g: None = None
+    p_value: Finite = _at("test", "p_value")
+    changed: list[Text] = Field(default_factory=list, validation_alias=AliasPath("change", "named"))
+
+    @property
+    def outcome(self) -> str:
+        """Verdict, and the parameters that changed."""
+        return self.verdict + (f": {', '.join(self.changed)}" if self.changed else "")
 
 
 def noise_dof(content: object) -> float | None:

@@ -149,9 +149,13 @@ class TemperatureCurves:
 
     def covariance_at(self, degc: float, *, hysteresis: bool = True) -> Float[np.ndarray, "9 9"]:
         """Covariance of the sensor parameters at one temperature; also outside the range."""
-        (jacobian,) = self._jacobians(np.array([float(degc)]))
+        jacobian = self.jacobian_at(degc)
         covariance = jacobian @ self.covariance @ jacobian.T
         return covariance + np.diag(self.hysteresis_variance) if hysteresis else covariance
+
+    def jacobian_at(self, degc: float) -> Float[np.ndarray, "9 entries"]:
+        """Derivative of the sensor parameters at one temperature by the entries of `covariance`; also outside the range."""
+        return self._jacobians(np.array([float(degc)]))[0]
 
     def sd(self, degc: Float[np.ndarray, " rows"]) -> Float[np.ndarray, "rows 9"]:
         """Standard uncertainties of the sensor parameters at temperatures, with hysteresis; also outside the range."""

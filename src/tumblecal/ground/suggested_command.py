@@ -25,9 +25,22 @@ SHARED = {
     "reduce": (*_RECORDING, "--gravity", "--run", "--mount"),
     "import": (*_RECORDING, "--gravity"),
     "apply": _RECORDING,
+    "check": (
+        *_RECORDING,
+        "--gravity",
+        "--u-gravity",
+        "--plan",
+        "--table",
+        "--by",
+        "--run",
+        "--mount",
+        "--rig",
+        "--prior",
+        "--noise-sd",
+    ),
     "capture": ("--port", "--wait"),
 }
-_OF_RECORDINGS = ("reduce", "import", "apply")
+_OF_RECORDINGS = ("reduce", "import", "apply", "check")
 
 
 EVERY = frozenset(option for options in SHARED.values() for option in options)

@@ -1,4 +1,4 @@
-"""One calibration or diagnosis of a unit in a history. Without numpy, so that lists are fast."""
+"""One calibration, diagnosis or check of a unit in a history. Without numpy, so that lists are fast."""
 
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -18,7 +18,7 @@ WHEN = "%Y-%m-%dT%H:%M:%SZ"
 class Entry:
     """One result of one unit.
 
-    - `kind`: calibration or diagnosis. `serial`: the unit, "" if not stated.
+    - `kind`: calibration, diagnosis or check. `serial`: the unit, "" if not stated.
     - `date_utc`: date of the measurement, if stated (comment `measured_utc`), otherwise of the computation.
     - `source`, `sha256`: the data. `outcome`: result of the fit, or verdict; with the answer of `use`, for a calibration.
     - `parameters`: None without a calibration. `documents`: the files, by name.

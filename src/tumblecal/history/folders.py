@@ -10,7 +10,16 @@ from tumblecal.data.budget_result import NAME, with_budget_in_folder
 from tumblecal.data.calibration import Calibration, read_calibration
 from tumblecal.data.measured import measured_at
 from tumblecal.data.not_applied import losses_words
-from tumblecal.data.result_records import DIAGNOSIS, REMEDY, RESULT, DiagnosisFile, ResultFile, with_dof_of_result
+from tumblecal.data.result_records import (
+    CHECK,
+    DIAGNOSIS,
+    REMEDY,
+    RESULT,
+    CheckFile,
+    DiagnosisFile,
+    ResultFile,
+    with_dof_of_result,
+)
 from tumblecal.data.sensor_parameters import MOUNT, SENSOR, SensorParameters
 from tumblecal.ground.strict_json import read_record
 from tumblecal.ground.text_file import read_text
@@ -18,7 +27,7 @@ from tumblecal.history.entry import USE, WHEN, Entry
 
 
 # Documents of each kind of result; calibration.json may be in the same folder.
-KINDS = {RESULT: "calibration", DIAGNOSIS: "diagnosis"}
+KINDS = {RESULT: "calibration", DIAGNOSIS: "diagnosis", CHECK: "check"}
 
 
 def of_folder(folder: Path, kind: str, serial: str | None = None) -> Entry:
@@ -26,11 +35,13 @@ def of_folder(folder: Path, kind: str, serial: str | None = None) -> Entry:
 
     **Arguments:**
 
-    - `kind`: calibration or diagnosis. `serial`: of the unit, if the caller has it.
+    - `kind`: calibration, diagnosis or check. `serial`: of the unit, if the caller has it.
 
     **Raises:** `InputError` if the folder has no such result.
     """
     name = next(name for name, of_kind in KINDS.items() if of_kind == kind)
+    if name == CHECK:
+        return _of_check(folder / name, serial)
     documents = {name: read_text(folder / name, "JSON")}
     corrected, path = None, folder / "calibration.json"
     if path.exists():
@@ -63,6 +74,21 @@ def of_folder(folder: Path, kind: str, serial: str | None = None) -> Entry:
         outcome=outcome,
         rms_g=result.rms_g,
         p_value=result.p_value,
+    )
+
+
+def _of_check(path: Path, serial: str | None) -> Entry:
+    """The entry of a check: it has no parameters, so it is on no chart."""
+    result = read_record(path, CheckFile, REMEDY)
+    return Entry(
+        kind=KINDS[CHECK],
+        serial=serial or result.serial_number or "",
+        date_utc=_date(path, result.measured_utc),
+        source=result.source,
+        sha256=result.sha256 or "",
+        outcome=f"{result.outcome}{USE}{result.answer}",
+        p_value=result.p_value,
+        documents={CHECK: read_text(path, "JSON")},
     )
 
 

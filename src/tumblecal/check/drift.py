@@ -1,0 +1,119 @@
+"""Process noise between a calibration and a check: changes of the parameters by the history of the unit, or as stated."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from tumblecal.data.calibration import Calibration
+from tumblecal.data.joined_clocks import TIME_ZERO
+from tumblecal.data.measured import MEASURED, measured_at
+from tumblecal.data.positions import PositionSet
+from tumblecal.data.sensor_parameters import SENSOR, leaf_of
+from tumblecal.ground.counted import counted
+from tumblecal.ground.errors import InputError
+from tumblecal.history.entry import Entry
+from tumblecal.history.repeatability import PAPER_LIMITS, unit_history
+
+
+_DAYS_A_MONTH = 365.25 / 12
+
+
+@dataclass(frozen=True)
+class ProcessNoise:
+    """Change of the parameters since their calibration: mean `shift` and `variance` (9), base units; `source` in words."""
+
+    shift: Float[np.ndarray, "9"]
+    variance: Float[np.ndarray, "9"]
+    months: float | None
+    source: str
+
+    def record(self) -> dict[str, Any]:
+        """For the provenance of an update."""
+        return {
+            "source": self.source,
+            "months": self.months,
+            "shift": dict(zip(SENSOR, self.shift.tolist(), strict=True)),
+            "sd": dict(zip(SENSOR, np.sqrt(self.variance).tolist(), strict=True)),
+        }
+
+
+NONE = ProcessNoise(
+    np.zeros(9),
+    np.zeros(9),
+    None,
+    "none: the parameters are assumed not to drift; state --drift, or --history with three results",
+)
+
+
+def months_between(calibration: Calibration, data: PositionSet, now: datetime) -> float | None:
+    """Months from the measurement of a calibration to a recording (by default `now`); None if the calibration has no date."""
+    stated = calibration.provenance.get(MEASURED) or calibration.provenance.get("date_utc")
+    if stated is None:
+        return None
+    recorded = data.comments.get(MEASURED) or data.comments.get(TIME_ZERO)
+    at = now if recorded is None else _in_utc(measured_at(recorded, data.source), now)
+    since = _in_utc(measured_at(str(stated), "date of the calibration"), now)
+    return max((at - since).total_seconds() / 86400 / _DAYS_A_MONTH, 0.0)
+
+
+def _in_utc(date: datetime, now: datetime) -> datetime:
+    return date if date.tzinfo is not None else date.replace(tzinfo=now.tzinfo)
+
+
+def stated_noise(rates: Mapping[str, float], months: float) -> ProcessNoise:
+    """Process noise from standard deviations per month (base units) by leaf or parameter: a change grows in proportion to time,
+    with an unknown rate."""
+    sd = np.array([rates.get(name, rates.get(leaf_of(name), 0.0)) for name in SENSOR]) * months
+    listed = ", ".join(rates)
+    return ProcessNoise(np.zeros(9), sd**2, months, f"drift of {listed} as stated, over {months:.3g} months")
+
+
+def process_noise(
+    calibration: Calibration,
+    data: PositionSet,
+    rates: Mapping[str, float],
+    months: float | None,
+    entries: Sequence[Entry] | None,
+    named: str,
+) -> ProcessNoise:
+    """The process noise between a calibration and a recording: as stated, otherwise by the history of the unit, otherwise none.
+
+    **Arguments:**
+
+    - `rates`: stated drifts, as for `stated_noise`. `months`: between the two; by default by their dates.
+    - `entries`: of the unit in the history `named`; None without a history or a serial number.
+
+    **Raises:** `InputError` for a drift without a time.
+    """
+    if months is not None and not 0 <= months < 1200:
+        raise InputError(f"--months {months:g}: a number from 0 to 1200")
+    between = months_between(calibration, data, datetime.now(UTC)) if months is None else months
+    if rates:
+        if between is None:
+            raise InputError("--drift: the calibration states no date; give the time since then: --months 12")
+        return stated_noise(rates, between)
+    if entries is None or between is None:
+        return NONE
+    return noise_of_history(entries, between, named)
+
+
+def noise_of_history(entries: Sequence[Entry], months: float, named: str) -> ProcessNoise:
+    """Process noise from the earlier results of a unit: its drift per month with its uncertainty, and the dispersion about the
+    line beyond the uncertainty of the results; none with fewer than three dated results."""
+    history = unit_history(entries, PAPER_LIMITS)
+    trends = {trend.name: trend for trend in history.trends}
+    count = len(history.entries)
+    if any(name not in trends or not np.isfinite(trends[name].drift) for name in SENSOR):
+        few = f"{counted(count, 'result')} of this unit in {named} with different dates; a drift needs three"
+        return replace(NONE, source=f"{NONE.source} ({few})")
+    shift, variance = np.zeros(9), np.zeros(9)
+    for number, name in enumerate(SENSOR):
+        trend = trends[name]
+        shift[number] = trend.drift * months
+        beyond = trend.scatter**2 - float(np.mean(trend.sd**2))
+        variance[number] = (trend.drift_sd * months) ** 2 + max(beyond, 0.0)
+    return ProcessNoise(shift, variance, months, f"drift of {count} results in {named}, over {months:.3g} months")

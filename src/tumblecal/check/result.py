@@ -1,0 +1,231 @@
+"""A check: whether a calibration still holds, what its recording cannot see, and what changed."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from tumblecal.chain import Chain
+from tumblecal.check.consistency import Consistency, tested
+from tumblecal.check.expected import Expected, expected, require_temperature, without_terms
+from tumblecal.check.gravity import LocalSize
+from tumblecal.check.moved import Explanation, Moved, moved
+from tumblecal.check.noise import PositionNoise, noise_of
+from tumblecal.check.observation import Observation, observed
+from tumblecal.check.sensitivity import Sensitivity, sensitivity
+from tumblecal.data.calibration import Calibration
+from tumblecal.data.calibration_use import YES, Use, combined
+from tumblecal.data.positions import PositionSet
+from tumblecal.data.sensor_parameters import SENSOR, triad_of
+from tumblecal.estimation.attitudes import attitudes, slopes
+from tumblecal.estimation.position_problem import default_chain, problem_of
+from tumblecal.estimation.priors import Priors
+from tumblecal.estimation.problem import Problem
+from tumblecal.ground.errors import InputError
+
+
+# The linearisation is repeated at the changed parameters.
+_ROUNDS = 2
+# Corrected readings at rest are within this of gravity, g.
+_FAR = 0.2
+_DIRECTIONS = np.array([each.up for each in attitudes()])
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """Size of gravity at each attitude less the expected size, g, and its standard uncertainty without a change."""
+
+    excess: Float[np.ndarray, " positions"]
+    sd: Float[np.ndarray, " positions"]
+
+
+@dataclass(frozen=True)
+class CheckResult:
+    """A check.
+
+    - `calibration`: read from `path`. `data`: the positions. `expected`, `test`, `sensitivity`: see their classes.
+    - `moved`: explanations of a rejected calibration; None if it is not rejected. `without`: the test without the attitude that
+      `moved` names; None if it names none.
+    - `sizes`: of gravity. `use`: whether the calibration may be used. `change_g`: largest change of a corrected force over all
+      attitudes, and its expanded uncertainty (k = 2), g; None if it is not rejected, or if the attitudes do not determine it.
+    - `outside_degc`: temperatures outside the range of the calibration.
+    """
+
+    calibration: Calibration
+    path: Path
+    data: PositionSet
+    expected: Expected
+    noise: PositionNoise
+    test: Consistency
+    sensitivity: Sensitivity
+    sizes: Sizes
+    moved: Moved | None
+    without: Consistency | None
+    use: Use
+    change_g: tuple[float, float] | None
+    gravity: LocalSize
+    outside_degc: Float[np.ndarray, "2"] | None = None
+
+    @property
+    def disturbed(self) -> Explanation | None:
+        """The attitude that was not at rest, if the explanations name one and the others agree with the calibration."""
+        named = self.moved.named if self.moved is not None else None
+        if named is None or named.kind != "attitude" or self.without is None or self.without.rejected:
+            return None
+        return named
+
+
+@dataclass(frozen=True)
+class Model:
+    """The model of attitudes with known angles: `chain` makes it for a position set (default: the nominal one), `priors` of its
+    angles."""
+
+    chain: Callable[[PositionSet], Chain] = default_chain
+    priors: Priors = field(default_factory=dict)
+
+    def problem(self, data: PositionSet, noise: PositionNoise) -> Problem:
+        """The problem of some positions.
+
+        **Raises:** `InputError` for a chain without the sensor's parameters, one for all positions.
+        """
+        chain = self.chain(data)
+        if missing := [name for name in SENSOR if name not in chain.names]:
+            raise InputError(
+                f"{data.source}: the model has no {missing[0]} for all positions; give a rig that estimates it"
+            )
+        return problem_of(data, chain, noise_sd=noise.stated_g, priors=self.priors)
+
+
+def check(
+    calibration: Calibration,
+    path: Path,
+    data: PositionSet,
+    *,
+    model: Model | None = None,
+    noise_sd: float | None = None,
+    gravity: LocalSize | None = None,
+    extrapolate: bool = False,
+    largest_g: float | None = None,
+) -> CheckResult:
+    """Check a calibration.
+
+    **Arguments:**
+
+    - `path`: of the calibration file. `data`: still attitudes, in g of the calibration.
+    - `model`: of attitudes with known angles. `noise_sd`: of a reading, g, in place of that of the data.
+    - `gravity`: at the place of the recording; by default that of the calibration.
+    - `extrapolate`: whether temperatures may be outside the range of the calibration. `largest_g`: largest error of a force
+      that is acceptable in use, g.
+
+    **Raises:** `InputError` for readings that no attitude explains, temperatures outside, a calibration without uncertainty.
+    """
+    gravity = gravity or LocalSize()
+    outside = require_temperature(calibration, path, data, extrapolate=extrapolate)
+    degc = None if data.temperature_degc is None else float(np.mean(data.temperature_degc))
+    noise = noise_of(calibration, data, noise_sd)
+    noise = replace(noise, data=without_terms(calibration, noise.data, degc))
+    before = expected(calibration, path, degc, size=gravity.size, size_sd=gravity.sd)
+    sizes = _sizes(before, noise)
+    _require_gravity(noise.data, sizes, gravity)
+    problem = (model or Model()).problem(noise.data, noise)
+
+    def test_of(rows: Observation) -> Consistency:
+        return tested(rows, before, noise_dof=noise.dof, shared=noise.shared)
+
+    test = test_of(observed(problem, before.mean))
+    explained = None
+    for _ in range(_ROUNDS if test.rejected else 0):
+        explained = moved(test, noise.typical_g)
+        best = explained.named
+        change = explained.average[0] if best is None else best.change
+        test = test_of(observed(problem, before.mean, before.mean + change))
+    if test.rejected:
+        explained = moved(test, noise.typical_g)
+    elif explained is not None:
+        explained = None
+    without = None
+    if explained is not None and explained.named is not None and explained.named.kind == "attitude":
+        without = test_of(test.observation.without(explained.named.attitude))
+    result = CheckResult(
+        calibration=calibration,
+        path=path,
+        data=data,
+        expected=before,
+        noise=noise,
+        test=test,
+        sensitivity=sensitivity(test),
+        sizes=sizes,
+        moved=explained,
+        without=without,
+        use=YES,
+        change_g=None if explained is None else _change(explained),
+        gravity=gravity,
+        outside_degc=outside,
+    )
+    return replace(result, use=_use(result, largest_g))
+
+
+def _sizes(before: Expected, noise: PositionNoise) -> Sizes:
+    """The size of gravity at each position."""
+    data = noise.data
+    values = before.mean
+    force = (data.readings - values[3:6]) @ np.linalg.inv(triad_of(values)).T
+    sizes = np.linalg.norm(force, axis=1)
+    up = force / sizes[:, None]
+    rows, prior = slopes(up), before.of_parameters + before.common
+    sd = np.full(data.readings.shape, noise.stated_g) if noise.stated_g or data.sd is None else data.sd
+    variance = np.einsum("ri,ij,rj->r", rows, prior, rows) + np.sum((up * sd) ** 2, axis=1)
+    return Sizes((sizes - 1) * before.size, np.sqrt(variance))
+
+
+def _require_gravity(data: PositionSet, sizes: Sizes, gravity: LocalSize) -> None:
+    """Check that the readings are gravity.
+
+    **Raises:** `InputError` with the positions that are far from it.
+    """
+    far = np.flatnonzero(np.abs(sizes.excess) > _FAR)
+    if len(far):
+        worst = int(np.argmax(np.abs(sizes.excess)))
+        listed = ", ".join(data.names[k] for k in far[:5]) + (f" and {len(far) - 5} more" if len(far) > 5 else "")
+        raise InputError(
+            f"{data.source}: position {listed}: the corrected readings are far from gravity "
+            f"({gravity.size + sizes.excess[worst]:.3g} g at {data.names[worst]}): moving, saturated, or in a different unit; "
+            "check --unit and the column names, or record it again"
+        )
+
+
+def _change(explained: Moved) -> tuple[float, float] | None:
+    """The largest change of a corrected force over attitudes, and its expanded uncertainty there (k = 2), g; None if the
+    attitudes do not determine it."""
+    named = explained.named
+    mean, covariance = explained.average if named is None else (named.change, named.covariance)
+    x, y, z = _DIRECTIONS.T
+    columns = np.zeros((len(_DIRECTIONS), 3, 9))
+    columns[:, 0, 0], columns[:, 1, 1], columns[:, 2, 2] = x, y, z
+    columns[:, range(3), range(3, 6)] = 1.0
+    columns[:, 1, 6], columns[:, 2, 7], columns[:, 2, 8] = x, x, y
+    change = np.linalg.norm(columns @ mean, axis=1)
+    spread = np.linalg.eigvalsh(columns @ covariance @ columns.swapaxes(1, 2))[:, -1]
+    worst = int(np.argmax(change))
+    size, expanded = float(change[worst]), float(2 * np.sqrt(spread[worst]))
+    return (size, expanded) if expanded < size else None
+
+
+def _use(result: CheckResult, largest_g: float | None) -> Use:
+    """The use that the calibration's statement and the check allow together."""
+    stated = result.calibration.use if result.calibration.use.answer else YES
+    test, count = result.test, len(result.data)
+    if not test.rejected:
+        return stated
+    if result.disturbed is not None:
+        reason = f"{count - 1} attitudes agree; attitude {result.disturbed.attitude} was not at rest or is in error"
+        return combined([stated, Use(YES.answer, reason)])
+    reason = "the sensor changed since this calibration"
+    if result.change_g is None:
+        return combined([stated, Use("no", reason)])
+    size, expanded = result.change_g
+    if largest_g is not None and size + expanded <= largest_g:
+        return combined([stated, Use("within", f"{reason}, within the acceptable error", size_g=size + expanded)])
+    return combined([stated, Use("no", reason, size_g=size)])

@@ -1,0 +1,318 @@
+"""`tumblecal check`: whether a calibration still holds."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+from tumblecal.capture.recordings.options import Criterion, KnownContext, RecordingOptions
+from tumblecal.cli.calibrate import NOT_USABLE
+from tumblecal.cli.options import NoiseSd, Priors, ResultOptions, RigFile
+from tumblecal.cli.output import Output, warn
+from tumblecal.ground.errors import InputError
+
+
+if TYPE_CHECKING:
+    from tumblecal.check.attitudes import StillAttitudes
+    from tumblecal.check.drift import ProcessNoise
+    from tumblecal.check.gravity import LocalSize
+    from tumblecal.check.result import CheckResult, Model
+    from tumblecal.check.update import Update
+    from tumblecal.data.calibration import Calibration
+
+_SET = ("check.json", "check.html")
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class TestOptions:
+    """Conditions of the check.
+
+    Parameters
+    ----------
+    u_gravity
+        Standard uncertainty of --gravity relative to its value. Default: 0 for the gravity of the calibration, otherwise 3e-5
+        (anomalies). Example: --u-gravity 1e-6.
+    largest_error
+        Largest error of a corrected force that is acceptable in use. A changed calibration within it may be used. Default:
+        none, so a changed calibration must not be used. Example: --largest-error 5mg.
+    other_unit
+        Check with a recording whose serial number differs from that of the calibration. Default: an error.
+    extrapolate
+        Check at temperatures outside the range of the calibration. Default: an error.
+    use_anyway
+        Check of a calibration with the judgement `use: no`. Default: an error.
+    """
+
+    noise_sd: NoiseSd = None
+    rig: RigFile = None
+    prior: Priors = ()
+    u_gravity: float | None = None
+    largest_error: str = ""
+    other_unit: Annotated[bool, Parameter(negative=())] = False
+    extrapolate: Annotated[bool, Parameter(negative=())] = False
+    use_anyway: Annotated[bool, Parameter(negative=())] = False
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class UpdateOptions:
+    """A new calibration from the old one and the recording.
+
+    Parameters
+    ----------
+    update
+        File for the updated calibration. It is not written if the recording contradicts the calibration. Default: none.
+        Example: --update updated.json.
+    free
+        Parameter or kind of parameter that changed: its old value is not used. Repeatable. Example: --free bias_x.
+    drift
+        Standard deviation of the drift of a parameter or kind of parameter, per month. Repeatable. Default: the drift of the
+        unit by --history, if it has three or more results; otherwise none. Example: --drift 'bias=0.1 mg/month'.
+    months
+        Months from the calibration to the recording. Default: by their dates. Example: --months 12.
+    """
+
+    update: Path | None = None
+    free: Annotated[tuple[str, ...], Parameter(negative=(), show_default=False)] = ()
+    drift: Annotated[tuple[str, ...], Parameter(negative=(), show_default=False)] = ()
+    months: float | None = None
+
+    def rates(self) -> dict[str, float]:
+        """The stated drifts per month, base units.
+
+        **Raises:** `InputError` for texts that are not drifts.
+        """
+        from tumblecal.data.sensor_parameters import GROUPS, SENSOR, leaf_of
+        from tumblecal.ground.units import quantity
+
+        rates = dict[str, float]()
+        for text in self.drift:
+            name, _, size = (part.strip() for part in text.partition("="))
+            amount, _, per = size.rpartition("/")
+            leaf = leaf_of(name)
+            if (name not in SENSOR and name not in GROUPS) or leaf == "dtheta" or per.strip() != "month":
+                raise InputError(
+                    f"--drift {text!r}: write NAME=SIZE/month with dK, bias, gamma or a parameter, e.g. 'bias=0.1 mg/month'"
+                )
+            try:
+                rates[name] = quantity(amount, GROUPS[leaf][1])
+            except InputError as error:
+                raise InputError(f"--drift {text!r}: {error}") from error
+            if not rates[name] >= 0:
+                raise InputError(f"--drift {text!r}: must be 0 or more")
+        return rates
+
+
+def check(
+    calibration: Path,
+    recording: list[Path],
+    /,
+    *,
+    test: TestOptions = TestOptions(),
+    updating: UpdateOptions = UpdateOptions(),
+    context: Annotated[KnownContext, Parameter(name="*")] = KnownContext(),
+    options: Annotated[RecordingOptions, Parameter(name="*")] = RecordingOptions(),
+    criterion: Annotated[Criterion, Parameter(name="*")] = Criterion(),
+    results: ResultOptions = ResultOptions(),
+    out: Path = Path("check"),
+    output: Output = Output(),
+) -> int:
+    """Check whether a calibration still holds, by a few attitudes at rest.
+
+    It tests the agreement with the calibration and its uncertainty, reports the smallest changes that the recording detects and
+    those that it cannot see, and names the parameter that changed if the attitudes separate it. Exit code: 0; 2 for input that
+    is rejected; 3 if the calibration must not be used. Next: tumblecal apply with the calibration.
+
+    Parameters
+    ----------
+    calibration
+        The calibration.json of calibrate, diagnose or thermal.
+    recording
+        Three or more attitudes at rest (by hand, or on a head), or one long still log: a recording of any format that reduce
+        reads, several files of one recording, a position file, or a folder of tumblecal capture.
+    out
+        Output folder: check.json and check.html. Example: --out check17.
+    """
+    from tumblecal.cli.start import start
+
+    output.begin()
+    start()
+    from tumblecal.capture.reduction.file_names import recording_files
+    from tumblecal.check.attitudes import still_attitudes
+    from tumblecal.check.result import check as checked
+    from tumblecal.data.calibration import read_calibration
+    from tumblecal.data.overwriting import protect_inputs
+    from tumblecal.data.result_records import with_dof_of_result
+    from tumblecal.ground.blas import single_blas_thread
+    from tumblecal.ground.units import quantity, reading_sd
+
+    read = with_dof_of_result(calibration, read_calibration(calibration))
+    read.use.require(calibration, anyway=test.use_anyway)
+    files = recording_files(recording, [context.table, context.plan])
+    inputs = [calibration, *files, context.plan, context.table, test.rig, results.history]
+    protect_inputs(inputs, folders=[out], names=_SET)
+    if updating.update is not None:
+        protect_inputs(inputs, out=updating.update)
+    elif updating.free or updating.drift:
+        raise InputError(f"--{'free' if updating.free else 'drift'} is for an update; give --update updated.json")
+    noise_sd = None if test.noise_sd is None else reading_sd(test.noise_sd)
+    largest_g = quantity(test.largest_error, "g") if test.largest_error else None
+    rates = updating.rates()
+    results.ready()
+    with single_blas_thread(), output.working("reading"):
+        found = still_attitudes(files, context, replace(options, gravity=""), criterion)
+    _printed(output, found)
+    _require_unit(read, calibration, found, other=test.other_unit)
+    gravity, found = _gravity(read, calibration, found, options.gravity, test.u_gravity)
+    _require_new(read, calibration, found)
+    with output.working("testing"):
+        result = checked(
+            read,
+            calibration,
+            found.data,
+            model=_model(test, found),
+            noise_sd=noise_sd,
+            gravity=gravity,
+            extrapolate=test.extrapolate,
+            largest_g=largest_g,
+        )
+        made, refused = None, None
+        try:
+            made = _updated(result, found, updating, rates, results.history)
+        except InputError as fault:
+            refused = fault
+    _written(result, found, made, updating.update, results, out, output)
+    if refused is not None:
+        raise refused
+    return NOT_USABLE if result.use.refused else 0
+
+
+def _printed(output: Output, found: "StillAttitudes") -> None:
+    """Print layout, guesses and warnings of the recording."""
+    from tumblecal.report.recording_words import layouts_words, left_out_words
+
+    if found.read:
+        output.say("\n".join(layouts_words(found.read)))
+    for source, contents in found.read:
+        output.warn(source, left_out_words(contents))
+    for source, lines in found.warnings:
+        warn(source, lines)
+
+
+def _require_unit(read: "Calibration", path: Path, found: "StillAttitudes", *, other: bool) -> None:
+    """Reject a recording of a different unit.
+
+    **Raises:** `InputError` if the serial numbers differ, unless `other` is set.
+    """
+    stated = found.data.serial_number
+    if read.serial_number and stated and stated != read.serial_number and not other:
+        raise InputError(
+            f"{found.data.source}: serial number {stated}, but {path} is of {read.serial_number}; give that unit's "
+            "calibration, or --other-unit to insist"
+        )
+
+
+def _require_new(read: "Calibration", path: Path, found: "StillAttitudes") -> None:
+    """Reject the data of the calibration itself, which agree with it whatever happened since.
+
+    **Raises:** `InputError` with the file.
+    """
+    used = read.provenance.get("sha256")
+    for record in found.provenance(path)["recording"]:
+        if used is not None and record["sha256"] == used:
+            raise InputError(f"{record['file']}: {path} was made from this file; check it with a new recording")
+
+
+def _gravity(
+    read: "Calibration", path: Path, found: "StillAttitudes", stated: str, u: float | None
+) -> "tuple[LocalSize, StillAttitudes]":
+    from tumblecal.check.gravity import local_size
+    from tumblecal.ground.gravity import gravity_of_option
+
+    if u is not None and not 0 <= u < 0.1:
+        raise InputError(f"--u-gravity {u:g}: a relative standard uncertainty from 0 to 0.1, such as 1e-5")
+    local = gravity_of_option(stated) if stated else None
+    gravity, data = local_size(read, found.data, local, u, str(path))
+    return gravity, replace(found, data=data)
+
+
+def _model(test: TestOptions, found: "StillAttitudes") -> "Model":
+    """The model of known angles: of --rig and --prior."""
+    from tumblecal.check.result import Model
+    from tumblecal.cli.model_options import StatedModel
+    from tumblecal.cli.options import ModelOptions
+
+    if found.data.hand_held:
+        if test.rig or test.prior:
+            option = "--rig" if test.rig else "--prior"
+            raise InputError(
+                f"{option}: the angles of {found.data.source} are unknown; omit it, or give angles (--plan, --table)"
+            )
+        return Model()
+    model = StatedModel.of(ModelOptions(rig=test.rig, prior=test.prior))
+    return Model(lambda data: model.chain(data, known=True), model.priors)
+
+
+def _updated(
+    result: "CheckResult",
+    found: "StillAttitudes",
+    updating: UpdateOptions,
+    rates: Mapping[str, float],
+    history: Path | None,
+) -> "tuple[Update, ProcessNoise] | None":
+    """The update, if one is asked for, and its process noise.
+
+    **Raises:** `InputError` if the recording contradicts the calibration, and for unusable options.
+    """
+    if updating.update is None:
+        return None
+    from tumblecal.check.drift import process_noise
+    from tumblecal.check.update import freed_names, updated
+    from tumblecal.history.database import of_unit
+
+    freed = freed_names(updating.free)
+    serial = found.data.serial_number or result.calibration.serial_number
+    entries = of_unit(history, serial) if history is not None and serial else None
+    process = process_noise(result.calibration, found.data, rates, updating.months, entries, str(history))
+    return updated(result.test, process, freed, found.provenance(result.path)), process
+
+
+def _written(
+    result: "CheckResult",
+    found: "StillAttitudes",
+    made: "tuple[Update, ProcessNoise] | None",
+    file: Path | None,
+    results: ResultOptions,
+    out: Path,
+    output: Output,
+) -> None:
+    """Write and print the results."""
+    from tumblecal.data.calibration import write_calibration
+    from tumblecal.ground.atomic import output_folders, writable_file
+    from tumblecal.ground.result_set import result_set
+    from tumblecal.report.check_files import write_check
+    from tumblecal.report.check_page import write_check_page
+    from tumblecal.report.check_verdict import verdict_of_check
+    from tumblecal.report.verdict import verdict_lines
+
+    verdict = verdict_of_check(result, [result.path, *found.files], made, file)
+    update = made[0] if made is not None else None
+    if file is not None:
+        writable_file(file)
+    with output_folders([out]), result_set(out, _SET) as aside:
+        write_check(aside / "check.json", result, verdict, found.provenance(result.path), update)
+        written = ["check.json"]
+        if results.figures is not False:
+            write_check_page(aside / "check.html", result, verdict)
+            written.append("check.html")
+    if update is not None and file is not None:
+        write_calibration(file, update.calibration)
+    results.in_history(out, "check", found.data.serial_number or result.calibration.serial_number)
+    output.say("\n".join(verdict_lines(verdict, output.columns)))
+    output.say(f"written: {out}/: {', '.join(written)}{'' if update is None else f'; {file}'}")
+    if result.use.refused:
+        output.warn(result.data.source, [f"use: {result.use.words}"])
+    output.record(out / "check.json")

@@ -1,0 +1,173 @@
+"""The verdict of a check: holds, changed, or an attitude to repeat."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from tumblecal.check.drift import ProcessNoise
+from tumblecal.check.result import CheckResult
+from tumblecal.check.update import Update
+from tumblecal.estimation.attitudes import attitude_words
+from tumblecal.ground.counted import counted
+from tumblecal.ground.numbers_shown import p_words
+from tumblecal.ground.suggested_command import suggested
+from tumblecal.report.check_words import (
+    attitudes_words,
+    change_in_use,
+    explanation_size,
+    explanation_words,
+    explanations_words,
+    probability_words,
+    rest_words,
+    sensitivity_words,
+    size_of_gravity_words,
+    test_words,
+    unseen_lines,
+    worst_words,
+)
+from tumblecal.report.verdict import Finding, Unresolved, Verdict, as_sentence
+
+
+HOLDS, CHANGED, REPEAT = "holds", "changed", "repeat"
+TONES = {HOLDS: "good", CHANGED: "bad", REPEAT: "open"}
+
+
+def verdict_word(result: CheckResult) -> str:
+    """The outcome in one word."""
+    if not result.test.rejected:
+        return HOLDS
+    return CHANGED if result.disturbed is None else REPEAT
+
+
+def verdict_of_check(
+    result: CheckResult,
+    words: Sequence[object],
+    made: tuple[Update, ProcessNoise] | None = None,
+    written: Path | None = None,
+) -> Verdict:
+    """The verdict.
+
+    **Arguments:**
+
+    - `words`: calibration and recording, for suggested commands. `made`: update and process noise. `written`: the file of an
+      update that is asked for.
+    """
+    return Verdict(
+        verdict_word(result),
+        _headline(result),
+        result.data.source,
+        result.use.words,
+        tuple(_found(result)),
+        tuple(_unresolved(result)),
+        tuple(_evidence(result, made, written)),
+        tuple(_next(result, words, written if made is not None else None)),
+        tuple(_details(result)),
+    )
+
+
+def _headline(result: CheckResult) -> str:
+    test = result.test
+    if not test.rejected:
+        return f"The calibration agrees with {attitudes_words(result)} ({p_words(test.p_value)})."
+    if result.disturbed is not None:
+        others = len(result.data) - 1
+        return f"Attitude {result.disturbed.attitude} contradicts the calibration; the other {others} agree with it."
+    assert result.moved is not None
+    named = result.moved.named
+    if named is not None:
+        size = explanation_size(named)
+        changed = (
+            f"the {explanation_words(named)}" if named.kind in ("bias", "scale", "angle") else explanation_words(named)
+        )
+        probability = probability_words(named.probability)
+        return f"The sensor changed: {changed}{f', {size}' if size else ''} (probability {probability})."
+    if result.moved.biases > 0.95:
+        return "The sensor changed: a bias; these attitudes do not show which one."
+    return "The sensor changed; these attitudes do not show which parameter."
+
+
+def _found(result: CheckResult) -> Iterator[Finding]:
+    if result.moved is None:
+        return
+    named = result.moved.named
+    if named is not None:
+        id = named.parameters[0] if len(named.parameters) == 1 else ""
+        yield Finding(as_sentence(explanation_words(named)), explanation_size(named), id)
+    if result.disturbed is None:
+        yield Finding("Largest change of a corrected force over all attitudes", change_in_use(result))
+
+
+def _unresolved(result: CheckResult) -> Iterator[Unresolved]:
+    if result.moved is not None and result.moved.named is None:
+        yield Unresolved("Which parameter changed (probability)", f"{explanations_words(result)}.", (1,))
+    if result.gravity.unknown:
+        yield Unresolved("Gravity is not compared", f"{result.gravity.words}.")
+    if result.outside_degc is not None:
+        low, high = result.outside_degc
+        at = f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}"
+        reason = "its temperature dependence is not in the calibration, and looks like a change of the sensor."
+        yield Unresolved(f"Recorded at {at} degC, outside the range of the calibration", reason)
+    if result.test.noise_factor > 1:
+        yield from (Unresolved(f"{line}.") for line in rest_words(result))
+    if lines := list(unseen_lines(result)):
+        yield Unresolved("Not visible in this recording", f"{'; '.join(lines)}.")
+
+
+def _evidence(result: CheckResult, made: tuple[Update, ProcessNoise] | None, written: Path | None) -> Iterator[str]:
+    yield f"{test_words(result)}."
+    yield f"{size_of_gravity_words(result)}."
+    yield f"{sensitivity_words(result)}."
+    if made is not None:
+        update, process = made
+        low, high = update.ratio.min(), update.ratio.max()
+        yield f"{written}: standard uncertainties {low:.2g} to {high:.2g} times those before."
+        yield f"Process noise of the update: {process.source}."
+
+
+def _next(result: CheckResult, words: Sequence[object], written: Path | None) -> Iterator[str]:
+    if result.disturbed is not None:
+        yield f"Record attitude {result.disturbed.attitude} again, at rest on a firm support, and repeat the check."
+        return
+    if written is not None:
+        yield f"Use the updated calibration, {written}, and keep the previous one with its check."
+    if not result.test.rejected:
+        if further := _further(result):
+            yield further
+        if written is None:
+            yield "To improve the calibration with this recording:"
+            yield suggested("check", *words, "--update", "updated.json")
+        return
+    if written is not None:
+        return
+    assert result.moved is not None
+    named = result.moved.named
+    if named is None:
+        if result.moved.separating:
+            attitudes = "; ".join(attitude.words for attitude in result.moved.separating)
+            yield f"To see which parameter changed, record in addition: {attitudes}. Then repeat the check with all attitudes."
+        yield "Calibrate the unit again, or correct only what is known to have changed (--update FILE --free PARAMETER)."
+        return
+    if len(named.parameters) == 1:
+        yield f"To correct only the {explanation_words(named)}, with an uncertainty from this recording:"
+        yield suggested("check", *words, "--update", "updated.json", "--free", named.parameters[0])
+    yield "Otherwise calibrate the unit again." if len(named.parameters) == 1 else "Calibrate the unit again."
+
+
+def _further(result: CheckResult) -> str:
+    """Further attitudes for parameters that the recording hardly shows; "" if it shows all."""
+    seen = result.sensitivity
+    if not (seen.invisible or seen.poorly_visible or len(seen.hidden)):
+        return ""
+    words = attitude_words(result.noise.data.readings)
+    return f"To see these changes too, record in addition: {words}." if words else ""
+
+
+def _details(result: CheckResult) -> Iterator[tuple[str, str]]:
+    yield "Noise of the attitudes", f"{result.noise.words}."
+    if result.test.noise_factor == 1:
+        yield from (("Attitudes among themselves", f"{line}.") for line in rest_words(result))
+    if result.test.dof:
+        yield "Most difficult visible change", f"{worst_words(result)}, detected with probability 0.8."
+    yield "Gravity", f"{result.gravity.words}."
+    if result.expected.degc is not None:
+        yield "Temperature", f"{result.expected.degc:.4g} degC."
+    yield "Directions", f"{counted(result.test.dof, 'direction')} of the nine parameters visible."
