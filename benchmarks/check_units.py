@@ -2,8 +2,8 @@
 
 Triad, calibration and recordings are in numpy alone (not the chain). A calibration is a least-squares fit of 30 positions on a
 head, with the noise stated or estimated. A recording has 3 to 12 attitudes by hand or on a head (mounted again, with pitch
-errors), or is one long still log. The changed parameter, its size, and the noise are drawn. With --drift all parameters of every
-unit change, with the process noise that the update states.
+errors), or is one long still log. The changed parameter, its size, and the noise are drawn. With --drift all parameters of
+every unit change, with the process noise that the update states.
 
     python benchmarks/check_units.py --units 500 --seed 1
     python benchmarks/check_units.py --units 500 --seed 1 --drift

@@ -29,6 +29,7 @@ RUN_ELSEWHERE = {
     "index.md": "tests/test_readme.py",
     "own_effects.md": "tests/effects/test_users_effects.py",
     "thermal.md": "tests/report/test_thermal_page.py",
+    "check.md": "tests/check/test_check_command.py",
 }
 # Pages whose shell blocks are run here, in this order: each has what those before it made.
 WAY_OUT = ("certificate", "budget", "devices", "history")

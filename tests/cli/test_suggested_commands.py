@@ -80,7 +80,7 @@ def test_every_shared_option_is_one_of_the_command_and_none_is_forgotten():
     names = {f"--{field.name.replace('_', '-')}" for field in fields(ModelOptions)}
     assert all(names <= set(SHARED[command]) for command in ("calibrate", "diagnose", "budget"))
     names = {f"--{field.name.replace('_', '-')}" for field in fields(RecordingOptions)}
-    assert all(names <= set(SHARED[command]) | {"--gravity"} for command in ("reduce", "import", "apply"))
+    assert all(names <= set(SHARED[command]) | {"--gravity"} for command in ("reduce", "import", "apply", "check"))
 
 
 @pytest.mark.parametrize("written", ["apart", "by ="])
@@ -88,13 +88,14 @@ def test_every_shared_option_is_one_of_the_command_and_none_is_forgotten():
 def test_what_was_stated_is_stated_again(invoked, command, written):
     options = [[f"{k}={v}"] if written == "by =" or v[0] == "-" else [k, v] for k, v in STATED.items()]
     invoked("calibrate", "a.csv", "--out", "o", *chain(*options), "--prior", "bias=1 mg")
-    file = "cal.json" if command == "apply" else "my file.csv"
-    line = suggested(command, *([] if command == "capture" else [Path(file)]), *(["x"] if command == "apply" else []))
+    two = command in ("apply", "check")
+    file = "cal.json" if two else "my file.csv"
+    line = suggested(command, *([] if command == "capture" else [Path(file)]), *(["x"] if two else []))
     assert shlex.split(line)[:2] == ["tumblecal", command] and "--out" not in line
     given = shlex.split(line)
     for option in SHARED[command]:
         value = STATED[option]
-        if option == "--columns" and command in ("reduce", "import", "apply"):
+        if option == "--columns" and command in ("reduce", "import", "apply", "check"):
             value = "position=pos no,alpha_deg=alpha,ax_g=AccX"
         assert f"{option}={value}" in given or given[given.index(option) + 1] == value
     assert given.count("--prior") == (2 if "--prior" in SHARED[command] else 0)

@@ -1,8 +1,9 @@
 """Test whether a recording agrees with a calibration: chi-square of the innovation, with its power.
 
-The innovation `e = H (p - m) + noise` has the covariance `1 + H P H'` if the calibration still holds. Its part in the
+The innovation `e = H (p - m) + noise` has the covariance `1 + H P H'` if the calibration is still valid. Its part in the
 directions that the parameters reach decides: T^2 has as many degrees of freedom as there are visible directions. The rest does
-not depend on the parameters: it tests the noise and the linear model. If it contradicts the noise, the noise is estimated from it.
+not depend on the parameters: it tests whether the attitudes agree with each other. If they do not, and no single attitude
+explains it, the noise is estimated from the rest, if it has five degrees of freedom.
 
 Estimated noise has a factor with the distribution of chi-square over its degrees of freedom, both that of the calibration and
 that of the recording; the p-value is that of `few_dof.no_change`.
@@ -29,6 +30,8 @@ UNLIKELY = 0.001
 _LEAST_SEEN = 0.1
 _MANY = 1e6
 _LARGE = 500.0
+# With fewer degrees of freedom an estimated noise would be less certain than a stated one.
+_LEAST_DOF = 5
 
 
 @dataclass(frozen=True)
@@ -61,6 +64,11 @@ class Consistency:
         return self.p_value < LEVEL
 
     @property
+    def disagree(self) -> bool:
+        """Whether the attitudes disagree with each other beyond the stated noise, for any parameters."""
+        return self.rest_p is not None and self.rest_p < UNLIKELY
+
+    @property
     def dof(self) -> int:
         """Number of visible directions."""
         return self.basis.shape[1]
@@ -73,8 +81,17 @@ class Consistency:
     @cached_property
     def covariance(self) -> Float[np.ndarray, "k k"]:
         """Covariance of the visible part of the innovation without a change."""
-        prior = self.expected.of_parameters + self.expected.common
-        return np.eye(self.dof) + self.slopes @ prior @ self.slopes.T
+        return np.eye(self.dof) + self._of_calibration + self._of_common
+
+    @cached_property
+    def _of_calibration(self) -> Float[np.ndarray, "k k"]:
+        """Covariance of the visible part by the uncertainty of the calibration."""
+        by_state = self.basis.T @ self.observation.by_state(self.expected.slope)
+        return by_state @ self.expected.covariance @ by_state.T
+
+    @property
+    def _of_common(self) -> Float[np.ndarray, "k k"]:
+        return self.slopes @ self.expected.common @ self.slopes.T
 
     @property
     def chi2(self) -> float:
@@ -98,13 +115,14 @@ class Consistency:
     def _parts(self) -> tuple[list[np.ndarray], list[float]]:
         """Covariances with separate unknown factors, and their degrees of freedom."""
         slopes, sensor = self.slopes, self.expected.sensor
-        known = slopes @ self.expected.common @ slopes.T
         if not self.shared:
-            of_sensor = slopes @ self.expected.of_parameters @ slopes.T
-            return [of_sensor, np.eye(self.dof) + known], [joint_dof(sensor, slopes), self.noise_dof]
-        noise = sensor.covariance if sensor.noise is None else sensor.noise
-        rest = slopes @ (self.expected.of_parameters - noise) @ slopes.T + known
-        return [slopes @ noise @ slopes.T + np.eye(self.dof), rest], [self.noise_dof, np.inf]
+            return [self._of_calibration, np.eye(self.dof) + self._of_common], [
+                joint_dof(sensor, slopes),
+                self.noise_dof,
+            ]
+        noise = self._of_calibration if sensor.noise is None else slopes @ sensor.noise @ slopes.T
+        rest = self._of_calibration - noise + self._of_common
+        return [noise + np.eye(self.dof), rest], [self.noise_dof, np.inf]
 
     def per_unit(self, change: Float[np.ndarray, "9"]) -> float:
         """Noncentrality of T^2 for a change of the parameters."""
@@ -149,13 +167,18 @@ class Consistency:
 
 
 def tested(
-    observation: Observation, expected: Expected, *, noise_dof: float = np.inf, shared: bool = False
+    observation: Observation,
+    expected: Expected,
+    *,
+    noise_dof: float = np.inf,
+    shared: bool = False,
+    estimate: bool = False,
 ) -> Consistency:
     """Test a recording.
 
     **Arguments:**
 
-    - `noise_dof`, `shared`: as of `Consistency`.
+    - `noise_dof`, `shared`: as of `Consistency`. `estimate`: whether the noise is estimated from the rest if it contradicts.
     """
     left, sizes, right = np.linalg.svd(observation.slopes * USUAL)
     seen = int(np.sum(sizes >= _LEAST_SEEN))
@@ -163,7 +186,7 @@ def tested(
     chi2, dof = float(rest @ rest), len(rest)
     tail = None if not dof else _tail(chi2, dof, noise_dof)
     factor = 1.0
-    if tail is not None and tail < UNLIKELY:
+    if estimate and tail is not None and tail < UNLIKELY and dof >= _LEAST_DOF:
         factor, noise_dof, shared = float(np.sqrt(chi2 / dof)), float(dof), False
     return Consistency(
         observation.scaled(factor),

@@ -45,7 +45,7 @@ NONE = ProcessNoise(
     np.zeros(9),
     np.zeros(9),
     None,
-    "none: the parameters are assumed not to drift; state --drift, or --history with three results",
+    "none, so a change that the check does not detect is not included; state --drift, or --history with three results",
 )
 
 

@@ -2,7 +2,8 @@
 terms.
 
 During a recording the parameters are `p = J x + n`. The state x are the parameters at the reference temperature and the
-coefficients of the curves, with the covariance of the calibration and of its budget; J = [1, h_k(T)]. The common error n is
+coefficients of the curves (J = [1, h_k(T)]) or of the terms (J = [1, 0]), with the covariance of the calibration and of its
+budget. The common error n is
 that of this recording alone: hysteresis, and the uncertainty of gravity, which scales all three axes.
 """
 
@@ -15,10 +16,13 @@ from jaxtyping import Float
 from tumblecal.data.budget_result import with_budget_in_folder
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.positions import PositionSet
-from tumblecal.data.sensor_parameters import SENSOR, SensorParameters
+from tumblecal.data.sensor_parameters import SENSOR, SensorParameters, derivative, of_matrix
+from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
 
 
+# The key of a calibration file for the joint covariance of matrix, bias and terms.
+WITH_TERMS = "covariance_with_terms"
 # Temperatures may exceed those of a calibration without curves by this much, as for `apply`.
 _WARMER_DEGC = 1.0
 
@@ -68,12 +72,22 @@ def expected(
     curves = calibration.temperature
     at = calibration if curves is None or degc is None else calibration.at(degc, extrapolate=True)
     plain = at.sensor.of(SENSOR)
+    if curves is None and "verdict" in calibration.provenance:
+        # Of a diagnosis, the covariance of matrix and bias includes undetected effects; it is for corrected readings.
+        stated = of_matrix(calibration.matrix, calibration.bias, calibration.covariance)
+        plain = replace(plain, covariance=stated.covariance)
     budgeted = with_budget_in_folder(path, calibration, None if curves is None else at.temperature_degc)
     sensor = plain if budgeted is None else budgeted.of(SENSOR)
-    of_inputs = sensor.covariance - plain.covariance
+    of_inputs = np.zeros((9, 9))
+    if budgeted is not None:
+        of_inputs = sensor.covariance - at.sensor.of(SENSOR).covariance
+        sensor = replace(sensor, covariance=plain.covariance + of_inputs, noise=plain.covariance)
     hysteresis = np.zeros((9, 9)) if curves is None else np.diag(curves.hysteresis_variance)
     if curves is None:
-        state, covariance, slope = sensor.values, sensor.covariance, np.eye(9)
+        coefficients, covariance = _with_terms(calibration, sensor.covariance)
+        covariance[:9, :9] += of_inputs if len(coefficients) else 0.0
+        state = np.concatenate([sensor.values, coefficients])
+        slope = np.eye(9, len(state))
     else:
         reference = calibration.sensor.of(SENSOR).values
         state = np.concatenate([reference, *(curve.coefficients for curve in curves.curves)])
@@ -91,6 +105,41 @@ def expected(
         )
     common = hysteresis + size_sd**2 * np.outer(scale, scale)
     return Expected(calibration, state, covariance, slope, common, mean, sensor, degc, size)
+
+
+def _with_terms(
+    calibration: Calibration, alone: Float[np.ndarray, "9 9"]
+) -> tuple[Float[np.ndarray, " terms"], Float[np.ndarray, "state state"]]:
+    """Coefficients of the terms, and the joint covariance of parameters and coefficients; none, and `alone`, if the file does
+    not state it."""
+    stated = np.array((calibration.extra.get(WITH_TERMS) or {}).get("covariance") or [])
+    coefficients = np.array([term.coefficient for term in calibration.terms])
+    size = 12 + len(coefficients)
+    if not len(coefficients) or stated.shape != (size, size):
+        return np.zeros(0), alone.copy()
+
+    def parameters(flat: np.ndarray) -> np.ndarray:
+        return of_matrix(flat[:9].reshape(3, 3), flat[9:12], np.zeros((12, 12))).values
+
+    flat = np.concatenate([calibration.matrix.ravel(), calibration.bias])
+    slope = np.zeros((9 + len(coefficients), size))
+    slope[:9, :12], slope[9:, 12:] = derivative(parameters, flat), np.eye(len(coefficients))
+    return coefficients, slope @ stated @ slope.T
+
+
+def responses(
+    calibration: Calibration, data: PositionSet, before: Expected
+) -> Float[np.ndarray, "positions terms 3"] | None:
+    """Derivatives of the readings by those coefficients of terms that are in the state; None without any."""
+    if calibration.temperature is not None or len(before.state) == 9:
+        return None
+    force = calibration.linear(data.readings)
+    found = np.zeros((len(data), len(calibration.terms), 3))
+    for k, term in enumerate(calibration.terms):
+        if not term.per_hour:
+            factor = replace(term, coefficient=1.0).factor(data.temperature_degc, None)
+            found[:, k, AXES.index(term.axis)] = term.of_inputs(force) * factor
+    return found
 
 
 def without_terms(calibration: Calibration, data: PositionSet, degc: float | None) -> PositionSet:

@@ -94,7 +94,9 @@ def moved(test: Consistency, noise_g: float) -> Moved:
     - `noise_g`: standard deviation of a position, g, for the choice of further attitudes.
     """
     rows, prior = test.observation, test.expected.of_parameters + test.expected.common
-    whole = np.eye(len(rows.innovation)) + rows.slopes @ prior @ rows.slopes.T
+    by_state = rows.by_state(test.expected.slope)
+    whole = np.eye(len(rows.innovation)) + by_state @ test.expected.covariance @ by_state.T
+    whole += rows.slopes @ test.expected.common @ rows.slopes.T
     root = np.linalg.cholesky(whole)
     white, slopes_white = np.linalg.solve(root, rows.innovation), np.linalg.solve(root, rows.slopes)
     log_weights, found = [], []

@@ -63,10 +63,9 @@ def noise_of(calibration: Calibration, data: PositionSet, stated_g: float | None
     within = f"{usual * 1e3:.2g} mg by the dwells"
     between = provenance.get("between_position_sd_g")
     if isinstance(between, int | float) and between > 0:
-        widened = replace(data, sd=np.hypot(data.sd, float(between)), recorded_noise=None)
-        return PositionNoise(
-            widened, None, f"{within}, and {between * 1e3:.2g} mg between positions by the calibration"
-        )
+        widened = replace(data, sd=np.hypot(data.sd, float(between)), recorded_noise=None, n=None)
+        words = f"{within}, and {between * 1e3:.2g} mg between positions by the calibration"
+        return PositionNoise(widened, None, words, float(dof) if estimated and dof else np.inf)
     if estimated and sigma is not None and np.any(data.sd < sigma):
         alone = bool(np.all(data.sd < sigma))
         widened = replace(data, sd=np.maximum(data.sd, sigma), recorded_noise=None, n=None)

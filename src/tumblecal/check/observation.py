@@ -6,7 +6,7 @@ complement, which is the least-squares estimate of these angles with their prior
 row: the size of gravity. With known angles three rows remain for each position, less the number of unknown angles.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -31,12 +31,26 @@ class Observation:
     - `innovation` (rows): e, measured minus predicted at the parameters m. `slopes` (rows, 9): H by the parameters in the order
       of `SENSOR`, base units.
     - `of_attitude` (positions, rows, 3): derivative of e by the reading of each position, 1/g. `names`: of the positions.
+    - `responses` (positions, terms, 3): derivative of the readings by the coefficients of the terms of the calibration.
     """
 
     innovation: Float[np.ndarray, " rows"]
     slopes: Float[np.ndarray, "rows 9"]
     of_attitude: Float[np.ndarray, "positions rows 3"]
     names: tuple[str, ...]
+    responses: Float[np.ndarray, "positions terms 3"]
+
+    def by_state(self, slope: Float[np.ndarray, "9 state"]) -> Float[np.ndarray, "rows state"]:
+        """Derivative of e by a state whose last entries are the coefficients of the terms, if there are any.
+
+        **Arguments:**
+
+        - `slope`: derivative of the parameters by the state.
+        """
+        rows, terms = self.slopes @ slope, self.responses.shape[1]
+        if terms:
+            rows[:, -terms:] += np.einsum("pri,pti->rt", self.of_attitude, self.responses)
+        return rows
 
     def without(self, name: str) -> "Observation":
         """The observation without one position: its readings may have any value."""
@@ -48,19 +62,31 @@ class Observation:
             rest.T @ self.slopes,
             rest.T @ self.of_attitude[others],
             tuple(self.names[k] for k in others),
+            self.responses[others],
         )
 
     def scaled(self, factor: float) -> "Observation":
         """The observation for standard deviations that are larger by a factor."""
-        return Observation(self.innovation / factor, self.slopes / factor, self.of_attitude / factor, self.names)
+        return replace(
+            self,
+            innovation=self.innovation / factor,
+            slopes=self.slopes / factor,
+            of_attitude=self.of_attitude / factor,
+        )
 
 
-def observed(problem: Problem, mean: Float[np.ndarray, "9"], near: Float[np.ndarray, "9"] | None = None) -> Observation:
+def observed(
+    problem: Problem,
+    mean: Float[np.ndarray, "9"],
+    near: Float[np.ndarray, "9"] | None = None,
+    responses: Float[np.ndarray, "positions terms 3"] | None = None,
+) -> Observation:
     """The observation of a problem whose chain has the sensor's parameters without priors.
 
     **Arguments:**
 
-    - `mean`: the parameters m. `near`: the parameters at which it is linearised; `mean` if omitted.
+    - `mean`: the parameters m. `near`: the parameters at which it is linearised; `mean` if omitted. `responses`: as of
+      `Observation`; none if omitted.
 
     **Raises:** `InputError` if no angles explain the readings.
     """
@@ -88,7 +114,8 @@ def observed(problem: Problem, mean: Float[np.ndarray, "9"], near: Float[np.ndar
     by_attitude = (complement.T @ by_reading).reshape(-1, count, 3).swapaxes(0, 1)
     rows = complement.T @ slopes
     innovation = -complement.T @ residual + rows @ (near - mean)
-    return Observation(innovation, rows, by_attitude, problem.names)
+    responses = np.zeros((count, 0, 3)) if responses is None else responses
+    return Observation(innovation, rows, by_attitude, problem.names, responses)
 
 
 def _complement(columns: Float[np.ndarray, "rows columns"]) -> Float[np.ndarray, "rows rest"]:

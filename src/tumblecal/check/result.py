@@ -1,17 +1,18 @@
-"""A check: whether a calibration still holds, what its recording cannot see, and what changed."""
+"""A check: whether a calibration is still valid, what its recording cannot see, and what changed."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 
 from tumblecal.chain import Chain
 from tumblecal.check.consistency import Consistency, tested
-from tumblecal.check.expected import Expected, expected, require_temperature, without_terms
+from tumblecal.check.expected import Expected, expected, require_temperature, responses, without_terms
 from tumblecal.check.gravity import LocalSize
-from tumblecal.check.moved import Explanation, Moved, moved
+from tumblecal.check.moved import Moved, moved
 from tumblecal.check.noise import PositionNoise, noise_of
 from tumblecal.check.observation import Observation, observed
 from tumblecal.check.sensitivity import Sensitivity, sensitivity
@@ -26,6 +27,7 @@ from tumblecal.estimation.problem import Problem
 from tumblecal.ground.errors import InputError
 
 
+Outcome = Literal["agrees", "changed", "repeat"]
 # The linearisation is repeated at the changed parameters.
 _ROUNDS = 2
 # Corrected readings at rest are within this of gravity, g.
@@ -46,8 +48,8 @@ class CheckResult:
     """A check.
 
     - `calibration`: read from `path`. `data`: the positions. `expected`, `test`, `sensitivity`: see their classes.
-    - `moved`: explanations of a rejected calibration; None if it is not rejected. `without`: the test without the attitude that
-      `moved` names; None if it names none.
+    - `moved`: explanations of a rejected calibration, or of an attitude that was not at rest; otherwise None. `without`: the
+      test without that attitude, if the others agree with the calibration; otherwise None.
     - `sizes`: of gravity. `use`: whether the calibration may be used. `change_g`: largest change of a corrected force over all
       attitudes, and its expanded uncertainty (k = 2), g; None if it is not rejected, or if the attitudes do not determine it.
     - `outside_degc`: temperatures outside the range of the calibration.
@@ -69,12 +71,19 @@ class CheckResult:
     outside_degc: Float[np.ndarray, "2"] | None = None
 
     @property
-    def disturbed(self) -> Explanation | None:
-        """The attitude that was not at rest, if the explanations name one and the others agree with the calibration."""
-        named = self.moved.named if self.moved is not None else None
-        if named is None or named.kind != "attitude" or self.without is None or self.without.rejected:
-            return None
-        return named
+    def disturbed(self) -> str:
+        """The attitude that was not at rest, while the others agree with the calibration; "" if there is none."""
+        named = self.moved.named if self.moved is not None and self.without is not None else None
+        return "" if named is None else named.attitude
+
+    @property
+    def outcome(self) -> Outcome:
+        """`agrees`, `changed`, or `repeat`: an attitude was not at rest, or the attitudes disagree with each other."""
+        if self.disturbed:
+            return "repeat"
+        if self.test.rejected:
+            return "changed"
+        return "repeat" if self.test.disagree and self.test.noise_factor == 1 else "agrees"
 
 
 @dataclass(frozen=True)
@@ -131,23 +140,24 @@ def check(
     _require_gravity(noise.data, sizes, gravity)
     problem = (model or Model()).problem(noise.data, noise)
 
-    def test_of(rows: Observation) -> Consistency:
-        return tested(rows, before, noise_dof=noise.dof, shared=noise.shared)
+    def test_of(rows: Observation, *, estimate: bool = False) -> Consistency:
+        return tested(rows, before, noise_dof=noise.dof, shared=noise.shared, estimate=estimate)
 
-    test = test_of(observed(problem, before.mean))
-    explained = None
-    for _ in range(_ROUNDS if test.rejected else 0):
+    of_terms = responses(calibration, noise.data, before)
+    test = test_of(observed(problem, before.mean, responses=of_terms))
+    explained, without = None, None
+    if test.rejected or test.disagree:
+        for _ in range(_ROUNDS):
+            explained = moved(test, noise.typical_g)
+            best = explained.named
+            change = explained.average[0] if best is None else best.change
+            test = test_of(observed(problem, before.mean, before.mean + change, of_terms))
         explained = moved(test, noise.typical_g)
-        best = explained.named
-        change = explained.average[0] if best is None else best.change
-        test = test_of(observed(problem, before.mean, before.mean + change))
-    if test.rejected:
-        explained = moved(test, noise.typical_g)
-    elif explained is not None:
-        explained = None
-    without = None
-    if explained is not None and explained.named is not None and explained.named.kind == "attitude":
-        without = test_of(test.observation.without(explained.named.attitude))
+        if explained.named is not None and explained.named.kind == "attitude":
+            without = test_of(test.observation.without(explained.named.attitude))
+        if without is None or without.rejected or without.disagree:
+            test, without = test_of(test.observation, estimate=True), None
+            explained = moved(test, noise.typical_g) if test.rejected else None
     result = CheckResult(
         calibration=calibration,
         path=path,
@@ -216,12 +226,12 @@ def _change(explained: Moved) -> tuple[float, float] | None:
 def _use(result: CheckResult, largest_g: float | None) -> Use:
     """The use that the calibration's statement and the check allow together."""
     stated = result.calibration.use if result.calibration.use.answer else YES
-    test, count = result.test, len(result.data)
-    if not test.rejected:
+    if result.outcome == "agrees":
         return stated
-    if result.disturbed is not None:
-        reason = f"{count - 1} attitudes agree; attitude {result.disturbed.attitude} was not at rest or is in error"
-        return combined([stated, Use(YES.answer, reason)])
+    if result.outcome == "repeat":
+        name = result.disturbed
+        reason = f"attitude {name} was not at rest or is in error" if name else "the attitudes disagree with each other"
+        return combined([stated, Use(YES.answer, f"{reason}, so the check must be repeated")])
     reason = "the sensor changed since this calibration"
     if result.change_g is None:
         return combined([stated, Use("no", reason)])

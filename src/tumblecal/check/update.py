@@ -16,7 +16,7 @@ from jaxtyping import Float
 from tumblecal import __version__
 from tumblecal.check.consistency import Consistency, tested
 from tumblecal.check.drift import ProcessNoise
-from tumblecal.check.expected import Expected
+from tumblecal.check.expected import WITH_TERMS, Expected
 from tumblecal.check.usual_changes import FACTORS, USUAL
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.calibration_use import YES, Use, combined
@@ -88,7 +88,7 @@ def updated(test: Consistency, process: ProcessNoise, freed: Collection[str], re
     if before.rejected:
         raise InputError(_rejected_words(before, freed))
     rows, slope = before.observation, prior.slope
-    along = rows.slopes @ slope
+    along = rows.by_state(slope)
     total = np.eye(len(rows.innovation)) + along @ prior.covariance @ along.T
     total += rows.slopes @ prior.common @ rows.slopes.T
     gain = np.linalg.solve(total, along @ prior.covariance).T
@@ -139,7 +139,6 @@ def _calibration(
             made.append(replace(curve, coefficients=state[first : first + curve.functions.count]))
             first += curve.functions.count
         curves = replace(curves, curves=tuple(made), covariance=covariance, covariance_order=order_of_covariance(made))
-    slope = correction_slope(values)
     use = old.use if old.use.answer else YES
     if undetermined:
         known = tuple(name for name in SENSOR if name not in undetermined)
@@ -149,7 +148,15 @@ def _calibration(
         use = YES
     # The frame of the matrix is that of the old one: a rotation does not change the parameters.
     turned = old.matrix @ triad_of(old.sensor.of(SENSOR).values)
+    slope = correction_slope(values)
     slope = np.vstack([np.kron(turned, np.eye(3)) @ slope[:9], slope[9:]])
+    extra = {key: value for key, value in old.extra.items() if key != WITH_TERMS}
+    if curves is None and len(state) > len(SENSOR):
+        size = len(state) - len(SENSOR)
+        terms = [replace(term, coefficient=float(c)) for term, c in zip(old.terms, state[9:], strict=True)]
+        whole = np.block([[slope, np.zeros((12, size))], [np.zeros((size, 9)), np.eye(size)]])
+        joint = old.extra[WITH_TERMS] | {"covariance": (whole @ covariance @ whole.T).tolist()}
+        extra |= {"terms": [term.record() for term in terms], WITH_TERMS: joint}
     return replace(
         old,
         matrix=turned @ np.linalg.inv(triad_of(values)),
@@ -159,7 +166,7 @@ def _calibration(
         use=use,
         temperature=curves,
         provenance=_provenance(old, record),
-        extra={key: value for key, value in old.extra.items() if key != "covariance_with_terms"},
+        extra=extra,
     )
 
 

@@ -1,4 +1,4 @@
-"""`tumblecal check`: whether a calibration still holds."""
+"""`tumblecal check`: whether a calibration is still valid."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -120,7 +120,7 @@ def check(
     out: Path = Path("check"),
     output: Output = Output(),
 ) -> int:
-    """Check whether a calibration still holds, by a few attitudes at rest.
+    """Check whether a calibration is still valid, by a few attitudes at rest.
 
     It tests the agreement with the calibration and its uncertainty, reports the smallest changes that the recording detects and
     those that it cannot see, and names the parameter that changed if the attitudes separate it. Exit code: 0; 2 for input that
@@ -184,7 +184,8 @@ def check(
             made = _updated(result, found, updating, rates, results.history)
         except InputError as fault:
             refused = fault
-    _written(result, found, made, updating.update, results, out, output)
+    stated = [calibration, *found.files, *_stated(context, test)]
+    _written(result, found, made, (updating.update, stated), results, out, output)
     if refused is not None:
         raise refused
     return NOT_USABLE if result.use.refused else 0
@@ -280,16 +281,26 @@ def _updated(
     return updated(result.test, process, freed, found.provenance(result.path)), process
 
 
+def _stated(context: KnownContext, test: TestOptions) -> list[Path | str]:
+    """Options for suggested commands, in addition to those that `suggested` repeats."""
+    values = {"--plan": context.plan, "--table": context.table, "--by": context.by}
+    values |= {"--u-gravity": None if test.u_gravity is None else f"{test.u_gravity:g}"}
+    flags = {"--static": context.static, "--means": context.means, "--other-unit": test.other_unit}
+    flags |= {"--extrapolate": test.extrapolate, "--use-anyway": test.use_anyway}
+    words: list[Path | str] = [word for name, value in values.items() if value for word in (name, value)]
+    return [*words, *(name for name, given in flags.items() if given)]
+
+
 def _written(
     result: "CheckResult",
     found: "StillAttitudes",
     made: "tuple[Update, ProcessNoise] | None",
-    file: Path | None,
+    given: tuple[Path | None, list[Path | str]],
     results: ResultOptions,
     out: Path,
     output: Output,
 ) -> None:
-    """Write and print the results."""
+    """Write and print the results. `given`: the file of the update, and the words of suggested commands."""
     from tumblecal.data.calibration import write_calibration
     from tumblecal.ground.atomic import output_folders, writable_file
     from tumblecal.ground.result_set import result_set
@@ -298,7 +309,8 @@ def _written(
     from tumblecal.report.check_verdict import verdict_of_check
     from tumblecal.report.verdict import verdict_lines
 
-    verdict = verdict_of_check(result, [result.path, *found.files], made, file)
+    file, stated = given
+    verdict = verdict_of_check(result, stated, made, file)
     update = made[0] if made is not None else None
     if file is not None:
         writable_file(file)

@@ -28,7 +28,7 @@ COMMANDS = {
     "calibrate": "Calibrate position files by the exact method and all linear methods.",
     "diagnose": "Find the errors of the model and their causes, extend the model, measure the improvement.",
     "thermal": "Calibrate over temperature: ramps and soaks at still attitudes.",
-    "check": "Check whether a calibration still holds, by a few attitudes at rest.",
+    "check": "Check whether a calibration is still valid, by a few attitudes at rest.",
     "apply": "Correct raw data by a calibration file.",
     "export": "Write a calibration for a device or another program, and report losses of its format.",
     "budget": "Compute an uncertainty budget: noise (type A) with stated input uncertainties (type B).",

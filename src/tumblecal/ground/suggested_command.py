@@ -25,19 +25,7 @@ SHARED = {
     "reduce": (*_RECORDING, "--gravity", "--run", "--mount"),
     "import": (*_RECORDING, "--gravity"),
     "apply": _RECORDING,
-    "check": (
-        *_RECORDING,
-        "--gravity",
-        "--u-gravity",
-        "--plan",
-        "--table",
-        "--by",
-        "--run",
-        "--mount",
-        "--rig",
-        "--prior",
-        "--noise-sd",
-    ),
+    "check": (*_RECORDING, "--gravity", "--run", "--mount", "--rig", "--prior", "--noise-sd"),
     "capture": ("--port", "--wait"),
 }
 _OF_RECORDINGS = ("reduce", "import", "apply", "check")

@@ -15,7 +15,6 @@ from tumblecal.check.update import Update
 from tumblecal.data.sensor_parameters import GROUPS, SENSOR, leaf_of
 from tumblecal.ground.atomic import write_text
 from tumblecal.ground.json_file import json_text
-from tumblecal.report.check_verdict import verdict_word
 from tumblecal.report.verdict import Verdict, verdict_lines
 
 
@@ -40,7 +39,7 @@ def check_record(
         **source,
         "tumblecal": __version__,
         "serial_number": result.data.serial_number or result.calibration.serial_number,
-        "verdict": verdict_word(result),
+        "verdict": result.outcome,
         "use": result.use.record(),
         "attitudes": [
             {"name": name, "excess_g": excess, "u_g": sd}

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from tumblecal.check.result import CheckResult
 from tumblecal.check.usual_changes import USUAL
 from tumblecal.data.sensor_parameters import SENSOR
-from tumblecal.report.check_verdict import TONES, verdict_word
+from tumblecal.report.check_verdict import TONES
 from tumblecal.report.check_words import attitudes_words
 from tumblecal.report.drawing import BAND, INK, MUTED, OUTSIDE, new_figure
 from tumblecal.report.page import Section, inline_drawing, write_page
@@ -35,7 +35,7 @@ def write_check_page(path: Path, result: CheckResult, verdict: Verdict) -> None:
         f"{unit}{Path(result.data.source).name}: {attitudes_words(result)}.",
         verdict,
         [Section("Conditions", tables=[Table(("", ""), list(verdict.details), text=(0, 1))])],
-        tone=TONES[verdict_word(result)],
+        tone=TONES[result.outcome],
         pictures={number: inline_drawing(figure, f"check{number}") for number, figure in drawn.items()},
     )
 

@@ -1,4 +1,4 @@
-"""The verdict of a check: holds, changed, or an attitude to repeat."""
+"""The verdict of a check: it agrees, the sensor changed, or an attitude must be repeated."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -27,15 +27,7 @@ from tumblecal.report.check_words import (
 from tumblecal.report.verdict import Finding, Unresolved, Verdict, as_sentence
 
 
-HOLDS, CHANGED, REPEAT = "holds", "changed", "repeat"
-TONES = {HOLDS: "good", CHANGED: "bad", REPEAT: "open"}
-
-
-def verdict_word(result: CheckResult) -> str:
-    """The outcome in one word."""
-    if not result.test.rejected:
-        return HOLDS
-    return CHANGED if result.disturbed is None else REPEAT
+TONES = {"agrees": "good", "changed": "bad", "repeat": "open"}
 
 
 def verdict_of_check(
@@ -52,7 +44,7 @@ def verdict_of_check(
       update that is asked for.
     """
     return Verdict(
-        verdict_word(result),
+        result.outcome,
         _headline(result),
         result.data.source,
         result.use.words,
@@ -65,12 +57,15 @@ def verdict_of_check(
 
 
 def _headline(result: CheckResult) -> str:
-    test = result.test
-    if not test.rejected:
-        return f"The calibration agrees with {attitudes_words(result)} ({p_words(test.p_value)})."
-    if result.disturbed is not None:
+    if result.outcome == "agrees":
+        return f"The calibration agrees with {attitudes_words(result)} ({p_words(result.test.p_value)})."
+    if result.disturbed:
         others = len(result.data) - 1
-        return f"Attitude {result.disturbed.attitude} contradicts the calibration; the other {others} agree with it."
+        return f"Attitude {result.disturbed} contradicts the calibration; the other {others} agree with it."
+    if result.outcome == "repeat":
+        return (
+            f"The attitudes disagree with each other, whatever the parameters are ({p_words(result.test.rest_p or 0)})."
+        )
     assert result.moved is not None
     named = result.moved.named
     if named is not None:
@@ -79,7 +74,7 @@ def _headline(result: CheckResult) -> str:
             f"the {explanation_words(named)}" if named.kind in ("bias", "scale", "angle") else explanation_words(named)
         )
         probability = probability_words(named.probability)
-        return f"The sensor changed: {changed}{f', {size}' if size else ''} (probability {probability})."
+        return f"The sensor changed: {changed}{f' by {size}' if size else ''} (probability {probability})."
     if result.moved.biases > 0.95:
         return "The sensor changed: a bias; these attitudes do not show which one."
     return "The sensor changed; these attitudes do not show which parameter."
@@ -91,8 +86,10 @@ def _found(result: CheckResult) -> Iterator[Finding]:
     named = result.moved.named
     if named is not None:
         id = named.parameters[0] if len(named.parameters) == 1 else ""
-        yield Finding(as_sentence(explanation_words(named)), explanation_size(named), id)
-    if result.disturbed is None:
+        what = explanation_words(named)
+        words = as_sentence(what) if result.disturbed else f"Change of the {what}" if id else f"Change of {what}"
+        yield Finding(words, explanation_size(named), id)
+    if not result.disturbed:
         yield Finding("Largest change of a corrected force over all attitudes", change_in_use(result))
 
 
@@ -106,7 +103,7 @@ def _unresolved(result: CheckResult) -> Iterator[Unresolved]:
         at = f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}"
         reason = "its temperature dependence is not in the calibration, and looks like a change of the sensor."
         yield Unresolved(f"Recorded at {at} degC, outside the range of the calibration", reason)
-    if result.test.noise_factor > 1:
+    if result.test.disagree and not result.disturbed:
         yield from (Unresolved(f"{line}.") for line in rest_words(result))
     if lines := list(unseen_lines(result)):
         yield Unresolved("Not visible in this recording", f"{'; '.join(lines)}.")
@@ -124,12 +121,13 @@ def _evidence(result: CheckResult, made: tuple[Update, ProcessNoise] | None, wri
 
 
 def _next(result: CheckResult, words: Sequence[object], written: Path | None) -> Iterator[str]:
-    if result.disturbed is not None:
-        yield f"Record attitude {result.disturbed.attitude} again, at rest on a firm support, and repeat the check."
+    if result.outcome == "repeat":
+        name = f"attitude {result.disturbed}" if result.disturbed else "the attitudes"
+        yield f"Record {name} again, at rest on a firm support, and repeat the check."
         return
     if written is not None:
         yield f"Use the updated calibration, {written}, and keep the previous one with its check."
-    if not result.test.rejected:
+    if result.outcome == "agrees":
         if further := _further(result):
             yield further
         if written is None:
@@ -163,7 +161,7 @@ def _further(result: CheckResult) -> str:
 
 def _details(result: CheckResult) -> Iterator[tuple[str, str]]:
     yield "Noise of the attitudes", f"{result.noise.words}."
-    if result.test.noise_factor == 1:
+    if not result.test.disagree:
         yield from (("Attitudes among themselves", f"{line}.") for line in rest_words(result))
     if result.test.dof:
         yield "Most difficult visible change", f"{worst_words(result)}, detected with probability 0.8."

@@ -82,10 +82,12 @@ def rest_words(result: CheckResult) -> Iterator[str]:
     test = result.test
     if test.rest_p is None:
         return
-    if test.noise_factor > 1:
+    if test.disagree:
+        larger = f" by {test.noise_factor:.2g} times their noise" if test.noise_factor > 1 else ""
+        used = "; the test uses the larger noise" if larger else ""
         yield (
-            f"The attitudes disagree with each other by {test.noise_factor:.2g} times their noise ({p_words(test.rest_p)}), "
-            "for any parameters: the noise is larger between attitudes, or the sensor is nonlinear; the test uses the larger noise"
+            f"The attitudes disagree with each other{larger} for any parameters ({p_words(test.rest_p)}): the noise is larger "
+            f"between attitudes, one was not at rest, or the sensor is nonlinear{used}"
         )
         return
     yield f"Agreement of the attitudes with each other: {p_words(test.rest_p)}"

@@ -42,6 +42,8 @@ def write_calibrated(folder: Path, calibrated: Calibrated, said: Mapping[str, An
     calibration, use = calibration_of(calibrated.exact, calibrated.entries), use_of(calibrated)
     if calibrated.level is not None:
         said = {"stated_noise": calibrated.level.words} | dict(said or {})
+    if calibrated.floor is not None:
+        said = {"between_position_sd_g": calibrated.floor.floor_g} | dict(said or {})
     write_calibration(
         folder / "calibration.json", replace(calibration, provenance=calibration.provenance | dict(said or {}), use=use)
     )
