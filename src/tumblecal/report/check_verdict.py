@@ -7,7 +7,6 @@ from tumblecal.check.drift import ProcessNoise
 from tumblecal.check.result import CheckResult
 from tumblecal.check.update import Update
 from tumblecal.estimation.attitudes import attitude_words
-from tumblecal.ground.counted import counted
 from tumblecal.ground.numbers_shown import p_words
 from tumblecal.ground.suggested_command import suggested
 from tumblecal.report.check_words import (
@@ -168,4 +167,3 @@ def _details(result: CheckResult) -> Iterator[tuple[str, str]]:
     yield "Gravity", f"{result.gravity.words}."
     if result.expected.degc is not None:
         yield "Temperature", f"{result.expected.degc:.4g} degC."
-    yield "Directions", f"{counted(result.test.dof, 'direction')} of the nine parameters visible."
