@@ -183,7 +183,9 @@ def _added(database: Path, folders: Sequence[Path], *, example: bool) -> None:
     for folder in folders:
         kinds = [kind for name, kind in KINDS.items() if (folder / name).is_file()]
         if not kinds:
-            raise InputError(f"{folder}: no {' or '.join(KINDS)}; give an output folder of calibrate, diagnose or check")
+            raise InputError(
+                f"{folder}: no {' or '.join(KINDS)}; give an output folder of calibrate, diagnose or check"
+            )
         entries += [of_folder(folder, kind) for kind in kinds]
     if example:
         entries += _example()
