@@ -1,5 +1,6 @@
 """The design of a measurement: positions, order, uncertainties, forecast of the diagnosis, comparison with common practice."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -41,7 +42,7 @@ class DesignedPlan:
       white noise, if the criteria are those of the covariance.
     - `after`: the plan. `before`: the positions that are measured already, otherwise the plan of the rig file.
     - `practice`: common practice, and plans to compare, in the same time.
-    - `traded`: the trade-off between time and criterion. `forecast`: of the diagnosis.
+    - `traded`: the trade-off between time and criterion. `forecast`: of the diagnosis. `units`: of effects.
     """
 
     rig: Rig
@@ -58,6 +59,7 @@ class DesignedPlan:
     practice: tuple[Evaluated, ...]
     traded: tuple[TradeOff, ...]
     forecast: NamingForecast | None
+    units: Mapping[str, str]
 
     @cached_property
     def cells(self) -> Cells:
@@ -105,6 +107,7 @@ def design_plan(rig: Rig, wanted: Wanted, entries: Catalogue) -> DesignedPlan:
         candidates.in_time(positions, candidates.numbers[f"practice {k}"], planned.minutes)
         for k, positions in enumerate(common)
     ]
+    own = TradeOff(len(taken), planned.minutes - search.done_minutes, ordered.drift_known)
     made = planned_rig(rig, candidates.responses, planned, ability, names, wanted.seed)
     predicted = None
     if wanted.forecast:
@@ -124,8 +127,9 @@ def design_plan(rig: Rig, wanted: Wanted, entries: Catalogue) -> DesignedPlan:
         after=after,
         before=before,
         practice=tuple(practice),
-        traded=tuple(search.traded(len(taken))),
+        traded=tuple(sorted([own, *search.traded(len(taken))], key=lambda each: each.minutes)),
         forecast=predicted,
+        units={id: effect.unit for id, effect in entries.items()},
     )
 
 

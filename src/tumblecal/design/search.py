@@ -19,7 +19,7 @@ from tumblecal.design.naming_measures import alias_measures, naming_measures
 from tumblecal.design.one_visit import OneVisit, one_visit
 from tumblecal.design.order import Ordered, best_order
 from tumblecal.design.responses import Responses
-from tumblecal.design.schedule import schedule
+from tumblecal.design.schedule import Schedule, schedule
 from tumblecal.design.wanted import COVARIANCE, Wanted
 from tumblecal.design.weighted import Weighted
 from tumblecal.design.weighted_measures import weighted_measures
@@ -27,12 +27,12 @@ from tumblecal.effects.catalogue import Catalogue
 from tumblecal.ground.errors import InputError
 
 
-# Numbers of positions, or minutes, of the trade-off, relative to those of the plan.
-_TRADED = (0.5, 0.7, 1.0, 1.4, 2.0, 3.0)
+# Numbers of positions, or minutes, of further plans of the trade-off, relative to those of the plan.
+_TRADED = (0.5, 0.7, 1.4, 2.0, 3.0)
 
 
 class TradeOff(NamedTuple):
-    """A point of the trade-off: number of positions, minutes, and the criterion."""
+    """A point of the trade-off: number of positions, minutes, and the criterion with slow noise known."""
 
     positions: int
     minutes: float
@@ -124,20 +124,30 @@ class Search:
     def ordered(self, taken: Int[np.ndarray, " new"]) -> Ordered:
         """New positions in the wanted order, after those measured already; the schedule has the numbers of the candidates."""
         wanted, candidates = self.wanted, self.candidates
-        after = None
-        if len(self.kept):
-            after = schedule(candidates.responses.cells, candidates.measured, candidates.ability.times)
-        done = 0.0 if after is None else after.minutes
+        done = self._done
         return best_order(
             candidates.responses,
             candidates.ability,
             self.criterion,
             self.cells[taken],
-            minutes=None if wanted.minutes is None else wanted.minutes + done,
+            minutes=None if wanted.minutes is None else wanted.minutes + self.done_minutes,
             seed=wanted.seed,
             kind=wanted.order,
-            after=after,
+            after=done,
         )
+
+    @property
+    def _done(self) -> Schedule | None:
+        """The schedule of the positions that are measured already."""
+        candidates = self.candidates
+        if not len(self.kept):
+            return None
+        return schedule(candidates.responses.cells, candidates.measured, candidates.ability.times)
+
+    @property
+    def done_minutes(self) -> float:
+        """Its duration."""
+        return 0.0 if self._done is None else self._done.minutes
 
     def bounds(self, taken: Int[np.ndarray, " new"]) -> Bounds | None:
         """Bounds of the criterion; None if the positions are chosen by other criteria too."""

@@ -45,6 +45,8 @@ def suggested(command: str, *words: object, less: Collection[str] = ()) -> str:
     given = [_word(word) for word in words]
     accepted = [option for option in SHARED.get(command, ()) if option not in given and option not in less]
     for option, value in _options():
+        if option == "--effects" and "=" in value:
+            continue  # the size of an effect in a plan, not a file
         if option == "--columns" and command in _OF_RECORDINGS:
             value = _of_samples(value)
         if option in accepted and value:

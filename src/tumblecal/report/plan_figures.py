@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from tumblecal.design.plan import DesignedPlan
 from tumblecal.ground.axes import AXES
@@ -95,6 +96,9 @@ def _uncertainties(panel: Axes, plan: DesignedPlan, size: float = 8) -> None:
     panel.invert_yaxis()
     panel.set_xscale("log")
     panel.set_xlim(left=low)
+    panel.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    panel.xaxis.set_major_formatter("{x:g}")
+    panel.xaxis.set_minor_formatter(NullFormatter())
     panel.tick_params(axis="x", labelsize=size)
     panel.set_xlabel("standard uncertainty / mg, mrad, 1e-3", fontsize=size)
     panel.legend(fontsize=size - 0.5, loc="best")
@@ -103,6 +107,18 @@ def _uncertainties(panel: Axes, plan: DesignedPlan, size: float = 8) -> None:
 def in_use_figure(plan: DesignedPlan) -> Figure:
     """Fraction of attitudes for which the corrected force is at least so precise, by axis."""
     figure = new_figure(7.5, 2.8)
+    _in_use(figure, plan)
+    return figure
+
+
+def small_use_figure(plan: DesignedPlan) -> Figure:
+    """The same for the first screen."""
+    figure = new_figure(3.9, 2.0)
+    _in_use(figure, plan, size=7)
+    return figure
+
+
+def _in_use(figure: Figure, plan: DesignedPlan, size: float = 9) -> None:
     panel = figure.subplots()
     share = np.arange(1, len(plan.after.in_use) + 1) / len(plan.after.in_use)
     for k, axis in enumerate(AXES):
@@ -110,10 +126,10 @@ def in_use_figure(plan: DesignedPlan) -> Figure:
         if not plan.before.uncertainties.undetermined:
             panel.plot(100 * share, 1e3 * np.sort(plan.before.in_use[:, k]), "--", color=AXIS_COLOUR[axis], lw=0.9)
     panel.set_ylim(bottom=0)
-    panel.set_xlabel("fraction of the attitudes / %")
-    panel.set_ylabel("u of the corrected\nforce / mg")
+    panel.tick_params(labelsize=size)
+    panel.set_xlabel("fraction of the attitudes / %", fontsize=size)
+    panel.set_ylabel("u of the corrected\nforce / mg", fontsize=size)
     figure.legend(loc="outside upper left", ncols=3, fontsize=7)
-    return figure
 
 
 def trade_off_figure(plan: DesignedPlan) -> Figure:
@@ -126,9 +142,11 @@ def trade_off_figure(plan: DesignedPlan) -> Figure:
     )
     for each in plan.traded:
         panel.annotate(str(each.positions), (each.minutes, each.value), (0, 6), textcoords="offset points", fontsize=7)
+    own = min(plan.traded, key=lambda each: abs(each.minutes - plan.minutes))
+    panel.plot(own.minutes, own.value, "o", color=INK, ms=7, mfc="none", label="this plan")
     panel.set_xlabel("time / min")
-    panel.set_ylabel("largest standard uncertainty\n/ mg, mrad, 1e-3")
-    panel.set_yscale("log")
+    panel.set_ylabel(f"criterion ({plan.criterion.name})")
+    panel.set_ylim(bottom=0)
     panel.legend()
     return figure
 

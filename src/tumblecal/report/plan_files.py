@@ -12,6 +12,7 @@ import numpy as np
 from tumblecal.capture.capture_plan import CaptureSetup
 from tumblecal.chain.rig_file import unit_of_parameter
 from tumblecal.design.candidates import Evaluated
+from tumblecal.design.naming import EffectForecast
 from tumblecal.design.plan import DesignedPlan
 from tumblecal.ground.atomic import write_text
 from tumblecal.ground.errors import InputError
@@ -184,6 +185,15 @@ def plan_record(plan: DesignedPlan) -> dict[str, Any]:
             )
         },
         "in_use_g": _in_use(plan.after),
+        "criterion": {
+            "value": plan.ordered.value,
+            "slow_noise_known": plan.ordered.drift_known,
+            "bound_white": None if plan.bounds is None else plan.bounds.white,
+            "bound_of_positions": None if plan.bounds is None else plan.bounds.own,
+            "reason": None if plan.bounds is None else plan.bounds.reason or None,
+        },
+        "effects": [_effect(each) for each in plan.after.effects],
+        "forecast": _forecast(plan),
         "before": _evaluated(plan.before),
         "practice": [_evaluated(each) for each in plan.practice],
         "trade_off": [
@@ -206,6 +216,25 @@ def _evaluated(evaluated: Evaluated) -> dict[str, Any]:
         "worst": {"parameter": name, "u": u},
         "undetermined": list(evaluated.uncertainties.undetermined),
         "in_use_g": _in_use(evaluated),
+        "effects": [_effect(each) for each in evaluated.effects],
+        "undetectable": None if evaluated.undetectable is None else list(evaluated.undetectable),
+    }
+
+
+def _effect(each: EffectForecast) -> dict[str, Any]:
+    return vars(each) | {"identical": list(each.identical), "not_separated": list(each.not_separated)}
+
+
+def _forecast(plan: DesignedPlan) -> dict[str, Any] | None:
+    if (predicted := plan.forecast) is None:
+        return None
+    aliases = {"alias": predicted.alias, "alias_of_undetectable": predicted.alias_of_undetectable}
+    return {
+        "draws": predicted.draws,
+        "detection_limits": {id: {"size": size, "unit": plan.units.get(id)} for id, size in predicted.limits.items()},
+        "undetectable": list(predicted.undetectable),
+        "not_testable": dict(predicted.not_testable),
+        **{name: None if alias is None else vars(alias) for name, alias in aliases.items()},
     }
 
 

@@ -5,11 +5,30 @@ from pathlib import Path
 
 from tumblecal.design.plan import DesignedPlan
 from tumblecal.report.page import PageFigure, Section, inline_drawing, write_page
-from tumblecal.report.plan_figures import figures_of, small_figure
+from tumblecal.report.plan_figures import figures_of, small_figure, small_use_figure
 from tumblecal.report.plan_files import capture_commands
-from tumblecal.report.plan_tables import assumption_table, position_table, practice_table, uncertainty_table
-from tumblecal.report.plan_words import before_words, in_use_words, practice_lines, size_words, uncertainty_words
-from tumblecal.report.verdict import Finding, Verdict, as_sentence
+from tumblecal.report.plan_tables import (
+    assumption_table,
+    effect_table,
+    limit_table,
+    named_table,
+    position_table,
+    practice_table,
+    uncertainty_table,
+)
+from tumblecal.report.plan_words import (
+    before_words,
+    effect_details,
+    efficiency_lines,
+    in_use_size,
+    in_use_words,
+    practice_lines,
+    size_words,
+    u_words,
+    uncertainty_words,
+    undetectable_lines,
+)
+from tumblecal.report.verdict import Finding, Unresolved, Verdict, as_sentence
 
 
 _CAPTIONS = {
@@ -31,22 +50,38 @@ def write_plan_page(path: Path, plan: DesignedPlan) -> None:
         _verdict(plan, path.parent),
         list(_sections(plan)),
         tone="named",
-        pictures={1: inline_drawing(small_figure(plan), "small")},
+        pictures={
+            1: inline_drawing(small_figure(plan), "small"),
+            2: inline_drawing(small_use_figure(plan), "small_use"),
+        },
     )
 
 
 def _verdict(plan: DesignedPlan, folder: Path) -> Verdict:
-    name, _ = plan.after.worst
-    evidence = [before_words(plan), *practice_lines(plan)]
+    name, u = plan.after.worst
+    found = [
+        Finding("Standard uncertainties", f"at most {u_words(name, u)}", name),
+        Finding("Uncertainty of the corrected force in use", in_use_size(plan)),
+        *(Finding(f"{each.id} of {each.size:g} {each.unit}", f"named with probability {each.named:.2f}", each.id)
+          for each in plan.after.effects),
+        *(Finding(*line.split(": ", 1)) for line in undetectable_lines(plan)),
+    ]  # fmt: skip
     return Verdict(
         "plan",
         f"{as_sentence(uncertainty_words(plan.after))}.",
         plan.rig.source,
-        found=(Finding("Standard uncertainties", "", name), Finding(in_use_words(plan))),
-        evidence=tuple(f"{line}." for line in evidence),
-        next=("Measure the plans of the mountings in this order, and calibrate with the rig of the plan:",
-              *capture_commands(plan, folder)),
-    )  # fmt: skip
+        found=tuple(found),
+        unresolved=tuple(
+            Unresolved(as_sentence(words), findings=(number,))
+            for number, each in enumerate(plan.after.effects, 3)
+            for words in effect_details(each)
+        ),
+        evidence=tuple(f"{line}." for line in (before_words(plan), *efficiency_lines(plan), *practice_lines(plan))),
+        next=(
+            "Measure the plans of the mountings in this order, and calibrate with the rig of the plan:",
+            *capture_commands(plan, folder),
+        ),
+    )
 
 
 def _sections(plan: DesignedPlan) -> Iterator[Section]:
@@ -62,6 +97,16 @@ def _sections(plan: DesignedPlan) -> Iterator[Section]:
         ],
         tables=[practice_table(plan)],
     )
+    if plan.forecast is not None:
+        yield Section(
+            "Effects",
+            words=[
+                "Forecast of tumblecal diagnose; limits and smallest sizes are for a probability of 0.8. Named: alone, or with "
+                "effects of the same signal. Identified: the verdict has this name.",
+                *(f"{line}." for line in undetectable_lines(plan)),
+            ],
+            tables=[*([effect_table(plan), named_table(plan)] if plan.after.effects else []), limit_table(plan)],
+        )
     if plan.traded:
         yield Section("Trade-off", figures=[drawn["trade_off"]])
     yield Section("Assumptions", tables=[assumption_table(plan)])

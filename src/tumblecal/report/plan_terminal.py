@@ -7,7 +7,7 @@ from rich.console import Console
 from tumblecal.design.plan import DesignedPlan
 from tumblecal.report.narrow import print_table, print_words
 from tumblecal.report.plan_files import capture_commands
-from tumblecal.report.plan_tables import practice_table, uncertainty_table
+from tumblecal.report.plan_tables import named_table, practice_table, uncertainty_table
 from tumblecal.report.plan_words import plan_lines
 
 
@@ -18,7 +18,10 @@ def print_plan(plan: DesignedPlan, folder: Path, console: Console | None = None)
     print_words(console, plan.rig.source, style="bold")
     for line in plan_lines(plan):
         print_words(console, line)
-    for table in (uncertainty_table(plan), practice_table(plan)):
+    tables = [uncertainty_table(plan), practice_table(plan, short=True)]
+    if plan.after.effects:
+        tables.append(named_table(plan))
+    for table in tables:
         print_words(console, "")
         print_table(console, table)
     print_words(console, "")

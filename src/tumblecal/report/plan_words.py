@@ -6,7 +6,9 @@ import numpy as np
 
 from tumblecal.chain.nominal import UNIT_OF_LEAF
 from tumblecal.chain.rig_file import unit_of_parameter
+from tumblecal.design.bounds import GOOD
 from tumblecal.design.candidates import Evaluated
+from tumblecal.design.naming import EffectForecast
 from tumblecal.design.plan import DesignedPlan
 from tumblecal.ground.counted import counted, shortened
 from tumblecal.ground.numbers_shown import decimals, with_decimals
@@ -18,7 +20,10 @@ def plan_lines(plan: DesignedPlan) -> Iterator[str]:
     """The findings, one line each, the most important first."""
     yield f"{size_words(plan)}: {uncertainty_words(plan.after)}"
     yield before_words(plan)
+    yield from efficiency_lines(plan)
     yield in_use_words(plan)
+    yield from effect_lines(plan)
+    yield from undetectable_lines(plan)
     yield from practice_lines(plan)
     for each in assumptions(plan):
         yield f"Assumed: {each.words}. Override with {each.override}"
@@ -52,6 +57,63 @@ def before_words(plan: DesignedPlan) -> str:
     return f"{words}; {times_words(ratio)}"
 
 
+def efficiency_lines(plan: DesignedPlan) -> Iterator[str]:
+    """The plan's share of its bounds, and the reason if it is far from them."""
+    value = plan.ordered.value
+    known = f"{percent(plan.ordered.drift_known / value)} of the bound with known slow noise (same visits)"
+    if plan.bounds is None:
+        yield f"Efficiency of the order: {known}"
+        return
+    white = min(plan.bounds.white / value, 1.0)
+    yield f"Efficiency: {percent(white)} of the bound under white noise (any plan in these limits); {known}"
+    if white < GOOD and plan.bounds.reason:
+        yield f"Distance to the bound: {plan.bounds.reason}"
+
+
+def effect_lines(plan: DesignedPlan) -> Iterator[str]:
+    """For each effect to be named, its probability and the smallest size."""
+    for each in plan.after.effects:
+        named = f"{each.id} of {each.size:g} {each.unit}: named with probability {each.named:.2f}"
+        yield "; ".join([named, *effect_details(each)])
+
+
+def effect_details(each: EffectForecast) -> Iterator[str]:
+    """The smallest size that is named, and the effects from which it is not separated."""
+    smallest = size_words_of(each.smallest_named, each.unit)
+    yield f"smallest size named with probability 0.8: {smallest}" if smallest else "not named at any size"
+    if each.identical:
+        yield f"identical at 1 g: {', '.join(each.identical)}"
+    if each.not_separated:
+        yield f"indistinguishable from {shortened(each.not_separated, 3)}"
+
+
+def size_words_of(size: float | None, unit: str) -> str:
+    """A size with its unit, two digits; "" for None."""
+    return "" if size is None else f"{size:.2g} {unit}"
+
+
+def undetectable_lines(plan: DesignedPlan) -> Iterator[str]:
+    """Effects that the plan cannot show at any size, and the largest error that others may leave."""
+    if plan.forecast is None:
+        return
+    hidden, before = plan.forecast.undetectable, plan.before.undetectable
+    words = f"Undetectable with these positions: {shortened(hidden, 6) if hidden else 'no effect'}"
+    if before is not None:
+        whose = "positions measured already" if plan.measured else "plan of the rig file"
+        words += f" ({whose}: {counted(len(before), 'effect')})"
+    yield words
+    if (alias := plan.forecast.alias) is not None:
+        yield (
+            f"Largest error in use from an effect at its detection limit: {1e3 * alias.error_g:.2g} mg ({alias.effect} of "
+            f"{alias.size:.2g} {alias.unit})"
+        )
+
+
+def percent(share: float) -> str:
+    """`97 %`; never 100 % for less."""
+    return f"{np.floor(1000 * share) / 10 if share > 0.99 else round(100 * share):g} %"
+
+
 def times_words(ratio: float) -> str:
     """`3.2 times larger`."""
     return f"{ratio:.2g} times larger" if ratio >= 1 else f"{1 / ratio:.2g} times smaller"
@@ -64,11 +126,13 @@ def relative_worst(evaluated: Evaluated) -> float:
 
 def in_use_words(plan: DesignedPlan) -> str:
     """Standard uncertainty of the corrected force."""
+    return f"Standard uncertainty of the corrected force in use: {in_use_size(plan)}"
+
+
+def in_use_size(plan: DesignedPlan) -> str:
+    """`0.074 mg (root mean square over attitudes and axes), at most 0.11 mg`."""
     average, largest = 1e3 * plan.after.in_use_average, 1e3 * float(np.max(plan.after.in_use))
-    words = (
-        f"Corrected force in use: standard uncertainty {average:.2g} mg (root mean square over attitudes and axes), "
-    )
-    return f"{words}at most {largest:.2g} mg"
+    return f"{digits(average)} mg (root mean square over attitudes and axes), at most {digits(largest)} mg"
 
 
 def practice_lines(plan: DesignedPlan) -> Iterator[str]:
