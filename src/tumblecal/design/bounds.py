@@ -32,7 +32,8 @@ class Bounds:
     """Lower bounds of a criterion under white noise, settings visited once.
 
     - `white`: of every plan within the limits. `own`: of plans with the number of positions of this plan, in its settings.
-    - `value`: of the plan. `fractions`: positions of the relaxed optimum.
+    - `value`: of the plan. `fractions`: positions of the relaxed optimum. `rounded`: whole positions near the relaxed optima of
+      the classes in which a better plan is not excluded, the most promising class first.
     - `reason`: for the distance to the bound.
     """
 
@@ -40,6 +41,7 @@ class Bounds:
     own: float
     value: float
     fractions: Float[np.ndarray, " cells"]
+    rounded: tuple[Int[np.ndarray, " positions"], ...]
     reason: str
 
     @property
@@ -88,7 +90,9 @@ def bounds(
         model, smooth, limits, _Classes(settings, np.array([groups]), np.array([plan.sum()])), plan, np.log(value)
     )
     white, within = (min(float(np.exp(log)), value) for log in (lower[at], max(own.log_bound, lower[at])))
-    return Bounds(white, within, value, nearest.fractions, _reason(white, within, value, int(plan.sum())))
+    better = [k for k in np.argsort(lower, kind="stable") if k in searched and lower[k] < np.log(value) - 1e-3]
+    rounded = tuple(_rounded(limits, sets[each[k][0]].only(each[k][1]), searched[k].fractions) for k in better)
+    return Bounds(white, within, value, nearest.fractions, rounded, _reason(white, within, value, int(plan.sum())))
 
 
 def _reason(white: float, own: float, value: float, positions: int) -> str:
@@ -156,6 +160,11 @@ def _plan(limits: Limits, one: _Classes, gain: np.ndarray, price: float) -> np.n
     cells = one.cells[np.isin(group[one.cells], taken)]
     cells = np.repeat(cells[np.argsort(-gain[cells], kind="stable")], limits.repeats)[: one.positions[0]]
     return np.bincount(cells, minlength=len(gain))
+
+
+def _rounded(limits: Limits, one: _Classes, fractions: np.ndarray) -> np.ndarray:
+    """Cells with the largest fractions in the pitch settings with the most positions."""
+    return np.repeat(np.arange(len(fractions)), _plan(limits, one, fractions + 1e-9, 0.0))
 
 
 def _classes(limits: Limits) -> list[_Classes]:

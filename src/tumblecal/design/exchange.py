@@ -48,7 +48,7 @@ def exchange(
     repeats: int = 1,
     restarts: int = 4,
     seed: int = 0,
-    starts: Sequence[Sequence[int]] = (),
+    starts: Sequence[Sequence[int] | np.ndarray] = (),
 ) -> Chosen:
     """The best cells by a measure: `count` positions, or as many as are best within `minutes`, or both.
 
@@ -57,7 +57,7 @@ def exchange(
     - `factory`: the measure that begins with given cells.
     - `allowed`: cells that may be chosen. `repeats`: largest number of positions in one cell.
     - `restarts`: from random positions; with limited time, of each set of mountings and temperatures, in rounds of half of
-      the sets that remain. `starts`: positions to begin with in addition.
+      the sets that remain (the first without changes of whole pitch settings). `starts`: positions to begin with in addition.
 
     **Raises:** `InputError` if neither limit is stated, or no position fits.
     """
@@ -65,12 +65,12 @@ def exchange(
     rng = np.random.default_rng(seed)
     found = [_Plan(limits, factory, rng, start).improved() for start in starts]
     sets = list(_sets(limits, rng))
-    for _ in range(max(1, restarts)):
+    for number in range(restarts if starts else max(1, restarts)):
         tried = []
         for one in sets:
             here = replace(limits, allowed=limits.allowed & one)
-            begin = _Plan(here, factory, rng, _random(here, rng)).improved()
-            tried.append(begin)
+            whole = len(sets) == 1 or number > 0
+            tried.append(_Plan(here, factory, rng, _random(here, rng)).improved(whole=whole))
         order = np.argsort([plan.measure.value for plan in tried], kind="stable")
         sets = [sets[k] for k in order[: (len(sets) + 1) // 2]]
         found += tried
@@ -128,11 +128,11 @@ def _random(limits: Limits, rng: np.random.Generator) -> list[int]:
 class _Plan:
     """Positions with their measure and the time that they take."""
 
-    def __init__(self, limits: Limits, factory: Measures, rng: np.random.Generator, cells: Sequence[int]) -> None:
+    def __init__(self, limits: Limits, factory: Measures, rng: np.random.Generator, cells: Sequence[int] | np.ndarray) -> None:
         self._limits, self._factory, self._rng = limits, factory, rng
         self._begin(cells)
 
-    def _begin(self, cells: Sequence[int]) -> None:
+    def _begin(self, cells: Sequence[int] | np.ndarray) -> None:
         self.measure: Measure = self._factory(cells)
         self._occupied = Occupied(self._limits)
         for cell in cells:
@@ -146,12 +146,12 @@ class _Plan:
         self.measure.remove(self.measure.cells.index(cell))
         self._occupied.change(cell, -1)
 
-    def improved(self) -> "_Plan":
-        """Exchange until nothing improves; with limited time also whole pitch settings."""
+    def improved(self, *, whole: bool = True) -> "_Plan":
+        """Exchange until nothing improves; with limited time also `whole` pitch settings."""
         self._fill()
         for _ in range(_PASSES):
             self._exchange()
-            if not self._limits.timed or not self._regroup():
+            if not whole or not self._limits.timed or not self._regroup():
                 break
         return self
 

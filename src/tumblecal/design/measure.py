@@ -54,7 +54,8 @@ class CriterionMeasure:
     def __init__(self, model: OneVisit, criterion: OfRows, cells: Sequence[int] | np.ndarray = ()) -> None:
         self._model, self._criterion = model, criterion
         self._columns = model.columns
-        self._flat = np.ascontiguousarray(model.columns.transpose(1, 0, 2)).reshape(-1, model.columns.shape[2])
+        # (all, 3 cells): the readings of an axis are together.
+        self._flat = np.ascontiguousarray(model.columns.transpose(2, 1, 0)).reshape(model.columns.shape[2], -1)
         self._cells = [int(cell) for cell in cells]
         self._information = model.information_with(self._cells)
         self._renew()
@@ -95,19 +96,14 @@ class CriterionMeasure:
         self._age += 1
         if self._age > _RENEWED or (sign < 0 and np.linalg.eigvalsh(middle)[0] < _ALONE):
             return self._renew()
-        half = self._covariance @ rows.T
-        change = half @ np.linalg.solve(middle, half.T) * sign
-        self._covariance = self._covariance - (change + change.T) / 2
-        across = (self._flat @ half).reshape(3, -1, 3)
-        solved = np.linalg.inv(middle) * sign
-        weighted = across @ solved
-        for i in range(3):
-            for j in range(i, 3):
-                self._inner[i, j] -= np.einsum("ck,ck->c", weighted[i], across[j])
-                self._inner[j, i] = self._inner[i, j]
-        mine = self._to_rows[:, :, cell].copy()
-        self._to_rows -= np.einsum("ick,kr->irc", weighted, mine)
-        self._of_rows = self._of_rows - sign * mine.T @ np.linalg.solve(middle, mine)
+        half = np.linalg.solve(np.linalg.cholesky(middle), rows @ self._covariance)
+        self._covariance = self._covariance - sign * half.T @ half
+        across = half @ self._flat
+        mine = half[:, : self._criterion.rows.shape[1]] @ self._criterion.rows.T
+        self._to_rows -= sign * (mine.T @ across).reshape(self._to_rows.shape)
+        self._of_rows = self._of_rows - sign * mine.T @ mine
+        across = across.reshape(3, 3, -1)
+        self._inner -= sign * np.einsum("kic,kjc->ijc", across, across)
         return None
 
     def _renew(self) -> None:
@@ -117,13 +113,9 @@ class CriterionMeasure:
         self._covariance = np.outer(size, size) * np.linalg.inv(self._information * np.outer(size, size))
         rows, cells = self._criterion.rows, len(self._columns)
         shared = rows.shape[1]
-        through = (self._flat @ self._covariance).reshape(3, cells, -1)
-        flat = self._flat.reshape(3, cells, -1)
-        self._inner = np.empty((3, 3, cells))
-        for i in range(3):
-            for j in range(i, 3):
-                self._inner[i, j] = self._inner[j, i] = np.einsum("ck,ck->c", through[i], flat[j])
-        self._to_rows = np.ascontiguousarray((through[:, :, :shared] @ rows.T).transpose(0, 2, 1))
+        through = (self._covariance @ self._flat).reshape(-1, 3, cells)
+        self._inner = np.einsum("pic,pjc->ijc", through, self._flat.reshape(-1, 3, cells))
+        self._to_rows = np.tensordot(rows, through[:shared], 1)
         self._of_rows = rows @ self._covariance[:shared, :shared] @ rows.T
 
 
@@ -133,7 +125,7 @@ def measures(model: OneVisit, criterion: OfRows) -> Measures:
 
 
 def _whitened(inner: np.ndarray, to_rows: np.ndarray, sign: int) -> np.ndarray:
-    """L^-1 U with L L' = 1 + sign times inner, for every cell: inner (3, 3, cells), U (3, k, cells)."""
+    """L^-1 U (3, k, cells) with L L' = 1 + sign times inner for every cell: inner (3, 3, cells), U (k, 3, cells)."""
     floor = 1e-12
     a, b, c = 1 + sign * inner[0, 0], sign * inner[1, 0], sign * inner[2, 0]
     first = np.sqrt(np.maximum(a, floor))
@@ -141,6 +133,6 @@ def _whitened(inner: np.ndarray, to_rows: np.ndarray, sign: int) -> np.ndarray:
     second = np.sqrt(np.maximum(1 + sign * inner[1, 1] - low**2, floor))
     lowest = (sign * inner[2, 1] - low * lower) / second
     third = np.sqrt(np.maximum(1 + sign * inner[2, 2] - lower**2 - lowest**2, floor))
-    one = to_rows[0] / first
-    two = (to_rows[1] - low * one) / second
-    return np.stack([one, two, (to_rows[2] - lower * one - lowest * two) / third])
+    one = to_rows[:, 0] / first
+    two = (to_rows[:, 1] - low * one) / second
+    return np.stack([one, two, (to_rows[:, 2] - lower * one - lowest * two) / third])
