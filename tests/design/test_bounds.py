@@ -13,10 +13,11 @@ from tumblecal.design.criteria import mean, volume, worst
 from tumblecal.design.limits import in_order, limits_of
 from tumblecal.design.one_visit import one_visit
 from tumblecal.design.schedule import schedule
+from tumblecal.design.bounded_search import best_plan
 from tumblecal.design.weighted import Weighted
 
 
-FEW = np.r_[8:12, 24:28, 48:51, 64:66]
+FEW = np.r_[8:12, 25:28, 48:50, 64:66]
 
 
 @pytest.fixture(scope="module")
@@ -87,3 +88,27 @@ def test_the_bound_of_a_number_of_positions_is_the_least_of_its_relaxation(candi
     assert np.log(found.white) == pytest.approx(expected.fun, abs=3e-3)
     assert np.log(found.white) <= expected.fun + 1e-6
     assert found.fractions.sum() == pytest.approx(7)
+
+
+def test_a_plan_is_close_to_its_bound(head, candidates):
+    found = best_plan(candidates, head.ability, worst(candidates), minutes=70.0, restarts=1)
+    assert found.chosen.value == pytest.approx(found.bounds.value) and found.chosen.minutes <= 70.0
+    assert found.bounds.efficiency > 0.95 and not found.bounds.reason
+
+
+def test_the_reason_for_a_distance_to_the_bound(head, candidates, model):
+    """Three positions in one mounting do not determine nine parameters; two settings are far from the best ones."""
+    limits = limits_of(candidates.cells, head.ability, count=3, minutes=None)
+    assert bounds(model, worst(candidates), limits, [8, 10, 16]).reason.startswith(
+        "too few positions: 3 positions at 2 pitch settings in 1 mounting do not determine dK_"
+    )
+    limits = limits_of(candidates.cells, head.ability, count=16, minutes=None)
+    poor = bounds(model, mean(candidates), limits, np.r_[8:24])
+    assert poor.efficiency < 0.95
+    assert poor.reason.startswith(
+        "whole settings: the bound is that of plans with 16 positions at 10 pitch settings in 2 mountings"
+    )
+    assert (
+        "for 16 positions at 2 pitch settings in 1 mounting, the settings of the plan, it is 100.0% of the value"
+        in poor.reason
+    )

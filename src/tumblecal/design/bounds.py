@@ -84,29 +84,39 @@ def bounds(
         lower[at] = max(lower[at], found.log_bound)
     at = int(np.argmin(lower))
     nearest = searched[at] if at in searched else searched[max(searched)]
-    groups = len(np.unique(limits.cells.group[np.flatnonzero(plan)]))
-    settings = np.flatnonzero(limits.allowed & np.isin(limits.cells.group, limits.cells.group[np.flatnonzero(plan)]))
-    own = _searched(
-        model, smooth, limits, _Classes(settings, np.array([groups]), np.array([plan.sum()])), plan, np.log(value)
-    )
+    group = limits.cells.group
+    used = np.unique(group[np.flatnonzero(plan)])
+    settings = np.flatnonzero(limits.allowed & np.isin(group, used))
+    mine = _Classes(settings, np.array([len(used)]), np.array([plan.sum()]))
+    own = _searched(model, smooth, limits, mine, plan, np.log(value))
     white, within = (min(float(np.exp(log)), value) for log in (lower[at], max(own.log_bound, lower[at])))
     better = [k for k in np.argsort(lower, kind="stable") if k in searched and lower[k] < np.log(value) - 1e-3]
     rounded = tuple(_rounded(limits, sets[each[k][0]].only(each[k][1]), searched[k].fractions) for k in better)
-    return Bounds(white, within, value, nearest.fractions, rounded, _reason(white, within, value, int(plan.sum())))
+    reason = ""
+    if white < GOOD * value:
+        lost = [name for name in model.undetermined(chosen) if name not in model.undetermined()]
+        reason = _reason(limits, sets[each[at][0]].only(each[at][1]), mine, white / value, within / value, lost)
+    return Bounds(white, within, value, nearest.fractions, rounded, reason)
 
 
-def _reason(white: float, own: float, value: float, positions: int) -> str:
-    """Why a plan is not closer to its bound."""
-    if white >= GOOD * value:
-        return ""
-    if own / value > white / own:
+def _reason(limits: Limits, nearest: _Classes, mine: _Classes, white: float, own: float, lost: Sequence[str]) -> str:
+    """Why a plan is not closer to its bound; `white`, `own`: bounds over the value."""
+
+    def words(one: _Classes) -> str:
+        numbers = int(one.positions[0]), int(one.groups[0]), len(np.unique(limits.sitting[one.cells]))
+        nouns = ("position", "pitch setting", "mounting")
+        positions, groups, sittings = (f"{n} {noun}{'s' * (n != 1)}" for n, noun in zip(numbers, nouns, strict=True))
+        return f"{positions} at {groups} in {sittings}"
+
+    if lost:
         return (
-            f"the settings: with these {positions} positions in these settings the bound is {own / value:.1%} of the value; "
-            "the other bound counts fractions of a pitch setting, so it pays only a part of its time"
+            f"too few positions: {words(mine)} do not determine {', '.join(lost)}, but fractions of more positions do"
         )
+    if own < white / own:
+        return f"whole positions: for fractions of {words(mine)}, the settings of the plan, the bound is {own:.1%} of the value"
     return (
-        f"whole positions: in its own settings the bound is {own / value:.1%} of the value, since it divides {positions} "
-        "positions into fractions"
+        f"whole settings: the bound is that of plans with {words(nearest)} in fractions of positions and settings; for "
+        f"{words(mine)}, the settings of the plan, it is {own:.1%} of the value"
     )
 
 
@@ -201,6 +211,7 @@ def _of_set(limits: Limits, cells: np.ndarray, sittings: int, soaks: int) -> _Cl
     )
     positions = np.floor((limits.seconds - settings + 1e-6) / (times.dwell_s + times.settle_s + turn))
     positions = np.minimum(positions, min(limits.count, limits.repeats * len(cells)))
-    # More settings for the same number of positions are not a class of their own, nor are settings without positions.
-    useful = (positions >= groups) & (positions > np.append(positions[1:], 0))
-    return _Classes(cells, groups[useful], positions[useful].astype(int))
+    # Settings without positions are of no use, and a class with more settings and as many positions contains this one.
+    groups, positions = groups[positions >= groups], positions[positions >= groups].astype(int)
+    useful = positions > np.append(positions[1:], 0)
+    return _Classes(cells, groups[useful], positions[useful])

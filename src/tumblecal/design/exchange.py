@@ -128,7 +128,9 @@ def _random(limits: Limits, rng: np.random.Generator) -> list[int]:
 class _Plan:
     """Positions with their measure and the time that they take."""
 
-    def __init__(self, limits: Limits, factory: Measures, rng: np.random.Generator, cells: Sequence[int] | np.ndarray) -> None:
+    def __init__(
+        self, limits: Limits, factory: Measures, rng: np.random.Generator, cells: Sequence[int] | np.ndarray
+    ) -> None:
         self._limits, self._factory, self._rng = limits, factory, rng
         self._begin(cells)
 
