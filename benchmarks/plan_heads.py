@@ -20,10 +20,10 @@ import numpy as np
 import tumblecal
 from tumblecal.chain.head_ability import HeadAbility, Times
 from tumblecal.chain.rig_file import rig_of
+from tumblecal.design.bounded_search import best_plan
 from tumblecal.design.cells import cells_of
 from tumblecal.design.criteria import attitudes_in_use, in_use, mean, volume, worst
 from tumblecal.design.responses import responses_of
-from tumblecal.design.bounded_search import best_plan
 from tumblecal.ground.errors import InputError
 
 

@@ -8,12 +8,12 @@ import pytest
 from scipy.optimize import minimize
 
 from tumblecal.chain.head_ability import Times
+from tumblecal.design.bounded_search import best_plan
 from tumblecal.design.bounds import bounds
 from tumblecal.design.criteria import mean, volume, worst
 from tumblecal.design.limits import in_order, limits_of
 from tumblecal.design.one_visit import one_visit
 from tumblecal.design.schedule import schedule
-from tumblecal.design.bounded_search import best_plan
 from tumblecal.design.weighted import Weighted
 
 
