@@ -140,7 +140,7 @@ def _searched(
 def _gains(limits: Limits, one: _Classes, gain: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """For each class a bound of the sum of gains of its plans, and a threshold of the gain of their positions.
 
-    A position must gain more than a price; the bound holds for any price (Lagrange), and is least at that where the
+    A position must gain more than a price; the bound is valid for any price (Lagrange), and is least at that where the
     number of positions agrees.
     """
     group = np.unique(limits.cells.group[one.cells], return_inverse=True)[1].ravel()

@@ -179,7 +179,7 @@ class _FoldSearch:
                 self._pool.dof - asides.shape[1],
                 self._known,
             )
-            # Where a fold alone shows a direction of the set, the bound does not hold.
+            # Where a fold alone shows a direction of the set, the bound is not valid.
             most = np.where(free.min(axis=1) > COLLINEAR, most + prior, np.inf)
             may += [
                 (fold, members)
