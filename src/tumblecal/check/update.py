@@ -162,7 +162,8 @@ def _calibration(
         matrix=turned @ np.linalg.inv(triad_of(values)),
         bias=values[3:6],
         covariance=slope @ sensor.covariance @ slope.T,
-        parameters=sensor,
+        # A file without parameters may have a matrix in a different frame, with which they would not agree.
+        parameters=sensor if old.parameters is not None or curves is not None else None,
         use=use,
         temperature=curves,
         provenance=_provenance(old, record),

@@ -6,6 +6,7 @@ from pathlib import Path
 from tumblecal.check.drift import ProcessNoise
 from tumblecal.check.result import CheckResult
 from tumblecal.check.update import Update
+from tumblecal.data.sensor_parameters import SENSOR
 from tumblecal.estimation.attitudes import attitude_words
 from tumblecal.ground.numbers_shown import p_words
 from tumblecal.ground.suggested_command import suggested
@@ -15,6 +16,7 @@ from tumblecal.report.check_words import (
     explanation_size,
     explanation_words,
     explanations_words,
+    limit_words,
     probability_words,
     rest_words,
     sensitivity_words,
@@ -104,8 +106,7 @@ def _unresolved(result: CheckResult) -> Iterator[Unresolved]:
         yield Unresolved(f"Recorded at {at} degC, outside the range of the calibration", reason)
     if result.test.disagree and not result.disturbed:
         yield from (Unresolved(f"{line}.") for line in rest_words(result))
-    if lines := list(unseen_lines(result)):
-        yield Unresolved("Not visible in this recording", f"{'; '.join(lines)}.")
+    yield from (Unresolved("Not visible", f"{line}.") for line in unseen_lines(result))
 
 
 def _evidence(result: CheckResult, made: tuple[Update, ProcessNoise] | None, written: Path | None) -> Iterator[str]:
@@ -152,7 +153,7 @@ def _next(result: CheckResult, words: Sequence[object], written: Path | None) ->
 def _further(result: CheckResult) -> str:
     """Further attitudes for parameters that the recording hardly shows; "" if it shows all."""
     seen = result.sensitivity
-    if not (seen.invisible or seen.poorly_visible or len(seen.hidden)):
+    if not (seen.invisible or len(seen.hidden) or 0 < len(seen.poorly_visible) < len(SENSOR)):
         return ""
     words = attitude_words(result.noise.data.readings)
     return f"To see these changes too, record in addition: {words}." if words else ""
@@ -164,6 +165,7 @@ def _details(result: CheckResult) -> Iterator[tuple[str, str]]:
         yield from (("Attitudes among themselves", f"{line}.") for line in rest_words(result))
     if result.test.dof:
         yield "Most difficult visible change", f"{worst_words(result)}, detected with probability 0.8."
+        yield "Sensitivity is limited by", f"{limit_words(result)}."
     yield "Gravity", f"{result.gravity.words}."
     if result.expected.degc is not None:
         yield "Temperature", f"{result.expected.degc:.4g} degC."

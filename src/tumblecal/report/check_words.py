@@ -1,6 +1,6 @@
 """A check in words: what changed, what it cannot see, the test and its sensitivity."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -39,7 +39,7 @@ def explanation_words(explanation: Explanation) -> str:
     if kind in ("biases", "several"):
         return "several biases" if kind == "biases" else "several parameters"
     if kind == "scales":
-        return "all scale factors by the same share"
+        return "all scale factors together, or the value of gravity,"
     return parameter_words(explanation.parameters[0])
 
 
@@ -117,9 +117,7 @@ def sensitivity_words(result: CheckResult) -> str:
         seen = sorted(pair for pair in of_leaf if np.isfinite(pair[0]))
         if not seen:
             continue
-        low, high = (size_words(name, size) for size, name in (seen[0], seen[-1]))
-        least = low.partition(" ")[0] if low.partition(" ")[2] else low
-        parts.append(f"{_KINDS[leaf]} {high if low == high else f'{least} to {high}'}")
+        parts.append(f"{_KINDS[leaf]} {_range_words(seen[0][1], seen[0][0], seen[-1][0])}")
     return f"Detected with probability {POWER:g}, if one parameter changes: {'; '.join(parts) or 'nothing'}"
 
 
@@ -128,8 +126,8 @@ def unseen_lines(result: CheckResult) -> Iterator[str]:
     found = result.sensitivity
     if found.invisible:
         yield f"changes of {', '.join(found.invisible)}"
-    if poorly := [f"{name} {size_words(name, size)}" for name, size in found.poorly_visible.items()]:
-        yield f"changes smaller than {', '.join(poorly)}"
+    if found.poorly_visible:
+        yield f"changes smaller than {', '.join(_by_kind(found.poorly_visible))}"
     together = found.hidden_together
     if len(result.data) == 1 and result.data.hand_held:
         yield "any change that leaves the size of gravity in this one attitude the same"
@@ -148,6 +146,37 @@ def unseen_lines(result: CheckResult) -> Iterator[str]:
         yield "a rotation of all axes together, which is estimated as the mount"
     if result.gravity.sd:
         yield f"a common change of all scale factors below the uncertainty of gravity, {result.gravity.sd:.1g}"
+
+
+def _by_kind(limits: Mapping[str, float]) -> Iterator[str]:
+    """Limits of parameters; those of three of one kind as a range."""
+    for leaf, kind in _KINDS.items():
+        of_leaf = {name: size for name, size in limits.items() if leaf_of(name) == leaf}
+        if len(of_leaf) < 3:
+            yield from (f"{name} {size_words(name, size)}" for name, size in of_leaf.items())
+        else:
+            yield f"{kind} {_range_words(next(iter(of_leaf)), min(of_leaf.values()), max(of_leaf.values()))}"
+
+
+def _range_words(name: str, low: float, high: float) -> str:
+    """`0.32 to 0.64 mg`."""
+    first, last = size_words(name, low), size_words(name, high)
+    return last if first == last else f"{first.partition(' ')[0]} to {last}"
+
+
+def limit_words(result: CheckResult) -> str:
+    """Which uncertainty limits the sensitivity to a bias."""
+    slopes, test = result.test.slopes, result.test
+    shares = [
+        test.per_unit(change) / max(float(np.sum((slopes @ change) ** 2)), 1e-300)
+        for change in np.eye(len(SENSOR))[3:6]
+        if np.any(slopes @ change)
+    ]
+    if not shares:
+        return "no bias is visible"
+    # The share of the noise in the variance along a change.
+    noise = float(np.median(shares))
+    return "the noise of the attitudes" if noise > 0.5 else "the uncertainty of the calibration"
 
 
 def explanations_words(result: CheckResult) -> str:
