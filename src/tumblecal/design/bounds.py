@@ -2,12 +2,13 @@
 
 Plans are divided into classes: the set of mountings and temperatures, and the number of pitch settings, which together give the
 number of positions that fit. Each class is bounded over its convex hull; a tangent found in one class bounds the others too, so
-few need a search of their own. Settings are visited once each. A second visit of a setting costs time and is of no use, unless
-its error is drawn again (`[head.repeatability]`).
+few need a search of their own. A class with a low bound is divided further, by the use of a pitch setting (branch and bound).
+Settings are visited once each. A second visit of a setting costs time and is of no use, unless its error is drawn again
+(`[head.repeatability]`).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -21,10 +22,14 @@ from tumblecal.design.relaxation import POWER, Relaxed, relaxed
 
 # Sets of mountings and temperatures are listed up to this number; more are bounded by their size.
 _LISTED = 127
-_SEARCHES = 60
+_SEARCHES = 100
 _BISECTIONS = 30
-# An efficiency that needs no reason.
+# An efficiency that needs no reason; classes below the next one are divided, and those above the last one are not searched.
 GOOD = 0.95
+_DIVIDED = 0.975
+_CLOSE = 0.995
+# A pitch setting is used, or not, if the fraction is this close to 1 or 0.
+_WHOLE = 0.02
 
 
 @dataclass(frozen=True)
@@ -52,15 +57,22 @@ class Bounds:
 
 @dataclass(frozen=True)
 class _Classes:
-    """Classes of plans with positions in some cells: each has a largest number of pitch settings and one of positions."""
+    """Classes of plans with positions in some cells: each has a largest number of pitch settings and one of positions.
+
+    `used`: pitch settings whose time is spent in all of the plans.
+    """
 
     cells: Int[np.ndarray, " allowed"]
     groups: Int[np.ndarray, " classes"]
     positions: Int[np.ndarray, " classes"]
+    used: tuple[int, ...] = ()
 
-    def only(self, number: int) -> "_Classes":
-        """One of the classes."""
-        return _Classes(self.cells, self.groups[number : number + 1], self.positions[number : number + 1])
+    def each(self) -> "list[_Classes]":
+        """The classes one by one."""
+        return [
+            replace(self, groups=self.groups[k : k + 1], positions=self.positions[k : k + 1])
+            for k in range(len(self.groups))
+        ]
 
 
 def bounds(
@@ -70,17 +82,27 @@ def bounds(
     value = float(criterion.of_rows(criterion.rows @ model.covariance(chosen) @ criterion.rows.T))
     smooth, plan = criterion.smooth(POWER), np.bincount(np.asarray(chosen, int), minlength=len(model.columns))
     sets = _classes(limits)
-    each = [(number, k) for number, one in enumerate(sets) for k in range(len(one.groups))]
-    lower, searched = np.full(len(each), -np.inf), dict[int, Relaxed]()
+    each = [one for several in sets for one in several.each()]
+    undivided = len(each)
+    lower, searched = np.full(undivided, -np.inf), dict[int, Relaxed]()
     for _ in range(_SEARCHES):
         at = int(np.argmin(lower))
-        if at in searched or lower[at] >= np.log(value) - 1e-3:
+        if lower[at] >= np.log(_CLOSE * value) or (at in searched and lower[at] >= np.log(_DIVIDED * value)):
             break
-        number, k = each[at]
-        found = searched[at] = _searched(model, smooth, limits, sets[number].only(k), plan, np.log(value))
-        tangent = found.tangent
-        bound = tangent.level - np.concatenate([_gains(limits, one, tangent.gain)[0] for one in sets])
-        lower = np.maximum(lower, bound)
+        if at in searched:
+            parts = _divided(limits, each[at], searched[at].fractions) if limits.timed else []
+            if not parts:
+                break
+            each += parts
+            lower = np.append(lower, np.full(len(parts), lower[at]))
+            lower[at] = np.inf
+            continue
+        found = searched[at] = _searched(model, smooth, limits, each[at], plan, np.log(_CLOSE * value))
+        if at < undivided:
+            tangent = found.tangent
+            bound = tangent.level - np.concatenate([_gains(limits, one, tangent.gain)[0] for one in sets])
+            # A class that is divided already is bounded by its parts.
+            lower[:undivided] = np.maximum(lower[:undivided], bound)
         lower[at] = max(lower[at], found.log_bound)
     at = int(np.argmin(lower))
     nearest = searched[at] if at in searched else searched[max(searched)]
@@ -91,11 +113,11 @@ def bounds(
     own = _searched(model, smooth, limits, mine, plan, np.log(value))
     white, within = (min(float(np.exp(log)), value) for log in (lower[at], max(own.log_bound, lower[at])))
     better = [k for k in np.argsort(lower, kind="stable") if k in searched and lower[k] < np.log(value) - 1e-3]
-    rounded = tuple(_rounded(limits, sets[each[k][0]].only(each[k][1]), searched[k].fractions) for k in better)
+    rounded = tuple(_rounded(limits, each[k], searched[k].fractions) for k in better)
     reason = ""
     if white < GOOD * value:
         lost = [name for name in model.undetermined(chosen) if name not in model.undetermined()]
-        reason = _reason(limits, sets[each[at][0]].only(each[at][1]), mine, white / value, within / value, lost)
+        reason = _reason(limits, each[at], mine, white / value, within / value, lost)
     return Bounds(white, within, value, nearest.fractions, rounded, reason)
 
 
@@ -120,6 +142,29 @@ def _reason(limits: Limits, nearest: _Classes, mine: _Classes, white: float, own
     )
 
 
+def _divided(limits: Limits, one: _Classes, fractions: np.ndarray) -> list[_Classes]:
+    """The class without a pitch setting, and with it used by all plans: that with a fraction nearest to a half."""
+    group = limits.cells.group[one.cells]
+    share = np.zeros(int(limits.cells.group.max()) + 1)
+    np.maximum.at(share, group, np.minimum(fractions[one.cells] / limits.repeats, 1.0))
+    open_now = [g for g in np.unique(group) if g not in one.used]
+    if not open_now or len(one.used) >= one.groups[0]:
+        return []
+    g = int(min(open_now, key=lambda g: abs(share[g] - 0.5)))
+    if not _WHOLE < share[g] < 1 - _WHOLE:
+        return []
+    without, used = one.cells[group != g], (*one.used, g)
+    parts = [replace(one, used=used)]
+    if len(used) == one.groups[0]:
+        # All pitch settings are known.
+        parts = [replace(one, cells=one.cells[np.isin(group, used)], used=())]
+    if len(without):
+        groups = np.minimum(one.groups, len(np.unique(limits.cells.group[without])))
+        positions = np.minimum(one.positions, limits.repeats * len(without))
+        parts.append(replace(one, cells=without, groups=groups, positions=positions))
+    return parts
+
+
 def _searched(
     model: OneVisit, criterion: CriterionOfCovariance, limits: Limits, one: _Classes, plan: np.ndarray, log_value: float
 ) -> Relaxed:
@@ -132,8 +177,9 @@ def _searched(
     rows = model.columns[one.cells]
     first = best(np.bincount(one.cells, np.sum(rows[:, :, : len(model.names)] ** 2, axis=(1, 2)), len(plan)))[0]
     taken = np.flatnonzero(plan)
-    within = np.all(np.isin(taken, one.cells)) and plan.sum() <= one.positions[0]
-    starts = [plan, first] if within and len(np.unique(limits.cells.group[taken])) <= one.groups[0] else [first]
+    settings = len(np.union1d(limits.cells.group[taken], one.used))
+    within = np.all(np.isin(taken, one.cells)) and plan.sum() <= one.positions[0] and settings <= one.groups[0]
+    starts = [plan, first] if within else [first]
     return relaxed(model, criterion, best, starts, enough=log_value)
 
 
@@ -148,17 +194,20 @@ def _gains(limits: Limits, one: _Classes, gain: np.ndarray) -> tuple[np.ndarray,
     gain, first = gain[one.cells][order], np.unique(group[order], return_index=True)[1]
     rank = np.arange(len(first))
     inside = rank < one.groups[:, None]
+    # Pitch settings that are used come first.
+    ahead = np.isin(np.unique(limits.cells.group[one.cells]), one.used) * 1e6 * (1.0 + gain.sum())
     low, high = np.zeros(len(one.groups)), np.full(len(one.groups), gain.max(initial=0.0))
     for _ in range(_BISECTIONS):
         price = (low + high) / 2
         over = np.maximum(gain - price[:, None], 0.0)
         of_group = np.add.reduceat(over, first, axis=1)
         number = np.add.reduceat(over > 0, first, axis=1, dtype=int)
-        by_value = np.argsort(-of_group, axis=1)
+        by_value = np.argsort(-of_group - ahead, axis=1)
         count = np.sum(np.take_along_axis(number, by_value, axis=1) * inside, axis=1) * limits.repeats
         low, high = np.where(count > one.positions, price, low), np.where(count > one.positions, high, price)
     over = np.add.reduceat(np.maximum(gain - high[:, None], 0.0), first, axis=1)
-    best = np.sum(-np.sort(-over, axis=1) * inside, axis=1) * limits.repeats
+    by_value = np.argsort(-over - ahead, axis=1)
+    best = np.sum(np.take_along_axis(over, by_value, axis=1) * inside, axis=1) * limits.repeats
     return best + high * one.positions, high
 
 
@@ -166,6 +215,7 @@ def _plan(limits: Limits, one: _Classes, gain: np.ndarray, price: float) -> np.n
     """Positions in each cell of a plan of the (only) class with the largest gains."""
     group = limits.cells.group
     over = np.bincount(group[one.cells], np.maximum(gain[one.cells] - price * (1 - 1e-9), 0.0), int(group.max()) + 1)
+    over[list(one.used)] += 1e6 * (1.0 + over.sum())
     taken = np.argsort(-over, kind="stable")[: one.groups[0]]
     cells = one.cells[np.isin(group[one.cells], taken)]
     cells = np.repeat(cells[np.argsort(-gain[cells], kind="stable")], limits.repeats)[: one.positions[0]]
