@@ -28,6 +28,7 @@ RUN_ELSEWHERE = {
     "extending.md": "tests/test_readme.py",
     "index.md": "tests/test_readme.py",
     "own_effects.md": "tests/effects/test_users_effects.py",
+    "plan.md": "tests/cli/test_plan.py",
     "thermal.md": "tests/report/test_thermal_page.py",
     "check.md": "tests/check/test_check_command.py",
 }

@@ -1,44 +1,109 @@
-"""`tumblecal plan`: its files, the chain to a calibration, and input that is rejected."""
+"""`tumblecal plan` on the commands of docs/plan.md: its files, the chain to a calibration; and input that is rejected."""
 
 import json
 import re
+import shlex
 import tomllib
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
 from tumblecal.capture.capture_plan import read_plan
 from tumblecal.cli.model_options import StatedModel
 from tumblecal.cli.options import ModelOptions
+from tumblecal.cli.plan import PlanOptions, _allowed, _criteria, _positions, _sizes
 from tumblecal.effects.catalogue import catalogue, read_rig_with_effects
 from tumblecal.estimation.exact import fit
+from tumblecal.ground.errors import InputError
 from tumblecal.simulation.position_means import simulated
 
 
-def test_the_files_of_a_plan_and_the_uncertainties_of_their_calibration(tumblecal, configs, tmp_path):
-    mine = tmp_path / "plan_mine.toml"
-    mine.write_text("# not of this command")
-    outcome = tumblecal("plan", configs / "plan_head.toml", "--positions", "20", "--no-forecast", "--out", tmp_path)
-    assert outcome.code == 0, outcome.lines
-    assert re.search(r"^20 positions in 2 mountings", outcome.out, re.MULTILINE)
-    assert "</html>" in (tmp_path / "plan.html").read_text() and mine.exists()
-    record = json.loads((tmp_path / "plan.json").read_text())
-    assert record["schema"] == "tumblecal.plan/1" and len(record["positions"]) == 20
+PAGE = (Path(__file__).parents[2] / "docs" / "plan.md").read_text(encoding="utf-8")
 
-    captured = [read_plan(tmp_path / name) for name in record["files"] if name != "rig.toml"]
+
+def test_the_commands_of_the_page_and_the_uncertainties_of_their_calibration(tumblecal, tmp_path, monkeypatch):
+    """plan.md: the commands, without the forecast."""
+    monkeypatch.chdir(tmp_path)
+    commands = [line for block in re.findall(r"^```sh\n(.*?)^```", PAGE, re.S | re.M) for line in block.splitlines()]
+    example, design, simulate, calibrate = (shlex.split(line)[1:] for line in commands)
+    folder = tmp_path / "plan"
+    folder.mkdir()
+    mine = folder / "plan_mine.toml"
+    mine.write_text("# not of this command")
+    assert tumblecal(*example).code == 0
+    outcome = tumblecal(*design, "--no-forecast")
+    assert outcome.code == 0, outcome.lines
+    assert re.search(r"^24 positions in 2 mountings, ", outcome.out, re.MULTILINE)
+    assert "</html>" in (folder / "plan.html").read_text() and mine.exists()
+    record = json.loads((folder / "plan.json").read_text())
+    assert record["schema"] == "tumblecal.plan/1" and len(record["positions"]) == 24
+
+    captured = [read_plan(folder / name) for name in record["files"] if name != "rig.toml"]
     steps = [(step.name, step.alpha_deg, step.beta_deg, plan.session.mount) for plan in captured for step in plan.steps]
     assert steps == [(p["name"], p["alpha_deg"], p["beta_deg"], p["mount"]) for p in record["positions"]]
     assert all(plan.dwell.seconds == 60.0 and plan.dwell.settle_s == 10.0 for plan in captured)
-    assert {plan.session.mount: plan.positions.mount_rotation_deg for plan in captured} == {
-        "A": [0, 0, 0],
-        "B": [0, 0, 90],
-    }
+    turned = {plan.session.mount: plan.positions.mount_rotation_deg for plan in captured}
+    assert turned == {"A": [0, 0, 0], "B": [0, 0, 90]}
 
     # A calibration at nominal parameters: visits with their repeatability and prior, random walk and drift included.
-    rig = read_rig_with_effects(tmp_path / "rig.toml", catalogue())
-    assert tomllib.loads((tmp_path / "rig.toml").read_text())["truth"].keys() == {"dbeta"}
+    rig = read_rig_with_effects(folder / "rig.toml", catalogue())
+    assert tomllib.loads((folder / "rig.toml").read_text())["truth"].keys() == {"dbeta"}
     data = simulated(replace(rig, truth={}, ability=None), 0, 0.0)
-    fitted = fit(StatedModel.of(ModelOptions(rig=tmp_path / "rig.toml")).problem(data))
+    fitted = fit(StatedModel.of(ModelOptions(rig=folder / "rig.toml")).problem(data))
     for name, stated in record["parameters"].items():
         assert fitted.sd[fitted.names.index(name)] == pytest.approx(stated["u"], rel=1e-6), name
     assert data.time_s == pytest.approx([position["start_s"] + 30.0 for position in record["positions"]])
+
+    assert tumblecal(*simulate).code == 0 and tumblecal(*calibrate, "--no-figures").code == 0
+    stated = json.loads((tmp_path / "calibration" / "result.json").read_text())["methods"]["exact"]["parameters"]
+    for name, each in record["parameters"].items():
+        assert stated[name]["sd"] == pytest.approx(each["u"], rel=3e-3), name
+
+
+@pytest.mark.parametrize(
+    ("options", "fault"),
+    [
+        ({"criterion": "best"}, "no criterion 'best'; criteria: worst, mean"),
+        ({"criterion": "worst=1,worst=2"}, "worst is stated twice"),
+        ({"criterion": "worst=-1"}, "a weight must be above 0"),
+        ({"criterion": "worst=much"}, "write a weight"),
+        ({"criterion": "naming"}, "no effect is stated; add for example --effects"),
+        ({"criterion": "alias", "effects": ("mine.py",)}, "no effect is stated"),
+        ({"criterion": "in_use", "parameters": "dK"}, "contradict each other"),
+    ],
+)
+def test_contradictory_criteria_are_rejected(options, fault):
+    with pytest.raises(InputError, match=re.escape(fault)):
+        _criteria(PlanOptions(**options))
+
+
+def test_unknown_mountings_effects_and_files_are_rejected(configs, tmp_path):
+    entries = catalogue()
+    rig = read_rig_with_effects(configs / "plan_head.toml", entries)
+    with pytest.raises(InputError, match=r"--allow-mount: no mounting 'C'; add \[mounts.C\] .*\(mountings: A, B\)"):
+        _allowed(rig, PlanOptions(allow_mount="A,C"))
+    with pytest.raises(InputError, match="--allow-beta: 120 deg"):
+        _allowed(rig, PlanOptions(allow_beta=("0,120",)))
+    assert dict(_sizes(("second_order.z=200 ug/g^2", "my.py"), entries)) == pytest.approx({"second_order.z": 0.2})
+    for text, fault in (
+        ("second_ordr.z=1 mg/g^2", "did you mean second_order.z"),
+        ("second_order.z=1 mg", "converted"),
+        ("second_order.z=0 mg/g^2", "above 0"),
+    ):
+        with pytest.raises(InputError, match=fault):
+            list(_sizes((text,), entries))
+    other = tmp_path / "other.csv"
+    other.write_text("position,alpha_deg,beta_deg,ax_g,ay_g,az_g,mount\n1,0,0,0,0,1,A\n2,90,0,0,1,0,X\n")
+    with pytest.raises(InputError, match=r"other.csv: mounting 'X' is not in .*\(mountings: A, B\)"):
+        _positions(other, rig)
+
+
+def test_a_rig_without_a_head_gets_settings_that_are_printed_as_assumed(configs):
+    rig = _allowed(read_rig_with_effects(configs / "grid48.toml", catalogue()), PlanOptions(allow_alpha=("0:360:90",)))
+    assert (
+        rig.ability is not None
+        and rig.ability.alpha_deg == (0, 90, 180, 270)
+        and rig.ability.beta_deg == (0, 30, 60, 90)
+    )
+    assert {"beta_deg", "mounts", "times.dwell_s"} <= {*rig.ability.assumed} and "alpha_deg" not in rig.ability.assumed

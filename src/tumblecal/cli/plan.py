@@ -215,9 +215,10 @@ def _criteria(options: PlanOptions) -> Mapping[str, float]:
             raise InputError(f"--criterion {part}: write a weight, for example --criterion worst=1,in_use=2") from error
         if not 0 < weights[name] < float("inf"):
             raise InputError(f"--criterion {part}: a weight must be above 0; remove a criterion that does not count")
-    if "naming" in weights and not any("=" in text for text in options.effects):
+    about_effects = [name for name in ("naming", "alias") if name in weights]
+    if about_effects and not any("=" in text for text in options.effects):
         raise InputError(
-            "--criterion naming: no effect is stated; add for example --effects 'second_order.z=0.2 mg/g^2'"
+            f"--criterion {about_effects[0]}: no effect is stated; add for example --effects 'second_order.z=0.2 mg/g^2'"
         )
     if options.parameters and not {"worst", "mean", "volume"} & {*weights}:
         raise InputError(
@@ -241,8 +242,8 @@ def _sizes(texts: tuple[str, ...], entries: "Catalogue") -> Iterator[tuple[str, 
             value = quantity(size, effect.unit)
         except InputError as error:
             raise InputError(f"--effects {text!r}: {error}") from error
-        if not value:
-            raise InputError(f"--effects {text!r}: a size is not 0")
+        if not value > 0:
+            raise InputError(f"--effects {text!r}: a size is above 0")
         yield name.strip(), value
 
 
