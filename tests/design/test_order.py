@@ -141,7 +141,7 @@ def test_changes_of_settings_are_paid_for():
         assert sorted(found.cells.tolist()) == sorted(chosen.tolist())
         assert found.pitch_visit[-1] == 3 and found.mount_visit[-1] == 1
         assert shortest - 40 <= found.end_s <= shortest
-    with pytest.raises(InputError, match="32 positions need at least 60 min"):
+    with pytest.raises(InputError, match="32 positions need at least 59 min"):
         best_order(responses, ability, Worst(), chosen, minutes=50)
     # Positions that are repeated without a turn: the search may not exceed the least time.
     twice = np.repeat(chosen[:4], 2)

@@ -6,6 +6,7 @@ and Inference 124). The search exchanges positions of one pitch setting and moun
 reverses, moves, splits and joins visits, from several starts.
 """
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -14,6 +15,7 @@ from jaxtyping import Int
 
 from tumblecal.chain.head_ability import HeadAbility
 from tumblecal.design.information import design_of, information_of, noise_covariance
+from tumblecal.design.limits import in_order
 from tumblecal.design.order_moves import changed, mirrored, nested, pairs_of_groups
 from tumblecal.design.order_value import OfCovariance, OrderValue, shared_covariance
 from tumblecal.design.responses import Responses
@@ -110,10 +112,20 @@ def shortest(values: OrderValue, rng: np.random.Generator | None) -> np.ndarray:
 
 
 def _fitting(values: OrderValue, order: np.ndarray, minutes: float | None) -> np.ndarray:
-    """The order, or if it does not fit one with the fewest changes in which equal spindle angles follow each other."""
+    """The order, or if it does not fit the given one, or one with fewer turns of the spindle, or the shortest of these."""
     if minutes is None or values.scheduled(order).minutes <= minutes:
         return order
-    return shortest(values, None)
+    given = np.arange(len(order))
+    # The canonical order turns the spindle least; positions of one cell come in the order given.
+    canonical, by_cell = in_order(values.cells, values.listed), np.argsort(values.listed, kind="stable")
+    turned = np.zeros_like(given)
+    turned[np.argsort(canonical, kind="stable")] = by_cell
+    others = [given, shortest(values, None), turned]
+    return next((one for one in others if values.scheduled(one).minutes <= minutes), min(others, key=_minutes(values)))
+
+
+def _minutes(values: OrderValue) -> Callable[[np.ndarray], float]:
+    return lambda order: values.scheduled(order).minutes
 
 
 class _Search:
@@ -122,9 +134,9 @@ class _Search:
     def __init__(self, values: OrderValue, rng: np.random.Generator, minutes: float | None) -> None:
         self.values, self.rng = values, rng
         self.limit_s = np.inf if minutes is None else 60 * minutes
-        # Effort: starts, rounds for each, orders that are polished in a round; an evaluation takes longer for more positions.
+        # Effort: rounds for each start, orders that are polished in a round; an evaluation takes longer for more positions.
         self.few = len(values.listed) <= _FEW
-        self.starts, self.rounds, self.polished = (4, 12, 2) if self.few else (2, 16, 1)
+        self.rounds, self.polished = (12, 2) if self.few else (12, 1)
         self.price = _PRICE if minutes is None else _PRICE_WITHIN_LIMIT
 
     def run(self) -> np.ndarray:
@@ -132,9 +144,10 @@ class _Search:
         values, rng = self.values, self.rng
         if len(values.listed) < 2:
             return np.arange(len(values.listed))
-        starts = [shortest(values, rng) for _ in range(self.starts)]
-        starts[1::2] = [mirrored(start, values.group, rng) for start in starts[1::2]]
-        starts[2:3] = [rng.permutation(start) for start in starts[2:3]]
+        given = np.arange(len(values.listed))
+        starts = [given, mirrored(shortest(values, rng), values.group, rng)]
+        if self.few:
+            starts += [shortest(values, rng), rng.permutation(given), mirrored(given, values.group, rng)]
         starts = [_fitting(values, start, self.limit_s / 60) for start in starts]
         best = self._improved(starts[0])
         for start in starts[1:]:
@@ -146,6 +159,9 @@ class _Search:
     def _close(self, order: np.ndarray) -> bool:
         planned = self.values.scheduled(order)
         return self.values.value(planned) < (1 + _CLOSE) * self.values.value(planned, slow=False)
+
+    def _fits(self, order: np.ndarray) -> bool:
+        return self.values.scheduled(order).end_s <= self.limit_s
 
     def _objective(self, order: np.ndarray) -> float:
         planned = self.values.scheduled(order)
@@ -179,12 +195,16 @@ class _Search:
             pairs = pairs_of_groups(values.group[order], _PAIRS, self.rng) + values.fixed
             gained = np.log(values.exchanges(values.state(planned), pairs)) + self.price * np.log(planned.end_s)
             ranked = np.argsort(gained, kind="stable")
-            taken = _disjoint(pairs[ranked[gained[ranked] < size - _GAIN]] - values.fixed)
-            # Exchanges that gain one by one may not gain together: fewer are tried.
+            ranked = ranked[gained[ranked] < size - _GAIN]
+            taken = _disjoint(pairs[ranked] - values.fixed)
+            if planned.end_s + 4 * len(taken) * values.ability.times.turn_s > self.limit_s:
+                # An exchange may need a turn of the spindle more at each of its four neighbours.
+                taken = _disjoint(
+                    [pair for pair in pairs[ranked] - values.fixed if self._fits(_exchanged(order, [pair]))]
+                )
+            # Exchanges that gain or fit one by one may not do so together: fewer are tried.
             while len(taken):
-                trial = order.copy()
-                for first, second in taken:
-                    trial[[first, second]] = trial[[second, first]]
+                trial = _exchanged(order, taken)
                 if (new := self._objective(trial)) < size - _GAIN:
                     order, size = trial, new
                     break
@@ -194,10 +214,17 @@ class _Search:
         return size, order
 
 
-def _disjoint(pairs: Int[np.ndarray, "pairs 2"]) -> list[tuple[int, int]]:
+def _exchanged(order: np.ndarray, pairs: Iterable[Iterable[int]]) -> np.ndarray:
+    order = order.copy()
+    for first, second in pairs:
+        order[[first, second]] = order[[second, first]]
+    return order
+
+
+def _disjoint(pairs: Iterable[Iterable[int]]) -> list[tuple[int, int]]:
     """The first pairs that have no position in common."""
     used, taken = set[int](), list[tuple[int, int]]()
-    for first, second in pairs.tolist():
+    for first, second in pairs:
         if first not in used and second not in used:
             used |= {first, second}
             taken.append((first, second))
