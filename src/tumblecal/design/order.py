@@ -136,7 +136,7 @@ class _Search:
         self.limit_s = np.inf if minutes is None else 60 * minutes
         # Effort: rounds for each start, orders that are polished in a round; an evaluation takes longer for more positions.
         self.few = len(values.listed) <= _FEW
-        self.rounds, self.polished = (12, 2) if self.few else (12, 1)
+        self.rounds, self.polished = (18, 2) if self.few else (30, 1)
         self.price = _PRICE if minutes is None else _PRICE_WITHIN_LIMIT
 
     def run(self) -> np.ndarray:
