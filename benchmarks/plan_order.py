@@ -4,11 +4,11 @@
     python benchmarks/plan_order.py --speed
 
 24 positions on a dividing head: pitch settings 0, 45 and 90 deg with eight spindle angles each (the paper's), or with four in
-each of two mountings, the second one turned by 90 deg about z. Orders: sequential, random within the visits, `best_order` in the
-minutes of the sequential one, and without a limit. Readings, noise (sampled every second) and the fits are numpy of this file;
-only the orders and the standard deviations that they promise come from the program. Errors are root mean squares over the runs,
-the largest of the parameters, in mg, 1e-3 or mrad: after a plain fit (white noise), and after a fit with the noise model. The
-biases are those at the start of a random walk, at the mean time of a drift, and after the warm-up.
+each of two mountings, the second one turned by 90 deg about z. Orders: sequential, random within the visits, `best_order` in
+the minutes of the sequential one, and without a limit. Readings, noise (sampled every second) and the fits are numpy of this
+file; only the orders and the standard deviations that they promise come from the program. Errors are root mean squares over the
+runs, the largest of the parameters, in mg, 1e-3 or mrad: after a plain fit (white noise), and after a fit with the noise model.
+The biases are those at the start of a random walk, at the mean time of a drift, and after the warm-up.
 """
 
 import argparse
