@@ -38,13 +38,16 @@ from tumblecal.design.schedule import Schedule, schedule
 from tumblecal.diagnosis import Diagnoser
 from tumblecal.effects import catalogue
 from tumblecal.effects.catalogue import links_and_units
-from tumblecal.estimation.position_problem import problem_of
+from tumblecal.estimation.position_problem import problem_of, where_of
 from tumblecal.estimation.visits import with_repeatability
 from tumblecal.ground.errors import InputError
 
 
 ENTRIES = catalogue()
-TURNS = {"A": (0.0, 0.0, 0.0), "B": (0.0, 0.0, 90.0), "C": (0.0, 90.0, 0.0)}
+TURNS = ((0.0, 0.0, 0.0), (0.0, 0.0, 90.0), (0.0, 90.0, 0.0))
+# Effects among which a plan for naming separates: the search compiles them for every head.
+FEW = {id: effect for id, effect in ENTRIES.items() if id.partition("_")[0] in ("second", "third", "cross", "scale")}
+_POSITIONS = 24
 # g, rad or rad/rad of one unit of the catalogue: mg/g^2, mg/g^3, mrad.
 UNIT = 1e-3
 EFFECTS = [
@@ -69,19 +72,20 @@ def rig_with(
     step: tuple[float, int],
     beta_deg: Sequence[float],
     mounts: Sequence[str],
+    turn: int = 1,
     *,
     sd_mg: float = 0.15,
     prior: bool = False,
     again: bool = False,
 ) -> Rig:
-    """A head: step and number of its spindle angles, pitch settings, mountings, noise, a prior of 3 arcmin on the pitch errors,
-    a repeatability of 3 arcsec of a pitch setting."""
+    """A head: step and number of its spindle angles, pitch settings, mountings, number of the turn of the second, noise,
+    a prior of 3 arcmin on the pitch errors, a repeatability of 3 arcsec of a pitch setting."""
     alpha = {"start": 0, "step": step[0], "count": step[1]}
     table = {
         "schema": "tumblecal.rig/1",
         "plan": {"alpha_deg": alpha, "beta_deg": list(beta_deg), "mounts": list(mounts)},
         "chain": {"leaves": {"dbeta": {"by": "mount.pitch"}, "dtheta": {"by": "mount"}}},
-        "mounts": {name: {"rotation_deg": list(TURNS[name])} for name in mounts},
+        "mounts": {name: {"rotation_deg": list(TURNS[turn * k])} for k, name in enumerate(mounts)},
         "noise": {"sd": f"{sd_mg} mg"},
         "head": {"alpha_deg": alpha, "beta_deg": list(beta_deg)},
     }
@@ -145,7 +149,7 @@ class Head:
             },
             names=list(plan.names),
             mounting=mounting,
-            turns=Rotation.from_euler("XYZ", [[-np.radians(a) for a in TURNS[label]] for label in labels]).as_matrix(),
+            turns=Rotation.from_euler("XYZ", [-np.radians(self.rig.mounts[label]) for label in labels]).as_matrix(),
         )
 
     def data(self, rng: np.random.Generator, setup: blind.Setup, effects: dict[str, np.ndarray]) -> PositionSet:
@@ -172,6 +176,17 @@ class Head:
         named = {label for labels in (best.labels, *best.equivalents) for label in labels}
         right = best.labels == (id,) or (id,) in best.identical
         return np.array([detected, detected and id in named, right and found.verdict == "identified"], float)
+
+
+class OfModel(Diagnoser):
+    """A diagnoser of one plan, whose model is made already."""
+
+    def __init__(self, of: EffectsOfPlan):
+        super().__init__(ENTRIES, nested=False)
+        self._of = of
+
+    def _model(self, given, data, sd, priors):
+        return self._of.model.started(where_of(data, given))
 
 
 def direction(rng: np.random.Generator) -> np.ndarray:
@@ -230,31 +245,31 @@ def agreement(runs: int) -> None:
             )
 
 
-def random_head(rng: np.random.Generator) -> tuple[Head, str]:
-    """A random head with a plan for it, and the criterion of its search."""
+def random_head(rng: np.random.Generator) -> Head:
+    """A random head with a plan for it, by the worst uncertainty or by naming."""
     while True:
-        count = int(rng.choice([24, 32]))
         beta = np.sort(rng.choice(np.arange(0, 91, 15), size=rng.integers(3, 6), replace=False)).tolist()
-        turns = [["A"], ["A", "B"], ["A", "C"]][rng.integers(3)]
+        mounts = [["A"], ["A", "B"], ["A", "B"]][rng.integers(3)]
         step = float(rng.choice([15.0, 30.0, 45.0]))
         rig = rig_with(
             (step, round(360 / step)),
             beta,
-            turns,
+            mounts,
+            int(rng.integers(1, 3)),
             sd_mg=float(np.round(np.exp(rng.uniform(np.log(0.05), np.log(0.3))), 3)),
             prior=bool(rng.integers(2)),
             again=bool(rng.uniform() < 0.3),
         )
         responses = responses_of(rig, cells_of(rig.ability))
-        model, kind = one_visit(responses), ["worst", "naming"][rng.integers(2)]
+        model = one_visit(responses)
         try:
-            if kind == "worst":
+            if rng.integers(2):
                 factory = measures(model, worst(responses))
             else:
                 wanted = rng.choice(["second_order.y", "third_order.z", "cross_coupling.z.xz"], 1)
-                factory = naming_measures(rig, responses, model, {str(wanted[0]): 0.5}, ENTRIES)
-            chosen = exchange(responses, rig.ability, factory, count=min(count, len(responses.cells)), restarts=1)
-            return Head(rig, responses, chosen.cells), kind
+                factory = naming_measures(rig, responses, model, {str(wanted[0]): 0.5}, FEW)
+            chosen = exchange(responses, rig.ability, factory, count=_POSITIONS, restarts=1)
+            return Head(rig, responses, chosen.cells)
         except InputError:
             continue
 
@@ -262,11 +277,11 @@ def random_head(rng: np.random.Generator) -> tuple[Head, str]:
 def closed_loop(heads: int, runs: int, seed: int) -> None:
     """Promised against observed rates on random heads, by bins of the promise."""
     promises, happened, began = [], [], time.monotonic()
-    diagnoser = Diagnoser(ENTRIES, nested=False)
     for number in range(heads):
         rng = np.random.default_rng([seed, number])
-        head, _ = random_head(rng)
+        head = random_head(rng)
         of = effects_of_plan(head.rig, ENTRIES)
+        diagnoser = OfModel(of)
         shown = [id for id in EFFECTS if len(of.causes(id)) and not _hidden(of, id)]
         id = shown[rng.integers(len(shown))]
         size = rng.uniform(4.0, 11.0) / float(np.linalg.norm(of.shown(id)))
