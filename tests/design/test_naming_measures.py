@@ -9,6 +9,7 @@ import pytest
 from tumblecal.chain.rig_file import rig_of
 from tumblecal.design.alias import ATTITUDES
 from tumblecal.design.cells import cells_of
+from tumblecal.design.naming import hidden_on_head
 from tumblecal.design.naming_measures import alias_measures, naming_measures
 from tumblecal.design.one_visit import one_visit
 from tumblecal.design.responses import responses_of
@@ -112,6 +113,7 @@ def test_steps_are_those_of_new_measures(head, cells, kind):
 
 
 def test_effects_that_positions_cannot_show(head):
+    assert hidden_on_head(head[0], ("gravity_value", "second_order.z"), head[3]) == ("gravity_value",)
     with pytest.raises(InputError, match="gravity_value: no positions of this head show it"):
         naming_measures(*head[:3], {"gravity_value": 1.0}, head[3])
     with pytest.raises(InputError, match="depends on the position before"):

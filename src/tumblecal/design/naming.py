@@ -4,15 +4,18 @@ The residuals of each size are drawn in the residual space and decided as the di
 serve all sizes, so rates rise smoothly with the size.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.special import ndtri
 
+from tumblecal.chain.head_ability import SlowNoise
+from tumblecal.chain.plan import Plan
 from tumblecal.chain.rig import Rig
 from tumblecal.design.alias import InUse
+from tumblecal.design.cells import cells_of
 from tumblecal.design.decisions import Decisions, decisions, detections, identities
 from tumblecal.design.effects_of_plan import EffectsOfPlan, effects_of_plan
 from tumblecal.diagnosis.findings.limits import noncentrality
@@ -25,6 +28,8 @@ from tumblecal.ground.errors import InputError
 _STEP, _LARGEST = 1.2, 400.0
 # Detection limits are found from draws so far (sigma) below the closed form, which is that much too high; so many of each.
 _BELOW, _DRAWS_OF_LIMITS = 0.3, 200
+# Cells of a head that stand for all of it.
+_MOST_CELLS = 150
 
 
 @dataclass(frozen=True)
@@ -69,6 +74,8 @@ class NamingForecast:
 
     - `effects`: of those asked for. `limits`: size of every effect that is detected with probability 0.8 (every coefficient of
       this size), None for undetectable ones. `undetectable`: those that the nominal parameters absorb.
+    - `hidden_on_head`: those of them that no positions on this head show, identities at 1 g among them; the choice of positions
+      hides the others.
     - `alias`: the largest error in use that an effect at its detection limit leaves; `alias_of_undetectable`: the same of
       undetectable effects of usual size; None if there are none.
     - `draws`: number of draws of each probability. `not_testable`: reasons by effect.
@@ -77,6 +84,7 @@ class NamingForecast:
     effects: tuple[EffectForecast, ...]
     limits: dict[str, float | None]
     undetectable: tuple[str, ...]
+    hidden_on_head: tuple[str, ...]
     alias: Alias | None
     alias_of_undetectable: Alias | None
     draws: int
@@ -95,7 +103,8 @@ def forecast(
 
     **Raises:** `InputError` for an unknown effect, one that this plan cannot test, or a size that is not above 0.
     """
-    return forecast_of(effects_of_plan(rig, entries), effects, draws=draws, seed=seed)
+    predicted = forecast_of(effects_of_plan(rig, entries), effects, draws=draws, seed=seed)
+    return replace(predicted, hidden_on_head=hidden_on_head(rig, predicted.undetectable, entries))
 
 
 def forecast_of(of: EffectsOfPlan, effects: Mapping[str, float], *, draws: int = 500, seed: int = 0) -> NamingForecast:
@@ -112,11 +121,34 @@ def forecast_of(of: EffectsOfPlan, effects: Mapping[str, float], *, draws: int =
         listed,
         limits,
         tuple(usual),
+        (),
         _largest_alias(in_use, {id: limit for id, limit in limits.items() if limit is not None}),
         _largest_alias(in_use, usual),
         draws,
         dict(of.model.not_testable),
     )
+
+
+def hidden_on_head(rig: Rig, ids: Collection[str], entries: Catalogue) -> tuple[str, ...]:
+    """Those of some effects that no positions on a rig's head show, by many of its cells at once."""
+    if rig.ability is None or not ids:
+        return ()
+    cells, own = cells_of(rig.ability), {id: entries[id] for id in ids}
+    if len(cells) > _MOST_CELLS:
+        cells = cells.chosen(np.sort(np.random.default_rng(0).permutation(len(cells))[:_MOST_CELLS]))
+    count, times = len(cells), rig.ability.times
+    degc, plan = cells.temperature_degc, rig.plan
+    everywhere = Plan(
+        tuple(map(str, range(count))),
+        tuple(cells.alpha_deg.tolist()),
+        tuple(cells.beta_deg.tolist()),
+        cells.mounts,
+        ("1",) * count,
+        time_s=None if plan.time_s is None else tuple((times.dwell_s * np.arange(count)).tolist()),
+        temperature_degc=None if degc is None or plan.temperature_degc is None else tuple(degc.tolist()),
+    )
+    of = effects_of_plan(replace(rig, plan=everywhere, ability=replace(rig.ability, slow_noise=SlowNoise())), own)
+    return tuple(id for id in of.ids if np.linalg.norm(of.shown(id)) <= VISIBLE * np.linalg.norm(of.signal(id)))
 
 
 def _largest_alias(in_use: InUse, sizes: Mapping[str, float]) -> Alias | None:
