@@ -45,8 +45,13 @@ from tumblecal.ground.errors import InputError
 
 ENTRIES = catalogue()
 TURNS = ((0.0, 0.0, 0.0), (0.0, 0.0, 90.0), (0.0, 90.0, 0.0))
-# Effects among which a plan for naming separates: the search compiles them for every head.
-FEW = {id: effect for id, effect in ENTRIES.items() if id.partition("_")[0] in ("second", "third", "cross", "scale")}
+# The catalogue of `loop`, without effects of time, settings and path: every head has programs of its own to compile.
+_KINDS = {"second", "third", "fifth", "cross", "scale", "bias_asymmetry", "base", "axis", "index", "spindle", "fixture"}
+FEW = {
+    id: effect
+    for id, effect in ENTRIES.items()
+    if effect.make is None or (not effect.needs and {id.partition("_")[0], id.partition(".")[0]} & _KINDS)
+}
 _POSITIONS = 24
 # g, rad or rad/rad of one unit of the catalogue: mg/g^2, mg/g^3, mrad.
 UNIT = 1e-3
@@ -182,7 +187,7 @@ class OfModel(Diagnoser):
     """A diagnoser of one plan, whose model is made already."""
 
     def __init__(self, of: EffectsOfPlan):
-        super().__init__(ENTRIES, nested=False)
+        super().__init__(of.entries, nested=False)
         self._of = of
 
     def _model(self, given, data, sd, priors):
@@ -280,14 +285,14 @@ def closed_loop(heads: int, runs: int, seed: int) -> None:
     for number in range(heads):
         rng = np.random.default_rng([seed, number])
         head = random_head(rng)
-        of = effects_of_plan(head.rig, ENTRIES)
+        of = effects_of_plan(head.rig, FEW)
         diagnoser = OfModel(of)
         shown = [id for id in EFFECTS if len(of.causes(id)) and not _hidden(of, id)]
         id = shown[rng.integers(len(shown))]
         size = rng.uniform(4.0, 11.0) / float(np.linalg.norm(of.shown(id)))
         promises.append(promised(of, id, size, 400))
         happened.append(np.mean([head.judged(diagnoser, rng, id, size) for _ in range(runs)], axis=0))
-        if (number + 1) % 20 == 0 or number + 1 == heads:
+        if (number + 1) % 10 == 0 or number + 1 == heads:
             _print_bins(np.array(promises), np.array(happened), runs, time.monotonic() - began)
 
 
