@@ -290,8 +290,12 @@ def closed_loop(heads: int, runs: int, seed: int) -> None:
         shown = [id for id in EFFECTS if len(of.causes(id)) and not _hidden(of, id)]
         id = shown[rng.integers(len(shown))]
         size = rng.uniform(4.0, 11.0) / float(np.linalg.norm(of.shown(id)))
+        try:
+            happened.append(np.mean([head.judged(diagnoser, rng, id, size) for _ in range(runs)], axis=0))
+        except InputError as error:
+            print(f"head {number} is not diagnosed: {error}", flush=True)
+            continue
         promises.append(promised(of, id, size, 400))
-        happened.append(np.mean([head.judged(diagnoser, rng, id, size) for _ in range(runs)], axis=0))
         if (number + 1) % 10 == 0 or number + 1 == heads:
             _print_bins(np.array(promises), np.array(happened), runs, time.monotonic() - began)
 

@@ -84,11 +84,11 @@ class NamingForecast:
     effects: tuple[EffectForecast, ...]
     limits: dict[str, float | None]
     undetectable: tuple[str, ...]
-    hidden_on_head: tuple[str, ...]
     alias: Alias | None
     alias_of_undetectable: Alias | None
     draws: int
     not_testable: dict[str, str]
+    hidden_on_head: tuple[str, ...] = ()
 
 
 def forecast(
@@ -121,7 +121,6 @@ def forecast_of(of: EffectsOfPlan, effects: Mapping[str, float], *, draws: int =
         listed,
         limits,
         tuple(usual),
-        (),
         _largest_alias(in_use, {id: limit for id, limit in limits.items() if limit is not None}),
         _largest_alias(in_use, usual),
         draws,

@@ -233,6 +233,7 @@ def _forecast(plan: DesignedPlan) -> dict[str, Any] | None:
         "draws": predicted.draws,
         "detection_limits": {id: {"size": size, "unit": plan.units.get(id)} for id, size in predicted.limits.items()},
         "undetectable": list(predicted.undetectable),
+        "hidden_on_head": list(predicted.hidden_on_head),
         "not_testable": dict(predicted.not_testable),
         **{name: None if alias is None else vars(alias) for name, alias in aliases.items()},
     }

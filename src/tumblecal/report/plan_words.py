@@ -96,12 +96,13 @@ def undetectable_lines(plan: DesignedPlan) -> Iterator[str]:
     """Effects that the plan cannot show at any size, and the largest error that others may leave."""
     if plan.forecast is None:
         return
-    hidden, before = plan.forecast.undetectable, plan.before.undetectable
+    always, before = plan.forecast.hidden_on_head, plan.before.undetectable
+    hidden = [id for id in plan.forecast.undetectable if id not in always]
     words = f"Undetectable with these positions: {shortened(hidden, 6) if hidden else 'no effect'}"
     if before is not None:
         whose = "positions measured already" if plan.measured else "plan of the rig file"
-        words += f" ({whose}: {counted(len(before), 'effect')})"
-    yield words
+        words += f" ({whose}: {counted(len({*before} - {*always}), 'effect')})"
+    yield words + (f"; with any positions of this head: {', '.join(always)}" if always else "")
     if (alias := plan.forecast.alias) is not None:
         yield (
             f"Largest error in use from an effect at its detection limit: {1e3 * alias.error_g:.2g} mg ({alias.effect} of "
