@@ -272,7 +272,7 @@ def random_head(rng: np.random.Generator) -> Head:
                 factory = measures(model, worst(responses))
             else:
                 wanted = rng.choice(["second_order.y", "third_order.z", "cross_coupling.z.xz"], 1)
-                factory = naming_measures(rig, responses, model, {str(wanted[0]): 0.5}, FEW)
+                factory = naming_measures(rig, responses, (), {str(wanted[0]): 0.5}, FEW)
             chosen = exchange(responses, rig.ability, factory, count=_POSITIONS, restarts=1)
             return Head(rig, responses, chosen.cells)
         except InputError:

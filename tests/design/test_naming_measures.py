@@ -11,7 +11,6 @@ from tumblecal.design.alias import ATTITUDES
 from tumblecal.design.cells import cells_of
 from tumblecal.design.naming import hidden_on_head
 from tumblecal.design.naming_measures import alias_measures, naming_measures
-from tumblecal.design.one_visit import one_visit
 from tumblecal.design.responses import responses_of
 from tumblecal.effects import catalogue
 from tumblecal.effects.catalogue import links_and_units
@@ -44,7 +43,7 @@ def head():
     entries = {id: effect for id, effect in catalogue().items() if id in EFFECTS}
     rig = rig_of(tomllib.loads(RIG), Path("rig.toml"), *links_and_units(entries))
     responses = responses_of(rig, cells_of(rig.ability))
-    return rig, responses, one_visit(responses), entries
+    return rig, responses, (), entries
 
 
 @pytest.fixture(scope="module")
@@ -110,6 +109,15 @@ def test_steps_are_those_of_new_measures(head, cells, kind):
     measure.remove(3)
     assert measure.cells == (*np.delete(cells, 3), 7)
     assert measure.value == pytest.approx(made(measure.cells).value, rel=1e-8)
+
+
+@pytest.mark.parametrize("measures", [naming_measures, alias_measures])
+def test_positions_that_are_measured_already_show_effects_too(head, cells, measures):
+    """This head's settings are exact: positions measured before count as much as others."""
+    effects = {"second_order.z": 1.0}
+    new = measures(*head[:2], cells[:9], effects, head[3])(cells[9:])
+    assert new.cells == tuple(cells[9:])
+    assert new.value == pytest.approx(measures(*head[:3], effects, head[3])(cells).value, rel=1e-6)
 
 
 def test_effects_that_positions_cannot_show(head):

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.linalg import block_diag
 from scipy.special import ndtri
 
@@ -19,7 +19,7 @@ from tumblecal.chain.rig import Rig
 from tumblecal.design.alias import ATTITUDES, effect_in_use, of_use, sensor_rows
 from tumblecal.design.criteria import Criterion
 from tumblecal.design.measure import CriterionMeasure, Measure, Measures
-from tumblecal.design.one_visit import OneVisit
+from tumblecal.design.one_visit import OneVisit, one_visit
 from tumblecal.design.responses import Responses
 from tumblecal.diagnosis.causes.identities import one_function_at_1_g
 from tumblecal.diagnosis.findings.limits import noncentrality
@@ -39,8 +39,6 @@ _QUANTILE = float(ndtri(POWER))
 _SEPARATED = _QUANTILE + float(np.sqrt(_QUANTILE**2 + 2 * np.log(SURE / (1 - SURE))))
 # Other effects from which each is separated: the nearest ones on all cells and on each of so many random sets of cells.
 _NEAREST, _SETS, _OF_SET = 2, 6, 24
-# Prior of a coefficient: so many times the noise of a dwell, by its largest signal.
-_FREE = 1e3
 
 
 class Largest:
@@ -108,15 +106,20 @@ class EffectsOfCells:
 
     rig: Rig
     responses: Responses
-    model: OneVisit
+    keep: Int[np.ndarray, " measured"]
     entries: Catalogue
     minutes: float
+
+    @cached_property
+    def model(self) -> OneVisit:
+        """The model without effects."""
+        return one_visit(self.responses, self.keep)
 
     @cached_property
     def _full(self) -> tuple[FullModel, Float[np.ndarray, "cells 3 full"]]:
         where = self.where
         model = model_of(self.rig.chain(where), where, self.entries)
-        return model, model.evaluate(where, model.start).jacobian / self.responses.sd
+        return model, model.evaluate(where, model.start).jacobian
 
     @cached_property
     def where(self) -> Where:
@@ -143,7 +146,7 @@ class EffectsOfCells:
         return found
 
     def signals(self, slot: Slot) -> Float[np.ndarray, "cells 3 columns"]:
-        """Signals of an effect's coefficients, each in its scale, in standard deviations of the noise."""
+        """Signals of an effect's coefficients, each in its scale, g."""
         return self._full[1][:, :, list(slot.columns)]
 
     def signal(self, id: str) -> Float[np.ndarray, "cells 3"]:
@@ -173,7 +176,7 @@ class EffectsOfCells:
         for number, taken in enumerate(sets):
             rows = [self.model.columns[taken].reshape(3 * len(taken), -1), np.linalg.cholesky(self.model.information).T]
             basis = np.linalg.qr(np.concatenate(rows))[0][: 3 * len(taken)]
-            signal = self.signal(id)[taken].ravel()
+            signal = self.signal(id)[taken].ravel() / self.responses.sd
             rest = signal - basis @ (basis.T @ signal)
             if rest @ rest <= (VISIBLE * np.linalg.norm(signal)) ** 2:
                 if not number:
@@ -185,28 +188,31 @@ class EffectsOfCells:
 
     def _left(self, rest: np.ndarray, basis: np.ndarray, slot: Slot, taken: np.ndarray) -> float:
         """What another effect leaves of a signal, sum of squares."""
-        columns = self.signals(slot)[taken].reshape(3 * len(taken), -1)
+        columns = self.signals(slot)[taken].reshape(3 * len(taken), -1) / self.responses.sd
         beside = columns - basis @ (basis.T @ columns)
         left, singular, _ = np.linalg.svd(beside, full_matrices=False)
         seen = left[:, singular > VISIBLE * max(float(np.linalg.norm(columns)), 1e-300)]
         return float(rest @ rest - np.sum((seen.T @ rest) ** 2))
 
     def extended(self, columns: Float[np.ndarray, "cells 3 further"]) -> OneVisit:
-        """The model with further shared coefficients."""
-        shared, further = len(self.model.names), columns.shape[2]
-        largest = np.max(np.linalg.norm(columns, axis=1), axis=0)
-        free = (_FREE / np.maximum(largest, 1e-300)) ** 2
-        order = np.r_[0:shared, np.arange(further) + len(self.model.prior), shared : len(self.model.prior)]
-        prior = np.asarray(block_diag(self.model.prior, np.diag(free)))[np.ix_(order, order)]
-        names = (*self.model.names, *(f"further_{k}" for k in range(further)))
-        parts = [self.model.columns[:, :, :shared], columns, self.model.columns[:, :, shared:]]
-        return OneVisit(names, np.concatenate(parts, axis=2), prior, np.append(self.model.free, free))
+        """The model with further shared coefficients, by their signals in g."""
+        own, further = self.responses, columns.shape[2]
+        return one_visit(
+            replace(
+                own,
+                names=(*own.names, *(f"further_{k}" for k in range(further))),
+                scales=np.append(own.scales, np.ones(further)),
+                columns=np.concatenate([own.columns, columns], axis=2),
+                information=np.asarray(block_diag(own.information, np.zeros((further, further)))),
+            ),
+            self.keep,
+        )
 
 
 def naming_measures(
     rig: Rig,
     responses: Responses,
-    model: OneVisit,
+    keep: Sequence[int] | np.ndarray,
     effects: Mapping[str, float],
     entries: Catalogue,
     minutes: float = 60.0,
@@ -216,12 +222,12 @@ def naming_measures(
 
     **Arguments:**
 
-    - `model`: of `one_visit(responses)`, with the positions that are measured already.
+    - `keep`: cells that are measured already, as of `one_visit`.
     - `effects`: wanted sizes by id, in the unit of the entry. `minutes`: duration of the plan, for effects of time.
 
     **Raises:** `InputError` for an effect that no choice of positions shows.
     """
-    of = EffectsOfCells(rig, responses, model, entries, minutes)
+    of = EffectsOfCells(rig, responses, np.asarray(keep, int), entries, minutes)
     listed: list[tuple[OneVisit, Criterion]] = []
     for id, size in effects.items():
         if not size > 0:
@@ -232,24 +238,29 @@ def naming_measures(
         for columns, needed in wanted:
             extended = of.extended(columns)
             row = np.zeros((1, len(extended.names)))
-            row[0, len(model.names)] = needed / size
+            row[0, len(responses.names)] = needed / size
             listed.append((extended, Criterion(f"naming {id}", row, "largest")))
     return lambda cells: Largest([CriterionMeasure(extended, criterion, cells) for extended, criterion in listed])
 
 
 def alias_measures(
-    rig: Rig, responses: Responses, model: OneVisit, ids: Iterable[str], entries: Catalogue, minutes: float = 60.0
+    rig: Rig,
+    responses: Responses,
+    keep: Sequence[int] | np.ndarray,
+    ids: Iterable[str],
+    entries: Catalogue,
+    minutes: float = 60.0,
 ) -> Measures:
     """Measures of alias: the largest error in use, mg, of some effects at their detection limits that the calibration does not
     know; arguments and errors as of `naming_measures`."""
-    of = EffectsOfCells(rig, responses, model, entries, minutes)
+    of = EffectsOfCells(rig, responses, np.asarray(keep, int), entries, minutes)
     sensor, use = 1e3 * sensor_rows(responses.names, ATTITUDES) * responses.scales, of_use(of.where)
     listed: list[tuple[OneVisit, Alias]] = []
     for id in ids:
         extended = of.extended(of.signal(id)[:, :, None])
         rows = np.zeros((len(sensor) + 1, len(extended.names)))
         rows[:-1, : sensor.shape[1]] = sensor
-        rows[:-1, len(model.names)] = 1e3 * effect_in_use(entries, of.slot(id), use)
-        rows[-1, len(model.names)] = 1.0
+        rows[:-1, len(responses.names)] = 1e3 * effect_in_use(entries, of.slot(id), use)
+        rows[-1, len(responses.names)] = 1.0
         listed.append((extended, Alias(rows, of.detected)))
     return lambda cells: Largest([CriterionMeasure(extended, criterion, cells) for extended, criterion in listed])

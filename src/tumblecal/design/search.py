@@ -80,9 +80,9 @@ class Search:
         factories = {name: measures(model, each) for name, each in criteria.items()}
         minutes = wanted.minutes or 60.0
         if "naming" in wanted.criteria:
-            factories["naming"] = naming_measures(rig, responses, model, wanted.effects, entries, minutes)
+            factories["naming"] = naming_measures(rig, responses, kept, wanted.effects, entries, minutes)
         if "alias" in wanted.criteria:
-            factories["alias"] = alias_measures(rig, responses, model, wanted.effects, entries, minutes)
+            factories["alias"] = alias_measures(rig, responses, kept, wanted.effects, entries, minutes)
         first = next(iter(criteria.values()), None) or worst(responses, parameters)
         if len(factories) == 1:
             return made(first, next(iter(factories.values())))
