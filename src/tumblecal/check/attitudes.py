@@ -13,6 +13,7 @@ from tumblecal.capture.reduction.reduce_files import reduce_files
 from tumblecal.capture.reduction.reduce_recording import means_of, reduce_recording
 from tumblecal.capture.reduction.reduce_table import reduce_table
 from tumblecal.capture.rows.contents import Contents
+from tumblecal.capture.still.stillness import Stillness
 from tumblecal.capture.thermal.attitudes import grouped
 from tumblecal.data.conditions import are_kelvin, temperature_faults
 from tumblecal.data.files import read_positions
@@ -35,6 +36,7 @@ class StillAttitudes:
 
     - `data`: means; with unknown angles (`hand_held`) or known ones. `files`: read, for the provenance.
     - `read`: contents of each recording. `warnings`: for each source. `still_s`: total time at rest, None if not known.
+    - `stillness`: intervals at rest, if they were searched. `lines`: how the positions of several files are known.
     """
 
     data: PositionSet
@@ -42,6 +44,8 @@ class StillAttitudes:
     read: tuple[tuple[str, Contents], ...] = ()
     warnings: tuple[tuple[str, list[str]], ...] = ()
     still_s: float | None = None
+    stillness: Stillness | None = None
+    lines: tuple[str, ...] = ()
 
     @property
     def absolute(self) -> bool:
@@ -117,7 +121,8 @@ def _of_files(
     table = found.table
     warnings = tuple((str(source), list(lines)) for source, lines in found.warnings)
     still_s = sum(map(len, table.dwells)) / table.rate_hz
-    return StillAttitudes(table.data, tuple(files), tuple(found.read), warnings, still_s)
+    lines = tuple(positions.words())
+    return StillAttitudes(table.data, tuple(files), tuple(found.read), warnings, still_s, found.stillness, lines)
 
 
 def _of_file(path: Path, context: KnownContext, options: RecordingOptions, criterion: Criterion) -> StillAttitudes:
@@ -143,7 +148,7 @@ def _of_file(path: Path, context: KnownContext, options: RecordingOptions, crite
     found = reduce_recording(path, context, options, criterion)
     still_s = sum(map(len, found.table.dwells)) / found.table.rate_hz
     warnings = tuple((str(source), list(lines)) for source, lines in found.warnings)
-    return StillAttitudes(found.table.data, (path,), tuple(found.read), warnings, still_s)
+    return StillAttitudes(found.table.data, (path,), tuple(found.read), warnings, still_s, found.stillness)
 
 
 def _has_angles(path: Path) -> bool:

@@ -1,7 +1,7 @@
 """`tumblecal check`: whether a calibration is still valid."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -9,7 +9,8 @@ from cyclopts import Parameter
 
 from tumblecal.capture.recordings.options import Criterion, KnownContext, RecordingOptions
 from tumblecal.cli.calibrate import NOT_USABLE
-from tumblecal.cli.options import NoiseSd, Priors, ResultOptions, RigFile
+from tumblecal.cli.check_options import ConditionOptions, UpdateOptions
+from tumblecal.cli.options import ResultOptions
 from tumblecal.cli.output import Output, warn
 from tumblecal.ground.errors import InputError
 
@@ -23,87 +24,8 @@ if TYPE_CHECKING:
     from tumblecal.data.calibration import Calibration
 
 _SET = ("check.json", "check.html")
-
-
-@Parameter(name="*")
-@dataclass(frozen=True)
-class TestOptions:
-    """Conditions of the check.
-
-    Parameters
-    ----------
-    u_gravity
-        Standard uncertainty of --gravity relative to its value. Default: 0 for the gravity of the calibration, otherwise 3e-5
-        (anomalies). Example: --u-gravity 1e-6.
-    largest_error
-        Largest error of a corrected force that is acceptable in use. A changed calibration within it may be used. Default:
-        none, so a changed calibration must not be used. Example: --largest-error 5mg.
-    other_unit
-        Check with a recording whose serial number differs from that of the calibration. Default: an error.
-    extrapolate
-        Check at temperatures outside the range of the calibration. Default: an error.
-    use_anyway
-        Check of a calibration with the judgement `use: no`. Default: an error.
-    """
-
-    noise_sd: NoiseSd = None
-    rig: RigFile = None
-    prior: Priors = ()
-    u_gravity: float | None = None
-    largest_error: str = ""
-    other_unit: Annotated[bool, Parameter(negative=())] = False
-    extrapolate: Annotated[bool, Parameter(negative=())] = False
-    use_anyway: Annotated[bool, Parameter(negative=())] = False
-
-
-@Parameter(name="*")
-@dataclass(frozen=True)
-class UpdateOptions:
-    """A new calibration from the old one and the recording.
-
-    Parameters
-    ----------
-    update
-        File for the updated calibration. It is not written if the recording contradicts the calibration. Default: none.
-        Example: --update updated.json.
-    free
-        Parameter or kind of parameter that changed: its old value is not used. Repeatable. Example: --free bias_x.
-    drift
-        Standard deviation of the drift of a parameter or kind of parameter, per month. Repeatable. Default: the drift of the
-        unit by --history, if it has three or more results; otherwise none. Example: --drift 'bias=0.1 mg/month'.
-    months
-        Months from the calibration to the recording. Default: by their dates. Example: --months 12.
-    """
-
-    update: Path | None = None
-    free: Annotated[tuple[str, ...], Parameter(negative=(), show_default=False)] = ()
-    drift: Annotated[tuple[str, ...], Parameter(negative=(), show_default=False)] = ()
-    months: float | None = None
-
-    def rates(self) -> dict[str, float]:
-        """The stated drifts per month, base units.
-
-        **Raises:** `InputError` for texts that are not drifts.
-        """
-        from tumblecal.data.sensor_parameters import GROUPS, SENSOR, leaf_of
-        from tumblecal.ground.units import quantity
-
-        rates = dict[str, float]()
-        for text in self.drift:
-            name, _, size = (part.strip() for part in text.partition("="))
-            amount, _, per = size.rpartition("/")
-            leaf = leaf_of(name)
-            if (name not in SENSOR and name not in GROUPS) or leaf == "dtheta" or per.strip() != "month":
-                raise InputError(
-                    f"--drift {text!r}: write NAME=SIZE/month with dK, bias, gamma or a parameter, e.g. 'bias=0.1 mg/month'"
-                )
-            try:
-                rates[name] = quantity(amount, GROUPS[leaf][1])
-            except InputError as error:
-                raise InputError(f"--drift {text!r}: {error}") from error
-            if not rates[name] >= 0:
-                raise InputError(f"--drift {text!r}: must be 0 or more")
-        return rates
+# Beginnings of lines on intervals at rest that matter here: steps of the readings, and rejected intervals.
+_OF_INTERVALS = ("axis", "axes", "rejected", "and ")
 
 
 def check(
@@ -111,7 +33,7 @@ def check(
     recording: list[Path],
     /,
     *,
-    test: TestOptions = TestOptions(),
+    test: ConditionOptions = ConditionOptions(),
     updating: UpdateOptions = UpdateOptions(),
     context: Annotated[KnownContext, Parameter(name="*")] = KnownContext(),
     options: Annotated[RecordingOptions, Parameter(name="*")] = RecordingOptions(),
@@ -147,7 +69,6 @@ def check(
     from tumblecal.data.overwriting import protect_inputs
     from tumblecal.data.result_records import with_dof_of_result
     from tumblecal.ground.blas import single_blas_thread
-    from tumblecal.ground.units import quantity, reading_sd
 
     read = with_dof_of_result(calibration, read_calibration(calibration))
     read.use.require(calibration, anyway=test.use_anyway)
@@ -158,8 +79,7 @@ def check(
         protect_inputs(inputs, out=updating.update)
     elif updating.free or updating.drift:
         raise InputError(f"--{'free' if updating.free else 'drift'} is for an update; give --update updated.json")
-    noise_sd = None if test.noise_sd is None else reading_sd(test.noise_sd)
-    largest_g = quantity(test.largest_error, "g") if test.largest_error else None
+    noise_sd, largest_g = test.sizes()
     rates = updating.rates()
     results.ready()
     with single_blas_thread(), output.working("reading"):
@@ -193,10 +113,14 @@ def check(
 
 def _printed(output: Output, found: "StillAttitudes") -> None:
     """Print layout, guesses and warnings of the recording."""
-    from tumblecal.report.recording_words import layouts_words, left_out_words
+    from tumblecal.report.recording_words import interval_words, layouts_words, left_out_words
 
+    output.say("\n".join(found.lines))
     if found.read:
         output.say("\n".join(layouts_words(found.read)))
+    if found.stillness is not None:
+        first, *others = interval_words(found.stillness)
+        output.say("\n".join([first, *(line for line in others if line.startswith(_OF_INTERVALS))]))
     for source, contents in found.read:
         output.warn(source, left_out_words(contents))
     for source, lines in found.warnings:
@@ -240,7 +164,7 @@ def _gravity(
     return gravity, replace(found, data=data)
 
 
-def _model(test: TestOptions, found: "StillAttitudes") -> "Model":
+def _model(test: ConditionOptions, found: "StillAttitudes") -> "Model":
     """The model of known angles: of --rig and --prior."""
     from tumblecal.check.result import Model
     from tumblecal.cli.model_options import StatedModel
@@ -281,7 +205,7 @@ def _updated(
     return updated(result.test, process, freed, found.provenance(result.path)), process
 
 
-def _stated(context: KnownContext, test: TestOptions) -> list[Path | str]:
+def _stated(context: KnownContext, test: ConditionOptions) -> list[Path | str]:
     """Options for suggested commands, in addition to those that `suggested` repeats."""
     values = {"--plan": context.plan, "--table": context.table, "--by": context.by}
     values |= {"--u-gravity": None if test.u_gravity is None else f"{test.u_gravity:g}"}
