@@ -12,7 +12,7 @@ from tumblecal.design.criteria import CriterionOfCovariance
 from tumblecal.design.exchange import Chosen, exchange
 from tumblecal.design.limits import limits_of
 from tumblecal.design.measure import measures
-from tumblecal.design.one_visit import one_visit
+from tumblecal.design.one_visit import OneVisit, one_visit
 from tumblecal.design.responses import Responses
 
 
@@ -37,7 +37,7 @@ def best_plan(
     *,
     count: int | None = None,
     minutes: float | None = None,
-    keep: Sequence[int] | np.ndarray = (),
+    model: OneVisit | None = None,
     allowed: Bool[np.ndarray, " cells"] | None = None,
     repeats: int = 1,
     restarts: int = 2,
@@ -45,11 +45,11 @@ def best_plan(
 ) -> Found:
     """Exchange, then bounds; then exchange from the rounded optima of the classes of plans that the bounds do not exclude.
 
-    **Arguments:** as `exchange`; `keep`: cells that are measured already, as `one_visit`.
+    **Arguments:** as `exchange`; `model`: of the responses, with positions that are measured already.
 
     **Raises:** as `exchange`.
     """
-    model = one_visit(responses, keep)
+    model = one_visit(responses) if model is None else model
     factory = measures(model, criterion)
     limits = limits_of(responses.cells, ability, count=count, minutes=minutes, allowed=allowed, repeats=repeats)
 

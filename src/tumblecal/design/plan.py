@@ -93,7 +93,7 @@ def design_plan(rig: Rig, wanted: Wanted, entries: Catalogue) -> DesignedPlan:
         others["measured"] = wanted.measured
     candidates = Candidates.of(rig, ability, others)
     search = Search.of(rig, candidates, wanted, entries)
-    taken, _ = search.chosen(wanted.count, wanted.minutes, wanted.restarts)
+    taken = search.best()
     _require_determined(rig, search, taken)
     ordered = search.ordered(taken)
     planned = ordered.schedule

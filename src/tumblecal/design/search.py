@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Int
 
 from tumblecal.chain.rig import Rig
+from tumblecal.design.bounded_search import best_plan
 from tumblecal.design.bounds import Bounds, bounds
 from tumblecal.design.candidates import Candidates
 from tumblecal.design.criteria import Criterion, in_use, mean, volume, worst
@@ -102,11 +103,27 @@ class Search:
         shares = [wanted.criteria[name] / alone[name] for name in factories]
         return made(first, weighted_measures(list(factories.values()), shares))
 
+    def best(self) -> Int[np.ndarray, " new"]:
+        """The new positions of the wanted plan, numbers among the cells of the search."""
+        wanted = self.wanted
+        if set(wanted.criteria) - {*COVARIANCE}:
+            return self.chosen(wanted.count, wanted.minutes, wanted.restarts)[0]
+        found = best_plan(
+            self.responses,
+            self.candidates.ability,
+            self.criterion,
+            model=self.model,
+            count=wanted.count,
+            minutes=wanted.minutes,
+            allowed=self.allowed,
+            repeats=self._repeats(wanted.count, wanted.minutes),
+            restarts=wanted.restarts,
+            seed=wanted.seed,
+        )
+        return found.chosen.cells
+
     def chosen(self, count: int | None, minutes: float | None, restarts: int) -> tuple[Int[np.ndarray, " new"], float]:
-        """The best new positions, numbers among the cells of the search, and their value."""
-        times = self.candidates.ability.times
-        most = np.inf if minutes is None else 60 * minutes / (times.dwell_s + times.settle_s)
-        most = most if count is None else min(most, count)
+        """Good new positions, numbers among the cells of the search, and their value."""
         found = exchange(
             self.responses,
             self.candidates.ability,
@@ -114,12 +131,18 @@ class Search:
             count=count,
             minutes=minutes,
             allowed=self.allowed,
-            # Cells are measured again only if there are too few.
-            repeats=max(1, int(np.ceil(most / np.sum(self.allowed)))),
+            repeats=self._repeats(count, minutes),
             restarts=restarts,
             seed=self.wanted.seed,
         )
         return found.cells, found.value
+
+    def _repeats(self, count: int | None, minutes: float | None) -> int:
+        """Largest number of positions in one cell: cells are measured again only if there are too few."""
+        times = self.candidates.ability.times
+        most = np.inf if minutes is None else 60 * minutes / (times.dwell_s + times.settle_s)
+        most = most if count is None else min(most, count)
+        return max(1, int(np.ceil(most / np.sum(self.allowed))))
 
     def ordered(self, taken: Int[np.ndarray, " new"]) -> Ordered:
         """New positions in the wanted order, after those measured already; the schedule has the numbers of the candidates."""
