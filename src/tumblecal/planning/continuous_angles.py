@@ -48,7 +48,8 @@ def optimise_plan(
     *,
     parameters: Sequence[str] | None = None,
     criterion: Criterion | None = None,
-    beta_deg: tuple[float, float] = (-90.0, 90.0),
+    beta_deg: tuple[float, float] | None = (-90.0, 90.0),
+    move_alpha: bool = True,
     steps: int = 200,
 ) -> OptimisedPlan:
     """Move the spindle angle of each position and the angle of each pitch setting to the least uncertainty (L-BFGS-B).
@@ -60,7 +61,8 @@ def optimise_plan(
     - `problem`: chain at the expected parameters, plan to start from, stated noise, priors.
     - `parameters`: names of those that matter; if omitted, all but the pitch errors dbeta. `criterion`: of the covariance of
       these; the logarithm of its determinant (D) if omitted.
-    - `beta_deg`: range of the pitch angles. `steps`: largest number of iterations.
+    - `beta_deg`: range of the pitch angles; None: they stay. `move_alpha`: whether the spindle angles may change. `steps`:
+      largest number of iterations.
 
     **Raises:** `InputError` for an unknown parameter, or noise that is not stated.
 
@@ -100,9 +102,11 @@ def optimise_plan(
     begin = np.concatenate(
         [np.asarray(where.alpha), [np.asarray(where.beta)[setting == k][0] for k in np.unique(setting)]]
     )
-    settings = len(begin) - count
-    lowest = np.append(np.full(count, -np.inf), np.full(settings, np.radians(beta_deg[0])))
-    highest = np.append(np.full(count, np.inf), np.full(settings, np.radians(beta_deg[1])))
+    lowest, highest = begin.copy(), begin.copy()
+    if move_alpha:
+        lowest[:count], highest[:count] = -np.inf, np.inf
+    if beta_deg is not None:
+        lowest[count:], highest[count:] = np.radians(beta_deg)
     found = minimize(
         lambda angles: tuple(np.asarray(part, float) for part in value_and_slope(angles)),
         np.clip(begin, lowest, highest),

@@ -1,0 +1,82 @@
+"""Angles of chosen positions between the grid of a head, by the gradient of the criterion (white noise)."""
+
+from dataclasses import replace
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from tumblecal.chain.head_ability import HeadAbility
+from tumblecal.chain.rig import Rig
+from tumblecal.design.cells import Cells
+from tumblecal.design.criteria import Criterion
+from tumblecal.design.planned_rig import planned_rig
+from tumblecal.design.relaxation import POWER
+from tumblecal.design.responses import Responses
+from tumblecal.design.schedule import schedule
+from tumblecal.estimation.problem import Problem
+from tumblecal.estimation.visits import with_repeatability
+from tumblecal.ground.errors import InputError
+from tumblecal.planning.continuous_angles import optimise_plan
+
+
+# Angles are rounded to this many decimals of a degree.
+_DECIMALS = 2
+
+
+def continuous_cells(
+    rig: Rig,
+    responses: Responses,
+    ability: HeadAbility,
+    criterion: Criterion,
+    taken: Int[np.ndarray, " positions"],
+    *,
+    steps: int = 100,
+) -> Cells:
+    """Positions with the spindle angles, and the pitch settings, that reduce the criterion most, as far as the head sets
+    any angle; mountings, temperatures, order and the number of pitch settings stay.
+
+    **Arguments:** `taken`: cells of the responses, in measuring order.
+
+    **Raises:** `InputError` for a head that sets only the listed angles.
+    """
+    if not (ability.alpha_continuous or ability.beta_continuous):
+        raise InputError(f"{rig.source}: [head]: neither alpha_continuous nor beta_continuous is true")
+    cells = responses.cells.chosen(taken)
+    names = tuple(str(number + 1) for number in range(len(taken)))
+    planned = planned_rig(rig, responses, schedule(responses.cells, taken, ability.times), ability, names)
+    where = planned.where
+    chain = planned.chain(where)
+    spread = ability.repeatability if planned.ability is None else planned.ability.repeatability
+    problem = Problem.from_arrays(
+        chain,
+        where,
+        np.asarray(chain(where)),
+        noise_sd=responses.sd,
+        priors=with_repeatability(planned.priors, spread, chain, where),
+    )
+    rows = criterion.rows / responses.scales
+    limits = ability.beta_deg if ability.beta_continuous else None
+    moved = optimise_plan(
+        problem,
+        parameters=responses.names,
+        criterion=lambda covariance: _log(criterion, rows @ covariance @ rows.T),
+        beta_deg=None if limits is None else (min(limits), max(limits)),
+        move_alpha=ability.alpha_continuous,
+        steps=steps,
+    ).where
+    alpha, beta = (np.round(np.degrees(np.asarray(angle)), _DECIMALS) for angle in (moved.alpha, moved.beta))
+    return replace(
+        cells,
+        alpha_deg=np.mod(alpha, 360.0) if ability.alpha_continuous else cells.alpha_deg,
+        beta_deg=beta if ability.beta_continuous else cells.beta_deg,
+    )
+
+
+def _log(criterion: Criterion, of_rows: Float[Array, "k k"]) -> Float[Array, ""]:
+    """Logarithm of the criterion, the largest variance as a power mean."""
+    if criterion.combine == "volume":
+        return jnp.linalg.slogdet(of_rows)[1] / (2 * len(criterion.rows))
+    variances, power = jnp.diag(of_rows), 1.0 if criterion.combine == "mean" else POWER
+    largest = jnp.max(variances)
+    return jnp.log(largest) / 2 + jnp.log(jnp.mean((variances / largest) ** power)) / (2 * power)
