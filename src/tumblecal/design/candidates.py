@@ -1,6 +1,6 @@
 """All positions of a design: those that the head can measure, those measured already, and those of plans to compare."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +15,7 @@ from tumblecal.design.evaluation import Uncertainties, in_use_sd, uncertainties
 from tumblecal.design.naming import EffectForecast
 from tumblecal.design.responses import Responses, responses_of
 from tumblecal.design.schedule import Schedule, schedule
+from tumblecal.ground.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -36,12 +37,16 @@ class Evaluated:
     effects: tuple[EffectForecast, ...] = ()
     undetectable: tuple[str, ...] | None = None
 
-    @property
-    def worst(self) -> tuple[str, float]:
-        """The parameter with the largest standard uncertainty relative to its scale, and this uncertainty in base units."""
-        sd = self.uncertainties.sd
-        k = int(np.argmax(sd / self.uncertainties.scales))
-        return self.uncertainties.names[k], float(sd[k])
+    def worst(self, names: Collection[str]) -> tuple[str, float]:
+        """The parameter among some with the largest standard uncertainty relative to its scale, and this uncertainty in base
+        units."""
+        places = [k for k, name in enumerate(self.uncertainties.names) if name in names]
+        k = max(places, key=lambda k: self.uncertainties.sd[k] / self.uncertainties.scales[k])
+        return self.uncertainties.names[k], float(self.uncertainties.sd[k])
+
+    def undetermined(self, names: Collection[str]) -> list[str]:
+        """Those of some parameters that are not determined."""
+        return [name for name in self.uncertainties.undetermined if name in names]
 
     @property
     def in_use_average(self) -> float:
@@ -72,8 +77,16 @@ class Candidates:
         of_head = len(cells)
         for name, positions in others.items():
             cells, numbers[name] = cells.joined(_cells(positions, ability))
-        use = responses_of(rig, attitudes_in_use(ability))
-        return cls(responses_of(rig, cells), use, ability, of_head, numbers)
+        try:
+            responses, use = responses_of(rig, cells), responses_of(rig, attitudes_in_use(ability))
+        except InputError as error:
+            if not (rig.effects or rig.temperature.leaves):
+                raise
+            raise InputError(
+                f"{rig.source}: {str(error).removeprefix(f'{rig.source}: ')} (a plan is designed for settings without times): "
+                "remove such effects from chain.effects, and state the temperatures of a chamber in [head] temperatures_degc"
+            ) from error
+        return cls(responses, use, ability, of_head, numbers)
 
     @property
     def measured(self) -> Int[np.ndarray, " measured"]:

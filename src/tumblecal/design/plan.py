@@ -66,6 +66,12 @@ class DesignedPlan:
         """The cells of all positions, in measuring order."""
         return self.responses.cells.chosen(self.after.schedule.cells)
 
+    @cached_property
+    def determined(self) -> tuple[str, ...]:
+        """Parameters that the plan determines."""
+        names = self.after.uncertainties.names
+        return tuple(name for name in names if name not in self.after.uncertainties.undetermined)
+
     @property
     def minutes(self) -> float:
         """Time of the new positions."""
@@ -87,11 +93,16 @@ def design_plan(rig: Rig, wanted: Wanted, entries: Catalogue) -> DesignedPlan:
         raise InputError(
             f"{rig.source}: no table [head]; state what the head can do, for example [head.times] dwell_s = 60"
         )
+    if "free_attitude" in rig.links:
+        raise InputError(
+            f"{rig.source}: chain.links: free_attitude: a plan is for a head with known angles; remove this link"
+        )
     common = (*common_plans(ability, rig.mounts, wanted.seed), *wanted.compared)
     others = {"rig": rig_positions(rig)} | {f"practice {k}": each for k, each in enumerate(common)}
     if wanted.measured is not None:
         others["measured"] = wanted.measured
     candidates = Candidates.of(rig, ability, others)
+    wanted.check_size(ability.times)
     search = Search.of(rig, candidates, wanted, entries)
     taken = search.best()
     _require_determined(rig, search, taken)

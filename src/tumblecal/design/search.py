@@ -77,7 +77,10 @@ class Search:
             "in_use": lambda: in_use(candidates.use, "average"),
             "in_use_largest": lambda: in_use(candidates.use, "largest"),
         }
-        criteria = {name: builders[name]() for name in COVARIANCE if name in wanted.criteria}
+        try:
+            criteria = {name: builders[name]() for name in COVARIANCE if name in wanted.criteria}
+        except InputError as error:
+            raise InputError(f"{rig.source}: {error}") from error
         factories = {name: measures(model, each) for name, each in criteria.items()}
         minutes = wanted.minutes or 60.0
         if "naming" in wanted.criteria:

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+from tumblecal.chain.head_ability import Times
 from tumblecal.chain.rig import Rig
 from tumblecal.design.common_plans import Positions
 from tumblecal.design.responses import Responses
@@ -16,6 +17,8 @@ COVARIANCE = ("worst", "mean", "volume", "in_use", "in_use_largest")
 CRITERIA = (*COVARIANCE, "naming", "alias")
 # Positions of a plan if neither their number nor the time is stated.
 POSITIONS = 24
+# Covariances of more positions take too long.
+MOST_POSITIONS = 2000
 
 
 @dataclass(frozen=True)
@@ -46,6 +49,18 @@ class Wanted:
     def count(self) -> int | None:
         """Number of new positions, if it is limited."""
         return POSITIONS if self.positions is None and self.minutes is None else self.positions
+
+    def check_size(self, times: Times) -> None:
+        """Check that the plan is not too large.
+
+        **Raises:** `InputError` for more than `MOST_POSITIONS`.
+        """
+        if self.positions is not None:
+            count, stated = self.positions, f"--positions {self.positions}"
+        else:
+            count, stated = 60 * (self.minutes or 0) / (times.dwell_s + times.settle_s), f"--minutes {self.minutes}"
+        if count > MOST_POSITIONS:
+            raise InputError(f"{stated}: {count:.0f} positions; a plan has at most {MOST_POSITIONS}")
 
     def parameters_of(self, responses: Responses) -> tuple[str, ...] | None:
         """The parameters by name, those of a leaf together; None: all of the sensor.

@@ -23,7 +23,8 @@ def figures_of(plan: DesignedPlan) -> Iterator[tuple[str, Figure]]:
     """The figures by name, those that the plan has."""
     yield "sphere", sphere_figure(plan)
     yield "uncertainties", uncertainty_figure(plan)
-    yield "in_use", in_use_figure(plan)
+    if not plan.after.uncertainties.undetermined:
+        yield "in_use", in_use_figure(plan)
     if plan.traded:
         yield "trade_off", trade_off_figure(plan)
     yield "order", order_figure(plan)
@@ -84,18 +85,19 @@ def _uncertainties(panel: Axes, plan: DesignedPlan, size: float = 8) -> None:
     before, after = plan.before.uncertainties, plan.after.uncertainties
     place = np.arange(len(after.names))
     old, new = before.sd / before.scales, after.sd / after.scales
-    low = 0.5 * min(np.min(new), np.min(old[np.isfinite(old)], initial=np.inf))
-    panel.hlines(place, new, np.where(np.isfinite(old), old, np.max(new) * 10), color=BAND, lw=3, zorder=0)
+    known = np.concatenate([new, old])[np.isfinite(np.concatenate([new, old]))]
+    low, high = 0.5 * float(np.min(known)), 5.0 * float(np.max(known))
+    panel.hlines(place, np.minimum(new, high), np.minimum(old, high), color=BAND, lw=3, zorder=0)
     panel.plot(
         old, place, "o", mfc="none", color=MUTED, ms=5, label="measured already" if plan.measured else "plan of the rig"
     )
     panel.plot(new, place, "o", color=AXIS_COLOUR["x"], ms=5, label="this plan")
     for k in np.flatnonzero(np.isinf(old)).tolist():
-        panel.text(np.max(new) * 10, k, "not determined", va="center", ha="right", fontsize=size - 1, color=MUTED)
+        panel.text(high, k, "not determined", va="center", ha="right", fontsize=size - 1, color=MUTED)
     panel.set_yticks(place, list(after.names), fontsize=size)
     panel.invert_yaxis()
     panel.set_xscale("log")
-    panel.set_xlim(left=low)
+    panel.set_xlim(low, high if np.any(np.isinf([old, new])) else None)
     panel.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     panel.xaxis.set_major_formatter("{x:g}")
     panel.xaxis.set_minor_formatter(NullFormatter())

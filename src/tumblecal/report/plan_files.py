@@ -194,8 +194,8 @@ def plan_record(plan: DesignedPlan) -> dict[str, Any]:
         },
         "effects": [_effect(each) for each in plan.after.effects],
         "forecast": _forecast(plan),
-        "before": _evaluated(plan.before),
-        "practice": [_evaluated(each) for each in plan.practice],
+        "before": _evaluated(plan, plan.before),
+        "practice": [_evaluated(plan, each) for each in plan.practice],
         "trade_off": [
             {"positions": each.positions, "minutes": each.minutes, "value": each.value} for each in plan.traded
         ],
@@ -204,8 +204,8 @@ def plan_record(plan: DesignedPlan) -> dict[str, Any]:
     }
 
 
-def _evaluated(evaluated: Evaluated) -> dict[str, Any]:
-    name, u = evaluated.worst
+def _evaluated(plan: DesignedPlan, evaluated: Evaluated) -> dict[str, Any]:
+    name, u = evaluated.worst(plan.determined)
     return {
         "name": evaluated.positions.name,
         "source": evaluated.positions.source or None,

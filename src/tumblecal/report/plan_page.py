@@ -27,6 +27,7 @@ from tumblecal.report.plan_words import (
     u_words,
     uncertainty_words,
     undetectable_lines,
+    undetermined_lines,
 )
 from tumblecal.report.verdict import Finding, Unresolved, Verdict, as_sentence
 
@@ -43,6 +44,9 @@ _CAPTIONS = {
 
 def write_plan_page(path: Path, plan: DesignedPlan) -> None:
     """Write the page."""
+    pictures = {1: inline_drawing(small_figure(plan), "small")}
+    if not plan.after.uncertainties.undetermined:
+        pictures[2] = inline_drawing(small_use_figure(plan), "small_use")
     write_page(
         path,
         f"Plan for {plan.rig.title or Path(plan.rig.source).name}",
@@ -50,15 +54,12 @@ def write_plan_page(path: Path, plan: DesignedPlan) -> None:
         _verdict(plan, path.parent),
         list(_sections(plan)),
         tone="named",
-        pictures={
-            1: inline_drawing(small_figure(plan), "small"),
-            2: inline_drawing(small_use_figure(plan), "small_use"),
-        },
+        pictures=pictures,
     )
 
 
 def _verdict(plan: DesignedPlan, folder: Path) -> Verdict:
-    name, u = plan.after.worst
+    name, u = plan.after.worst(plan.determined)
     found = [
         Finding("Standard uncertainties", f"at most {u_words(name, u)}", name),
         Finding("Uncertainty of the corrected force in use", in_use_size(plan)),
@@ -68,13 +69,16 @@ def _verdict(plan: DesignedPlan, folder: Path) -> Verdict:
     ]  # fmt: skip
     return Verdict(
         "plan",
-        f"{as_sentence(uncertainty_words(plan.after))}.",
+        f"{as_sentence(uncertainty_words(plan, plan.after))}.",
         plan.rig.source,
         found=tuple(found),
-        unresolved=tuple(
-            Unresolved(as_sentence(words), findings=(number,))
-            for number, each in enumerate(plan.after.effects, 3)
-            for words in effect_details(each)
+        unresolved=(
+            *(
+                Unresolved(as_sentence(words), findings=(number,))
+                for number, each in enumerate(plan.after.effects, 3)
+                for words in effect_details(each)
+            ),
+            *(Unresolved(f"{line}.") for line in undetermined_lines(plan)),
         ),
         evidence=tuple(f"{line}." for line in (before_words(plan), *efficiency_lines(plan), *practice_lines(plan))),
         next=(
@@ -88,7 +92,9 @@ def _sections(plan: DesignedPlan) -> Iterator[Section]:
     drawn = {name: PageFigure(inline_drawing(figure, name), _CAPTIONS[name]) for name, figure in figures_of(plan)}
     yield Section("Positions", tables=[position_table(plan)], figures=[drawn["sphere"], drawn["order"]])
     yield Section("Uncertainties", tables=[uncertainty_table(plan)], figures=[drawn["uncertainties"]])
-    yield Section("Uncertainty in use", words=[f"{in_use_words(plan)}."], figures=[drawn["in_use"]])
+    yield Section(
+        "Uncertainty in use", words=[f"{in_use_words(plan)}."], figures=[drawn["in_use"]] if "in_use" in drawn else []
+    )
     yield Section(
         "Common practice",
         words=[

@@ -16,8 +16,9 @@ def uncertainty_table(plan: DesignedPlan) -> Table:
     rows = []
     for name, old, new in zip(after.names, before.sd.tolist(), after.sd.tolist(), strict=True):
         unit, factor = shown(unit_of(name))
-        ratio = f"{old / new:.2g}" if np.isfinite(old) else ""
-        rows.append([name, digits(old * factor) or "not determined", digits(new * factor), unit, ratio])
+        ratio = f"{old / new:.2g}" if np.isfinite(old) and np.isfinite(new) else ""
+        sizes = [digits(u * factor) or "not determined" for u in (old, new)]
+        rows.append([name, *sizes, unit, ratio])
     return Table(["parameter", "u before", "u of the plan", "unit", "ratio"], rows, text=(3,))
 
 
@@ -94,9 +95,9 @@ def limit_table(plan: DesignedPlan) -> Table:
 
 
 def _row(plan: DesignedPlan, each: Evaluated, *, short: bool) -> list[str]:
-    name, u = each.worst
-    undetermined = each.uncertainties.undetermined
-    ratio = relative_worst(each) / relative_worst(plan.after)
+    name, u = each.worst(plan.determined)
+    undetermined = each.undetermined(plan.determined)
+    ratio = relative_worst(plan, each) / relative_worst(plan, plan.after)
     deviation = each.positions.deviation_deg
     source = "" if short or not each.positions.source else f" ({each.positions.source})"
     return [
@@ -106,7 +107,7 @@ def _row(plan: DesignedPlan, each: Evaluated, *, short: bool) -> list[str]:
         "not determined" if undetermined else u_words(name, u),
         ", ".join(undetermined) if undetermined else name,
         "" if undetermined else f"{ratio:.2g}",
-        "" if undetermined else f"{1e3 * each.in_use_average:.2g}",
+        digits(1e3 * each.in_use_average),
         *([] if plan.forecast is None else [str(len(each.undetectable or ()))]),
         *([] if short else [f"{deviation:.1f}" if deviation > 0.05 else ""]),
     ]

@@ -18,7 +18,8 @@ from tumblecal.report.plan_assumptions import assumptions
 
 def plan_lines(plan: DesignedPlan) -> Iterator[str]:
     """The findings, one line each, the most important first."""
-    yield f"{size_words(plan)}: {uncertainty_words(plan.after)}"
+    yield f"{size_words(plan)}: {uncertainty_words(plan, plan.after)}"
+    yield from undetermined_lines(plan)
     yield before_words(plan)
     yield from efficiency_lines(plan)
     yield in_use_words(plan)
@@ -37,12 +38,22 @@ def size_words(plan: DesignedPlan) -> str:
     return f"{len(new)} {further}positions in {counted(mounts, 'mounting')}, {plan.minutes:.0f} min"
 
 
-def uncertainty_words(evaluated: Evaluated) -> str:
-    """The largest standard uncertainty with its parameter, or the parameters that are not determined."""
-    if missing := evaluated.uncertainties.undetermined:
+def uncertainty_words(plan: DesignedPlan, evaluated: Evaluated) -> str:
+    """The largest standard uncertainty with its parameter, of the parameters that the plan determines; or those that are not
+    determined."""
+    if missing := evaluated.undetermined(plan.determined):
         return f"{shortened(missing, 4)} not determined"
-    name, u = evaluated.worst
+    name, u = evaluated.worst(plan.determined)
     return f"largest standard uncertainty {u_words(name, u)} ({name})"
+
+
+def undetermined_lines(plan: DesignedPlan) -> Iterator[str]:
+    """Parameters that no plan on this head determines."""
+    if missing := plan.after.uncertainties.undetermined:
+        yield (
+            f"No plan on this head determines {shortened(missing, 9)}: allow further mountings (--allow-mount) or pitch "
+            "settings (--allow-beta)"
+        )
 
 
 def before_words(plan: DesignedPlan) -> str:
@@ -50,11 +61,10 @@ def before_words(plan: DesignedPlan) -> str:
     before = plan.before
     what = "The positions measured already" if plan.measured else "The plan of the rig file"
     words = f"{what} ({counted(len(before.schedule), 'position')}, {before.schedule.minutes:.0f} min): "
-    words += uncertainty_words(before)
-    if before.uncertainties.undetermined:
+    words += uncertainty_words(plan, before)
+    if before.undetermined(plan.determined):
         return words
-    ratio = relative_worst(before) / relative_worst(plan.after)
-    return f"{words}; {times_words(ratio)}"
+    return f"{words}; {times_words(relative_worst(plan, before) / relative_worst(plan, plan.after))}"
 
 
 def efficiency_lines(plan: DesignedPlan) -> Iterator[str]:
@@ -120,9 +130,10 @@ def times_words(ratio: float) -> str:
     return f"{ratio:.2g} times larger" if ratio >= 1 else f"{1 / ratio:.2g} times smaller"
 
 
-def relative_worst(evaluated: Evaluated) -> float:
-    """The largest standard uncertainty in mg, mrad or 1e-3."""
-    return float(np.max(evaluated.uncertainties.sd / evaluated.uncertainties.scales))
+def relative_worst(plan: DesignedPlan, evaluated: Evaluated) -> float:
+    """The largest standard uncertainty of the parameters that the plan determines, in mg, mrad or 1e-3."""
+    name, u = evaluated.worst(plan.determined)
+    return u / float(plan.after.uncertainties.scales[plan.after.uncertainties.names.index(name)])
 
 
 def in_use_words(plan: DesignedPlan) -> str:
@@ -132,19 +143,19 @@ def in_use_words(plan: DesignedPlan) -> str:
 
 def in_use_size(plan: DesignedPlan) -> str:
     """`0.074 mg (root mean square over attitudes and axes), at most 0.11 mg`."""
+    if plan.after.uncertainties.undetermined:
+        return "not determined, because parameters are not"
     average, largest = 1e3 * plan.after.in_use_average, 1e3 * float(np.max(plan.after.in_use))
     return f"{digits(average)} mg (root mean square over attitudes and axes), at most {digits(largest)} mg"
 
 
 def practice_lines(plan: DesignedPlan) -> Iterator[str]:
     """The best common practice in the same time."""
-    known = [each for each in plan.practice if not each.uncertainties.undetermined and each.fits]
+    known = [each for each in plan.practice if each.fits and not each.undetermined(plan.determined)]
     if known:
-        best = min(known, key=relative_worst)
-        ratio = relative_worst(best) / relative_worst(plan.after)
-        yield (
-            f"Best common practice in the same time: {best.positions.name}, {uncertainty_words(best)}; {times_words(ratio)}"
-        )
+        best = min(known, key=lambda each: relative_worst(plan, each))
+        ratio = times_words(relative_worst(plan, best) / relative_worst(plan, plan.after))
+        yield f"Best common practice in the same time: {best.positions.name}, {uncertainty_words(plan, best)}; {ratio}"
 
 
 def u_words(name: str, u: float) -> str:
