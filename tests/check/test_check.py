@@ -128,6 +128,8 @@ def test_changed_bias_is_named_with_its_size():
     assert result.moved.named.parameters == ("bias_z",)
     assert result.moved.named.change[5] == pytest.approx(2e-3, abs=3e-4)
     assert result.use.refused and result.change_g is not None and result.change_g[0] == pytest.approx(2e-3, abs=3e-4)
+    usual = np.array([0.0] * 3 + [2e-3] * 3 + [0.0] * 3)
+    assert not check(calibration(), FILE, by_hand(VALUES + change, noise(2)), repeatability=usual).test.rejected
     accepted = check(calibration(), FILE, by_hand(VALUES + change, noise(2)), largest_g=5e-3)
     assert accepted.use.answer == "within" and not accepted.use.refused
 

@@ -94,6 +94,7 @@ def test_the_page_s_update_corrects_the_changed_bias_alone(example, tumblecal):
         ((), ("--update", "x.json", "--free", "tilt"), "no such parameter"),
         ((), ("--prior", "dbeta=3 arcmin"), "the angles of field2.csv are unknown"),
         ((), ("--u-gravity", "7"), "relative standard uncertainty"),
+        ((), ("--repeatability", "bias=3 deg"), "--repeatability 'bias=3 deg'"),
     ],
 )
 def test_unusable_recordings_and_options_are_one_line(example, tumblecal, change, options, fault):

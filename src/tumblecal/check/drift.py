@@ -64,10 +64,15 @@ def _in_utc(date: datetime, now: datetime) -> datetime:
     return date if date.tzinfo is not None else date.replace(tzinfo=now.tzinfo)
 
 
+def by_parameter(sizes: Mapping[str, float]) -> Float[np.ndarray, "9"]:
+    """Sizes by leaf or parameter as one for each parameter; 0 for those that are not stated."""
+    return np.array([sizes.get(name, sizes.get(leaf_of(name), 0.0)) for name in SENSOR])
+
+
 def stated_noise(rates: Mapping[str, float], months: float) -> ProcessNoise:
     """Process noise from standard deviations per month (base units) by leaf or parameter: a change grows in proportion to time,
     with an unknown rate."""
-    sd = np.array([rates.get(name, rates.get(leaf_of(name), 0.0)) for name in SENSOR]) * months
+    sd = by_parameter(rates) * months
     listed = ", ".join(rates)
     return ProcessNoise(np.zeros(9), sd**2, months, f"drift of {listed} as stated, over {months:.3g} months")
 

@@ -4,7 +4,8 @@ terms.
 During a recording the parameters are `p = J x + n`. The state x are the parameters at the reference temperature and the
 coefficients of the curves (J = [1, h_k(T)]) or of the terms (J = [1, 0]), with the covariance of the calibration and of its
 budget. The common error n is
-that of this recording alone: hysteresis, and the uncertainty of gravity, which scales all three axes.
+that of this recording alone: hysteresis, stated repeatability from one switch-on to the next, and the uncertainty of gravity,
+which scales all three axes.
 """
 
 from dataclasses import dataclass, replace
@@ -59,6 +60,7 @@ def expected(
     *,
     size: float = 1.0,
     size_sd: float = 0.0,
+    repeatability: Float[np.ndarray, "9"] | None = None,
 ) -> Expected:
     """The parameters that a calibration predicts.
 
@@ -66,6 +68,7 @@ def expected(
 
     - `path`: of the file; a budget in its folder is included. `degc`: temperature of the recording.
     - `size`, `size_sd`: gravity at the place of the recording over that of the calibration, and its standard uncertainty.
+    - `repeatability`: standard deviations of the parameters between measurements, base units; none if omitted.
 
     **Raises:** `InputError` for a calibration without uncertainty.
     """
@@ -104,6 +107,8 @@ def expected(
             "calibrate or thermal wrote"
         )
     common = hysteresis + size_sd**2 * np.outer(scale, scale)
+    if repeatability is not None:
+        common = common + np.diag(repeatability**2)
     return Expected(calibration, state, covariance, slope, common, mean, sensor, degc, size)
 
 

@@ -117,6 +117,7 @@ def check(
     gravity: LocalSize | None = None,
     extrapolate: bool = False,
     largest_g: float | None = None,
+    repeatability: Float[np.ndarray, "9"] | None = None,
 ) -> CheckResult:
     """Check a calibration.
 
@@ -126,7 +127,7 @@ def check(
     - `model`: of attitudes with known angles. `noise_sd`: of a reading, g, in place of that of the data.
     - `gravity`: at the place of the recording; by default that of the calibration.
     - `extrapolate`: whether temperatures may be outside the range of the calibration. `largest_g`: largest error of a force
-      that is acceptable in use, g.
+      that is acceptable in use, g. `repeatability`: as of `expected`.
 
     **Raises:** `InputError` for readings that no attitude explains, temperatures outside, a calibration without uncertainty.
     """
@@ -135,7 +136,7 @@ def check(
     degc = None if data.temperature_degc is None else float(np.mean(data.temperature_degc))
     noise = noise_of(calibration, data, noise_sd)
     noise = replace(noise, data=without_terms(calibration, noise.data, degc))
-    before = expected(calibration, path, degc, size=gravity.size, size_sd=gravity.sd)
+    before = expected(calibration, path, degc, size=gravity.size, size_sd=gravity.sd, repeatability=repeatability)
     sizes = _sizes(before, noise)
     _require_gravity(noise.data, sizes, gravity)
     problem = (model or Model()).problem(noise.data, noise)

@@ -64,6 +64,7 @@ def check(
     start()
     from tumblecal.capture.reduction.file_names import recording_files
     from tumblecal.check.attitudes import still_attitudes
+    from tumblecal.check.drift import by_parameter
     from tumblecal.check.result import check as checked
     from tumblecal.data.calibration import read_calibration
     from tumblecal.data.overwriting import protect_inputs
@@ -80,6 +81,7 @@ def check(
     elif updating.free or updating.drift:
         raise InputError(f"--{'free' if updating.free else 'drift'} is for an update; give --update updated.json")
     noise_sd, largest_g = test.sizes()
+    repeated = by_parameter(test.repeated())
     rates = updating.rates()
     results.ready()
     with single_blas_thread(), output.working("reading"):
@@ -98,6 +100,7 @@ def check(
             gravity=gravity,
             extrapolate=test.extrapolate,
             largest_g=largest_g,
+            repeatability=repeated,
         )
         made, refused = None, None
         try:
@@ -212,6 +215,7 @@ def _stated(context: KnownContext, test: ConditionOptions) -> list[Path | str]:
     flags = {"--static": context.static, "--means": context.means, "--other-unit": test.other_unit}
     flags |= {"--extrapolate": test.extrapolate, "--use-anyway": test.use_anyway}
     words: list[Path | str] = [word for name, value in values.items() if value for word in (name, value)]
+    words += [word for text in test.repeatability for word in ("--repeatability", text)]
     return [*words, *(name for name, given in flags.items() if given)]
 
 

@@ -1,5 +1,6 @@
 """Options of `tumblecal check`: its conditions, and the update."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -20,6 +21,9 @@ class ConditionOptions:
     noise_sd
         Standard deviation of a position mean, with its unit. Default: by the dwells, or the sd columns; at least the dispersion
         of the positions of the calibration, if its noise was estimated. Example: --noise-sd 0.1mg.
+    repeatability
+        Standard deviation of a parameter or kind of parameter from one switch-on to the next, if the uncertainty of the
+        calibration does not include it. Repeatable. Default: 0. Example: --repeatability 'bias=0.3 mg'.
     u_gravity
         Standard uncertainty of --gravity relative to its value. Default: 0 for the gravity of the calibration, otherwise 3e-5
         (anomalies). Example: --u-gravity 1e-6.
@@ -37,11 +41,19 @@ class ConditionOptions:
     noise_sd: str | None = None
     rig: RigFile = None
     prior: Priors = ()
+    repeatability: Annotated[tuple[str, ...], Parameter(negative=(), show_default=False)] = ()
     u_gravity: float | None = None
     largest_error: str = ""
     other_unit: Annotated[bool, Parameter(negative=())] = False
     extrapolate: Annotated[bool, Parameter(negative=())] = False
     use_anyway: Annotated[bool, Parameter(negative=())] = False
+
+    def repeated(self) -> dict[str, float]:
+        """The stated repeatabilities, base units.
+
+        **Raises:** `InputError` for texts that are not sizes.
+        """
+        return _sizes("--repeatability", self.repeatability)
 
     def sizes(self) -> tuple[float | None, float | None]:
         """Stated noise, and largest acceptable error, g.
@@ -88,22 +100,29 @@ class UpdateOptions:
 
         **Raises:** `InputError` for texts that are not drifts.
         """
-        from tumblecal.data.sensor_parameters import GROUPS, SENSOR, leaf_of
-        from tumblecal.ground.units import quantity
+        return _sizes("--drift", self.drift, per="/month")
 
-        rates = dict[str, float]()
-        for text in self.drift:
-            name, _, size = (part.strip() for part in text.partition("="))
-            amount, _, per = size.rpartition("/")
-            leaf = leaf_of(name)
-            if (name not in SENSOR and name not in GROUPS) or leaf == "dtheta" or per.strip() != "month":
-                raise InputError(
-                    f"--drift {text!r}: write NAME=SIZE/month with dK, bias, gamma or a parameter, e.g. 'bias=0.1 mg/month'"
-                )
-            try:
-                rates[name] = quantity(amount, GROUPS[leaf][1])
-            except InputError as error:
-                raise InputError(f"--drift {text!r}: {error}") from error
-            if not rates[name] >= 0:
-                raise InputError(f"--drift {text!r}: must be 0 or more")
-        return rates
+
+def _sizes(option: str, texts: Sequence[str], *, per: str = "") -> dict[str, float]:
+    """Sizes NAME=SIZE of parameters or kinds of parameters, base units.
+
+    **Raises:** `InputError` for other texts.
+    """
+    from tumblecal.data.sensor_parameters import GROUPS, SENSOR, leaf_of
+    from tumblecal.ground.units import quantity
+
+    sizes = dict[str, float]()
+    for text in texts:
+        name, _, size = (part.strip() for part in text.partition("="))
+        leaf, amount = leaf_of(name), "".join(size.split(" ")).removesuffix(per)
+        if (name not in SENSOR and name not in GROUPS) or leaf == "dtheta" or (per and not size.endswith(per)):
+            raise InputError(
+                f"{option} {text!r}: write NAME=SIZE{per} with dK, bias, gamma or a parameter, e.g. 'bias=0.1 mg{per}'"
+            )
+        try:
+            sizes[name] = quantity(amount, GROUPS[leaf][1])
+        except InputError as error:
+            raise InputError(f"{option} {text!r}: {error}") from error
+        if not sizes[name] >= 0:
+            raise InputError(f"{option} {text!r}: must be 0 or more")
+    return sizes

@@ -176,7 +176,7 @@ def limit_words(result: CheckResult) -> str:
         return "no bias is visible"
     # The share of the noise in the variance along a change.
     noise = float(np.median(shares))
-    return "the noise of the attitudes" if noise > 0.5 else "the uncertainty of the calibration"
+    return "the noise of the attitudes" if noise > 0.5 else "the uncertainty of the expected parameters"
 
 
 def explanations_words(result: CheckResult) -> str:
