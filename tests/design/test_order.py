@@ -10,7 +10,7 @@ from tumblecal.chain.head_ability import HeadAbility, Repeatability, SlowNoise, 
 from tumblecal.design.cells import cells_of
 from tumblecal.design.next_cell import next_cells
 from tumblecal.design.order import best_order
-from tumblecal.design.order_moves import pairs_of_groups
+from tumblecal.design.order_moves import nested, pairs_of_groups
 from tumblecal.design.order_value import OrderValue
 from tumblecal.design.responses import Responses, Setting
 from tumblecal.design.schedule import continued, schedule
@@ -133,30 +133,36 @@ def test_drift_does_not_enter_the_parameters_of_the_best_order():
 def test_changes_of_settings_are_paid_for():
     ability = head(SlowNoise())
     responses = responses_to(ability)
-    chosen = np.random.default_rng(1).permutation(np.arange(0, 32, 2))
-    # Four visits: two pitch settings of two mountings. 16 dwells with 5 s each, 15 moves of which one is a remount.
-    shortest = 16 * 65 + 15 * 10 + 3 * 90 + 900
+    chosen = np.array([26, 3, 17, 9, 31, 0, 20, 14])
+    # Four visits: two pitch settings of two mountings. 8 dwells with 5 s each, 7 moves of which one is a remount.
+    shortest = 8 * 65 + 7 * 10 + 3 * 90 + 900
     for kind in ("best", "random"):
         found = best_order(responses, ability, Worst(), chosen, kind=kind).schedule
         assert sorted(found.cells.tolist()) == sorted(chosen.tolist())
         assert found.pitch_visit[-1] == 3 and found.mount_visit[-1] == 1
         assert shortest - 40 <= found.end_s <= shortest
-    with pytest.raises(InputError, match="16 positions need at least 39 min"):
-        best_order(responses, ability, Worst(), chosen, minutes=30)
+    with pytest.raises(InputError, match="8 positions need at least 30 min"):
+        best_order(responses, ability, Worst(), chosen, minutes=20)
     # Positions that are repeated without a turn: the search may not exceed the least time.
     twice = np.repeat(chosen[:4], 2)
     least = best_order(responses, ability, Worst(), twice, kind="keep").schedule
-    assert (
-        best_order(responses, ability, Worst(), np.sort(twice)[::-1], minutes=least.minutes).schedule.minutes
-        <= least.minutes
-    )
-    walking = replace(ability, slow_noise=WALK)
-    limited = best_order(responses, walking, Worst(), chosen, minutes=40)
-    longer = best_order(responses, walking, Worst(), chosen, minutes=60)
-    assert limited.schedule.minutes <= 40 and limited.schedule.pitch_visit[-1] == 3
-    assert 40 < longer.schedule.minutes <= 60 and longer.value < limited.value
-    again = best_order(responses, walking, Worst(), chosen, minutes=60)
-    assert again.schedule.cells.tolist() == longer.schedule.cells.tolist()
+    tight = best_order(responses, ability, Worst(), np.sort(twice)[::-1], minutes=least.minutes)
+    assert tight.schedule.minutes <= least.minutes
+    # One mounting: 16 dwells, 15 turns and one change of the pitch setting fit into the first limit.
+    walking, chosen = replace(ability, slow_noise=WALK), np.arange(16)
+    limited = best_order(responses, walking, Worst(), chosen, minutes=22)
+    longer = best_order(responses, walking, Worst(), chosen, minutes=30)
+    assert limited.schedule.minutes <= 22 and limited.schedule.pitch_visit[-1] == 1
+    assert 22 < longer.schedule.minutes <= 30 and longer.value < limited.value
+    again = best_order(responses, walking, Worst(), chosen, minutes=22)
+    assert again.schedule.cells.tolist() == limited.schedule.cells.tolist()
+
+
+def test_the_lower_levels_come_there_and_back():
+    upper, lower = np.repeat([0, 1, 2], 4), np.tile([0, 1], 6)
+    order = nested(np.random.default_rng(2).permutation(12), upper, lower)
+    assert sorted(order.tolist()) == list(range(12))
+    assert np.count_nonzero(np.diff(upper[order])) == 2 and np.count_nonzero(np.diff(lower[order])) == 3
 
 
 def test_exchanges_are_those_of_whole_orders():
