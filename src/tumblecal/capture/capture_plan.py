@@ -198,9 +198,7 @@ class CapturePlan(Strict):
         """This plan with further positions after its own."""
         if not further:
             return self
-        positions = PositionsTable(
-            listed=[*self.steps, *further], mount_rotation_deg=self.positions.mount_rotation_deg
-        )
+        positions = PositionsTable(listed=[*self.steps, *further], mount_rotation_deg=self.positions.mount_rotation_deg)
         stated = {name: getattr(self, name) for name in self.model_fields_set} | {"positions": positions}
         return CapturePlan.model_construct(_fields_set=self.model_fields_set, **stated)
 

@@ -8,17 +8,19 @@ from typing import TYPE_CHECKING
 
 from cyclopts import Parameter
 
+from tumblecal.cli.adaptive_options import AdaptiveOptions, chooser_of_run
+from tumblecal.cli.live_estimate import live_estimate
 from tumblecal.cli.output import warn
+from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.suggested_command import EVERY, suggested
 
 
 if TYPE_CHECKING:
     from tumblecal.capture.capture_plan import CapturePlan
-    from tumblecal.capture.run.run_folder import RunFolder
+    from tumblecal.capture.run.run_folder import AdaptiveFiles, RunFolder
 
 
-_END = "{folder}: all {total} positions are recorded; next: {reduce}"
 _LONGEST_WAIT_S = 86400.0
 
 
@@ -118,12 +120,14 @@ def capture(
     port: str | None = None,
     operator: OperatorOptions = OperatorOptions(),
     temperature: ChamberOptions = ChamberOptions(),
+    adaptive: AdaptiveOptions = AdaptiveOptions(),
 ) -> None:
     """Record the positions of a plan with the instrument on the dividing head, including every received byte.
 
     The screen shows the angles to set; recording starts when the head is at rest at these angles. A plan with temperatures
     also sets a chamber, or requests them from the operator, and waits until they are stable. Stop at any time (q, Ctrl-C,
-    power cut) and continue with --resume. Next: tumblecal reduce DIR.
+    power cut) and continue with --resume. With --adaptive, further positions are chosen during the measurement. Next: tumblecal
+    reduce DIR.
 
     Parameters
     ----------
@@ -143,38 +147,50 @@ def capture(
     if not 0 <= operator.wait <= _LONGEST_WAIT_S:
         raise InputError(f"--wait {operator.wait:g}: seconds, from 0 to {_LONGEST_WAIT_S:g}")
     stopped_by = None
-    with _run_folder(plan, out, resume, port) as run_folder:
-        if resume is not None and len(run_folder.state.accepted) == len(run_folder.plan.steps):
-            print(
-                _END.format(
-                    folder=resume, total=len(run_folder.plan.steps), reduce=suggested("reduce", resume, less=EVERY)
-                )
-            )
+    files, chooser = adaptive.begun(plan) if plan is not None and resume is None else (None, None)
+    with _run_folder(plan, out, resume, port, files) as run_folder:
+        adaptive.extend(run_folder)
+        if resume is not None and run_folder.complete:
+            print(_end(run_folder))
             return
         given = {name: value for name, value in vars(temperature).items() if value is not None}
         temperature = ChamberOptions(**(run_folder.state.temperature_options | given))
         run_folder.plan = temperature.applied(run_folder.plan)
         if given:
             run_folder.journal.write("temperature_options", options=given)
-        live = _live_estimate(run_folder.plan) if operator.estimate else None
+        chooser = chooser or chooser_of_run(run_folder)
+        live = None
+        if operator.estimate:
+            fixed = run_folder.plan
+            live = live_estimate((lambda: fixed) if chooser is None else chooser.all_positions)
         try:
             how = {"plain": operator.plain, "wait_s": operator.wait, "trust": operator.trust_instrument}
-            run(run_folder, estimate=live, confirm=operator.still_mounted, **how)
+            run(run_folder, estimate=live, confirm=operator.still_mounted, chooser=chooser, **how)
         except Stopped as stop:
             stopped_by = stop.number
-    folder, done, total = run_folder.folder, len(run_folder.state.accepted), len(run_folder.plan.steps)
+    folder = run_folder.folder
     with contextlib.suppress(OSError):  # the terminal may be gone
-        if done < total:
-            resumed = suggested("capture", "--resume", folder)
-            print(f"{folder}: stopped with {done} of {total} positions; continue with: {resumed}")
+        if run_folder.complete:
+            print(_end(run_folder))
         else:
-            print(_END.format(folder=folder, total=total, reduce=suggested("reduce", folder, less=EVERY)))
+            done = f"{len(run_folder.state.accepted)}{run_folder.total_words} positions"
+            print(f"{folder}: stopped with {done}; continue with: {suggested('capture', '--resume', folder)}")
         sys.stdout.flush()
     if stopped_by is not None:
         end_by(stopped_by)
 
 
-def _run_folder(plan: Path | None, out: Path | None, resume: Path | None, port: str | None) -> "RunFolder":
+def _end(run: "RunFolder") -> str:
+    """The last line of a complete run."""
+    count, reduced = len(run.state.accepted), suggested("reduce", run.folder, less=EVERY)
+    if run.state.minutes is None:
+        return f"{run.folder}: all {count} positions are recorded; next: {reduced}"
+    return f"{run.folder}: {counted(count, 'position')} recorded; next: {reduced}\n{run.state.ending}"
+
+
+def _run_folder(
+    plan: Path | None, out: Path | None, resume: Path | None, port: str | None, files: "AdaptiveFiles | None"
+) -> "RunFolder":
     """The folder of the run, new or resumed.
 
     **Raises:** `InputError` for options that contradict each other, or a folder that another process uses.
@@ -189,70 +205,10 @@ def _run_folder(plan: Path | None, out: Path | None, resume: Path | None, port: 
             raise InputError("capture: --out contradicts --resume, which continues in its folder; remove --out")
         resumed = resume_run(resume, port)
         warn(resume, resumed.damage)
-        if (done := len(resumed.state.accepted)) < (total := len(resumed.plan.steps)):
-            print(f"{resume}: {done} of {total} positions done")
+        if not resumed.complete:
+            print(f"{resume}: {len(resumed.state.accepted)}{resumed.total_words} positions done")
         return resumed
     assert plan is not None
     if out is None:
         raise InputError("capture: no folder for the data; add --out DIR")
-    return begin(plan, out, port)
-
-
-def _live_estimate(plan):
-    """The iterated Kalman filter over the exact chain; its modules are imported at the first accepted position."""
-    state: dict = {}
-
-    def estimate(rows):
-        if "problem" not in state:
-            state["problem"] = _problem(plan)
-        if len(rows) < 3:
-            return []
-        return _filtered(state["problem"], plan, rows)
-
-    return estimate
-
-
-def _problem(plan):
-    import numpy as np
-
-    from tumblecal.cli.start import start
-
-    start()
-    from tumblecal.data.positions import PositionSet
-    from tumblecal.estimation.position_problem import default_chain, problem_of
-
-    steps = plan.steps
-    data = PositionSet(
-        names=tuple(step.name for step in steps),
-        alpha_deg=np.array([step.alpha_deg for step in steps], float),
-        beta_deg=np.array([step.beta_deg for step in steps], float),
-        readings=np.array([plan.expected(k) for k in range(len(steps))]),
-        sd=np.full((len(steps), 3), 1e-4),
-    )
-    return problem_of(data, default_chain(data))
-
-
-# Prior standard deviation of each parameter (1, g, rad), and the smallest standard deviation of a reading: the nominal
-# model has unknown effects.
-_PRIOR_SD, _LEAST_SD_G = 0.005, 1e-4
-_SHOWN = {"1": (1e3, "1e-3"), "g": (1e3, "mg"), "rad": (1e3, "mrad")}
-
-
-def _filtered(problem, plan, rows):
-    import numpy as np
-
-    from tumblecal.estimation.iterated import Filter
-    from tumblecal.estimation.kalman import Prior
-
-    positions = {(s.alpha_deg, s.beta_deg): k for k, s in enumerate(plan.steps)}
-    running = Filter(problem, Prior(sd=_PRIOR_SD))
-    for alpha, beta, mean, sd in rows:
-        running.take(positions[alpha, beta], mean, np.maximum(sd, _LEAST_SD_G))
-    deviations = np.sqrt(np.diag(running.covariance))
-    table = []
-    for name, unit, value, sd in zip(problem.chain.names, problem.chain.units, running.mean, deviations, strict=True):
-        if sd > _PRIOR_SD / 2:
-            continue  # not determined yet
-        factor, shown = _SHOWN.get(unit, (1.0, unit))
-        table.append((name, float(value) * factor, float(sd) * factor, shown))
-    return table
+    return begin(plan, out, port, files)

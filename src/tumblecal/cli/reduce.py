@@ -108,10 +108,10 @@ def _moved(folder: Path, paths: list[Path]) -> list[Path]:
 
 def _captured(source: Path, folder: Path, output: Output) -> None:
     """A run of tumblecal capture."""
-    from tumblecal.capture.capture_plan import read_plan
-    from tumblecal.capture.journal import PLAN_NAME
+    from tumblecal.capture.journal import read_journal, replayed
     from tumblecal.capture.reduction.reduce import reduce as reduced
     from tumblecal.capture.reduction.reduction import write_reduction
+    from tumblecal.capture.run.run_folder import plan_of_run
     from tumblecal.data.position_comments import identity_words
     from tumblecal.ground.atomic import output_folders
     from tumblecal.ground.result_set import result_set
@@ -121,7 +121,8 @@ def _captured(source: Path, folder: Path, output: Output) -> None:
         paths = _moved(folder, write_reduction(reduction, aside))
     warn(source, [*reduction.damage, *filter(None, [identity_words(reduction.data)])])
     _printed(reduction, source, output)
-    _written(output, paths, f"{len(reduction.data)} of {counted(len(read_plan(source / PLAN_NAME).steps), 'position')}")
+    total = len(plan_of_run(source, replayed(read_journal(source))).steps)
+    _written(output, paths, f"{len(reduction.data)} of {counted(total, 'position')}")
 
 
 def _table(source: Path, folder: Path, output: Output) -> None:

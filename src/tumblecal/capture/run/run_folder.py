@@ -73,9 +73,7 @@ class RunFolder:
         self.journal.close()
 
 
-def begin(
-    plan_path: Path, folder: Path, port: str | None = None, adaptive: AdaptiveFiles | None = None
-) -> RunFolder:
+def begin(plan_path: Path, folder: Path, port: str | None = None, adaptive: AdaptiveFiles | None = None) -> RunFolder:
     """Lock a folder and begin a capture there, with a copy of the plan.
 
     A run that found no device is begun again: its entries remain, and a new session follows them.
