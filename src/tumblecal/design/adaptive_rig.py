@@ -37,8 +37,8 @@ def adaptive_cells(rig: Rig, plan: CapturePlan) -> tuple[Cells, int]:
         )
     own = cells_of(replace(ability, mounts=(mount,)))
     steps = plan.steps
-    angles = (np.array([getattr(step, name) for step in steps], float) for name in ("alpha_deg", "beta_deg"))
-    cells, _ = own.joined(Cells(*angles, (mount,) * len(steps)))
+    alpha, beta = (np.array([getattr(step, name) for step in steps], float) for name in ("alpha_deg", "beta_deg"))
+    cells, _ = own.joined(Cells(alpha, beta, (mount,) * len(steps)))
     others = tuple(label for label in ability.mounts if label != mount)
     if others:
         cells, _ = cells.joined(cells_of(replace(ability, mounts=others)))

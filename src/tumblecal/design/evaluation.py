@@ -15,6 +15,7 @@ from tumblecal.design.schedule import Schedule
 DETERMINED = 1e-9
 # A parameter with more than this share in such a direction is not determined.
 _SHARE = 1e-4
+_ROUNDING = 1e-12
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,9 @@ def uncertainties(responses: Responses, schedule: Schedule, ability: HeadAbility
     of_visits = np.linalg.pinv(information[count:, count:], hermitian=True)
     reduced = information[:count, :count] - mixed @ of_visits @ mixed.T
     # Rounding of the difference is relative to what is subtracted.
-    size = np.sqrt(np.maximum(np.diag(information)[:count], np.finfo(float).tiny))
+    size = np.sqrt(np.diag(information)[:count])
+    # A response of rounding size, cos 90 deg, is none; scaled up it would be confounded with another.
+    size = np.maximum(size, max(_ROUNDING * np.max(size), np.finfo(float).tiny))
     values, vectors = np.linalg.eigh(reduced / np.outer(size, size))
     lost = values < DETERMINED
     share = np.sum(vectors[:, lost] ** 2, axis=1)
