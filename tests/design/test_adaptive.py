@@ -11,6 +11,7 @@ from tumblecal.capture.capture_plan import CapturePlan
 from tumblecal.capture.run.choice import Choice, DonePosition, Ending, Progress
 from tumblecal.design.adaptive import AdaptiveChooser, chooser_of
 from tumblecal.design.target import read_target
+from tumblecal.estimation.visits import visit_precision
 from tumblecal.ground.errors import InputError
 
 
@@ -154,3 +155,11 @@ def test_rigs_plans_and_targets_that_do_not_suit_are_one_line(head, plain: Adapt
         InputError, match=r"head.temperatures_degc requests temperatures, but an adaptive capture is at one"
     ):
         chooser_of(warm, plan)
+
+
+def test_settings_that_repeat_exactly_have_one_error() -> None:
+    """A repeatability of 0: two visits of one setting are one unknown of the stated size."""
+    precision = visit_precision(1.7, 0.0, np.array([0, 1, 0]))
+    seen = np.array([[1.0, 0, 0], [0, 0, 1.0]])
+    covariance = np.linalg.inv(precision + seen.T @ seen * 2.0)
+    assert np.sqrt(covariance[[0, 2], [0, 2]]) == pytest.approx((1 / 1.7**2 + 4.0) ** -0.5, rel=1e-4)

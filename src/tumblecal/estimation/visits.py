@@ -35,9 +35,9 @@ def visit_precision(
     same = settings[:, None] == settings
     if common is None:
         return (np.eye(count) - same / same.sum(axis=1)) / again**2
-    covariance = common**2 * same + again**2 * np.eye(count)
-    # Exactly repeated settings are kept invertible.
-    return np.linalg.inv(covariance + 1e-18 * np.eye(count))
+    # Exactly repeated settings are kept invertible; in closed form the information on the common part keeps its digits.
+    variance = max(again**2, 1e-10 * common**2, 1e-18)
+    return (np.eye(count) - same * common**2 / (variance + same.sum(axis=1) * common**2)) / variance
 
 
 def with_repeatability(priors: Priors, stated: Repeatability, chain: Chain, where: Where) -> Priors:
