@@ -16,6 +16,8 @@ DETERMINED = 1e-9
 # A parameter with more than this share in such a direction is not determined.
 _SHARE = 1e-4
 _ROUNDING = 1e-12
+# Nor is one with a larger standard uncertainty, in its scale: 1 rad, 1 g, 100 %.
+_MEANINGLESS = 1e3
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,8 @@ def uncertainties(responses: Responses, schedule: Schedule, ability: HeadAbility
     share = np.sum(vectors[:, lost] ** 2, axis=1)
     inverse = vectors[:, ~lost] / values[~lost] @ vectors[:, ~lost].T
     covariance = inverse / np.outer(size, size)
-    sd = np.where(share > _SHARE**2, np.inf, np.sqrt(np.diag(covariance)) * responses.scales)
+    scaled = np.sqrt(np.diag(covariance))
+    sd = np.where((share > _SHARE**2) | (scaled > _MEANINGLESS), np.inf, scaled * responses.scales)
     return Uncertainties(responses.names, responses.scales, sd, covariance)
 
 
