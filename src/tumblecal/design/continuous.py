@@ -60,7 +60,7 @@ def continuous_cells(
     moved = optimise_plan(
         problem,
         parameters=responses.names,
-        criterion=lambda covariance: _log(criterion, rows @ covariance @ rows.T),
+        criterion=lambda covariance: _log(criterion, jnp.asarray(rows) @ covariance @ rows.T),
         beta_deg=None if limits is None else (min(limits), max(limits)),
         move_alpha=ability.alpha_continuous,
         steps=steps,
