@@ -1,6 +1,6 @@
-"""Positions chosen during the measurement against fixed ones: how many until a target is reached, until a cause is named.
+"""Positions chosen during the measurement against fixed ones: how many until a target is reached.
 
-    python benchmarks/adaptive.py --targets 40 --causes 30
+    python benchmarks/adaptive.py --targets 16
 
 Three sequences on one head (24 spindle angles, 3 pitch settings, one mounting), each repeated from its start if it is over:
 the paper's 24 positions in their order, the best 24 positions of an exchange (`tumblecal plan`), and those of
@@ -8,8 +8,7 @@ the paper's 24 positions in their order, the best 24 positions of an exchange (`
 
 `--targets`: instruments whose noise is 0.7 to 2 times the stated one, on which a tenth of the settings cannot be used. Counted
 are the positions and minutes until all nine uncertainties are reached, by generalised least squares in plain numpy with the
-noise of the instrument. `--causes`: blind instruments with one random effect of 8 to 16 sigma in the paper's 24 positions. They
-are diagnosed after 12, 16, 24 and 32 positions: at which number is the true cause named, alone or in its class, from then on?
+noise of the instrument.
 """
 
 import argparse
@@ -21,9 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-import blind_instrument as blind
 import tumblecal
-from blind_noise import position_set
 from tumblecal.capture.capture_plan import CapturePlan
 from tumblecal.capture.run.choice import Choice, DonePosition, Progress
 from tumblecal.chain.rig_file import rig_of
@@ -32,7 +29,6 @@ from tumblecal.design.exchange import exchange
 from tumblecal.design.measure import measures
 from tumblecal.design.one_visit import one_visit
 from tumblecal.design.target import Target
-from tumblecal.diagnosis import Diagnoser
 
 
 RIG = """
@@ -52,7 +48,7 @@ PRIOR_RAD, DWELL_S, SETTLE_S, TURN_S, PITCH_S = np.radians(0.1), 60.0, 10.0, 15.
 WANTED = {"bias_x": 2.5e-4, "bias_y": 4e-5, "bias_z": 4e-5, "dK_x": 3e-4, "dK_y": 6e-5, "dK_z": 6e-5}
 WANTED |= {"gamma_21": 1.5e-4, "gamma_31": 1.5e-4, "gamma_32": 1.5e-4}
 NAMES = [f"{kind}_{axis}" for kind in ("dK", "bias") for axis in "xyz"] + ["gamma_21", "gamma_31", "gamma_32"]
-COUNTS, MOST = (12, 16, 24, 32), 90
+MOST = 90
 PAPER = [(45.0 * k, beta) for beta in (0.0, 45.0, 90.0) for k in range(8)]
 
 
@@ -154,64 +150,9 @@ def targets(chooser: AdaptiveChooser, best: list[tuple[float, float]], cases: in
     print(f"a choice takes {slowest:.3f} s at most (mean of a run)")
 
 
-def setup_of(setup: blind.Setup, angles: list[tuple[float, float]]) -> blind.Setup:
-    """The instrument in these positions, one a minute and a half."""
-    alpha, beta = np.radians(angles).T
-    count = len(angles)
-    return replace(
-        setup,
-        alpha=alpha,
-        beta=beta,
-        time_s=90.0 * np.arange(count),
-        temperature_degc=np.full(count, 25.0) + 0.01 * np.arange(count) % 0.07,
-        approach=np.ones(count),
-        pitch=np.searchsorted([0.0, 45.0, 90.0], np.degrees(beta).round(6)),
-        names=[str(k + 1) for k in range(count)],
-    )
-
-
-def causes(sequences: list[Sequence], cases: int, seed: int) -> None:
-    """The table of positions until the true cause is named."""
-    diagnoser, words = (
-        Diagnoser(nested=False),
-        ("index_", "second_order", "third_order", "cross_axis", "spindle", "base", "fixture"),
-    )
-    names = [name for name in blind.COEFFICIENTS if name.startswith(words) and "backlash" not in name]
-    named: dict[str, list[list[bool]]] = {one.name: [] for one in sequences}
-    wrong = dict.fromkeys(named, 0)
-    drawn = 0
-    while drawn < cases:
-        rng = np.random.default_rng(seed)
-        seed += 1
-        setup = blind.random_setup(rng, 3, 8)
-        hidden = str(rng.choice(names))
-        made = blind.sized(setup, blind.unreachable(setup), hidden, rng.uniform(8, 16), rng)
-        if made is None:
-            continue
-        drawn += 1
-        for one in sequences:
-            here = setup_of(setup, one.angles[: max(COUNTS)])
-            whole = blind.readings(here, here.nominal, {hidden: made[0]})
-            whole = whole + blind.SIGMA * np.random.default_rng(seed).normal(size=whole.shape)
-            row = []
-            for count in COUNTS:
-                diagnosis = diagnoser(position_set(setup_of(setup, one.angles[:count]), whole[:count], known=True))
-                best = diagnosis.best
-                members = {best.labels, *best.separable, *best.identical}
-                row.append(diagnosis.verdict in ("identified", "ambiguous") and (hidden,) in members)
-                wrong[one.name] += diagnosis.verdict == "identified" and (hidden,) not in (best.labels, *best.identical)
-            named[one.name].append(row)
-    heads = " | ".join(f"named after {count}" for count in COUNTS)
-    print(f"| positions | {heads} | wrongly identified |\n|---{'|---' * (len(COUNTS) + 1)}|")
-    for name, rows in named.items():
-        shares = " | ".join(f"{share:.0%}" for share in np.mean(rows, axis=0))
-        print(f"| {name} | {shares} | {wrong[name]} of {cases * len(COUNTS)} |")
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--targets", type=int, default=40, help="instruments, for the target")
-    parser.add_argument("--causes", type=int, default=30, help="instruments, for the cause")
+    parser.add_argument("--targets", type=int, default=16, help="number of instruments")
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
     tumblecal.enable_float64()
@@ -224,17 +165,7 @@ def main() -> None:
     }
     plan = CapturePlan.model_validate(listed)
     chooser = replace(chooser_of(rig_of(tomllib.loads(RIG), Path("rig.toml")), plan), target=Target(WANTED))
-    best = best_plan(chooser)
-    if options.targets:
-        targets(chooser, best, options.targets, np.random.default_rng(options.seed))
-    if options.causes:
-        free = replace(chooser, target=None)
-        sequences = [
-            Sequence("the paper's 24 in order, repeated", PAPER * 2),
-            Sequence("best 24 of a search, repeated", best * 2),
-        ]
-        sequences.append(Sequence("adaptive", adaptive(free, max(COUNTS), 1e-4, set())))
-        causes(sequences, options.causes, options.seed)
+    targets(chooser, best_plan(chooser), options.targets, np.random.default_rng(options.seed))
 
 
 if __name__ == "__main__":
