@@ -15,10 +15,12 @@ from tumblecal.diagnosis.causes.generic import UNEXPLAINED
 from tumblecal.diagnosis.causes.identities import one_function_at_1_g
 from tumblecal.diagnosis.detection.detect import statistics
 from tumblecal.diagnosis.evidence import log_evidence, log_evidence_of_noise
+from tumblecal.diagnosis.findings.location import parts_of_effect
 from tumblecal.diagnosis.lack_of_fit.components import mean_over_sizes
 from tumblecal.diagnosis.priors import (
     INDISTINGUISHABLE,
     LACK_OF_FIT_WEIGHT,
+    LEAST_LOCATED_ODDS,
     LEAST_ODDS,
     NEGLIGIBLE,
     SIZE_PRIOR,
@@ -60,7 +62,7 @@ def _named(
     """Which vectors in which something is detected name an effect with these numbers (one for each start), and identify it.
 
     The verdict is `identified` where the leading cause, what is identical at 1 g and further powers of its polynomial have
-    together a probability of `SURE`.
+    together a probability of `SURE`, and the effect in a part of the data alone is not more probable.
     """
     pool = of.pool
     singles = _with_each(of, (), z)
@@ -68,15 +70,19 @@ def _named(
     beside, family = _with_each(of, (start,), z), _family(of, start, z)
     noise, lack = _alternatives(of, z)
     none = log_evidence_of_noise(np.vecdot(z, z), pool.dof, True) + np.log(SIZE_PRIOR[0])
-    total = _sum(none[:, None], singles, beside, family, noise, lack[:, None])
     right = [*own, *identities(of, start)]
     others = np.setdiff1d(np.flatnonzero(pool.is_named), right)
+    alone = _sum(singles[:, others], singles[:, ~pool.is_named], lack[:, None])
+    # Every other cause has sets with one cause more too; they have about the share that those of the effect have.
+    further = alone + np.minimum(_sum(beside) - _sum(singles[:, own]), 0.0)
+    total = _sum(none[:, None], singles, beside, family, noise, lack[:, None], further[:, None])
     together = np.concatenate([beside[:, pool.is_named], family], axis=1).max(axis=1)
-    alone = np.concatenate([_by_label(of, singles, others), noise], axis=1).max(axis=1)
-    rival = np.max([alone, _sum(singles[:, ~pool.is_named], lack[:, None])], axis=0)
+    named_other = np.concatenate([_by_label(of, singles, others), noise], axis=1).max(axis=1)
+    rival = np.max([named_other, _sum(singles[:, ~pool.is_named], lack[:, None])], axis=0)
     leading = np.maximum(_sum(singles[:, own]), singles[:, right].max(axis=1))
     claimed = _sum(singles[:, right], beside[:, _powers(of, start)])
     identified = (leading >= np.maximum(rival, together)) & (claimed - total >= np.log(SURE))
+    identified &= _in_a_part(of, start, z) - singles[:, start] <= LEAST_LOCATED_ODDS
     named = np.maximum(leading, together) >= rival
     rest = np.flatnonzero(~named)
     named[rest] = _imitates(of, start, z[rest], singles[rest], _sum(singles[:, own])[rest])
@@ -122,6 +128,18 @@ def _family(of: EffectsOfPlan, own: int, z: Float[np.ndarray, "draws nu"]) -> Fl
     return np.concatenate(scores, axis=1)
 
 
+def _in_a_part(of: EffectsOfPlan, own: int, z: Float[np.ndarray, "draws nu"]) -> Float[np.ndarray, " draws"]:
+    """The highest log posterior of the effect in a part of the data alone: one that is too high makes the verdict doubtful."""
+    cut = parts_of_effect(of.at, of.pool, own)
+    if not len(cut.causes):
+        return np.full(len(z), -np.inf)
+    squares, blocks = (z @ cut.stacked) ** 2, cut.blocks
+    explained = np.add.reduceat(squares, cut.first_columns[blocks], axis=1)
+    total = np.broadcast_to(np.vecdot(z, z)[:, None], explained.shape)
+    evidence = log_evidence(total, [(explained, cut.ranks[blocks])], of.pool.dof, True)
+    return np.max(evidence + cut.log_weights[blocks], axis=1) + float(np.log(SIZE_PRIOR[1]))
+
+
 def _alternatives(
     of: EffectsOfPlan, z: Float[np.ndarray, "draws nu"]
 ) -> tuple[Float[np.ndarray, "draws labels"], Float[np.ndarray, " draws"]]:
@@ -131,7 +149,9 @@ def _alternatives(
     labels = np.array([model.label for model in others.noise.listed], object)
     by_label = {label: np.logaddexp.reduce(values[:, labels == label], axis=1) for label in dict.fromkeys(labels)}
     processes = mean_over_sizes(others.lack.by_size(z, True)) + others.lack.log_shares[:, None]
-    lack = np.logaddexp.reduce(processes, axis=0, initial=-np.inf) + np.log(LACK_OF_FIT_WEIGHT)
+    # A process of several fields has its share a second time, for one curve in all of them; that gains as much on average.
+    twice = np.where(others.lack.listed.kinds.width[others.lack.numbers] > 1, np.log(2.0), 0.0)
+    lack = np.logaddexp.reduce(processes + twice[:, None], axis=0, initial=-np.inf) + np.log(LACK_OF_FIT_WEIGHT)
     lack = np.logaddexp(lack, by_label.pop(UNEXPLAINED, -np.inf))
     return np.stack([np.full(len(z), -np.inf), *by_label.values()], axis=1) + one, lack + one
 

@@ -61,7 +61,7 @@ def located(screened: Screened) -> list[Located]:
     effects = pool.effects
     if len(members) == 1 and members[0] in effects:
         effects = np.array(members)
-    cut, part_of = _in_parts(screened, effects, parts)
+    cut, part_of = _in_parts(screened.at, pool, effects, parts)
     least = 0.0 if screened.best.unexplained else LEAST_LOCATED_ODDS
     whole = search.posterior_at(members, search.left(members)) if members else screened.log_posterior_of_unexplained
     rests = [rest for size in range(max(1, len(members))) for rest in combinations(members, size)]
@@ -81,11 +81,16 @@ def located(screened: Screened) -> list[Located]:
     return sorted(best.values(), key=lambda found: -found.log_odds)[:_MOST_LISTED]
 
 
+def parts_of_effect(at: Tangent, pool: Pool, number: int) -> Pool:
+    """An effect of a pool, cut to each part of the data in which it can be seen."""
+    return _in_parts(at, pool, np.array([number]), list(_parts(at)))[0]
+
+
 def _in_parts(
-    screened: Screened, effects: Int[np.ndarray, " effects"], parts: list[Part]
+    at: Tangent, pool: Pool, effects: Int[np.ndarray, " effects"], parts: list[Part]
 ) -> tuple[Pool, Int[np.ndarray, " cut"]]:
     """The effects cut to each part in which they can be seen, as causes with their own labels, and the part of each."""
-    at, pool, every = screened.at, screened.pool, np.stack([inside for _, inside in parts])
+    every = np.stack([inside for _, inside in parts])
     causes = [pool.causes[k] for k in effects.tolist()]
     widths = np.array([len(cause.slot.columns) for cause in causes])
     listed, owners = [], []
