@@ -71,14 +71,14 @@ READOUT = [id for id in SENSOR if ENTRIES[id].found_as]
 
 
 def plan():
-    """Three temperatures and two runs of five pitch settings and eight spindle angles; in the second run the triad is turned
+    """Six temperatures and two runs of five pitch settings and eight spindle angles; in the second run the triad is turned
     about its z axis, so that no axis lies along the spindle throughout."""
     alpha, beta = (grid.ravel() for grid in np.meshgrid(np.arange(0, 360, 45.0) + 5, [-80.0, -35.0, 10.0, 40.0, 75.0]))
-    parts = [(degc, run) for run, degc in (("1", -20.0), ("1", 25.0), ("2", 60.0), ("2", 5.0))]
+    parts = [((-20.0, -5.0), "1"), ((10.0, 25.0), "1"), ((42.0, 60.0), "2"), ((25.0, 10.0), "2")]
     count = len(alpha)
     order = np.concatenate([RNG.permutation(count) for _ in parts]) + count * np.repeat(np.arange(len(parts)), count)
     alpha, beta = np.tile(alpha, len(parts))[order], np.tile(beta, len(parts))[order]
-    degc = np.repeat([own for own, _ in parts], count) + RNG.normal(0, 1.0, len(alpha))
+    degc = np.repeat([own for pair, _ in parts for own in pair], count // 2) + RNG.normal(0, 1.0, len(alpha))
     time = 60.0 * np.arange(len(alpha)) + RNG.uniform(0, 20, len(alpha))
     run = np.repeat([own for _, own in parts], count)
     turn = passive("z", np.where(run == "2", np.pi / 2, 0.0))
@@ -145,8 +145,8 @@ def added(id, u, where):
         case "bias_temperature_square":
             signals = [(where.degc - PLAN.degc.mean()) ** 2]
         case "bias_hysteresis":
-            # Soaks at -20, 25, 60 and 5 degC.
-            signals = [np.select([time < 60 * 40, time < 60 * 120], [0.0, 1.0], -1.0)]
+            # Soaks from -20 up to 60, then down to 10 degC.
+            signals = [np.select([time < 60 * 20, time < 60 * 120], [0.0, 1.0], -1.0)]
         case "temperature_rate":
             passed = where.time - where.time[before]
             signals = [60 * (where.degc - where.degc[before]) / np.where(passed > 0, passed, 1.0)]

@@ -14,7 +14,7 @@ from tumblecal.chain.where import Where
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.soaks import soaks
-from tumblecal.ground.strict_toml import Number, Strict, toml_string, toml_table
+from tumblecal.ground.strict_toml import Number, Strict, toml_table
 from tumblecal.ground.temperature_functions import (
     HIGHEST_ORDER,
     SPLINE_ORDER,
@@ -247,7 +247,7 @@ def temperature_tables(chain: Chain, *, with_truth: bool) -> Iterator[str]:
         physical = np.reshape(leaf.change.value, (functions.count, len(components))).T @ functions.combination
         units = [leaf.reference.unit + divisor for divisor in functions.units]
         truth = {
-            toml_string(component or name): [f"{number!r} {unit}" for number, unit in zip(row, units, strict=True)]
+            (component or name): [f"{number!r} {unit}" for number, unit in zip(row, units, strict=True)]
             for component, row in zip(components, physical.tolist(), strict=True)
         }
         form = {"knots_degc": functions.knots_degc} if functions.knots_degc else {"order": functions.order}

@@ -100,13 +100,14 @@ def lag_of(where: Where, tau: Array) -> Array:
     same, both = jnp.diff(clock[order]) == 0, jnp.any(reached_from(where) != 0)
     passed, rises = (jnp.where(same & both, jnp.diff(column[order]), 0.0) for column in (time, degc))
     taus = jnp.broadcast_to(tau, degc.shape)[order[1:]]
-    return jnp.zeros_like(degc).at[order[1:]].set(_lags_after(taus, jnp.where(same, passed, jnp.inf), rises))
+    return jnp.zeros_like(degc).at[order[1:]].set(_lags_after(taus, passed, rises, jnp.where(same, 1.0, 0.0)))
 
 
 @jax.custom_jvp
-def _lags_after(taus: Array, passed: Array, rises: Array) -> Array:
-    """The lag after each of several rises of the temperature, degC, which took so long (s); `taus`: copies of one value."""
-    return _recursion(taus[0], passed, rises)
+def _lags_after(taus: Array, passed: Array, rises: Array, same: Array) -> Array:
+    """The lag after each of several rises of the temperature, degC, which took so long (s); `taus`: copies of one value;
+    `same`: 0 where another clock begins, otherwise 1."""
+    return _recursion(taus[0], passed, rises, same)
 
 
 @_lags_after.defjvp
@@ -117,7 +118,7 @@ def _changed_lags(values, changes):
     return lags, slopes * change
 
 
-def _recursion(tau: Array, passed: Array, rises: Array) -> Array:
+def _recursion(tau: Array, passed: Array, rises: Array, same: Array) -> Array:
     share = passed / tau
     # (1 - exp(-x))/x, which is 1 at 0.
     mean = jnp.where(share > 0, -jnp.expm1(-share) / jnp.where(share > 0, share, 1.0), 1.0)
@@ -126,7 +127,7 @@ def _recursion(tau: Array, passed: Array, rises: Array) -> Array:
         lag = now[0] * lag + now[1]
         return lag, lag
 
-    return jax.lax.scan(step, jnp.zeros_like(tau), (jnp.exp(-share), rises * mean))[1]
+    return jax.lax.scan(step, jnp.zeros_like(tau), (same * jnp.exp(-share), rises * mean))[1]
 
 
 class TemperatureLag(Link):
