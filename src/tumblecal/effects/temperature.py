@@ -242,5 +242,7 @@ ENTRIES = (
         shares=_LAG_SHARES,
         pauses="any",
         not_held=OF_PATH,
+        # On a ramp with few positions a lag of seven coefficients is a function of the attitude, as powers of temperature are.
+        least_soaks=3,
     ),
 )
