@@ -26,6 +26,7 @@ from tumblecal.capture.run.choice import Choice, DonePosition, Progress
 from tumblecal.chain.rig_file import rig_of
 from tumblecal.design.adaptive import AdaptiveChooser, chooser_of
 from tumblecal.design.exchange import exchange
+from tumblecal.design.limits import limits_of
 from tumblecal.design.measure import measures
 from tumblecal.design.one_visit import one_visit
 from tumblecal.design.target import Target
@@ -115,7 +116,9 @@ def adaptive(chooser: AdaptiveChooser, count: int, noise_g: float, blocked: set[
 def best_plan(chooser: AdaptiveChooser) -> list[tuple[float, float]]:
     """The best 24 positions by exchange, in the order that visits each pitch setting once."""
     here = chooser.here
-    found = exchange(here, chooser.ability, measures(one_visit(here), chooser.criterion), count=24, restarts=4)
+    found = exchange(
+        limits_of(here.cells, chooser.ability, count=24), measures(one_visit(here), chooser.criterion), restarts=4
+    )
     cells = here.cells
     return list(zip(cells.alpha_deg[found.cells].tolist(), cells.beta_deg[found.cells].tolist(), strict=True))
 

@@ -23,6 +23,8 @@ from tumblecal.chain.rig_file import rig_of
 from tumblecal.design.bounded_search import best_plan
 from tumblecal.design.cells import cells_of
 from tumblecal.design.criteria import attitudes_in_use, in_use, mean, volume, worst
+from tumblecal.design.limits import limits_of
+from tumblecal.design.one_visit import one_visit
 from tumblecal.design.responses import responses_of
 from tumblecal.ground.errors import InputError
 
@@ -94,7 +96,7 @@ def one(seed, whole, use):
     begin = time.process_time()
     try:
         criterion = in_use(use) if build is None else build(few)
-        plan = best_plan(few, ability, criterion, seed=int(seed), **limit)
+        plan = best_plan(one_visit(few), criterion, limits_of(few.cells, ability, **limit), seed=int(seed))
     except InputError as error:
         return found | {"criterion": build.__name__ if build else "in use", "rejected": str(error)}
     return found | {

@@ -28,6 +28,7 @@ from tumblecal.design.criteria import worst
 from tumblecal.design.effects_of_plan import EffectsOfPlan, effects_of_plan
 from tumblecal.design.evaluation import uncertainties
 from tumblecal.design.exchange import exchange
+from tumblecal.design.limits import limits_of
 from tumblecal.design.measure import measures
 from tumblecal.design.naming import Rates
 from tumblecal.design.naming_measures import naming_measures
@@ -273,7 +274,7 @@ def random_head(rng: np.random.Generator) -> Head:
             else:
                 wanted = rng.choice(["second_order.y", "third_order.z", "cross_coupling.z.xz"], 1)
                 factory = naming_measures(rig, responses, (), {str(wanted[0]): 0.5}, FEW)
-            chosen = exchange(responses, rig.ability, factory, count=_POSITIONS, restarts=1)
+            chosen = exchange(limits_of(responses.cells, rig.ability, count=_POSITIONS), factory, restarts=1)
             return Head(rig, responses, chosen.cells)
         except InputError:
             continue

@@ -19,7 +19,7 @@ from tumblecal.chain.rig_file import rig_of
 from tumblecal.design.bounded_search import best_plan
 from tumblecal.design.cells import cells_of
 from tumblecal.design.criteria import worst
-from tumblecal.design.limits import in_order
+from tumblecal.design.limits import in_order, limits_of
 from tumblecal.design.one_visit import one_visit
 from tumblecal.design.responses import responses_of
 from tumblecal.design.schedule import schedule
@@ -53,7 +53,8 @@ def main():
     )
     assert len(papers) == 24
     criterion, sd = worst(responses), 1e3 * responses.sd
-    of_paper = float(criterion.of(one_visit(responses).covariance(papers)))
+    model = one_visit(responses)
+    of_paper = float(criterion.of(model.covariance(papers)))
     minutes = schedule(cells, in_order(cells, papers), rig.ability.times).minutes
     print(f"The paper's plan: {minutes:.1f} min, largest uncertainty {of_paper:.3f} (mg, mrad or 1e-3)")
     print(
@@ -65,7 +66,9 @@ def main():
         for factor, remount in ((1, 30), (1, 5), (1, 0), (2, 30), (4, 30), (5, 30)):
             ability = replace(rig.ability, times=replace(rig.ability.times, remount_s=60.0 * remount))
             allowed = cells.beta_deg >= lowest
-            found = best_plan(responses, ability, criterion, minutes=factor * minutes, allowed=allowed, seed=1)
+            found = best_plan(
+                model, criterion, limits_of(cells, ability, minutes=factor * minutes, allowed=allowed), seed=1
+            )
             taken, value, bound = found.chosen.cells, found.chosen.value, found.bounds
             least, mounted = sd * np.sqrt(3 / len(taken)), len(np.unique(cells.mounting[taken]))
             print(

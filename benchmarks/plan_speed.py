@@ -92,10 +92,10 @@ def main():
     print("| positions | criterion | method | restarts | processor time, s | value, mg | bound / value |")
     print("|---|---|---|---|---|---|---|")
     for count, restarts in ((24, 4), (240, 2)):
-        limits = limits_of(responses.cells, rig.ability, count=count, minutes=None)
+        limits = limits_of(responses.cells, rig.ability, count=count)
         for criterion in (volume(responses), worst(responses)):
             begin = time.process_time()
-            found = exchange(responses, rig.ability, measures(model, criterion), count=count, restarts=restarts)
+            found = exchange(limits, measures(model, criterion), restarts=restarts)
             took = time.process_time() - begin
             bound = bounds(model, criterion, limits, found.cells)
             row(count, criterion.name, "`exchange`", restarts, took, found.value, bound)

@@ -90,8 +90,9 @@ def test_the_bound_of_a_number_of_positions_is_the_least_of_its_relaxation(candi
     assert found.fractions.sum() == pytest.approx(7)
 
 
-def test_a_plan_is_close_to_its_bound(head, candidates):
-    found = best_plan(candidates, head.ability, worst(candidates), minutes=70.0, restarts=1)
+def test_a_plan_is_close_to_its_bound(head, candidates, model):
+    limits = limits_of(candidates.cells, head.ability, minutes=70.0)
+    found = best_plan(model, worst(candidates), limits, restarts=1)
     assert found.chosen.value == pytest.approx(found.bounds.value) and found.chosen.minutes <= 70.0
     assert found.bounds.efficiency > 0.95 and not found.bounds.reason
 

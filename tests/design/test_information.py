@@ -1,46 +1,30 @@
 """The covariance that a schedule gives, against an exact fit and against a covariance with random effects in numpy."""
 
-import tomllib
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tumblecal import Problem, fit
 from tumblecal.chain.head_ability import Repeatability, SlowNoise, Times
-from tumblecal.chain.rig_file import rig_of
 from tumblecal.design.cells import cells_of
-from tumblecal.design.information import covariance_of, design_of, noise_covariance
+from tumblecal.design.evaluation import uncertainties
 from tumblecal.design.responses import responses_of
 from tumblecal.design.schedule import schedule
 from tumblecal.ground.errors import InputError
 
 
-RIG = """
-schema = "tumblecal.rig/1"
-[plan]
-alpha_deg = { start = 0, step = 90, count = 4 }
-beta_deg = [0, 45, 90]
-mounts = ["A", "B"]
-[chain.leaves]
-dbeta = { by = "mount.pitch" }
-dtheta = { by = "mount" }
-[mounts]
-A = { rotation_deg = [0, 0, 0] }
-B = { rotation_deg = [0, 0, 90] }
-[noise]
-sd = "0.15 mg"
-[priors]
-dbeta = "3 arcmin"
-[head]
-alpha_deg = { start = 0, step = 90, count = 4 }
-"""
-
-
 @pytest.fixture(scope="module")
-def rig():
-    return rig_of(tomllib.loads(RIG), Path("rig.toml"))
+def rig(head):
+    """The head with the settings of its plan, no repeatability and the usual times."""
+    ability = replace(
+        head.ability,
+        alpha_deg=(0.0, 90.0, 180.0, 270.0),
+        beta_deg=(0.0, 45.0, 90.0),
+        times=Times(),
+        repeatability=Repeatability(),
+    )
+    return replace(head, ability=ability)
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +35,7 @@ def responses(rig):
 def test_standard_deviations_of_a_plan_are_those_of_its_fit(rig, responses):
     order = np.arange(len(responses.cells))
     planned = schedule(responses.cells, order, rig.ability.times)
-    covariance = covariance_of(design_of(responses, planned), noise_covariance(responses, planned, rig.ability))
+    covariance = uncertainties(responses, planned, rig.ability).covariance
     chain = rig.chain(rig.where)
     problem = Problem.from_arrays(
         chain, rig.where, np.asarray(chain(rig.where)), noise_sd=0.15e-3, priors={"dbeta": (0.0, np.radians(0.05))}
@@ -75,7 +59,7 @@ def test_visits_and_slow_noise_are_a_covariance_of_the_readings(rig, responses):
     planned = schedule(responses.cells, order, ability.times)
     assert planned.pitch_visit.tolist() == [0, 0, 1, 1, 2, 2, 3, 3, 4, 4, 5, 5, 6, 6]
     assert planned.start_s[:3].tolist() == [5.0, 50.0, 50.0 + 30 + 5 + 10 + 100]
-    found = covariance_of(design_of(responses, planned), noise_covariance(responses, planned, ability))
+    found = uncertainties(responses, planned, ability).covariance
 
     n, cells = len(order), responses.cells
     to_pitch = responses.pitch.columns[order][:, :, 0]

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from tumblecal.chain.head_ability import Times
 from tumblecal.design.criteria import Criterion, determined, mean, volume, worst
+from tumblecal.design.evaluation import uncertainties
 from tumblecal.design.exchange import exchange
-from tumblecal.design.information import covariance_of, design_of, noise_covariance
 from tumblecal.design.limits import Occupied, in_order, limits_of
 from tumblecal.design.measure import measures
 from tumblecal.design.one_visit import one_visit
@@ -42,7 +42,7 @@ def value(model, rows, cells, combine):
 def test_the_model_of_a_search_gives_the_covariance_of_its_schedule(head, candidates, model):
     taken = in_order(candidates.cells, np.r_[0:5, 9:14, 18:20, 40:47, 58:62])
     planned = schedule(candidates.cells, taken, head.ability.times)
-    exact = covariance_of(design_of(candidates, planned), noise_covariance(candidates, planned, head.ability))
+    exact = uncertainties(candidates, planned, head.ability).covariance
     assert len(np.unique(planned.pitch_visit)) == len(np.unique(candidates.cells.group[taken]))
     assert np.sqrt(np.diag(model.covariance(taken))) == pytest.approx(np.sqrt(np.diag(exact)), rel=1e-4)
 
@@ -66,7 +66,9 @@ def test_updates_are_direct_inverses(candidates, model, seed):
 def test_the_best_plan_of_all_is_found(head, candidates, model, build):
     criterion = build(candidates)
     allowed = np.isin(np.arange(80), FEW)
-    found = exchange(candidates, head.ability, measures(model, criterion), count=6, allowed=allowed, restarts=6)
+    found = exchange(
+        limits_of(candidates.cells, head.ability, count=6, allowed=allowed), measures(model, criterion), restarts=6
+    )
     every = [value(model, criterion.functionals, plan, criterion.combine) for plan in combinations(FEW, 6)]
     assert found.value == pytest.approx(min(every), rel=1e-6)
     assert found.value == pytest.approx(value(model, criterion.functionals, found.cells, criterion.combine), rel=1e-6)
@@ -77,7 +79,7 @@ def test_the_best_plan_in_a_time_is_found(head, candidates, model):
     ability = replace(head.ability, times=Times(dwell_s=60, settle_s=0, turn_s=0, pitch_change_s=100, remount_s=150))
     criterion, cells = mean(candidates), candidates.cells
     allowed = np.isin(np.arange(80), FEW)
-    found = exchange(candidates, ability, measures(model, criterion), minutes=11.0, allowed=allowed, restarts=4)
+    found = exchange(limits_of(cells, ability, minutes=11.0, allowed=allowed), measures(model, criterion), restarts=4)
     every = [
         value(model, criterion.functionals, plan, "mean")
         for size in range(1, 11)
@@ -89,10 +91,8 @@ def test_the_best_plan_in_a_time_is_found(head, candidates, model):
 
 
 def test_the_same_seed_gives_the_same_plan(head, candidates, model):
-    one, two = (
-        exchange(candidates, head.ability, measures(model, worst(candidates)), minutes=40.0, restarts=1, seed=3)
-        for _ in "ab"
-    )
+    limits, factory = limits_of(candidates.cells, head.ability, minutes=40.0), measures(model, worst(candidates))
+    one, two = (exchange(limits, factory, restarts=1, seed=3) for _ in "ab")
     assert one.cells.tolist() == two.cells.tolist() and one.value == two.value
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from tumblecal.chain.head_ability import HeadTable, SlowNoise, Times
+from tumblecal.chain.head_ability import HeadAbilityTable, SlowNoise, Times
 from tumblecal.noise.of_head import slow_covariance, tabulated_covariance
 
 
@@ -40,9 +40,9 @@ def test_the_table_of_slow_noise_is_read_with_its_units():
     warm_up = "1 mg"
     warm_up_time_s = 2000
     """
-    stated = HeadTable(noise=tomllib.loads(text)).ability((0.0,), ("1",)).slow_noise
+    stated = HeadAbilityTable(noise=tomllib.loads(text)).ability((0.0,), ("1",)).slow_noise
     found = [getattr(stated, field.name) for field in fields(SlowNoise)]
     assert found == pytest.approx([1e-5, 2e-7, 3e-5, 700.0, 1e-4, 1e-3, 2000.0])
     assert SlowNoise(drift_g_per_h=1e-5).any and SlowNoise(warm_up_g=1e-5).any and not SlowNoise().any
     with pytest.raises(ValidationError, match="g/h"):
-        HeadTable(noise={"drift": "0.1 mg"})
+        HeadAbilityTable(noise={"drift": "0.1 mg"})

@@ -141,7 +141,7 @@ class SlowNoiseTable(Strict):
         )
 
 
-class HeadTable(Strict):
+class HeadAbilityTable(Strict):
     """The `[head]` table of a rig file."""
 
     alpha_deg: Angles = Field(default_factory=lambda: Steps(start=0, step=15, count=24))
@@ -155,7 +155,7 @@ class HeadTable(Strict):
     noise: SlowNoiseTable = SlowNoiseTable()
 
     @model_validator(mode="after")
-    def _distinct(self) -> "HeadTable":
+    def _distinct(self) -> "HeadAbilityTable":
         for name in ("alpha_deg", "beta_deg", "mounts", "temperatures_degc"):
             listed = _values(getattr(self, name))
             if len(set(listed)) < len(listed):

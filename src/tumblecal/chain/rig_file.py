@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from pydantic import Field
 
 from tumblecal.chain.considered import Considered
-from tumblecal.chain.head_ability import HeadTable
+from tumblecal.chain.head_ability import HeadAbilityTable
 from tumblecal.chain.nominal import LINKS, NOMINAL, UNIT_OF_LEAF, Leaf
 from tumblecal.chain.plan_table import PlanTable
 from tumblecal.chain.rig import EffectLinks, Rig
@@ -75,7 +75,7 @@ class RigTable(Strict):
     usual: dict[str, str] = {}
     considered: dict[str, Considered] = {}
     temperature: TemperatureTable = TemperatureTable()
-    head: HeadTable | None = None
+    head: HeadAbilityTable | None = None
 
 
 def read_rig(

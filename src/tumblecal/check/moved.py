@@ -6,7 +6,7 @@ before a scale factor. An explanation is named if its posterior probability is a
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -117,10 +117,7 @@ def moved(test: Consistency, noise_g: float) -> Moved:
         found.append(Explanation(kind, parameters, 0.0, sizes @ mean, sizes @ covariance @ sizes.T, label))
     weights = np.exp(np.array(log_weights) - np.max(log_weights))
     weights /= weights.sum()
-    listed = [
-        Explanation(one.kind, one.parameters, float(weight), one.change, one.covariance, one.attitude)
-        for one, weight in zip(found, weights, strict=True)
-    ]
+    listed = [replace(one, probability=float(weight)) for one, weight in zip(found, weights, strict=True)]
     ordered = tuple(sorted(listed, key=lambda each: -each.probability))
     return Moved(ordered, _separating(ordered, prior, noise_g))
 
@@ -147,8 +144,8 @@ def _evidence(
     Float[np.ndarray, " factors"], Float[np.ndarray, "factors columns"], Float[np.ndarray, "factors columns columns"]
 ]:
     """Log evidence relative to no change, and posterior of the coefficients, for each factor of the prior sd."""
-    left, sizes, right = np.linalg.svd(columns, full_matrices=False)
-    along = left.T @ white
+    across, sizes, right = np.linalg.svd(columns, full_matrices=False)
+    along = across.T @ white
     logs, means, variances = [], [], []
     for factor in usual.FACTORS:
         total = 1 + (factor * sizes) ** 2
@@ -163,14 +160,14 @@ def _separating(
     ordered: Sequence[Explanation], prior: Float[np.ndarray, "9 9"], noise_g: float
 ) -> tuple[Attitude, ...]:
     """Attitudes whose size of gravity differs most between the likeliest explanations."""
-    rivals = [each for each in ordered[:5] if each.parameters]
-    if len(rivals) < 2 or ordered[0].probability > NAMED:
+    likeliest = [each for each in ordered[:5] if each.parameters]
+    if len(likeliest) < 2 or ordered[0].probability > NAMED:
         return ()
     candidates = attitudes()
     rows = slopes(np.array([each.up for each in candidates]))
-    best = rivals[0]
+    best = likeliest[0]
     chosen: list[Attitude] = []
-    for other in rivals[1:]:
+    for other in likeliest[1:]:
         spread = prior + best.covariance + other.covariance
         separation = np.abs(rows @ (best.change - other.change)) / np.sqrt(
             noise_g**2 + np.einsum("ri,ij,rj->r", rows, spread, rows)

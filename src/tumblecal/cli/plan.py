@@ -148,10 +148,10 @@ def _allowed(rig: "Rig", options: PlanOptions) -> "Rig":
 
     **Raises:** `InputError` for a mounting that the rig does not have.
     """
-    from tumblecal.chain.head_ability import HeadTable
+    from tumblecal.chain.head_ability import HeadAbilityTable
 
     there = rig.plan
-    ability = rig.ability or HeadTable.model_validate({}).ability(
+    ability = rig.ability or HeadAbilityTable.model_validate({}).ability(
         tuple(sorted(set(there.beta_deg))), tuple(dict.fromkeys(there.mounts))
     )
     alpha, beta = angles("--allow-alpha", options.allow_alpha), angles("--allow-beta", options.allow_beta)

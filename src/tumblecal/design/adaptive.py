@@ -19,6 +19,7 @@ from tumblecal.design.adaptive_rig import adaptive_cells
 from tumblecal.design.criteria import Criterion, determined, worst
 from tumblecal.design.evaluation import Uncertainties, uncertainties
 from tumblecal.design.exchange import exchange
+from tumblecal.design.limits import limits_of
 from tumblecal.design.measure import measures
 from tumblecal.design.next_cell import NextCell, next_cells
 from tumblecal.design.one_visit import one_visit
@@ -112,9 +113,8 @@ class AdaptiveChooser:
             return f"mounting {self.mount} does not determine {', '.join(hidden)}" if hidden else ""
         model = one_visit(here)
         allowed = np.arange(len(here.cells)) < self.candidates
-        chosen = exchange(
-            here, ability, measures(model, self.criterion), minutes=minutes, allowed=allowed, repeats=1000, restarts=2
-        )
+        limits = limits_of(here.cells, ability, minutes=minutes, allowed=allowed, repeats=1000)
+        chosen = exchange(limits, measures(model, self.criterion), restarts=2)
         found = uncertainties(here, schedule(here.cells, chosen.cells, self.ability.times), ability)
         missed = [name for name in self.target.missed(found.names, found.sd, _NEAR) if name not in hidden]
         lines = []
@@ -168,15 +168,16 @@ class AdaptiveChooser:
 
     def _purpose(self, best: NextCell, measured: Schedule | None, before: Uncertainties | None, now: Responses) -> str:
         """The purpose of a position and of those that follow it, for the operator."""
-        after = uncertainties(now, self._extended(now, measured, best), self.ability)
+        after = self._after(now, measured, best)
         count = len(best.batch)
         together = "" if count == 1 else f", with the next {count - 1}" if count > 2 else ", with the next one"
         return f"{self._reduction(before, after, self.parameters)}{together}"
 
-    def _extended(self, now: Responses, measured: Schedule | None, best: NextCell) -> Schedule:
-        if measured is None:
-            return schedule(now.cells, np.array(best.batch), self.ability.times)
-        return continued(now.cells, measured, np.array(best.batch), self.ability.times)
+    def _after(self, now: Responses, measured: Schedule | None, best: NextCell) -> Uncertainties:
+        """The uncertainties after a batch."""
+        return uncertainties(
+            now, continued(now.cells, measured, np.array(best.batch), self.ability.times), self.ability
+        )
 
     def _reduction(self, before: Uncertainties | None, after: Uncertainties, parameters: tuple[str, ...]) -> str:
         """The parameter whose uncertainty is reduced most, among those with a large one, in words."""
@@ -249,7 +250,7 @@ class AdaptiveChooser:
         found = next_cells(now, self.ability, criterion, measured, None, self.elsewhere)
         if not found or found[0].rate <= 0:
             return ""
-        after = uncertainties(now, self._extended(now, measured, found[0]), self.ability)
+        after = self._after(now, measured, found[0])
         names = self.parameters if self.target is None else tuple(self.target.sd)
         mount, count = now.cells.mounts[found[0].cell], len(found[0].batch)
         return (

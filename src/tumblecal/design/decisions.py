@@ -67,23 +67,23 @@ def _named(
     pool = of.pool
     singles = _with_each(of, (), z)
     start = own[int(np.argmax(singles[:, own].max(axis=0)))]
-    beside, family = _with_each(of, (start,), z), _family(of, start, z)
+    with_another, family = _with_each(of, (start,), z), _family(of, start, z)
     noise, lack = _alternatives(of, z)
     none = log_evidence_of_noise(np.vecdot(z, z), pool.dof, True) + np.log(SIZE_PRIOR[0])
     right = [*own, *identities(of, start)]
     others = np.setdiff1d(np.flatnonzero(pool.is_named), right)
     alone = _sum(singles[:, others], singles[:, ~pool.is_named], lack[:, None])
     # Every other cause has sets with one cause more too; they have about the share that those of the effect have.
-    further = alone + np.minimum(_sum(beside) - _sum(singles[:, own]), 0.0)
-    total = _sum(none[:, None], singles, beside, family, noise, lack[:, None], further[:, None])
-    together = np.concatenate([beside[:, pool.is_named], family], axis=1).max(axis=1)
+    further = alone + np.minimum(_sum(with_another) - _sum(singles[:, own]), 0.0)
+    total = _sum(none[:, None], singles, with_another, family, noise, lack[:, None], further[:, None])
+    together = np.concatenate([with_another[:, pool.is_named], family], axis=1).max(axis=1)
     named_other = np.concatenate([_by_label(of, singles, others), noise], axis=1).max(axis=1)
-    rival = np.max([named_other, _sum(singles[:, ~pool.is_named], lack[:, None])], axis=0)
+    alternative = np.max([named_other, _sum(singles[:, ~pool.is_named], lack[:, None])], axis=0)
     leading = np.maximum(_sum(singles[:, own]), singles[:, right].max(axis=1))
-    claimed = _sum(singles[:, right], beside[:, _powers(of, start)])
-    identified = (leading >= np.maximum(rival, together)) & (claimed - total >= np.log(SURE))
+    claimed = _sum(singles[:, right], with_another[:, _powers(of, start)])
+    identified = (leading >= np.maximum(alternative, together)) & (claimed - total >= np.log(SURE))
     identified &= _in_a_part(of, start, z) - singles[:, start] <= LEAST_LOCATED_ODDS
-    named = np.maximum(leading, together) >= rival
+    named = np.maximum(leading, together) >= alternative
     rest = np.flatnonzero(~named)
     named[rest] = _imitates(of, start, z[rest], singles[rest], _sum(singles[:, own])[rest])
     return named, identified

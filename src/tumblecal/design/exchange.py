@@ -10,12 +10,10 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-from jaxtyping import Bool, Int
+from jaxtyping import Int
 
-from tumblecal.chain.head_ability import HeadAbility
-from tumblecal.design.limits import Limits, Occupied, in_order, limits_of
+from tumblecal.design.limits import Limits, Occupied, in_order
 from tumblecal.design.measure import Measure, Measures
-from tumblecal.design.responses import Responses
 from tumblecal.design.schedule import schedule
 
 
@@ -38,30 +36,21 @@ class Chosen:
 
 
 def exchange(
-    responses: Responses,
-    ability: HeadAbility,
+    limits: Limits,
     factory: Measures,
     *,
-    count: int | None = None,
-    minutes: float | None = None,
-    allowed: Bool[np.ndarray, " cells"] | None = None,
-    repeats: int = 1,
     restarts: int = 4,
     seed: int = 0,
     starts: Sequence[Sequence[int] | np.ndarray] = (),
 ) -> Chosen:
-    """The best cells by a measure: `count` positions, or as many as are best within `minutes`, or both.
+    """The best cells by a measure within limits.
 
     **Arguments:**
 
     - `factory`: the measure that begins with given cells.
-    - `allowed`: cells that may be chosen. `repeats`: largest number of positions in one cell.
     - `restarts`: from random positions; with limited time, of each set of mountings and temperatures, in rounds of half of
       the sets that remain (the first without changes of whole pitch settings). `starts`: positions to begin with in addition.
-
-    **Raises:** `InputError` if neither limit is stated, or no position fits.
     """
-    limits = limits_of(responses.cells, ability, count=count, minutes=minutes, allowed=allowed, repeats=repeats)
     rng = np.random.default_rng(seed)
     found = [_Plan(limits, factory, rng, start).improved() for start in starts]
     sets = list(_sets(limits, rng))
@@ -75,8 +64,8 @@ def exchange(
         sets = [sets[k] for k in order[: (len(sets) + 1) // 2]]
         found += tried
     best = min(found, key=lambda plan: plan.measure.value)
-    taken = in_order(responses.cells, best.measure.cells)
-    duration = schedule(responses.cells, taken, ability.times).minutes
+    taken = in_order(limits.cells, best.measure.cells)
+    duration = schedule(limits.cells, taken, limits.times).minutes
     return Chosen(taken, best.measure.value, duration, tuple(plan.measure.value for plan in found))
 
 

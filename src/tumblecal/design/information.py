@@ -62,18 +62,3 @@ def information_of(design: Design, noise: Float[np.ndarray, "3 positions positio
         columns = design.columns[:, axis]
         total += columns.T @ cho_solve(cho_factor(noise[axis]), columns)
     return total
-
-
-def covariance_of(
-    design: Design, noise: Float[np.ndarray, "3 positions positions"]
-) -> Float[np.ndarray, "shared shared"]:
-    """Covariance of the shared parameters (scaled); infinite along directions that nothing determines.
-
-    **Raises:** `numpy.linalg.LinAlgError` if the design does not determine them.
-    """
-    information, count = information_of(design, noise), design.shared
-    of_visits = information[count:, count:]
-    # Directions of the visits that nothing determines do not matter for the shared parameters unless they are mixed with them.
-    mixed = information[:count, count:]
-    reduced = information[:count, :count] - mixed @ np.linalg.pinv(of_visits, hermitian=True) @ mixed.T
-    return np.linalg.inv(reduced)

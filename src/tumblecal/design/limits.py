@@ -42,12 +42,14 @@ def limits_of(
     cells: Cells,
     ability: HeadAbility,
     *,
-    count: int | None,
-    minutes: float | None,
+    count: int | None = None,
+    minutes: float | None = None,
     allowed: Bool[np.ndarray, " cells"] | None = None,
     repeats: int = 1,
 ) -> Limits:
-    """The limits of a plan.
+    """The limits of a plan: `count` positions, or as many as are best within `minutes`, or both.
+
+    `allowed`: cells that may be chosen; all if omitted. `repeats`: largest number of positions in one cell.
 
     **Raises:** `InputError` if neither a number nor a duration is stated, or no position fits.
     """

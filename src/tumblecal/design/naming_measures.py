@@ -2,7 +2,7 @@
 
 An effect's coefficient has the standard deviation sd without other causes in the model, and a larger one together with another
 effect of a similar signal. It is detected, and separated from the other, if it is so many of these (`_detected`, `_SEPARATED`).
-Both are covariances of linear models, so each measure is the largest of several `CriterionMeasure`.
+Both are covariances of linear models, so each measure is the largest of several measures of criteria.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -17,8 +17,9 @@ from scipy.special import ndtri
 from tumblecal.chain import Where
 from tumblecal.chain.rig import Rig
 from tumblecal.design.alias import ATTITUDES, effect_in_use, of_use, sensor_rows
+from tumblecal.design.combined_measures import largest_measures
 from tumblecal.design.criteria import Criterion
-from tumblecal.design.measure import CriterionMeasure, Measure, Measures
+from tumblecal.design.measure import Measures, measures
 from tumblecal.design.one_visit import OneVisit, one_visit
 from tumblecal.design.responses import Responses
 from tumblecal.diagnosis.causes.identities import one_function_at_1_g
@@ -39,41 +40,6 @@ _QUANTILE = float(ndtri(POWER))
 _SEPARATED = _QUANTILE + float(np.sqrt(_QUANTILE**2 + 2 * np.log(SURE / (1 - SURE))))
 # Other effects from which each is separated: the nearest ones on all cells and on each of so many random sets of cells.
 _NEAREST, _SETS, _OF_SET = 2, 6, 24
-
-
-class Largest:
-    """The largest of several measures of the same positions."""
-
-    def __init__(self, measures: Sequence[Measure]):
-        self._measures = measures
-
-    @property
-    def value(self) -> float:
-        """Value of the positions so far."""
-        return max(measure.value for measure in self._measures)
-
-    @property
-    def cells(self) -> tuple[int, ...]:
-        """Cells of the positions."""
-        return self._measures[0].cells
-
-    def if_added(self) -> Float[np.ndarray, " cells"]:
-        """Values after one more position, for each cell."""
-        return np.max([measure.if_added() for measure in self._measures], axis=0)
-
-    def if_removed(self) -> Float[np.ndarray, " positions"]:
-        """Values without each of the positions."""
-        return np.max([measure.if_removed() for measure in self._measures], axis=0)
-
-    def add(self, cell: int) -> None:
-        """Add a position."""
-        for measure in self._measures:
-            measure.add(cell)
-
-    def remove(self, position: int) -> None:
-        """Remove the position with this number in `cells`."""
-        for measure in self._measures:
-            measure.remove(position)
 
 
 @dataclass(frozen=True)
@@ -240,7 +206,7 @@ def naming_measures(
             row = np.zeros((1, len(extended.names)))
             row[0, len(responses.names)] = needed / size
             listed.append((extended, Criterion(f"naming {id}", row, "largest")))
-    return lambda cells: Largest([CriterionMeasure(extended, criterion, cells) for extended, criterion in listed])
+    return largest_measures([measures(extended, criterion) for extended, criterion in listed])
 
 
 def alias_measures(
@@ -263,4 +229,4 @@ def alias_measures(
         rows[:-1, len(responses.names)] = 1e3 * effect_in_use(entries, of.slot(id), use)
         rows[-1, len(responses.names)] = 1.0
         listed.append((extended, Alias(rows, of.detected)))
-    return lambda cells: Largest([CriterionMeasure(extended, criterion, cells) for extended, criterion in listed])
+    return largest_measures([measures(extended, criterion) for extended, criterion in listed])

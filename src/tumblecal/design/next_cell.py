@@ -15,7 +15,7 @@ from scipy.linalg import solve_triangular
 from tumblecal.chain.head_ability import HeadAbility
 from tumblecal.design.order_value import RIDGE, OfCovariance, OrderValue, shared_covariance
 from tumblecal.design.responses import Responses
-from tumblecal.design.schedule import Schedule, continued, moves, schedule
+from tumblecal.design.schedule import Schedule, continued, moves
 
 
 # Longest batches: without a change of the mounting or the temperature, and with one.
@@ -181,9 +181,7 @@ class _Batches:
         return covariance[: self.shared, : self.shared] - mixed.swapaxes(1, 2) @ gain
 
     def _extended(self, planned: Schedule | None, order: Sequence[int] | np.ndarray) -> Schedule:
-        order = np.asarray(order, int)
-        cells, times = self.responses.cells, self.times
-        return schedule(cells, order, times) if planned is None else continued(cells, planned, order, times)
+        return continued(self.responses.cells, planned, np.asarray(order, int), self.times)
 
     def _seconds(self, planned: Schedule | None) -> float:
         """Time from the end of the measured positions to that of a schedule."""

@@ -16,7 +16,7 @@ from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from tumblecal.chain.head_ability import HeadAbility
 from tumblecal.design.cells import Cells
 from tumblecal.design.responses import Responses, Setting
-from tumblecal.design.schedule import Schedule, continued, schedule
+from tumblecal.design.schedule import Schedule, continued
 from tumblecal.estimation.visits import visit_precision
 from tumblecal.noise.of_head import tabulated_covariance
 
@@ -97,8 +97,6 @@ class OrderValue:
 
     def scheduled(self, order: Int[np.ndarray, " positions"]) -> Schedule:
         """The schedule of an order."""
-        if self.after is None:
-            return schedule(self.cells, self.listed[order], self.ability.times)
         return continued(self.cells, self.after, self.listed[order], self.ability.times)
 
     def noise(self, planned: Schedule) -> Float[np.ndarray, "positions positions"]:

@@ -61,8 +61,10 @@ def schedule(cells: Cells, order: Int[np.ndarray, " positions"], times: Times) -
     return Schedule(order, start, float(start[-1] + times.dwell_s), *visits)
 
 
-def continued(cells: Cells, measured: Schedule, order: Int[np.ndarray, " positions"], times: Times) -> Schedule:
-    """A schedule, measured or planned, with further positions after it."""
+def continued(cells: Cells, measured: Schedule | None, order: Int[np.ndarray, " positions"], times: Times) -> Schedule:
+    """A schedule, measured or planned, with further positions after it; None: nothing is before them."""
+    if measured is None:
+        return schedule(cells, order, times)
     order = np.concatenate([measured.cells[-1:], np.asarray(order, int)])
     # The last measured position, then the further ones: times and visits from its end on.
     further = schedule(cells, order, times)

@@ -1,7 +1,7 @@
 """The search of a plan: criteria, the choice of positions, their order, bounds, and the trade-off against time."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
@@ -12,9 +12,10 @@ from tumblecal.chain.rig import Rig
 from tumblecal.design.bounded_search import best_plan
 from tumblecal.design.bounds import Bounds, bounds
 from tumblecal.design.candidates import Candidates
+from tumblecal.design.combined_measures import weighted_measures
 from tumblecal.design.criteria import Criterion, in_use, mean, volume, worst
 from tumblecal.design.exchange import exchange
-from tumblecal.design.limits import limits_of
+from tumblecal.design.limits import Limits, limits_of
 from tumblecal.design.measure import Measures, measures
 from tumblecal.design.naming_measures import alias_measures, naming_measures
 from tumblecal.design.one_visit import OneVisit, one_visit
@@ -23,7 +24,6 @@ from tumblecal.design.responses import Responses
 from tumblecal.design.schedule import Schedule, schedule
 from tumblecal.design.wanted import COVARIANCE, Wanted
 from tumblecal.design.weighted import Weighted
-from tumblecal.design.weighted_measures import weighted_measures
 from tumblecal.effects.catalogue import Catalogue
 from tumblecal.ground.errors import InputError
 
@@ -111,41 +111,26 @@ class Search:
         wanted = self.wanted
         if set(wanted.criteria) - {*COVARIANCE}:
             return self.chosen(wanted.count, wanted.minutes, wanted.restarts)[0]
-        found = best_plan(
-            self.responses,
-            self.candidates.ability,
-            self.criterion,
-            model=self.model,
-            count=wanted.count,
-            minutes=wanted.minutes,
-            allowed=self.allowed,
-            repeats=self._repeats(wanted.count, wanted.minutes),
-            restarts=wanted.restarts,
-            seed=wanted.seed,
-        )
+        limits = self._limits(wanted.count, wanted.minutes)
+        found = best_plan(self.model, self.criterion, limits, restarts=wanted.restarts, seed=wanted.seed)
         return found.chosen.cells
 
     def chosen(self, count: int | None, minutes: float | None, restarts: int) -> tuple[Int[np.ndarray, " new"], float]:
         """Good new positions, numbers among the cells of the search, and their value."""
-        found = exchange(
-            self.responses,
-            self.candidates.ability,
-            self.factory,
-            count=count,
-            minutes=minutes,
-            allowed=self.allowed,
-            repeats=self._repeats(count, minutes),
-            restarts=restarts,
-            seed=self.wanted.seed,
-        )
+        found = exchange(self._limits(count, minutes), self.factory, restarts=restarts, seed=self.wanted.seed)
         return found.cells, found.value
 
-    def _repeats(self, count: int | None, minutes: float | None) -> int:
-        """Largest number of positions in one cell: cells are measured again only if there are too few."""
-        times = self.candidates.ability.times
-        most = np.inf if minutes is None else 60 * minutes / (times.dwell_s + times.settle_s)
+    def _limits(self, count: int | None, minutes: float | None) -> Limits:
+        """The limits of a plan; cells are measured again only if there are too few.
+
+        **Raises:** `InputError` if no position fits.
+        """
+        ability, allowed = self.candidates.ability, self.allowed
+        most = np.inf if minutes is None else 60 * minutes / (ability.times.dwell_s + ability.times.settle_s)
         most = most if count is None else min(most, count)
-        return max(1, int(np.ceil(most / np.sum(self.allowed))))
+        repeats = max(1, int(np.ceil(most / np.sum(allowed))))
+        cells = self.responses.cells
+        return limits_of(cells, ability, count=count, minutes=minutes, allowed=allowed, repeats=repeats)
 
     def ordered(self, taken: Int[np.ndarray, " new"]) -> Ordered:
         """New positions in the wanted order, after those measured already; the schedule has the numbers of the candidates."""
@@ -179,15 +164,8 @@ class Search:
         """Bounds of the criterion; None if the positions are chosen by other criteria too."""
         if set(self.wanted.criteria) - {*COVARIANCE}:
             return None
-        limits = limits_of(
-            self.responses.cells,
-            self.candidates.ability,
-            count=self.wanted.count,
-            minutes=self.wanted.minutes,
-            allowed=self.allowed,
-            repeats=int(np.bincount(taken).max()),
-        )
-        return bounds(self.model, self.criterion, limits, taken)
+        limits = self._limits(self.wanted.count, self.wanted.minutes)
+        return bounds(self.model, self.criterion, replace(limits, repeats=int(np.bincount(taken).max())), taken)
 
     def traded(self, count: int) -> Iterator[TradeOff]:
         """Plans for other numbers of positions, or other times; `count`: number of the plan."""

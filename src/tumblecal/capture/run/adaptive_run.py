@@ -84,14 +84,11 @@ class AdaptiveRun:
         """The state of the run; `present`: a position that is taken as finished, one dwell from now."""
         state, plan = self._run.state, self._run.plan
         seconds, speed = plan.dwell.seconds, plan.port.speed
-        attempts = sorted(state.accepted.values(), key=lambda attempt: attempt.wall_ns)
-        ends = [1e-9 * attempt.wall_ns * speed for attempt in attempts if attempt.position != present]
-        steps = [plan.steps[attempt.position] for attempt in attempts if attempt.position != present]
-        sds = [
-            tuple(map(float, attempt.summary.get("sd_of_mean_g", ())))
-            for attempt in attempts
-            if attempt.position != present
-        ]
+        others = [attempt for attempt in state.accepted.values() if attempt.position != present]
+        others.sort(key=lambda attempt: attempt.wall_ns)
+        ends = [1e-9 * attempt.wall_ns * speed for attempt in others]
+        steps = [plan.steps[attempt.position] for attempt in others]
+        sds = [tuple(map(float, attempt.summary.get("sd_of_mean_g", ()))) for attempt in others]
         end, remaining = time.time() * speed, self.remaining_s
         if present is not None:
             end, remaining = end + seconds, remaining - seconds
