@@ -2,7 +2,7 @@
 
     python benchmarks/plan_naming.py sd --runs 2000
     python benchmarks/plan_naming.py agreement --runs 2000
-    python benchmarks/plan_naming.py loop --heads 200 --runs 5
+    python benchmarks/plan_naming.py loop --heads 200 --runs 5 --out loop.jsonl
 
 `sd`: predicted standard deviations against the errors of fits. `agreement`: three plans. `loop`: random heads, each with its
 plan (search, schedule, forecast), then measured and diagnosed. Readings are simulated in plain numpy (`blind_instrument`), with
@@ -10,6 +10,7 @@ random errors of the instrument, of settings, and of settings that are set again
 """
 
 import argparse
+import json
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -280,33 +281,51 @@ def random_head(rng: np.random.Generator) -> Head:
             continue
 
 
-def closed_loop(heads: int, runs: int, seed: int) -> None:
-    """Promised against observed rates on random heads, by bins of the promise."""
-    promises, happened, began = [], [], time.monotonic()
-    for number in range(heads):
-        rng = np.random.default_rng([seed, number])
-        head = random_head(rng)
-        of = effects_of_plan(head.rig, FEW)
-        diagnoser = OfModel(of)
-        shown = [id for id in EFFECTS if len(of.causes(id)) and not _hidden(of, id)]
-        id = shown[rng.integers(len(shown))]
-        size = rng.uniform(4.0, 11.0) / float(np.linalg.norm(of.shown(id)))
-        try:
-            happened.append(np.mean([head.judged(diagnoser, rng, id, size) for _ in range(runs)], axis=0))
-        except InputError as error:
-            print(f"head {number} is not diagnosed: {error}", flush=True)
-            continue
-        promises.append(promised(of, id, size, 400))
-        if (number + 1) % 10 == 0 or number + 1 == heads:
-            _print_bins(np.array(promises), np.array(happened), runs, time.monotonic() - began)
+def closed_loop(heads: int, runs: int, seed: int, first: int, out: Path | None) -> None:
+    """Promised against observed rates on random heads, by bins of the promise; heads that `out` has are not repeated."""
+    results = [] if out is None or not out.exists() else [json.loads(line) for line in out.read_text().splitlines()]
+    results = [own for own in results if own["seed"] == seed and first <= own["number"] < first + heads]
+    done, began = {own["number"] for own in results}, time.monotonic()
+    for number in range(first, first + heads):
+        if number not in done:
+            results.append(closed_loop_of(number, runs, seed))
+            if out is not None:
+                with out.open("a") as file:
+                    file.write(json.dumps(results[-1]) + "\n")
+        if (number + 1 - first) % 10 == 0 or number + 1 == first + heads:
+            _print_bins(results, time.monotonic() - began)
+
+
+def closed_loop_of(number: int, runs: int, seed: int) -> dict:
+    """One random head: its promise, and whether each measurement detects, names, identifies the effect, or why not."""
+    rng = np.random.default_rng([seed, number])
+    head = random_head(rng)
+    of = effects_of_plan(head.rig, FEW)
+    diagnoser = OfModel(of)
+    shown = [id for id in EFFECTS if len(of.causes(id)) and not _hidden(of, id)]
+    id = shown[rng.integers(len(shown))]
+    size = rng.uniform(4.0, 11.0) / float(np.linalg.norm(of.shown(id)))
+    result = {"seed": seed, "number": number, "id": id, "size": size, "unit": ENTRIES[id].unit}
+    try:
+        outcomes = [head.judged(diagnoser, rng, id, size).tolist() for _ in range(runs)]
+    except InputError as error:
+        print(f"head {number} is not diagnosed: {error}", flush=True)
+        return result | {"error": str(error)}
+    return result | {"promise": promised(of, id, size, 400).tolist(), "outcomes": outcomes}
 
 
 def _hidden(of: EffectsOfPlan, id: str) -> bool:
     return bool(np.linalg.norm(of.shown(id)) < 0.05 * np.linalg.norm(of.signal(id)))
 
 
-def _print_bins(promises: np.ndarray, happened: np.ndarray, runs: int, seconds: float) -> None:
+def _print_bins(results: Sequence[dict], seconds: float) -> None:
     """Mean promise and mean rate of each bin of promises."""
+    diagnosed = [own for own in results if "promise" in own]
+    if not diagnosed:
+        return
+    promises = np.array([own["promise"] for own in diagnosed])
+    runs = len(diagnosed[0]["outcomes"])
+    happened = np.array([np.mean(own["outcomes"], axis=0) for own in diagnosed])
     print(f"{len(promises)} heads, {runs} measurements each, {seconds:.0f} s", flush=True)
     for column, word in enumerate(("detected", "named", "identified")):
         parts = [f"all {100 * promises[:, column].mean():.1f} / {100 * happened[:, column].mean():.1f}"]
@@ -327,6 +346,8 @@ if __name__ == "__main__":
     parser.add_argument("--runs", type=int, default=2000)
     parser.add_argument("--heads", type=int, default=200)
     parser.add_argument("--seed", type=int, default=48)
+    parser.add_argument("--first", type=int, default=0, help="number of the first head")
+    parser.add_argument("--out", type=Path, help="one JSON line for each head; heads that it has are not repeated")
     chosen = parser.parse_args()
     tumblecal.enable_float64()
     if chosen.part == "sd":
@@ -334,4 +355,4 @@ if __name__ == "__main__":
     elif chosen.part == "agreement":
         agreement(chosen.runs)
     else:
-        closed_loop(chosen.heads, chosen.runs, chosen.seed)
+        closed_loop(chosen.heads, chosen.runs, chosen.seed, chosen.first, chosen.out)
