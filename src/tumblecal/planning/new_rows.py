@@ -246,7 +246,9 @@ class _NewPositions:
                 known = 0 if leaf.by is None else self.index[leaf.by][k]
                 if known >= 0 and not new_group:
                     continue
-                parts = [*(leaf.by or "run").split("."), *(["mount"] if new_group else [])]
+                # Positions that set the same setting again have one new visit.
+                by = VISITS[leaf.by][0] if leaf.by in VISITS else leaf.by or "run"
+                parts = [*by.split("."), *(["mount"] if new_group else [])]
                 key = tuple(self.keys[k][part] for part in parts)
                 if key not in numbers:
                     numbers[key] = first + leaf.value.shape[1] * len(numbers)
@@ -264,10 +266,12 @@ class _NewPositions:
         return np.stack(added, axis=2), np.array(prior)
 
     def _prior(self, columns: np.ndarray) -> list[float]:
-        """Information on the parameters of a new group: that of the prior if it is the same for all groups."""
+        """Information on the parameters of a new group: that of the prior on each alone if it is the same for all groups."""
         root = self.problem.prior_root * self.model.scales[: self.model.nominal]
-        given = np.sum(root**2, axis=0)[columns]
-        return [float(part[0]) if np.all(part == part[0]) else 0.0 for part in given.T]
+        stated = np.flatnonzero(np.any(root != 0, axis=0))
+        given = np.zeros(root.shape[1])
+        given[stated] = 1.0 / np.diag(np.linalg.inv(root[:, stated].T @ root[:, stated]))
+        return [float(part[0]) if np.allclose(part, part[0], rtol=1e-6) else 0.0 for part in given[columns].T]
 
 
 def _mounting(probe: np.ndarray, alpha: float) -> np.ndarray:
