@@ -57,7 +57,7 @@ def test_no_plan_is_better_than_its_bound(head, candidates, model, build, minute
     best = min(every, key=lambda plan: every[plan])
     found = bounds(model, criterion, limits, best)
     assert found.value == pytest.approx(every[best], rel=1e-6)
-    assert found.white <= found.own <= every[best]
+    assert found.white <= found.own <= every[best] * (1 + 1e-12)  # two ways to compute one value
     # The bound does not depend on the plan that is known, and it is not an empty one.
     other = bounds(model, criterion, limits, max(every, key=lambda plan: every[plan]))
     assert other.white <= every[best] * (1 + 1e-9)
