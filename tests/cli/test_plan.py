@@ -5,6 +5,7 @@ import re
 import shlex
 import tomllib
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
@@ -22,6 +23,7 @@ from tumblecal.simulation.position_means import simulated
 PAGE = (Path(__file__).parents[2] / "docs" / "plan.md").read_text(encoding="utf-8")
 
 
+@pytest.mark.usefixtures("few_effects")
 def test_the_commands_of_the_page_and_the_uncertainties_of_their_calibration(tumblecal, tmp_path, monkeypatch):
     """plan.md: the commands, without the forecast."""
     monkeypatch.chdir(tmp_path)
@@ -32,9 +34,9 @@ def test_the_commands_of_the_page_and_the_uncertainties_of_their_calibration(tum
     mine = folder / "plan_mine.toml"
     mine.write_text("# not of this command")
     assert tumblecal(*example).code == 0
-    outcome = tumblecal(*design, "--no-forecast")
-    assert outcome.code == 0, outcome.lines
-    assert re.search(r"^24 positions in 2 mountings, ", outcome.out, re.MULTILINE)
+    designed = tumblecal(*design, "--no-forecast")
+    assert designed.code == 0, designed.lines
+    assert re.search(r"^24 positions in 2 mountings, ", designed.out, re.MULTILINE)
     assert "</html>" in (folder / "plan.html").read_text() and mine.exists()
     record = json.loads((folder / "plan.json").read_text())
     assert record["schema"] == "tumblecal.plan/1" and len(record["positions"]) == 24
@@ -59,6 +61,29 @@ def test_the_commands_of_the_page_and_the_uncertainties_of_their_calibration(tum
     stated = json.loads((tmp_path / "calibration" / "result.json").read_text())["methods"]["exact"]["parameters"]
     for name, each in record["parameters"].items():
         assert stated[name]["sd"] == pytest.approx(each["u"], rel=3e-3), name
+
+    # Two captures, one for each mounting, each with its clock: one calibration states the planned uncertainties.
+    lines = (tmp_path / "simulated.csv").read_text().splitlines()
+    header, *rows = (line for line in lines if not line.startswith("#"))
+    columns = header.split(",")
+    for mount, names in (("A", "capture_A.csv"), ("B", "capture_B.csv")):
+        mounted = [dict(zip(columns, row.split(","), strict=True)) for row in rows]
+        mounted = [row for row in mounted if row["mount"] == mount]
+        first = float(mounted[0]["time_s"])
+        zero = f"# time_zero: {datetime.fromtimestamp(1.8e9 + first, UTC).isoformat()}"
+        own = [",".join((row | {"time_s": str(float(row["time_s"]) - first)}).values()) for row in mounted]
+        (tmp_path / names).write_text("\n".join([zero, header, *own]) + "\n")
+    joined = ("--join", "capture_B.csv", "capture_A.csv", "--rig", "plan/rig.toml", "--no-figures")
+    outcome = tumblecal("calibrate", *joined, "--out", "both")
+    assert outcome.code == 0 and not any("plan/rig.toml" in line for line in outcome.lines), outcome.lines
+    stated = json.loads((tmp_path / "both" / "result.json").read_text())["methods"]["exact"]["parameters"]
+    for name, each in record["parameters"].items():
+        assert stated[name]["sd"] == pytest.approx(each["u"], rel=3e-3), name
+    suggestion = next(line for line in designed.out.splitlines() if "calibrate" in line)
+    # A diagnosis proposes positions at visits that are not measured yet.
+    outcome = tumblecal("diagnose", *joined, "--out", "found")
+    assert outcome.code == 0 and "ADEQUATE" in outcome.out, outcome.lines
+    assert "calibrate --join run_A/positions.csv run_B/positions.csv --rig plan/rig.toml" in suggestion
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from tumblecal.cli.join_options import JoinOptions
 from tumblecal.cli.options import ModelOptions, ResultOptions
 from tumblecal.cli.output import Output
 from tumblecal.cli.subfolders import subfolders
@@ -28,6 +29,7 @@ def calibrate(
     /,
     *,
     options: ModelOptions = ModelOptions(),
+    joining: JoinOptions = JoinOptions(),
     out: Path = Path("calibration"),
     results: ResultOptions = ResultOptions(),
     output: Output = Output(),
@@ -39,7 +41,8 @@ def calibrate(
     Parameters
     ----------
     data
-        Position files (.csv or .parquet). Several files are a batch: each has a subfolder, and a faulty file is skipped.
+        Position files (.csv or .parquet). Several files are a batch: each has a subfolder, and a faulty file is skipped. With
+        --join they are one measurement.
     out
         Output folder: result.json, calibration.json, figures, calibration.html (all results) and, for a batch, summary.csv.
         A folder with results of diagnose is rejected. Example: --out unit17.
@@ -54,13 +57,19 @@ def calibrate(
     from tumblecal.ground.result_set import remove_results
     from tumblecal.report.calibration_judgements import use_of
 
-    model, single = StatedModel.of(options), len(data) == 1
-    folders = subfolders(data, out)
+    joining.check()
+    model, single = StatedModel.of(options), joining.join or len(data) == 1
+    folders = subfolders(data[:1] if joining.join else data, out)
     given = [*data, options.rig, options.head, *options.effects]
     protect_inputs([*given, results.history], folders=[*folders, out], names=(*_SET, _SUMMARY))
     protect_other_results(CALIBRATION, [*folders, out])
     results.ready()
     sets = model.read_each(data, together=single)
+    if joining.join:
+        whole, words = joining.joined([part for part in sets if not isinstance(part, InputError)], model.rig)
+        output.say(words)
+        sets, data = [whole], data[:1]
+    model.compare_with_plan(sets)
     usable, faults, rows = True, list[str](), list[dict]()
     with output_folders([out]):
         for number, (file, positions, folder) in enumerate(zip(data, sets, folders, strict=True), start=1):

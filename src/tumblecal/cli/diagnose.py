@@ -3,11 +3,12 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 from cyclopts import Parameter
 
 from tumblecal.cli.diagnosis_batch import DIAGNOSIS_SET, Batch, processes_for
+from tumblecal.cli.join_options import ONE_MOUNTING, JoinOptions
 from tumblecal.cli.options import ModelOptions, NextPositions, ResultOptions
 from tumblecal.cli.output import Output
 from tumblecal.cli.subfolders import subfolders
@@ -19,12 +20,6 @@ if TYPE_CHECKING:
     from tumblecal.capture.reduction.position_samples import PositionSamples
     from tumblecal.data import PositionSet
 
-
-# Printed for joined files without a column mount, if something was found.
-_ONE_MOUNTING = (
-    "Assumed: one mounting for all files. If the triad was removed from its fixture between them, add a column mount "
-    "(such as A and B)."
-)
 
 # Files in the output folders of one file or a batch.
 _WRITTEN = (*DIAGNOSIS_SET, *UNITS_SET, SUMMARY)
@@ -41,16 +36,6 @@ class InputOptions:
         Raw samples of the position means: folder of tumblecal capture, or table (.csv, .parquet) with columns position,
         ax_g, ay_g, az_g, time_s. Their noise, including its slow part, weights the positions. With --join: one table for
         all files. Default: none. Example: --samples run1.
-    join
-        Files joined into one measurement. Each file without a column run is a separate run, so a pitch setting may differ
-        between files by more than the noise. Example: diagnose day1.csv day2.csv --join.
-    same_run
-        With --join: one run for all files without a column run, for example the first positions and the proposed ones.
-        Example: --join --same-run.
-    pause
-        With --join: time from the last position of a file to the first of the next, once for all files or once for each
-        later file; `unknown`; or `none` if one clock runs through all files. Default: from the comments time_zero, or
-        from time_s if it continues; otherwise unknown. Example: --pause '2 h'.
     units
         Files of different units (triads), measured on one dividing head: separates errors of the head from those of each
         sensor, and writes head.toml for --head. Example: diagnose A1.csv A2.csv --units.
@@ -67,26 +52,19 @@ class InputOptions:
     """
 
     samples: Path | None = None
-    join: bool = False
-    same_run: Annotated[bool, Parameter(negative=())] = False
-    pause: Annotated[tuple[str, ...], Parameter(negative=(), show_default=False)] = ()
     units: bool = False
     holdout: str | None = None
     workers: int | None = None
     max_rows: int | None = None
 
-    def check(self) -> None:
-        """Check the numbers.
+    def check(self, *, join: bool) -> None:
+        """Check the numbers; `join`: whether the files are joined.
 
-        **Raises:** `InputError` for one that is too small.
+        **Raises:** `InputError` for one that is too small, and for options that contradict each other.
         """
         if self.workers is not None and self.workers < 1:
             raise InputError(f"--workers {self.workers}: at least 1")
-        if self.same_run and not self.join:
-            raise InputError("--same-run applies to joined files only; add --join")
-        if self.pause and not self.join:
-            raise InputError("--pause is the time between joined files; add --join")
-        if self.units and self.join:
+        if self.units and join:
             raise InputError(
                 "--units treats each file as a different triad, --join treats all as one; give only one of these options"
             )
@@ -105,7 +83,7 @@ class InputOptions:
             raise InputError(f"--holdout {self.holdout}: write a column and a value, such as run=3")
         return column.strip(), value.strip()
 
-    def raw(self, data: Sequence[Path], noise_sd: str | None) -> "PositionSamples | None":
+    def raw(self, data: Sequence[Path], noise_sd: str | None, *, join: bool) -> "PositionSamples | None":
         """The raw samples; None if not given.
 
         **Raises:** `InputError` if they cannot be samples of the data, or if the noise is also stated.
@@ -114,7 +92,7 @@ class InputOptions:
             return None
         if noise_sd is not None:
             raise InputError("--samples and --noise-sd both state the noise; give only one of these options")
-        if len(data) > 1 and not self.join:
+        if len(data) > 1 and not join:
             raise InputError(
                 f"--samples {self.samples}: samples of one position file, but {len(data)} files are given; diagnose each file "
                 "separately"
@@ -131,6 +109,7 @@ def diagnose(
     model: ModelOptions = ModelOptions(),
     out: Path = Path("diagnosis"),
     inputs: InputOptions = InputOptions(),
+    joining: JoinOptions = JoinOptions(),
     following: NextPositions = NextPositions(),
     results: ResultOptions = ResultOptions(),
     output: Output = Output(),
@@ -152,35 +131,33 @@ def diagnose(
     output.begin()
     use_one_thread()
     start()
-    from tumblecal.data.joined import joined, with_separate_runs
-    from tumblecal.data.joined_clocks import joined_clocks
     from tumblecal.data.overwriting import DIAGNOSIS, protect_inputs, protect_other_results
-    from tumblecal.estimation.mountings import with_distinct_mounts
     from tumblecal.ground.atomic import output_folders
 
-    inputs.check()
+    joining.check()
+    inputs.check(join=joining.join)
     if inputs.units and model.head is not None:
         raise InputError("--units measures the errors of the head, --head states them; give only one of these options")
     if inputs.units and len(data) < 2:
         raise InputError("--units: only one file; give the files of at least two units to find their common errors")
-    held_out, allowed, raw = inputs.held_out(), following.allowed(), inputs.raw(data, model.noise_sd)
-    single = inputs.join or len(data) == 1
+    held_out, allowed, raw = inputs.held_out(), following.allowed(), inputs.raw(data, model.noise_sd, join=joining.join)
+    single = joining.join or len(data) == 1
     batch = Batch(model, held_out, raw, allowed, single, results, inputs.max_rows, output)
     batch.ready()
-    folders = subfolders(data[:1] if inputs.join else data, out)
+    folders = subfolders(data[:1] if joining.join else data, out)
     protected = [*data, model.rig, model.head, inputs.samples, *model.effects, results.history]
     protect_inputs(protected, folders=[*folders, out], names=_WRITTEN)
     protect_other_results(DIAGNOSIS, [*folders, out])
     read = batch.read(data, together=single or inputs.units)
-    if inputs.join:
+    if joining.join:
         parts = [part for part in read if not isinstance(part, InputError)]
-        parts = parts if model.rig else with_distinct_mounts(parts)
-        parts = parts if inputs.same_run else with_separate_runs(parts)
-        clocks = joined_clocks(parts, inputs.pause)
-        whole = joined(parts, clocks)
-        output.say("\n".join(filter(None, [_runs_in_words(parts, whole), *(clocks.words if clocks else ())])))
-        batch.note = _ONE_MOUNTING if len(parts) > 1 and whole.mount is None else ""
+        whole, words = joining.joined(parts, batch.rig)
+        output.say(words)
+        batch.compare_with_plan([whole])
+        batch.note = ONE_MOUNTING if len(parts) > 1 and whole.mount is None else ""
         read, data = [whole], data[:1]
+    else:
+        batch.compare_with_plan(read)
     results.ready()
     with output_folders(folders, out):
         if inputs.units:
@@ -193,18 +170,6 @@ def diagnose(
         if faults:
             raise InputError(faults)
     return 0
-
-
-def _runs_in_words(parts: Sequence["PositionSet"], whole: "PositionSet") -> str:
-    """The runs of joined files; empty if each file has its own mounting."""
-    if len(parts) < 2 or (whole.run is None and whole.mount is not None):
-        return ""
-    if whole.run is None:
-        return f"Assumed: one run for all {len(parts)} files."
-    runs = list(dict.fromkeys(whole.run))
-    run_of_each_file = len(runs) == len(parts) and all(len(set(part.run or ())) == 1 for part in parts)
-    source = "one for each file (--same-run joins them)" if run_of_each_file else "from the columns run"
-    return f"Runs: {', '.join(runs)}: {source}."
 
 
 def _diagnosed(

@@ -15,6 +15,7 @@ from tumblecal.ground.errors import InputError
 if TYPE_CHECKING:
     from tumblecal.capture.reduction.position_samples import PositionSamples
     from tumblecal.chain.head_file import MeasuredHead
+    from tumblecal.chain.rig import Rig
     from tumblecal.cli.options import ModelOptions, ResultOptions
     from tumblecal.cli.output import Output
     from tumblecal.data import PositionSet
@@ -67,6 +68,15 @@ class Batch:
     def usual(self) -> "Mapping[str, float]":
         """The largest usual sizes of parameters that a rig states, base units."""
         return self._model.usual
+
+    @property
+    def rig(self) -> "Rig | None":
+        """The rig of the options."""
+        return self._model.rig
+
+    def compare_with_plan(self, read: "Sequence[PositionSet | InputError]") -> None:
+        """As `StatedModel.compare_with_plan`."""
+        self._model.compare_with_plan(read)
 
     def read(self, files: Sequence[Path], *, together: bool) -> "list[PositionSet | InputError]":
         """As `StatedModel.read_each`, without a check of the size of the readings."""

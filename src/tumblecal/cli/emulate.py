@@ -24,6 +24,7 @@ def emulate(
     seconds: float | None = None,
     ledger: Path | None = None,
     chamber: Path | None = None,
+    mount: str | None = None,
     effects: EffectFiles = (),
 ) -> None:
     """Emulate an instrument on a dividing head: open a virtual serial port and send the bytes of such a device.
@@ -49,6 +50,8 @@ def emulate(
     chamber
         Name of the port of the virtual chamber, to be given to tumblecal capture. Default: none. Example: --chamber
         virtual-chamber.
+    mount
+        Mounting of the triad, a label of the rig file. Default: the first one of its plan. Example: --mount B.
     """
     from tumblecal.capture.emulator.config import read_emulation
     from tumblecal.capture.emulator.device import VirtualDevice
@@ -66,7 +69,7 @@ def emulate(
     if chamber is not None and chamber.absolute() == port.absolute():
         raise InputError(f"emulate: --chamber {chamber} is also --port; give another name")
     wanted = read_emulation(config)
-    truth = _truth(wanted, config, effects)
+    truth = _truth(wanted, config, effects, mount)
     operator = Follower(follow, wanted) if follow is not None else Typist()
     with StopSignals() as signals:
         device = VirtualDevice(wanted, truth)
@@ -84,7 +87,7 @@ def emulate(
         end_by(signals.received)
 
 
-def _truth(wanted: "Emulation", config: Path, files: tuple[Path, ...]) -> "TruthFunction":
+def _truth(wanted: "Emulation", config: Path, files: tuple[Path, ...], mount: str | None) -> "TruthFunction":
     """The exact chain of the rig with its true parameters and effects; an ideal instrument if there is no rig.
 
     **Raises:** `InputError` for a range that the device does not have.
@@ -97,18 +100,26 @@ def _truth(wanted: "Emulation", config: Path, files: tuple[Path, ...]) -> "Truth
         spoken = protocol(wanted.instrument.protocol)
     spoken.check_range(wanted.instrument.range_g, f"{config}: instrument.range_g")
     if wanted.rig is None:
+        if mount is not None:
+            raise InputError(f"--mount {mount}: {config} states no rig; add rig = and the file with [mounts.{mount}]")
         return ideal
-    return exact_truth((config.parent / wanted.rig).resolve(), wanted.effects, files, stated=config)
+    return exact_truth((config.parent / wanted.rig).resolve(), wanted.effects, files, stated=config, mount=mount)
 
 
 def exact_truth(
-    path: Path, effects: dict[str, list[float]], files: tuple[Path, ...] = (), *, stated: Path | None = None
+    path: Path,
+    effects: dict[str, list[float]],
+    files: tuple[Path, ...] = (),
+    *,
+    stated: Path | None = None,
+    mount: str | None = None,
 ):
     """Readings at a position by the exact chain of a rig file, with effects of the catalogue in their own units.
 
-    `files`: Python files with user-defined effects. `stated`: the file that states the effects, for error messages.
+    `files`: Python files with user-defined effects. `stated`: the file that states the effects, for error messages. `mount`:
+    the mounting; None: the first one of the rig's plan.
 
-    **Raises:** `InputError` for an unknown effect, or more values than its coefficients.
+    **Raises:** `InputError` for an unknown effect, more values than its coefficients, or a mounting that the plan lacks.
     """
     import dataclasses
 
@@ -119,24 +130,38 @@ def exact_truth(
     start()
     import equinox as eqx
 
-    from tumblecal.chain.where import settings
+    from tumblecal.chain.where import settings, with_visits
     from tumblecal.effects import catalogue
     from tumblecal.effects.catalogue import read_rig_with_effects
 
     entries = catalogue(*files)
     rig = read_rig_with_effects(path, entries)
-    plan_alpha, plan_beta = np.radians(rig.plan.alpha_deg), np.radians(rig.plan.beta_deg)
+    plan = rig.plan
+    mount = plan.mounts[0] if mount is None else mount
+    mounted = np.array([label == mount for label in plan.mounts])
+    if not mounted.any():
+        known = ", ".join(dict.fromkeys(plan.mounts))
+        raise InputError(f"--mount {mount}: {path} has no positions in this mounting; mountings of its plan: {known}")
+    plan_alpha, plan_beta = np.radians(plan.alpha_deg), np.radians(plan.beta_deg)
     count = len(plan_alpha)
     where = settings(
-        plan_alpha, plan_beta, time_s=np.zeros(count), temperature_degc=np.full(count, 25.0), approach=np.ones(count)
+        plan_alpha,
+        plan_beta,
+        run=plan.runs,
+        mount=plan.mounts,
+        time_s=np.zeros(count),
+        temperature_degc=np.full(count, 25.0),
+        approach=np.ones(count),
     )
+    where = with_visits(where, {leaf.by for leaf in rig.leaves.values()})
     chain = _with_effects(rig.true_chain(where), effects, where, entries, stated or path)
     evaluate = eqx.filter_jit(lambda chain, where: chain(where))
 
     def truth(alpha_deg: float, beta_deg: float, time_s: float, temperature_degc: float):
         alpha, beta = np.radians([alpha_deg, beta_deg])
-        # Each pitch setting of the rig has an error; between settings that of the nearest is used.
-        row = int(np.argmin(np.abs(plan_beta - beta)))
+        # Each pitch setting of the rig has an error, and each visit of it in a plan of visits: that of the nearest position.
+        turned = np.abs(np.sin((plan_alpha - alpha) / 2))
+        row = int(np.lexsort((turned, np.round(np.abs(plan_beta - beta), 9), ~mounted))[0])
         alphas, betas = plan_alpha.copy(), plan_beta.copy()
         alphas[row], betas[row] = alpha, beta
         # The time of effects begins at the first position, so the other rows remain at zero.

@@ -16,6 +16,7 @@ from tumblecal.chain.nominal import UNIT_OF_LEAF
 from tumblecal.chain.rig import Rig
 from tumblecal.chain.rig_file import unit_of_parameter
 from tumblecal.cli.options import ModelOptions
+from tumblecal.cli.output import warn
 from tumblecal.data import PositionSet, read_positions
 from tumblecal.data.repeats import copied_positions
 from tumblecal.data.same_files import given_once
@@ -30,6 +31,7 @@ from tumblecal.effects.catalogue import (
 )
 from tumblecal.estimation import Problem, default_chain, problem_of, where_of
 from tumblecal.estimation.methods import checked
+from tumblecal.estimation.planned_positions import compared_with_plan, is_designed
 from tumblecal.estimation.plausibility import Implausible
 from tumblecal.estimation.priors import Priors
 from tumblecal.estimation.setup_error import SetupError
@@ -209,6 +211,14 @@ class StatedModel:
                     raise
                 read.append(fault)
         return read
+
+    def compare_with_plan(self, read: Sequence[PositionSet | InputError]) -> None:
+        """Print the differences between each set of positions and the designed plan of the rig, if it is one."""
+        if self.rig is None or not is_designed(self.rig):
+            return
+        for positions in read:
+            if not isinstance(positions, InputError):
+                warn(positions.source, compared_with_plan(self.rig, positions))
 
     def checked(self, data: PositionSet) -> tuple[PositionSet, list[SetupError]]:
         """The positions after correction of set-up errors that do not influence a calibration at rest, and these errors.

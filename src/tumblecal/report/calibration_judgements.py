@@ -183,7 +183,7 @@ def _residuals(calibrated: Calibrated) -> Iterator[Judgement]:
 
 
 def _noise(fit: Fit) -> str:
-    return "the recording's noise" if fit.problem.correlated else "the stated noise"
+    return "the recording's noise" if fit.problem.noise_of_recording else "the stated noise"
 
 
 def _dispersion(calibrated: Calibrated) -> Iterator[Judgement]:

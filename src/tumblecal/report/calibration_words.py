@@ -27,7 +27,7 @@ _WHY = {
     "kalman": "the small-angle approximation fails, or the filter still depends on its starting values",
     "iterated": "the filter has not converged from its starting values",
 }
-_INDEPENDENT = "it assumes independent positions, but the noise of the recording is correlated"
+_INDEPENDENT = "it assumes independent positions, but the noise is correlated"
 
 # For residuals above the noise, consistent with it, and below it.
 _OF_STATED = (
@@ -122,12 +122,13 @@ def noise_words(result: Fit, level: ContradictedLevel | None = None) -> str:
         return f"noise: {level.words}{where}"
     if not result.dof > 0:
         known = "not known" if result.noise == "estimated" else "stated"
-        whose = "of the recording" if result.problem.correlated else known
+        whose = "of the recording" if result.problem.noise_of_recording else known
         return f"noise: {whose}; goodness of fit cannot be tested: {result.no_freedom_words}"
     if result.noise == "estimated":
         return f"noise: sd {result.sigma * 1e3:.4f} mg, estimated from the residuals (intervals by Student's t)"
     p_value, ratio = result.chi2_p_value or 0.0, result.chi2 / result.dof
-    whose, judged = ("of the recording", _OF_RECORDING) if result.problem.correlated else (_stated(result), _OF_STATED)
+    of_recording = result.problem.noise_of_recording
+    whose, judged = ("of the recording", _OF_RECORDING) if of_recording else (_stated(result), _OF_STATED)
     words = judged[0 if p_value <= UNLIKELY else 1 if p_value < 1 - UNLIKELY else 2].format(
         diagnose=suggested("diagnose", *result.data.as_arguments)
     )
@@ -135,7 +136,9 @@ def noise_words(result: Fit, level: ContradictedLevel | None = None) -> str:
 
 
 def _stated(result: Fit) -> str:
-    """That the noise is stated, and whether sd columns of few samples are pooled."""
+    """That the noise is stated, and whether it has a slow part or sd columns of few samples are pooled."""
+    if result.problem.correlated:
+        return "stated in the rig, with its slow part"
     data, counted = result.data, result.data.weighing_sd
     if data.n is None or counted is None or counted is data.sd or not np.array_equal(result.problem.sd, counted):
         return "stated"

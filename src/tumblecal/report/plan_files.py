@@ -76,7 +76,7 @@ def capture_text(plan: DesignedPlan, rows: list[int], folder: Path) -> str:
     turned = "" if rotation is None or not any(rotation) else f", rotated by {_angles(rotation)} deg about x, y, z"
     comments = [
         f"Positions of mounting {mount}{turned}; designed by tumblecal plan. Measure them in this order.",
-        "[port] has the defaults of capture; correct it first.",
+        "Correct [port] first, and add the site (gravity scales every reading): [site] latitude_deg = 48.1, height_m = 520",
         suggested("capture", folder / name, "--out", new, "--port", "PORT"),
         suggested("reduce", new, less=EVERY),
     ]
@@ -266,9 +266,6 @@ def capture_commands(plan: DesignedPlan, folder: Path) -> Iterator[str]:
         yield suggested("capture", folder / name, "--out", run_folder(name), "--port", "PORT")
     for name in files:
         yield suggested("reduce", run_folder(name), less=EVERY)
-    if len(files) == 1:
-        data = [run_folder(name) / "positions.csv" for name in files]
-        yield suggested("calibrate", *data, "--rig", folder / RIG, "--out", "calibration")
-    else:
-        joined = [run_folder(name) / "positions.csv" for name in files]
-        yield suggested("diagnose", "--join", *joined, "--rig", folder / RIG, "--out", "diagnosis")
+    data = [run_folder(name) / "positions.csv" for name in files]
+    join = ["--join"] if len(data) > 1 else []
+    yield suggested("calibrate", *join, *data, "--rig", folder / RIG, "--out", "calibration")

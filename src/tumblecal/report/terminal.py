@@ -108,8 +108,11 @@ def weaknesses(result: Fit) -> list[str]:
 def _only_exact(exact: Fit) -> Iterator[str]:
     """The statements that only the exact fit uses."""
     if exact.problem.correlated:
+        source = (
+            "noise model of the recording" if exact.problem.noise_of_recording else "slow noise that the rig states"
+        )
         yield (
-            "noise: the exact fit uses the noise model of the recording, with the correlation between neighbouring positions; "
+            f"noise: the exact fit uses the {source}, with the correlation between neighbouring positions; "
             "the other methods assume independent positions with the sd columns"
         )
     if exact.problem.with_prior:
