@@ -1,10 +1,12 @@
 """Decisions of the diagnosis on many residual vectors of one plan: detected, named, identified.
 
-The diagnosis searches all sets of causes. If one effect alone is there, the sets that count are every single cause, the effect
-with one cause more, its family, other noise, and lack of fit. These are evaluated here for all vectors together, by the
-formulas and with the numbers of the diagnosis.
+The diagnosis searches all sets of causes. If one effect alone is there, the sets that count are every single cause, the most
+probable ones with one cause more, their families, other noise, and lack of fit. These are evaluated here for all vectors
+together, by the formulas and with the numbers of the diagnosis.
 """
 
+from collections.abc import Sequence
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -23,6 +25,7 @@ from tumblecal.diagnosis.priors import (
     LEAST_LOCATED_ODDS,
     LEAST_ODDS,
     NEGLIGIBLE,
+    PROMISING,
     SIZE_PRIOR,
     SURE,
 )
@@ -59,34 +62,73 @@ def decisions(of: EffectsOfPlan, id: str, z: Float[np.ndarray, "draws nu"]) -> D
 def _named(
     of: EffectsOfPlan, own: list[int], z: Float[np.ndarray, "draws nu"]
 ) -> tuple[Bool[np.ndarray, " draws"], Bool[np.ndarray, " draws"]]:
-    """Which vectors in which something is detected name an effect with these numbers (one for each start), and identify it.
+    """Which vectors in which something is detected name an effect with these numbers (one for each start), and identify it."""
+    singles, (noise, lack) = _with_each(of, (), z), _alternatives(of, z)
+    right = [*own, *identities(of, own[int(np.argmax(singles[:, own].max(axis=0)))])]
+    leading = np.array(right)[np.argmax(singles[:, right], axis=1)]
+    named, identified = np.zeros((2, len(z)), bool)
+    for start in np.unique(leading).tolist():
+        here = np.flatnonzero(leading == start)
+        given = z[here], singles[here], noise[here], lack[here]
+        named[here], identified[here] = _named_with(of, start, own, right, *given)
+    return named, identified
+
+
+def _named_with(
+    of: EffectsOfPlan,
+    start: int,
+    own: list[int],
+    right: list[int],
+    z: Float[np.ndarray, "draws nu"],
+    singles: Float[np.ndarray, "draws causes"],
+    noise: Float[np.ndarray, "draws labels"],
+    lack: Float[np.ndarray, " draws"],
+) -> tuple[Bool[np.ndarray, " draws"], Bool[np.ndarray, " draws"]]:
+    """`_named` of vectors of which the cause `start` of those that are `right` is the most probable.
 
     The verdict is `identified` where the leading cause, what is identical at 1 g and further powers of its polynomial have
     together a probability of `SURE`, and the effect in a part of the data alone is not more probable.
     """
     pool = of.pool
-    singles = _with_each(of, (), z)
-    start = own[int(np.argmax(singles[:, own].max(axis=0)))]
-    with_another, family = _with_each(of, (start,), z), _family(of, start, z)
-    noise, lack = _alternatives(of, z)
+    with_another, family = _with_each(of, (start,), z), _of_sets(of, start, _families(of, start), z)
     none = log_evidence_of_noise(np.vecdot(z, z), pool.dof, True) + np.log(SIZE_PRIOR[0])
-    right = [*own, *identities(of, start)]
     others = np.setdiff1d(np.flatnonzero(pool.is_named), right)
-    alone = _sum(singles[:, others], singles[:, ~pool.is_named], lack[:, None])
-    # Every other cause has sets with one cause more too; they have about the share that those of the effect have.
-    further = alone + np.minimum(_sum(with_another) - _sum(singles[:, own]), 0.0)
-    total = _sum(none[:, None], singles, with_another, family, noise, lack[:, None], further[:, None])
     together = np.concatenate([with_another[:, pool.is_named], family], axis=1).max(axis=1)
     named_other = np.concatenate([_by_label(of, singles, others), noise], axis=1).max(axis=1)
     alternative = np.max([named_other, _sum(singles[:, ~pool.is_named], lack[:, None])], axis=0)
     leading = np.maximum(_sum(singles[:, own]), singles[:, right].max(axis=1))
-    claimed = _sum(singles[:, right], with_another[:, _powers(of, start)])
+    same = _of_sets(of, start, _identical_sets(of, start), z)
+    claimed = _sum(singles[:, right], with_another[:, _powers(of, start)], same)
+    total = _sum(none[:, None], singles, with_another, family, noise, lack[:, None])
     identified = (leading >= np.maximum(alternative, together)) & (claimed - total >= np.log(SURE))
     identified &= _in_a_part(of, start, z) - singles[:, start] <= LEAST_LOCATED_ODDS
+    sure = np.flatnonzero(identified)
+    total[sure] = np.logaddexp(total[sure], _sets_without(of, start, z[sure], singles[sure]))
+    identified[sure] = claimed[sure] - total[sure] >= np.log(SURE)
     named = np.maximum(leading, together) >= alternative
     rest = np.flatnonzero(~named)
     named[rest] = _imitates(of, start, z[rest], singles[rest], _sum(singles[:, own])[rest])
     return named, identified
+
+
+def _sets_without(
+    of: EffectsOfPlan, start: int, z: Float[np.ndarray, "draws nu"], singles: Float[np.ndarray, "draws causes"]
+) -> Float[np.ndarray, " draws"]:
+    """Logarithm of the sum over sets of several causes without `start`: every other cause that is not far behind the best with
+    one cause more, and its families. Each set is counted once, by the first of its causes."""
+    pool, total = of.pool, np.full(len(z), -np.inf)
+    near = singles >= singles.max(axis=1, keepdims=True) - PROMISING
+    near[:, np.setdiff1d(np.arange(pool.size), pool.blocks)] = near[:, start] = False
+    for cause in np.flatnonzero(near.any(axis=0)).tolist():
+        here = np.flatnonzero(near[:, cause])
+        pairs = _with_each(of, (cause,), z[here])
+        pairs[:, :cause][near[here, :cause]] = pairs[:, start] = -np.inf
+        families = [own for own in _families(of, cause) if start not in own]
+        before = [[other for other in own if other < cause] for own in families]
+        counted = np.stack([near[here][:, own].any(axis=1) for own in before], axis=1) if families else False
+        of_families = np.where(counted, -np.inf, _of_sets(of, cause, families, z[here]))
+        total[here] = np.logaddexp(total[here], _sum(pairs, of_families))
+    return total
 
 
 def _sum(*parts: Float[np.ndarray, "draws sets"]) -> Float[np.ndarray, " draws"]:
@@ -116,16 +158,30 @@ def _with_each(
     return np.where(enlarged.open, -np.inf, enlarged.evidence + priors)
 
 
-def _family(of: EffectsOfPlan, own: int, z: Float[np.ndarray, "draws nu"]) -> Float[np.ndarray, "draws families"]:
-    """Log posterior of the effect's family on all axes, the effect first in the order of what they explain."""
+def _of_sets(
+    of: EffectsOfPlan, first: int, sets: Sequence[Members], z: Float[np.ndarray, "draws nu"]
+) -> Float[np.ndarray, "draws sets"]:
+    """Log posterior of some sets, causes like the first one first in the order of what they explain."""
     pool, scores = of.pool, [np.zeros((len(z), 0))]
-    for members in (tuple(sorted(axes)) for axes in pool.axes.tolist() if own in axes):
-        sets = partial_sets(pool, of.block(own).sum(axis=1), [members])
-        along = (z @ sets.q[0].T) ** 2
-        parts = [(along[:, rows].sum(axis=1), rank) for rows, rank in zip(sets.segments, sets.ranks[0], strict=True)]
+    for members in sets:
+        bases = partial_sets(pool, of.block(first).sum(axis=1), [members])
+        along = (z @ bases.q[0].T) ** 2
+        parts = [(along[:, rows].sum(axis=1), rank) for rows, rank in zip(bases.segments, bases.ranks[0], strict=True)]
         evidence = log_evidence(np.vecdot(z, z), parts, pool.dof, True)
         scores.append(evidence[:, None] + SetPriors.of(pool, rows_of([members])).own)
     return np.concatenate(scores, axis=1)
+
+
+def _families(of: EffectsOfPlan, own: int) -> list[Members]:
+    """The families of an effect on all axes."""
+    return [tuple(sorted(axes)) for axes in of.pool.axes.tolist() if own in axes]
+
+
+def _identical_sets(of: EffectsOfPlan, own: int) -> list[Members]:
+    """Families on two or three axes that are one function with an effect at 1 g, and do not contain it."""
+    slots, sets = of.pool.slots, [tuple(sorted(axes)) for axes in of.pool.axes.tolist() if own not in axes]
+    several = [members for axes in sets for members in (*combinations(axes, 2), axes)]
+    return [own_set for own_set in several if one_function_at_1_g((slots[own],), tuple([slots[k] for k in own_set]))]
 
 
 def _in_a_part(of: EffectsOfPlan, own: int, z: Float[np.ndarray, "draws nu"]) -> Float[np.ndarray, " draws"]:

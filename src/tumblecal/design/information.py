@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg import block_diag, cho_factor, cho_solve
+from scipy.linalg import block_diag, cho_factor, cho_solve, solve_triangular
 
 from tumblecal.chain.head_ability import HeadAbility
 from tumblecal.design.responses import Responses
@@ -62,3 +62,10 @@ def information_of(design: Design, noise: Float[np.ndarray, "3 positions positio
         columns = design.columns[:, axis]
         total += columns.T @ cho_solve(cho_factor(noise[axis]), columns)
     return total
+
+
+def white_rows(design: Design, noise: Float[np.ndarray, "3 positions positions"]) -> Float[np.ndarray, "rows all"]:
+    """White responses of the readings of all axes, and rows of the priors: the square root of `information_of`."""
+    rows = [solve_triangular(np.linalg.cholesky(noise[axis]), design.columns[:, axis], lower=True) for axis in range(3)]
+    values, vectors = np.linalg.eigh(design.information)
+    return np.concatenate([*rows, np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T])

@@ -14,10 +14,10 @@ from tumblecal.chain.plan import Plan
 from tumblecal.chain.rig import Rig
 from tumblecal.chain.where import VISITS
 from tumblecal.design.cells import Cells
-from tumblecal.design.evaluation import DETERMINED
-from tumblecal.design.information import design_of, information_of, noise_covariance
+from tumblecal.design.information import design_of, noise_covariance, white_rows
 from tumblecal.design.responses import MOUNT, PITCH, Responses, Setting
 from tumblecal.design.schedule import Schedule
+from tumblecal.estimation.identifiability import identifiability
 
 
 # Angles of visits that nothing determines, and that nothing depends on, get this prior, rad: no bound.
@@ -79,11 +79,10 @@ def _leaf(name: str, setting: Setting, visit: Int[np.ndarray, " positions"], cel
 
 
 def _open_directions(responses: Responses, schedule: Schedule, ability: HeadAbility) -> bool:
-    """Whether the schedule does not determine errors of visits that no shared parameter depends on."""
-    design = design_of(responses, schedule)
-    information = information_of(design, noise_covariance(responses, schedule, ability))
-    size = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
-    return bool(np.linalg.eigvalsh(information / np.outer(size, size))[0] < DETERMINED)
+    """Whether the schedule leaves errors of visits undetermined, by the test of the estimation."""
+    white = white_rows(design_of(responses, schedule), noise_covariance(responses, schedule, ability))
+    count = white.shape[1]
+    return bool(identifiability(white, tuple(map(str, range(count))), np.ones(count)).unobservable)
 
 
 def _truth_of_settings(rig: Rig, planned: Rig, responses: Responses, seed: int) -> dict[str, tuple[float, ...]]:
