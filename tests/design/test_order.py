@@ -8,12 +8,11 @@ import pytest
 
 from tumblecal.chain.head_ability import HeadAbility, Repeatability, SlowNoise, Times
 from tumblecal.design.cells import cells_of
-from tumblecal.design.next_cell import next_cells
 from tumblecal.design.order import best_order
 from tumblecal.design.order_moves import nested, pairs_of_groups
 from tumblecal.design.order_value import OrderValue
 from tumblecal.design.responses import Responses, Setting
-from tumblecal.design.schedule import continued, schedule
+from tumblecal.design.schedule import schedule
 from tumblecal.ground.errors import InputError
 
 
@@ -191,42 +190,3 @@ def test_an_order_continues_measured_positions():
     assert found.cells[:8].tolist() == list(range(8)) and sorted(found.cells[8:]) == list(range(8, 16))
     assert found.start_s[:8] == pytest.approx(measured.start_s)
     assert found.start_s[8] >= measured.end_s + 95 and found.pitch_visit[7:9].tolist() == [0, 1]
-
-
-def test_the_next_position_is_valued_with_those_that_follow_it():
-    ability = head(WALK)
-    responses = responses_to(ability)
-    order = [*range(16), *range(8)]
-    measured = schedule(responses.cells, np.array(order), ability.times)
-    now, end_s = worst_sd(responses, ability, order, walk=2e-5)
-    found = next_cells(responses, ability, Worst(), measured)
-    assert sorted(one.cell for one in found) == list(range(32))
-    alone = {}
-    for one in found:
-        sd, then_s = worst_sd(responses, ability, [*order, one.cell], walk=2e-5)
-        assert one.value == pytest.approx(sd, rel=1e-4) and one.seconds == pytest.approx(then_s - end_s)
-        alone[one.cell] = 60 * np.log(now / sd) / (then_s - end_s)
-        sd, then_s = worst_sd(responses, ability, [*order, *one.batch], walk=2e-5)
-        assert one.rate == pytest.approx(60 * np.log(now / sd) / (then_s - end_s), rel=5e-3)
-    # Per minute no single position in the other mounting is as good as one in this mounting, but two of them are.
-    assert max(alone, key=alone.get) < 16 <= found[0].cell and len(found[0].batch) > 1
-    assert found[0].purpose == "dK_x" and found[0].after < found[0].before < np.inf
-    # If a remount does not pay within the remaining time, or does not fit at all, the mounting stays.
-    short = next_cells(responses, ability, Worst(), measured, 300.0)
-    assert {one.cell for one in short} == set(range(16)) and all(one.seconds <= 300 for one in short)
-    assert next_cells(responses, ability, Worst(), measured, 50.0) == ()
-
-
-def test_the_first_positions_determine_the_parameters():
-    ability = head(SlowNoise())
-    responses = responses_to(ability)
-    measured, candidates = None, range(0, 32, 2)
-    for _ in range(5):
-        best = next_cells(responses, ability, Worst(), measured, candidates=candidates)[0]
-        following = (responses.cells, np.array([best.cell]), ability.times)
-        measured = schedule(*following) if measured is None else continued(following[0], measured, *following[1:])
-        if len(measured) == 1:
-            assert best.before == np.inf
-    # Six biases and scale factors of three axes: as good after five positions as two in different mountings and more.
-    assert set(measured.cells) <= set(candidates)
-    assert worst_sd(responses, ability, measured.cells.tolist())[0] < 0.5

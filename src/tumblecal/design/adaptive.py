@@ -16,12 +16,12 @@ from tumblecal.capture.run.choice import Choice, Ending, Progress
 from tumblecal.chain.head_ability import HeadAbility
 from tumblecal.chain.rig import Rig
 from tumblecal.design.adaptive_rig import adaptive_cells
+from tumblecal.design.ahead import Ahead, Planner
 from tumblecal.design.criteria import Criterion, determined, worst
 from tumblecal.design.evaluation import Uncertainties, uncertainties
 from tumblecal.design.exchange import exchange
 from tumblecal.design.limits import limits_of
 from tumblecal.design.measure import measures
-from tumblecal.design.next_cell import NextCell, next_cells
 from tumblecal.design.one_visit import one_visit
 from tumblecal.design.responses import Responses, responses_of
 from tumblecal.design.schedule import Schedule, continued, schedule
@@ -35,6 +35,8 @@ _LISTED = 3
 _MOST = 500
 # The purpose of a position is a parameter with at least this share of the largest uncertainty, relative to the target.
 _LARGE = 0.5
+# Positions in another mounting that are proposed at the end.
+_MOST_REMOUNTED = 16
 
 
 @dataclass(frozen=True)
@@ -90,7 +92,7 @@ class AdaptiveChooser:
         best = self._best(progress, measured, now)
         if best is not None:
             cells = self.here.cells
-            alpha, beta = float(cells.alpha_deg[best.cell]), float(cells.beta_deg[best.cell])
+            alpha, beta = float(cells.alpha_deg[best.cells[0]]), float(cells.beta_deg[best.cells[0]])
             return Choice(alpha, beta, self._purpose(best, measured, found, now))
         least = self.ability.times.dwell_s + self.ability.times.settle_s
         if progress.remaining_s < least + self.ability.times.turn_s + self.ability.times.pitch_change_s:
@@ -155,29 +157,31 @@ class AdaptiveChooser:
         seen = float(np.sqrt(np.max(np.mean(sds**2, axis=0)))) if len(sds) else 0.0
         return replace(self.responses, sd=max(self.responses.sd, seen))
 
-    def _best(self, progress: Progress, measured: Schedule | None, now: Responses) -> NextCell | None:
-        """The best position that is neither skipped nor the present one."""
-        skipped = {self._number(*angles) for angles in progress.skipped}
-        skipped |= set() if measured is None else {int(measured.cells[-1])}
-        candidates = [k for k in range(self.candidates) if k not in skipped]
-        if not candidates or progress.remaining_s <= 0:
-            return None
+    def _best(self, progress: Progress, measured: Schedule | None, now: Responses) -> Ahead | None:
+        """The plan of the rest. It begins neither with a skipped position nor with the present one."""
+        allowed = np.arange(len(self.here.cells)) < self.candidates
+        allowed[[self._number(*angles) for angles in progress.skipped]] = False
+        if measured is not None:
+            allowed[measured.cells[-1]] = False
         here = now.chosen(np.arange(len(self.here.cells)))
-        found = next_cells(here, self.ability, self.criterion, measured, progress.remaining_s, candidates)
-        return found[0] if found else None
+        return Planner(here, self.ability, self.criterion, measured, allowed).plan(progress.remaining_s, self._goal)
 
-    def _purpose(self, best: NextCell, measured: Schedule | None, before: Uncertainties | None, now: Responses) -> str:
-        """The purpose of a position and of those that follow it, for the operator."""
-        after = self._after(now, measured, best)
-        count = len(best.batch)
+    @property
+    def _goal(self) -> float | None:
+        """The criterion to reach."""
+        return None if self.target is None else 1.0
+
+    def _purpose(self, best: Ahead, measured: Schedule | None, before: Uncertainties | None, now: Responses) -> str:
+        """The purpose of a position and of those that follow it in this pitch setting, for the operator."""
+        batch = best.first_visit(now)
+        after = self._after(now, measured, batch)
+        count = len(batch)
         together = "" if count == 1 else f", with the next {count - 1}" if count > 2 else ", with the next one"
         return f"{self._reduction(before, after, self.parameters)}{together}"
 
-    def _after(self, now: Responses, measured: Schedule | None, best: NextCell) -> Uncertainties:
-        """The uncertainties after a batch."""
-        return uncertainties(
-            now, continued(now.cells, measured, np.array(best.batch), self.ability.times), self.ability
-        )
+    def _after(self, now: Responses, measured: Schedule | None, further: Int[np.ndarray, " further"]) -> Uncertainties:
+        """The uncertainties after further positions."""
+        return uncertainties(now, continued(now.cells, measured, further, self.ability.times), self.ability)
 
     def _reduction(self, before: Uncertainties | None, after: Uncertainties, parameters: tuple[str, ...]) -> str:
         """The parameter whose uncertainty is reduced most, among those with a large one, in words."""
@@ -193,7 +197,7 @@ class AdaptiveChooser:
             return f"determines {parameters[k]}: uncertainty {words}{self._aim(parameters[k])}"
         ratio = np.where(np.isfinite(old), old / wanted, 0.0)
         large = ratio >= _LARGE * np.max(ratio)
-        k = int(np.argmax(np.where(large, old / new, 0.0)))
+        k = int(np.argmax(np.divide(old, new, out=np.zeros(len(at)), where=large & np.isfinite(old))))
         name = parameters[k]
         digits = 2 if new[k] < 0.9 * old[k] else 3
         return (
@@ -247,12 +251,13 @@ class AdaptiveChooser:
         criterion = worst(now) if self.target is None else self.target.criterion(now)
         if self.target is not None and not self.target.missed(before.names, before.sd):
             return ""
-        found = next_cells(now, self.ability, criterion, measured, None, self.elsewhere)
-        if not found or found[0].rate <= 0:
+        planner = Planner(now, self.ability, criterion, measured, np.isin(np.arange(len(now.cells)), self.elsewhere))
+        found = planner.plan(np.inf, self._goal, _MOST_REMOUNTED)
+        if found is None or found.value >= planner.value(measured):
             return ""
-        after = self._after(now, measured, found[0])
+        after = self._after(now, measured, found.cells)
         names = self.parameters if self.target is None else tuple(self.target.sd)
-        mount, count = now.cells.mounts[found[0].cell], len(found[0].batch)
+        mount, count = now.cells.mounts[found.cells[0]], len(found.cells)
         return (
             f'Next: {count} positions in mounting {mount}, a capture of its own with session.mount = "{mount}", '
             f"would improve this: it {self._reduction(before, after, names)}"

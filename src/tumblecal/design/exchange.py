@@ -14,7 +14,7 @@ from jaxtyping import Int
 
 from tumblecal.design.limits import Limits, Occupied, in_order
 from tumblecal.design.measure import Measure, Measures
-from tumblecal.design.schedule import schedule
+from tumblecal.design.schedule import continued, schedule
 
 
 # An exchange counts if it reduces the value by more than this share.
@@ -64,9 +64,16 @@ def exchange(
         sets = [sets[k] for k in order[: (len(sets) + 1) // 2]]
         found += tried
     best = min(found, key=lambda plan: plan.measure.value)
-    taken = in_order(limits.cells, best.measure.cells)
-    duration = schedule(limits.cells, taken, limits.times).minutes
-    return Chosen(taken, best.measure.value, duration, tuple(plan.measure.value for plan in found))
+    taken = in_order(limits.cells, best.measure.cells, limits.present)
+    return Chosen(taken, best.measure.value, _minutes(limits, taken), tuple(plan.measure.value for plan in found))
+
+
+def _minutes(limits: Limits, taken: np.ndarray) -> float:
+    """Duration of cells in this order, from the present position on if there is one."""
+    if limits.present is None:
+        return schedule(limits.cells, taken, limits.times).minutes
+    one = schedule(limits.cells, np.array([limits.present]), limits.times)
+    return continued(limits.cells, one, taken, limits.times).minutes - one.minutes
 
 
 def _sets(limits: Limits, rng: np.random.Generator) -> Iterator[np.ndarray]:

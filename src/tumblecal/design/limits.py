@@ -16,7 +16,8 @@ from tumblecal.ground.errors import InputError
 class Limits:
     """The largest number of positions and the longest duration, s; infinite: no limit.
 
-    `repeats`: largest number of positions in one cell. `allowed`: cells that may be chosen.
+    `repeats`: largest number of positions in one cell. `allowed`: cells that may be chosen. `present`: cell in which the head
+    is before the first position, which is then reached by a move; None: the first position is set already.
     """
 
     cells: Cells
@@ -25,6 +26,7 @@ class Limits:
     seconds: float
     repeats: int
     allowed: Bool[np.ndarray, " cells"]
+    present: int | None = None
 
     @cached_property
     def sitting(self) -> Int[np.ndarray, " cells"]:
@@ -46,10 +48,12 @@ def limits_of(
     minutes: float | None = None,
     allowed: Bool[np.ndarray, " cells"] | None = None,
     repeats: int = 1,
+    present: int | None = None,
 ) -> Limits:
     """The limits of a plan: `count` positions, or as many as are best within `minutes`, or both.
 
-    `allowed`: cells that may be chosen; all if omitted. `repeats`: largest number of positions in one cell.
+    `allowed`: cells that may be chosen; all if omitted. `repeats`: largest number of positions in one cell. `present`: the
+    cell of the last position of a running measurement.
 
     **Raises:** `InputError` if neither a number nor a duration is stated, or no position fits.
     """
@@ -57,7 +61,7 @@ def limits_of(
         raise InputError("a plan needs a number of positions or a duration; state one")
     mask = np.ones(len(cells), bool) if allowed is None else np.asarray(allowed, bool)
     seconds = np.inf if minutes is None else 60.0 * minutes
-    limits = Limits(cells, ability.times, np.inf if count is None else count, seconds, repeats, mask)
+    limits = Limits(cells, ability.times, np.inf if count is None else count, seconds, repeats, mask, present)
     if not np.any(Occupied(limits).fits()):
         least = (ability.times.dwell_s + ability.times.settle_s) / 60
         raise InputError(f"no position fits; one takes {least:.3g} min, in an allowed setting")
@@ -72,16 +76,24 @@ class Occupied:
     cell: np.ndarray = field(init=False)
 
     def __post_init__(self) -> None:
-        cells = self.limits.cells
+        cells, present = self.limits.cells, self.limits.present
         self.cell = np.zeros(len(cells), int)
         self._group, self._sitting, self._soak = (
             np.zeros(int(label.max()) + 1, int) for label in (cells.group, self.limits.sitting, cells.soak)
         )
+        self._set = np.zeros(len(cells), int)
+        if present is not None:
+            self._count(present, 1)
 
     def change(self, cell: int, by: int) -> None:
         """Add a position (1) or remove it (-1)."""
-        cells = self.limits.cells
         self.cell[cell] += by
+        self._count(cell, by)
+
+    def _count(self, cell: int, by: int) -> None:
+        """Count the settings of a cell."""
+        cells = self.limits.cells
+        self._set[cell] += by
         self._group[cells.group[cell]] += by
         self._sitting[self.limits.sitting[cell]] += by
         self._soak[cells.soak[cell]] += by
@@ -93,7 +105,7 @@ class Occupied:
         if not total:
             return 0.0
         distinct, groups, sittings, soaks = (
-            int(np.count_nonzero(counts)) for counts in (self.cell, self._group, self._sitting, self._soak)
+            int(np.count_nonzero(counts)) for counts in (self._set, self._group, self._sitting, self._soak)
         )
         return (
             total * (times.dwell_s + times.settle_s)
@@ -113,11 +125,11 @@ class Occupied:
         if not limits.timed:
             return free
         left = limits.seconds - self.seconds - times.dwell_s - times.settle_s + 1e-9
-        if not total:
+        if not total and limits.present is None:
             return free & (left >= 0)
         new_soak = (self._soak == 0)[cells.soak]
         more = (
-            times.turn_s * (self.cell == 0)
+            times.turn_s * (self._set == 0)
             + times.pitch_change_s * (self._group == 0)[cells.group]
             + times.remount_s * ((self._sitting == 0)[limits.sitting] & ~new_soak)
             + times.temperature_change_s * new_soak
@@ -125,17 +137,37 @@ class Occupied:
         return free & (more <= left)
 
 
-def in_order(cells: Cells, taken: Sequence[int] | np.ndarray) -> Int[np.ndarray, " positions"]:
+def in_order(
+    cells: Cells, taken: Sequence[int] | np.ndarray, present: int | None = None
+) -> Int[np.ndarray, " positions"]:
     """Cells in an order that visits each setting once: temperatures upwards, mountings and pitch settings there and back, and
-    within a pitch setting one turn of the spindle from its last angle on."""
-    taken, order, angle = np.asarray(taken, int), list[int](), 0.0
-    for s, soak in enumerate(np.unique(cells.soak[taken])):
+    within a pitch setting one turn of the spindle from its last angle on. Those of the `present` cell come first."""
+    taken, order = np.asarray(taken, int), list[int]()
+    angle = 0.0 if present is None else float(cells.alpha_deg[present])
+    soaks, mountings, pitches = (_Labels(each, present) for each in (cells.soak, cells.mounting, cells.pitch))
+    for s, soak in enumerate(soaks.listed(taken)):
         at = taken[cells.soak[taken] == soak]
-        for m, mounting in enumerate(np.unique(cells.mounting[at])[:: -1 if s % 2 else 1]):
+        for m, mounting in enumerate(mountings.listed(at, backwards=s % 2 > 0)):
             here = at[cells.mounting[at] == mounting]
-            for pitch in np.unique(cells.pitch[here])[:: -1 if (s + m) % 2 else 1]:
+            for pitch in pitches.listed(here, backwards=(s + m) % 2 > 0):
                 group = here[cells.pitch[here] == pitch]
                 turn = np.mod(cells.alpha_deg[group] - angle + 1e-9, 360.0)
                 order += group[np.argsort(turn, kind="stable")].tolist()
                 angle = float(cells.alpha_deg[order[-1]])
     return np.array(order, int)
+
+
+@dataclass(frozen=True)
+class _Labels:
+    """Labels of a setting by cell, in the order of their visits."""
+
+    of_cell: Int[np.ndarray, " cells"]
+    present: int | None
+
+    def listed(self, at: np.ndarray, *, backwards: bool = False) -> Int[np.ndarray, " labels"]:
+        """The labels of some cells: that of the present cell, then the others."""
+        found = np.unique(self.of_cell[at])[:: -1 if backwards else 1]
+        if self.present is None:
+            return found
+        here = found == self.of_cell[self.present]
+        return np.concatenate([found[here], found[~here]])

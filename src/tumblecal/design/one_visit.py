@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.design.responses import Responses, Setting
+from tumblecal.design.schedule import Schedule
 
 
 # A parameter without a bound has a prior of so many times the noise of a dwell, seen through its largest response; it is
@@ -60,27 +61,35 @@ class OneVisit:
         return tuple(name for name, part in zip(self.names, share, strict=True) if part > _SEEN)
 
 
-def one_visit(responses: Responses, keep: Sequence[int] | np.ndarray = ()) -> OneVisit:
-    """The model of a rig's responses; `keep`: cells that are measured already, in visits of their own (one each)."""
-    cells, kept = responses.cells, np.asarray(keep, int)
+def one_visit(
+    responses: Responses, keep: Sequence[int] | np.ndarray = (), *, running: Schedule | None = None
+) -> OneVisit:
+    """The model of a rig's responses.
+
+    **Arguments:**
+
+    - `keep`: cells that are measured already, in visits of their own (one each).
+    - `running`: in place of `keep`, the positions so far of a running measurement: a plan continues the present visit.
+    """
+    cells, kept = responses.cells, np.asarray(keep if running is None else running.cells, int)
     columns = [responses.columns / responses.sd]
     size = _size(columns[0])
     free = _FREE**2 / size**2
     covariance = inverse(responses.information + np.diag(1 / free))
     blocks = [covariance]
-    for setting, labels, visits in (
-        (responses.pitch, cells.pitch, cells.group),
-        (
-            responses.mount,
-            cells.mounting,
-            np.unique(np.stack([cells.soak, cells.mounting]), axis=1, return_inverse=True)[1],
-        ),
+    sitting = np.unique(np.stack([cells.soak, cells.mounting]), axis=1, return_inverse=True)[1].ravel()
+    for setting, labels, visits, before in (
+        (responses.pitch, cells.pitch, cells.group, None if running is None else running.pitch_visit),
+        (responses.mount, cells.mounting, sitting, None if running is None else running.mount_visit),
     ):
         if setting.exact:
             continue
         # Visits of the plan first, then those of positions that are measured already.
         both = np.concatenate([labels, labels[kept]])
-        visit = np.concatenate([visits.ravel(), visits.ravel()[kept] + visits.max() + 1])
+        first_kept = int(visits.max()) + 1
+        visit = np.concatenate([visits, first_kept + (visits[kept] if before is None else before)])
+        if before is not None:
+            visit[: len(cells)][visits == visits[kept[-1]]] = first_kept + before[-1]
         if setting.common and not setting.again:
             visit = both
         number, first, visit = np.unique(visit, return_index=True, return_inverse=True)

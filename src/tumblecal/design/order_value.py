@@ -62,8 +62,7 @@ class State:
 class OrderValue:
     """Values of the orders of some positions: `order` is a permutation of the positions `listed`, numbers of cells.
 
-    `after`: a schedule that is measured already; the positions continue it. `further`: positions that schedules may have in
-    addition to these.
+    `after`: a schedule that is measured already; the positions continue it.
     """
 
     def __init__(
@@ -73,7 +72,6 @@ class OrderValue:
         criterion: OfCovariance,
         listed: Int[np.ndarray, " positions"],
         after: Schedule | None = None,
-        further: int = 0,
     ) -> None:
         self.responses, self.ability, self.criterion = responses, ability, criterion
         self.listed, self.after = np.asarray(listed, int), after
@@ -81,7 +79,7 @@ class OrderValue:
         times = ability.times
         all_moves = times.settle_s + times.turn_s + times.pitch_change_s + times.remount_s + times.temperature_change_s
         span = 0.0 if after is None else after.end_s - after.start_s[0]
-        longest = span + (len(self.listed) + further) * (times.dwell_s + all_moves)
+        longest = span + len(self.listed) * (times.dwell_s + all_moves)
         self._precisions = dict[tuple[bool, bytes], np.ndarray]()
         self.slow = tabulated_covariance(ability.slow_noise, times, longest)
 
@@ -179,10 +177,6 @@ class OrderValue:
         """The change of the rows of the positions `at` if they get the cells of the positions `by`."""
         planned = state.schedule
         return self._embedded(planned, planned.cells[by], at) - state.rows[at]
-
-    def rows_of(self, planned: Schedule, cells: Int[np.ndarray, " cells"]) -> Float[np.ndarray, "cells 3 all"]:
-        """Rows of the last position of a schedule if it were in each of some cells of the same group."""
-        return self._embedded(planned, cells, np.full(len(cells), len(planned) - 1))
 
     def _embedded(self, planned: Schedule, cells: np.ndarray, at: np.ndarray) -> np.ndarray:
         """Rows of cells at positions of a schedule."""
