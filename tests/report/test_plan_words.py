@@ -90,8 +90,9 @@ def test_the_lines_state_the_findings_first(plan):
         "Distance to the bound: whole positions: ...",
         "Standard uncertainty of the corrected force in use: 0.12 mg (root mean square over attitudes and axes), at most "
         "0.20 mg",
-        "second_order.z of 0.5 mg/g^2: named with probability 0.85; smallest size named with probability 0.8: 0.45 mg/g^2; "
-        "identical at 1 g: cross_axis_square.z; indistinguishable from warm_up",
+        "second_order.z of 0.5 mg/g^2: named with probability 0.85, identified with probability 0.30; smallest size named with "
+        "probability 0.8: 0.45 mg/g^2, identified: at no size; identical at 1 g: cross_axis_square.z; indistinguishable from "
+        "warm_up",
         "Undetectable with these positions: gravity_value (plan of the rig file: 2 effects)",
         "Largest error in use from an effect at its detection limit: 1 mg (cross_coupling.x.xy of 2 mg/g^2)",
         "Best common practice in the same time: 4 x 12, largest standard uncertainty 0.40e-3 (dK_x); 2 times larger",

@@ -23,6 +23,7 @@ from tumblecal.report.plan_words import (
     in_use_size,
     in_use_words,
     practice_lines,
+    probability_words,
     size_words,
     u_words,
     uncertainty_words,
@@ -63,7 +64,7 @@ def _verdict(plan: DesignedPlan, folder: Path) -> Verdict:
     found = [
         Finding("Standard uncertainties", f"at most {u_words(name, u)}", name),
         Finding("Uncertainty of the corrected force in use", in_use_size(plan)),
-        *(Finding(f"{each.id} of {each.size:g} {each.unit}", f"named with probability {each.named:.2f}", each.id)
+        *(Finding(f"{each.id} of {each.size:g} {each.unit}", probability_words(each), each.id)
           for each in plan.after.effects),
         *(Finding(*line.split(": ", 1)) for line in undetectable_lines(plan)),
     ]  # fmt: skip

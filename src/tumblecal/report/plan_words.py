@@ -81,16 +81,28 @@ def efficiency_lines(plan: DesignedPlan) -> Iterator[str]:
 
 
 def effect_lines(plan: DesignedPlan) -> Iterator[str]:
-    """For each effect to be named, its probability and the smallest size."""
+    """For each effect to be named, its probabilities and the smallest sizes."""
     for each in plan.after.effects:
-        named = f"{each.id} of {each.size:g} {each.unit}: named with probability {each.named:.2f}"
-        yield "; ".join([named, *effect_details(each)])
+        yield "; ".join([f"{each.id} of {each.size:g} {each.unit}: {probability_words(each)}", *effect_details(each)])
+
+
+def probability_words(each: EffectForecast) -> str:
+    """`named with probability 0.77, identified with probability 0.59`; one number if both are the same."""
+    named, identified = f"{each.named:.2f}", f"{each.identified:.2f}"
+    if named == identified:
+        return f"named and identified with probability {named}"
+    return f"named with probability {named}, identified with probability {identified}"
 
 
 def effect_details(each: EffectForecast) -> Iterator[str]:
-    """The smallest size that is named, and the effects from which it is not separated."""
-    smallest = size_words_of(each.smallest_named, each.unit)
-    yield f"smallest size named with probability 0.8: {smallest}" if smallest else "not named at any size"
+    """The smallest sizes that are named and identified, and the effects from which it is not separated."""
+    named, identified = (size_words_of(size, each.unit) for size in (each.smallest_named, each.smallest_identified))
+    if not named:
+        yield "not named at any size"
+    elif named == identified:
+        yield f"smallest size named and identified with probability 0.8: {named}"
+    else:
+        yield f"smallest size named with probability 0.8: {named}, identified: {identified or 'at no size'}"
     if each.identical:
         yield f"identical at 1 g: {', '.join(each.identical)}"
     if each.not_separated:
