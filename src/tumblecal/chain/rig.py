@@ -70,6 +70,18 @@ class Rig(Shown):
         return Screen(f"Rig {self.title or self.source}", notes=[*lines, "values in base units: rad, g, 1"])
 
     @property
+    def tables_of_head(self) -> tuple[str, ...]:
+        """Tables of the head that state its noise and repeatability: `[head.noise]`, `[head.repeatability]`."""
+        if self.ability is None:
+            return ()
+        again = self.ability.repeatability
+        stated = {
+            "[head.noise]": self.ability.slow_noise.any,
+            "[head.repeatability]": again.pitch is not None or again.mount is not None,
+        }
+        return tuple(name for name, given in stated.items() if given)
+
+    @property
     def where(self) -> Where:
         """The settings of the plan's positions."""
         plan = self.plan

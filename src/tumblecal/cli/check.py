@@ -181,6 +181,8 @@ def _model(test: ConditionOptions, found: "StillAttitudes") -> "Model":
             )
         return Model()
     model = StatedModel.of(ModelOptions(rig=test.rig, prior=test.prior))
+    if model.rig is not None and (unused := model.rig.tables_of_head):
+        warn(model.rig.source, [f"not used by `check`: {', '.join(unused)}"])
     return Model(lambda data: model.chain(data, known=True), model.priors)
 
 

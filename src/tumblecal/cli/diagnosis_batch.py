@@ -132,7 +132,9 @@ class Batch:
         known = bounded.noise_sd is not None or model.known(bounded.data) or self.samples is not None
         chain = model.chain(bounded.data, known=known) if model.described else None
         priors = model.stated(chain, bounded.data, known=known) if chain is not None else model.priors
-        return {"data": bounded.data, "chain": chain, "noise_sd": bounded.noise_sd, "priors": priors}
+        ability = model.slow_noise(bounded.data, sampled=self.samples is not None)
+        stated = {"noise_sd": bounded.noise_sd, "priors": priors, "ability": ability}
+        return {"data": bounded.data, "chain": chain} | stated
 
     def diagnosed(
         self, file: Path, folder: Path, read: "PositionSet | InputError", head: "MeasuredHead | None"

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tumblecal.cli.options import EffectFiles
+from tumblecal.cli.output import warn
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 
@@ -136,6 +137,8 @@ def exact_truth(
 
     entries = catalogue(*files)
     rig = read_rig_with_effects(path, entries)
+    if "[head.noise]" in rig.tables_of_head:
+        warn(path, ["[head.noise] is not used by `emulate`: the virtual instrument states its noise"])
     plan = rig.plan
     mount = plan.mounts[0] if mount is None else mount
     mounted = np.array([label == mount for label in plan.mounts])

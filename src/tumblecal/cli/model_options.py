@@ -11,6 +11,7 @@ import numpy as np
 
 from tumblecal.chain import Chain
 from tumblecal.chain.following import CHANGE
+from tumblecal.chain.head_ability import HeadAbility
 from tumblecal.chain.head_file import MeasuredHead, read_head
 from tumblecal.chain.nominal import UNIT_OF_LEAF
 from tumblecal.chain.rig import Rig
@@ -35,6 +36,7 @@ from tumblecal.estimation.planned_positions import compared_with_plan, is_design
 from tumblecal.estimation.plausibility import Implausible
 from tumblecal.estimation.priors import Priors
 from tumblecal.estimation.setup_error import SetupError
+from tumblecal.estimation.slow_noise import with_slow_noise
 from tumblecal.estimation.visits import with_repeatability
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
@@ -42,8 +44,6 @@ from tumblecal.ground.gravity import Gravity, gravity_of_option
 from tumblecal.ground.suggested_command import suggested
 from tumblecal.ground.toml_faults import located
 from tumblecal.ground.units import quantity, reading_sd
-from tumblecal.noise import Covariance
-from tumblecal.noise.of_head import slow_covariance
 
 
 _log = logging.getLogger(__name__)
@@ -232,15 +232,29 @@ class StatedModel:
         known = self.known(data)
         chain = self.chain(data, known=known)
         problem = problem_of(data, chain, noise_sd=self.noise_sd, priors=self.stated(chain, data, known=known))
+        return with_slow_noise(problem, self.slow_noise(data))
+
+    def slow_noise(self, data: PositionSet, *, sampled: bool = False) -> HeadAbility | None:
+        """The head whose slow noise (`[head.noise]` of the rig) these data have; None if none is stated. If it cannot be used,
+        a warning states the reason.
+
+        **Arguments:**
+
+        - `sampled`: whether raw samples state the noise.
+        """
         ability = None if self.rig is None else self.rig.ability
-        if self.noise_sd is None or ability is None or not ability.slow_noise.any:
-            return problem
-        if data.time_s is None:
-            print(f"WARNING: {data.source}: no column time_s, so [head.noise] of the rig is not used", file=sys.stderr)
-            return problem
-        covariance = slow_covariance(ability.slow_noise, ability.times, data.time_s)
-        covariance += self.noise_sd**2 * np.eye(len(data))
-        return problem.with_noise(Covariance.by_axis(covariance), known=True)
+        if ability is None or not ability.slow_noise.any:
+            return None
+        if sampled:
+            reason = "the noise is that of --samples"
+        elif self.noise_sd is None:
+            reason = 'the noise of a dwell is not stated; add [noise] sd = "0.1 mg" to the rig, or give --noise-sd'
+        elif data.time_s is None:
+            reason = "no column time_s"
+        else:
+            return ability
+        warn(data.source, [f"[head.noise] of the rig is not used: {reason}"])
+        return None
 
     def chain(self, data: PositionSet, *, known: bool) -> Chain:
         """The chain to fit to these data; `known`: whether their noise is known.

@@ -23,12 +23,11 @@ from tumblecal.effects import Catalogue
 from tumblecal.effects.catalogue import entry
 from tumblecal.estimation.priors import Priors
 from tumblecal.estimation.problem import Problem
+from tumblecal.estimation.slow_noise import with_slow_noise
 from tumblecal.estimation.visits import with_repeatability
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.showing import brief
 from tumblecal.ground.units import factor
-from tumblecal.noise.covariance import Covariance
-from tumblecal.noise.of_head import slow_covariance
 
 
 @dataclass(frozen=True)
@@ -138,8 +137,4 @@ def effects_of_plan(rig: Rig, entries: Catalogue) -> EffectsOfPlan:
         priors = with_repeatability(priors, ability.repeatability, chain, where)
     readings = model.evaluate(where, model.start).predicted
     problem = Problem.from_arrays(chain, where, readings, noise_sd=rig.noise_sd_g, priors=priors)
-    if ability is not None and ability.slow_noise.any and where.time_s is not None:
-        covariance = slow_covariance(ability.slow_noise, ability.times, np.asarray(where.time_s))
-        covariance += rig.noise_sd_g**2 * np.eye(len(readings))
-        problem = problem.with_noise(Covariance.by_axis(covariance), known=True)
-    return EffectsOfPlan(tangent(model, problem, model.start), entries)
+    return EffectsOfPlan(tangent(model, with_slow_noise(problem, ability), model.start), entries)

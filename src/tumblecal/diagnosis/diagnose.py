@@ -8,6 +8,7 @@ import numpy as np
 
 from tumblecal.capture.reduction.position_samples import PositionSamples
 from tumblecal.chain import Chain, Forward
+from tumblecal.chain.head_ability import HeadAbility
 from tumblecal.data import PositionSet
 from tumblecal.diagnosis.detection.reference import References
 from tumblecal.diagnosis.diagnosis import Diagnosis
@@ -36,6 +37,7 @@ from tumblecal.estimation.priors import Priors
 from tumblecal.estimation.problem import Problem
 from tumblecal.estimation.setup_correction import correct_setup_errors
 from tumblecal.estimation.setup_error import SetupError, undone_by_fit
+from tumblecal.estimation.slow_noise import with_slow_noise
 from tumblecal.ground.blas import single_blas_thread
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
@@ -109,6 +111,7 @@ class Diagnoser:
         priors: Priors | None = None,
         holdout: tuple[str, str] | None = None,
         samples: PositionSamples | None = None,
+        ability: HeadAbility | None = None,
         from_rig: bool = True,
     ) -> Diagnosis:
         """Diagnose one data set.
@@ -121,6 +124,8 @@ class Diagnoser:
         - `priors`: Gaussian priors of parameters.
         - `holdout`: column (`run`, `mount` or `position`) and value of the held-out data.
         - `samples`: raw samples of the positions. Their noise replaces `noise_sd` and the sd columns.
+        - `ability`: of the head, as `rig.ability` states it: its slow noise is added to `noise_sd` or the sd columns. Its
+          repeatability is a part of `priors` (`estimation.visits.with_repeatability`).
         - `from_rig`: whether `chain` comes from a rig file, and is not the default chain with fixed parameters.
 
         **Raises:** `InputError` for data that cannot be diagnosed: too few positions, set-up errors with several possible
@@ -131,7 +136,7 @@ class Diagnoser:
             raise InputError(f"{data.source}: {few} too few for any test; measure a whole plan")
         fold = folds(data, holdout)
         with single_blas_thread():
-            begun = self.begun(data, chain, noise_sd, priors, samples)
+            begun = self.begun(data, chain, noise_sd, priors, samples, ability)
             return self._finished(begun, fold, from_rig and chain is not None)
 
     def begun(
@@ -141,6 +146,7 @@ class Diagnoser:
         noise_sd: float | None = None,
         priors: Priors | None = None,
         samples: PositionSamples | None = None,
+        ability: HeadAbility | None = None,
     ) -> Begun:
         """Screen one data set and insert its leading explanation; arguments and errors as for a call."""
         noises = sample_noises(samples, data) if samples is not None else []
@@ -148,7 +154,7 @@ class Diagnoser:
             noises = recorded_noises(data)
         users_model = chain is not None and any(isinstance(link, Forward) for link in chain.links)
         mended, mixed = (data, []) if users_model else correct_setup_errors(data, chain)
-        begun = self._begun(mended, mixed, chain, noise_sd, priors, noises)
+        begun = self._begun(mended, mixed, chain, noise_sd, priors, noises, ability)
         slips = of_angles(mixed)
         if not slips or begun.extended.computed:
             return begun
@@ -162,7 +168,7 @@ class Diagnoser:
         as_written = replace(mended, alpha_deg=data.alpha_deg, beta_deg=data.beta_deg)
         others = [slip for slip in mixed if slip not in slips]
         try:
-            written = self._begun(as_written, others, chain, noise_sd, priors, noises)
+            written = self._begun(as_written, others, chain, noise_sd, priors, noises, ability)
         except InputError:
             return begun
         return written if self._credence(written, data, sd, len(of_angles(others))) > credence else begun
@@ -181,6 +187,7 @@ class Diagnoser:
         noise_sd: float | None,
         priors: Priors | None,
         noises: list[MeanNoise],
+        ability: HeadAbility | None,
     ) -> Begun:
         """`begun` for corrected data."""
         stated, noise_sd = (replace(data, sd=noises[0].sd), None) if noises else (data, noise_sd)
@@ -189,6 +196,7 @@ class Diagnoser:
         problem, rounded = replace(problem.independent, data=data), dict[str, str]()
         if problem.known and not noises:
             problem, rounded = with_rounding(problem)
+            problem = with_slow_noise(problem, ability)
         require_determined(problem, white_rows(model, problem, model.start, model.at_start(problem.where))[1])
         size = RECORDED_SIZE if noises else HAND_HELD_SIZE if model.hand_held else SIZE
 
@@ -259,6 +267,7 @@ def diagnose(
     priors: Priors | None = None,
     holdout: tuple[str, str] | None = None,
     samples: PositionSamples | None = None,
+    ability: HeadAbility | None = None,
 ) -> Diagnosis:
     """Diagnose one data set.
 
@@ -278,4 +287,6 @@ def diagnose(
         ('ambiguous', ('bias_drift.x', 'second_order.z'))
     """
     diagnoser = Diagnoser(with_effects(effects, entries))
-    return diagnoser(data, chain=chain, noise_sd=noise_sd, priors=priors, holdout=holdout, samples=samples)
+    return diagnoser(
+        data, chain=chain, noise_sd=noise_sd, priors=priors, holdout=holdout, samples=samples, ability=ability
+    )

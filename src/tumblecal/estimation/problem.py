@@ -234,7 +234,7 @@ class Problem:
     def noise_of_recording(self) -> bool:
         """Whether the noise is correlated and is that of the recording of the means, not one that a rig states."""
         stated = None if self.data is None else self.data.weighing_sd
-        return self.correlated and (stated is None or np.array_equal(self.sd, stated))
+        return self.correlated and stated is not None and np.array_equal(self.sd, stated)
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -4,10 +4,12 @@ A rig states both: `[priors]` of the leaf for the common part, `[head.repeatabil
 that is indexed by visit (`by = "pitch_visit"`) they are correlated priors of the fit: a split plot (Jones and Goos 2007).
 """
 
+from collections.abc import Iterator
+
 import numpy as np
 from jaxtyping import Float, Int
 
-from tumblecal.chain import Chain, Where
+from tumblecal.chain import Chain, Parameter, Where
 from tumblecal.chain.head_ability import Repeatability
 from tumblecal.chain.where import VISITS
 from tumblecal.estimation.priors import Priors
@@ -49,15 +51,53 @@ def with_repeatability(priors: Priors, stated: Repeatability, chain: Chain, wher
     - `where`: the settings of the data.
     """
     repeated: dict[str | tuple[str, ...], tuple] = dict(priors.items())
-    for leaf in chain.free:
-        again = {"dbeta": stated.pitch, "dtheta": stated.mount}.get(leaf.name)
-        if leaf.by not in VISITS or not again:
-            continue
+    for leaf, again, settings in _set_again(stated, chain, where):
         common = repeated.pop(leaf.name, (0.0, _NO_BOUND))[1]
-        visit, setting = np.asarray(where.index(leaf.by)), np.asarray(where.index(VISITS[leaf.by][1]))
-        settings = setting[np.unique(visit, return_index=True)[1]]
         covariance = common**2 * (settings[:, None] == settings) + again**2 * np.eye(len(settings))
         count = len(leaf.components)
         for component in range(count):
             repeated[leaf.names[component::count]] = (np.zeros(len(settings)), covariance)
     return repeated
+
+
+def drawn_with_repeatability(
+    truth: Float[np.ndarray, " free"],
+    spread: Float[np.ndarray, " free"],
+    stated: Repeatability,
+    chain: Chain,
+    where: Where,
+) -> tuple[Float[np.ndarray, " free"], Float[np.ndarray, "free draws"]] | None:
+    """Mean and a root of the covariance of random instruments whose settings are set again; None if none is.
+
+    All visits of a setting have its mean error and its `spread` in common, and each adds the repeatability.
+
+    **Arguments:**
+
+    - `truth`, `spread`: parameters, and standard deviations of independent draws of them.
+    """
+    mean, columns, names = truth.copy(), [np.diag(spread)], chain.names
+    for leaf, again, settings in _set_again(stated, chain, where):
+        count = len(leaf.components)
+        for component in range(count):
+            own = np.array([names.index(name) for name in leaf.names[component::count]])
+            same = (settings[:, None] == settings).astype(float)
+            mean[own] = same @ truth[own] / same.sum(axis=1)
+            columns[0][own, own] = 0.0
+            drawn = np.zeros((len(names), 2 * len(own)))
+            # A setting's own draw is that of its first visit.
+            first = np.argmax(same, axis=1)
+            drawn[own, first] = spread[own[0]]
+            drawn[own, len(own) + np.arange(len(own))] = again
+            columns.append(drawn)
+    return (mean, np.hstack(columns)) if len(columns) > 1 else None
+
+
+def _set_again(
+    stated: Repeatability, chain: Chain, where: Where
+) -> Iterator[tuple[Parameter, float, Int[np.ndarray, " visits"]]]:
+    """The leaves indexed by visit whose repeatability is stated, that, and the setting of each visit."""
+    for leaf in chain.free:
+        again = {"dbeta": stated.pitch, "dtheta": stated.mount}.get(leaf.name)
+        if leaf.by in VISITS and again:
+            visit, setting = np.asarray(where.index(leaf.by)), np.asarray(where.index(VISITS[leaf.by][1]))
+            yield leaf, again, setting[np.unique(visit, return_index=True)[1]]

@@ -29,6 +29,7 @@ CHANGES, GAIN, CAUSES, UNCERTAINTIES = "Changes of the calibration", "Residuals 
 UNDETERMINED, HELD, LACKING = "Undetermined parameters", "Calibration file", "Not in the calibration file"
 # Changes below this share of the standard uncertainty are not listed.
 _LEAST_CHANGE_U = 0.5
+_SLOW_NOISE = "The rig states slow noise ([head.noise]). All tests and intervals include it."
 # Uncertainties are listed from this multiple of the noise's on, for so many parameters and effects.
 _OF_SENSOR, _MUCH_WIDER, _MOST_UNDETECTED, _MOST_EFFECTS = {leaf_of(name) for name in SENSOR}, 2.0, 3, 2
 _MOST_WORST, _MOST_NOT_TESTABLE = 3, 4
@@ -67,7 +68,7 @@ def _of_model(diagnosis: Diagnosis) -> dict[str, str]:
     ids = [id for id in dict.fromkeys(map(id_of, diagnosis.labels)) if id in diagnosis.entries]
     return {
         CAUSES: " ".join(f"{id}: {diagnosis.entries[id].cause}" for id in ids),
-        "Noise": "" if diagnosis.samples is None else _noise_of_samples(diagnosis),
+        "Noise": _correlated_noise(diagnosis),
         "Noise correction": "All tests and intervals use the corrected weights." if diagnosis.noise_labels else "",
         "Mountings": mounting_words(diagnosis.mountings),
         "Pitch settings": _text_of(read_settings_words(diagnosis.nominal)),
@@ -83,9 +84,11 @@ def _text_of(words: str) -> str:
     return words.partition(": ")[2]
 
 
-def _noise_of_samples(diagnosis: Diagnosis) -> str:
+def _correlated_noise(diagnosis: Diagnosis) -> str:
+    """The noise of the recording, or that of the rig's head; "" for independent positions."""
     samples = diagnosis.samples
-    assert samples is not None
+    if samples is None:
+        return _SLOW_NOISE if diagnosis.problem.correlated and not diagnosis.noise_labels else ""
     if not samples.extrapolated:
         return samples.words()
     return f"{samples.words()} The positions have a dispersion of {diagnosis.extended.level:.2g} times that sd."

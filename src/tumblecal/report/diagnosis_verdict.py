@@ -231,7 +231,8 @@ def _either(sets: Sequence[tuple[str, ...]]) -> str:
 
 def _evidence(diagnosis: Diagnosis) -> Iterator[str]:
     test = diagnosis.screened.detection
-    noise = "stated noise" if diagnosis.problem.known else "noise estimated from the data"
+    slow = ", slow noise included" if diagnosis.problem.correlated and not diagnosis.noise_labels else ""
+    noise = f"stated noise{slow}" if diagnosis.problem.known else "noise estimated from the data"
     if diagnosis.samples is not None:
         level = "" if diagnosis.problem.known else ", its level estimated from the data"
         noise = f"noise of {diagnosis.samples.origin}{level}"

@@ -7,6 +7,7 @@ on how many are asked for, in which order, or by how many processes.
 
 import dataclasses
 from collections.abc import Mapping
+from functools import partial
 from typing import NamedTuple
 
 import equinox as eqx
@@ -16,8 +17,11 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from tumblecal.chain import Chain, Link, Where, with_parameters
+from tumblecal.chain.head_ability import HeadAbility
 from tumblecal.estimation.priors import Priors
 from tumblecal.estimation.problem import Problem, require_problem
+from tumblecal.estimation.slow_noise import with_slow_noise
+from tumblecal.estimation.visits import drawn_with_repeatability, with_repeatability
 from tumblecal.ground.errors import InputError
 from tumblecal.simulation.chain_fit import Expansion, design, expansion, fit_chain
 from tumblecal.simulation.evaluated_once import materialised
@@ -167,6 +171,7 @@ def experiment(
     spread: Mapping[str, float] | None = None,
     priors: Priors | None = None,
     covariance: Float[np.ndarray, "3 positions positions"] | None = None,
+    ability: HeadAbility | None = None,
     path: str = "auto",
 ) -> Experiment:
     """A simulated calibration.
@@ -179,7 +184,9 @@ def experiment(
     - `injected`: links with their coefficients, in the simulated chain only.
     - `spread`: sd of the truth about the chain's values by leaf or parameter name (a new instrument every trial).
     - `priors`: of the fit, (mean, sd) by name.
-    - `covariance`: of the position means' noise, per axis, g^2; white with `sd` if omitted.
+    - `covariance`: of the position means' noise, per axis, g^2, which the fit takes for white; white with `sd` if omitted.
+    - `ability`: of the head. Its slow noise is drawn, and a part of the fit's noise, unless `covariance` is given; errors of
+      settings that are set again are drawn with its repeatability, and have it in their priors.
     - `path`: `"auto"`, `"harmonic"` or `"chain"`.
 
     **Raises:** `InputError` for unknown names or a plan that leaves parameters undetermined; `ValueError` if the
@@ -188,13 +195,20 @@ def experiment(
     simulated = chain
     for link in injected:
         simulated = simulated + with_known_coefficients(link)
-    return experiment_of(
-        problem_for(chain, where, sd, priors),
-        simulated=simulated,
-        spread=None if not spread else spread_of(chain, spread),
-        covariance=covariance,
-        path=path,
+    own = None if not spread else spread_of(chain, spread)
+    if ability is None:
+        return experiment_of(
+            problem_for(chain, where, sd, priors), simulated=simulated, spread=own, covariance=covariance, path=path
+        )
+    priors = with_repeatability(priors or {}, ability.repeatability, chain, where)
+    problem = _without_readings(chain, where, sd, priors)
+    problem = with_slow_noise(problem, ability) if covariance is None else problem
+    drawn = drawn_with_repeatability(
+        chain.vector, np.zeros(len(chain.names)) if own is None else own, ability.repeatability, chain, where
     )
+    draw = None if drawn is None else partial(_drawn, *drawn)
+    made = experiment_of(problem, simulated=simulated, spread=own, draw_truth=draw, covariance=covariance, path=path)
+    return dataclasses.replace(made, sd=sd)
 
 
 def experiment_of(
@@ -254,8 +268,17 @@ def experiment_of(
 
 def problem_for(chain: Chain, where: Where, sd: float, priors: Priors | None = None) -> Problem:
     """The fit with no readings yet, its settings those of `where` (whose index columns the chain was made with)."""
+    return _without_readings(chain, where, sd, priors).bare
+
+
+def _without_readings(chain: Chain, where: Where, sd: float, priors: Priors | None) -> Problem:
     readings = np.zeros((len(where.alpha), 3))
-    return Problem.from_arrays(chain, where, readings, noise_sd=sd, priors=priors).bare
+    return Problem.from_arrays(chain, where, readings, noise_sd=sd, priors=priors)
+
+
+def _drawn(mean: np.ndarray, root: np.ndarray, key: Array) -> Array:
+    """A random instrument."""
+    return jnp.asarray(mean) + jnp.asarray(root) @ jax.random.normal(key, (root.shape[1],))
 
 
 def _predicted_covariance(problem: Problem) -> np.ndarray:

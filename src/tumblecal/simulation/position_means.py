@@ -8,8 +8,8 @@ from tumblecal.chain import Chain, Where
 from tumblecal.chain.rig import Rig
 from tumblecal.data import PositionSet
 from tumblecal.estimation.programs import compiler_options
+from tumblecal.estimation.slow_noise import slow_noise_of
 from tumblecal.ground.errors import InputError
-from tumblecal.noise.of_head import slow_covariance
 from tumblecal.simulation.experiment import square_root
 
 
@@ -63,7 +63,8 @@ def simulated(rig: Rig, seed: int, noise_sd: float | None = None) -> PositionSet
             raise InputError(
                 f"{rig.source}: [head.noise] needs the times of the positions; add plan.interval_s, or time_s"
             )
-        slow = slow_covariance(rig.ability.slow_noise, rig.ability.times, np.asarray(plan.time_s))
+        slow = slow_noise_of(rig.ability, where)
+        assert slow is not None
         root = np.stack([square_root(part) for part in slow])
         readings += np.einsum("apq,qa->pa", root, jax.random.normal(jax.random.fold_in(key, 1), readings.shape))
     return PositionSet(

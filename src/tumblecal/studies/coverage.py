@@ -54,6 +54,7 @@ class Coverage:
             spread=table.truth.sizes(),
             priors=rig.priors,
             covariance=covariance,
+            ability=rig.ability,
             path=table.path,
         )
         self._chunk = RAW_CHUNK if table.raw else CHUNK

@@ -279,11 +279,24 @@ def noise_of(table: StudyNoiseTable, rig: Rig) -> tuple[float, np.ndarray | None
     **Raises:** `InputError` when neither the study nor the rig states the noise.
     """
     model = table.model()
+    if model is None and rig.ability is not None and rig.ability.slow_noise.any and rig.plan.time_s is None:
+        raise InputError(f"{rig.source}: [head.noise] needs the times of the positions; add plan.interval_s, or time_s")
     if model is not None:
         covariance = model.mean_covariance(table.dwells(len(rig.plan)))
         return float(np.sqrt(np.mean(np.diagonal(covariance, axis1=1, axis2=2)))), covariance
     noise_stated(table, rig)
     return table.sd_g or rig.noise_sd_g or 0.0, None
+
+
+def unused_of_head(kind: str, study: Mapping[str, Any]) -> str:
+    """Tables of the rig's head that a study does not use, in words; "" if there are none."""
+    table, rig = table_of(study), rig_of_study(study)
+    stated = rig.tables_of_head
+    if kind not in ("coverage", "sweep"):
+        return f"{rig.source}: not used by `study {kind}`: {', '.join(stated)}" if stated else ""
+    if "[head.noise]" in stated and table.noise.model() is not None:
+        return f"{rig.source}: [head.noise] is not used: [noise] of the study replaces it"
+    return ""
 
 
 def noise_stated(table: StudyNoiseTable, rig: Rig) -> None:

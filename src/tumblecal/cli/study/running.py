@@ -1,5 +1,6 @@
 """Command line of all kinds of study: print the cost, run with a progress bar, write and print results."""
 
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
@@ -87,11 +88,13 @@ def run_study(
     from tumblecal.report.study_figures import draw
     from tumblecal.report.study_page import write_study_page
     from tumblecal.studies.run import run, study_of
-    from tumblecal.studies.study_tables import read_study
+    from tumblecal.studies.study_tables import read_study, unused_of_head
 
     console = Console()
     tables = read_study(config, kind, {name: value for name, value in changes.items() if value is not None}, effects)
     study = study_of(tables)
+    if unused := unused_of_head(kind, tables):
+        print(f"WARNING: {unused}", file=sys.stderr)
     cost, too_much = _cost(study, config, running)
     console.print(cost, highlight=False)
     if too_much:
