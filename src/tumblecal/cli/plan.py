@@ -262,11 +262,13 @@ def _positions(path: Path, rig: "Rig") -> "Positions":
         content = read_toml(path)
         if "plan" in content:
             planned = checked(path, content["plan"], PlanTable).plan()
-            alpha, beta, mounts = planned.alpha_deg, planned.beta_deg, planned.mounts
+            alpha, beta, mounts, degc = planned.alpha_deg, planned.beta_deg, planned.mounts, planned.temperature_degc
         else:
             captured = read_plan(path)
             alpha, beta = zip(*((step.alpha_deg, step.beta_deg) for step in captured.steps), strict=True)
             mounts = (captured.session.mount,) * len(alpha)
+            listed = tuple(step.temperature_degc for step in captured.steps if step.temperature_degc is not None)
+            degc = listed if len(listed) == len(alpha) else None
     else:
         from tumblecal.data import read_positions
 
@@ -275,10 +277,13 @@ def _positions(path: Path, rig: "Rig") -> "Positions":
             raise InputError(f"{path}: unknown attitudes; a plan needs alpha_deg and beta_deg")
         alpha, beta = tuple(data.alpha_deg.tolist()), tuple(data.beta_deg.tolist())
         mounts = data.mount or (rig.ability.mounts[0] if rig.ability else "1",) * len(alpha)
+        degc = None if data.temperature_degc is None else tuple(data.temperature_degc.tolist())
     known = {*rig.mounts, *rig.plan.mounts}
     if unknown := [label for label in mounts if label not in known]:
         raise InputError(
             f"{path}: mounting {unknown[0]!r} is not in {rig.source} (mountings: {', '.join(sorted(known))}); rename it, or "
             f"add [mounts.{unknown[0]}]"
         )
-    return Positions(path.name, "", tuple(map(float, alpha)), tuple(map(float, beta)), tuple(mounts))
+    return Positions(
+        path.name, "", tuple(map(float, alpha)), tuple(map(float, beta)), tuple(mounts), temperature_degc=degc
+    )

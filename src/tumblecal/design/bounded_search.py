@@ -1,6 +1,6 @@
 """The best plan by a criterion, and how close it is to the best possible one."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from tumblecal.design.bounds import GOOD, Bounds, bounds
 from tumblecal.design.criteria import CriterionOfCovariance
@@ -31,13 +31,15 @@ def best_plan(
     *,
     restarts: int = 2,
     seed: int = 0,
+    several: OneVisit | None = None,
 ) -> Found:
     """Exchange, then bounds; then exchange from the rounded optima of the classes of plans that the bounds do not exclude.
 
     **Arguments:**
 
     - `model`: of the cells, with positions that are measured already. `limits`: of the plan.
-    - `restarts`, `seed`: as of `exchange`.
+    - `restarts`, `seed`: as of `exchange`. `several`: model of several visits of the settings, for the bound of any plan; None:
+      not computed.
     """
     factory = measures(model, criterion)
     chosen = exchange(limits, factory, restarts=restarts, seed=seed)
@@ -54,4 +56,6 @@ def best_plan(
             limit = bounds(model, criterion, limits, chosen.cells)
         elif not far:
             break
+    if several is not None:
+        limit = replace(limit, repeated=min(bounds(several, criterion, limits, chosen.cells).white, limit.white))
     return Found(chosen, limit)

@@ -3,8 +3,8 @@
 Plans are divided into classes: the set of mountings and temperatures, and the number of pitch settings, which together give the
 number of positions that fit. Each class is bounded over its convex hull; a tangent found in one class bounds the others too, so
 few need a search of their own. A class with a low bound is divided further, by the use of a pitch setting (branch and bound).
-Settings are visited once each. A second visit of a setting costs time and is of no use, unless its error is drawn again
-(`[head.repeatability]`).
+Settings are visited once each. A second visit of a setting is of use if its error is drawn again (`[head.repeatability]`): the
+same bound in the model of several visits (`one_visit.py`) is one for every plan.
 """
 
 from collections.abc import Sequence
@@ -34,9 +34,10 @@ _WHOLE = 0.02
 
 @dataclass(frozen=True)
 class Bounds:
-    """Lower bounds of a criterion under white noise, settings visited once.
+    """Lower bounds of a criterion under white noise.
 
-    - `white`: of every plan within the limits. `own`: of plans with the number of positions of this plan, in its settings.
+    - `white`: of every plan within the limits that visits each setting once. `own`: of such plans with the number of positions
+      of this plan, in its settings. `repeated`: of every plan within the limits, with any number of visits.
     - `value`: of the plan. `fractions`: positions of the relaxed optimum. `rounded`: whole positions near the relaxed optima of
       the classes in which a better plan is not excluded, the most promising class first.
     - `reason`: for the distance to the bound.
@@ -48,10 +49,11 @@ class Bounds:
     fractions: Float[np.ndarray, " cells"]
     rounded: tuple[Int[np.ndarray, " positions"], ...]
     reason: str
+    repeated: float
 
     @property
     def efficiency(self) -> float:
-        """Bound over value."""
+        """Bound of plans that visit each setting once, over value."""
         return self.white / self.value
 
 
@@ -118,7 +120,7 @@ def bounds(
     if white < GOOD * value:
         lost = [name for name in model.undetermined(chosen) if name not in model.undetermined()]
         reason = _reason(limits, each[at], mine, white / value, within / value, lost)
-    return Bounds(white, within, value, nearest.fractions, rounded, reason)
+    return Bounds(white, within, value, nearest.fractions, rounded, reason, white)
 
 
 def _reason(limits: Limits, nearest: _Classes, mine: _Classes, white: float, own: float, lost: Sequence[str]) -> str:
@@ -126,7 +128,8 @@ def _reason(limits: Limits, nearest: _Classes, mine: _Classes, white: float, own
 
     def words(one: _Classes) -> str:
         numbers = int(one.positions[0]), int(one.groups[0]), len(np.unique(limits.sitting[one.cells]))
-        nouns = ("position", "pitch setting", "mounting")
+        chamber = len(np.unique(limits.cells.soak)) > 1
+        nouns = ("position", "pitch setting", "mounting-temperature combination" if chamber else "mounting")
         positions, groups, sittings = (f"{n} {noun}{'s' * (n != 1)}" for n, noun in zip(numbers, nouns, strict=True))
         return f"{positions} at {groups} in {sittings}"
 

@@ -1,6 +1,6 @@
 """All positions of a design: those that the head can measure, those measured already, and those of plans to compare."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +16,7 @@ from tumblecal.design.naming import EffectForecast
 from tumblecal.design.responses import Responses, responses_of
 from tumblecal.design.schedule import Schedule, schedule
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.soaks import ONE_TEMPERATURE_DEGC, soak_numbers
 
 
 @dataclass(frozen=True)
@@ -106,9 +107,10 @@ class Candidates:
         return Evaluated(positions, planned, found, in_use_sd(self.use, found.covariance), fits)
 
     def in_time(self, positions: Positions, once: Int[np.ndarray, " positions"], minutes: float) -> Evaluated:
-        """Positions of each mounting repeated, without remounting, until the time is used."""
+        """Positions of each mounting and temperature repeated, without remounting, until the time is used."""
         cells, times = self.responses.cells, self.ability.times
-        blocks = np.split(once, 1 + np.flatnonzero(np.diff(cells.mounting[once])))
+        changed = (np.diff(cells.mounting[once]) != 0) | (np.diff(cells.soak[once]) != 0)
+        blocks = np.split(once, 1 + np.flatnonzero(changed))
 
         def repeated(passes: int) -> Schedule:
             return schedule(cells, np.concatenate([np.tile(block, passes) for block in blocks]), times)
@@ -126,6 +128,17 @@ class Candidates:
 
 
 def _cells(positions: Positions, ability: HeadAbility) -> Cells:
-    degc = ability.temperatures_degc
-    temperature = np.full(len(positions), float(np.median(degc))) if degc else None
+    """Cells at the stated temperatures, otherwise at the middle one of the chamber."""
+    chamber, stated, temperature = ability.temperatures_degc, positions.temperature_degc, None
+    if chamber:
+        temperature = np.full(len(positions), float(np.median(chamber))) if stated is None else _soaked(stated, chamber)
     return Cells(np.array(positions.alpha_deg), np.array(positions.beta_deg), positions.mounts, temperature)
+
+
+def _soaked(degc: Sequence[float], chamber: Sequence[float]) -> Float[np.ndarray, " positions"]:
+    """Measured temperatures: the mean of each soak, or the temperature of the chamber that it is equal to."""
+    measured, listed = np.array(degc, float), np.array(chamber)
+    if (number := soak_numbers(measured)) is not None:
+        measured = (np.bincount(number, measured) / np.bincount(number))[number]
+    nearest = listed[np.argmin(np.abs(measured[:, None] - listed), axis=1)]
+    return np.where(np.abs(measured - nearest) <= ONE_TEMPERATURE_DEGC, nearest, measured)

@@ -1,7 +1,7 @@
 """Common practice as positions of a head: the plans with which a designed plan is compared."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -19,6 +19,7 @@ class Positions:
     """Positions of a plan in measuring order: its name, its source, angles (deg) and labels of the mountings.
 
     `deviation_deg`: largest angle between the intended direction of gravity and the nearest one that the head can set.
+    `temperature_degc`: of each position, if stated.
     """
 
     name: str
@@ -27,9 +28,22 @@ class Positions:
     beta_deg: tuple[float, ...]
     mounts: tuple[str, ...]
     deviation_deg: float = 0.0
+    temperature_degc: tuple[float, ...] | None = None
 
     def __len__(self) -> int:
         return len(self.alpha_deg)
+
+    def at_each(self, temperatures_degc: Sequence[float]) -> "Positions":
+        """All positions at each temperature, every second time in the reverse order: the mounting stays when it changes."""
+        count = len(self)
+        rows = [row for k in range(len(temperatures_degc)) for row in range(count)[:: -1 if k % 2 else 1]]
+        return replace(
+            self,
+            alpha_deg=tuple(self.alpha_deg[row] for row in rows),
+            beta_deg=tuple(self.beta_deg[row] for row in rows),
+            mounts=tuple(self.mounts[row] for row in rows),
+            temperature_degc=tuple(float(degc) for degc in temperatures_degc for _ in range(count)),
+        )
 
 
 def common_plans(

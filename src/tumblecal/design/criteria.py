@@ -155,7 +155,8 @@ class Criterion:
 
 
 def worst(responses: Responses, parameters: Sequence[str] | None = None) -> Criterion:
-    """The largest standard uncertainty of some parameters, in mg, mrad or 1e-3 (default: bias, scale, non-orthogonality).
+    """The largest standard uncertainty of some parameters, in mg, mrad or 1e-3 (default: bias, scale, non-orthogonality, and
+    their coefficients of temperature: root mean square changes over the range).
 
     **Raises:** `InputError` for an unknown parameter, or if no plan determines any of them.
     """
@@ -228,7 +229,7 @@ def _of_parameters(
     parameters: Sequence[str] | None,
 ) -> Criterion:
     if parameters is None:
-        parameters = [one for one in responses.names if one.split("_")[0] in SENSOR and "_T_" not in one]
+        parameters = [one for one in responses.names if one.split("_")[0] in SENSOR]
     at = responses.indices(parameters)
     rows = np.zeros((len(at), len(responses.names)))
     rows[np.arange(len(at)), at] = 1e3 * responses.scales[at]

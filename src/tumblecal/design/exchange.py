@@ -146,12 +146,18 @@ class _Plan:
 
     def improved(self, *, whole: bool = True) -> "_Plan":
         """Exchange until nothing improves; with limited time also `whole` pitch settings."""
+        self._trim()
         self._fill()
         for _ in range(_PASSES):
             self._exchange()
             if not whole or not self._limits.timed or not self._regroup():
                 break
         return self
+
+    def _trim(self) -> None:
+        """Remove the least valuable positions of a start that exceeds the limits."""
+        while self.measure.cells and self._occupied.exceeds:
+            self._remove(self.measure.cells[int(np.argmin(self.measure.if_removed()))])
 
     def _fill(self) -> None:
         """Add the best position as long as one fits."""

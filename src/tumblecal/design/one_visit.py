@@ -1,15 +1,21 @@
 """The linear model in which a plan is searched: each combination of temperature, mounting and pitch setting is visited once.
 
-All candidates have one list of parameters then, whichever of them a plan contains, so information is a sum over positions.
+A mounting that is the only one stays when the temperature changes. All candidates have one list of parameters then, whichever
+of them a plan contains, so information is a sum over positions.
+
+The model of several visits has at least the information of every order with up to so many visits of each setting: the errors of
+n visits, each of variance s^2, have at least the covariance of one error of variance s^2 / n that all positions share (the
+difference is positive semidefinite by the Cauchy-Schwarz inequality).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
 
+from tumblecal.design.cells import Cells
 from tumblecal.design.responses import Responses, Setting
 from tumblecal.design.schedule import Schedule
 
@@ -62,7 +68,11 @@ class OneVisit:
 
 
 def one_visit(
-    responses: Responses, keep: Sequence[int] | np.ndarray = (), *, running: Schedule | None = None
+    responses: Responses,
+    keep: Sequence[int] | np.ndarray = (),
+    *,
+    running: Schedule | None = None,
+    visits: tuple[int, int] | None = None,
 ) -> OneVisit:
     """The model of a rig's responses.
 
@@ -70,6 +80,8 @@ def one_visit(
 
     - `keep`: cells that are measured already, in visits of their own (one each).
     - `running`: in place of `keep`, the positions so far of a running measurement: a plan continues the present visit.
+    - `visits`: the model of up to so many visits of each pitch setting in a mounting, and of each mounting, those of `keep`
+      included. A change of the temperature sets nothing again, and the last visits of `keep` are continued.
     """
     cells, kept = responses.cells, np.asarray(keep if running is None else running.cells, int)
     columns = [responses.columns / responses.sd]
@@ -77,19 +89,21 @@ def one_visit(
     free = _FREE**2 / size**2
     covariance = inverse(responses.information + np.diag(1 / free))
     blocks = [covariance]
-    sitting = np.unique(np.stack([cells.soak, cells.mounting]), axis=1, return_inverse=True)[1].ravel()
-    for setting, labels, visits, before in (
-        (responses.pitch, cells.pitch, cells.group, None if running is None else running.pitch_visit),
-        (responses.mount, cells.mounting, sitting, None if running is None else running.mount_visit),
+    of_pitch, of_mount = _visits(cells, several=visits is not None)
+    most = (1, 1) if visits is None else visits
+    for setting, labels, planned, before, number in (
+        (responses.pitch, cells.pitch, of_pitch, None if running is None else running.pitch_visit, most[0]),
+        (responses.mount, cells.mounting, of_mount, None if running is None else running.mount_visit, most[1]),
     ):
         if setting.exact:
             continue
+        setting = replace(setting, again=setting.again / np.sqrt(number))
         # Visits of the plan first, then those of positions that are measured already.
         both = np.concatenate([labels, labels[kept]])
-        first_kept = int(visits.max()) + 1
-        visit = np.concatenate([visits, first_kept + (visits[kept] if before is None else before)])
-        if before is not None:
-            visit[: len(cells)][visits == visits[kept[-1]]] = first_kept + before[-1]
+        first_kept = int(planned.max()) + 1
+        visit = np.concatenate([planned, first_kept + (planned[kept] if before is None else before)])
+        if len(kept) and (before is not None or visits is not None):
+            visit[: len(cells)][planned == planned[kept[-1]]] = visit[-1]
         if setting.common and not setting.again:
             visit = both
         number, first, visit = np.unique(visit, return_index=True, return_inverse=True)
@@ -111,6 +125,20 @@ def one_visit(
         prior = inverse(inverse(prior) + rows.T @ rows)
     used = np.any(everything[: len(cells)] != 0, axis=(0, 1)) | (np.arange(len(prior)) < len(free))
     return OneVisit(responses.names, everything[: len(cells)][:, :, used], prior[np.ix_(used, used)], free)
+
+
+def _visits(cells: Cells, *, several: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers of the visits of the pitch setting and of the mounting; of `several` visits together.
+
+    A mounting that is the only one is not set again when the temperature changes.
+    """
+    if several:
+        both = np.stack([cells.mounting, cells.pitch])
+        return np.unique(both, axis=1, return_inverse=True)[1].ravel(), cells.mounting
+    if len(np.unique(cells.mounting)) == 1:
+        return cells.group, cells.mounting
+    both = np.stack([cells.soak, cells.mounting])
+    return cells.group, np.unique(both, axis=1, return_inverse=True)[1].ravel()
 
 
 def _size(columns: np.ndarray) -> np.ndarray:

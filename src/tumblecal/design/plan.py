@@ -11,7 +11,7 @@ from tumblecal.chain.head_ability import HeadAbility
 from tumblecal.chain.rig import Rig
 from tumblecal.design.bounds import Bounds
 from tumblecal.design.candidates import Candidates, Evaluated
-from tumblecal.design.cells import Cells
+from tumblecal.design.cells import Cells, cells_of
 from tumblecal.design.common_plans import Positions, common_plans
 from tumblecal.design.criteria import Criterion
 from tumblecal.design.effects_of_plan import effects_of_plan
@@ -98,13 +98,24 @@ def design_plan(rig: Rig, wanted: Wanted, entries: Catalogue) -> DesignedPlan:
             f"{rig.source}: chain.links: free_attitude: a plan is for a head with known angles; remove this link"
         )
     common = (*common_plans(ability, rig.mounts, wanted.seed), *wanted.compared)
+    if ability.temperatures_degc:
+        # Functions of temperature are those over the range of the chamber, whichever temperatures the plan visits.
+        rig = replace(rig, temperature=rig.temperature.stated_for(cells_of(ability).where))
+        common = tuple(
+            each.at_each(ability.temperatures_degc) if each.temperature_degc is None else each for each in common
+        )
+        if wanted.measured is not None and wanted.measured.temperature_degc is None:
+            raise InputError(
+                f"{wanted.measured.name}: no temperature_degc, but {rig.source} has a chamber ([head] temperatures_degc); "
+                "add the temperature of each position"
+            )
     others = {"rig": rig_positions(rig)} | {f"practice {k}": each for k, each in enumerate(common)}
     if wanted.measured is not None:
         others["measured"] = wanted.measured
     candidates = Candidates.of(rig, ability, others)
     wanted.check_size(ability.times)
     search = Search.of(rig, candidates, wanted, entries)
-    taken = search.best()
+    taken, limit = search.best()
     _require_determined(rig, search, taken)
     ordered = search.ordered(taken)
     planned = ordered.schedule
@@ -134,7 +145,7 @@ def design_plan(rig: Rig, wanted: Wanted, entries: Catalogue) -> DesignedPlan:
         measured=len(search.kept),
         criterion=search.criterion,
         ordered=ordered,
-        bounds=search.bounds(taken),
+        bounds=limit,
         after=after,
         before=before,
         practice=tuple(practice),
@@ -159,6 +170,7 @@ def _require_determined(rig: Rig, search: Search, taken: Int[np.ndarray, " new"]
     missing = [name for name in search.model.undetermined(taken) if name not in hopeless]
     if missing:
         limit = "--minutes" if search.wanted.positions is None else "--positions"
+        limit += ", or more --parameters" if search.wanted.parameters else ""
         raise InputError(
             f"{rig.source}: {counted(len(taken), 'position')} cannot determine {shortened(missing, 9)} "
             f"({len(search.model.names)} parameters and the errors of the settings); give a larger {limit}"

@@ -12,6 +12,7 @@ from tumblecal.chain.head_ability import HeadAbility
 from tumblecal.chain.nominal import Leaf
 from tumblecal.chain.plan import Plan
 from tumblecal.chain.rig import Rig
+from tumblecal.chain.rig_temperature import RigTemperature
 from tumblecal.chain.where import VISITS
 from tumblecal.design.cells import Cells
 from tumblecal.design.information import design_of, noise_covariance, white_rows
@@ -87,7 +88,10 @@ def _open_directions(responses: Responses, schedule: Schedule, ability: HeadAbil
 
 def _truth_of_settings(rig: Rig, planned: Rig, responses: Responses, seed: int) -> dict[str, tuple[float, ...]]:
     """True errors of the settings of a plan: those of the rig where it has the setting, and what each visit adds."""
-    there, known = rig.plan, {leaf.name: leaf for leaf in rig.true_chain(rig.where).parameters}
+    # The settings alone: the present plan need not have the temperatures that other leaves follow.
+    mine = {name: values for name, values in rig.truth.items() if name.partition("_")[0] in _BY}
+    alone = replace(rig, truth=mine, effects=(), temperature=RigTemperature())
+    there, known = rig.plan, {leaf.name: leaf for leaf in alone.true_chain(alone.where).parameters}
     generator, plan, where = np.random.default_rng(seed), planned.plan, planned.where
     truth = dict[str, tuple[float, ...]]()
     for leaf in planned.chain(where).parameters:

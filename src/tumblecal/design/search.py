@@ -1,7 +1,7 @@
 """The search of a plan: criteria, the choice of positions, their order, bounds, and the trade-off against time."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
 
@@ -10,12 +10,12 @@ from jaxtyping import Bool, Int
 
 from tumblecal.chain.rig import Rig
 from tumblecal.design.bounded_search import best_plan
-from tumblecal.design.bounds import Bounds, bounds
+from tumblecal.design.bounds import Bounds
 from tumblecal.design.candidates import Candidates
 from tumblecal.design.combined_measures import weighted_measures
 from tumblecal.design.criteria import Criterion, in_use, mean, volume, worst
 from tumblecal.design.exchange import exchange
-from tumblecal.design.limits import Limits, limits_of
+from tumblecal.design.limits import Limits, limits_of, most_visits
 from tumblecal.design.measure import Measures, measures
 from tumblecal.design.naming_measures import alias_measures, naming_measures
 from tumblecal.design.one_visit import OneVisit, one_visit
@@ -106,14 +106,20 @@ class Search:
         shares = [wanted.criteria[name] / alone[name] for name in factories]
         return made(first, weighted_measures(list(factories.values()), shares))
 
-    def best(self) -> Int[np.ndarray, " new"]:
-        """The new positions of the wanted plan, numbers among the cells of the search."""
+    def best(self) -> tuple[Int[np.ndarray, " new"], Bounds | None]:
+        """The new positions of the wanted plan, numbers among the cells of the search; bounds of the criterion, or None if the
+        positions are chosen by other criteria too."""
         wanted = self.wanted
         if set(wanted.criteria) - {*COVARIANCE}:
-            return self.chosen(wanted.count, wanted.minutes, wanted.restarts)[0]
+            return self.chosen(wanted.count, wanted.minutes, wanted.restarts)[0], None
         limits = self._limits(wanted.count, wanted.minutes)
-        found = best_plan(self.model, self.criterion, limits, restarts=wanted.restarts, seed=wanted.seed)
-        return found.chosen.cells
+        measured = 0 if self._done is None else 1 + int(self._done.pitch_visit[-1])
+        visits = most_visits(limits)
+        several = one_visit(self.responses, self.kept, visits=(visits[0] + measured, visits[1] + measured))
+        found = best_plan(
+            self.model, self.criterion, limits, restarts=wanted.restarts, seed=wanted.seed, several=several
+        )
+        return found.chosen.cells, found.bounds
 
     def chosen(self, count: int | None, minutes: float | None, restarts: int) -> tuple[Int[np.ndarray, " new"], float]:
         """Good new positions, numbers among the cells of the search, and their value."""
@@ -130,7 +136,8 @@ class Search:
         most = most if count is None else min(most, count)
         repeats = max(1, int(np.ceil(most / np.sum(allowed))))
         cells = self.responses.cells
-        return limits_of(cells, ability, count=count, minutes=minutes, allowed=allowed, repeats=repeats)
+        last = int(self.kept[-1]) if len(self.kept) else None
+        return limits_of(cells, ability, count=count, minutes=minutes, allowed=allowed, repeats=repeats, present=last)
 
     def ordered(self, taken: Int[np.ndarray, " new"]) -> Ordered:
         """New positions in the wanted order, after those measured already; the schedule has the numbers of the candidates."""
@@ -159,13 +166,6 @@ class Search:
     def done_minutes(self) -> float:
         """Its duration."""
         return 0.0 if self._done is None else self._done.minutes
-
-    def bounds(self, taken: Int[np.ndarray, " new"]) -> Bounds | None:
-        """Bounds of the criterion; None if the positions are chosen by other criteria too."""
-        if set(self.wanted.criteria) - {*COVARIANCE}:
-            return None
-        limits = self._limits(self.wanted.count, self.wanted.minutes)
-        return bounds(self.model, self.criterion, replace(limits, repeats=int(np.bincount(taken).max())), taken)
 
     def traded(self, count: int) -> Iterator[TradeOff]:
         """Plans for other numbers of positions, or other times; `count`: number of the plan."""

@@ -79,4 +79,5 @@ class Wanted:
 def rig_positions(rig: Rig) -> Positions:
     """The plan of a rig file."""
     plan = rig.plan
-    return Positions("plan of the rig file", "", plan.alpha_deg, plan.beta_deg, plan.mounts)
+    degc = plan.temperature_degc
+    return Positions("plan of the rig file", "", plan.alpha_deg, plan.beta_deg, plan.mounts, temperature_degc=degc)

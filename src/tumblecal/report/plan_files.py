@@ -141,6 +141,12 @@ def rig_text(plan: DesignedPlan, content: Mapping[str, Any]) -> str:
         for k, name in enumerate(rig.plan.names)
     ]
     new |= {"plan": {"positions": positions}, "chain": chain, "priors": priors, "truth": truth, "head": head}
+    if rig.temperature.leaves:
+        limits = {
+            "reference_degc": rig.temperature.reference_degc,
+            "range_degc": list(rig.temperature.range_degc or ()),
+        }
+        new["temperature"] = dict(new.get("temperature", {})) | limits
     comment = [
         "# Designed by tumblecal plan, for `tumblecal simulate`, `study` and `calibrate --rig`, which states the planned",
         "# uncertainties. dbeta and dtheta have a value for each visit of a setting.",
@@ -188,7 +194,8 @@ def plan_record(plan: DesignedPlan) -> dict[str, Any]:
         "criterion": {
             "value": plan.ordered.value,
             "slow_noise_known": plan.ordered.drift_known,
-            "bound_white": None if plan.bounds is None else plan.bounds.white,
+            "bound_white": None if plan.bounds is None else plan.bounds.repeated,
+            "bound_one_visit": None if plan.bounds is None else plan.bounds.white,
             "bound_of_positions": None if plan.bounds is None else plan.bounds.own,
             "reason": None if plan.bounds is None else plan.bounds.reason or None,
         },

@@ -74,10 +74,12 @@ def efficiency_lines(plan: DesignedPlan) -> Iterator[str]:
     if plan.bounds is None:
         yield f"Efficiency of the order: {known}"
         return
-    white = min(plan.bounds.white / value, 1.0)
+    white, once = plan.bounds.repeated / value, plan.bounds.white / value
     yield f"Efficiency: {percent(white)} of the bound under white noise (any plan in these limits); {known}"
     if white < GOOD and plan.bounds.reason:
         yield f"Distance to the bound: {plan.bounds.reason}"
+    elif white < GOOD < once:
+        yield f"Distance to the bound: it includes repeated visits; {percent(once)} of the bound with one visit of each setting"
 
 
 def effect_lines(plan: DesignedPlan) -> Iterator[str]:

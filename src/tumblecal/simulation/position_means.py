@@ -73,7 +73,7 @@ def simulated(rig: Rig, seed: int, noise_sd: float | None = None) -> PositionSet
         beta_deg=np.asarray(plan.beta_deg, float),
         readings=np.asarray(readings),
         run=plan.runs if len(set(plan.runs)) > 1 else None,
-        mount=plan.mounts if len(set(plan.mounts)) > 1 else None,
+        mount=plan.mounts if set(plan.mounts) != {"1"} else None,
         time_s=None if plan.time_s is None else np.asarray(plan.time_s),
         temperature_degc=None if plan.temperature_degc is None else np.asarray(plan.temperature_degc),
         approach=None if plan.approach is None else np.asarray(plan.approach),

@@ -101,7 +101,7 @@ class Power:
             beta_deg=np.asarray(plan.beta_deg, float),
             readings=np.asarray(self._readings[point](vector)) + noise,
             run=plan.runs if len(set(plan.runs)) > 1 else None,
-            mount=plan.mounts if len(set(plan.mounts)) > 1 else None,
+            mount=plan.mounts if set(plan.mounts) != {"1"} else None,
             source=f"run {run}",
         )
         try:

@@ -1,0 +1,106 @@
+"""Bounds of plans that visit settings several times, the fewest remounts, and starts that exceed the limits."""
+
+from dataclasses import replace
+from itertools import pairwise, permutations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tumblecal.design.bounds import bounds
+from tumblecal.design.criteria import mean, worst
+from tumblecal.design.evaluation import uncertainties
+from tumblecal.design.exchange import exchange
+from tumblecal.design.limits import in_order, limits_of, most_visits, sittings_in_order
+from tumblecal.design.measure import measures
+from tumblecal.design.one_visit import one_visit
+from tumblecal.design.schedule import schedule
+
+
+def value(responses, criterion, planned, ability):
+    """Under white noise, with the visits of the schedule."""
+    return float(criterion.of(uncertainties(responses, planned, ability).covariance))
+
+
+@pytest.fixture(scope="module")
+def unsteady(head, candidates):
+    """A head whose pitch settings and mountings differ at each visit."""
+    few = replace(
+        candidates,
+        pitch=replace(candidates.pitch, common=1.0, again=0.3),
+        mount=replace(candidates.mount, common=3.0, again=1.0),
+    )
+    return few, head.ability
+
+
+def test_no_order_is_better_than_the_bound_of_several_visits(unsteady):
+    """Random orders of random positions, and of good ones."""
+    responses, ability = unsteady
+    cells, rng, count = responses.cells, np.random.default_rng(4), 12
+    for criterion in (worst(responses), mean(responses)):
+        limits = limits_of(cells, ability, count=count)
+        found = exchange(limits, measures(one_visit(responses), criterion), restarts=1)
+        once = bounds(one_visit(responses), criterion, limits, found.cells).white
+        several = bounds(one_visit(responses, visits=most_visits(limits)), criterion, limits, found.cells).white
+        assert several < once
+        orders = [rng.choice(80, count, replace=False) for _ in range(200)]
+        for _ in range(50):
+            half = np.array_split(rng.permutation(found.cells), 2)
+            orders += [
+                np.stack([half[0], half[1]], axis=1).ravel(),
+                in_order(cells, found.cells)[rng.permutation(count)],
+            ]
+        values = [value(responses, criterion, schedule(cells, order, ability.times), ability) for order in orders]
+        assert min(values) >= several
+
+
+def test_repeated_visits_can_be_better_than_one_visit_each(head, candidates):
+    """In one mounting the errors of pitch settings are confounded with the x axis, and repeated settings average them."""
+    cells, ability = candidates.cells, head.ability
+    few = candidates.chosen(np.flatnonzero((cells.mounting == 0) & np.isin(cells.beta_deg, (0, 45, 90))))
+    few = replace(few, pitch=replace(few.pitch, common=0.0, again=0.3), mount=replace(few.mount, common=0.0, again=0.0))
+    criterion, every = worst(few), np.arange(24)
+    limits = limits_of(few.cells, ability, count=24)
+    assert most_visits(limits) == (8, 1)
+    once = bounds(one_visit(few), criterion, limits, every).white
+    several = bounds(one_visit(few, visits=(8, 1)), criterion, limits, every).white
+    one_each, eight_each = (
+        value(few, criterion, schedule(few.cells, order, ability.times), ability)
+        for order in (every, every.reshape(3, 8).T.ravel())
+    )
+    assert one_each == pytest.approx(once, rel=5e-3)
+    assert several * (1 - 1e-9) <= eight_each < 0.6 * once
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.sets(st.tuples(st.integers(0, 2), st.integers(0, 2)), min_size=1, max_size=6))
+def test_temperatures_upwards_with_the_fewest_remounts(pairs):
+    def remounts(order):
+        return sum(first[1] != then[1] for first, then in pairwise(order))
+
+    least, found = sittings_in_order(tuple(sorted(pairs)))
+    upwards = [one for one in permutations(pairs) if [soak for soak, _ in one] == sorted(soak for soak, _ in pairs)]
+    assert found in upwards and remounts(found) == least == min(map(remounts, upwards))
+
+
+def test_a_start_that_exceeds_the_time_is_shortened(head, candidates):
+    limits = limits_of(candidates.cells, head.ability, minutes=60.0)
+    factory = measures(one_visit(candidates), worst(candidates))
+    start = in_order(candidates.cells, np.arange(80))
+    assert schedule(candidates.cells, start, head.ability.times).minutes > 90
+    found = exchange(limits, factory, restarts=0, starts=[start])
+    assert found.minutes <= 60.0 and found.value < 1.1 * exchange(limits, factory, restarts=1).value
+
+
+def test_the_time_of_a_plan_begins_at_the_last_measured_position(head, candidates):
+    """A remount and a change of the pitch setting before the first new position, if no other can be chosen."""
+    cells, times = candidates.cells, head.ability.times
+    start = int(np.flatnonzero((cells.mounting == 1) & (cells.beta_deg == 90))[0])
+    limits = limits_of(cells, head.ability, minutes=40.0, allowed=cells.mounting == 0, present=start)
+    found = exchange(limits, measures(one_visit(candidates, [start] * 3), mean(candidates)), restarts=1)
+    both = schedule(cells, np.append(start, found.cells), times)
+    assert (
+        found.minutes == pytest.approx(both.minutes - (times.dwell_s + times.settle_s) / 60) and found.minutes <= 40.0
+    )
+    assert found.minutes > (times.remount_s + times.pitch_change_s) / 60
