@@ -118,12 +118,13 @@ class EffectsOfPlan:
         return np.array([k for k in self.pool.effects.tolist() if self.pool.labels[k] == id], int)
 
 
-def effects_of_plan(rig: Rig, entries: Catalogue) -> EffectsOfPlan:
+def effects_of_plan(rig: Rig, entries: Catalogue, like: FullModel | None = None) -> EffectsOfPlan:
     """The effects at the positions of a rig's plan, by its chain with its priors; slow noise as a noise model states it.
 
     **Arguments:**
 
     - `rig`: of `planned_rig` for the positions and times of a schedule.
+    - `like`: the model of another schedule of the rig, as of `model_of`.
 
     **Raises:** `InputError` for a rig whose noise is not stated.
     """
@@ -131,7 +132,7 @@ def effects_of_plan(rig: Rig, entries: Catalogue) -> EffectsOfPlan:
         raise InputError(f'{rig.source}: noise.sd: the noise of a dwell is needed; write [noise] sd = "0.1 mg"')
     where, ability = rig.where, rig.ability
     chain = rig.chain(where)
-    model = model_of(chain, where, entries)
+    model = model_of(chain, where, entries, like)
     priors: Priors = {name: (0.0, sd) for name, (_, sd) in rig.priors.items()}
     if ability is not None:
         priors = with_repeatability(priors, ability.repeatability, chain, where)

@@ -103,8 +103,15 @@ def forecast(
 
     **Raises:** `InputError` for an unknown effect, one that this plan cannot test, or a size that is not above 0.
     """
-    predicted = forecast_of(effects_of_plan(rig, entries), effects, draws=draws, seed=seed)
-    return replace(predicted, hidden_on_head=hidden_on_head(rig, predicted.undetectable, entries))
+    return forecast_on_head(rig, effects_of_plan(rig, entries), effects, draws=draws, seed=seed)
+
+
+def forecast_on_head(
+    rig: Rig, of: EffectsOfPlan, effects: Mapping[str, float], *, draws: int = 500, seed: int = 0
+) -> NamingForecast:
+    """`forecast` of the effects of a rig's plan."""
+    predicted = forecast_of(of, effects, draws=draws, seed=seed)
+    return replace(predicted, hidden_on_head=hidden_on_head(rig, predicted.undetectable, of.entries))
 
 
 def forecast_of(of: EffectsOfPlan, effects: Mapping[str, float], *, draws: int = 500, seed: int = 0) -> NamingForecast:
@@ -165,15 +172,20 @@ def detection_limit(of: EffectsOfPlan, id: str, draws: int, seed: int) -> float 
     The closed form of the diagnosis counts the effect's signal alone, and others that resemble it lower the limit. The root of
     the test statistic follows the norm of the signal with a standard deviation of one: draws at one norm give the limit.
     """
+    if not detectable(of, id):
+        return None
     own, shown = of.causes(id), of.shown(id)
     norm = float(np.linalg.norm(shown))
-    if not len(own) or norm <= VISIBLE * np.linalg.norm(of.signal(id)):
-        return None
     odds = round(float(of.pool.test_log_weights[own].max()) - max(of.threshold, -2.0), 6)
     alone = float(np.sqrt(noncentrality(int(of.pool.ranks[own[0]]), odds, of.pool.dof, True))) - _BELOW
     noise = np.random.default_rng(seed).standard_normal((draws, of.pool.dof))
     above = _normal_quantile(detections(of, noise + alone / norm * shown)) - float(ndtri(POWER))
     return (alone - above) / norm
+
+
+def detectable(of: EffectsOfPlan, id: str) -> bool:
+    """Whether the nominal parameters leave a visible part of an effect's signal."""
+    return bool(len(of.causes(id)) and np.linalg.norm(of.shown(id)) > VISIBLE * np.linalg.norm(of.signal(id)))
 
 
 def _normal_quantile(happened: Bool[np.ndarray, " draws"]) -> float:

@@ -14,8 +14,8 @@ from tumblecal.design.candidates import Candidates, Evaluated
 from tumblecal.design.cells import Cells, cells_of
 from tumblecal.design.common_plans import Positions, common_plans
 from tumblecal.design.criteria import Criterion
-from tumblecal.design.effects_of_plan import effects_of_plan
-from tumblecal.design.naming import NamingForecast, detection_limit, forecast, forecast_of_effect
+from tumblecal.design.effects_of_plan import EffectsOfPlan, effects_of_plan
+from tumblecal.design.naming import NamingForecast, detectable, detection_limit, forecast_of_effect, forecast_on_head
 from tumblecal.design.order import Ordered
 from tumblecal.design.planned_rig import planned_rig
 from tumblecal.design.responses import Responses
@@ -133,9 +133,10 @@ def design_plan(rig: Rig, wanted: Wanted, entries: Catalogue) -> DesignedPlan:
     made = planned_rig(rig, candidates.responses, planned, ability, names, wanted.seed)
     predicted = None
     if wanted.forecast:
-        predicted = forecast(made, wanted.effects, entries, seed=wanted.seed)
+        of = effects_of_plan(made, entries)
+        predicted = forecast_on_head(made, of, wanted.effects, seed=wanted.seed)
         after = replace(after, effects=predicted.effects, undetectable=predicted.undetectable)
-        before, *practice = (_with_effects(rig, candidates, each, wanted, entries) for each in (before, *practice))
+        before, *practice = (_with_effects(rig, candidates, each, wanted, of) for each in (before, *practice))
     return DesignedPlan(
         rig=made,
         ability=ability,
@@ -177,15 +178,16 @@ def _require_determined(rig: Rig, search: Search, taken: Int[np.ndarray, " new"]
         )
 
 
-def _with_effects(rig: Rig, candidates: Candidates, plan: Evaluated, wanted: Wanted, entries: Catalogue) -> Evaluated:
-    """A plan with its forecasts."""
+def _with_effects(rig: Rig, candidates: Candidates, plan: Evaluated, wanted: Wanted, like: EffectsOfPlan) -> Evaluated:
+    """A plan with its forecasts; `like`: the effects of the designed plan."""
     names = tuple(map(str, range(len(plan.schedule))))
-    of = effects_of_plan(planned_rig(rig, candidates.responses, plan.schedule, candidates.ability, names), entries)
-    limits = {id: detection_limit(of, id, 1, wanted.seed) for id in of.ids}
+    made = planned_rig(rig, candidates.responses, plan.schedule, candidates.ability, names)
+    of = effects_of_plan(made, like.entries, like.model)
     effects = tuple(
-        forecast_of_effect(of, id, size, limits[id], _DRAWS, wanted.seed) for id, size in wanted.effects.items()
+        forecast_of_effect(of, id, size, detection_limit(of, id, 1, wanted.seed), _DRAWS, wanted.seed)
+        for id, size in wanted.effects.items()
     )
-    return replace(plan, effects=effects, undetectable=tuple(id for id, limit in limits.items() if limit is None))
+    return replace(plan, effects=effects, undetectable=tuple(id for id in of.ids if not detectable(of, id)))
 
 
 def _names(measured: Positions | None, count: int) -> tuple[str, ...]:

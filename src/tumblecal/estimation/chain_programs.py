@@ -75,6 +75,7 @@ def programs_of(
     where: Where,
     start_vector: Float[np.ndarray, " full"],
     scales: Float[np.ndarray, " full"],
+    like: Programs | None = None,
 ) -> Programs:
     """Programs that were checked on the settings of one plan.
 
@@ -86,7 +87,11 @@ def programs_of(
     - `chain`, `back`: the whole chain, and the index of each entry of its vector in the full vector.
     - `nominal`: the chain of the first entries of the full vector.
     - `where`, `start_vector`, `scales`: settings, full vector without any error, typical sizes of its entries.
+    - `like`: checked programs of a different plan. If they have every kind of link of this chain, the checks, which need two
+      more programs, are not repeated.
     """
+    if like is not None and {*map(type, chain.links)} <= {*map(type, like.chain.links)}:
+        return Programs(chain, back, nominal, like.by_position, like.quiet)
     programs = Programs(chain, back, nominal, True, True)
     alone, whole = (np.asarray(run(where, start_vector)) for run in (programs.predict_nominal, programs.predict))
     direction, step = np.cos(np.arange(len(scales))), 1e-5

@@ -155,7 +155,7 @@ def settings_key(where: Where) -> tuple[Any, ...]:
     return (len(np.asarray(where.alpha)), present, where.labels, min(where.soaks, HIGHEST_ORDER + 1))
 
 
-def model_of(nominal: Chain, where: Where, entries: Catalogue) -> FullModel:
+def model_of(nominal: Chain, where: Where, entries: Catalogue, like: FullModel | None = None) -> FullModel:
     """The nominal chain with every effect that these settings allow.
 
     **Arguments:**
@@ -163,6 +163,7 @@ def model_of(nominal: Chain, where: Where, entries: Catalogue) -> FullModel:
     - `nominal`: the model in use.
     - `where`: settings of the positions.
     - `entries`: the catalogue.
+    - `like`: a model of a different plan with the same kinds of links; the checks of its programs are not repeated.
 
     **Returns:** the model; effects that need more than the settings have are listed in `not_testable` with the reason.
     """
@@ -191,7 +192,8 @@ def model_of(nominal: Chain, where: Where, entries: Catalogue) -> FullModel:
     start, scales = chain.vector[order], chain.scales[order]
     back = np.empty(len(order), np.int64)
     back[order] = np.arange(len(order))
-    programs = programs_of(chain, back, nominal, where, start, scales)
+    checked = None if like is None else like.programs
+    programs = programs_of(chain, back, nominal, where, start, scales, checked)
     return FullModel(Layout(chain, nominal, tuple(slots)), not_testable, start, scales, programs)
 
 
