@@ -44,8 +44,8 @@ def position_table(plan: DesignedPlan) -> Table:
 def practice_table(plan: DesignedPlan, *, short: bool = False) -> Table:
     """The plan and common practice on the same head in the same time; `short`: without sources and deviations."""
     rows = [_row(plan, each, short=short) for each in (plan.after, *plan.practice)]
-    header = ["plan", "positions", "min", "largest u", "parameter", "times\nlarger", "in use\n/ mg"]
-    header += [] if plan.forecast is None else ["undetectable\neffects"]
+    header = ["plan", "positions", "min", "largest u", "parameter", "ratio", "in use\n/ mg"]
+    header += [] if plan.forecast is None else ["undetectable"]
     header += [] if short else ["deviation\n/ deg"]
     return Table(header, rows, text=(0, 4), marked={(0, column) for column in range(len(header))})
 
