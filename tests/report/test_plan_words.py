@@ -63,7 +63,7 @@ def plan():
         measured=0,
         criterion=Criterion("worst", np.eye(2), "largest"),
         ordered=Ordered(SCHEDULE, 0.2, 0.1998),
-        bounds=Bounds(0.18, 0.19, 0.2, np.zeros(4), (), "whole positions: ..."),
+        bounds=Bounds(0.18, 0.19, 0.2, np.zeros(4), (), "whole positions: ...", 0.18),
         after=evaluated("this plan", [0.2, 0.1], effects=(named,), undetectable=("gravity_value",)),
         before=evaluated(
             "plan of the rig file", [0.8, 0.1], undetectable=("a", "b"), effects=(replace(named, named=0.1),)

@@ -99,9 +99,10 @@ def _sections(plan: DesignedPlan) -> Iterator[Section]:
     yield Section(
         "Common practice",
         words=[
-            "The same head in the same time: positions are repeated in each mounting until the time is used. Ratio: "
-            "largest standard uncertainty, divided by that of this plan. Undetectable: number of effects, including those that no "
-            "positions of this head show. Deviation: largest angle between the intended direction and the nearest one that the head can set."
+            "The same head in the same time: positions are repeated in each mounting until the time is used. Ratio: largest "
+            "standard uncertainty, divided by that of this plan. Undetectable: number of effects, including those that no "
+            "positions of this head show. Deviation: largest angle between the intended direction and the nearest one that "
+            "the head can set."
         ],
         tables=[practice_table(plan)],
     )
