@@ -1,7 +1,7 @@
 """The search of a plan: criteria, the choice of positions, their order, bounds, and the trade-off against time."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
@@ -13,15 +13,16 @@ from tumblecal.design.bounded_search import best_plan
 from tumblecal.design.bounds import Bounds
 from tumblecal.design.candidates import Candidates
 from tumblecal.design.combined_measures import weighted_measures
+from tumblecal.design.continuous import continuous_cells
 from tumblecal.design.criteria import Criterion, in_use, mean, volume, worst
 from tumblecal.design.exchange import exchange
 from tumblecal.design.limits import Limits, limits_of, most_visits
 from tumblecal.design.measure import Measures, measures
 from tumblecal.design.naming_measures import alias_measures, naming_measures
 from tumblecal.design.one_visit import OneVisit, one_visit
-from tumblecal.design.order import Ordered, best_order
+from tumblecal.design.order import Ordered, best_order, valued
 from tumblecal.design.responses import Responses
-from tumblecal.design.schedule import Schedule, schedule
+from tumblecal.design.schedule import Schedule, continued, schedule
 from tumblecal.design.wanted import COVARIANCE, Wanted
 from tumblecal.design.weighted import Weighted
 from tumblecal.effects.catalogue import Catalogue
@@ -30,6 +31,10 @@ from tumblecal.ground.errors import InputError
 
 # Numbers of positions, or minutes, of further plans of the trade-off, relative to those of the plan.
 _TRADED = (0.5, 0.7, 1.4, 2.0, 3.0)
+
+
+# Continuous angles are used if they reduce the criterion by more than this share.
+_GAIN = 1e-3
 
 
 class TradeOff(NamedTuple):
@@ -153,6 +158,28 @@ class Search:
             kind=wanted.order,
             after=done,
         )
+
+    def continuous(self, rig: Rig, taken: Int[np.ndarray, " new"]) -> "tuple[Search, Ordered] | None":
+        """The search with cells at continuous angles in place of new positions, and these in the wanted order; None if the
+        criterion under white noise does not fall, or the order does not fit in the time."""
+        candidates, done = self.candidates, self._done
+        ability, before = candidates.ability, self.cells[taken]
+        cells = continuous_cells(rig, candidates.responses, ability, self.criterion, before, after=done)
+        wider, numbers = candidates.with_cells(rig, cells)
+        # In one order, so that only the angles differ.
+        old, new = (
+            valued(
+                wider.responses, ability, self.criterion, continued(wider.responses.cells, done, each, ability.times)
+            )
+            for each in (before, numbers)
+        )
+        if new.drift_known > (1 - _GAIN) * old.drift_known:
+            return None
+        moved = replace(self, candidates=wider, cells=np.concatenate([self.cells, numbers]))
+        try:
+            return moved, moved.ordered(len(self.cells) + np.arange(len(numbers)))
+        except InputError:
+            return None
 
     @property
     def _done(self) -> Schedule | None:

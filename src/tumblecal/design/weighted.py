@@ -32,7 +32,7 @@ class Weighted:
         return np.concatenate([criterion.rows for criterion in self.criteria])
 
     @cached_property
-    def _parts(self) -> list[tuple[Criterion, slice, float]]:
+    def parts(self) -> list[tuple[Criterion, slice, float]]:
         """Each criterion, its rows, and its factor."""
         ends = np.cumsum([len(criterion.rows) for criterion in self.criteria])
         total = sum(self.weights)
@@ -43,7 +43,7 @@ class Weighted:
 
     def of(self, covariance: Float[np.ndarray, "*n shared shared"]) -> Float[np.ndarray, "*n"]:
         """The value for a covariance of the scaled shared parameters, or for each of several."""
-        return np.sum([share * one.of(covariance) for one, _, share in self._parts], axis=0)
+        return np.sum([share * one.of(covariance) for one, _, share in self.parts], axis=0)
 
     def smooth(self, power: float) -> "Weighted":
         """The same with smooth criteria."""
@@ -54,18 +54,18 @@ class Weighted:
     ) -> Float[np.ndarray, " cells"]:
         """Values after the change of the covariance by `sign` times the sum of the outer products of the parts."""
         total = np.zeros(parts.shape[2])
-        for one, at, share in self._parts:
+        for one, at, share in self.parts:
             total += share * one.changed(covariance[at, at], parts[:, at], sign)
         return total
 
     def of_rows(self, covariance: Float[np.ndarray, "*n k k"]) -> Float[np.ndarray, "*n"]:
         """The value for a covariance of the functionals, or for each of several."""
-        return np.sum([share * one.of_rows(covariance[..., at, at]) for one, at, share in self._parts], axis=0)
+        return np.sum([share * one.of_rows(covariance[..., at, at]) for one, at, share in self.parts], axis=0)
 
     def support(self, covariance: Float[np.ndarray, "k k"]) -> tuple[float, Float[np.ndarray, "k r"]]:
         """The value of a log-convex function that is nowhere above the sum, and R: the derivative of its logarithm by the
         covariance is R R'."""
-        parts = [(at, share, *one.support(covariance[at, at])) for one, at, share in self._parts]
+        parts = [(at, share, *one.support(covariance[at, at])) for one, at, share in self.parts]
         value = sum(share * size for _, share, size, _ in parts)
         root = [np.sqrt(share * size / value) * slope for _, share, size, slope in parts]
         return value, np.asarray(block_diag(*root))
@@ -75,7 +75,7 @@ class Weighted:
     ) -> Float[np.ndarray, "n n"]:
         """Second derivatives of the logarithm by the covariance, along its changes first' then."""
         value, total, mean_slope = float(self.of_rows(covariance)), 0.0, 0.0
-        for one, at, share in self._parts:
+        for one, at, share in self.parts:
             weight = share * float(one.of_rows(covariance[at, at])) / value
             root = one.support(covariance[at, at])[1]
             slope = np.einsum("pk,npl,kr,lr->n", first[:, at], then[:, :, at], root, root, optimize=True)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from tumblecal.chain import Where
 from tumblecal.estimation.problem import Problem
@@ -50,6 +50,7 @@ def optimise_plan(
     criterion: Criterion | None = None,
     beta_deg: tuple[float, float] | None = (-90.0, 90.0),
     move_alpha: bool = True,
+    fixed: Bool[np.ndarray, " positions"] | None = None,
     steps: int = 200,
 ) -> OptimisedPlan:
     """Move the spindle angle of each position and the angle of each pitch setting to the least uncertainty (L-BFGS-B).
@@ -61,8 +62,8 @@ def optimise_plan(
     - `problem`: chain at the expected parameters, plan to start from, stated noise, priors.
     - `parameters`: names of those that matter; if omitted, all but the pitch errors dbeta. `criterion`: of the covariance of
       these; the logarithm of its determinant (D) if omitted.
-    - `beta_deg`: range of the pitch angles; None: they stay. `move_alpha`: whether the spindle angles may change. `steps`:
-      largest number of iterations.
+    - `beta_deg`: range of the pitch angles; None: they stay. `move_alpha`: whether the spindle angles may change. `fixed`:
+      positions that stay, with their pitch settings. `steps`: largest number of iterations.
 
     **Raises:** `InputError` for an unknown parameter, or noise that is not stated.
 
@@ -107,6 +108,9 @@ def optimise_plan(
         lowest[:count], highest[:count] = -np.inf, np.inf
     if beta_deg is not None:
         lowest[count:], highest[count:] = np.radians(beta_deg)
+    if fixed is not None:
+        stays = np.concatenate([fixed, np.isin(np.unique(setting), setting[fixed])])
+        lowest[stays], highest[stays] = begin[stays], begin[stays]
     found = minimize(
         lambda angles: tuple(np.asarray(part, float) for part in value_and_slope(angles)),
         np.clip(begin, lowest, highest),
