@@ -31,13 +31,13 @@ from tumblecal.capture.capture_plan import CapturePlan
 from tumblecal.capture.run.choice import Choice, DonePosition, Progress
 from tumblecal.chain.rig import Rig
 from tumblecal.chain.rig_file import rig_of
-from tumblecal.design.adaptive import AdaptiveChooser, chooser_of
-from tumblecal.design.ahead import Planner
-from tumblecal.design.exchange import exchange
-from tumblecal.design.limits import limits_of
-from tumblecal.design.measure import measures
-from tumblecal.design.one_visit import one_visit
-from tumblecal.design.target import Target
+from tumblecal.design.criteria.measure import measures
+from tumblecal.design.model.limits import limits_of
+from tumblecal.design.model.one_visit import one_visit
+from tumblecal.design.positions.exchange import exchange
+from tumblecal.design.sequential.adaptive import AdaptiveChooser, chooser_of
+from tumblecal.design.sequential.ahead import Planner
+from tumblecal.design.sequential.target import Target
 from tumblecal.effects import catalogue
 from tumblecal.effects.catalogue import links_and_units
 

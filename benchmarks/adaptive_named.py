@@ -16,10 +16,10 @@ import numpy as np
 
 from plan_naming import EFFECTS, ENTRIES, Head, OfModel
 from tumblecal.chain.rig import Rig
-from tumblecal.design.cells import cells_of
-from tumblecal.design.decisions import decisions
-from tumblecal.design.effects_of_plan import EffectsOfPlan, effects_of_plan
-from tumblecal.design.responses import responses_of
+from tumblecal.design.forecast.decisions import decisions
+from tumblecal.design.forecast.effects_of_plan import EffectsOfPlan, effects_of_plan
+from tumblecal.design.model.cells import cells_of
+from tumblecal.design.model.responses import responses_of
 from tumblecal.ground.errors import InputError
 
 

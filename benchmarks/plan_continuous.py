@@ -14,13 +14,13 @@ import numpy as np
 import tumblecal
 from plan_heads import PITCH, everything
 from tumblecal.chain.head_ability import HeadAbility, Repeatability
-from tumblecal.design.continuous import continuous_cells
-from tumblecal.design.criteria import mean, volume, worst
-from tumblecal.design.exchange import exchange
-from tumblecal.design.limits import limits_of
-from tumblecal.design.measure import measures
-from tumblecal.design.one_visit import one_visit
-from tumblecal.design.responses import responses_of
+from tumblecal.design.criteria.criterion import mean, volume, worst
+from tumblecal.design.criteria.measure import measures
+from tumblecal.design.model.limits import limits_of
+from tumblecal.design.model.one_visit import one_visit
+from tumblecal.design.model.responses import responses_of
+from tumblecal.design.positions.continuous import continuous_cells
+from tumblecal.design.positions.exchange import exchange
 
 
 STEPS = {"coarse": 90, "fine": 15}

@@ -20,12 +20,12 @@ import numpy as np
 import tumblecal
 from tumblecal.chain.head_ability import HeadAbility, Times
 from tumblecal.chain.rig_file import rig_of
-from tumblecal.design.bounded_search import best_plan
-from tumblecal.design.cells import cells_of
-from tumblecal.design.criteria import attitudes_in_use, in_use, mean, volume, worst
-from tumblecal.design.limits import limits_of
-from tumblecal.design.one_visit import one_visit
-from tumblecal.design.responses import responses_of
+from tumblecal.design.criteria.criterion import attitudes_in_use, in_use, mean, volume, worst
+from tumblecal.design.model.cells import cells_of
+from tumblecal.design.model.limits import limits_of
+from tumblecal.design.model.one_visit import one_visit
+from tumblecal.design.model.responses import responses_of
+from tumblecal.design.positions.bounded_search import best_plan
 from tumblecal.ground.errors import InputError
 
 

@@ -24,19 +24,19 @@ from tumblecal.chain import Where
 from tumblecal.chain.rig import Rig
 from tumblecal.chain.rig_file import rig_of
 from tumblecal.data import PositionSet
-from tumblecal.design.cells import cells_of
-from tumblecal.design.criteria import worst
-from tumblecal.design.effects_of_plan import EffectsOfPlan, effects_of_plan
-from tumblecal.design.evaluation import uncertainties
-from tumblecal.design.exchange import exchange
-from tumblecal.design.limits import limits_of
-from tumblecal.design.measure import measures
-from tumblecal.design.naming import Rates
-from tumblecal.design.naming_measures import naming_measures
-from tumblecal.design.one_visit import one_visit
-from tumblecal.design.planned_rig import planned_rig
-from tumblecal.design.responses import Responses, responses_of
-from tumblecal.design.schedule import Schedule, schedule
+from tumblecal.design.criteria.criterion import worst
+from tumblecal.design.criteria.measure import measures
+from tumblecal.design.criteria.naming_measures import naming_measures
+from tumblecal.design.forecast.effects_of_plan import EffectsOfPlan, effects_of_plan
+from tumblecal.design.forecast.naming import Rates
+from tumblecal.design.model.cells import cells_of
+from tumblecal.design.model.evaluation import uncertainties
+from tumblecal.design.model.limits import limits_of
+from tumblecal.design.model.one_visit import one_visit
+from tumblecal.design.model.planned_rig import planned_rig
+from tumblecal.design.model.responses import Responses, responses_of
+from tumblecal.design.model.schedule import Schedule, schedule
+from tumblecal.design.positions.exchange import exchange
 from tumblecal.diagnosis import Diagnoser
 from tumblecal.effects import catalogue
 from tumblecal.effects.catalogue import links_and_units

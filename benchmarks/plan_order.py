@@ -22,11 +22,11 @@ import numpy as np
 import tumblecal
 from tumblecal.chain.head_ability import SlowNoise
 from tumblecal.chain.rig_file import rig_of
-from tumblecal.design.cells import cells_of
-from tumblecal.design.criteria import worst
-from tumblecal.design.limits import in_order
-from tumblecal.design.order import best_order
-from tumblecal.design.responses import responses_of
+from tumblecal.design.criteria.criterion import worst
+from tumblecal.design.model.cells import cells_of
+from tumblecal.design.model.limits import in_order
+from tumblecal.design.model.responses import responses_of
+from tumblecal.design.order.best_order import best_order
 
 
 RIG = """

@@ -16,13 +16,13 @@ import numpy as np
 
 import tumblecal
 from tumblecal.chain.rig_file import rig_of
-from tumblecal.design.bounded_search import best_plan
-from tumblecal.design.cells import cells_of
-from tumblecal.design.criteria import worst
-from tumblecal.design.limits import in_order, limits_of
-from tumblecal.design.one_visit import one_visit
-from tumblecal.design.responses import responses_of
-from tumblecal.design.schedule import schedule
+from tumblecal.design.criteria.criterion import worst
+from tumblecal.design.model.cells import cells_of
+from tumblecal.design.model.limits import in_order, limits_of
+from tumblecal.design.model.one_visit import one_visit
+from tumblecal.design.model.responses import responses_of
+from tumblecal.design.model.schedule import schedule
+from tumblecal.design.positions.bounded_search import best_plan
 
 
 RIG = Path(__file__).parents[1] / "configs" / "paper24.toml"

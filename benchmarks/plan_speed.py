@@ -16,14 +16,14 @@ import numpy as np
 
 import tumblecal
 from tumblecal.chain.rig_file import rig_of
-from tumblecal.design.bounds import bounds
-from tumblecal.design.cells import cells_of
-from tumblecal.design.criteria import volume, worst
-from tumblecal.design.exchange import exchange
-from tumblecal.design.limits import limits_of
-from tumblecal.design.measure import measures
-from tumblecal.design.one_visit import one_visit
-from tumblecal.design.responses import responses_of
+from tumblecal.design.criteria.criterion import volume, worst
+from tumblecal.design.criteria.measure import measures
+from tumblecal.design.model.cells import cells_of
+from tumblecal.design.model.limits import limits_of
+from tumblecal.design.model.one_visit import one_visit
+from tumblecal.design.model.responses import responses_of
+from tumblecal.design.positions.bounds import bounds
+from tumblecal.design.positions.exchange import exchange
 
 
 RIG = """

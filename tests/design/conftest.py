@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from tumblecal.chain.rig_file import rig_of
-from tumblecal.design.cells import cells_of
-from tumblecal.design.responses import responses_of
+from tumblecal.design.model.cells import cells_of
+from tumblecal.design.model.responses import responses_of
 
 
 HEAD = """

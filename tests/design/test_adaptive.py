@@ -9,8 +9,8 @@ import pytest
 
 from tumblecal.capture.capture_plan import CapturePlan
 from tumblecal.capture.run.choice import Choice, DonePosition, Ending, Progress
-from tumblecal.design.adaptive import AdaptiveChooser, chooser_of
-from tumblecal.design.target import read_target
+from tumblecal.design.sequential.adaptive import AdaptiveChooser, chooser_of
+from tumblecal.design.sequential.target import read_target
 from tumblecal.estimation.visits import visit_precision
 from tumblecal.ground.errors import InputError
 

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from tumblecal.chain.head_ability import SlowNoise
-from tumblecal.design.ahead import Planner
-from tumblecal.design.cells import cells_of
-from tumblecal.design.criteria import worst
-from tumblecal.design.evaluation import uncertainties
-from tumblecal.design.limits import in_order
-from tumblecal.design.one_visit import one_visit
-from tumblecal.design.responses import Responses, responses_of
-from tumblecal.design.schedule import continued, schedule
+from tumblecal.design.criteria.criterion import worst
+from tumblecal.design.model.cells import cells_of
+from tumblecal.design.model.evaluation import uncertainties
+from tumblecal.design.model.limits import in_order
+from tumblecal.design.model.one_visit import one_visit
+from tumblecal.design.model.responses import Responses, responses_of
+from tumblecal.design.model.schedule import continued, schedule
+from tumblecal.design.sequential.ahead import Planner
 
 
 MEASURED = [0, 2, 5, 8, 11, 14, 16, 19, 27, 30]

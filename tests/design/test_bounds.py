@@ -8,13 +8,13 @@ import pytest
 from scipy.optimize import minimize
 
 from tumblecal.chain.head_ability import Times
-from tumblecal.design.bounded_search import best_plan
-from tumblecal.design.bounds import bounds
-from tumblecal.design.criteria import mean, volume, worst
-from tumblecal.design.limits import in_order, limits_of
-from tumblecal.design.one_visit import one_visit
-from tumblecal.design.schedule import schedule
-from tumblecal.design.weighted import Weighted
+from tumblecal.design.criteria.criterion import mean, volume, worst
+from tumblecal.design.criteria.weighted import Weighted
+from tumblecal.design.model.limits import in_order, limits_of
+from tumblecal.design.model.one_visit import one_visit
+from tumblecal.design.model.schedule import schedule
+from tumblecal.design.positions.bounded_search import best_plan
+from tumblecal.design.positions.bounds import bounds
 
 
 FEW = np.r_[8:12, 25:28, 48:50, 64:66]

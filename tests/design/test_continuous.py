@@ -9,12 +9,12 @@ from scipy.optimize import minimize
 from tumblecal.chain.head_ability import Repeatability
 from tumblecal.chain.nominal import Leaf
 from tumblecal.design.common_plans import Positions
-from tumblecal.design.continuous import continuous_cells
-from tumblecal.design.criteria import mean, worst
-from tumblecal.design.limits import in_order
-from tumblecal.design.one_visit import one_visit
+from tumblecal.design.criteria.criterion import mean, worst
+from tumblecal.design.model.limits import in_order
+from tumblecal.design.model.one_visit import one_visit
+from tumblecal.design.model.responses import responses_of
 from tumblecal.design.plan import design_plan
-from tumblecal.design.responses import responses_of
+from tumblecal.design.positions.continuous import continuous_cells
 from tumblecal.design.wanted import Wanted
 from tumblecal.effects import catalogue
 from tumblecal.ground.errors import InputError

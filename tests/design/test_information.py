@@ -7,10 +7,10 @@ import pytest
 
 from tumblecal import Problem, fit
 from tumblecal.chain.head_ability import Repeatability, SlowNoise, Times
-from tumblecal.design.cells import cells_of
-from tumblecal.design.evaluation import uncertainties
-from tumblecal.design.responses import responses_of
-from tumblecal.design.schedule import schedule
+from tumblecal.design.model.cells import cells_of
+from tumblecal.design.model.evaluation import uncertainties
+from tumblecal.design.model.responses import responses_of
+from tumblecal.design.model.schedule import schedule
 from tumblecal.ground.errors import InputError
 
 

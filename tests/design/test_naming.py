@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import tumblecal
-from tumblecal.design.alias import ATTITUDES, InUse
-from tumblecal.design.decisions import decisions
-from tumblecal.design.effects_of_plan import effects_of_plan
-from tumblecal.design.naming import forecast_of
+from tumblecal.design.forecast.alias import ATTITUDES, InUse
+from tumblecal.design.forecast.decisions import decisions
+from tumblecal.design.forecast.effects_of_plan import effects_of_plan
+from tumblecal.design.forecast.naming import forecast_of
 from tumblecal.diagnosis.detection.alternatives import alternatives
 from tumblecal.diagnosis.detection.detect import detect, kept_null
 from tumblecal.diagnosis.detection.reference import Reference

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from tumblecal.chain.rig_file import rig_of
-from tumblecal.design.alias import ATTITUDES
-from tumblecal.design.cells import cells_of
-from tumblecal.design.naming import hidden_on_head
-from tumblecal.design.naming_measures import alias_measures, naming_measures
-from tumblecal.design.responses import responses_of
+from tumblecal.design.criteria.naming_measures import alias_measures, naming_measures
+from tumblecal.design.forecast.alias import ATTITUDES
+from tumblecal.design.forecast.naming import hidden_on_head
+from tumblecal.design.model.cells import cells_of
+from tumblecal.design.model.responses import responses_of
 from tumblecal.effects import catalogue
 from tumblecal.effects.catalogue import links_and_units
 from tumblecal.ground.errors import InputError

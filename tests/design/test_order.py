@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from tumblecal.chain.head_ability import HeadAbility, Repeatability, SlowNoise, Times
-from tumblecal.design.cells import cells_of
-from tumblecal.design.order import best_order
-from tumblecal.design.order_moves import nested, pairs_of_groups
-from tumblecal.design.order_value import OrderValue
-from tumblecal.design.responses import Responses, Setting
-from tumblecal.design.schedule import schedule
+from tumblecal.design.model.cells import cells_of
+from tumblecal.design.model.responses import Responses, Setting
+from tumblecal.design.model.schedule import schedule
+from tumblecal.design.order.best_order import best_order
+from tumblecal.design.order.order_moves import nested, pairs_of_groups
+from tumblecal.design.order.order_value import OrderValue
 from tumblecal.ground.errors import InputError
 
 

@@ -9,14 +9,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tumblecal.chain.head_ability import Times
-from tumblecal.design.criteria import Criterion, determined, mean, volume, worst
-from tumblecal.design.evaluation import uncertainties
-from tumblecal.design.exchange import exchange
-from tumblecal.design.limits import Occupied, in_order, limits_of
-from tumblecal.design.measure import measures
-from tumblecal.design.one_visit import one_visit
-from tumblecal.design.schedule import schedule
-from tumblecal.design.weighted import Weighted
+from tumblecal.design.criteria.criterion import Criterion, determined, mean, volume, worst
+from tumblecal.design.criteria.measure import measures
+from tumblecal.design.criteria.weighted import Weighted
+from tumblecal.design.model.evaluation import uncertainties
+from tumblecal.design.model.limits import Occupied, in_order, limits_of
+from tumblecal.design.model.one_visit import one_visit
+from tumblecal.design.model.schedule import schedule
+from tumblecal.design.positions.exchange import exchange
 from tumblecal.ground.errors import InputError
 
 

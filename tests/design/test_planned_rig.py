@@ -8,11 +8,11 @@ import pytest
 
 from tumblecal.chain.rig_file import rig_of
 from tumblecal.cli.model_options import StatedModel
-from tumblecal.design.cells import cells_of
-from tumblecal.design.evaluation import uncertainties
-from tumblecal.design.planned_rig import planned_rig
-from tumblecal.design.responses import responses_of
-from tumblecal.design.schedule import schedule
+from tumblecal.design.model.cells import cells_of
+from tumblecal.design.model.evaluation import uncertainties
+from tumblecal.design.model.planned_rig import planned_rig
+from tumblecal.design.model.responses import responses_of
+from tumblecal.design.model.schedule import schedule
 from tumblecal.estimation.exact import fit
 from tumblecal.simulation.position_means import simulated
 

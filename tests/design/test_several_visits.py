@@ -8,14 +8,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tumblecal.design.bounds import bounds
-from tumblecal.design.criteria import mean, worst
-from tumblecal.design.evaluation import uncertainties
-from tumblecal.design.exchange import exchange
-from tumblecal.design.limits import in_order, limits_of, most_visits, sittings_in_order
-from tumblecal.design.measure import measures
-from tumblecal.design.one_visit import one_visit
-from tumblecal.design.schedule import schedule
+from tumblecal.design.criteria.criterion import mean, worst
+from tumblecal.design.criteria.measure import measures
+from tumblecal.design.model.evaluation import uncertainties
+from tumblecal.design.model.limits import in_order, limits_of, most_visits, sittings_in_order
+from tumblecal.design.model.one_visit import one_visit
+from tumblecal.design.model.schedule import schedule
+from tumblecal.design.positions.bounds import bounds
+from tumblecal.design.positions.exchange import exchange
 
 
 def value(responses, criterion, planned, ability):

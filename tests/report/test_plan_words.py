@@ -8,17 +8,17 @@ import pytest
 from tumblecal.chain.head_ability import HeadAbility
 from tumblecal.chain.plan import grid
 from tumblecal.chain.rig import Rig
-from tumblecal.design.bounds import Bounds
 from tumblecal.design.candidates import Evaluated
-from tumblecal.design.cells import Cells
 from tumblecal.design.common_plans import Positions
-from tumblecal.design.criteria import Criterion
-from tumblecal.design.evaluation import Uncertainties
-from tumblecal.design.naming import Alias, EffectForecast, NamingForecast
-from tumblecal.design.order import Ordered
+from tumblecal.design.criteria.criterion import Criterion
+from tumblecal.design.forecast.naming import Alias, EffectForecast, NamingForecast
+from tumblecal.design.model.cells import Cells
+from tumblecal.design.model.evaluation import Uncertainties
+from tumblecal.design.model.responses import Responses, Setting
+from tumblecal.design.model.schedule import Schedule
+from tumblecal.design.order.best_order import Ordered
 from tumblecal.design.plan import DesignedPlan
-from tumblecal.design.responses import Responses, Setting
-from tumblecal.design.schedule import Schedule
+from tumblecal.design.positions.bounds import Bounds
 from tumblecal.design.wanted import Wanted
 from tumblecal.report.plan_assumptions import assumptions
 from tumblecal.report.plan_files import capture_files

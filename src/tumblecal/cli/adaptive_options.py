@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from tumblecal.capture.capture_plan import CapturePlan
     from tumblecal.capture.run.choice import Choice, Ending, Progress
     from tumblecal.capture.run.run_folder import AdaptiveFiles, RunFolder
-    from tumblecal.design.adaptive import AdaptiveChooser
+    from tumblecal.design.sequential.adaptive import AdaptiveChooser
 
 _LONGEST_MIN = 1e5
 
@@ -70,7 +70,7 @@ class AdaptiveOptions:
                 read_toml(file)
                 contents[name] = file.read_bytes()
         if self.rig is None:
-            from tumblecal.design.adaptive_rig import assumed_rig
+            from tumblecal.design.sequential.adaptive_rig import assumed_rig
 
             contents["rig"] = assumed_rig(plan).encode()
             print("no --rig: the head sets the angles of the plan in all combinations; noise of a position 0.1 mg")
@@ -123,7 +123,7 @@ class RunChooser:
 
                 start()
                 from tumblecal.chain.rig_file import rig_of
-                from tumblecal.design.adaptive import chooser_of
+                from tumblecal.design.sequential.adaptive import chooser_of
                 from tumblecal.effects import catalogue
                 from tumblecal.effects.catalogue import links_and_units
 

@@ -8,13 +8,13 @@ from jaxtyping import Bool, Float, Int
 
 from tumblecal.chain.head_ability import HeadAbility
 from tumblecal.chain.rig import Rig
-from tumblecal.design.cells import Cells, cells_of
 from tumblecal.design.common_plans import Positions
-from tumblecal.design.criteria import attitudes_in_use
-from tumblecal.design.evaluation import Uncertainties, in_use_sd, uncertainties
-from tumblecal.design.naming import EffectForecast
-from tumblecal.design.responses import Responses, responses_of
-from tumblecal.design.schedule import Schedule, schedule
+from tumblecal.design.criteria.criterion import attitudes_in_use
+from tumblecal.design.forecast.naming import EffectForecast
+from tumblecal.design.model.cells import Cells, cells_of
+from tumblecal.design.model.evaluation import Uncertainties, in_use_sd, uncertainties
+from tumblecal.design.model.responses import Responses, responses_of
+from tumblecal.design.model.schedule import Schedule, schedule
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.soaks import ONE_TEMPERATURE_DEGC, soak_numbers
 

@@ -9,20 +9,26 @@ from jaxtyping import Int
 
 from tumblecal.chain.head_ability import HeadAbility
 from tumblecal.chain.rig import Rig
-from tumblecal.design.bounds import Bounds
 from tumblecal.design.candidates import Candidates, Evaluated
-from tumblecal.design.cells import Cells, cells_of
 from tumblecal.design.common_plans import Positions, common_plans
-from tumblecal.design.criteria import Criterion
-from tumblecal.design.effects_of_plan import EffectsOfPlan, effects_of_plan
-from tumblecal.design.naming import NamingForecast, detectable, detection_limit, forecast_of_effect, forecast_on_head
-from tumblecal.design.order import Ordered
-from tumblecal.design.planned_rig import planned_rig
-from tumblecal.design.responses import Responses
-from tumblecal.design.schedule import schedule
+from tumblecal.design.criteria.criterion import Criterion
+from tumblecal.design.criteria.weighted import Weighted
+from tumblecal.design.forecast.effects_of_plan import EffectsOfPlan, effects_of_plan
+from tumblecal.design.forecast.naming import (
+    NamingForecast,
+    detectable,
+    detection_limit,
+    forecast_of_effect,
+    forecast_on_head,
+)
+from tumblecal.design.model.cells import Cells, cells_of
+from tumblecal.design.model.planned_rig import planned_rig
+from tumblecal.design.model.responses import Responses
+from tumblecal.design.model.schedule import schedule
+from tumblecal.design.order.best_order import Ordered
+from tumblecal.design.positions.bounds import Bounds
 from tumblecal.design.search import Search, TradeOff
 from tumblecal.design.wanted import Wanted, rig_positions
-from tumblecal.design.weighted import Weighted
 from tumblecal.effects.catalogue import Catalogue
 from tumblecal.ground.counted import counted, shortened
 from tumblecal.ground.errors import InputError

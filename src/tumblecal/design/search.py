@@ -9,22 +9,22 @@ import numpy as np
 from jaxtyping import Bool, Int
 
 from tumblecal.chain.rig import Rig
-from tumblecal.design.bounded_search import best_plan
-from tumblecal.design.bounds import Bounds
 from tumblecal.design.candidates import Candidates
-from tumblecal.design.combined_measures import weighted_measures
-from tumblecal.design.continuous import continuous_cells
-from tumblecal.design.criteria import Criterion, in_use, mean, volume, worst
-from tumblecal.design.exchange import exchange
-from tumblecal.design.limits import Limits, limits_of, most_visits
-from tumblecal.design.measure import Measures, measures
-from tumblecal.design.naming_measures import alias_measures, naming_measures
-from tumblecal.design.one_visit import OneVisit, one_visit
-from tumblecal.design.order import Ordered, best_order, valued
-from tumblecal.design.responses import Responses
-from tumblecal.design.schedule import Schedule, continued, schedule
+from tumblecal.design.criteria.combined_measures import weighted_measures
+from tumblecal.design.criteria.criterion import Criterion, in_use, mean, volume, worst
+from tumblecal.design.criteria.measure import Measures, measures
+from tumblecal.design.criteria.naming_measures import alias_measures, naming_measures
+from tumblecal.design.criteria.weighted import Weighted
+from tumblecal.design.model.limits import Limits, limits_of, most_visits
+from tumblecal.design.model.one_visit import OneVisit, one_visit
+from tumblecal.design.model.responses import Responses
+from tumblecal.design.model.schedule import Schedule, continued, schedule
+from tumblecal.design.order.best_order import Ordered, best_order, valued
+from tumblecal.design.positions.bounded_search import best_plan
+from tumblecal.design.positions.bounds import Bounds
+from tumblecal.design.positions.continuous import continuous_cells
+from tumblecal.design.positions.exchange import exchange
 from tumblecal.design.wanted import COVARIANCE, Wanted
-from tumblecal.design.weighted import Weighted
 from tumblecal.effects.catalogue import Catalogue
 from tumblecal.ground.errors import InputError
 

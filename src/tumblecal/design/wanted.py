@@ -7,7 +7,7 @@ from typing import Literal
 from tumblecal.chain.head_ability import Times
 from tumblecal.chain.rig import Rig
 from tumblecal.design.common_plans import Positions
-from tumblecal.design.responses import Responses
+from tumblecal.design.model.responses import Responses
 from tumblecal.ground.errors import InputError
 
 

@@ -4,8 +4,8 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from tumblecal.chain.head_ability import Times
+from tumblecal.design.model.responses import MOUNT, PITCH, Setting
 from tumblecal.design.plan import DesignedPlan
-from tumblecal.design.responses import MOUNT, PITCH, Setting
 from tumblecal.ground.units import factor
 
 

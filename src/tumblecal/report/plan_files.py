@@ -12,7 +12,7 @@ import numpy as np
 from tumblecal.capture.capture_plan import CaptureSetup
 from tumblecal.chain.rig_file import unit_of_parameter
 from tumblecal.design.candidates import Evaluated
-from tumblecal.design.naming import EffectForecast
+from tumblecal.design.forecast.naming import EffectForecast
 from tumblecal.design.plan import DesignedPlan
 from tumblecal.ground.atomic import write_text
 from tumblecal.ground.errors import InputError

@@ -6,10 +6,10 @@ import numpy as np
 
 from tumblecal.chain.nominal import UNIT_OF_LEAF
 from tumblecal.chain.rig_file import unit_of_parameter
-from tumblecal.design.bounds import GOOD
 from tumblecal.design.candidates import Evaluated
-from tumblecal.design.naming import EffectForecast
+from tumblecal.design.forecast.naming import EffectForecast
 from tumblecal.design.plan import DesignedPlan
+from tumblecal.design.positions.bounds import GOOD
 from tumblecal.ground.counted import counted, shortened
 from tumblecal.ground.numbers_shown import decimals, with_decimals
 from tumblecal.ground.units import in_words, shown

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.chain import Place, State, Where, settings
-from tumblecal.design.effects_of_plan import EffectsOfPlan
+from tumblecal.design.forecast.effects_of_plan import EffectsOfPlan
 from tumblecal.diagnosis.model.layout import Slot
 from tumblecal.effects import Catalogue
 from tumblecal.estimation.identifiability import RANK_TOLERANCE

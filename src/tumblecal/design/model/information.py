@@ -11,8 +11,8 @@ from jaxtyping import Float
 from scipy.linalg import block_diag, cho_factor, cho_solve, solve_triangular
 
 from tumblecal.chain.head_ability import HeadAbility
-from tumblecal.design.responses import Responses
-from tumblecal.design.schedule import Schedule
+from tumblecal.design.model.responses import Responses
+from tumblecal.design.model.schedule import Schedule
 from tumblecal.estimation.visits import visit_precision
 from tumblecal.noise.of_head import slow_covariance
 

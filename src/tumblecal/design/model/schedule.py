@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from tumblecal.chain.head_ability import Times
-from tumblecal.design.cells import Cells
+from tumblecal.design.model.cells import Cells
 
 
 @dataclass(frozen=True)

@@ -15,9 +15,9 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.design.cells import Cells
-from tumblecal.design.responses import Responses, Setting
-from tumblecal.design.schedule import Schedule
+from tumblecal.design.model.cells import Cells
+from tumblecal.design.model.responses import Responses, Setting
+from tumblecal.design.model.schedule import Schedule
 
 
 # A parameter without a bound has a prior of so many times the noise of a dwell, seen through its largest response; it is

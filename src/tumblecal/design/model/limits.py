@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Int
 
 from tumblecal.chain.head_ability import HeadAbility, Times
-from tumblecal.design.cells import Cells
+from tumblecal.design.model.cells import Cells
 from tumblecal.ground.errors import InputError
 
 

@@ -6,8 +6,8 @@ from typing import Protocol
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.design.criteria import OfRows
-from tumblecal.design.one_visit import OneVisit
+from tumblecal.design.criteria.criterion import OfRows
+from tumblecal.design.model.one_visit import OneVisit
 
 
 class Measure(Protocol):

@@ -14,9 +14,9 @@ from jaxtyping import Float, Int
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from tumblecal.chain.head_ability import HeadAbility
-from tumblecal.design.cells import Cells
-from tumblecal.design.responses import Responses, Setting
-from tumblecal.design.schedule import Schedule, continued
+from tumblecal.design.model.cells import Cells
+from tumblecal.design.model.responses import Responses, Setting
+from tumblecal.design.model.schedule import Schedule, continued
 from tumblecal.estimation.visits import visit_precision
 from tumblecal.noise.of_head import tabulated_covariance
 

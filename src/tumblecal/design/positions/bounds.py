@@ -14,10 +14,10 @@ from itertools import combinations
 import numpy as np
 from jaxtyping import Float, Int
 
-from tumblecal.design.criteria import CriterionOfCovariance
-from tumblecal.design.limits import Limits
-from tumblecal.design.one_visit import OneVisit
-from tumblecal.design.relaxation import POWER, Relaxed, relaxed
+from tumblecal.design.criteria.criterion import CriterionOfCovariance
+from tumblecal.design.model.limits import Limits
+from tumblecal.design.model.one_visit import OneVisit
+from tumblecal.design.positions.relaxation import POWER, Relaxed, relaxed
 
 
 # Sets of mountings and temperatures are listed up to this number; more are bounded by their size.

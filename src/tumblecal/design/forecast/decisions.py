@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from tumblecal.design.effects_of_plan import EffectsOfPlan
+from tumblecal.design.forecast.effects_of_plan import EffectsOfPlan
 from tumblecal.diagnosis.causes.generic import UNEXPLAINED
 from tumblecal.diagnosis.causes.identities import one_function_at_1_g
 from tumblecal.diagnosis.detection.detect import statistics

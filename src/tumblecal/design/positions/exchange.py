@@ -12,9 +12,9 @@ from itertools import combinations
 import numpy as np
 from jaxtyping import Int
 
-from tumblecal.design.limits import Limits, Occupied, in_order
-from tumblecal.design.measure import Measure, Measures
-from tumblecal.design.schedule import continued, schedule
+from tumblecal.design.criteria.measure import Measure, Measures
+from tumblecal.design.model.limits import Limits, Occupied, in_order
+from tumblecal.design.model.schedule import continued, schedule
 
 
 # An exchange counts if it reduces the value by more than this share.

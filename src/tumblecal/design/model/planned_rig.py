@@ -14,10 +14,10 @@ from tumblecal.chain.plan import Plan
 from tumblecal.chain.rig import Rig
 from tumblecal.chain.rig_temperature import RigTemperature
 from tumblecal.chain.where import VISITS
-from tumblecal.design.cells import Cells
-from tumblecal.design.information import design_of, noise_covariance, white_rows
-from tumblecal.design.responses import MOUNT, PITCH, Responses, Setting
-from tumblecal.design.schedule import Schedule
+from tumblecal.design.model.cells import Cells
+from tumblecal.design.model.information import design_of, noise_covariance, white_rows
+from tumblecal.design.model.responses import MOUNT, PITCH, Responses, Setting
+from tumblecal.design.model.schedule import Schedule
 from tumblecal.estimation.identifiability import identifiability
 
 

@@ -8,7 +8,7 @@ from jaxtyping import Float, Int
 
 from tumblecal.chain.nominal import Leaf
 from tumblecal.chain.rig import Rig
-from tumblecal.design.cells import Cells
+from tumblecal.design.model.cells import Cells
 from tumblecal.estimation.linearised import linearised
 from tumblecal.estimation.priors import prior_of
 from tumblecal.estimation.problem import Problem

@@ -13,14 +13,14 @@ import numpy as np
 from jaxtyping import Bool, Int
 
 from tumblecal.chain.head_ability import HeadAbility
-from tumblecal.design.criteria import Criterion
-from tumblecal.design.exchange import exchange
-from tumblecal.design.limits import limits_of
-from tumblecal.design.measure import Measures, measures
-from tumblecal.design.one_visit import one_visit
-from tumblecal.design.order import valued
-from tumblecal.design.responses import Responses
-from tumblecal.design.schedule import Schedule, continued, moves
+from tumblecal.design.criteria.criterion import Criterion
+from tumblecal.design.criteria.measure import Measures, measures
+from tumblecal.design.model.limits import limits_of
+from tumblecal.design.model.one_visit import one_visit
+from tumblecal.design.model.responses import Responses
+from tumblecal.design.model.schedule import Schedule, continued, moves
+from tumblecal.design.order.best_order import valued
+from tumblecal.design.positions.exchange import exchange
 from tumblecal.ground.errors import InputError
 
 

@@ -14,12 +14,12 @@ import numpy as np
 from jaxtyping import Int
 
 from tumblecal.chain.head_ability import HeadAbility
-from tumblecal.design.information import design_of, information_of, noise_covariance
-from tumblecal.design.limits import in_order
-from tumblecal.design.order_moves import changed, mirrored, nested, pairs_of_groups
-from tumblecal.design.order_value import OfCovariance, OrderValue, shared_covariance
-from tumblecal.design.responses import Responses
-from tumblecal.design.schedule import Schedule
+from tumblecal.design.model.information import design_of, information_of, noise_covariance
+from tumblecal.design.model.limits import in_order
+from tumblecal.design.model.responses import Responses
+from tumblecal.design.model.schedule import Schedule
+from tumblecal.design.order.order_moves import changed, mirrored, nested, pairs_of_groups
+from tumblecal.design.order.order_value import OfCovariance, OrderValue, shared_covariance
 from tumblecal.ground.errors import InputError
 
 

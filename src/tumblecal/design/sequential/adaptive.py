@@ -15,17 +15,17 @@ from tumblecal.capture.capture_plan import CapturePlan, PlanPosition
 from tumblecal.capture.run.choice import Choice, Ending, Progress
 from tumblecal.chain.head_ability import HeadAbility
 from tumblecal.chain.rig import Rig
-from tumblecal.design.adaptive_rig import adaptive_cells
-from tumblecal.design.ahead import Ahead, Planner
-from tumblecal.design.criteria import Criterion, determined, worst
-from tumblecal.design.evaluation import Uncertainties, uncertainties
-from tumblecal.design.exchange import exchange
-from tumblecal.design.limits import limits_of
-from tumblecal.design.measure import measures
-from tumblecal.design.one_visit import one_visit
-from tumblecal.design.responses import Responses, responses_of
-from tumblecal.design.schedule import Schedule, continued, schedule
-from tumblecal.design.target import Target, read_target, uncertainty_words
+from tumblecal.design.criteria.criterion import Criterion, determined, worst
+from tumblecal.design.criteria.measure import measures
+from tumblecal.design.model.evaluation import Uncertainties, uncertainties
+from tumblecal.design.model.limits import limits_of
+from tumblecal.design.model.one_visit import one_visit
+from tumblecal.design.model.responses import Responses, responses_of
+from tumblecal.design.model.schedule import Schedule, continued, schedule
+from tumblecal.design.positions.exchange import exchange
+from tumblecal.design.sequential.adaptive_rig import adaptive_cells
+from tumblecal.design.sequential.ahead import Ahead, Planner
+from tumblecal.design.sequential.target import Target, read_target, uncertainty_words
 
 
 # A target that a search misses by less than this factor may be reached all the same.

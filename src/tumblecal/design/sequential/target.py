@@ -8,8 +8,8 @@ from jaxtyping import Float
 
 from tumblecal.chain.nominal import UNIT_OF_LEAF
 from tumblecal.chain.rig_file import sizes_of, unit_of_parameter
-from tumblecal.design.criteria import Criterion
-from tumblecal.design.responses import Responses
+from tumblecal.design.criteria.criterion import Criterion
+from tumblecal.design.model.responses import Responses
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.strict_toml import read_toml
 from tumblecal.ground.toml_faults import located

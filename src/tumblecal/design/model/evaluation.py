@@ -6,9 +6,9 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.chain.head_ability import HeadAbility
-from tumblecal.design.information import design_of, information_of, noise_covariance
-from tumblecal.design.responses import Responses
-from tumblecal.design.schedule import Schedule
+from tumblecal.design.model.information import design_of, information_of, noise_covariance
+from tumblecal.design.model.responses import Responses
+from tumblecal.design.model.schedule import Schedule
 
 
 # Directions with less information than this share of the largest, all parameters in their own uncertainty, are not determined.

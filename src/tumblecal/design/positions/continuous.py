@@ -8,13 +8,13 @@ from jaxtyping import Array, Float, Int
 
 from tumblecal.chain.head_ability import HeadAbility
 from tumblecal.chain.rig import Rig
-from tumblecal.design.cells import Cells
-from tumblecal.design.criteria import Criterion
-from tumblecal.design.planned_rig import planned_rig
-from tumblecal.design.relaxation import POWER
-from tumblecal.design.responses import Responses
-from tumblecal.design.schedule import Schedule, continued
-from tumblecal.design.weighted import Weighted
+from tumblecal.design.criteria.criterion import Criterion
+from tumblecal.design.criteria.weighted import Weighted
+from tumblecal.design.model.cells import Cells
+from tumblecal.design.model.planned_rig import planned_rig
+from tumblecal.design.model.responses import Responses
+from tumblecal.design.model.schedule import Schedule, continued
+from tumblecal.design.positions.relaxation import POWER
 from tumblecal.estimation.problem import Problem
 from tumblecal.estimation.visits import with_repeatability
 from tumblecal.ground.errors import InputError

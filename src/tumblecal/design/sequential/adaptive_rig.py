@@ -6,7 +6,7 @@ import numpy as np
 
 from tumblecal.capture.capture_plan import CapturePlan
 from tumblecal.chain.rig import Rig
-from tumblecal.design.cells import Cells, cells_of
+from tumblecal.design.model.cells import Cells, cells_of
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.strict_toml import toml_lines
 

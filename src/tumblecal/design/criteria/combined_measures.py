@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.design.measure import Measure, Measures
+from tumblecal.design.criteria.measure import Measure, Measures
 
 
 class CombinedMeasure:

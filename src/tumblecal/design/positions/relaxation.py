@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.design.criteria import CriterionOfCovariance
-from tumblecal.design.one_visit import OneVisit, inverse
+from tumblecal.design.criteria.criterion import CriterionOfCovariance
+from tumblecal.design.model.one_visit import OneVisit, inverse
 
 
 # Power of the mean that stands for the largest variance.

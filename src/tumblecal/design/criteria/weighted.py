@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import block_diag
 
-from tumblecal.design.criteria import Criterion
+from tumblecal.design.criteria.criterion import Criterion
 from tumblecal.ground.errors import InputError
 
 

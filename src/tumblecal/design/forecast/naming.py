@@ -14,10 +14,10 @@ from scipy.special import ndtri
 from tumblecal.chain.head_ability import SlowNoise
 from tumblecal.chain.plan import Plan
 from tumblecal.chain.rig import Rig
-from tumblecal.design.alias import InUse
-from tumblecal.design.cells import cells_of
-from tumblecal.design.decisions import Decisions, decisions, detections, identities
-from tumblecal.design.effects_of_plan import EffectsOfPlan, effects_of_plan
+from tumblecal.design.forecast.alias import InUse
+from tumblecal.design.forecast.decisions import Decisions, decisions, detections, identities
+from tumblecal.design.forecast.effects_of_plan import EffectsOfPlan, effects_of_plan
+from tumblecal.design.model.cells import cells_of
 from tumblecal.diagnosis.findings.limits import noncentrality
 from tumblecal.diagnosis.priors import INDISTINGUISHABLE, POWER, VISIBLE
 from tumblecal.effects import Catalogue

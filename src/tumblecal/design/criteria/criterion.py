@@ -12,9 +12,9 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.chain.head_ability import HeadAbility
-from tumblecal.design.cells import Cells
-from tumblecal.design.one_visit import OneVisit, one_visit
-from tumblecal.design.responses import Responses
+from tumblecal.design.model.cells import Cells
+from tumblecal.design.model.one_visit import OneVisit, one_visit
+from tumblecal.design.model.responses import Responses
 from tumblecal.ground.errors import InputError
 
 

@@ -16,12 +16,12 @@ from scipy.special import ndtri
 
 from tumblecal.chain import Where
 from tumblecal.chain.rig import Rig
-from tumblecal.design.alias import ATTITUDES, effect_in_use, of_use, sensor_rows
-from tumblecal.design.combined_measures import largest_measures
-from tumblecal.design.criteria import Criterion
-from tumblecal.design.measure import Measures, measures
-from tumblecal.design.one_visit import OneVisit, one_visit
-from tumblecal.design.responses import Responses
+from tumblecal.design.criteria.combined_measures import largest_measures
+from tumblecal.design.criteria.criterion import Criterion
+from tumblecal.design.criteria.measure import Measures, measures
+from tumblecal.design.forecast.alias import ATTITUDES, effect_in_use, of_use, sensor_rows
+from tumblecal.design.model.one_visit import OneVisit, one_visit
+from tumblecal.design.model.responses import Responses
 from tumblecal.diagnosis.causes.identities import one_function_at_1_g
 from tumblecal.diagnosis.findings.limits import noncentrality
 from tumblecal.diagnosis.model.full_model import FullModel, model_of

@@ -2,12 +2,12 @@
 
 from dataclasses import dataclass, replace
 
-from tumblecal.design.bounds import GOOD, Bounds, bounds
-from tumblecal.design.criteria import CriterionOfCovariance
-from tumblecal.design.exchange import Chosen, exchange
-from tumblecal.design.limits import Limits
-from tumblecal.design.measure import measures
-from tumblecal.design.one_visit import OneVisit
+from tumblecal.design.criteria.criterion import CriterionOfCovariance
+from tumblecal.design.criteria.measure import measures
+from tumblecal.design.model.limits import Limits
+from tumblecal.design.model.one_visit import OneVisit
+from tumblecal.design.positions.bounds import GOOD, Bounds, bounds
+from tumblecal.design.positions.exchange import Chosen, exchange
 
 
 # A plan this close to its bound is not searched further; the most promising classes of plans are searched in each round.

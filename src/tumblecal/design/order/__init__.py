@@ -1,0 +1,1 @@
+"""The order of positions under slow noise, with the costs of transitions."""

@@ -1,0 +1,1 @@
+"""Positions that are chosen one by one during a measurement."""
