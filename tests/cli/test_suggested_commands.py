@@ -177,7 +177,7 @@ def test_a_suggested_diagnosis_reads_the_user_s_own_columns(tumblecal, tmp_path,
     assert words(said)[:2] == ["diagnose", "my data.csv"] and parsed(words(said))["model"].gravity == "9.8123"
     # The positions proposed next are in a file of the program's own, joined with the user's.
     line = suggested("diagnose", *joined_arguments(["my data.csv", "next/positions.csv"]))
-    assert parsed(words(line))["inputs"].join
+    assert parsed(words(line))["joining"].join
     write_positions(Path("positions.csv"), table1)
     model = StatedModel.of(parsed(words(line))["model"])
     own, new = model.read_each([Path("my data.csv"), Path("positions.csv")], together=True)
