@@ -13,7 +13,9 @@ from tumblecal.design.model.evaluation import uncertainties
 from tumblecal.design.model.planned_rig import planned_rig
 from tumblecal.design.model.responses import responses_of
 from tumblecal.design.model.schedule import schedule
+from tumblecal.diagnosis.findings.determined import require_determined
 from tumblecal.estimation.exact import fit
+from tumblecal.estimation.linearised import linearised
 from tumblecal.simulation.position_means import simulated
 
 
@@ -38,11 +40,11 @@ SLOW = "[head.noise]\nrandom_walk_g_per_rts = 2e-6\n"
 ORDER = np.array([0, 1, 4, 6, 2, 3, 8, 10, 12, 15, 17, 18, 20, 22, 5, 7, 0, 1, 3, 9])
 
 
-def planned(text):
+def planned(text, order=ORDER):
     rig = rig_of(tomllib.loads(text), Path("rig.toml"))
     responses = responses_of(rig, cells_of(rig.ability))
-    plan = schedule(responses.cells, ORDER, rig.ability.times)
-    names = tuple(map(str, range(len(ORDER))))
+    plan = schedule(responses.cells, order, rig.ability.times)
+    names = tuple(map(str, range(len(order))))
     return responses, plan, rig, planned_rig(rig, responses, plan, rig.ability, names)
 
 
@@ -100,3 +102,12 @@ def test_simulated_errors_have_the_promised_dispersion():
     estimates = readings.reshape(draws, -1) @ weights @ np.linalg.pinv(design.T @ weights)
     dispersion = np.std(estimates[:, : len(promised.names)], axis=0) * responses.scales
     assert dispersion == pytest.approx(promised.sd, rel=0.07)
+
+
+@pytest.mark.parametrize("stated", ["", PRIOR + AGAIN], ids=["unknown", "prior and repeatability"])
+def test_a_response_of_rounding_size_determines_nothing(stated):
+    """Two positions of the second mounting at 90 deg: one of its angles acts by cos 90 deg alone."""
+    made = planned(RIG + stated, np.array([*range(12), 20, 22]))[-1]
+    problem = StatedModel(rig=made, noise_sd=made.noise_sd_g, priors=made.priors).problem(simulated(made, 0, 1e-4))
+    require_determined(problem, np.asarray(linearised(problem, problem.chain.vector)[1]))
+    assert np.all(np.isfinite(fit(problem).sd))

@@ -18,8 +18,8 @@ from tumblecal.design.forecast.naming import (
     NamingForecast,
     detectable,
     detection_limit,
+    forecast,
     forecast_of_effect,
-    forecast_on_head,
 )
 from tumblecal.design.model.cells import Cells, cells_of
 from tumblecal.design.model.planned_rig import planned_rig
@@ -146,7 +146,7 @@ def design_plan(rig: Rig, wanted: Wanted, entries: Catalogue) -> DesignedPlan:
     predicted = None
     if wanted.forecast:
         of = effects_of_plan(made, entries)
-        predicted = forecast_on_head(made, of, wanted.effects, seed=wanted.seed)
+        predicted = forecast(made, of, wanted.effects, seed=wanted.seed)
         after = replace(after, effects=predicted.effects, undetectable=predicted.undetectable)
         before, *practice = (_with_effects(rig, candidates, each, wanted, of) for each in (before, *practice))
     return DesignedPlan(

@@ -31,8 +31,6 @@ from tumblecal.ground.errors import InputError
 
 # Numbers of positions, or minutes, of further plans of the trade-off, relative to those of the plan.
 _TRADED = (0.5, 0.7, 1.4, 2.0, 3.0)
-
-
 # Continuous angles are used if they reduce the criterion by more than this share.
 _GAIN = 1e-3
 

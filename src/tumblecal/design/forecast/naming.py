@@ -92,30 +92,23 @@ class NamingForecast:
 
 
 def forecast(
-    rig: Rig, effects: Mapping[str, float], entries: Catalogue, *, draws: int = 500, seed: int = 0
+    rig: Rig, of: EffectsOfPlan, effects: Mapping[str, float], *, draws: int = 500, seed: int = 0
 ) -> NamingForecast:
     """Forecast of the diagnosis of a rig's plan by its chain with its priors, the noise known.
 
     **Arguments:**
 
-    - `rig`: of `planned_rig` for a schedule.
+    - `rig`: of `planned_rig` for a schedule. `of`: its effects.
     - `effects`: sizes by id, each in the unit of its entry; every coefficient has this size.
 
     **Raises:** `InputError` for an unknown effect, one that this plan cannot test, or a size that is not above 0.
     """
-    return forecast_on_head(rig, effects_of_plan(rig, entries), effects, draws=draws, seed=seed)
-
-
-def forecast_on_head(
-    rig: Rig, of: EffectsOfPlan, effects: Mapping[str, float], *, draws: int = 500, seed: int = 0
-) -> NamingForecast:
-    """`forecast` of the effects of a rig's plan."""
     predicted = forecast_of(of, effects, draws=draws, seed=seed)
     return replace(predicted, hidden_on_head=hidden_on_head(rig, predicted.undetectable, of.entries))
 
 
 def forecast_of(of: EffectsOfPlan, effects: Mapping[str, float], *, draws: int = 500, seed: int = 0) -> NamingForecast:
-    """`forecast` of a plan's effects."""
+    """`forecast` of a plan's effects, whatever its head can show."""
     for id, size in effects.items():
         of.slot(id)
         if not size > 0:

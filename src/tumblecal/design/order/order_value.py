@@ -37,11 +37,9 @@ _MOST_KEPT = 1000
 _AT_ONCE = 2048
 
 
-def shared_covariance(
-    information: Float[np.ndarray, "all all"], shared: int, ridge: float = RIDGE
-) -> Float[np.ndarray, "shared shared"]:
+def shared_covariance(information: Float[np.ndarray, "all all"], shared: int) -> Float[np.ndarray, "shared shared"]:
     """Covariance of the first parameters, for an information that a small ridge makes invertible."""
-    flipped = information[::-1, ::-1] + ridge * np.eye(len(information))
+    flipped = information[::-1, ::-1] + RIDGE * np.eye(len(information))
     root = np.linalg.cholesky(flipped)[-shared:, -shared:]
     inverse = solve_triangular(root, np.eye(shared), lower=True)
     return (inverse.T @ inverse)[::-1, ::-1]
