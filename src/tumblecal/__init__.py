@@ -51,8 +51,8 @@ def _loaded(module: str, name: str):
 
 
 def _drawing(name: str):
-    module, _, function = name.partition(".")
-    return _loaded(f"tumblecal.report.{module}", function)
+    module, _, function = name.rpartition(".")
+    return _loaded(f"tumblecal.{module if '.' in module else f'report.{module}'}", function)
 
 
 find_drawings_by(_drawing)

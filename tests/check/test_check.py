@@ -131,7 +131,7 @@ def test_changed_bias_is_named_with_its_size():
     usual = np.array([0.0] * 3 + [2e-3] * 3 + [0.0] * 3)
     assert not check(calibration(), FILE, by_hand(VALUES + change, noise(2)), repeatability=usual).test.rejected
     accepted = check(calibration(), FILE, by_hand(VALUES + change, noise(2)), largest_g=5e-3)
-    assert accepted.use.answer == "within" and not accepted.use.refused
+    assert accepted.use.answer == "yes" and accepted.use.expanded_g > 2e-3
 
 
 def test_attitude_that_was_not_at_rest_is_named_and_the_others_decide():

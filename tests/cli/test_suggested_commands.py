@@ -22,7 +22,6 @@ from tumblecal.data.positions import joined_arguments
 from tumblecal.estimation.methods import all_methods, checked
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.suggested_command import EVERY, SHARED, suggested
-from tumblecal.report.calibration_judgements import judgements
 from tumblecal.report.calibration_words import noise_words, temperature_words
 from tumblecal.report.narrow import folded
 
@@ -125,7 +124,7 @@ def texts(table1, tmp_path):
     def said() -> list[str]:
         data = replace(table1, temperature_degc=np.linspace(20, 26, 24), source="my data.csv")
         calibrated = all_methods(StatedModel(noise_sd=1e-5).problem(data))
-        judged = judgements(calibrated)[0]
+        judged = calibrated.judgements[0]
         exact = calibrated.exact
         return [judged.advice, noise_words(exact, calibrated.level), temperature_words(exact, calibrated.entries)]
 

@@ -12,16 +12,20 @@ from tumblecal.ground.strict_json import validated
 
 
 SAID = [
-    (Use("yes"), {"answer": "yes", "reason": ""}, "yes"),
+    (
+        Use("yes", expanded_g=0.00021),
+        {"answer": "yes", "reason": "", "expanded_g": 0.00021},
+        "yes, U = 0.21 mg (k = 2) of a corrected reading at any attitude",
+    ),
     (
         Use("within", "a drift with temperature cannot be excluded", (24.0, 26.5)),
         {"answer": "within", "reason": "a drift with temperature cannot be excluded", "temperature_degc": [24.0, 26.5]},
         "yes, from 24 to 26.5 degC only: a drift with temperature cannot be excluded",
     ),
     (
-        Use("within", "a drift is not in this calibration", size_g=0.0008),
-        {"answer": "within", "reason": "a drift is not in this calibration", "size_g": 0.0008},
-        "yes, to about 0.8 mg: a drift is not in this calibration",
+        Use("not tested", "15 readings for 15 parameters", expanded_g=0.0008),
+        {"answer": "not tested", "reason": "15 readings for 15 parameters", "expanded_g": 0.0008},
+        "not tested: 15 readings for 15 parameters",
     ),
     (
         Use("only", "others are not determined", parameters=("bias_y", "dK_y")),
@@ -29,9 +33,9 @@ SAID = [
         "only for bias_y, dK_y: others are not determined",
     ),
     (
-        Use("no", "unexplained", size_g=0.0008),
-        {"answer": "no", "reason": "unexplained", "size_g": 0.0008},
-        "no, except to about 0.8 mg: unexplained",
+        Use("no", "unexplained", expanded_g=0.0008),
+        {"answer": "no", "reason": "unexplained", "expanded_g": 0.0008},
+        "no: unexplained",
     ),
 ]
 
@@ -61,7 +65,7 @@ def test_a_file_of_an_earlier_version_states_no_use(tmp_path):
 
 WRONG = [
     ("yes", "use: must be an object"),
-    ({"answer": "maybe"}, "use.answer: must be 'yes', 'within', 'only' or 'no' (got 'maybe')"),
+    ({"answer": "maybe"}, "use.answer: must be 'yes', 'within', 'only', 'not tested' or 'no' (got 'maybe')"),
     ({"answer": ["no"]}, "use.answer: must be 'yes'"),
     ({"answer": "no", "reason": 3}, "use.reason: must be a text in quotation marks (got 3)"),
     ({"answer": "within"}, "temperature_degc must be stated with 'within'"),
@@ -71,7 +75,7 @@ WRONG = [
     ({"answer": "only"}, "parameters must be listed with 'only'"),
     ({"answer": "only", "parameters": ["dK_q"]}, "use.parameters.0: must be one of dK_x"),
     ({"answer": "only", "parameters": "dK_x"}, "use.parameters: "),
-    ({"answer": "no", "size_g": -1}, "use.size_g: must be above 0 (got -1)"),
+    ({"answer": "no", "expanded_g": -1}, "use.expanded_g: must be above 0 (got -1)"),
 ]  # fmt: skip
 
 
@@ -88,15 +92,26 @@ def test_no_is_rejected_unless_the_user_insists():
         bad.require("c.json", anyway=False)
     bad.require("c.json", anyway=True)
     Use("within", "", (1.0, 2.0)).require("c.json", anyway=False)
+    untested = Use("not tested", "no degree of freedom")
+    untested.require("c.json", anyway=False)
+    with pytest.raises(InputError, match=r"not tested: no degree of freedom\. Measure more positions; --use-anyway"):
+        untested.require("c.json", anyway=False, tested=True)
 
 
 def test_the_strictest_of_several_findings_decides():
-    warm, small = Use("within", "range", (20.0, 30.0)), Use("within", "a drift of 0.3 mg", size_g=3e-4)
-    large = Use("within", "a drift of 2 mg", size_g=2e-3)
+    warm, lost = Use("within", "range", (20.0, 30.0)), Use("yes", "a drift of 0.3 mg")
     some, no = Use("only", "part", parameters=("bias_x", "dK_x")), Use("no", "exchanged rows")
+    untested = Use("not tested", "no degree of freedom")
     assert combined([Use("yes"), Use("yes", "noted")]) == Use("yes", "noted")
-    assert combined([small, large]) == Use("within", "a drift of 0.3 mg; a drift of 2 mg", size_g=2e-3)
-    assert combined([small, Use("yes")]).answer == "within"
-    both = combined([warm, large, some])
-    assert (both.answer, both.temperature_degc, both.size_g) == ("only", (20.0, 30.0), 2e-3)
-    assert combined([warm, large, some, no]).answer == "no" and combined([warm, no]).reason == "exchanged rows"
+    assert combined([lost, warm], 3e-4) == Use("within", "a drift of 0.3 mg; range", (20.0, 30.0), (), 3e-4)
+    both = combined([warm, lost, some])
+    assert (both.answer, both.temperature_degc, both.expanded_g) == ("only", (20.0, 30.0), None)
+    assert combined([some, untested, warm]).answer == "not tested"
+    assert combined([warm, some, untested, no]).answer == "no" and combined([warm, no]).reason == "exchanged rows"
+    assert combined([warm, Use("within", "other", (40.0, 50.0))]).answer == "no"
+
+
+def test_a_systematic_error_of_an_earlier_version_is_no():
+    stated = {"answer": "yes", "reason": "chi2/dof 5", "size_g": 2e-4}
+    use = validated(stated, StatedUse, "c.json", "use")
+    assert use.refused and use.reason.startswith("chi2/dof 5; an earlier version stated a systematic error")

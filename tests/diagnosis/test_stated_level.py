@@ -9,7 +9,6 @@ import blind_instrument as blind
 from blind_noise import position_set
 from tumblecal.data.sensor_parameters import SENSOR
 from tumblecal.estimation.methods import calibrate
-from tumblecal.report.calibration_judgements import judgements
 from tumblecal.report.calibration_words import noise_words
 
 
@@ -48,7 +47,7 @@ def test_the_uncertainty_does_not_depend_on_a_wrong_stated_level(factor, by_colu
     assert f"from the residuals: sd {made.level.factor * made.level.stated_g * 1e3:.2g} mg" in noise_words(
         made.exact, made.level
     )
-    assert judgements(made)[0].tone != "good"
+    assert made.judgements[0].tone != "good"
 
 
 def test_calibrate_and_diagnose_use_the_same_level(diagnoser):

@@ -18,7 +18,6 @@ from tumblecal.estimation.methods import all_methods
 from tumblecal.estimation.plausibility import implausible
 from tumblecal.ground.errors import InputError
 from tumblecal.noise.covariance import Covariance
-from tumblecal.report.calibration_judgements import judgements, use_of
 from tumblecal.report.calibration_words import methods_words
 from tumblecal.report.result_file import strong_correlations
 
@@ -76,8 +75,8 @@ def test_an_attitude_in_error_is_reported(tmp_path):
     (tmp_path / "hand.csv").write_text("\n".join(["# attitudes: unknown", "position,ax_g,ay_g,az_g", *rows]) + "\n")
     calibrated = all_methods(problem_of(read_positions(tmp_path / "hand.csv")))
     (found,) = calibrated.contradicted
-    assert found.positions == ("p18",) and found.sds > 30 and use_of(calibrated).refused
-    assert "position p18, axis " in judgements(calibrated)[0].headline
+    assert found.positions == ("p18",) and found.sds > 30 and calibrated.use.refused
+    assert "position p18, axis " in calibrated.judgements[0].headline
 
 
 def test_without_noise_the_truth_comes_back(tmp_path):
@@ -134,11 +133,11 @@ def test_attitudes_in_one_plane_are_no_calibration(tmp_path):
     rows = [f"p{k},{x!r},{y!r},{z!r}" for k, (x, y, z) in enumerate(readings.tolist())]
     (tmp_path / "flat.csv").write_text("\n".join(["# attitudes: unknown", "position,ax_g,ay_g,az_g", *rows]) + "\n")
     calibrated = all_methods(problem_of(read_positions(tmp_path / "flat.csv")))
-    judged = judgements(calibrated)[0]
+    judged = calibrated.judgements[0]
     assert judged.tone == "bad" and judged.headline.startswith(
-        "Use it only in part: these positions determine dK_z poorly (uncertainty "
+        "Usable only in part: these positions determine dK_z poorly (uncertainty "
     )
-    use = use_of(calibrated)
+    use = calibrated.use
     assert use.answer == "only" and "dK_z" not in use.parameters and {"dK_x", "bias_x"} <= {*use.parameters}
     # Out of the plane, to either side of it.
     assert judged.advice.startswith("Measure further attitudes: ") and "+z" in judged.advice and "-z" in judged.advice

@@ -17,7 +17,6 @@ from tumblecal.effects.catalogue import catalogue, first_link
 from tumblecal.estimation import default_chain, exact, problem_of, where_of
 from tumblecal.estimation.methods import all_methods, calibrate
 from tumblecal.report.calibration_figures import methods_figure, residuals_figure
-from tumblecal.report.calibration_judgements import judgements, use_of
 from tumblecal.report.calibration_words import methods_words, noise_words
 from tumblecal.report.result_file import calibration_of
 
@@ -36,25 +35,24 @@ def words_of(page):
 
 
 def test_what_the_residuals_say_decides_the_headline(table1, calibrated):
-    (judged,) = judgements(calibrated)
+    (judged,) = calibrated.judgements
     assert (judged.tone, judged.headline) == ("good", "Usable: the residuals are consistent with the stated noise.")
     too_small = all_methods(problem_of(table1, noise_sd=SIGMA_G / 5))
-    assert use_of(too_small).refused and use_of(too_small).size_g == pytest.approx(SIGMA_G, rel=0.2)
-    (too_small,) = judgements(too_small)
-    assert too_small.tone == "bad" and too_small.headline.startswith(
-        "Do not use it: chi2/dof of the residuals is 31.6 for"
-    )
+    assert too_small.use.refused and not too_small.use.expanded_words
+    (too_small,) = too_small.judgements
+    assert too_small.tone == "bad" and too_small.headline.startswith("Do not use it: the data contradict the model (p ")
+    assert "the residuals exceed the stated noise, chi2/dof 31.6" in too_small.headline
     assert too_small.advice.startswith("Run: tumblecal diagnose ")
-    (unknown,) = judgements(all_methods(problem_of(table1)))
-    assert unknown.tone == "good" and "no noise level was stated" in unknown.headline
+    (unknown,) = all_methods(problem_of(table1)).judgements
+    assert unknown.tone == "good" and "no noise is stated" in unknown.headline
     far = replace(table1, readings=table1.readings + np.array([0.8, 0.0, 0.0]))
-    assert judgements(all_methods(problem_of(far, noise_sd=SIGMA_G)))[0].headline.startswith(
-        "Do not use it: the fit requires parameter values"
+    assert (
+        all_methods(problem_of(far, noise_sd=SIGMA_G))
+        .judgements[0]
+        .headline.startswith("Do not use it: the fit requires parameter values")
     )
-    # Residuals of less than three times the noise: usable to a size.
-    doubled = all_methods(problem_of(table1, noise_sd=SIGMA_G / 2))
-    assert judgements(doubled)[0].headline.startswith("Usable to about 0.0")
-    assert use_of(doubled).answer == "yes" and use_of(doubled).size_g == pytest.approx(0.9 * SIGMA_G, rel=0.2)
+    # Residuals of twice the noise contradict the model as well.
+    assert all_methods(problem_of(table1, noise_sd=SIGMA_G / 2)).use.refused
 
 
 def test_no_degree_of_freedom_judges_nothing_and_says_why(tumblecal, tmp_path, table1):
@@ -71,8 +69,9 @@ def test_no_degree_of_freedom_judges_nothing_and_says_why(tumblecal, tmp_path, t
         and "nan" not in repr(fit).split()
     )
     stated = all_methods(problem_of(data, noise_sd=SIGMA_G))
-    (judged,) = judgements(stated)
-    assert judged.tone == "open" and judged.headline.startswith(f"Not tested: {why}")
+    (judged,) = stated.judgements
+    assert judged.tone == "open" and judged.headline.startswith(f"Not tested: {why}") and judged.refused
+    assert stated.use.answer == "not tested" and stated.use.words.startswith(f"not tested: {why}")
     assert noise_words(stated.exact).startswith(f"noise: stated; goodness of fit cannot be tested: {why}")
 
 
@@ -90,8 +89,8 @@ def test_sd_columns_are_a_lower_bound(tumblecal, tmp_path, table1):
     assert content["noise"]["kind"] == "estimated"
     assert content["noise"]["floor_g"] == pytest.approx(np.sqrt(31.6 - 1) * SIGMA_G / 5, rel=0.02)
     calibrated = all_methods(problem_of(stated), by_columns=True)
-    (judged,) = judgements(calibrated)
-    assert judged.tone == "open" and "repeat" in judged.advice and use_of(calibrated).answer == "yes"
+    (judged,) = calibrated.judgements
+    assert judged.tone == "open" and "repeat" in judged.advice and calibrated.use.answer == "yes"
 
 
 def test_a_method_that_is_far_off_is_said_to_be(table1, calibrated):
@@ -130,7 +129,7 @@ def test_the_page_holds_the_numbers_and_the_way_to_apply_them(tumblecal, tmp_pat
     assert outcome.code == 0 and "calibration.html" in outcome.out
     words = words_of(out / "calibration.html")
     assert words.index(
-        "USABLE The residuals are consistent with the stated noise USE calibration.json: yes.".replace("USE", "Use")
+        "USABLE The residuals are consistent with the stated noise USE calibration.json: yes, U = ".replace("USE", "Use")
     ) < words.index("Parameters")
     exact, half = calibrated.exact, 1.959964 * calibrated.exact.sd
     for name in ("dK_x", "bias_y"):

@@ -22,9 +22,9 @@ from tumblecal.effects.catalogue import catalogue
 from tumblecal.effects.effect import OF_HEAD, OF_RUN
 from tumblecal.estimation import exact, problem_of, where_of
 from tumblecal.ground.errors import InputError
+from tumblecal.lab.sensor_terms import undetermined_order
 from tumblecal.report.diagnosis_details import warning_words
 from tumblecal.report.result_file import calibration_of
-from tumblecal.report.sensor_terms import undetermined_order
 
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))

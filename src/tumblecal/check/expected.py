@@ -16,14 +16,13 @@ from jaxtyping import Float
 
 from tumblecal.data.budget_result import with_budget_in_folder
 from tumblecal.data.calibration import Calibration
+from tumblecal.data.calibration_terms import WITH_TERMS
 from tumblecal.data.positions import PositionSet
 from tumblecal.data.sensor_parameters import SENSOR, SensorParameters, derivative, of_matrix
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.errors import InputError
 
 
-# The key of a calibration file for the joint covariance of matrix, bias and terms.
-WITH_TERMS = "covariance_with_terms"
 # Temperatures may exceed those of a calibration without curves by this much, as for `apply`.
 _WARMER_DEGC = 1.0
 

@@ -232,11 +232,12 @@ def _use(result: CheckResult, largest_g: float | None) -> Use:
     if result.outcome == "repeat":
         name = result.disturbed
         reason = f"attitude {name} was not at rest or is in error" if name else "the attitudes disagree with each other"
-        return combined([stated, Use(YES.answer, f"{reason}, so the check must be repeated")])
+        return combined([stated, Use("yes", f"{reason}, so the check must be repeated")], stated.expanded_g)
     reason = "the sensor changed since this calibration"
     if result.change_g is None:
         return combined([stated, Use("no", reason)])
     size, expanded = result.change_g
     if largest_g is not None and size + expanded <= largest_g:
-        return combined([stated, Use("within", f"{reason}, within the acceptable error", size_g=size + expanded)])
-    return combined([stated, Use("no", reason, size_g=size)])
+        together = size + expanded + (stated.expanded_g or 0.0)
+        return combined([stated, Use("yes", f"{reason}, within the acceptable error (U includes this)")], together)
+    return combined([stated, Use("no", reason)])

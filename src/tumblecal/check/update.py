@@ -16,14 +16,16 @@ from jaxtyping import Float
 from tumblecal import __version__
 from tumblecal.check.consistency import Consistency, tested
 from tumblecal.check.drift import ProcessNoise
-from tumblecal.check.expected import WITH_TERMS, Expected
+from tumblecal.check.expected import Expected
 from tumblecal.check.usual_changes import FACTORS, USUAL
 from tumblecal.data.calibration import Calibration
+from tumblecal.data.calibration_terms import WITH_TERMS
 from tumblecal.data.calibration_use import YES, Use, combined
 from tumblecal.data.sensor_parameters import SENSOR, SensorParameters, correction_slope, leaf_of, triad_of
 from tumblecal.data.temperature_curves import order_of_covariance
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.numbers_shown import p_words
+from tumblecal.lab.expanded_uncertainty import expanded_uncertainty
 
 
 @dataclass(frozen=True)
@@ -139,16 +141,18 @@ def _calibration(
             made.append(replace(curve, coefficients=state[first : first + curve.functions.count]))
             first += curve.functions.count
         curves = replace(curves, curves=tuple(made), covariance=covariance, covariance_order=order_of_covariance(made))
-    use = old.use if old.use.answer else YES
+    use, slope = old.use if old.use.answer else YES, correction_slope(values)
+    matrix, expanded_g = np.linalg.inv(triad_of(values)), use.expanded_g
+    if freed and expanded_g is not None:
+        # Freed parameters are known by this recording alone.
+        expanded_g = float(np.hypot(expanded_g, expanded_uncertainty(matrix, slope @ sensor.covariance @ slope.T)))
+    use = combined([use], expanded_g)
     if undetermined:
         known = tuple(name for name in SENSOR if name not in undetermined)
         reason = f"the check does not determine {', '.join(undetermined)}, which changed"
-        use = combined([use, Use("only", reason, parameters=known)])
-    elif freed and use.refused:
-        use = YES
+        use = combined([use, Use("only", reason, parameters=known)], expanded_g)
     # The frame of the matrix is that of the old one: a rotation does not change the parameters.
     turned = old.matrix @ triad_of(old.sensor.of(SENSOR).values)
-    slope = correction_slope(values)
     slope = np.vstack([np.kron(turned, np.eye(3)) @ slope[:9], slope[9:]])
     extra = {key: value for key, value in old.extra.items() if key != WITH_TERMS}
     if curves is None and len(state) > len(SENSOR):
@@ -159,7 +163,7 @@ def _calibration(
         extra |= {"terms": [term.record() for term in terms], WITH_TERMS: joint}
     return replace(
         old,
-        matrix=turned @ np.linalg.inv(triad_of(values)),
+        matrix=turned @ matrix,
         bias=values[3:6],
         covariance=slope @ sensor.covariance @ slope.T,
         # A file without parameters may have a matrix in a different frame, with which they would not agree.

@@ -174,7 +174,7 @@ def _measured(model: "StatedModel", data: Path) -> "tuple[Fit, list[str]]":
     """The fit of a position file as in `calibrate`, with its warnings; its noise is the type A part of the budget."""
     from tumblecal.estimation.methods import Calibrated, exact_fit
     from tumblecal.estimation.plausibility import implausible
-    from tumblecal.report.calibration_judgements import warning_words
+    from tumblecal.report.calibration_words import warning_words
 
     positions, setup_errors = model.checked(model.read(data))
     fitted, floor, level = exact_fit(model.problem(positions), by_columns=model.noise_sd is None)

@@ -55,7 +55,6 @@ def calibrate(
     from tumblecal.data.overwriting import CALIBRATION, protect_inputs, protect_other_results
     from tumblecal.ground.atomic import output_folders
     from tumblecal.ground.result_set import remove_results
-    from tumblecal.report.calibration_judgements import use_of
 
     joining.check()
     model, single = StatedModel.of(options), joining.join or len(data) == 1
@@ -78,7 +77,7 @@ def calibrate(
             if isinstance(calibrated, InputError):
                 faults += calibrated.faults
             else:
-                usable &= not use_of(calibrated).refused
+                usable &= not calibrated.use.refused
                 if not single:
                     remove_results(out, (_SUMMARY,))  # it describes the results before the first one is replaced
                 head_record = model.of_head(calibrated.exact.problem)
@@ -127,7 +126,7 @@ def _row(file: Path, calibrated: "Calibrated | InputError") -> dict:
 
 def _lacking(calibrated: "Calibrated | InputError") -> str:
     """Effects and parameters that the calibration of a batch file does not include; printed after its judgement."""
-    from tumblecal.report.sensor_terms import lacking_of_fit
+    from tumblecal.lab.sensor_terms import lacking_of_fit
 
     if isinstance(calibrated, InputError):
         return ""
@@ -139,7 +138,7 @@ def _report(
 ) -> None:
     """Write the results of one file, with the record of the head in its provenance; print the table of a single file."""
     from tumblecal.ground.result_set import result_set
-    from tumblecal.report.calibration_judgements import warning_words
+    from tumblecal.report.calibration_words import warning_words
     from tumblecal.report.result_file import write_calibrated
 
     with result_set(folder, _SET) as aside:

@@ -99,6 +99,9 @@ def _in_full(stated: Any) -> Any:
     return {key: value for key, value in stated.items() if key != "per_degc" or not power} | power
 
 
+# Key of a calibration file for the covariance of matrix, bias and terms together.
+WITH_TERMS = "covariance_with_terms"
+
 Terms = list[Annotated[Term, BeforeValidator(_in_full)]]
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import AfterValidator, ConfigDict, Field
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field
 
 from tumblecal.data.sensor_parameters import SENSOR
 from tumblecal.ground.errors import InputError, one_line
@@ -14,7 +14,9 @@ from tumblecal.ground.units import in_words
 from tumblecal.ground.units import shown as unit_shown
 
 
-Answer = Literal["yes", "within", "only", "no"]
+# From the widest use to none.
+Answer = Literal["yes", "within", "only", "not tested", "no"]
+_STRICTNESS: tuple[Answer, ...] = ("yes", "within", "only", "not tested", "no")
 _NOT_STATED = "the calibration file does not state it (written by an earlier version)"
 
 
@@ -22,12 +24,14 @@ _NOT_STATED = "the calibration file does not state it (written by an earlier ver
 class Use:
     """Whether a calibration may be used.
 
-    - `answer`: `yes`; `within` (only between two temperatures, or to a size, or both); `only` (for some parameters); `no`;
-      None: the file does not state it.
+    - `answer`: `yes`: the error of a corrected reading at any attitude is within `expanded_g` in 95 % of cases. `within`: the
+      same, only between two temperatures. `only`: for some parameters. `not tested`: nothing could test the model. `no`: the
+      data contradict the model, or the values are unusable. None: the file does not state it.
     - `reason`: in words, one line; "" if there is nothing to add.
     - `temperature_degc`: lowest and highest temperature (degC) of its validity; None: no limit.
     - `parameters`: with `only`, the sensor parameters (names of `SENSOR`) that are determined.
-    - `size_g`: remaining systematic error (g), if its size is known: the calibration is valid to about this size.
+    - `expanded_g`: expanded uncertainty U (k = 2) of each component of a corrected reading, g, at any attitude within the
+      stated range. It includes effects that the data may have missed. None: not known.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="ignore")
@@ -36,7 +40,7 @@ class Use:
     reason: Annotated[Text, AfterValidator(one_line)] = ""
     temperature_degc: tuple[Finite, Finite] | None = None
     parameters: tuple[Annotated[Text, one_of(SENSOR)], ...] = ()
-    size_g: Annotated[Finite, Field(gt=0)] | None = None
+    expanded_g: Annotated[Finite, Field(gt=0)] | None = None
 
     @property
     def refused(self) -> bool:
@@ -44,33 +48,45 @@ class Use:
         return self.answer == "no"
 
     @property
+    def untested(self) -> bool:
+        """Whether nothing could test the model."""
+        return self.answer == "not tested"
+
+    @property
+    def expanded_words(self) -> str:
+        """U in words; "" if it is not known, or not valid because the model is wrong or was not tested."""
+        if self.expanded_g is None or self.refused or self.untested:
+            return ""
+        unit, scale = unit_shown("g")
+        return f"U = {in_words(f'{self.expanded_g * scale:.2g}', unit)} (k = 2) of a corrected reading at any attitude"
+
+    @property
     def words(self) -> str:
         """The answer and its reason in one line."""
         if self.answer is None:
             return f"not stated: {_NOT_STATED}"
-        parts = [f"only for {', '.join(self.parameters)}" if self.parameters else "no" if self.refused else "yes"]
+        positive = f"only for {', '.join(self.parameters)}" if self.parameters else "yes"
+        parts = [self.answer if self.refused or self.untested else positive]
         if self.temperature_degc is not None and not self.refused:
             low, high = (f"{end:.4g}" for end in self.temperature_degc)
             parts.append(f"at about {low} degC" if low == high else f"from {low} to {high} degC only")
-        if self.size_g is not None:
-            unit, scale = unit_shown("g")
-            size = in_words(f"{self.size_g * scale:.2g}", unit)
-            parts.append(f"{'except ' if self.refused else ''}to about {size}")
+        if self.expanded_words:
+            parts.append(self.expanded_words)
         return ", ".join(parts) + (f": {self.reason}" if self.reason else "")
 
-    def require(self, path: Path | str, *, anyway: bool) -> None:
+    def require(self, path: Path | str, *, anyway: bool, tested: bool = False) -> None:
         """Reject a calibration that must not be used.
 
         **Arguments:**
 
         - `path`: of the calibration file. `anyway`: whether the user insists.
+        - `tested`: whether to reject one whose model nothing could test, too.
 
         **Raises:** `InputError`.
         """
-        if self.refused and not anyway:
-            raise InputError(
-                f"{path}: use: {self.words}. Repeat the measurement or the calibration; --use-anyway overrides this"
-            )
+        if (self.refused or (tested and self.untested)) and not anyway:
+            remedy = "Repeat the measurement or the calibration" if self.refused else "Measure more positions"
+            raise InputError(f"{path}: use: {self.words}. {remedy}; --use-anyway overrides this")
 
     def record(self) -> dict[str, Any]:
         """The record in a JSON file; empty if nothing is stated."""
@@ -79,7 +95,7 @@ class Use:
         limits: dict[str, Any] = {
             "temperature_degc": None if self.temperature_degc is None else list(self.temperature_degc),
             "parameters": list(self.parameters) or None,
-            "size_g": self.size_g,
+            "expanded_g": self.expanded_g,
         }
         return {
             "answer": self.answer,
@@ -88,32 +104,88 @@ class Use:
         }
 
 
-def combined(uses: Iterable[Use]) -> Use:
-    """The use that several findings on one calibration allow: the strictest answer with its reasons, the parameters and
-    temperatures that every finding allows, and the largest systematic error."""
+def combined(uses: Iterable[Use], expanded_g: float | None = None) -> Use:
+    """The use that several findings on one calibration allow: the strictest answer with its reasons, and the parameters and
+    temperatures that every finding allows. `expanded_g`: as of `Use`."""
     stated = list(uses)
     allowed = [use.parameters for use in stated if use.parameters]
     names = tuple(name for name in SENSOR if allowed and all(name in listed for listed in allowed))
     ranges = [use.temperature_degc for use in stated if use.temperature_degc is not None]
     degc = (max(low for low, _ in ranges), min(high for _, high in ranges)) if ranges else None
-    sizes = [use.size_g for use in stated if use.size_g is not None]
     empty = (bool(allowed) and not names) or (degc is not None and degc[0] > degc[1])
-    refused = empty or any(use.refused for use in stated)
-    limited = degc is not None or any(use.answer == "within" for use in stated)
-    answer: Answer = "no" if refused else "only" if names else "within" if limited else "yes"
-    deciding = [use for use in stated if use.refused] if refused and not empty else stated
+    strictest = max((_STRICTNESS.index(use.answer or "yes") for use in stated), default=0)
+    answer: Answer = "no" if empty else _STRICTNESS[strictest]
+    deciding = [use for use in stated if use.refused] if answer == "no" and not empty else stated
     return Use(
         answer=answer,
         reason="; ".join(dict.fromkeys(use.reason for use in deciding if use.reason)),
         temperature_degc=None if empty else degc,
-        parameters=() if refused else names,
-        size_g=max(sizes, default=None),
+        parameters=names if answer == "only" else (),
+        expanded_g=expanded_g,
     )
+
+
+_PREFIXES = {"no": "Do not use it", "not tested": "Not tested", "only": "Usable only in part"}
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """One finding on a calibration.
+
+    - `use`: the use that it allows. `advice`: instructions; "" if there are none. `finding`: in words, if it is not the reason
+      of the use.
+    - `uncertified`: whether no certificate is made, although the use is not `no`.
+    """
+
+    use: Use
+    advice: str = ""
+    finding: str = ""
+    uncertified: bool = False
+
+    @property
+    def refused(self) -> bool:
+        """Whether no certificate is made of the calibration."""
+        return self.use.refused or self.use.untested or self.uncertified
+
+    @property
+    def tone(self) -> str:
+        """Good, open or bad."""
+        return "bad" if self.use.refused or self.uncertified else "open" if self.advice else "good"
+
+    @property
+    def words_of_finding(self) -> str:
+        """The finding without the use."""
+        return self.finding or self.use.reason
+
+    @property
+    def headline(self) -> str:
+        """Use and finding."""
+        return f"{_PREFIXES.get(self.use.answer or 'yes', 'Usable')}: {self.words_of_finding}."
+
+    @property
+    def words(self) -> str:
+        """Headline and advice."""
+        return f"{self.headline} {self.advice}".rstrip()
+
+    def record(self) -> dict[str, Any]:
+        """As `result.json` has it."""
+        texts = {"tone": self.tone, "headline": self.headline, "advice": self.advice, "refused": self.refused}
+        return texts | {"use": self.use.record()}
 
 
 # No limit; and a file of an earlier version, which does not state its use.
 YES = Use("yes")
 NOT_STATED = Use()
+
+
+def _of_earlier_version(record: Any) -> Any:
+    """Earlier versions stated the size of a known systematic error as `size_g`, with any answer."""
+    if isinstance(record, dict) and record.get("size_g"):
+        reason = (
+            "an earlier version stated a systematic error that is not in the calibration; calibrate or diagnose again"
+        )
+        return {"answer": "no", "reason": "; ".join(filter(None, [record.get("reason"), reason]))}
+    return record
 
 
 def _consistent(use: Use) -> Use:
@@ -123,11 +195,11 @@ def _consistent(use: Use) -> Use:
         raise ValueError("answer is missing; add it")
     if degc is not None and degc[0] > degc[1]:
         raise ValueError(f"temperature_degc: the lowest temperature must come first (got {[*degc]})")
-    if (answer == "within" and degc is None and use.size_g is None) or (answer == "yes" and degc is not None):
-        raise ValueError(f"temperature_degc must be stated with 'within' (or size_g), and not with {answer!r}")
+    if (answer == "within" and degc is None) or (answer == "yes" and degc is not None):
+        raise ValueError(f"temperature_degc must be stated with 'within', and not with {answer!r}")
     if (answer == "only") != bool(use.parameters):
         raise ValueError(f"parameters must be listed with 'only', and only then; the answer is {answer!r}")
     return use
 
 
-StatedUse = Annotated[Use, AfterValidator(_consistent)]
+StatedUse = Annotated[Use, BeforeValidator(_of_earlier_version), AfterValidator(_consistent)]

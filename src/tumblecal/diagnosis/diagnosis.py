@@ -114,7 +114,7 @@ class Diagnosis(Pickled, Shown):
     @cached_property
     def directions(self) -> EffectDirections:
         """The directions of the coefficients of all effects, of typical size."""
-        return effect_directions(self.screened, self.entries)
+        return effect_directions(self.screened.at, self.screened.seen.groups, self.entries, self.members)
 
     @cached_property
     def unseen(self) -> dict[str, Unseen]:

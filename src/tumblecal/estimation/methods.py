@@ -10,6 +10,7 @@ import numpy as np
 
 from tumblecal.chain import Chain
 from tumblecal.data import PositionSet
+from tumblecal.data.calibration_use import Judgement, Use
 from tumblecal.effects import Catalogue, catalogue
 from tumblecal.estimation import exact, harmonic, iterated, kalman
 from tumblecal.estimation.between_position_sd import BetweenPositionSd, between_position_sd
@@ -74,6 +75,20 @@ class Calibrated(Pickled, Shown):
     def contradicted(self) -> tuple[Contradicted, ...]:
         """Outlier and exchanged positions of the exact fit."""
         return contradicted(self.exact)
+
+    @cached_property
+    def _judged(self) -> tuple[tuple[Judgement, ...], Use]:
+        return of_report("lab.judgements.judged")(self)
+
+    @property
+    def judgements(self) -> tuple[Judgement, ...]:
+        """Judgements on the exact fit, the most serious first; never empty."""
+        return self._judged[0]
+
+    @property
+    def use(self) -> Use:
+        """Whether the calibration may be used, and its uncertainty: the strictest of all judgements and limits."""
+        return self._judged[1]
 
     plot_methods: ClassVar[Drawing] = drawn_by(
         "calibration_figures.methods_figure", "Each method minus the exact fit, in its standard uncertainty."

@@ -17,14 +17,13 @@ from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.ground.numbers_shown import decimals, rounded, with_decimals
 from tumblecal.ground.suggested_command import suggested
 from tumblecal.ground.units import shown
-from tumblecal.report.calibration_judgements import judgements, use_of
+from tumblecal.lab.judgements import remedy_words
 from tumblecal.report.calibration_words import (
     TITLES,
     UNLIKELY,
     methods_words,
     noise_words,
     notes,
-    remedy_words,
     wrong_methods,
 )
 from tumblecal.report.finding_figures import overview_figure
@@ -62,7 +61,7 @@ def write_calibration_page(path: Path, calibrated: Calibrated, figures: Sequence
 
     `path`: the HTML file. `figures`: names of the SVG files in the same folder; they are inserted into the page.
     """
-    exact, judged = calibrated.exact, judgements(calibrated)
+    exact, judged = calibrated.exact, calibrated.judgements
     drawn = {name: inline_figure(path.parent / name, _CAPTIONS[name]) for name in figures}
     write_page(
         path,
@@ -86,18 +85,18 @@ def _lead(exact: Fit) -> str:
 
 def calibration_verdict(calibrated: Calibrated) -> Verdict:
     """Use, judgements as findings, tests as evidence, and what to do."""
-    exact, judged = calibrated.exact, judgements(calibrated)
-    use = use_of(calibrated, judged)
+    exact, judged = calibrated.exact, calibrated.judgements
+    use = calibrated.use
     corrected = (as_sentence(setup_error.description) for setup_error in calibrated.setup_errors)
     found = [
         *(f"{words}; corrected in this calibration" for words in corrected),
-        *(as_sentence(judgement.finding) for judgement in judged if judgement.tone != "good"),
+        *(as_sentence(judgement.words_of_finding) for judgement in judged if judgement.tone != "good"),
         *(f"Implausible: {words}" for words in implausible_words(calibrated.implausible)),
     ]
     headline = "One reservation." if len(found) == 1 else f"{len(found)} reservations."
     return Verdict(
         _BADGES[use.answer or "yes"],
-        as_sentence(judged[0].finding) if judged[0].tone == "good" else headline,
+        as_sentence(judged[0].words_of_finding) if judged[0].tone == "good" else headline,
         Path(exact.data.source).name,
         use.words,
         found=tuple(map(Finding, found)),
@@ -107,7 +106,13 @@ def calibration_verdict(calibrated: Calibrated) -> Verdict:
     )
 
 
-_BADGES = {"yes": "usable", "within": "usable", "only": "usable in part", "no": "do not use"}
+_BADGES = {
+    "yes": "usable",
+    "within": "usable",
+    "only": "usable in part",
+    "not tested": "not tested",
+    "no": "do not use",
+}
 
 
 def _steps(advice: str) -> Iterator[str]:

@@ -7,16 +7,17 @@ import numpy as np
 from tumblecal.chain import followings_of
 from tumblecal.data.position_comments import WITHIN_DWELLS, identity_words
 from tumblecal.effects import Catalogue
-from tumblecal.estimation.attitudes import attitude_words
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.methods import Calibrated
 from tumblecal.estimation.mountings import mounting_words, turns_of
 from tumblecal.estimation.noise_level import UNLIKELY, ContradictedLevel
+from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.estimation.position_problem import default_chain
 from tumblecal.ground.gravity import normal_gravity
 from tumblecal.ground.numbers_shown import p_words
 from tumblecal.ground.suggested_command import suggested
-from tumblecal.report.sensor_terms import effects_in, held_words, lacking_of_fit
+from tumblecal.lab.limits import NO_GRAVITY
+from tumblecal.lab.sensor_terms import effects_in, held_words, lacking_of_fit
 
 
 TITLES = {"exact": "exact", "harmonic": "harmonic", "kalman": "Kalman", "iterated": "iterated Kalman"}
@@ -42,6 +43,19 @@ _OF_RECORDING = (
     "the residuals are smaller: slow noise that such short dwells cannot exclude is included in full, so all uncertainties are "
     "conservative (to reduce them, use longer dwells, or state white noise by --noise-sd)",
 )
+
+
+def warning_words(calibrated: Calibrated) -> Iterator[str]:
+    """Warnings for a reader of the numbers alone: judgements that are not good, implausible values, corrected set-up errors, an
+    assumed gravity."""
+    exact, gravity = calibrated.exact, gravity_warning(calibrated.exact)
+    judged = [each for each in calibrated.judgements if each.tone != "good" and each.use.reason != NO_GRAVITY]
+    yield from (judgement.words for judgement in judged)
+    yield from (f"IMPLAUSIBLE: {words}" for words in implausible_words(calibrated.implausible))
+    yield from (f"corrected: {setup_error.description}" for setup_error in calibrated.setup_errors)
+    yield from filter(
+        None, [gravity, *lacking_of_fit(exact, calibrated.entries, of_sensor=True), many_settings_words(exact)]
+    )
 
 
 def notes(calibrated: Calibrated) -> list[str]:
@@ -90,17 +104,6 @@ def _why_far(method: str, exact: Fit) -> str:
 def wrong_methods(calibrated: Calibrated) -> list[str]:
     """Titles of the methods whose values must not be used for these data."""
     return [TITLES[name] for name, farthest, _ in distances(calibrated) if farthest > _WRONG]
-
-
-def remedy_words(fit: Fit) -> str:
-    """An instruction that would determine the weakest direction, without a full stop; "" if none is known."""
-    weak = fit.identifiability.weak if fit.identifiability else ()
-    if weak and fit.data.hand_held:
-        words = attitude_words(fit.data.readings)
-        return f"measure further attitudes: {words}" if words else ""
-    if not weak or not any("_x" in name for name in weak[0].coefficients):
-        return ""
-    return "repeat the measurement with the triad rotated by 90 degrees in its fixture, or at negative pitch angles"
 
 
 def distances(calibrated: Calibrated) -> Iterator[tuple[str, float, str]]:

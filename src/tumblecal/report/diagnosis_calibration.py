@@ -1,6 +1,6 @@
 """`calibration.json` of the extended model, and the use of it that the findings allow."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -9,26 +9,28 @@ import numpy as np
 from jaxtyping import Float
 
 from tumblecal.data.calibration import ORDER, Calibration
+from tumblecal.data.calibration_terms import WITH_TERMS, Term
 from tumblecal.data.calibration_use import Use, combined
-from tumblecal.data.sensor_parameters import SENSOR, leaf_of
+from tumblecal.data.sensor_parameters import SENSOR, correction_slope, leaf_of
 from tumblecal.data.uncertainty_parts import PARTS, UNDETECTED
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.diagnosis.causes.generic import UNEXPLAINED
 from tumblecal.diagnosis.findings.determined import combinations, says_something
-from tumblecal.diagnosis.findings.model_average import Weighed, is_thermal
+from tumblecal.diagnosis.findings.model_average import Average, Weighed, is_thermal
 from tumblecal.effects.effect import reason_not_held
 from tumblecal.effects.environment import REFERENCE_DEGC
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.intrinsic import one_sensor
 from tumblecal.estimation.linear_calibration import linear_calibration
 from tumblecal.ground.errors import InputError
-from tumblecal.report.calibration_judgements import MOST_MOVED_SD, MOST_TIMES_NOISE
-from tumblecal.report.calibration_limits import DIRECTIONS, gravity_use, limits, undetermined_use
+from tumblecal.ground.numbers_shown import p_words
+from tumblecal.lab.corrected_reading import responses, with_undetected
+from tumblecal.lab.effect_forms import require_forms
+from tumblecal.lab.expanded_uncertainty import DIRECTIONS, expanded_uncertainty
+from tumblecal.lab.limits import gravity_use, limits, systematic_g, undetermined_use
+from tumblecal.lab.sensor_terms import FittedEffect, SensorTerms, Signal, lacking_words, terms_of_chain
 from tumblecal.report.cause_words import label_words
-from tumblecal.report.effect_forms import require_forms
-from tumblecal.report.sensor_terms import FittedEffect, SensorTerms, Signal, lacking_words, terms_of_chain
-from tumblecal.report.terms_covariance import WITH_TERMS, covariance_in_use
 
 
 # Held-out predictions are worse if their error increases by more than this many standard errors.
@@ -51,27 +53,38 @@ def not_written(diagnosis: Diagnosis) -> str:
 def use_of_diagnosis(
     diagnosis: Diagnosis,
     terms: SensorTerms,
-    written: Float[np.ndarray, "12 12"] | None = None,
+    expanded_g: float | None = None,
     explanations: Sequence[Calibration] = (),
 ) -> Use:
     """Whether the calibration of the extended model may be used.
 
-    `terms`: of the file. `written`: as for `limits`. `explanations`: for an average over several, the calibration by each.
+    `terms`: of the file. `expanded_g`: U of a corrected reading without known systematic errors, g. `explanations`: for an
+    average over several, the calibration by each.
     """
-    used = diagnosis.in_use.as_fit
-    return combined([*_findings(diagnosis), *_disagreement(diagnosis, explanations), *limits(used, terms, written)])
+    findings = [*_findings(diagnosis), *limits(diagnosis.data, terms)]
+    known_g = systematic_g(diagnosis.data, terms)
+    difference_g = _disagreement(diagnosis, explanations)
+    if difference_g is None:
+        reason = "the terms of one of the indistinguishable explanations cannot be inverted for readings of 1 g"
+        findings.append(Use("no", reason))
+    elif difference_g > 0:
+        reason = "the explanations that these data do not separate correct the readings differently (U includes this)"
+        findings.append(Use("yes", reason))
+    return combined(findings, None if expanded_g is None else expanded_g + known_g + (difference_g or 0.0))
 
 
 def _findings(diagnosis: Diagnosis) -> Iterator[Use]:
+    detection = diagnosis.screened.detection
     if diagnosis.implausible:
         yield Use("no", f"implausible values of {', '.join(one.parameter for one in diagnosis.implausible[:3])}")
     elif diagnosis.verdict == "unexplained":
-        yield _unexplained(diagnosis, "the nominal model is rejected, and no catalogued effect explains the data")
+        rejected = f"the data contradict the model ({p_words(detection.p_value)})"
+        yield Use("no", f"{rejected}, and no catalogued effect explains them")
     elif (
         UNEXPLAINED,
     ) in diagnosis.best.equivalents and 2 * diagnosis.best.own_probability < diagnosis.best.probability:
         named = label_words(diagnosis.best.labels)
-        yield _unexplained(diagnosis, f"an effect that is not in the catalogue is more probable than {named}")
+        yield Use("no", f"an effect that is not in the catalogue is more probable than {named}")
     yield from gravity_use(diagnosis.extended)
     yield from undetermined_use(diagnosis.in_use.as_fit)
     if diagnosis.members:
@@ -82,39 +95,20 @@ def _findings(diagnosis: Diagnosis) -> Iterator[Use]:
         yield Use("yes", f"its uncertainties are those of the corrected noise ({', '.join(diagnosis.noise_wrong)})")
 
 
-def _unexplained(diagnosis: Diagnosis, reason: str) -> Use:
-    """An error that no catalogued effect explains, or probably none. The calibration is valid to about the largest error. It
-    must not be used if the error or the residuals are many times the noise, or if the noise is unknown."""
-    size = float(np.max(np.abs(diagnosis.extended.residuals[diagnosis.extended.retained])))
-    small = diagnosis.problem.known and diagnosis.extended.level <= MOST_TIMES_NOISE
-    if diagnosis.unnamed is not None:
-        size = max(size, diagnosis.unnamed.excess.largest)
-        small = small and size <= MOST_TIMES_NOISE * diagnosis.sigma_g
-    return Use("yes" if small else "no", reason, size_g=size or None)
-
-
-def _disagreement(diagnosis: Diagnosis, explanations: Sequence[Calibration]) -> Iterator[Use]:
-    """Explanations that the data do not separate are averaged if their corrected readings agree, as for effects that are the
-    same in a field of 1 g. Otherwise only the parameters in which they agree may be used."""
+def _disagreement(diagnosis: Diagnosis, explanations: Sequence[Calibration]) -> float | None:
+    """The largest difference of corrected readings between explanations that the data do not separate, g; None if the terms of
+    one cannot be inverted. Effects that are the same in a field of 1 g agree."""
     if len(explanations) < 2:
-        return
-    fit, data = diagnosis.in_use.weighed[0].fit, diagnosis.data
+        return 0.0
+    data = diagnosis.data
     degc = None if data.temperature_degc is None else float(np.mean(data.temperature_degc))
     time_s = None if data.time_s is None else float(np.mean(data.time_s))
     try:
         forces = np.stack([each.corrected(DIRECTIONS, degc, time_s) for each in explanations])
     except InputError:
-        yield Use("no", "the terms of one of the indistinguishable explanations cannot be inverted for readings of 1 g")
-        return
+        return None
     difference = float(np.max(np.abs(forces - forces[0])))
-    if difference <= MOST_TIMES_NOISE * diagnosis.sigma_g:
-        return
-    values = np.array([each.sensor.of(SENSOR).values for each in explanations])
-    places = [fit.names.index(name) for name in SENSOR]
-    moved = np.max(np.abs(values - values[0]), axis=0) / np.maximum(fit.sd[places], 1e-300)
-    names = tuple(name for name, change in zip(SENSOR, moved.tolist(), strict=True) if change <= MOST_MOVED_SD)
-    reason = "the explanations that these data do not separate correct the readings differently"
-    yield Use("only", reason, parameters=names, size_g=difference) if names else Use("no", reason, size_g=difference)
+    return difference if difference > diagnosis.sigma_g else 0.0
 
 
 def extended_calibration(diagnosis: Diagnosis) -> Calibration | None:
@@ -130,7 +124,8 @@ def extended_calibration(diagnosis: Diagnosis) -> Calibration | None:
     """
     if not_written(diagnosis):
         return None
-    used, weighed = diagnosis.in_use.as_fit, diagnosis.in_use.weighed
+    average = diagnosis.in_use
+    used, weighed, degc = average.as_fit, average.weighed, diagnosis.data.temperature_degc
     given = _given_terms(diagnosis, used)
     of_model = [loss.effect for loss in given.not_applied]
     terms = _with_causes(given, diagnosis, _as_written(diagnosis))
@@ -144,18 +139,36 @@ def extended_calibration(diagnosis: Diagnosis) -> Calibration | None:
         provenance["averaged_over"] = [{"causes": list(one.labels), "probability": one.share} for one in several]
     each = [_by_explanation(diagnosis, one) for one in several]
     calibration = linear_calibration(used)
-    estimated = terms.by_name if terms.by_name.keys() <= set(diagnosis.in_use.names) else {}
-    covariance = covariance_in_use(diagnosis, estimated, provenance["reference"].get("temperature_degc"))
+    estimated = terms.by_name if terms.by_name.keys() <= set(average.names) else {}
+    reference_degc = provenance["reference"].get("temperature_degc")
+    missed = responses(average.undetected, diagnosis.model, diagnosis.entries, diagnosis.problem.where, reference_degc)
+    slope = _file_slope(average, estimated)
+    covariance = with_undetected(slope, average.covariance, average.undetected, missed)
+    dof = np.inf if diagnosis.problem.known else float(used.dof)
+    expanded_g = expanded_uncertainty(
+        calibration.matrix, covariance, terms=list(estimated.values()), temperature_degc=degc, dof=dof
+    )
     alone, together = covariance[: len(ORDER), : len(ORDER)], {"order": [*ORDER, *estimated]}
     calibration = replace(
         calibration,
         covariance=alone,
         provenance=calibration.provenance | provenance,
-        use=use_of_diagnosis(diagnosis, terms, alone, each),
+        use=use_of_diagnosis(diagnosis, terms, expanded_g, each),
     )
-    calibration = terms.put_into(calibration, diagnosis.data.temperature_degc)
+    calibration = terms.put_into(calibration, degc)
     together |= {"covariance": covariance.tolist()}
     return replace(calibration, extra=calibration.extra | ({WITH_TERMS: together} if estimated else {}))
+
+
+def _file_slope(average: Average, terms: Mapping[str, Term]) -> Float[np.ndarray, "entries names"]:
+    """Derivative of matrix, bias (`ORDER`) and terms, in the units of the file, by the parameters."""
+    places, of_terms = [[average.names.index(name) for name in names] for names in (SENSOR, terms)]
+    count = len(ORDER)
+    slope = np.zeros((count + len(of_terms), len(average.names)))
+    slope[:count, places] = correction_slope(average.values[places])
+    # The model counts time in seconds.
+    slope[count + np.arange(len(of_terms)), of_terms] = [3600.0 if term.per_hour else 1.0 for term in terms.values()]
+    return slope
 
 
 def diagnosed_use(diagnosis: Diagnosis) -> Use:

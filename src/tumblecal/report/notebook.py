@@ -15,7 +15,6 @@ from tumblecal.estimation.methods import Calibrated
 from tumblecal.estimation.plausibility import implausible, implausible_words
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.showing import Screen
-from tumblecal.report.calibration_judgements import judgements, use_of
 from tumblecal.report.calibration_words import methods_words, noise_words, notes
 from tumblecal.report.cause_words import label_words
 from tumblecal.report.diagnosis_calibration import not_written
@@ -25,9 +24,9 @@ from tumblecal.report.result_file import calibration_of
 
 def calibrated_screen(calibrated: Calibrated) -> Screen:
     """Whether to trust it and why, the exact fit's parameters, and the other methods in a line each."""
-    exact, judged = calibrated.exact, judgements(calibrated)
+    exact, judged = calibrated.exact, calibrated.judgements
     screen = exact.screen()
-    lines = [f"use: {use_of(calibrated, judged).words}", judged[0].advice, *(other.words for other in judged[1:])]
+    lines = [f"use: {calibrated.use.words}", judged[0].advice, *(other.words for other in judged[1:])]
     lines += [*implausible_words(calibrated.implausible), *screen.notes, noise_words(exact, calibrated.level)]
     lines += [*notes(calibrated), *methods_words(calibrated)]
     return Screen(f"{screen.headline}. {judged[0].headline}", screen.header, screen.rows, list(filter(None, lines)))
@@ -57,7 +56,7 @@ def save_calibrated(path: Path, calibrated: Calibrated) -> None:
 
     **Raises:** `InputError` as `save_fit`.
     """
-    save_fit(path, calibrated.exact, calibrated.entries, use_of(calibrated))
+    save_fit(path, calibrated.exact, calibrated.entries, calibrated.use)
 
 
 def save_fit(path: Path, fit: Fit, entries: Catalogue | None = None, use: Use | None = None) -> None:
@@ -68,7 +67,7 @@ def save_fit(path: Path, fit: Fit, entries: Catalogue | None = None, use: Use | 
     if not fit.code.good or not one_sensor(fit):
         why = fit.message if not fit.code.good else "it does not estimate dK, bias and gamma, one for all data"
         raise InputError(f"{fit.data.source}: no calibration to save: {why}")
-    use = use or use_of(Calibrated({"exact": fit}, {}, implausible(fit)))
+    use = use or Calibrated({"exact": fit}, {}, implausible(fit)).use
     write_calibration(path, replace(calibration_of(fit, entries), use=use))
 
 

@@ -20,8 +20,7 @@ from tumblecal.estimation.mountings import turns_of
 from tumblecal.ground.atomic import write_text
 from tumblecal.ground.gravity import record_of
 from tumblecal.ground.json_file import json_text
-from tumblecal.report.calibration_judgements import judgements, use_of
-from tumblecal.report.sensor_terms import terms_of_chain
+from tumblecal.lab.sensor_terms import terms_of_chain
 
 
 SCHEMA = "tumblecal.result/1"
@@ -39,7 +38,7 @@ def write_calibrated(folder: Path, calibrated: Calibrated, said: Mapping[str, An
     write_text(folder / "result.json", json_text(result_content(calibrated)))
     if not calibrated.exact.code.good or not one_sensor(calibrated.exact):
         return ["result.json"]
-    calibration, use = calibration_of(calibrated.exact, calibrated.entries), use_of(calibrated)
+    calibration, use = calibration_of(calibrated.exact, calibrated.entries), calibrated.use
     if calibrated.level is not None:
         said = {"stated_noise": calibrated.level.words} | dict(said or {})
     if calibrated.floor is not None:
@@ -52,7 +51,7 @@ def write_calibrated(folder: Path, calibrated: Calibrated, said: Mapping[str, An
 
 def result_content(calibrated: Calibrated) -> dict[str, Any]:
     """Contents of `result.json` (DESIGN section 6)."""
-    exact, judged = calibrated.exact, judgements(calibrated)
+    exact, judged = calibrated.exact, calibrated.judgements
     data = exact.data
     turns, seen = turns_of(exact.problem.chain, exact.problem.where), exact.identifiability
     assert seen is not None  # the exact fit always has it
@@ -71,7 +70,7 @@ def result_content(calibrated: Calibrated) -> dict[str, Any]:
         "implausible": [vars(unusual) for unusual in calibrated.implausible],
         "judgement": judged[0].record(),
         "judgements": [judgement.record() for judgement in judged],
-        "use": use_of(calibrated, judged).record(),
+        "use": calibrated.use.record(),
         "noise": {
             "sigma_g": exact.sigma,
             "kind": exact.noise,

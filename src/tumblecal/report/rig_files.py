@@ -9,10 +9,10 @@ from tumblecal.chain.nominal import LINKS, UNIT_OF_LEAF
 from tumblecal.chain.rig_temperature import temperature_tables
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.ground.strict_toml import toml_string, toml_table
+from tumblecal.lab.sensor_terms import effects_in
 from tumblecal.planning.next_plan import NextPlan
 from tumblecal.planning.proposals import SIDES
 from tumblecal.report.diagnosis_calibration import not_written
-from tumblecal.report.sensor_terms import effects_in
 
 
 NAME = "extended_rig.toml"

@@ -27,14 +27,12 @@ def calibration_row(file: Path, calibrated: "Calibrated | InputError") -> dict[s
     parameters of the sensor with their standard uncertainties (1, g, rad); for a failed file only the fault."""
     if isinstance(calibrated, InputError):
         return {"file": str(file), "judgement": "refused", "fault": "; ".join(calibrated.faults)}
-    from tumblecal.report.calibration_judgements import judgements, use_of
-
-    exact, judged = calibrated.exact, judgements(calibrated)
+    exact, judged = calibrated.exact, calibrated.judgements
     row = {
         "file": str(file),
         "serial_number": exact.data.serial_number,
         "judgement": " ".join(judgement.headline for judgement in judged),
-        "use": use_of(calibrated, judged).answer,
+        "use": calibrated.use.answer,
         "rms_g": exact.rms,
         "chi2_per_dof": exact.chi2 / exact.dof if exact.noise == "stated" and exact.dof > 0 else None,
     }

@@ -12,13 +12,12 @@ from tumblecal.estimation.noise_level import ContradictedLevel
 from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.ground.numbers_shown import rounded
 from tumblecal.ground.units import shown
-from tumblecal.report.calibration_judgements import judgements, use_of
+from tumblecal.lab.judgements import remedy_words
 from tumblecal.report.calibration_words import (
     TITLES,
     methods_words,
     noise_words,
     notes,
-    remedy_words,
 )
 from tumblecal.report.narrow import print_table, print_words
 from tumblecal.report.result_file import strong_correlations
@@ -32,10 +31,9 @@ def print_calibration(calibrated: Calibrated, console: Console | None = None) ->
     print_words(console, "")
     print_words(console, exact.data.source, style="bold")
     _print_table(calibrated, console)
-    judged = judgements(calibrated)
     for line in [
-        f"use: {use_of(calibrated, judged).words}",
-        *(judgement.words for judgement in judged),
+        f"use: {calibrated.use.words}",
+        *(judgement.words for judgement in calibrated.judgements),
         *(f"IMPLAUSIBLE: {words}" for words in implausible_words(calibrated.implausible)),
         *(f"corrected: {setup_error.description}" for setup_error in calibrated.setup_errors),
         *notes(calibrated),

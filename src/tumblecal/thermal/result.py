@@ -191,7 +191,7 @@ def _sensor(fit: Fit, base: Calibration | None) -> SensorParameters:
 def _use(choice: Choice, stated: Stated, factor: float) -> Use:
     """Whether the calibration may be used: by its values at the reference, by the changes that the attitudes determine, and by
     the size of the residuals."""
-    free, table = choice.model.free, choice.model.table
+    free = choice.model.free
     if stated.base is None and not free:
         reason = (
             "these attitudes do not determine bias and scale factor at the reference temperature, only their changes; add the "
@@ -210,9 +210,8 @@ def _use(choice: Choice, stated: Stated, factor: float) -> Use:
         reason = f"the change of the {words} with temperature is included in that of the bias: valid in the recorded attitudes"
         uses.append(Use("only", reason, parameters=_of_leaves([leaf for leaf in SENSOR_LEAVES if leaf not in joined])))
     if factor > _MISFIT:
-        size = factor * float(np.median(table.sd))
         reason = f"the residuals are {factor:.2g} times the standard uncertainties of the bins"
-        uses.append(Use("within", reason, size_g=size))
+        uses.append(Use("no", f"the data contradict the model: {reason}"))
     return combined(uses)
 
 

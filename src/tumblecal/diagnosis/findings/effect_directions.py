@@ -6,9 +6,11 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from tumblecal.diagnosis.causes.cause import Cause
+from tumblecal.diagnosis.causes.visibility import Visibilities
 from tumblecal.diagnosis.model.full_model import FullModel
 from tumblecal.diagnosis.model.layout import Slot
-from tumblecal.diagnosis.screening.screened import Screened
+from tumblecal.diagnosis.model.tangent import Tangent
 from tumblecal.effects import Catalogue, Effect
 from tumblecal.ground.showing import brief
 from tumblecal.ground.units import factor
@@ -39,17 +41,25 @@ class EffectDirections(NamedTuple):
         return EffectDirections(self.steps[chosen], numbers, ids, self.shown[chosen])
 
 
-def effect_directions(screened: Screened, entries: Catalogue) -> EffectDirections:
-    """The directions of all effects of the model, those included that the nominal model absorbs."""
-    at, slots = screened.at, screened.at.model.layout.slots
+def effect_directions(
+    at: Tangent,
+    groups: Sequence[tuple[Int[np.ndarray, " slots"], Visibilities]],
+    entries: Catalogue,
+    members: Sequence[Cause] = (),
+) -> EffectDirections:
+    """The directions of all effects of the model, those included that the nominal model absorbs.
+
+    `groups`: the slots with equally many coefficients, and their visibility. `members`: the causes of the explanation.
+    """
+    slots = at.model.layout.slots
     # An effect that starts from several time constants counts once: as in the explanation, otherwise as it comes first.
     first = {slot.id: number for number, slot in reversed([*enumerate(slots)])}
-    in_use = {cause.slot.columns for cause in screened.members}
+    in_use = {cause.slot.columns for cause in members}
     first |= {slot.id: number for number, slot in enumerate(slots) if slot.columns in in_use}
     taken = np.zeros(len(slots), bool)
     taken[[*first.values()]] = True
     steps, shown, owners = [np.zeros((0, len(at.vector)))], [np.zeros(0, bool)], list[int]()
-    for numbers, group in screened.seen.groups:
+    for numbers, group in groups:
         chosen = taken[numbers]
         columns = np.array([slots[number].columns for number in numbers[chosen].tolist()], int)
         columns = columns.reshape(-1, group.turned.shape[1])

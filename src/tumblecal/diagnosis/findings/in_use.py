@@ -38,8 +38,13 @@ from tumblecal.estimation.identifiability import RANK_TOLERANCE
 
 
 # Stated with the data (--gravity), or an input of the budget.
-_STATED = ("gravity_value",)
+NOT_CONSIDERED = ("gravity_value",)
 _OF_EVERY_SENSOR = ("bias_temperature", "scale_temperature")
+
+
+def of_every_sensor(id: str) -> bool:
+    """Whether every sensor has this effect."""
+    return id.partition(".")[0] in _OF_EVERY_SENSOR
 
 
 class _Estimate(NamedTuple):
@@ -69,7 +74,7 @@ def in_use(
         weighed = [Weighed(screened.best.labels, 1.0, screened.members, extended)]
     weighed = [replace(explanation, fit=at_reference(explanation.fit, at, added)) for explanation in weighed]
     members = [cause.slot for explanation in weighed for cause in explanation.members]
-    directions = directions.only(~directions.of({*_STATED, *included_orders(at.model.slots, members)}))
+    directions = directions.only(~directions.of({*NOT_CONSIDERED, *included_orders(at.model.slots, members)}))
     named = directions.of({cause.slot.id for explanation in weighed for cause in explanation.members})
     removed = named
     if screened.detection.detected:
@@ -196,7 +201,7 @@ def _estimate(
     - `added`: contribution of each coefficient to the nominal parameters at the reference.
     """
     model, linear = screened.at.model, _linearised(screened, base, directions, added, sigma)
-    always = np.array([id.partition(".")[0] in _OF_EVERY_SENSOR for id in directions.ids], bool)[directions.numbers]
+    always = np.array([of_every_sensor(id) for id in directions.ids], bool)[directions.numbers]
     posterior = effect_posterior(
         linear.residual(linear.signals),
         linear.residual(linear.rows),

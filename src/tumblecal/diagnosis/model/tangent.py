@@ -11,6 +11,7 @@ from tumblecal.chain import followings_of
 from tumblecal.diagnosis.model.full_model import FullModel
 from tumblecal.diagnosis.priors import LARGE
 from tumblecal.estimation.chain_programs import Evaluation
+from tumblecal.estimation.contradicted import column_space
 from tumblecal.estimation.identifiability import RANK_TOLERANCE, surely_full_rank
 from tumblecal.estimation.problem import Problem
 from tumblecal.ground.showing import brief
@@ -94,7 +95,8 @@ class Tangent:
         steady = replace(self.problem.where, temperature_degc=np.full_like(temperature, constant_degc))
         constant = white_rows(self.model, self.problem, self.vector, self.model.evaluate(steady, self.vector))[1]
         constant = constant[:, columns]
-        left = np.linalg.norm(self.basis.T @ constant, axis=0)
+        nominal = column_space(self.jacobian[:, : self.model.nominal])
+        left = np.linalg.norm(constant - nominal @ (nominal.T @ constant), axis=0)
         reached = left <= RANK_TOLERANCE * np.linalg.norm(constant, axis=0)
         varying, whole = self.jacobian.copy(), self.jacobian[:, columns]
         varied = np.linalg.norm(whole - constant, axis=0) > RANK_TOLERANCE * np.linalg.norm(whole, axis=0)

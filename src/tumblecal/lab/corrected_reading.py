@@ -1,4 +1,4 @@
-"""The covariance of matrix, bias and terms of a diagnosis' calibration together, for the uncertainty of corrected readings.
+"""Uncertainty of a corrected reading: parameters, terms, and effects of the sensor that the file does not contain.
 
 An undetected effect without a term in the file is missing in every corrected reading: `phi(u, T) c`. It also changed the
 fitted parameters, which compensates a part of it. Over all attitudes and the measured temperatures `phi` is split by least
@@ -6,39 +6,33 @@ squares into a part that matrix and bias can represent, which is added to the ch
 mean square is added to the variance of the bias. The covariance is then valid for corrected readings.
 """
 
-from collections.abc import Mapping
-
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.data.calibration import ORDER
+from tumblecal.chain import Where
 from tumblecal.data.calibration_terms import Term, contributions
-from tumblecal.data.sensor_parameters import SENSOR, correction_slope
-from tumblecal.diagnosis import Diagnosis
-from tumblecal.report.calibration_limits import DIRECTIONS
-from tumblecal.report.effect_forms import term_of_form
+from tumblecal.diagnosis.findings.model_average import UndetectedEffects
+from tumblecal.diagnosis.model.full_model import FullModel
+from tumblecal.effects import Catalogue
+from tumblecal.ground.axes import AXES
+from tumblecal.lab.effect_forms import term_of_form
+from tumblecal.lab.expanded_uncertainty import DIRECTIONS, spanned
 
 
-# The key of a file for it.
-WITH_TERMS = "covariance_with_terms"
-
-
-def covariance_in_use(
-    diagnosis: Diagnosis, terms: Mapping[str, Term], reference_degc: float | None
+def with_undetected(
+    slope: Float[np.ndarray, "entries names"],
+    covariance: Float[np.ndarray, "names names"],
+    undetected: UndetectedEffects,
+    responses: Float[np.ndarray, "directions points 3"],
 ) -> Float[np.ndarray, "entries entries"]:
-    """The covariance of matrix and bias (the order of `ORDER`), then of the terms' coefficients, in the units of the file.
+    """The covariance of matrix, bias and terms for corrected readings.
 
-    `terms`: that were estimated, by the names of their coefficients. `reference_degc`: temperature for which the parameters are
-    meant.
+    **Arguments:**
+
+    - `slope`: of matrix, bias (`ORDER`) and terms by the parameters. `covariance`: of these, undetected effects included.
+    - `undetected`: their shifts of the parameters. `responses`: as `responses` gives them.
     """
-    used, of_terms = diagnosis.in_use, [diagnosis.in_use.names.index(name) for name in terms]
-    places, count = [used.names.index(name) for name in SENSOR], len(ORDER)
-    slope = np.zeros((count + len(of_terms), len(used.names)))
-    slope[:count, places] = correction_slope(used.values[places])
-    # The model counts time in seconds.
-    slope[count + np.arange(len(of_terms)), of_terms] = [3600.0 if term.per_hour else 1.0 for term in terms.values()]
-    covariance, undetected = slope @ used.covariance @ slope.T, used.undetected
-    responses = _responses(diagnosis, reference_degc)
+    covariance = slope @ covariance @ slope.T
     if not len(responses):
         return covariance
     inputs = np.tile(DIRECTIONS, (responses.shape[1] // len(DIRECTIONS), 1))
@@ -46,18 +40,19 @@ def covariance_in_use(
     fitted = np.linalg.pinv(regressors) @ responses.transpose(2, 1, 0)  # axis, (1, u), direction
     remainder, products = responses.transpose(2, 1, 0) - regressors @ fitted, undetected.products
     moved = slope @ undetected.shifts
-    whole = moved.copy()
-    for axis in range(3):
+    corrected = moved.copy()
+    for axis in range(len(AXES)):
         # A reading is the inverse of the matrix times the force, and the bias: a slope takes from the matrix.
-        whole[3 * axis : 3 * axis + 3] -= fitted[axis, 1:]
-        whole[9 + axis] += fitted[axis, 0]
-    covariance = _without_negative(covariance - moved @ products @ moved.T, covariance) + whole @ products @ whole.T
+        corrected[3 * axis : 3 * axis + 3] -= fitted[axis, 1:]
+        corrected[9 + axis] += fitted[axis, 0]
+    covariance = without_negative(covariance - moved @ products @ moved.T, covariance)
+    covariance += corrected @ products @ corrected.T
     missed = np.einsum("kpi,kpi->k", remainder @ products, remainder) / len(inputs)
     covariance[np.arange(9, 12), np.arange(9, 12)] += missed
     return covariance
 
 
-def _without_negative(
+def without_negative(
     difference: Float[np.ndarray, "entries entries"], scale: Float[np.ndarray, "entries entries"]
 ) -> Float[np.ndarray, "entries entries"]:
     """A difference of covariances without negative variances: of an average over several explanations only the leading one's
@@ -68,21 +63,28 @@ def _without_negative(
     return root @ root.T
 
 
-def _responses(diagnosis: Diagnosis, reference_degc: float | None) -> Float[np.ndarray, "directions points 3"]:
+def responses(
+    undetected: UndetectedEffects,
+    model: FullModel,
+    entries: Catalogue,
+    where: Where,
+    reference_degc: float | None,
+) -> Float[np.ndarray, "directions points 3"]:
     """Contribution of each direction of the undetected effects that a file could contain to the readings, at points of the
-    sphere and of the temperature range, g; none without such effects."""
-    undetected, model = diagnosis.in_use.undetected, diagnosis.model
-    degc, ids = diagnosis.data.temperature_degc, undetected.effects
-    columns, terms = [], []
+    sphere and of the temperature range, g; none without such effects.
+
+    `reference_degc`: temperature for which the parameters are meant.
+    """
+    ids, columns, terms = undetected.effects, list[int](), list[Term]()
     for slot in {slot.id: slot for slot in model.slots if slot.id in ids}.values():
-        for form, column in zip(diagnosis.entries[slot.id].forms, slot.columns, strict=False):
+        for form, column in zip(entries[slot.id].forms, slot.columns, strict=False):
             # At the time of the reference a drift is zero.
             if not form.get("per_hour"):
                 thermal = "reference_degc" in form and reference_degc is not None
                 stated = form | ({"reference_degc": reference_degc} if thermal else {})
-                terms.append(term_of_form(stated, diagnosis.problem.where, effect=slot.id, determined=False))
+                terms.append(term_of_form(stated, where, effect=slot.id, determined=False))
                 columns.append(column)
-    span = None if degc is None else np.array([np.min(degc), np.mean(degc), np.max(degc)])
+    span = spanned(None if where.temperature_degc is None else np.asarray(where.temperature_degc))
     points = len(DIRECTIONS) * (1 if span is None else len(span))
     signals = contributions(terms, DIRECTIONS, span).reshape(len(terms), points, 3)
     sizes = undetected.steps[:, columns] * model.scales[columns] * ~undetected.named[:, None]

@@ -20,7 +20,7 @@ from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.intrinsic import one_sensor
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.soaks import soaks
-from tumblecal.report.effect_forms import per_hour, require_forms, term_of_form
+from tumblecal.lab.effect_forms import per_hour, require_forms, term_of_form
 
 
 _EQUATION = (
