@@ -9,6 +9,12 @@ the formula of each device (`device_formulas.py`). Judged at 60 attitudes that t
 highest temperature of the measurement: coverage of the 95 % intervals of dK, bias, gamma and of the corrected readings, and
 the rms error in mg. `--effects`: `all` effects at their usual size; `mixed`, one of 8 to 20 sigma with four to six of 1 to 3;
 `one`, a single one of 8 to 20 sigma; `none`.
+
+    python benchmarks/in_use.py --effects use --instruments 400 --seed 5801
+
+judges the statement `use` of `calibrate` and of `diagnose` (without the devices): no effect (30 %), one of 4 to 20 sigma
+(35 %), two or three (15 %), one that differs between pitch settings (10 %), a warm-up (10 %). For all calibrations that may
+be used: share of the components of corrected readings with an error of at most U.
 """
 
 import argparse
@@ -37,6 +43,9 @@ ATTITUDES = 60
 SPANS = ("low", "mean", "high")
 # The effects that these positions show at all are drawn by size; one that they hardly show would be beyond every typical size.
 LEAST_SHARE = 0.05
+# Populations of `--effects use`, with their probabilities.
+USE_KINDS = {"none": 0.3, "one": 0.35, "several": 0.15, "by pitch": 0.1, "warm-up": 0.1}
+USABLE = ("yes", "within")
 # What the laboratory knows of the pitch angles where the positions cannot tell them from the sensor.
 PRIORS = {"cube": ["--prior", "dbeta=5 arcmin"]}
 SENSOR = ("dK", "bias", "gamma")
@@ -51,7 +60,15 @@ def drawn(number: int, seed: int, effects: str) -> tuple[str, truth.Instrument, 
         return name, truth.instrument(plan, turns, rng, list(truth.SIZES) if effects == "all" else []), plan, rng
     instrument, wanted = truth.instrument(plan, turns, rng, []), [rng.uniform(8, 20)]
     wanted += [*rng.uniform(1, 3, rng.integers(4, 7))] if effects == "mixed" else []
-    for id in rng.permutation(list(truth.SIZES)):
+    listed = list(truth.SIZES)
+    if effects == "use":
+        kind = use_kind(number, seed)
+        count = {"none": 0, "several": rng.integers(2, 4)}.get(kind, 1)
+        wanted = [*rng.uniform(4, 20, count)]
+        listed = {"by pitch": ["bias_by_pitch", "scale_by_pitch", "index_zero"], "warm-up": ["warm_up"]}.get(
+            kind, listed
+        )
+    for id in rng.permutation(listed):
         alone = replace(instrument, effects=truth.instrument(plan, turns, rng, [id]).effects)
         shown, _ = truth.shown_share(alone, plan, SIGMA)
         whole = np.linalg.norm(truth.readings(alone, plan) - truth.readings(replace(alone, effects={}), plan)) / SIGMA
@@ -59,6 +76,11 @@ def drawn(number: int, seed: int, effects: str) -> tuple[str, truth.Instrument, 
             continue
         instrument.effects[id] = alone.effects[id] * (wanted.pop(0) / shown)
     return name, instrument, plan, rng
+
+
+def use_kind(number: int, seed: int) -> str:
+    """The population of an instrument of `--effects use`."""
+    return str(np.random.default_rng([seed, number, 58]).choice(list(USE_KINDS), p=list(USE_KINDS.values())))
 
 
 def write_positions(path: Path, plan: truth.Schedule, readings: np.ndarray) -> None:
@@ -145,6 +167,49 @@ def held_out(instrument: truth.Instrument, plan: truth.Schedule, rng: np.random.
         yield span, force, truth.output(instrument, force, since, degc), float(degc)
 
 
+def judge_use(
+    folder: Path, stem: str, own: truth.Instrument, plan: truth.Schedule, counts: dict, population: str, rng
+) -> None:
+    """Errors of corrected readings in units of the stated U, for calibrations that may be used."""
+    stated = {}
+    for kind in ("nominal", "diagnosis"):
+        file = folder / kind / stem / "calibration.json"
+        use = json.loads(file.read_text())["use"] if file.exists() else {"answer": "no file"}
+        counts[kind, population]["answers"].append(use["answer"])
+        if use["answer"] in USABLE:
+            stated[kind] = file, use["expanded_g"]
+    _, to_frame = in_frame(
+        truth.linear(own, float(np.mean(plan.time_s) - plan.time_s[0]), np.mean(plan.temperature_degc))[0]
+    )
+    for _, force, raw, warm in held_out(own, plan, rng):
+        force = force @ to_frame.T
+        for kind, (file, expanded) in stated.items():
+            found = applied(folder, file, raw, warm, float(np.mean(plan.time_s)))
+            if found is not None:
+                counts[kind, population]["errors"].append(np.abs(found - force) / expanded)
+                counts[kind, population]["U"].append(expanded)
+
+
+def report_use(counts: dict) -> None:
+    """Print a row for each command and population."""
+    print(
+        "| command | population | instruments | use | error <= U | worst instrument | rms error / U | median U / mg |"
+    )
+    print("|---|---|---|---|---|---|---|---|")
+    for kind, name in (("nominal", "calibrate"), ("diagnosis", "diagnose")):
+        rows = {population: counts[kind, population] for population in USE_KINDS}
+        rows["all"] = {key: [each for row in rows.values() for each in row[key]] for key in ("answers", "errors", "U")}
+        for population, row in rows.items():
+            answers = ", ".join(f"{row['answers'].count(answer)} {answer}" for answer in sorted({*row["answers"]}))
+            cells = ["-"] * 4
+            if row["errors"]:
+                ratios = np.array(row["errors"])
+                within = np.mean(ratios.reshape(-1, len(SPANS), ATTITUDES, 3) <= 1, axis=(1, 2, 3))
+                cells = [f"{np.mean(ratios <= 1):.1%}", f"{np.min(within):.0%}", f"{np.sqrt(np.mean(ratios**2)):.2f}"]
+                cells.append(f"{1e3 * np.median(row['U']):.2f}")
+            print("|", " | ".join([name, population, f"{len(row['answers'])}", answers, *cells]), "|")
+
+
 def judge(folder: Path, stem: str, own: truth.Instrument, plan: truth.Schedule, counts: Judged, rng) -> None:
     """Apply and export the calibration of one instrument, and compare."""
     file = folder / "diagnosis" / stem / "calibration.json"
@@ -209,7 +274,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--instruments", type=int, default=200)
     parser.add_argument("--seed", type=int, default=71)
-    parser.add_argument("--effects", choices=("all", "mixed", "one", "none"), default="all")
+    parser.add_argument("--effects", choices=("all", "mixed", "one", "none", "use"), default="all")
     args = parser.parse_args()
     judged: dict[str, Judged] = {name: Judged() for name in PLANS}
     with tempfile.TemporaryDirectory() as temporary:
@@ -227,9 +292,16 @@ def main() -> None:
                 code, told = command(*words, *files, "--noise-sd", "0.1mg", "--out", folder / kind, "--no-figures")
                 if code == 2:
                     print(told.strip(), file=sys.stderr)
-        for stem, (name, own, plan, rng) in cases.items():
-            judge(folder, stem, own, plan, judged[name], rng)
-    report(judged)
+        counts = defaultdict(lambda: defaultdict(list))
+        for number, (stem, (name, own, plan, rng)) in enumerate(cases.items()):
+            if args.effects == "use":
+                judge_use(folder, stem, own, plan, counts, use_kind(number, args.seed), rng)
+            else:
+                judge(folder, stem, own, plan, judged[name], rng)
+    if args.effects == "use":
+        report_use(counts)
+    else:
+        report(judged)
 
 
 def report(judged: dict[str, Judged]) -> None:

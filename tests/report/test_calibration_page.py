@@ -129,7 +129,9 @@ def test_the_page_holds_the_numbers_and_the_way_to_apply_them(tumblecal, tmp_pat
     assert outcome.code == 0 and "calibration.html" in outcome.out
     words = words_of(out / "calibration.html")
     assert words.index(
-        "USABLE The residuals are consistent with the stated noise USE calibration.json: yes, U = ".replace("USE", "Use")
+        "USABLE The residuals are consistent with the stated noise USE calibration.json: yes, U = ".replace(
+            "USE", "Use"
+        )
     ) < words.index("Parameters")
     exact, half = calibrated.exact, 1.959964 * calibrated.exact.sd
     for name in ("dK_x", "bias_y"):

@@ -1,6 +1,7 @@
 """Statements of a laboratory on a certificate, and limits of a data sheet: TOML files."""
 
 import re
+from collections.abc import Sequence
 from datetime import date, timedelta
 from itertools import pairwise
 from pathlib import Path
@@ -73,6 +74,12 @@ class Performance(Strict):
     end: date
     location: Literal["laboratory", "customer", "laboratoryBranch", "customerBranch", "other"] = "laboratory"
     method: Text | None = None
+
+
+# A condition that states the temperature of the room; its first number; heating of an item by itself that is ordinary.
+_ROOM = re.compile(r"\b(room|ambient|air|laboratory)\b.*temperature|^temperature$", re.IGNORECASE)
+_DEGC = re.compile(r"([-+]?\d+(?:[.,]\d+)?).*(?:°|deg) ?C")
+_WARMER_DEGC = 5.0
 
 
 class Condition(Strict):
@@ -157,6 +164,21 @@ def measured_elsewhen(performance: Performance, calibration: Calibration, named:
     if (instant + ahead).date() >= performance.begin and (instant - behind).date() <= performance.end:
         return ""
     return f"the data were measured at {stated}, not from {performance.begin} to {performance.end}"
+
+
+def item_elsewhere(conditions: Sequence[Condition], item_degc: float | None) -> str:
+    """Words on a room temperature that the mean temperature of the item contradicts; "" if there is none."""
+    for condition in conditions:
+        stated = _DEGC.search(condition.value) if _ROOM.search(condition.name) else None
+        if stated is None or item_degc is None:
+            continue
+        warmer_degc = item_degc - float(stated[1].replace(",", "."))
+        if abs(warmer_degc) > _WARMER_DEGC:
+            return (
+                f"The mean temperature of the item, {item_degc:.1f} degC, differs by {warmer_degc:+.3g} degC from the stated "
+                f"{condition.name}, {condition.value}."
+            )
+    return ""
 
 
 def read_limits(path: Path) -> tuple[str, dict[str, float]]:

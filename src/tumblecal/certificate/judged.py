@@ -19,12 +19,13 @@ def reservation(folder: Path, calibration: Calibration, *, use_anyway: bool = Fa
 
     **Arguments:**
 
-    - `use_anyway`: whether to accept values that must not be used.
+    - `use_anyway`: whether to accept values that must not be used, or whose model nothing could test.
 
-    **Raises:** `InputError` for values that must not be used, because a certificate would mislead its users; and for a
-    judgement of different data.
+    **Raises:** `InputError` for such values, because a certificate would mislead its users; and for a judgement of different
+    data.
     """
-    calibration.use.require(folder / "calibration.json", anyway=use_anyway)
+    use = calibration.use
+    use.require(folder / "calibration.json", anyway=use_anyway, tested=True)
     name, record = (DIAGNOSIS, DiagnosisFile) if "verdict" in calibration.provenance else (RESULT, ResultFile)
     path, digest = folder / name, calibration.provenance.get("sha256")
     if not path.exists():
@@ -42,10 +43,14 @@ def reservation(folder: Path, calibration: Calibration, *, use_anyway: bool = Fa
         )
     if judged.refused and not use_anyway:
         raise InputError(f"{path}: judgement: {judged.headline} No certificate is written; {judged.advice}")
-    use = calibration.use
-    limited = use.answer in ("only", "no") or use.size_g is not None
     words = [f"Judgement of the calibration: {headline}"] if headline else []
-    return " ".join([*words, *([f"Use of the calibration: {use.words}."] if limited else [])])
+    if use.refused or use.untested:
+        words.append(
+            "Issued at the request of the customer (option --use-anyway). U is not valid if the model is wrong."
+        )
+    if use.answer not in ("yes", "within"):
+        words.append(f"Use of the calibration: {use.words}.")
+    return " ".join(words)
 
 
 def head_covariance(calibration: Calibration) -> bool:

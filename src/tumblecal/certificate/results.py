@@ -129,6 +129,8 @@ class Results:
             "data show only in part."
         )
         level = f" {self.noise_level}" if self.noise_level else ""
+        corrected = self.calibration.use.expanded_words
+        level += f" {corrected}, including effects that the data may have missed." if corrected else ""
         return (
             f"U is the standard uncertainty times the stated coverage factor k, for a coverage probability of about "
             f"{self.level:.4g}, evaluated according to JCGM 100 (GUM) from the noise of the {sources}.{level}"

@@ -3,6 +3,7 @@
 import math
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -51,9 +52,9 @@ def certificate(
     out
         Output folder. Default: FOLDER. Example: --out certificates/A17.
     use_anyway
-        Certificate for a calibration with the judgement `use: no`; the certificate includes the judgement. Default: an error.
+        Certificate for a calibration with `use: no` or `not tested`; the certificate states so. Default: an error.
     """
-    from tumblecal.certificate.admin import measured_elsewhen, read_admin, read_limits
+    from tumblecal.certificate.admin import item_elsewhere, measured_elsewhen, read_admin, read_limits
     from tumblecal.certificate.dcc import dcc_text
     from tumblecal.certificate.judged import head_covariance
     from tumblecal.certificate.results import VERDICTS, results_of
@@ -77,6 +78,8 @@ def certificate(
         raise InputError(
             f"{admin}: no serial number. Add item.serial_number here, or `# serial_number: ...` to the data file"
         )
+    elsewhere = item_elsewhere(stated.conditions, results.calibration.temperature_degc)
+    results = replace(results, reservation=f"{results.reservation} {elsewhere}".strip())
     elsewhen = measured_elsewhen(stated.performance, results.calibration, str(folder / "calibration.json"))
     out = out or folder
     protect_inputs([admin, limits, budget], folders=[out], names=_SET)
