@@ -38,7 +38,7 @@ def test_a_second_start_harms_nothing(tmp_path: Path) -> None:
     with Emulator(tmp_path, "[head]\nturn_s = 1.0\n", follow="run"):
         assert capture.close() == 0, capture.raw
     state = replayed(read_journal(tmp_path / "run"))
-    assert sorted(state.accepted) == [0, 1] and state.finished
+    assert sorted(state.accepted) == [0, 1] and entries_of(tmp_path / "run")[-1] == "finished"
     assert len(reduce(tmp_path / "run").data) == 2
     # What is done is done: nothing is waited for, nothing asked and nothing written.
     done, whole = CaptureProcess(tmp_path, "--resume", "run", "--plain"), entries_of(tmp_path / "run")

@@ -11,7 +11,8 @@ import pytest
 import damaged_made as made
 import damaged_written as written
 from tumblecal.capture.journal import JOURNAL_NAME, PLAN_NAME
-from tumblecal.capture.run.run_folder import resume
+from tumblecal.capture.run.run_folder import plan_of_run, resume
+from tumblecal.ground.errors import InputError
 from tumblecal.ground.last_line import may_be_cut
 
 
@@ -203,6 +204,9 @@ def test_a_damaged_journal_is_reported_and_a_changed_plan_refused(tmp_path, tumb
     (tmp_path / JOURNAL_NAME).write_bytes(journal + bytes(journal[:30]))  # as a crash ends it: cut off, no word
     with resume(tmp_path) as held:
         assert len(held.state.accepted) == 5 and [line.split(": ")[0] for line in held.damage] == [JOURNAL_NAME]
+    held.state.accepted[6] = held.state.accepted[0]
+    with pytest.raises(InputError, match=r"the journal has positions that plan.toml does not have"):
+        plan_of_run(tmp_path, held.state)
     plan = (tmp_path / PLAN_NAME).read_text()
     (tmp_path / PLAN_NAME).write_text(plan.replace("45", "44"))
     (line,) = tumblecal("reduce", tmp_path).lines

@@ -194,14 +194,6 @@ class CapturePlan(Strict):
             given = [p.model_copy(update={"name": name}) for p, name in zip(given, names, strict=True)]
         return [p.model_copy(update={"name": p.name or str(k + 1)}) for k, p in enumerate(given)]
 
-    def continued(self, further: Sequence[PlanPosition]) -> "CapturePlan":
-        """This plan with further positions after its own."""
-        if not further:
-            return self
-        positions = PositionsTable(listed=[*self.steps, *further], mount_rotation_deg=self.positions.mount_rotation_deg)
-        stated = {name: getattr(self, name) for name in self.model_fields_set} | {"positions": positions}
-        return CapturePlan.model_construct(_fields_set=self.model_fields_set, **stated)
-
     @cached_property
     def soaks(self) -> list[int]:
         """The soak of each position, from 0; 0 for all positions of a plan without temperatures."""

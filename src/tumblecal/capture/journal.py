@@ -48,16 +48,6 @@ class Attempt:
     serial_number: str | None = None
 
 
-@dataclass(frozen=True)
-class ChosenPosition:
-    """A position that was chosen during an adaptive run: angles, deg, and its purpose for the operator."""
-
-    name: str
-    alpha_deg: float
-    beta_deg: float
-    purpose: str = ""
-
-
 @dataclass
 class RunState:
     """The state of a run.
@@ -69,12 +59,9 @@ class RunState:
     - `skipped`: postponed positions. `postponed`: numbers of postponed soaks.
     - `session`: the entry that began the run. `device`: the last one about the device;
       `devices`: all of them, one for each start of the recording.
-    - `finished`: whether the run was ended.
     - `to_compare`: whether the instrument may be different, so that a finished position is measured again first.
     - `temperature_options`: options of the command about soaks and the chamber, the last of each.
     - `doubts`: entries on an instrument that was not confirmed, and on the comparisons made for it.
-    - `chosen`: positions of an adaptive run after those of its plan, by their number. `minutes`: its time, min; None: it is not
-      adaptive. `ending`: why it ended.
     """
 
     accepted: dict[int, Attempt] = field(default_factory=dict)
@@ -84,13 +71,9 @@ class RunState:
     session: dict[str, Any] = field(default_factory=dict)
     device: dict[str, Any] = field(default_factory=dict)
     devices: list[dict[str, Any]] = field(default_factory=list)
-    finished: bool = False
     to_compare: bool = False
     doubts: list[dict[str, Any]] = field(default_factory=list)
     temperature_options: dict[str, Any] = field(default_factory=dict)
-    chosen: dict[int, ChosenPosition] = field(default_factory=dict)
-    minutes: float | None = None
-    ending: str = ""
 
     @property
     def serial_number(self) -> str | None:
@@ -114,15 +97,14 @@ class RunState:
         """The next position that is not done, after this one, then from the start; None if all are done.
 
         `soaks` are the soaks of all positions: those of the present soak come first, and postponed soaks last. Within a soak,
-        skipped positions come last; in an adaptive run they are replaced by others and do not come again.
+        skipped positions come last.
         """
         here, count, most = soaks[max(position, 0)], len(soaks), max(soaks) + 1
 
         def order(k: int) -> tuple[bool, int, bool, int]:
             return soaks[k] in self.postponed, (soaks[k] - here) % most, k in self.skipped, (k - position - 1) % count
 
-        closed = self.accepted.keys() | (self.skipped if self.minutes is not None else set())
-        return min((k for k in range(count) if k not in closed), key=order, default=None)
+        return min((k for k in range(count) if k not in self.accepted), key=order, default=None)
 
 
 def replayed(entries: list[dict[str, Any]]) -> RunState:
@@ -132,7 +114,7 @@ def replayed(entries: list[dict[str, Any]]) -> RunState:
         position = entry.get("position", -1)  # only the entries about a position have one
         match entry["entry"]:
             case "session":  # restarted after a run without a device
-                state = RunState(session=entry, minutes=entry.get("adaptive", {}).get("minutes"))
+                state = RunState(session=entry)
             case "device":
                 state.device = entry
                 state.devices.append(entry)
@@ -149,7 +131,6 @@ def replayed(entries: list[dict[str, Any]]) -> RunState:
                 state.to_compare = False
             case "recording":
                 state.attempts[position] = entry["attempt"]
-                state.finished = False
             case "accepted":
                 names = ("position", "log_start", "log_stop", "sha256", "summary", "wall_ns")
                 values = {name: entry[name] for name in names}
@@ -166,28 +147,7 @@ def replayed(entries: list[dict[str, Any]]) -> RunState:
                 state.postponed.add(entry["soak"])
             case "temperature_options":
                 state.temperature_options |= entry["options"]
-            case "chosen" | "prompted" if position >= state.session.get("adaptive", {}).get("positions", position + 1):
-                # A prompt repeats the angles: they are known if the entry of the choice is damaged.
-                known = ChosenPosition(entry["name"], entry["alpha_deg"], entry["beta_deg"], entry.get("purpose", ""))
-                state.chosen.setdefault(position, known)
-            case "more_minutes":
-                state.minutes, state.finished = entry["minutes"], False
-            case "finished":
-                state.finished, state.ending = True, entry.get("text", "")
     return state
-
-
-def recording_s(entries: list[dict[str, Any]]) -> float:
-    """Time of the host's clock during which the run went on, s: interruptions are not included."""
-    total, began, last = 0, None, 0
-    for entry in entries:
-        if entry["entry"] in ("session", "resumed"):
-            total = 0 if entry["entry"] == "session" else total + (0 if began is None else max(last - began, 0))
-            began = None
-        elif entry["entry"] == "device" and began is None:
-            began = entry["wall_ns"]
-        last = entry["wall_ns"]
-    return 1e-9 * (total + (0 if began is None else max(last - began, 0)))
 
 
 def read_journal(folder: Path, faults: list[str] | None = None) -> list[dict[str, Any]]:

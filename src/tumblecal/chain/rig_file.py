@@ -126,9 +126,9 @@ def rig_of(
             truth[name] = tuple(number * factor(given.unit, unit) for number in numbers)
         except InputError as error:
             faults.append(f"{path}: truth.{name}.unit: {error}")
-    priors = sizes_of(path, table.priors, units, faults, "priors.")
+    priors = _sizes(path, "priors", table.priors, units, faults)
     # The residual sd is not a parameter.
-    usual = sizes_of(path, table.usual, units | {"scatter": "g"}, faults, "usual.")
+    usual = _sizes(path, "usual", table.usual, units | {"scatter": "g"}, faults)
     noise = None
     if table.noise is not None:
         try:
@@ -159,21 +159,21 @@ def rig_of(
     )
 
 
-def sizes_of(
-    path: Path, given: Mapping[str, str], units: Mapping[str, str], faults: list[str], above: str = ""
+def _sizes(
+    path: Path, key: str, given: Mapping[str, str], units: Mapping[str, str], faults: list[str]
 ) -> dict[str, float]:
-    """Sizes of parameters in base units from a table of texts; faults are added to the list, with the keys after `above`."""
+    """Sizes of parameters in base units from a table of texts; faults are added to the list."""
     sizes: dict[str, float] = {}
     for name, text in given.items():
         unit = unit_of_parameter(name, units)
         try:
             sizes[name] = quantity(text, unit or "1")
             if not sizes[name] > 0:
-                faults.append(f"{path}: {above}{name}: {text!r} is not a size; give a value above 0")
+                faults.append(f"{path}: {key}.{name}: {text!r} is not a size; give a value above 0")
         except InputError as error:
-            faults.append(f"{path}: {above}{name}: {error}")
+            faults.append(f"{path}: {key}.{name}: {error}")
         if unit is None:
-            faults.append(f"{path}: {above}{name}: no such parameter; {_near(name, units)}")
+            faults.append(f"{path}: {key}.{name}: no such parameter; {_near(name, units)}")
     return sizes
 
 

@@ -8,17 +8,15 @@ from typing import TYPE_CHECKING
 
 from cyclopts import Parameter
 
-from tumblecal.cli.adaptive_options import AdaptiveOptions, chooser_of_run
 from tumblecal.cli.live_estimate import live_estimate
 from tumblecal.cli.output import warn
-from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.suggested_command import EVERY, suggested
 
 
 if TYPE_CHECKING:
     from tumblecal.capture.capture_plan import CapturePlan
-    from tumblecal.capture.run.run_folder import AdaptiveFiles, RunFolder
+    from tumblecal.capture.run.run_folder import RunFolder
 
 
 _LONGEST_WAIT_S = 86400.0
@@ -120,14 +118,12 @@ def capture(
     port: str | None = None,
     operator: OperatorOptions = OperatorOptions(),
     temperature: ChamberOptions = ChamberOptions(),
-    adaptive: AdaptiveOptions = AdaptiveOptions(),
 ) -> None:
     """Record the positions of a plan with the instrument on the dividing head, including every received byte.
 
     The screen shows the angles to set; recording starts when the head is at rest at these angles. A plan with temperatures
     also sets a chamber, or requests them from the operator, and waits until they are stable. Stop at any time (q, Ctrl-C,
-    power cut) and continue with --resume. With --adaptive, further positions are chosen during the measurement. Next: tumblecal
-    reduce DIR.
+    power cut) and continue with --resume. Next: tumblecal reduce DIR.
 
     Parameters
     ----------
@@ -147,9 +143,7 @@ def capture(
     if not 0 <= operator.wait <= _LONGEST_WAIT_S:
         raise InputError(f"--wait {operator.wait:g}: seconds, from 0 to {_LONGEST_WAIT_S:g}")
     stopped_by = None
-    files, chooser = adaptive.begun(plan) if plan is not None and resume is None else (None, None)
-    with _run_folder(plan, out, resume, port, files) as run_folder:
-        adaptive.extend(run_folder)
+    with _run_folder(plan, out, resume, port) as run_folder:
         if resume is not None and run_folder.complete:
             print(_end(run_folder))
             return
@@ -158,14 +152,10 @@ def capture(
         run_folder.plan = temperature.applied(run_folder.plan)
         if given:
             run_folder.journal.write("temperature_options", options=given)
-        chooser = chooser or chooser_of_run(run_folder)
-        live = None
-        if operator.estimate:
-            fixed = run_folder.plan
-            live = live_estimate((lambda: fixed) if chooser is None else chooser.all_positions)
+        live = live_estimate(run_folder.plan) if operator.estimate else None
         try:
             how = {"plain": operator.plain, "wait_s": operator.wait, "trust": operator.trust_instrument}
-            run(run_folder, estimate=live, confirm=operator.still_mounted, chooser=chooser, **how)
+            run(run_folder, estimate=live, confirm=operator.still_mounted, **how)
         except Stopped as stop:
             stopped_by = stop.number
     folder = run_folder.folder
@@ -173,8 +163,9 @@ def capture(
         if run_folder.complete:
             print(_end(run_folder))
         else:
-            done = f"{len(run_folder.state.accepted)}{run_folder.total_words} positions"
-            print(f"{folder}: stopped with {done}; continue with: {suggested('capture', '--resume', folder)}")
+            print(
+                f"{folder}: stopped with {_done(run_folder)}; continue with: {suggested('capture', '--resume', folder)}"
+            )
         sys.stdout.flush()
     if stopped_by is not None:
         end_by(stopped_by)
@@ -182,15 +173,15 @@ def capture(
 
 def _end(run: "RunFolder") -> str:
     """The last line of a complete run."""
-    count, reduced = len(run.state.accepted), suggested("reduce", run.folder, less=EVERY)
-    if run.state.minutes is None:
-        return f"{run.folder}: all {count} positions are recorded; next: {reduced}"
-    return f"{run.folder}: {counted(count, 'position')} recorded; next: {reduced}\n{run.state.ending}"
+    reduced = suggested("reduce", run.folder, less=EVERY)
+    return f"{run.folder}: all {len(run.plan.steps)} positions are recorded; next: {reduced}"
 
 
-def _run_folder(
-    plan: Path | None, out: Path | None, resume: Path | None, port: str | None, files: "AdaptiveFiles | None"
-) -> "RunFolder":
+def _done(run: "RunFolder") -> str:
+    return f"{len(run.state.accepted)} of {len(run.plan.steps)} positions"
+
+
+def _run_folder(plan: Path | None, out: Path | None, resume: Path | None, port: str | None) -> "RunFolder":
     """The folder of the run, new or resumed.
 
     **Raises:** `InputError` for options that contradict each other, or a folder that another process uses.
@@ -206,9 +197,9 @@ def _run_folder(
         resumed = resume_run(resume, port)
         warn(resume, resumed.damage)
         if not resumed.complete:
-            print(f"{resume}: {len(resumed.state.accepted)}{resumed.total_words} positions done")
+            print(f"{resume}: {_done(resumed)} done")
         return resumed
     assert plan is not None
     if out is None:
         raise InputError("capture: no folder for the data; add --out DIR")
-    return begin(plan, out, port, files)
+    return begin(plan, out, port)

@@ -1,26 +1,17 @@
 """The live estimate of `tumblecal capture`: the parameters and their standard uncertainties after each position."""
 
-from collections.abc import Callable
 from functools import cache
 
 from tumblecal.capture.capture_plan import CapturePlan
 from tumblecal.capture.run.estimate_worker import Estimate
 
 
-def live_estimate(plan_of: Callable[[], CapturePlan]) -> Estimate:
-    """The iterated Kalman filter over the exact chain; its modules are imported at the first accepted position.
-
-    **Arguments:** `plan_of`: called then: the plan with all positions that can occur, by their angles.
-    """
-
-    @cache
-    def prepared():
-        plan = plan_of()
-        return _problem(plan), plan
+def live_estimate(plan: CapturePlan) -> Estimate:
+    """The iterated Kalman filter over the exact chain; its modules are imported at the first accepted position."""
+    problem = cache(lambda: _problem(plan))
 
     def estimate(rows):
-        problem, plan = prepared()
-        return _filtered(problem, plan, rows) if len(rows) >= 3 else []
+        return _filtered(problem(), plan, rows) if len(rows) >= 3 else []
 
     return estimate
 

@@ -6,12 +6,9 @@ from enum import Enum
 
 import numpy as np
 
-from tumblecal.capture.capture_plan import CapturePlan
 from tumblecal.capture.journal import replayed, sha256_of
 from tumblecal.capture.port.live import Arrived, LiveStream
 from tumblecal.capture.port.recorder import clocks
-from tumblecal.capture.run.adaptive_run import AdaptiveRun
-from tumblecal.capture.run.choice import Chooser, Ending
 from tumblecal.capture.run.dwell import Dwell, rate_warning, refusal, warning
 from tumblecal.capture.run.estimate_worker import Estimate, EstimateWorker
 from tumblecal.capture.run.identity import Identity
@@ -39,7 +36,6 @@ class Phase(Enum):
     SETTLING = "SETTLING"
     RECORDING = "RECORDING"
     CLOSING = "CLOSING"
-    CHOOSING = "CHOOSING"
     FINISHED = "FINISHED"
 
 
@@ -56,7 +52,6 @@ class Guide:
     - `identity`: checks whether the instrument is the one with which the run began; None for no check.
     - `trust`: the operator states that it is.
     - `soaking`: requests the temperatures of the plan; None: from the operator.
-    - `chooser`: chooses the positions after those of the plan; None: there are none.
     """
 
     stream: LiveStream
@@ -81,10 +76,9 @@ class Guide:
         identity: Identity | None = None,
         trust: bool = False,
         soaking: Soaking | None = None,
-        chooser: Chooser | None = None,
     ):
         plan, journal = run.plan, run.journal
-        self._run, self.state, self.stream = run, run.state, stream
+        self.plan, self.state, self.stream = plan, run.state, stream
         self._journal, self.rate_hz, self._bell = journal, rate_hz, bell
         self._to_local_g = STANDARD_GRAVITY_MS2 / plan.site.gravity.value_ms2
         self._block_size = block_size(rate_hz)
@@ -99,7 +93,6 @@ class Guide:
         self._newest: Arrived | None = None
         self._close_at = 0.0
         self.worker = EstimateWorker(estimate, lambda text: journal.write("warned", position=self.position, text=text))
-        self.adaptive = None if chooser is None else AdaptiveRun(run, chooser)
         self.phase = Phase.TURN
         self.position = -1
         self.doubt = InstrumentDoubt(identity, run.state, journal, trust=trust)
@@ -108,25 +101,9 @@ class Guide:
             self._prompt_again()
 
     @property
-    def plan(self) -> CapturePlan:
-        """The plan, with the positions chosen so far."""
-        return self._run.plan
-
-    @property
     def alarm(self) -> str:
         """The present fault: of the line until it is repaired, then of the temperature and the position; empty for none."""
         return self._line_alarm or self.soaking.alarm or self.prompted.alarm
-
-    @property
-    def total_words(self) -> str:
-        """The number of positions of the plan in words; empty for an adaptive run."""
-        return self._run.total_words
-
-    def close(self) -> None:
-        """End the threads of the estimate and of the choice."""
-        self.worker.close()
-        if self.adaptive is not None:
-            self.adaptive.close()
 
     def press(self, key: str) -> None:
         """Act on a key."""
@@ -146,7 +123,7 @@ class Guide:
                     self._withdraw(self.prompted.previous)
                 else:
                     self.prompted.alarm = "the previous position belongs to a soak that is over; it is not repeated"
-            case "s" if self.phase != Phase.CHOOSING:
+            case "s":
                 self._skip()
             case "q":
                 self.interrupt("operator")
@@ -174,8 +151,6 @@ class Guide:
                 self._settling(fresh)
             case Phase.RECORDING:
                 self._recording(part, fresh > 0)
-            case Phase.CHOOSING:
-                self._choose()
 
     def interrupt(self, why: str) -> None:
         """Reject an unfinished attempt; the other attempts do not change."""
@@ -187,30 +162,12 @@ class Guide:
         """Prompt for the next position that is not done, or finish."""
         following = self.state.open_after(self.position, self.plan.soaks)
         self.dwell = None
-        if following is not None:
-            self._prompt(following)
-        elif self.adaptive is not None:
-            self.phase = Phase.CHOOSING
-            self._choose()
-        else:
-            self._finish()
-
-    def _choose(self) -> None:
-        """Prompt for the chosen position as soon as it is known, or finish."""
-        assert self.adaptive is not None
-        decided = self.adaptive.decided()
-        if isinstance(decided, Ending):
-            self.state.finished, self.state.ending = True, decided.text
-            self._finish(reason=decided.reason, text=decided.text)
-        elif decided is not None:
-            position = self.adaptive.add(decided)
-            self.prompted.plan = self.soaking.plan = self.plan
-            self._prompt(position)
-
-    def _finish(self, **why: str) -> None:
-        self.phase = Phase.FINISHED
-        self._journal.write("finished", **why, tally=self.stream.tally.as_dict())
-        self._bell()
+        if following is None:
+            self.phase = Phase.FINISHED
+            self._journal.write("finished", tally=self.stream.tally.as_dict())
+            self._bell()
+            return
+        self._prompt(following)
 
     def _prompt(self, position: int) -> None:
         # A turn during a soak counts.
@@ -244,8 +201,6 @@ class Guide:
             "recording", position=self.position, attempt=number, log_position=self.stream.recording.position
         )
         self.phase = Phase.RECORDING
-        if self.adaptive is not None and not comparing:
-            self.adaptive.prepare(self.position)
 
     def _recording(self, part: Arrived, fresh: bool) -> None:
         dwell = self.dwell

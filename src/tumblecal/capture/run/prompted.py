@@ -24,7 +24,7 @@ class Prompted:
     alarm: str
 
     def __init__(self, plan: CapturePlan, watch: HeadWatch, journal: Journal, bell: Callable[[], None]):
-        self.plan, self._watch, self._journal, self._bell = plan, watch, journal, bell
+        self._plan, self._watch, self._journal, self._bell = plan, watch, journal, bell
         self.position = -1
         self.previous: int | None = None
         self.forced = self.must_move = False
@@ -34,11 +34,11 @@ class Prompted:
         """Prompt for a position."""
         self.position, self.forced, self.alarm = position, False, ""
         # If gravity has the same direction as before, a turn of the head must be observed (or confirmed by Enter).
-        before = self.plan.expected(self.previous) if self.previous is not None else None
+        before = self._plan.expected(self.previous) if self.previous is not None else None
         self.must_move = (
             before is not None
             and self.previous != position
-            and angle_between_deg(before, self.plan.expected(position)) <= self.plan.tolerance_deg
+            and angle_between_deg(before, self._plan.expected(position)) <= self._plan.tolerance_deg
             and not self._only_warmer()
         )
 
@@ -71,13 +71,13 @@ class Prompted:
 
     def _only_warmer(self) -> bool:
         """Whether the head stays where it is, and only the temperature changes."""
-        steps, soaks = self.plan.steps, self.plan.soaks
+        steps, soaks = self._plan.steps, self._plan.soaks
         before, after = self.previous or 0, self.position
         angles = [(steps[k].alpha_deg, steps[k].beta_deg) for k in (before, after)]
         return angles[0] == angles[1] and soaks[before] != soaks[after]
 
     def _verdict(self) -> Verdict:
-        return judge(self.plan, self.position, self._watch.blocks[-1].mean, self.previous)
+        return judge(self._plan, self.position, self._watch.blocks[-1].mean, self.previous)
 
     def _refuse(self, verdict: Verdict) -> None:
         self.alarm = verdict.text

@@ -6,33 +6,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
 
-from tumblecal.capture.capture_plan import CapturePlan, PlanPosition, read_plan
-from tumblecal.capture.journal import PLAN_NAME, Journal, RunState, read_journal, recording_s, replayed, sha256_of
+from tumblecal.capture.capture_plan import CapturePlan, read_plan
+from tumblecal.capture.journal import PLAN_NAME, Journal, RunState, read_journal, replayed, sha256_of
 from tumblecal.capture.port.recorder import clocks
 from tumblecal.capture.protocols import protocol
 from tumblecal.ground.atomic import writable_folder, written_aside
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.toml_faults import faults_at
-
-
-# Copies of the files of an adaptive run.
-RIG_NAME, TARGET_NAME = "capture_rig.toml", "capture_target.toml"
-
-
-@dataclass(frozen=True)
-class AdaptiveFiles:
-    """An adaptive run: its time, min, and the contents of the rig file and of the target file (None: no target)."""
-
-    minutes: float
-    rig: bytes
-    target: bytes | None = None
-
-    @property
-    def contents(self) -> dict[str, bytes]:
-        """The contents by the name of the copy."""
-        return {RIG_NAME: self.rig} | ({} if self.target is None else {TARGET_NAME: self.target})
 
 
 @dataclass
@@ -44,7 +25,6 @@ class RunFolder:
     - `folder`: the folder. `plan`: the plan.
     - `state`: state of the run.
     - `journal`: open for writing. `damage`: a line for each stretch of it without an entry.
-    - `spent_s`: time of the earlier sittings, s of the host's clock.
     """
 
     folder: Path
@@ -52,19 +32,11 @@ class RunFolder:
     state: RunState
     journal: Journal
     damage: tuple[str, ...] = ()
-    spent_s: float = 0.0
 
     @property
     def complete(self) -> bool:
-        """Whether nothing remains to be measured."""
-        if self.state.minutes is not None:
-            return self.state.finished
+        """Whether all positions are done."""
         return len(self.state.accepted) == len(self.plan.steps)
-
-    @property
-    def total_words(self) -> str:
-        """The number of positions of the plan; empty for an adaptive run, which has no fixed number."""
-        return "" if self.state.minutes is not None else f" of {len(self.plan.steps)}"
 
     def __enter__(self) -> "RunFolder":
         return self
@@ -73,7 +45,7 @@ class RunFolder:
         self.journal.close()
 
 
-def begin(plan_path: Path, folder: Path, port: str | None = None, adaptive: AdaptiveFiles | None = None) -> RunFolder:
+def begin(plan_path: Path, folder: Path, port: str | None = None) -> RunFolder:
     """Lock a folder and begin a capture there, with a copy of the plan.
 
     A run that found no device is begun again: its entries remain, and a new session follows them.
@@ -81,7 +53,6 @@ def begin(plan_path: Path, folder: Path, port: str | None = None, adaptive: Adap
     **Arguments:**
 
     - `plan_path`: the plan. `folder`: created if it does not exist. `port`: replaces the port of the plan.
-    - `adaptive`: further positions are chosen during the run.
 
     **Raises:** `InputError` if the plan is faulty, another process has locked the folder, it contains a capture already,
     or the disk is too small.
@@ -100,10 +71,7 @@ def begin(plan_path: Path, folder: Path, port: str | None = None, adaptive: Adap
         copy = folder / PLAN_NAME
         with written_aside(copy) as aside:
             aside.write_bytes(plan_path.read_bytes())
-        for name, content in adaptive.contents.items() if adaptive else ():
-            with written_aside(folder / name) as aside:
-                aside.write_bytes(content)
-        entry = journal.write(
+        journal.write(
             "session",
             plan_sha256=sha256_of(copy),
             **plan.session.model_dump(),
@@ -115,9 +83,8 @@ def begin(plan_path: Path, folder: Path, port: str | None = None, adaptive: Adap
             versions={name: version(name) for name in ("tumblecal", "numpy", "pyserial")}
             | {"python": platform.python_version()},
             clocks=clocks(),
-            **_adaptive_entry(adaptive, folder, len(plan.steps)),
         )
-        return RunFolder(folder, plan, replayed([entry]), journal)
+        return RunFolder(folder, plan, RunState(), journal)
 
     return _held(folder, start)
 
@@ -131,63 +98,29 @@ def resume(folder: Path, port: str | None = None) -> RunFolder:
 
     def take_up(journal: Journal) -> RunFolder:
         damage = list[str]()
-        entries = journal.entries(damage)
-        state = replayed(entries)
+        state = replayed(journal.entries(damage))
         plan = plan_of_run(folder, state)
-        return RunFolder(folder, _with_port(plan, port), state, journal, tuple(damage), recording_s(entries))
+        return RunFolder(folder, _with_port(plan, port), state, journal, tuple(damage))
 
     return _held(folder, take_up)
 
 
 def plan_of_run(folder: Path, state: RunState) -> CapturePlan:
-    """The plan with which the capture in a folder began, with the positions that were chosen since.
+    """The plan with which the capture in a folder began.
 
     **Raises:** `InputError` if it is missing or was changed: it contains the angles and gravity of the positions.
     """
     path = folder / PLAN_NAME
-    _check_unchanged(path, state.session.get("plan_sha256"))
-    plan = read_plan(path)
-    further = list[PlanPosition]()
-    for number in range(len(plan.steps), max(state.chosen, default=-1) + 1):
-        chosen = state.chosen.get(number)
-        if chosen is None and number in state.accepted:
-            raise InputError(f"{folder}: the journal has no angles of position {number + 1}; restore it from a copy")
-        if chosen is None:  # never measured, and its entry is damaged: another one replaces it
-            state.skipped.add(number)
-            further.append(plan.steps[0].model_copy(update={"name": str(number + 1)}))
-        else:
-            further.append(PlanPosition(alpha_deg=chosen.alpha_deg, beta_deg=chosen.beta_deg, name=chosen.name))
-    return plan.continued(further)
-
-
-def adaptive_files(folder: Path, state: RunState) -> AdaptiveFiles | None:
-    """The files of an adaptive run; None for a run of fixed positions.
-
-    **Raises:** `InputError` if one is missing or was changed.
-    """
-    stated = state.session.get("adaptive")
-    if stated is None or state.minutes is None:
-        return None
-    contents = list[bytes | None]()
-    for name in (RIG_NAME, TARGET_NAME):
-        if name in stated["sha256"]:
-            _check_unchanged(folder / name, stated["sha256"][name])
-        contents.append((folder / name).read_bytes() if name in stated["sha256"] else None)
-    return AdaptiveFiles(state.minutes, contents[0] or b"", contents[1])
-
-
-def _adaptive_entry(adaptive: AdaptiveFiles | None, folder: Path, positions: int) -> dict[str, Any]:
-    if adaptive is None:
-        return {}
-    sha256 = {name: sha256_of(folder / name) for name in adaptive.contents}
-    return {"adaptive": {"minutes": adaptive.minutes, "positions": positions, "sha256": sha256}}
-
-
-def _check_unchanged(path: Path, sha256: str | None) -> None:
     if not path.is_file():
-        raise InputError(f"{path}: this file is missing; restore the one of this capture")
-    if sha256 not in (None, sha256_of(path)):
+        raise InputError(f"{path}: this file is missing; restore the plan of this capture")
+    plan = read_plan(path)
+    if state.session.get("plan_sha256") not in (None, sha256_of(path)):
         raise InputError(f"{path}: this file was changed after the capture began; restore the original")
+    if max(state.accepted, default=0) >= len(plan.steps):
+        raise InputError(
+            f"{folder}: the journal has positions that {PLAN_NAME} does not have; restore both from a copy"
+        )
+    return plan
 
 
 def _held(folder: Path, use: Callable[[Journal], RunFolder]) -> RunFolder:

@@ -14,7 +14,6 @@ from tumblecal.capture.port.recorder import clocks
 from tumblecal.capture.port.recording import Recording
 from tumblecal.capture.protocols import Protocol, protocol
 from tumblecal.capture.protocols.stim300_datagrams import settings_of
-from tumblecal.capture.run.choice import Chooser
 from tumblecal.capture.run.estimate_worker import Estimate
 from tumblecal.capture.run.guide import Guide, Phase
 from tumblecal.capture.run.identity import Identity
@@ -51,8 +50,7 @@ def view_of(guide: Guide) -> View:
         soak_degc=guide.soaking.wanted_degc,
         alpha_deg=steps[position].alpha_deg,
         beta_deg=steps[position].beta_deg,
-        place=f"{_place(guide, position)}, {len(accepted)}{guide.total_words} done",
-        purpose="" if guide.adaptive is None else guide.adaptive.purpose(position),
+        place=f"{_place(guide, position)}, {len(accepted)} of {len(steps)} done",
         alarm=guide.alarm,
         note=_note(guide),
         rejected=guide.rejected,
@@ -60,11 +58,7 @@ def view_of(guide: Guide) -> View:
         done=done,
         needed=needed,
         left_s=remaining,
-        run_left_s=(
-            remaining + soaking + each * max(remaining_positions - (dwell is not None), 0)
-            if guide.adaptive is None
-            else guide.adaptive.remaining_s / speed
-        ),
+        run_left_s=remaining + soaking + each * max(remaining_positions - (dwell is not None), 0),
         mean_g=dwell.mean if dwell else (last.mean if last else blank),
         sd_g=dwell.sd if dwell else (last.sd if last else blank),
         expected_g=plan.expected(position),
@@ -99,10 +93,8 @@ def _note(guide: Guide) -> str:
             return f"hands off: {max(remaining, 0) / guide.plan.port.speed:.0f} s until recording"
         case Phase.CLOSING:
             return "done; checking for lost samples"
-        case Phase.CHOOSING:
-            return "choosing the next position"
         case Phase.FINISHED:
-            return guide.state.ending or "all positions are done"
+            return "all positions are done"
     return "recording"
 
 
@@ -119,7 +111,6 @@ def capture(
     confirm: Callable[[], bool] = lambda: True,
     trust: bool = False,
     chamber: Chamber | None = None,
-    chooser: Chooser | None = None,
 ) -> RunState:
     """The guided run, until all positions are done or the operator stops.
 
@@ -132,7 +123,6 @@ def capture(
     - `confirm`: called on resuming: whether the instrument is still mounted as before.
     - `trust`: the operator states that it is the same instrument, also if it does not state its serial number.
     - `chamber`: sets the temperatures of a plan over temperature; None for that of the plan. It is closed at the end.
-    - `chooser`: of the positions after those of the plan, for an adaptive run.
 
     **Raises:** `InputError` in one line for any fault that ends the run; `Stopped` after Ctrl-C, SIGTERM or SIGHUP. After
     both, the journal has an entry "stopped" and all accepted positions.
@@ -158,7 +148,7 @@ def capture(
             with _end_recorded(journal, stream):
                 device = _met(run, stream, signals.pause, trust)
                 chamber = _chamber(run, chamber)
-            _walk(run, stream, device, chamber, estimate, plain, signals.pause, trust, chooser)
+            _walk(run, stream, device, chamber, estimate, plain, signals.pause, trust)
         finally:
             recording.stop()
     return run.state
@@ -214,14 +204,13 @@ def _walk(
     plain: bool,
     pause: Pause,
     trust: bool,
-    chooser: Chooser | None,
 ) -> None:
     fast = run.plan.port.speed > 1
     soaking = Soaking(run.plan, run.journal, block_size(device.rate_hz), chamber)
     try:
         with Screen(plain) as screen, Keyboard() as keyboard:
             identity = _identity(run, stream, device)
-            guide = Guide(run, stream, device.rate_hz, estimate, screen.bell, identity, trust, soaking, chooser)
+            guide = Guide(run, stream, device.rate_hz, estimate, screen.bell, identity, trust, soaking)
             try:
                 with _end_recorded(run.journal, stream, guide):
                     looks = 0
@@ -235,7 +224,7 @@ def _walk(
                             screen.show(view_of(guide))
                         pause(_FAST_LOOK_S if fast else _LOOK_S)
             finally:
-                guide.close()
+                guide.worker.close()
     finally:
         soaking.close(finished=run.complete)
 

@@ -34,7 +34,7 @@ class Soaking:
     stability: Stability | None
 
     def __init__(self, plan: CapturePlan, journal: Journal, block: int, chamber: Chamber | None = None):
-        self.plan, self._journal, self._block = plan, journal, block
+        self._plan, self._journal, self._block = plan, journal, block
         interval = max(_QUERY_S / plan.port.speed, _LEAST_QUERY_S)
         self._chamber = ChamberThread(chamber or OperatorChamber(), interval) if plan.over_temperature else None
         self._alarm = self._line_alarm = ""
@@ -52,17 +52,17 @@ class Soaking:
 
     def begin(self, position: int) -> bool:
         """Request the temperature of a position, unless it is there; whether it must be waited for."""
-        wanted, soak = self.plan.steps[position].temperature_degc, self.plan.soaks[position]
+        wanted, soak = self._plan.steps[position].temperature_degc, self._plan.soaks[position]
         if wanted is None or self._chamber is None:
             return False
         if soak == self._soak and not self.left:
             return self.waiting
         self._soak, self._wanted_degc = soak, wanted
         self.waiting, self.left, self._alarm, self._line_alarm = True, False, "", ""
-        self.stability = Stability(self.plan.soak, wanted + self.plan.soak.offset_degc)
+        self.stability = Stability(self._plan.soak, wanted + self._plan.soak.offset_degc)
         self._began_s = time.monotonic()
         self._chamber.request(wanted)
-        self._write("soak", position=position, chamber=self._chamber.name, criterion=self.plan.soak.model_dump())
+        self._write("soak", position=position, chamber=self._chamber.name, criterion=self._plan.soak.model_dump())
         return True
 
     def take(self, part: Arrived) -> None:
@@ -72,7 +72,7 @@ class Soaking:
         """
         if self._chamber is None or self.stability is None:
             return
-        speed = self.plan.port.speed
+        speed = self._plan.port.speed
         try:
             if answered := self._chamber.look():
                 self._line_alarm = ""
@@ -95,7 +95,7 @@ class Soaking:
         elif self.waiting and self._sensor is None and self._chamber.reading_degc is None and not self._alarm:
             self._alarm = "neither instrument nor chamber state a temperature; press Enter when it is stable"
         waited_min = (now_s - self._began_s) * speed / 60
-        if self.waiting and waited_min > self.plan.soak.timeout_min:
+        if self.waiting and waited_min > self._plan.soak.timeout_min:
             raise InputError(self._failure(waited_min))
 
     def accept_as_is(self) -> None:
@@ -129,7 +129,7 @@ class Soaking:
         """The state of the wait in words."""
         if self.stability is None or self._chamber is None:
             return ""
-        stable, needed = self.stability.stable_min, self.plan.soak.stable_min
+        stable, needed = self.stability.stable_min, self._plan.soak.stable_min
         asked = "set the chamber" if self._chamber.name == OPERATOR else f"chamber {self._chamber.name} is set"
         return f"{asked} to {self._wanted_degc:g} degC: {self._now}; stable for {stable:.1f} of {needed:g} min"
 
@@ -145,20 +145,20 @@ class Soaking:
     def close(self, *, finished: bool) -> None:
         """Release the chamber; when the run has finished, set its last temperature."""
         if self._chamber is not None:
-            self._chamber.close(self.plan.chamber.finish_degc if finished else None)
+            self._chamber.close(self._plan.chamber.finish_degc if finished else None)
 
     def _follow(self, now_s: float, degc: float) -> None:
         assert self.stability is not None
-        self.stability.take(now_s * self.plan.port.speed / 60, degc)
+        self.stability.take(now_s * self._plan.port.speed / 60, degc)
         if not self.waiting:
             if not self.left and not self.stability.near:
                 self.left = True
-                limit = f"{self.stability.target_degc:g} +- {self.plan.soak.tolerance_degc:g} degC"
+                limit = f"{self.stability.target_degc:g} +- {self._plan.soak.tolerance_degc:g} degC"
                 self._alarm = f"the temperature {degc:.2f} degC left {limit}: the next dwell waits for it"
                 self._write("temperature_left", degc=degc, text=self._alarm)
         elif self.stability.stable:
             self._settled()
-        elif self.stability.steady_min >= self.plan.soak.stable_min:
+        elif self.stability.steady_min >= self._plan.soak.stable_min:
             self._alarm = f"{self._steady()}; Enter accepts this temperature"
         elif self.stability.near:
             self._alarm = ""
@@ -168,7 +168,7 @@ class Soaking:
         seen, self.waiting, self._alarm = self.stability, False, ""
         found = {"degc": seen.last_degc, "rate_degc_per_min": seen.rate_degc_per_min, "stable_min": seen.stable_min}
         known = {name: value for name, value in found.items() if np.isfinite(value)}
-        waited = (time.monotonic() - self._began_s) * self.plan.port.speed / 60
+        waited = (time.monotonic() - self._began_s) * self._plan.port.speed / 60
         self._write("soaked", **known, chamber_degc=self._chamber.reading_degc, waited_min=waited, **content)
 
     def _steady(self) -> str:
@@ -180,16 +180,16 @@ class Soaking:
         found = f"the temperature is steady at {last:.1f} degC, {abs(far):.1f} degC {side} {target:g}"
         if not _PLAUSIBLE_DEGC[0] <= last <= _PLAUSIBLE_DEGC[1]:
             return f"{found}: is this a number of counts? The sensor's temperature must be in degC"
-        if abs((last - 32) / 1.8 - target) <= self.plan.soak.tolerance_degc:
+        if abs((last - 32) / 1.8 - target) <= self._plan.soak.tolerance_degc:
             return f"{found}: is it in Fahrenheit? The sensor's temperature must be in degC"
         if not seen.changed:
             return f"{found}, and has not changed at all: is the chamber set, or is the thermometer stuck?"
-        offset = far + self.plan.soak.offset_degc
+        offset = far + self._plan.soak.offset_degc
         return f"{found}: check the set point, or state self-heating as soak.offset_degc = {offset:.1f}"
 
     def _failure(self, waited_min: float) -> str:
         assert self.stability is not None
-        seen, criterion = self.stability, self.plan.soak
+        seen, criterion = self.stability, self._plan.soak
         limit = f"{self._wanted_degc:g} degC: not stable after {waited_min:.0f} min ({self._now})"
         if np.isnan(seen.last_degc):
             why = "neither instrument nor chamber state a temperature, so Enter must be pressed when it is stable"

@@ -102,7 +102,7 @@ class View:
     - `alpha_deg`, `beta_deg`: the prompted position; `place`: e.g. "position 3 of 24".
     - `alarm`: present fault; empty for none. `note`: present activity.
     - `rejected`: why the last attempt at this position was rejected; empty if none was.
-    - `doubt`: doubt about the instrument; empty for none. `purpose`: of the prompted position; empty if it is not stated.
+    - `doubt`: doubt about the instrument; empty for none.
     - `done`, `needed`: good samples; of a soak, seconds of stable temperature.
     - `left_s`: remaining time of this position; `run_left_s`: of the run.
     - `mean_g`, `sd_g`, `expected_g`: per axis, NaN before the first value.
@@ -117,7 +117,6 @@ class View:
     note: str = ""
     rejected: str = ""
     doubt: str = ""
-    purpose: str = ""
     done: int = 0
     needed: int = 0
     left_s: float = 0.0
@@ -159,8 +158,6 @@ def rendered(view: View, console: Console) -> RenderableType:
         parts |= {"clock": Text(big(clock(view.left_s)), style=style), "bar": _bar(view.done, view.needed, style)}
     alarm, note = Text(f" {view.alarm}", style="bold white on red"), Text(f" {view.note}")
     parts |= {"note": alarm if view.alarm else note}
-    if view.purpose:
-        parts["purpose"] = Text(f" {view.purpose}", style="cyan")
     if view.doubt:
         parts["doubt"] = Text(f" {view.doubt}", style="bold yellow")
     if view.rejected:
@@ -234,7 +231,7 @@ class Screen:
         self._console = Console(highlight=False)
         self._plain = plain or not self._console.is_terminal
         self._live: Live | None = None
-        self._last = self._purpose = ""
+        self._last = ""
 
     def __enter__(self) -> "Screen":
         if not self._plain:
@@ -261,12 +258,6 @@ class Screen:
         line = f"{view.phase} {view.place}: {target} {part} {view.alarm}"
         line = f"{line.rstrip()} [{view.rejected}]" if view.rejected and view.rejected not in view.alarm else line
         line = f"{line.rstrip()} ({view.doubt})" if view.doubt else line
-        # Once for each position.
-        purpose = f"{view.place.partition(',')[0]}: {view.purpose}" if view.purpose else ""
-        if purpose and purpose != self._purpose:
-            with self._terminal_may_be_gone():
-                print(purpose, flush=True)
-            self._purpose = purpose
         if line != self._last:
             with self._terminal_may_be_gone():
                 print(line.rstrip(), flush=True)

@@ -17,7 +17,6 @@ from jaxtyping import Float
 
 from tumblecal.design.model.cells import Cells
 from tumblecal.design.model.responses import Responses, Setting
-from tumblecal.design.model.schedule import Schedule
 
 
 # A parameter without a bound has a prior of so many times the noise of a dwell, seen through its largest response; it is
@@ -71,7 +70,6 @@ def one_visit(
     responses: Responses,
     keep: Sequence[int] | np.ndarray = (),
     *,
-    running: Schedule | None = None,
     visits: tuple[int, int] | None = None,
 ) -> OneVisit:
     """The model of a rig's responses.
@@ -79,11 +77,10 @@ def one_visit(
     **Arguments:**
 
     - `keep`: cells that are measured already, in visits of their own (one each).
-    - `running`: in place of `keep`, the positions so far of a running measurement: a plan continues the present visit.
     - `visits`: the model of up to so many visits of each pitch setting in a mounting, and of each mounting, those of `keep`
       included. A change of the temperature sets nothing again, and the last visits of `keep` are continued.
     """
-    cells, kept = responses.cells, np.asarray(keep if running is None else running.cells, int)
+    cells, kept = responses.cells, np.asarray(keep, int)
     columns = [responses.columns / responses.sd]
     size = _size(columns[0])
     free = _FREE**2 / size**2
@@ -91,18 +88,17 @@ def one_visit(
     blocks = [covariance]
     of_pitch, of_mount = _visits(cells, several=visits is not None)
     most = (1, 1) if visits is None else visits
-    for setting, labels, planned, before, number in (
-        (responses.pitch, cells.pitch, of_pitch, None if running is None else running.pitch_visit, most[0]),
-        (responses.mount, cells.mounting, of_mount, None if running is None else running.mount_visit, most[1]),
+    for setting, labels, planned, number in (
+        (responses.pitch, cells.pitch, of_pitch, most[0]),
+        (responses.mount, cells.mounting, of_mount, most[1]),
     ):
         if setting.exact:
             continue
         setting = replace(setting, again=setting.again / np.sqrt(number))
         # Visits of the plan first, then those of positions that are measured already.
         both = np.concatenate([labels, labels[kept]])
-        first_kept = int(planned.max()) + 1
-        visit = np.concatenate([planned, first_kept + (planned[kept] if before is None else before)])
-        if len(kept) and (before is not None or visits is not None):
+        visit = np.concatenate([planned, int(planned.max()) + 1 + planned[kept]])
+        if len(kept) and visits is not None:
             visit[: len(cells)][planned == planned[kept[-1]]] = visit[-1]
         if setting.common and not setting.again:
             visit = both

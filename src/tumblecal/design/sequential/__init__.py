@@ -1,1 +1,0 @@
-"""Positions that are chosen one by one during a measurement."""
