@@ -12,7 +12,7 @@ SCRIPTS = Path(__file__).parent / "typed"
 
 
 def test_results_of_a_script_with_an_effect_of_its_own_come_back_from_bytes(tmp_path):
-    assert len(list(SCRIPTS.glob("*.py"))) == 10
+    assert len(list(SCRIPTS.glob("*.py"))) == 9
     run = "import runpy, sys, tumblecal; tumblecal.keep_programs(); runpy.run_path(sys.argv[1], run_name='__main__')"
     command = [sys.executable, "-c", run, str(SCRIPTS / "diagnose_sets.py")]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)

@@ -62,7 +62,6 @@ def plan():
         names=("1", "2", "3", "4"),
         measured=0,
         criterion=Criterion("worst", np.eye(2), "largest"),
-        listed_angles=None,
         ordered=Ordered(SCHEDULE, 0.2, 0.1998),
         bounds=Bounds(0.18, 0.19, 0.2, np.zeros(4), (), "whole positions: ...", 0.18),
         after=evaluated("this plan", [0.2, 0.1], effects=(named,), undetectable=("gravity_value",)),

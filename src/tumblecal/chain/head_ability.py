@@ -58,8 +58,7 @@ class SlowNoise:
 class HeadAbility:
     """What a dividing head can do.
 
-    - `alpha_deg`, `beta_deg`: spindle angles and pitch settings that can be set. `alpha_continuous`, `beta_continuous`: whether
-      any angle within their range can.
+    - `alpha_deg`, `beta_deg`: spindle angles and pitch settings that can be set.
     - `mounts`: possible mountings, by their labels in `[mounts]`. `temperatures_degc`: of the chamber; empty: no chamber.
     - `slow_noise`: in addition to the white noise of a dwell (`[noise] sd`).
     - `assumed`: keys of the table that the file does not state: `times.turn_s`, `repeatability.pitch`.
@@ -69,8 +68,6 @@ class HeadAbility:
     beta_deg: tuple[float, ...]
     mounts: tuple[str, ...] = ("1",)
     temperatures_degc: tuple[float, ...] = ()
-    alpha_continuous: bool = False
-    beta_continuous: bool = False
     times: Times = Times()
     repeatability: Repeatability = Repeatability()
     slow_noise: SlowNoise = SlowNoise()
@@ -148,8 +145,6 @@ class HeadAbilityTable(Strict):
     beta_deg: Angles | None = None
     mounts: Annotated[list[Line], Field(min_length=1)] | None = None
     temperatures_degc: Annotated[list[Number], Field(default_factory=list)]
-    alpha_continuous: bool = False
-    beta_continuous: bool = False
     times: TimesTable = TimesTable()
     repeatability: RepeatabilityTable = RepeatabilityTable()
     noise: SlowNoiseTable = SlowNoiseTable()
@@ -174,8 +169,6 @@ class HeadAbilityTable(Strict):
             beta_deg=tuple(float(angle) for angle in _values(self.beta_deg)) or beta_deg,
             mounts=tuple(self.mounts or mounts),
             temperatures_degc=tuple(float(degc) for degc in self.temperatures_degc),
-            alpha_continuous=self.alpha_continuous,
-            beta_continuous=self.beta_continuous,
             times=Times(**self.times.model_dump()),
             repeatability=Repeatability(
                 *(None if text is None else quantity(text, "rad") for text in (spread.pitch, spread.mount))

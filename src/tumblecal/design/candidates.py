@@ -1,7 +1,7 @@
 """All positions of a design: those that the head can measure, those measured already, and those of plans to compare."""
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -100,11 +100,6 @@ class Candidates:
         """Numbers of the cells of a search: those of the head, and those measured already; and which of them may be chosen."""
         cells = np.concatenate([np.arange(self.of_head), np.unique(measured[measured >= self.of_head])])
         return cells, cells < self.of_head
-
-    def with_cells(self, rig: Rig, further: Cells) -> tuple["Candidates", Int[np.ndarray, " further"]]:
-        """These candidates with further cells after them, and the numbers of those; their responses are exact."""
-        cells, numbers = self.responses.cells.joined(further)
-        return replace(self, responses=responses_of(rig, cells)), numbers
 
     def evaluated(self, positions: Positions, planned: Schedule, *, fits: bool = True) -> Evaluated:
         """A schedule of these cells with its uncertainties."""

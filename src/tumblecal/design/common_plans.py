@@ -120,14 +120,12 @@ def _of_directions(
 def _settable(ability: HeadAbility, alpha_deg: float, beta_deg: float) -> tuple[float, float]:
     """The nearest angles that the head can set."""
     return (
-        _nearest(ability.alpha_deg, alpha_deg, continuous=ability.alpha_continuous, turn=360.0),
-        _nearest(ability.beta_deg, beta_deg, continuous=ability.beta_continuous),
+        _nearest(ability.alpha_deg, alpha_deg, turn=360.0),
+        _nearest(ability.beta_deg, beta_deg),
     )
 
 
-def _nearest(settings: Sequence[float], wanted: float, *, continuous: bool, turn: float = 0.0) -> float:
-    if continuous:
-        return round(float(wanted % turn if turn else np.clip(wanted, min(settings), max(settings))), 3)
+def _nearest(settings: Sequence[float], wanted: float, *, turn: float = 0.0) -> float:
     distance = np.abs(np.array(settings) - wanted)
     if turn:
         distance = np.minimum(distance % turn, -distance % turn)

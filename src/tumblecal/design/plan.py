@@ -45,10 +45,9 @@ class DesignedPlan:
     - `rig`: with the positions of the plan. `ability`: of the head. `wanted`: the request.
     - `responses`: of all cells. `names`: of the positions of `after.schedule`; `measured`: so many are measured already.
     - `criterion`: of the covariance. `ordered`: the schedule with its value, also if the slow noise were known. `bounds`: of
-      plans at the listed angles under white noise, if the criteria are those of the covariance.
+      plans under white noise, if the criteria are those of the covariance.
     - `after`: the plan. `before`: the positions that are measured already, otherwise the plan of the rig file.
     - `practice`: common practice, and plans to compare, in the same time.
-    - `listed_angles`: the value of the plan at the listed angles, if continuous angles reduced it; otherwise None.
     - `traded`: the trade-off between time and criterion. `forecast`: of the diagnosis. `units`: of effects.
     """
 
@@ -60,7 +59,6 @@ class DesignedPlan:
     measured: int
     criterion: Criterion | Weighted
     ordered: Ordered
-    listed_angles: float | None
     bounds: Bounds | None
     after: Evaluated
     before: Evaluated
@@ -125,11 +123,7 @@ def design_plan(rig: Rig, wanted: Wanted, entries: Catalogue) -> DesignedPlan:
     search = Search.of(rig, candidates, wanted, entries)
     taken, limit = search.best()
     _require_determined(rig, search, taken)
-    ordered, listed_angles = search.ordered(taken), None
-    if (ability.alpha_continuous or ability.beta_continuous) and limit is not None:
-        moved = search.continuous(rig, taken)
-        if moved is not None and moved[1].value < ordered.value:
-            candidates, listed_angles, ordered = moved[0].candidates, ordered.value, moved[1]
+    ordered = search.ordered(taken)
     planned = ordered.schedule
     names = _names(wanted.measured, len(planned))
     after = candidates.evaluated(Positions("this plan", "", (), (), ()), planned)
@@ -158,7 +152,6 @@ def design_plan(rig: Rig, wanted: Wanted, entries: Catalogue) -> DesignedPlan:
         measured=len(search.kept),
         criterion=search.criterion,
         ordered=ordered,
-        listed_angles=listed_angles,
         bounds=limit,
         after=after,
         before=before,

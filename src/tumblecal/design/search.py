@@ -1,7 +1,7 @@
 """The search of a plan: criteria, the choice of positions, their order, bounds, and the trade-off against time."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
 
@@ -18,11 +18,10 @@ from tumblecal.design.criteria.weighted import Weighted
 from tumblecal.design.model.limits import Limits, limits_of, most_visits
 from tumblecal.design.model.one_visit import OneVisit, one_visit
 from tumblecal.design.model.responses import Responses
-from tumblecal.design.model.schedule import Schedule, continued, schedule
-from tumblecal.design.order.best_order import Ordered, best_order, valued
+from tumblecal.design.model.schedule import Schedule, schedule
+from tumblecal.design.order.best_order import Ordered, best_order
 from tumblecal.design.positions.bounded_search import best_plan
 from tumblecal.design.positions.bounds import Bounds
-from tumblecal.design.positions.continuous import continuous_cells
 from tumblecal.design.positions.exchange import exchange
 from tumblecal.design.wanted import COVARIANCE, Wanted
 from tumblecal.effects.catalogue import Catalogue
@@ -31,8 +30,6 @@ from tumblecal.ground.errors import InputError
 
 # Numbers of positions, or minutes, of further plans of the trade-off, relative to those of the plan.
 _TRADED = (0.5, 0.7, 1.4, 2.0, 3.0)
-# Continuous angles are used if they reduce the criterion by more than this share.
-_GAIN = 1e-3
 
 
 class TradeOff(NamedTuple):
@@ -156,28 +153,6 @@ class Search:
             kind=wanted.order,
             after=done,
         )
-
-    def continuous(self, rig: Rig, taken: Int[np.ndarray, " new"]) -> "tuple[Search, Ordered] | None":
-        """The search with cells at continuous angles in place of new positions, and these in the wanted order; None if the
-        criterion under white noise does not fall, or the order does not fit in the time."""
-        candidates, done = self.candidates, self._done
-        ability, before = candidates.ability, self.cells[taken]
-        cells = continuous_cells(rig, candidates.responses, ability, self.criterion, before, after=done)
-        wider, numbers = candidates.with_cells(rig, cells)
-        # In one order, so that only the angles differ.
-        old, new = (
-            valued(
-                wider.responses, ability, self.criterion, continued(wider.responses.cells, done, each, ability.times)
-            )
-            for each in (before, numbers)
-        )
-        if new.drift_known > (1 - _GAIN) * old.drift_known:
-            return None
-        moved = replace(self, candidates=wider, cells=np.concatenate([self.cells, numbers]))
-        try:
-            return moved, moved.ordered(len(self.cells) + np.arange(len(numbers)))
-        except InputError:
-            return None
 
     @property
     def _done(self) -> Schedule | None:

@@ -193,7 +193,6 @@ def plan_record(plan: DesignedPlan) -> dict[str, Any]:
         "in_use_g": _in_use(plan.after),
         "criterion": {
             "value": plan.ordered.value,
-            "listed_angles": plan.listed_angles,
             "slow_noise_known": plan.ordered.drift_known,
             "bound_white": None if plan.bounds is None else plan.bounds.repeated,
             "bound_one_visit": None if plan.bounds is None else plan.bounds.white,

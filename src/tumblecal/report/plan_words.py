@@ -72,31 +72,14 @@ def efficiency_lines(plan: DesignedPlan) -> Iterator[str]:
     value = plan.ordered.value
     known = f"{percent(plan.ordered.drift_known / value)} of the bound with known slow noise (same visits)"
     if plan.bounds is None:
-        yield from continuous_lines(plan)
         yield f"Efficiency of the order: {known}"
         return
-    yield from continuous_lines(plan)
-    at = "any plan in these limits" + (" at the listed angles" if plan.listed_angles is not None else "")
     white, once = plan.bounds.repeated / value, plan.bounds.white / value
-    yield f"Efficiency: {percent(white)} of the bound under white noise ({at}); {known}"
+    yield f"Efficiency: {percent(white)} of the bound under white noise (any plan in these limits); {known}"
     if white < GOOD and plan.bounds.reason:
         yield f"Distance to the bound: {plan.bounds.reason}"
     elif white < GOOD < once:
         yield f"Distance to the bound: it includes repeated visits; {percent(once)} of the bound with one visit of each setting"
-
-
-def continuous_lines(plan: DesignedPlan) -> Iterator[str]:
-    """The improvement by continuous angles, or why there is none, for a head that sets them."""
-    ability = plan.ability
-    if not (ability.alpha_continuous or ability.beta_continuous):
-        return
-    if plan.bounds is None:
-        yield "Continuous angles are not used: the criteria naming and alias are evaluated at the listed angles"
-    elif plan.listed_angles is None:
-        yield "Continuous angles: no improvement; the plan is at the listed angles"
-    else:
-        name = plan.criterion.name
-        yield f"Continuous angles: criterion {name} {plan.listed_angles:.3g} -> {plan.ordered.value:.3g}"
 
 
 def effect_lines(plan: DesignedPlan) -> Iterator[str]:

@@ -57,7 +57,7 @@ def best_order(
     kind: Kind = "best",
     after: Schedule | None = None,
 ) -> Ordered:
-    """The order of some positions.
+    """The order of some positions; its criterion is huge if the positions do not determine the parameters.
 
     **Arguments:**
 
@@ -83,11 +83,6 @@ def best_order(
         least, here = ("at least ", "") if kind == "best" else ("", " in this order")
         needed = f"{len(planned)} positions need {least}{np.ceil(planned.minutes):.0f} min{here}"
         raise InputError(f"{needed}, but {minutes:g} min are allowed; allow more time or fewer positions")
-    return valued(responses, ability, criterion, planned)
-
-
-def valued(responses: Responses, ability: HeadAbility, criterion: OfCovariance, planned: Schedule) -> Ordered:
-    """A schedule with its criterion, which is huge if the schedule does not determine the parameters."""
     design = design_of(responses, planned)
     white = np.tile(responses.sd**2 * np.eye(len(planned)), (3, 1, 1))
     value, known = (
