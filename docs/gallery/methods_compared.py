@@ -1,6 +1,6 @@
 """
-Exact chain, harmonics and Kalman filters
-=========================================
+Exact chain, harmonics and Kalman filter
+========================================
 
 All methods are applied to the same positions. At mounting angles of a few mrad the small-angle methods differ from
 the exact fit by a small part of its standard uncertainty.

@@ -25,14 +25,14 @@ def test_calibrate_table1(tumblecal, tmp_path, table1_file, table1_fit):
     content = json.loads((tmp_path / "out" / "result.json").read_text())
     assert content["schema"] == "tumblecal.result/1"
     assert {"methods", "noise", "residuals", "identifiability"} <= set(content)
-    assert set(content["methods"]) == {"exact", "harmonic", "kalman", "iterated"}
+    assert set(content["methods"]) == {"exact", "harmonic", "kalman"}
     exact = content["methods"]["exact"]["parameters"]
     assert list(exact) == list(table1_fit.names)
     for name, value, sd, unit in zip(exact, table1_fit.values, table1_fit.sd, table1_fit.units, strict=True):
         assert exact[name]["value"] == pytest.approx(value, abs=1e-13)
         assert exact[name]["sd"] == pytest.approx(sd, rel=1e-9)
         assert exact[name]["unit"] == unit
-        for other in ("harmonic", "kalman", "iterated"):
+        for other in ("harmonic", "kalman"):
             # All methods agree on the paper's magnitudes: within a third of a standard deviation.
             assert abs(content["methods"][other]["parameters"][name]["value"] - value) < sd / 3
     assert content["noise"]["sigma_g"] == pytest.approx(0.0978e-3, abs=5e-8)

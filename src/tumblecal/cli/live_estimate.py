@@ -1,5 +1,6 @@
 """The live estimate of `tumblecal capture`: the parameters and their standard uncertainties after each position."""
 
+from dataclasses import replace
 from functools import cache
 
 from tumblecal.capture.capture_plan import CapturePlan
@@ -7,16 +8,23 @@ from tumblecal.capture.run.estimate_worker import Estimate
 
 
 def live_estimate(plan: CapturePlan) -> Estimate:
-    """The iterated Kalman filter over the exact chain; its modules are imported at the first accepted position."""
+    """The exact fit with a prior on all parameters; its modules are imported at the first accepted position."""
     problem = cache(lambda: _problem(plan))
 
-    def estimate(rows):
-        return _filtered(problem(), plan, rows) if len(rows) >= 3 else []
+    def estimate(measured):
+        return _estimated(problem(), measured) if len(measured) >= 3 else []
 
     return estimate
 
 
+# Prior standard deviation of each parameter (1, g, rad), and the smallest standard deviation of a reading: the nominal
+# model has unknown effects.
+_PRIOR_SD, _LEAST_SD_G = 0.005, 1e-4
+_SHOWN = {"1": (1e3, "1e-3"), "g": (1e3, "mg"), "rad": (1e3, "mrad")}
+
+
 def _problem(plan):
+    """All positions of the plan with their expected readings: every estimate has its size, so all share one program."""
     import numpy as np
 
     from tumblecal.cli.start import start
@@ -31,32 +39,28 @@ def _problem(plan):
         alpha_deg=np.array([step.alpha_deg for step in steps], float),
         beta_deg=np.array([step.beta_deg for step in steps], float),
         readings=np.array([plan.expected(k) for k in range(len(steps))]),
-        sd=np.full((len(steps), 3), 1e-4),
+        sd=np.full((len(steps), 3), _LEAST_SD_G),
     )
-    return problem_of(data, default_chain(data))
+    chain = default_chain(data)
+    return problem_of(data, chain, priors=dict.fromkeys(chain.names, (0.0, _PRIOR_SD)))
 
 
-# Prior standard deviation of each parameter (1, g, rad), and the smallest standard deviation of a reading: the nominal
-# model has unknown effects.
-_PRIOR_SD, _LEAST_SD_G = 0.005, 1e-4
-_SHOWN = {"1": (1e3, "1e-3"), "g": (1e3, "mg"), "rad": (1e3, "mrad")}
-
-
-def _filtered(problem, plan, rows):
+def _estimated(problem, measured):
     import numpy as np
 
-    from tumblecal.estimation.iterated import Filter
-    from tumblecal.estimation.kalman import Prior
+    from tumblecal.estimation import exact
+    from tumblecal.noise.covariance import Covariance
 
-    positions = {(s.alpha_deg, s.beta_deg): k for k, s in enumerate(plan.steps)}
-    running = Filter(problem, Prior(sd=_PRIOR_SD))
-    for alpha, beta, mean, sd in rows:
-        running.take(positions[alpha, beta], mean, np.maximum(sd, _LEAST_SD_G))
-    deviations = np.sqrt(np.diag(running.covariance))
+    readings, sd = problem.readings.copy(), problem.sd.copy()
+    for position, mean, deviation in measured:
+        readings[position], sd[position] = mean, np.maximum(deviation, _LEAST_SD_G)
+    others = set(range(len(readings))) - {position for position, *_ in measured}
+    present = replace(problem, readings=readings).with_noise(Covariance.of_sd(sd), known=True)
+    fit = exact.fit(present.without(tuple(others)))
     table = []
-    for name, unit, value, sd in zip(problem.chain.names, problem.chain.units, running.mean, deviations, strict=True):
-        if sd > _PRIOR_SD / 2:
+    for name, unit, value, deviation in zip(fit.names, fit.units, fit.values.tolist(), fit.sd.tolist(), strict=True):
+        if deviation > _PRIOR_SD / 2:
             continue  # not determined yet
         factor, shown = _SHOWN.get(unit, (1.0, unit))
-        table.append((name, float(value) * factor, float(sd) * factor, shown))
+        table.append((name, value * factor, deviation * factor, shown))
     return table

@@ -1,4 +1,4 @@
-"""From a chain and data to an estimate: problem, exact fit, harmonics, Kalman filters, identifiability."""
+"""From a chain and data to an estimate: problem, exact fit, harmonics, Kalman filter, identifiability."""
 
 from tumblecal.estimation.fit import Code, Fit
 from tumblecal.estimation.methods import Calibrated, calibrate

@@ -12,7 +12,7 @@ from tumblecal.chain import Chain
 from tumblecal.data import PositionSet
 from tumblecal.data.calibration_use import Judgement, Use
 from tumblecal.effects import Catalogue, catalogue
-from tumblecal.estimation import exact, harmonic, iterated, kalman
+from tumblecal.estimation import exact, harmonic, kalman
 from tumblecal.estimation.between_position_sd import BetweenPositionSd, between_position_sd
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.kalman import Prior
@@ -53,7 +53,7 @@ class Calibrated(Pickled, Shown):
         >>> data = tumblecal.simulate(tumblecal.read_rig("paper24"), seed=1)
         >>> calibrated = tumblecal.calibrate(data, noise_sd=0.15e-3)
         >>> calibrated.table().columns
-        ['parameter', 'value', 'sd', 'unit', 'harmonic', 'kalman', 'iterated']
+        ['parameter', 'value', 'sd', 'unit', 'harmonic', 'kalman']
         >>> calibrated.implausible, calibrated.setup_errors, calibrated.exact.chi2_p_value > 0.01
         ((), (), True)
     """
@@ -140,7 +140,7 @@ def calibrate(
         >>> data = tumblecal.simulate(tumblecal.read_rig("paper24"), seed=1)
         >>> calibrated = tumblecal.calibrate(data, noise_sd=0.15e-3)
         >>> list(calibrated.fits)
-        ['exact', 'harmonic', 'kalman', 'iterated']
+        ['exact', 'harmonic', 'kalman']
         >>> fit = calibrated.exact
         >>> f"bias_z = {1e3 * fit.value('bias_z'):.2f} mg, u = {1e3 * fit.sd[fit.names.index('bias_z')]:.2f} mg"
         'bias_z = 0.81 mg, u = 0.05 mg'
@@ -241,9 +241,9 @@ def all_methods(
     usual: Mapping[str, float] | None = None,
     by_columns: bool = False,
 ) -> Calibrated:
-    """Exact fit, harmonic least squares, Kalman filter and iterated Kalman filter of one problem.
+    """Exact fit, harmonic least squares and Kalman filter of one problem.
 
-    The filters need the noise: stated, or otherwise as estimated by the exact fit.
+    The filter needs the noise: stated, or otherwise as estimated by the exact fit.
 
     **Arguments:**
 
@@ -256,21 +256,15 @@ def all_methods(
     fitted, floor, level = exact_fit(problem, by_columns=by_columns)
     problem = fitted.problem
     fits, skipped = {"exact": fitted}, {}
-    if not problem.known and not fitted.sigma > 0:
-        reason = "as many readings as parameters: the noise cannot be estimated; give --noise-sd"
-        skipped |= {"kalman": reason, "iterated": reason}
     least = float(np.min(problem.sd)) if problem.known else fitted.sigma
-    if not skipped and not Prior().is_resolved(least):
-        reason = f"an sd of {least:.1g} g is too small compared with the prior of the filters for float64"
-        skipped |= {"kalman": reason, "iterated": reason}
+    if not problem.known and not fitted.sigma > 0:
+        skipped["kalman"] = "as many readings as parameters: the noise cannot be estimated; give --noise-sd"
+    elif not Prior().is_resolved(least):
+        skipped["kalman"] = f"an sd of {least:.1g} g is too small compared with the prior of the filter for float64"
     try:
         fits["harmonic"] = harmonic.fit(problem.independent)
         if "kalman" not in skipped:
             fits["kalman"] = kalman.fit(problem.independent, sigma=fitted.sigma)
     except InputError as error:
         skipped |= dict.fromkeys(("harmonic", "kalman"), str(error))
-    if "iterated" not in skipped:
-        fits["iterated"] = iterated.fit(problem.independent, sigma=fitted.sigma)
-    order = ("exact", "harmonic", "kalman", "iterated")
-    fits = {name: fits[name] for name in order if name in fits}
     return Calibrated(fits, skipped, implausible(fitted, usual), floor=floor, level=level)

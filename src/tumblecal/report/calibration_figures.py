@@ -16,8 +16,10 @@ _LINEAR, _BAND_SEEN = 10.0, 0.8
 
 
 def draw_calibration(folder: Path, calibrated: Calibrated) -> list[str]:
-    """Draw `residuals.svg` and `methods.svg` into `folder`; returns their names."""
+    """Draw `residuals.svg`, and `methods.svg` if other methods apply, into `folder`; returns their names."""
     save(residuals_figure(calibrated.exact), folder / "residuals.svg")
+    if len(calibrated.fits) == 1:
+        return ["residuals.svg"]
     save(methods_figure(calibrated), folder / "methods.svg")
     return ["residuals.svg", "methods.svg"]
 
@@ -60,8 +62,8 @@ def methods_figure(calibrated: Calibrated) -> Figure:
     figure = new_figure(7.5, 0.24 * len(exact.names) + 1.2)
     axis = figure.subplots()
     height = np.arange(len(exact.names))
-    colours = {"harmonic": METHOD_COLOUR["running mean"], "kalman": METHOD_COLOUR["Kalman"], "iterated": "#009E73"}
-    marks = {"harmonic": "s", "kalman": "o", "iterated": "^"}
+    colours = {"harmonic": METHOD_COLOUR["running mean"], "kalman": METHOD_COLOUR["Kalman"]}
+    marks = {"harmonic": "s", "kalman": "o"}
     farthest = 0.0
     for name, result in calibrated.fits.items():
         if name == "exact":

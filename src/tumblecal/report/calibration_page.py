@@ -152,7 +152,7 @@ def _sections(calibrated: Calibrated, drawn: dict[str, PageFigure], folder: Path
     yield Section(
         "Methods",
         words=list(methods_words(calibrated)),
-        tables=[_methods(calibrated)],
+        tables=[_methods(calibrated)] if len(calibrated.fits) > 1 else [],
         figures=[drawn[name] for name in ("methods.svg",) if name in drawn],
     )
     if exact.code.good and one_sensor(exact):

@@ -20,13 +20,12 @@ from tumblecal.lab.limits import NO_GRAVITY
 from tumblecal.lab.sensor_terms import effects_in, held_words, lacking_of_fit
 
 
-TITLES = {"exact": "exact", "harmonic": "harmonic", "kalman": "Kalman", "iterated": "iterated Kalman"}
+TITLES = {"exact": "exact", "harmonic": "harmonic", "kalman": "Kalman"}
 # Differences of another method from the exact fit, in standard uncertainties: negligible, and wrong for these data.
 _AGREES, _WRONG = 0.3, 2.0
 _WHY = {
     "harmonic": "the small-angle approximation fails, or the weights differ between positions",
     "kalman": "the small-angle approximation fails, or the filter still depends on its starting values",
-    "iterated": "the filter has not converged from its starting values",
 }
 _INDEPENDENT = "it assumes independent positions, but the noise is correlated"
 
@@ -96,7 +95,7 @@ def _why_far(method: str, exact: Fit) -> str:
         return _INDEPENDENT
     linear = {leaf.name for leaf in default_chain(exact.data).parameters}
     more = [leaf for leaf in problem.chain.parameters if leaf.name not in linear and (leaf.free or np.any(leaf.value))]
-    if more and method in ("harmonic", "kalman"):
+    if more:
         return f"its linear equations do not include {', '.join(leaf.name for leaf in more)}"
     return "only the exact fit uses the stated priors" if problem.with_prior else _WHY[method]
 

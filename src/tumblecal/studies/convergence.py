@@ -18,7 +18,7 @@ import numpy as np
 import polars as pl
 from jaxtyping import Array
 
-from tumblecal.estimation import harmonic, iterated
+from tumblecal.estimation import harmonic
 from tumblecal.ground.errors import InputError
 from tumblecal.simulation.evaluated_once import materialised
 from tumblecal.simulation.experiment import problem_for, spread_of
@@ -30,10 +30,8 @@ from tumblecal.studies.study_tables import ConvergenceTable, noise_of, rig_of_st
 
 # Runs in a chunk.
 CHUNK = 128
-# Time on one core for one data set of one run, us; the iterated filter solves with a 27 x 27 matrix four times.
-MICROSECONDS = {"single": 1.0, "mean": 1.0, "kalman": 1.0, "exact": 2.0, "iterated": 400.0, "noise": 1.0}
-# Iterated filtering needs a prior that is one: the first that is smaller than this.
-PHYSICAL_PRIOR = 0.1
+# Time on one core for one data set of one run, us.
+MICROSECONDS = {"single": 1.0, "mean": 1.0, "kalman": 1.0, "exact": 2.0, "noise": 1.0}
 
 
 class Convergence:
@@ -83,11 +81,7 @@ class Convergence:
         """(label, method, prior sd) in the order of all arrays."""
         methods: list[tuple[str, str, float]] = []
         for name in self.table.methods:
-            priors = [0.0]
-            if name == "kalman":
-                priors = self.table.prior_sd
-            elif name == "iterated":
-                priors = [sd for sd in self.table.prior_sd if sd < PHYSICAL_PRIOR][:1] or [PHYSICAL_PRIOR]
+            priors = self.table.prior_sd if name == "kalman" else [0.0]
             methods += [(name if not sd else f"{name}, prior sd {sd:g}", name, sd) for sd in priors]
         return methods
 
@@ -123,11 +117,11 @@ class Convergence:
         bounds = thresholds[None, :, None, None]
 
         def step(state, given):
-            count, total, noise_state, filters, last_bad = state
+            count, total, noise_state, last_bad = state
             noise_state, noise = self._noise(noise_state, given)
             z = exact + noise
             total = total + z
-            filters, errors, nees, nis, failed = self._estimates(count, z, total, filters, truth)
+            errors, nees, nis, failed = self._estimates(count, z, total, truth)
             bad = (jnp.abs(errors)[:, None] >= bounds) | failed[:, None, None]
             last_bad = jnp.where(bad, count, last_bad)
             weight = wanted[None] & ~failed
@@ -139,16 +133,15 @@ class Convergence:
                 "nis": jnp.sum(jnp.where(weight, nis, 0.0), axis=1),
                 "count": jnp.sum(jnp.asarray(weight, float), axis=1),
             }
-            return (count + 1, total, noise_state, filters, last_bad), sums
+            return (count + 1, total, noise_state, last_bad), sums
 
         state = (
             jnp.ones(()),
             jnp.zeros((9 * len(self.plan.pitch), CHUNK)),
             self._first_noise(jax.random.fold_in(key, 2)),
-            self._first_filters(),
             jnp.zeros((len(self.methods), len(thresholds), free, CHUNK)),
         )
-        (_, _, _, _, last_bad), sums = jax.lax.scan(step, state, keys)
+        (_, _, _, last_bad), sums = jax.lax.scan(step, state, keys)
         return sums, last_bad + 1
 
     def _first_noise(self, key: Array):
@@ -161,16 +154,7 @@ class Convergence:
         state, means = self.noise.dwells(state, key, self.plan.rows.size)
         return state, materialised(self.plan.harmonics(means).reshape(-1, CHUNK))
 
-    def _first_filters(self):
-        """Means and covariances of the iterated filters before the first data set."""
-        size = len(self.names)
-        return [
-            (jnp.zeros((CHUNK, size)), jnp.broadcast_to(jnp.eye(size) * sd**2, (CHUNK, size, size)))
-            for _, method, sd in self.methods
-            if method == "iterated"
-        ]
-
-    def _estimates(self, count, z, total, filters, truth):
+    def _estimates(self, count, z, total, truth):
         """Errors (methods, free, lanes), NEES and NIS (methods, lanes), failures (methods, lanes)."""
         design, weights = self.design, 1.0 / self.variance
         normal = design.T @ (weights[:, None] * design)
@@ -179,7 +163,6 @@ class Convergence:
         ideal = self.ideal[:, None]
         now, so_far = into @ (z - ideal), into @ (total - count * ideal)
         white = jnp.sum((z - ideal) ** 2 * weights[:, None], axis=0)
-        filters, later = list(filters), []
         rows: list[tuple[Array, Array, Array, Array]] = []
         fine = jnp.zeros(truth.shape[1], bool)
         for _, method, sd in self.methods:
@@ -190,14 +173,6 @@ class Convergence:
                 values = materialised(jnp.where(fits.converged[None], fits.values, 0.0))
                 error = values - truth
                 rows.append((error, count * jnp.sum((V.T @ error) ** 2 * f[:, None], axis=0), nothing, ~fits.converged))
-            elif method == "iterated":
-                mean, covariance = filters.pop(0)
-                mean, covariance, nis = self._iterated(mean, covariance, z)
-                later.append((mean, covariance))
-                error = mean.T - truth
-                solved = jnp.linalg.solve(covariance, error.T[..., None])[..., 0]
-                failed = ~jnp.isfinite(jnp.sum(error, axis=0))
-                rows.append((error, jnp.sum(solved * error.T, axis=1), nis, failed))
             else:
                 precision, information = {
                     "single": (f, now),
@@ -210,8 +185,7 @@ class Convergence:
                 nees = jnp.sum((V.T @ error) ** 2 * precision, axis=0)
                 nis = self._nis(count, sd, f, now, so_far, white) if method == "kalman" else nothing
                 rows.append((error, nees, nis, fine))
-        errors, nees, nis, failed = (jnp.stack(column) for column in zip(*rows, strict=True))
-        return later, errors, nees, nis, failed
+        return tuple(jnp.stack(column) for column in zip(*rows, strict=True))
 
     @staticmethod
     def _nis(count, sd, f, now, so_far, white):
@@ -222,18 +196,6 @@ class Convergence:
         b = now - f * before
         squares = white - jnp.sum(before * (2 * now - f * before), axis=0)
         return squares - jnp.sum(b**2 / (1 / sd**2 + count * f), axis=0)
-
-    def _iterated(self, mean, covariance, z):
-        variance, pitch = jnp.asarray(self.variance), self.plan.pitch
-
-        def linearise(vector):
-            value, push = jax.linearize(lambda v: nominal_harmonics(v[:, None], pitch).ravel(), vector)
-            return value, jax.vmap(push, out_axes=-1)(jnp.eye(len(vector)))
-
-        def updated(mean, covariance, z):
-            return iterated.update(linearise, mean, covariance, z, variance, jnp)
-
-        return jax.vmap(updated)(mean, covariance, z.T)
 
     def summary(self, chunks: Iterable[Mapping[str, np.ndarray]]) -> tuple[dict[str, Any], dict[str, pl.DataFrame]]:
         """Errors by number of data sets, and the distribution of the number needed.

@@ -158,7 +158,7 @@ class ConvergenceTable(_StudyKeys):
     schema_: Annotated[Literal["tumblecal.study.convergence/1"], Field(alias="schema")]
     runs: Count
     data_sets: Count = 600
-    methods: Annotated[list[Literal["single", "mean", "kalman", "iterated", "exact"]], Field(min_length=1)] = [
+    methods: Annotated[list[Literal["single", "mean", "kalman", "exact"]], Field(min_length=1)] = [
         "single",
         "mean",
         "kalman",

@@ -6,12 +6,11 @@ from concurrent.futures import Future, ThreadPoolExecutor
 import numpy as np
 from numpy.typing import NDArray
 
-from tumblecal.capture.capture_plan import PlanPosition
 from tumblecal.capture.journal import Attempt
 
 
-# (alpha_deg, beta_deg, mean_g, sd_g) of the accepted positions -> (name, value, sd, unit) of the parameters.
-Measured = tuple[float, float, NDArray[np.float64], NDArray[np.float64]]
+# (number in the plan, mean_g, sd_g) of the accepted positions -> (name, value, sd, unit) of the parameters.
+Measured = tuple[int, NDArray[np.float64], NDArray[np.float64]]
 Shown = tuple[str, float, float, str]
 Estimate = Callable[[list[Measured]], list[Shown]]
 
@@ -31,15 +30,15 @@ class EstimateWorker:
         self._pending: Future | None = None
         self.rows: list[Shown] = []
 
-    def ask(self, accepted: dict[int, Attempt], steps: list[PlanPosition]) -> None:
-        """Begin to estimate from the accepted positions of a plan."""
+    def ask(self, accepted: dict[int, Attempt]) -> None:
+        """Begin to estimate from the accepted positions."""
         if self._estimate is None:
             return
         measured = []
         for position, attempt in sorted(accepted.items()):
-            step, summary = steps[position], attempt.summary
+            summary = attempt.summary
             sd = np.maximum(np.array(summary["sd_g"]) / np.sqrt(max(summary["n"], 1)), 1e-7)
-            measured.append((step.alpha_deg, step.beta_deg, np.array(summary["mean_g"]), sd))
+            measured.append((position, np.array(summary["mean_g"]), sd))
         self._pending = self._thread.submit(self._estimate, measured)
 
     def look(self) -> None:

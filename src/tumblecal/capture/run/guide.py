@@ -271,7 +271,7 @@ class Guide:
         self._bell()
         # The parameters differ between temperatures.
         soaks, here = self.plan.soaks, self.plan.soaks[self.position]
-        self.worker.ask({k: done for k, done in self.state.accepted.items() if soaks[k] == here}, self.plan.steps)
+        self.worker.ask({k: done for k, done in self.state.accepted.items() if soaks[k] == here})
         self._next()
 
     def _reject(self, why: str) -> None:
