@@ -103,7 +103,7 @@ def test_no_calibration_is_saved_of_a_fit_that_lacks_the_sensor(cells, tmp_path)
     positions = cells["positions"]
     from tumblecal.estimation import default_chain
 
-    fit = tumblecal.calibrate(positions, chain=default_chain(positions).fixed({"gamma"}), noise_sd=0.1e-3)
+    fit = tumblecal.calibrate(positions, chain=default_chain(positions).fixed({"dK", "bias", "gamma"}), noise_sd=0.1e-3)
     with pytest.raises(InputError, match="no calibration to save"):
         fit.save(tmp_path / "calibration.json")
     assert not list(tmp_path.iterdir())

@@ -194,6 +194,11 @@ def results_of(
         _table(calibration if degc is None else calibration.at(degc), used, limits, degc)
         for degc in _temperatures(path, calibration, temperatures_degc)
     )
+    if fixed := [result.name for result in tables[0].results if not result.expanded > 0]:
+        raise InputError(
+            f"{path}: no standard uncertainty of {', '.join(fixed)} (fixed, not measured), so they cannot be certified; repeat "
+            "the calibration without --fix"
+        )
     lacking = [f"{words[:1].upper()}{words[1:]}." for words in losses_words(calibration.not_applied)]
     outcome = " ".join([_outcome(folder, calibration), *lacking])
     level, other = (LEVEL, "") if used is None else (used.level, used.other_noise(calibration))

@@ -126,6 +126,15 @@ class Fit(Pickled, Shown):
         return self.problem.chain.named(dict(zip(self.names, self.values.tolist(), strict=True)))
 
     @property
+    def stated_values(self) -> dict[str, float]:
+        """Values of all parameters of the chain by name, fixed ones included, and those fitted without a chain."""
+        leaves = self.problem.chain.parameters
+        fixed = {
+            name: float(value) for leaf in leaves for name, value in zip(leaf.names, leaf.value.ravel(), strict=True)
+        }
+        return fixed | dict(zip(self.names, self.values.tolist(), strict=True))
+
+    @property
     def retained(self) -> Bool[np.ndarray, " positions"]:
         """Mask of the positions in the fit."""
         return self.problem.takes_part

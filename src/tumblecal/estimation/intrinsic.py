@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Inexact
 
-from tumblecal.data.sensor_parameters import SENSOR, correction_slope, exact_derivative, triad_of
+from tumblecal.data.sensor_parameters import SENSOR, SensorParameters, correction_slope, exact_derivative, triad_of
 from tumblecal.estimation.fit import Fit
 
 
@@ -30,11 +30,9 @@ class Intrinsic:
 
 def intrinsic(fit: Fit) -> Intrinsic:
     """The mounting-independent parameters of a nominal fit (delta method for the covariance)."""
-    here = sensor_places(fit)
-    values = fit.values[here]
-    slope = exact_derivative(_invariants, values)
-    covariance = slope @ fit.covariance[np.ix_(here, here)] @ slope.T
-    return Intrinsic(NAMES, UNITS, _invariants(values), covariance)
+    sensor = sensor_of(fit)
+    slope = exact_derivative(_invariants, sensor.values)
+    return Intrinsic(NAMES, UNITS, _invariants(sensor.values), slope @ sensor.covariance @ slope.T)
 
 
 def matrix_and_bias(fit: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -42,27 +40,28 @@ def matrix_and_bias(fit: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
     **Returns:** matrix (3x3, 1), bias (g), covariance of the matrix' rows followed by the bias (12x12).
     """
-    here = sensor_places(fit)
-    values = fit.values[here]
-    slope = correction_slope(values)
-    covariance = slope @ fit.covariance[np.ix_(here, here)] @ slope.T
-    return np.linalg.inv(triad_of(values)), values[3:6], covariance
+    sensor = sensor_of(fit)
+    slope = correction_slope(sensor.values)
+    return np.linalg.inv(triad_of(sensor.values)), sensor.values[3:6], slope @ sensor.covariance @ slope.T
 
 
 def one_sensor(fit: Fit) -> bool:
-    """Whether dK, bias and gamma are all estimated, and one for all data."""
-    return all(name in fit.names for name in SENSOR)
+    """Whether dK, bias and gamma are one for all data, estimated or fixed, and one of them is estimated."""
+    return set(SENSOR) <= fit.stated_values.keys() and any(name in fit.names for name in SENSOR)
 
 
-def sensor_places(fit: Fit) -> list[int]:
-    """Indices of dK, bias and gamma among the fit's parameters.
+def sensor_of(fit: Fit, names: tuple[str, ...] = SENSOR) -> SensorParameters:
+    """dK, bias and gamma of a fit, or the parameters `names`. The variance of a fixed parameter is zero.
 
-    **Raises:** `KeyError` when they are not all there.
+    **Raises:** `KeyError` when one is missing, or not one for all data.
     """
-    missing = [name for name in SENSOR if name not in fit.names]
-    if missing:
-        raise KeyError(f"no {', '.join(missing)} among the estimated parameters {', '.join(fit.names)}")
-    return [fit.names.index(name) for name in SENSOR]
+    values = fit.stated_values
+    if missing := [name for name in names if name not in values]:
+        raise KeyError(f"no {', '.join(missing)} among the parameters {', '.join(values)}")
+    estimated = np.array(names)[:, None] == np.array(fit.names)
+    covariance = estimated @ fit.covariance @ estimated.T
+    undetermined = tuple(name for name in names if name in fit.undetermined)
+    return SensorParameters(names, np.array([values[name] for name in names]), covariance, undetermined)
 
 
 def _invariants(values: Inexact[np.ndarray, "*several 9"]) -> Inexact[np.ndarray, "*several 9"]:

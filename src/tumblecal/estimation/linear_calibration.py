@@ -11,17 +11,17 @@ from tumblecal.data.source_of import source_of
 from tumblecal.data.temperature_curves import TemperatureCurves
 from tumblecal.estimation.curves_of_fit import curves_of
 from tumblecal.estimation.fit import Fit
-from tumblecal.estimation.intrinsic import matrix_and_bias
+from tumblecal.estimation.intrinsic import sensor_of
 from tumblecal.ground.frames import rotation_matrix
 
 
 def linear_calibration(result: Fit) -> Calibration:
     """Matrix and bias of the sensor alone; if they follow temperature, at the reference temperature, with the curves.
 
-    **Raises:** `KeyError` when the sensor's parameters are not all estimated, one for all data.
+    **Raises:** `KeyError` when the sensor's parameters are not one for all data.
     """
-    matrix_and_bias(result)
-    return calibration_with(result, _sensor_and_mount(result), curves_of(result))
+    names = (*SENSOR, *(name for name in result.names if leaf_of(name) == "dtheta"))
+    return calibration_with(result, sensor_of(result, names), curves_of(result))
 
 
 def calibration_with(result: Fit, parameters: SensorParameters, curves: TemperatureCurves | None) -> Calibration:
@@ -50,11 +50,3 @@ def calibration_with(result: Fit, parameters: SensorParameters, curves: Temperat
         parameters=parameters,
         temperature=curves,
     )
-
-
-def _sensor_and_mount(result: Fit) -> SensorParameters:
-    """Fitted parameters of the sensor and angles of its mountings."""
-    names = [name for name in result.names if name in SENSOR or leaf_of(name) == "dtheta"]
-    here = [result.names.index(name) for name in names]
-    undetermined = tuple([name for name in names if name in result.undetermined])
-    return SensorParameters(tuple(names), result.values[here], result.covariance[np.ix_(here, here)], undetermined)

@@ -11,11 +11,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from tumblecal.data.calibration_use import Judgement, Use, combined
-from tumblecal.data.sensor_parameters import SENSOR, correction_slope
+from tumblecal.data.sensor_parameters import SENSOR, correction_slope, triad_of
 from tumblecal.estimation.attitudes import attitude_words
 from tumblecal.estimation.contradicted import priors_p_value
 from tumblecal.estimation.fit import Fit
-from tumblecal.estimation.intrinsic import matrix_and_bias, one_sensor, sensor_places
+from tumblecal.estimation.intrinsic import one_sensor, sensor_of
 from tumblecal.estimation.methods import Calibrated
 from tumblecal.ground.counted import shortened
 from tumblecal.ground.numbers_shown import p_words
@@ -172,11 +172,10 @@ def remedy_words(fit: Fit) -> str:
 def _expanded(calibrated: Calibrated, missed: MissedEffects, terms: SensorTerms) -> float:
     """U of a corrected reading: noise, effects that the data may have missed, and known corrections that the file lacks."""
     exact, undetected = calibrated.exact, missed.undetected
-    matrix, _, _ = matrix_and_bias(exact)
-    here, degc = sensor_places(exact), exact.data.temperature_degc
-    parameters = exact.covariance[np.ix_(here, here)] + undetected.covariance
+    sensor, degc = sensor_of(exact), exact.data.temperature_degc
+    parameters = sensor.covariance + undetected.covariance
     reference = None if degc is None else float(np.mean(degc))
     missing = responses(undetected, missed.model, calibrated.entries, exact.problem.where, reference)
-    covariance = with_undetected(correction_slope(exact.values[here]), parameters, undetected, missing)
+    covariance = with_undetected(correction_slope(sensor.values), parameters, undetected, missing)
     dof = exact.dof if exact.noise == "estimated" else np.inf
-    return expanded_uncertainty(matrix, covariance, dof=dof) + systematic_g(exact.data, terms)
+    return expanded_uncertainty(np.linalg.inv(triad_of(sensor.values)), covariance, dof=dof) + systematic_g(exact.data, terms)

@@ -113,8 +113,9 @@ def _undetected(
     )
     added = moved_to_reference(at, {slot.id for slot in model.slots}, thermal=False)
     moved = (added - estimator @ at.jacobian) @ directions.steps.T
-    places = [model.names.index(name) for name in SENSOR]
-    shifts = model.scales[places][:, None] * moved[places]
+    # A fixed parameter does not move.
+    estimated = np.array(SENSOR)[:, None] == np.array(model.names)
+    shifts = estimated @ (model.scales[: model.nominal, None] * moved)
     named = np.zeros(len(directions.numbers), bool)
     covariance = shifts @ posterior.second @ shifts.T
     steps, numbers, ids = directions.steps, directions.numbers, directions.ids

@@ -21,7 +21,7 @@ from tumblecal.diagnosis.findings.model_average import Average, Weighed, is_ther
 from tumblecal.effects.effect import reason_not_held
 from tumblecal.effects.environment import REFERENCE_DEGC
 from tumblecal.estimation.fit import Fit
-from tumblecal.estimation.intrinsic import one_sensor
+from tumblecal.estimation.intrinsic import one_sensor, sensor_of
 from tumblecal.estimation.linear_calibration import linear_calibration
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.numbers_shown import p_words
@@ -162,10 +162,11 @@ def extended_calibration(diagnosis: Diagnosis) -> Calibration | None:
 
 def _file_slope(average: Average, terms: Mapping[str, Term]) -> Float[np.ndarray, "entries names"]:
     """Derivative of matrix, bias (`ORDER`) and terms, in the units of the file, by the parameters."""
-    places, of_terms = [[average.names.index(name) for name in names] for names in (SENSOR, terms)]
-    count = len(ORDER)
+    count, of_terms = len(ORDER), [average.names.index(name) for name in terms]
     slope = np.zeros((count + len(of_terms), len(average.names)))
-    slope[:count, places] = correction_slope(average.values[places])
+    # A fixed parameter has no column.
+    estimated = np.array(SENSOR)[:, None] == np.array(average.names)
+    slope[:count] = correction_slope(sensor_of(average.as_fit).values) @ estimated
     # The model counts time in seconds.
     slope[count + np.arange(len(of_terms)), of_terms] = [3600.0 if term.per_hour else 1.0 for term in terms.values()]
     return slope

@@ -65,7 +65,7 @@ def save_fit(path: Path, fit: Fit, entries: Catalogue | None = None, use: Use | 
     **Raises:** `InputError` for a fit that did not converge, or of more or less than one sensor.
     """
     if not fit.code.good or not one_sensor(fit):
-        why = fit.message if not fit.code.good else "it does not estimate dK, bias and gamma, one for all data"
+        why = fit.message if not fit.code.good else "dK, bias and gamma are not one for all data, or all are fixed"
         raise InputError(f"{fit.data.source}: no calibration to save: {why}")
     use = use or Calibrated({"exact": fit}, {}, implausible(fit)).use
     write_calibration(path, replace(calibration_of(fit, entries), use=use))

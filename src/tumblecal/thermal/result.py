@@ -15,7 +15,7 @@ from tumblecal.data.temperature_curves import Hysteresis, TemperatureCurves
 from tumblecal.estimation import exact
 from tumblecal.estimation.curves_of_fit import curves_of
 from tumblecal.estimation.fit import Fit
-from tumblecal.estimation.intrinsic import one_sensor, sensor_places
+from tumblecal.estimation.intrinsic import sensor_of
 from tumblecal.estimation.linear_calibration import calibration_with
 from tumblecal.ground.axes import AXES
 from tumblecal.thermal import signals as kinds
@@ -180,9 +180,8 @@ def measured_range(table: ThermalTable) -> tuple[float, float]:
 
 def _sensor(fit: Fit, base: Calibration | None) -> SensorParameters:
     """Parameters at the reference: estimated, otherwise those of `base`, otherwise zero without uncertainty."""
-    if one_sensor(fit):
-        here = sensor_places(fit)
-        return SensorParameters(SENSOR, fit.values[here], fit.covariance[np.ix_(here, here)])
+    if set(SENSOR) <= set(fit.names):
+        return sensor_of(fit)
     if base is not None:
         return base.sensor.of(SENSOR)
     return SensorParameters(SENSOR, np.zeros(len(SENSOR)), np.zeros((len(SENSOR), len(SENSOR))))
