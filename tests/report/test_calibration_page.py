@@ -137,7 +137,7 @@ def test_the_page_holds_the_numbers_and_the_way_to_apply_them(tumblecal, tmp_pat
         u = Decimal(f"{exact.sd[k] * 1e3:#.2g}")
         value = Decimal(float(exact.values[k] * 1e3)).quantize(u)
         assert f"{name} {value} {u} {Decimal(f'{half[k] * 1e3:#.2g}')}" in words
-    assert "dK_x + 0.93 bias_x + 0.94 dbeta_0: the uncertainty of this combination is" in words
+    assert "dK_x + 0.93 bias_x + 0.94 dbeta_0; uncertainty 10 times the median" in words
     assert "do not rely on these" not in words
     assert tumblecal("calibrate", table1_file, "--noise-sd", "0.01mg", "--out", tmp_path / "small").code == 3
     small = words_of(tmp_path / "small" / "calibration.html")

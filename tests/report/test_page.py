@@ -60,7 +60,7 @@ def test_browser_shows_the_numbers_the_figures_and_no_errors(page, chromium):
     cells.feed(document)
     assert ["dK_x", "1e-3", "0.35", "0.22"] in [row[:4] for row in cells.rows]
     assert any(
-        row[0].startswith("truth of the paper") and row[1] == "1.14" and row[2].startswith("0.34")
+        row[0].startswith("input of the paper") and row[1] == "1.14" and row[2].startswith("0.34")
         for row in cells.rows
         if row
     )
@@ -70,7 +70,7 @@ def test_browser_shows_the_numbers_the_figures_and_no_errors(page, chromium):
 def test_the_first_screen_is_a_headline_cards_and_what_to_run(page):
     text = page.read_text(encoding="utf-8")
     body = text[text.index("<body") :]
-    assert "by the truth of the paper" in body[: body.index('class="cards"')] and "ADEQUATE" in body
+    assert "by the input of the paper" in body[: body.index('class="cards"')] and "ADEQUATE" in body
     cards = body[body.index('class="cards"') : body.index("<nav>")]
     assert cards.count("<article") == 4 and "tumblecal calibrate" in cards
     titles = re.findall("<h2>(.*?)</h2>", body)
@@ -90,7 +90,7 @@ RECORD = Verdict(
         Finding("The bias of the x axis drifts steadily during the measurement", "0.297 +- 0.054 mg/h", "bias_drift.x"),
     ),
     unresolved=(
-        Unresolved(LONG, "the same function in a 1 g field, with equal corrections: no head separates them", (1,)),
+        Unresolved(LONG, "the same function in a 1 g field: no measurement in gravity distinguishes them", (1,)),
         Unresolved("bias_drift.x or warm_up", "time and temperature are fully correlated in these data (r = 1.00)", (2,)),
     ),
     evidence=("Nominal model rejected, p = 3.1e-13.", "Probability 0.96.", "Held-out error 0.141 -> 0.103 mg."),
@@ -109,7 +109,7 @@ PLACES = """<script>window.addEventListener("load", () => {
 
 
 def test_cards_and_action_are_on_the_first_screen_and_stack_on_a_phone(chromium, tmp_path):
-    """1280 x 800: all cards end above the fold. 375 px wide: finding, action card, finding, and no horizontal scroll."""
+    """1280 x 800: all cards end above the fold. 375 px wide: both findings, the action card, and no horizontal scroll."""
     write_page(
         tmp_path / "p.html", "Diagnosis", "48 positions.", RECORD, [], tone="open", pictures={1: SPARK, 2: SPARK}
     )
@@ -120,7 +120,7 @@ def test_cards_and_action_are_on_the_first_screen_and_stack_on_a_phone(chromium,
     for words in (LONG, "bias_drift.x or warm_up", "--same-run measured.csv", "Instruction 19"):
         assert pasted.count(words) == 1, words
     cards = re.findall(r"<article.*?</article>", text, re.S)
-    assert "Apply the quadratic term" in cards[0] and "Instruction 19" in cards[1].partition("<details>")[2]
+    assert "Apply the quadratic term" in cards[0] and "Instruction 19" in cards[2].partition("<details>")[2]
     (tmp_path / "wide.html").write_text(text.replace("</body>", PLACES + "</body>"), encoding="utf-8")
     seen = json.loads(chromium.title(tmp_path / "wide.html", "--window-size=1280,800"))
     assert len(seen["bottoms"]) == 3 and max(seen["bottoms"]) < 800 and len({*seen["tops"]}) == 1 and seen["wide"] <= 0

@@ -18,7 +18,7 @@ _POOR_TIMES = 2.0
 # Parameters with a smaller share of a combination (of the largest, in usual sizes) are not named.
 _LEAST_SHARE = 0.15
 # Between the parameters of a combination.
-JOINED = " with "
+JOINED = ", "
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ def _simplest(hidden: Float[np.ndarray, "9 count"]) -> Float[np.ndarray, "count 
 
 
 def combination_words(change: Float[np.ndarray, "9"]) -> str:
-    """A change of several parameters: `bias_x +1.5 mg with dK_x -1.5e-3`."""
+    """A change of several parameters: `bias_x +1.5 mg, dK_x -1.5e-3`."""
     share = np.abs(change) / USUAL
     parts = [
         change_words(name, float(size))

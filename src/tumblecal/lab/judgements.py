@@ -178,4 +178,6 @@ def _expanded(calibrated: Calibrated, missed: MissedEffects, terms: SensorTerms)
     missing = responses(undetected, missed.model, calibrated.entries, exact.problem.where, reference)
     covariance = with_undetected(correction_slope(sensor.values), parameters, undetected, missing)
     dof = exact.dof if exact.noise == "estimated" else np.inf
-    return expanded_uncertainty(np.linalg.inv(triad_of(sensor.values)), covariance, dof=dof) + systematic_g(exact.data, terms)
+    return expanded_uncertainty(np.linalg.inv(triad_of(sensor.values)), covariance, dof=dof) + systematic_g(
+        exact.data, terms
+    )

@@ -24,13 +24,14 @@ from tumblecal.report.calibration_words import (
     methods_words,
     noise_words,
     notes,
+    sensor_values,
     wrong_methods,
 )
 from tumblecal.report.finding_figures import overview_figure
 from tumblecal.report.page import PageFigure, Section, inline_drawing, inline_figure, write_page
 from tumblecal.report.result_file import calibration_of, strong_correlations
 from tumblecal.report.tables import Table
-from tumblecal.report.verdict import Finding, Verdict, as_sentence, command_at_end, ended
+from tumblecal.report.verdict import Finding, Unresolved, Verdict, as_sentence, command_at_end, ended
 
 
 _CAPTIONS = {
@@ -70,6 +71,7 @@ def write_calibration_page(path: Path, calibrated: Calibrated, figures: Sequence
         calibration_verdict(calibrated),
         list(_sections(calibrated, drawn, path.parent)),
         tone=judged[0].tone,
+        values=sensor_values(exact),
         pictures=dict.fromkeys((0, 1), inline_drawing(overview_figure(exact), "overview")),
     )
     return path
@@ -93,6 +95,8 @@ def calibration_verdict(calibrated: Calibrated) -> Verdict:
         *(as_sentence(judgement.words_of_finding) for judgement in judged if judgement.tone != "good"),
         *(f"Implausible: {words}" for words in implausible_words(calibrated.implausible)),
     ]
+    remedy = remedy_words(exact) if _poorly_determined(exact) else ""
+    advised = [*(judgement.advice for judgement in judged), *([f"{as_sentence(remedy)}."] if remedy else [])]
     headline = "One reservation." if len(found) == 1 else f"{len(found)} reservations."
     return Verdict(
         _BADGES[use.answer or "yes"],
@@ -100,10 +104,20 @@ def calibration_verdict(calibrated: Calibrated) -> Verdict:
         Path(exact.data.source).name,
         use.words,
         found=tuple(map(Finding, found)),
+        unresolved=tuple(Unresolved(words) for words in _poorly_determined(exact)),
         evidence=tuple(_evidence(exact, calibrated)),
-        next=tuple(dict.fromkeys(text for judgement in judged for text in _steps(judgement.advice))),
+        next=tuple(dict.fromkeys(text for advice in advised for text in _steps(advice))),
         details=tuple(("", words) for words in _details(calibrated)),
     )
+
+
+def _poorly_determined(exact: Fit) -> list[str]:
+    """Combinations of parameters that the positions determine poorly."""
+    weak = exact.identifiability.weak if exact.identifiability else ()
+    return [
+        f"Poorly determined: {direction.words}; uncertainty {direction.sd_ratio:.0f} times the median"
+        for direction in weak
+    ]
 
 
 _BADGES = {
@@ -173,13 +187,10 @@ def _parameters(exact: Fit) -> Table:
 
 
 def _weak(exact: Fit) -> Iterator[Section]:
-    seen = exact.identifiability
-    weak = list(seen.weak) if seen else []
+    words = [f"{text}." for text in _poorly_determined(exact)]
     pairs = strong_correlations(exact)[:_MOST_PAIRS]
-    if not weak and not pairs:
+    if not words and not pairs:
         return
-    size = "the uncertainty of this combination is {:.0f} times the median."
-    words = [f"{direction.words}: {size.format(direction.sd_ratio)}" for direction in weak]
     if remedy := remedy_words(exact):
         words.append(f"To determine it, {remedy}.")
     rows = [[pair["first"], pair["second"], f"{pair['correlation']:+.3f}"] for pair in pairs]

@@ -6,6 +6,7 @@ import numpy as np
 
 from tumblecal.chain import followings_of
 from tumblecal.data.position_comments import WITHIN_DWELLS, identity_words
+from tumblecal.data.sensor_parameters import SENSOR
 from tumblecal.effects import Catalogue
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.methods import Calibrated
@@ -14,8 +15,9 @@ from tumblecal.estimation.noise_level import UNLIKELY, ContradictedLevel
 from tumblecal.estimation.plausibility import implausible_words
 from tumblecal.estimation.position_problem import default_chain
 from tumblecal.ground.gravity import normal_gravity
-from tumblecal.ground.numbers_shown import p_words
+from tumblecal.ground.numbers_shown import p_words, rounded
 from tumblecal.ground.suggested_command import suggested
+from tumblecal.ground.units import in_words, shown
 from tumblecal.lab.limits import NO_GRAVITY
 from tumblecal.lab.sensor_terms import effects_in, held_words, lacking_of_fit
 
@@ -55,6 +57,17 @@ def warning_words(calibrated: Calibrated) -> Iterator[str]:
     yield from filter(
         None, [gravity, *lacking_of_fit(exact, calibrated.entries, of_sensor=True), many_settings_words(exact)]
     )
+
+
+def sensor_values(fit: Fit) -> list[str]:
+    """The sensor's parameters with their expanded uncertainties (95 %), a line each."""
+    lines = []
+    for name in (name for name in SENSOR if name in fit.names):
+        place = fit.names.index(name)
+        unit, factor = shown(fit.units[place])
+        value, expanded = rounded(factor * fit.values[place], factor * fit.coverage_factor() * fit.sd[place])
+        lines.append(f"{name} = {in_words(value, unit)}, U = {in_words(expanded, unit)}")
+    return lines
 
 
 def notes(calibrated: Calibrated) -> list[str]:

@@ -99,8 +99,8 @@ def size_of_gravity_words(result: CheckResult) -> str:
     worst = int(np.argmax(np.abs(excess)))
     largest = f"{rounded_together(excess[worst], sd[worst])} mg ({result.data.names[worst]})"
     if len(excess) == 1:
-        return f"Size of gravity: {largest} from the expected one"
-    return f"Size of gravity: {rms(excess):.2g} mg rms from the expected one, at most {largest}"
+        return f"Size of gravity: deviation {largest}"
+    return f"Size of gravity: deviation {rms(excess):.2g} mg rms, largest {largest}"
 
 
 def rms(values: np.ndarray) -> float:

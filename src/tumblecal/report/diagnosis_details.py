@@ -198,14 +198,10 @@ def harm_in_u(diagnosis: Diagnosis, hidden: Invisible) -> dict[str, float]:
 
 
 def _not_testable(diagnosis: Diagnosis) -> Iterator[str]:
-    """Effects that cannot be tested, grouped by remedy, and those that are reported under another name."""
-    entries, by_reason, renamed = diagnosis.entries, dict[str, list[str]](), list[str]()
+    """Effects that cannot be tested, grouped by remedy."""
+    by_reason = dict[str, list[str]]()
     for id, reason in diagnosis.model.not_testable.items():
-        if id in entries and entries[id].found_as:
-            renamed.append(id.partition(".")[0])
-        else:
+        if not (id in diagnosis.entries and diagnosis.entries[id].found_as):
             by_reason.setdefault(reason, []).append(id)
     for reason, ids in by_reason.items():
         yield f"{reason}: {shortened(ids, _MOST_NOT_TESTABLE)}."
-    if renamed:
-        yield f"reported under another name if present: {', '.join(dict.fromkeys(renamed))}."

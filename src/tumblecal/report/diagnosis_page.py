@@ -11,6 +11,7 @@ from tumblecal.diagnosis.causes.cause import id_of
 from tumblecal.ground.numbers_shown import p_words
 from tumblecal.planning.next_plan import NextPlan
 from tumblecal.report import diagnosis_tables as tables
+from tumblecal.report.calibration_words import sensor_values
 from tumblecal.report.cause_words import label_words
 from tumblecal.report.diagnosis_details import CAUSES, CHANGES, GAIN, HELD, LACKING, UNCERTAINTIES, UNDETERMINED
 from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
@@ -71,6 +72,7 @@ def write_diagnosis_page(
         tone=TONES[diagnosis.verdict],
         pictures={k: inline_drawing(figure, f"card_{k}") for k, figure in card_figures(diagnosis).items()},
         plans=list(_plans(plan)),
+        values=[] if diagnosis.calibration is None else sensor_values(diagnosis.in_use.as_fit),
     )
     return path
 

@@ -44,7 +44,10 @@ _MOST_OTHERS, _LEAST_OTHER = 4, 0.02
 _MOST_MEMBERS = 4
 _COLUMN_WORDS = {"time_s": "time", "temperature_degc": "temperature", "pitch": "the pitch angle"}
 _REASONS = {
-    "identity": "the same function in a 1 g field (u_x^2 + u_y^2 + u_z^2 = 1), with equal corrections: no head separates them",
+    "identity": (
+        "the same function in a 1 g field (u_x^2 + u_y^2 + u_z^2 = 1), with equal corrections: no measurement in gravity "
+        "distinguishes them"
+    ),
     "size": "the error is too small; one three times as large would be distinguished",
     "angles": "the same signal at these angles",
     "unnamed": "it may be an effect that is not in the catalogue",
@@ -184,9 +187,9 @@ def title(cause: str) -> str:
 
 def _located(diagnosis: Diagnosis) -> Iterator[str]:
     unnamed = diagnosis.best.labels == (UNEXPLAINED,)
-    acts = "an unnamed effect on all positions" if unnamed else "these causes acting on all positions"
+    acts = "an unnamed effect" if unnamed else "these causes"
     for located in diagnosis.located:
-        yield f"{located.words}: more probable than {acts}, odds {odds_words(located.log_odds)}"
+        yield f"{located.words}. Odds in favour of this, against {acts} at all positions: {odds_words(located.log_odds)}"
 
 
 def _unresolved(diagnosis: Diagnosis, numbers: Mapping[str, int]) -> Iterator[Unresolved]:

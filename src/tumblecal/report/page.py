@@ -92,6 +92,7 @@ def write_page(
     tone: str = "",
     pictures: Mapping[int, str] | None = None,
     plans: Sequence[Table] = (),
+    values: Sequence[str] = (),
 ) -> None:
     """Write a complete page, or none.
 
@@ -102,7 +103,7 @@ def write_page(
     - `verdict`: the first screen. `tone`: its colour: good, named, open or bad.
     - `sections`: the rest.
     - `pictures`: SVG text for the cards, by number of the finding from 1 on; 0: of a verdict without a finding.
-    - `plans`: tables of the next steps, folded.
+    - `plans`: tables of the next steps, folded. `values`: results on the first screen, a line each.
     """
     environment = Environment(loader=PackageLoader("tumblecal.report"), autoescape=True, undefined=StrictUndefined)
     environment.filters |= {"typeset": _typeset, "share": _share}
@@ -117,6 +118,7 @@ def write_page(
         shown=shown,
         folded=folded,
         plans=plans,
+        values=values,
         sections=sections,
         footer=f"Written by tumblecal {__version__}.",
     )

@@ -57,7 +57,7 @@ class Audit:
 
 def audit(fit: Fit) -> Audit:
     """Audit Table 1 by its exact fit: against the simulation's truth, Table 2, Table 3 and the stated noise."""
-    sets = {"truth of the paper's simulation (section 3)": np.array(list(paper.SIMULATION_TRUTH.values()))}
+    sets = {"input of the paper's simulation (section 3)": np.array(list(paper.SIMULATION_TRUTH.values()))}
     published = paper.table2()
     for run in range(3):
         sets[f"Table 2, run {run + 1}"] = np.array([published[name][run] for name in fit.names])
