@@ -29,7 +29,7 @@ from tumblecal.lab.sensor_terms import SensorTerms, terms_of_chain
 
 
 # Data of a correct model contradict it with this probability, in each of two tests.
-CONTRADICTED = 0.005
+CONTRADICTED = 0.0025
 
 
 def judged(calibrated: Calibrated) -> tuple[tuple[Judgement, ...], Use]:
