@@ -103,7 +103,8 @@ def test_a_coefficient_of_which_the_exact_fit_says_nothing_is_not_determined(hid
     blind_to = replace(fit, covariance=1e30 * fit.covariance)
     assert len(combinations(fit, cause, diagnosis.model.scales)) == 2
     assert combinations(blind_to, cause, diagnosis.model.scales) == []
-    assert says_something(fit) and not says_something(blind_to)
+    nominal = diagnosis.model.nominal
+    assert says_something(fit, nominal) and not says_something(blind_to, nominal)
 
 
 def test_a_cause_beside_what_no_instrument_has_is_not_identified(diagnoser):

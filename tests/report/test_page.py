@@ -9,6 +9,7 @@ import pytest
 from reading_html import Cells
 
 from tumblecal.data import paper
+from tumblecal.report.drawing import new_figure
 from tumblecal.report.page import Section, inline_figure, write_page
 from tumblecal.report.paper_figures import draw_audit, draw_study
 from tumblecal.report.tables import Table
@@ -78,7 +79,12 @@ def test_the_first_screen_is_a_headline_cards_and_what_to_run(page):
     assert len(re.sub("<[^>]+>", " ", cards).split()) < 150
 
 
-SPARK = '<svg viewBox="0 0 281 112"><path d="M0 0h9"/></svg>'
+def spark():
+    figure = new_figure(3.9, 1.55)
+    figure.subplots().plot([0, 1])
+    return figure
+
+
 LONG = "second_order.z or cross_axis_square.z"
 RECORD = Verdict(
     "ambiguous",
@@ -111,7 +117,7 @@ PLACES = """<script>window.addEventListener("load", () => {
 def test_cards_and_action_are_on_the_first_screen_and_stack_on_a_phone(chromium, tmp_path):
     """1280 x 800: all cards end above the fold. 375 px wide: both findings, the action card, and no horizontal scroll."""
     write_page(
-        tmp_path / "p.html", "Diagnosis", "48 positions.", RECORD, [], tone="open", pictures={1: SPARK, 2: SPARK}
+        tmp_path / "p.html", "Diagnosis", "48 positions.", RECORD, [], tone="open", pictures={1: spark, 2: spark}
     )
     text = (tmp_path / "p.html").read_text(encoding="utf-8")
     assert "0.532 ± 0.062 mg/g²" in text and "24 to 26.5 °C" in text and "0.141 → 0.103 mg" in text

@@ -52,9 +52,8 @@ def test_linearization_is_a_table_and_a_page(tmp_path):
         ["all", "100", "< 1", "bias_z", "< 1", "bias_z"],
     ]
     assert "up to 2.5 mrad" in answer.headline
-    page = write_study_page(
-        tmp_path, "linearization", content, frames, answer, draw("linearization", content, frames, tmp_path)
-    )
+    page, figures = tmp_path / "linearization.html", draw("linearization", content, frames, tmp_path)
+    assert write_study_page(page, "linearization", content, frames, answer, figures) == [page.name]
     words = words_of(page)
     assert words.index(answer.headline) < words.index("Results") < words.index("Settings")
     cells = Cells()

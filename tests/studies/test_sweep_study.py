@@ -90,7 +90,8 @@ def test_a_sweep_runs_its_points_in_order(tmp_path, configs):
     assert answer.table.header[0] == "second_order.y, mg/g^2" and "(second_order.y 1.0 mg/g^2)" in answer.headline
     figures = draw("sweep", content, frames, tmp_path)
     assert "study.inject.second_order.y, mg/g^2" in figures[0].read_text()
-    page = write_study_page(tmp_path, "sweep", content, frames, answer, figures)
+    page = tmp_path / "sweep.html"
+    write_study_page(page, "sweep", content, frames, answer, figures)
     assert "study.inject.second_order.y: 0, 1.0 mg/g²" in page.read_text()
     assert len(frames["parameters"]) == 30 and (tmp_path / "sweep_parameters.parquet").exists()
 

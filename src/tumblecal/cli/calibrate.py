@@ -162,4 +162,4 @@ def _drawn(folder: Path, calibrated: "Calibrated") -> list[str]:
     from tumblecal.report.calibration_page import write_calibration_page
 
     drawn = draw_calibration(folder, calibrated)
-    return [*drawn, write_calibration_page(folder / "calibration.html", calibrated, drawn).name]
+    return [*drawn, *write_calibration_page(folder / "calibration.html", calibrated, drawn)]

@@ -250,8 +250,7 @@ def _written(
         write_check(aside / "check.json", result, verdict, found.provenance(result.path), update)
         written = ["check.json"]
         if results.figures is not False:
-            write_check_page(aside / "check.html", result, verdict)
-            written.append("check.html")
+            written += write_check_page(aside / "check.html", result, verdict)
     if update is not None and file is not None:
         write_calibration(file, update.calibration)
     results.in_history(out, "check", found.data.serial_number or result.calibration.serial_number)

@@ -11,6 +11,7 @@ from cyclopts import App, CycloptsError
 
 from tumblecal import __version__
 from tumblecal.cli.interrupts import NOTHING_HALF_WRITTEN, interrupted, interrupted_by, line_of
+from tumblecal.cli.output import warn_in_one_line
 from tumblecal.ground.errors import InputError, one_line
 from tumblecal.ground.plain_text import first_control
 
@@ -63,6 +64,7 @@ def run() -> int:
     **Returns:** the exit code: 0, 1 (a fit failed), 2 (rejected input), 3 (a calibration must not be used), or 128 plus the
     number of the signal that ended it (130 for Ctrl-C).
     """
+    warn_in_one_line()
     try:
         words = _words(sys.argv[1:])
         with _printed_to(words):

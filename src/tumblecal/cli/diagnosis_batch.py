@@ -218,9 +218,11 @@ def _work(batch: Batch) -> None:
     """Prepare a worker process; interrupts are handled by the parent process."""
     global _batch
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    from tumblecal.cli.output import warn_in_one_line
     from tumblecal.cli.start import start
     from tumblecal.studies.threads import use_one_thread
 
+    warn_in_one_line()
     use_one_thread()
     start()
     batch.ready()

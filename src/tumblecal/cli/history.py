@@ -268,9 +268,10 @@ def _judged(database: Path, serial: str, limits: dict[str, float], risk: float, 
     written = ""
     if out is not None:
         from tumblecal.ground.result_set import result_set
-        from tumblecal.report.history_page import write_history_page
+        from tumblecal.report.history_page import draw_charts, write_history_page
 
         with result_set(out, _SET) as aside:
-            names = write_history_page(aside, serial, judged, risk)
+            names = draw_charts(aside, judged)
+            names += write_history_page(aside / "history.html", serial, judged, risk, names)
         written = f"\nwritten: {out}/: {', '.join(names)}"
     print(history_text(serial, judged, risk) + written)

@@ -3,6 +3,7 @@
 import os
 import shutil
 import sys
+import warnings
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -11,7 +12,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from tumblecal.ground.errors import InputError, one_line
+from tumblecal.cli.interrupts import interrupted
+from tumblecal.ground.errors import InputError, SupplementWarning, one_line
 from tumblecal.ground.plain_text import plain
 
 
@@ -19,6 +21,22 @@ def warn(source: Path | str, warnings: Iterable[str]) -> None:
     """Print warnings on stderr, one line each."""
     for warning in warnings:
         print(f"WARNING: {source}: {one_line(warning)}", file=sys.stderr)
+
+
+def warn_in_one_line() -> None:
+    """From now on a missing figure or page is one line on stderr."""
+    warnings.formatwarning = _words
+
+
+_OTHERS = warnings.formatwarning
+
+
+def _words(message: Warning | str, category: type[Warning], filename: str, lineno: int, line: str | None = None) -> str:
+    if not issubclass(category, SupplementWarning):
+        return _OTHERS(message, category, filename, lineno, line)
+    if interrupted():  # compiled modules convert the exception of a signal into other errors
+        raise KeyboardInterrupt
+    return f"WARNING: {message}\n"
 
 
 # With this option `commands.run` discards what a command prints to stdout.

@@ -133,8 +133,7 @@ def plan(
         designed = design_plan(head, wanted, entries)
     with output_folders([out]), result_set(out, earlier) as aside:
         written = write_plan(aside, designed, read_toml(file_or_example(rig)))
-        write_plan_page(aside / "plan.html", designed)
-        written.append("plan.html")
+        written += write_plan_page(aside / "plan.html", designed)
     if output.words:
         from tumblecal.report.plan_terminal import print_plan
 

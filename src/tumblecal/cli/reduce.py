@@ -239,16 +239,16 @@ def _still_reduction(
             table = reduction.table
             paths = write_reduction(table, aside, reduction.as_dict())
             if figures and reduction.stillness is not None:
-                paths.append(_drawn(reduction.stillness, aside, table.data.names))
+                paths += _drawn(reduction.stillness, aside, table.data.names)
             paths = _moved(folder, paths)
     except NothingStill as nothing:
         # In a folder with results of an earlier reduction it would look like a figure of these.
         if not figures or nothing.stillness is None or any((folder / name).exists() for name in _WRITTEN[:3]):
             raise
         with _results_folder(inputs, folder) as aside:
-            _drawn(nothing.stillness, aside)
+            shown = "".join(f"; {folder / path.name} shows it" for path in _drawn(nothing.stillness, aside))
         with guessed(getattr(nothing, "__notes__", ())):
-            raise InputError(f"{nothing}; {folder / _WRITTEN[3]} shows it") from nothing
+            raise InputError(f"{nothing}{shown}") from nothing
     for source, lines in reduction.warnings:
         warn(source, lines)
     output.say("\n".join(words(reduction)))
@@ -257,10 +257,12 @@ def _still_reduction(
     _reduced(table, Path(table.data.source), paths, output)
 
 
-def _drawn(stillness: "Stillness", folder: Path, names: tuple[str, ...] = ()) -> Path:
-    from tumblecal.report.interval_figure import draw_intervals
+def _drawn(stillness: "Stillness", folder: Path, names: tuple[str, ...] = ()) -> list[Path]:
+    """Draw the still intervals; returns the path of the figure, if it was drawn."""
+    from tumblecal.report.drawing import draw_each, save
+    from tumblecal.report.interval_figure import interval_figure
 
-    return draw_intervals(stillness, folder / "intervals.svg", names)
+    return [*draw_each(folder, {"intervals.svg": lambda: interval_figure(stillness, names)}, save).values()]
 
 
 def _reduced(table: "Reduction", source: Path, paths: list[Path], output: Output) -> None:

@@ -116,8 +116,7 @@ def thermal(
         result = thermal_calibration(reading.table, stated)
     with output_folders([out]), result_set(out, _WRITTEN) as aside:
         written = write_thermal(aside, result)
-        write_thermal_page(aside / "thermal.html", result)
-        written.append("thermal.html")
+        written += write_thermal_page(aside / "thermal.html", result)
     if output.words:
         from tumblecal.report.thermal_terminal import print_thermal
 

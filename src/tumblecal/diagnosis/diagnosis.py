@@ -17,7 +17,7 @@ from tumblecal.diagnosis.findings.determined import Combination, combinations
 from tumblecal.diagnosis.findings.effect_directions import EffectDirections, effect_directions
 from tumblecal.diagnosis.findings.factors import Factor, factors
 from tumblecal.diagnosis.findings.fold_search import chosen_anew
-from tumblecal.diagnosis.findings.gain import Gain, gain
+from tumblecal.diagnosis.findings.gain import Gain, gain, testable_folds
 from tumblecal.diagnosis.findings.in_use import in_use
 from tumblecal.diagnosis.findings.limits import DetectionLimit, Invisible, Unseen, invisible, limits, unseen
 from tumblecal.diagnosis.findings.location import Located
@@ -95,11 +95,12 @@ class Diagnosis(Pickled, Shown):
     @cached_property
     def gain(self) -> Gain:
         """Improvement of the extended model for held-out data."""
+        groups, kind = testable_folds(self.extended, *self.fold)
         with single_blas_thread():
             # The selection is repeated among causes only; processes (lack of fit) remain.
             anew = self.nested and self.members and self.best.members
-            errors = chosen_anew(self.screened, self.fold[0]) if anew else None
-            return gain(self.nominal, self.extended, *self.fold, errors)
+            errors = chosen_anew(self.screened, groups) if anew else None
+            return gain(self.nominal, self.extended, groups, kind, errors)
 
     @cached_property
     def limits(self) -> dict[str, DetectionLimit]:

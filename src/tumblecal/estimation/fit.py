@@ -155,14 +155,19 @@ class Fit(Pickled, Shown):
         return float(np.sqrt(np.sum(self.residuals[self.retained] ** 2) / self.dof)) if self.dof > 0 else float("nan")
 
     @property
+    def used(self) -> Bool[np.ndarray, " columns"]:
+        """Mask of the columns of the Jacobian on which the fit depends: not, for example, the tilts of an excluded position."""
+        return np.any(self.jacobian, axis=0)
+
+    @property
     def parameters(self) -> int:
         """Number of fitted parameters, those without a name (generic terms) included."""
-        return self.jacobian.shape[1] or len(self.names)
+        return int(np.sum(self.used)) or len(self.names)
 
     @cached_property
     def column_space(self) -> Float[np.ndarray, "rows parameters"]:
         """Orthonormal basis of the column space of the Jacobian."""
-        return np.linalg.qr(self.jacobian)[0]
+        return np.linalg.qr(self.jacobian[:, self.used])[0]
 
     @property
     def rms(self) -> float:

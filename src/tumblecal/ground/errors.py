@@ -43,6 +43,10 @@ class InputError(ValueError):
         return InputError, (self.faults,)
 
 
+class SupplementWarning(UserWarning):
+    """A figure or page is missing or incomplete; the results are complete."""
+
+
 def _short(fault: str) -> str:
     fault = one_line(fault)
     return fault if len(fault) <= _LONGEST else f"{fault[: _LONGEST - _TAIL]} ... {fault[-_TAIL:]}"

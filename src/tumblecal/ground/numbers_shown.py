@@ -28,7 +28,7 @@ def _p_digits(p_value: float) -> str:
 
 def capped(value: float, form: str, most: float = 1000.0) -> str:
     """A number in this format, or the bound `> 1000` or `< -1000` if it is larger than that."""
-    return format(value, form) if abs(value) <= most else f"{'>' if value > 0 else '< -'}{' ' * (value > 0)}{most:g}"
+    return format(value, form) if abs(value) <= most else f"{'> ' if value > 0 else '< -'}{most:g}"
 
 
 def decimals(u: float) -> int:

@@ -1,11 +1,13 @@
 """An uncertainty budget: `budget.json`, tables, a figure and a page."""
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
+from matplotlib.figure import Figure
 
 from tumblecal.budget.budget import Budget
 from tumblecal.budget.monte_carlo import MonteCarlo
@@ -16,8 +18,8 @@ from tumblecal.ground.atomic import write_text
 from tumblecal.ground.json_file import json_text
 from tumblecal.ground.numbers_shown import decimals, rounded, with_decimals
 from tumblecal.ground.units import shown
-from tumblecal.report.drawing import INK, new_figure, save
-from tumblecal.report.page import Section, inline_figure, write_page
+from tumblecal.report.drawing import INK, draw_each, new_figure, save
+from tumblecal.report.page import Section, inline_figure, page, write_page
 from tumblecal.report.tables import Table
 from tumblecal.report.verdict import Verdict
 
@@ -33,17 +35,25 @@ _COLOURS = ("#b8b8b8", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#
 
 
 def write_budget(folder: Path, budget: Budget, checked: MonteCarlo | None, notes: Sequence[str] = ()) -> list[str]:
-    """Write budget.json, budget.svg and budget.html; returns their names.
+    """Write budget.json, budget.svg and budget.html; returns the names of those written.
 
     `notes`: reservations about the fit, for the page.
     """
     write_text(folder / "budget.json", json_text(budget_content(budget, checked)))
-    figure = _drawn(folder / "budget.svg", budget)
+    drawn = draw_each(folder, {"budget.svg": partial(_shares_figure, budget)}, save)
+    return ["budget.json", *drawn, *_write_page(folder / "budget.html", budget, checked, notes, [*drawn.values()])]
+
+
+@page
+def _write_page(
+    path: Path, budget: Budget, checked: MonteCarlo | None, notes: Sequence[str], figures: Sequence[Path]
+) -> None:
     alone = [Section("Independent of the mounting", tables=[intrinsic_table(budget)])] if one_sensor(budget.fit) else []
+    drawn = [inline_figure(figure, _CAPTION) for figure in figures]
     sections = [
         Section("Expanded uncertainties", [combined_words(budget)], tables=[combined_table(budget)]),
         *alone,
-        Section("Contributions", tables=[contributions_table(budget)], figures=[inline_figure(figure, _CAPTION)]),
+        Section("Contributions", tables=[contributions_table(budget)], figures=drawn),
         Section("Inputs", tables=[inputs_table(budget)]),
     ]
     if checked is not None:
@@ -52,8 +62,7 @@ def write_budget(folder: Path, budget: Budget, checked: MonteCarlo | None, notes
     name = Path(budget.fit.data.source).name
     lead = f"{len(budget.fit.data)} positions, {len(budget.inputs)} inputs in addition to the noise."
     verdict = Verdict("", advice(budget), evidence=tuple(notes))
-    write_page(folder / "budget.html", f"Uncertainty budget of {name}", lead, verdict, sections)
-    return ["budget.json", "budget.svg", "budget.html"]
+    write_page(path, f"Uncertainty budget of {name}", lead, verdict, sections)
 
 
 _CAPTION = "Share of each input in the variance of each parameter."
@@ -238,7 +247,7 @@ def budget_text(budget: Budget, checked: MonteCarlo | None) -> str:
     return "\n".join(map(str, parts))
 
 
-def _drawn(path: Path, budget: Budget) -> Path:
+def _shares_figure(budget: Budget) -> Figure:
     places = budget.fit.shared
     shares = np.vstack([budget.type_a, budget.sizes])[:, places] ** 2 / budget.combined[places] ** 2
     figure = new_figure(7.5, 0.24 * len(places) + 1.2)
@@ -256,4 +265,4 @@ def _drawn(path: Path, budget: Budget) -> Path:
     axis.set_xlim(0, 100)
     axis.set_xlabel("share of the variance / %", color=INK)
     axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
-    return save(figure, path)
+    return figure

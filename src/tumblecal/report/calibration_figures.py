@@ -1,5 +1,6 @@
 """Figures of a calibration: residuals by position, and the methods side by side."""
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,7 @@ from matplotlib.figure import Figure
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.methods import Calibrated
 from tumblecal.report.calibration_words import TITLES
-from tumblecal.report.drawing import AXIS_COLOUR, BAND, INK, METHOD_COLOUR, new_figure, save
+from tumblecal.report.drawing import AXIS_COLOUR, BAND, INK, METHOD_COLOUR, draw_each, new_figure, save
 
 
 # Differences up to this many standard uncertainties have a linear scale; the band of 1 u is drawn if the data reach it.
@@ -16,12 +17,11 @@ _LINEAR, _BAND_SEEN = 10.0, 0.8
 
 
 def draw_calibration(folder: Path, calibrated: Calibrated) -> list[str]:
-    """Draw `residuals.svg`, and `methods.svg` if other methods apply, into `folder`; returns their names."""
-    save(residuals_figure(calibrated.exact), folder / "residuals.svg")
-    if len(calibrated.fits) == 1:
-        return ["residuals.svg"]
-    save(methods_figure(calibrated), folder / "methods.svg")
-    return ["residuals.svg", "methods.svg"]
+    """Draw `residuals.svg`, and `methods.svg` if other methods apply, into `folder`; returns the names of those drawn."""
+    figures = {"residuals.svg": partial(residuals_figure, calibrated.exact)}
+    if len(calibrated.fits) > 1:
+        figures["methods.svg"] = partial(methods_figure, calibrated)
+    return [*draw_each(folder, figures, save)]
 
 
 def residuals_figure(exact: Fit) -> Figure:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +29,7 @@ from tumblecal.report.calibration_words import (
     wrong_methods,
 )
 from tumblecal.report.finding_figures import overview_figure
-from tumblecal.report.page import PageFigure, Section, inline_drawing, inline_figure, write_page
+from tumblecal.report.page import PageFigure, Section, chosen, inline_figure, page, write_page
 from tumblecal.report.result_file import calibration_of, strong_correlations
 from tumblecal.report.tables import Table
 from tumblecal.report.verdict import Finding, Unresolved, Verdict, as_sentence, command_at_end, ended
@@ -57,24 +58,24 @@ _CONTRADICTED = (
 _MOST_PAIRS = 8
 
 
-def write_calibration_page(path: Path, calibrated: Calibrated, figures: Sequence[str]) -> Path:
+@page
+def write_calibration_page(path: Path, calibrated: Calibrated, figures: Sequence[str]) -> None:
     """Write the page.
 
     `path`: the HTML file. `figures`: names of the SVG files in the same folder; they are inserted into the page.
     """
-    exact, judged = calibrated.exact, calibrated.judgements
+    exact, judged, verdict = calibrated.exact, calibrated.judgements, calibration_verdict(calibrated)
     drawn = {name: inline_figure(path.parent / name, _CAPTIONS[name]) for name in figures}
     write_page(
         path,
         f"Calibration of {Path(exact.data.source).name}",
         _lead(exact),
-        calibration_verdict(calibrated),
-        list(_sections(calibrated, drawn, path.parent)),
+        verdict,
+        _sections(calibrated, drawn, path.parent),
         tone=judged[0].tone,
         values=sensor_values(exact),
-        pictures=dict.fromkeys((0, 1), inline_drawing(overview_figure(exact), "overview")),
+        pictures={min(1, len(verdict.found)): partial(overview_figure, exact)},
     )
-    return path
 
 
 def _lead(exact: Fit) -> str:
@@ -161,13 +162,13 @@ def _sections(calibrated: Calibrated, drawn: dict[str, PageFigure], folder: Path
         ],
         tables=[_parameters(exact)],
     )
-    yield Section("Residuals", figures=[drawn[name] for name in ("residuals.svg",) if name in drawn])
+    yield Section("Residuals", figures=chosen(drawn, "residuals.svg"))
     yield from _weak(exact)
     yield Section(
         "Methods",
         words=list(methods_words(calibrated)),
         tables=[_methods(calibrated)] if len(calibrated.fits) > 1 else [],
-        figures=[drawn[name] for name in ("methods.svg",) if name in drawn],
+        figures=chosen(drawn, "methods.svg"),
     )
     if exact.code.good and one_sensor(exact):
         yield _applied(calibration_of(exact, calibrated.entries), folder)

@@ -1,5 +1,6 @@
 """`check.html`: a check on one screen: verdict, size of gravity at each attitude, detection limits, next steps."""
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from tumblecal.data.sensor_parameters import SENSOR
 from tumblecal.report.check_verdict import TONES
 from tumblecal.report.check_words import attitudes_words
 from tumblecal.report.drawing import BAND, INK, MUTED, OUTSIDE, new_figure
-from tumblecal.report.page import Section, inline_drawing, write_page
+from tumblecal.report.page import Section, page, write_page
 from tumblecal.report.tables import Table
 from tumblecal.report.verdict import Verdict
 
@@ -21,14 +22,15 @@ from tumblecal.report.verdict import Verdict
 _MOST_NAMES, _ROOM = 16, 26
 
 
+@page
 def write_check_page(path: Path, result: CheckResult, verdict: Verdict) -> None:
     """Write the page."""
     serial = result.data.serial_number or result.calibration.serial_number
     unit = f"serial number {serial}, " if serial else ""
     if len(verdict.found) > 1:
-        drawn = {1: size_figure(result), 2: limit_figure(result)}
+        cards = {1: partial(size_figure, result), 2: partial(limit_figure, result)}
     else:
-        drawn = {len(verdict.found): check_figure(result)}
+        cards = {len(verdict.found): partial(check_figure, result)}
     write_page(
         path,
         f"Check of {result.path.name}",
@@ -36,7 +38,7 @@ def write_check_page(path: Path, result: CheckResult, verdict: Verdict) -> None:
         verdict,
         [Section("Conditions", tables=[Table(("", ""), list(verdict.details), text=(0, 1))])],
         tone=TONES[result.outcome],
-        pictures={number: inline_drawing(figure, f"check{number}") for number, figure in drawn.items()},
+        pictures=cards,
     )
 
 

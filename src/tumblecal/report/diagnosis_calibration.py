@@ -45,7 +45,7 @@ def not_written(diagnosis: Diagnosis) -> str:
         return f"the data must be corrected first ({labels})"
     if not fit.code.good:
         return "the exact fit did not converge"
-    if not says_something(fit):
+    if not says_something(fit, diagnosis.model.nominal):
         return "some parameters are not determined together with the causes found"
     return "" if one_sensor(fit) else "the model has no single sensor (dK, bias and gamma, one for all data)"
 

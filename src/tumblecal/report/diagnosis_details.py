@@ -145,8 +145,8 @@ def shifts(diagnosis: Diagnosis) -> dict[str, dict[str, Any]]:
         listed[name] = {
             "shift": float(change[k] * scale),
             "unit": unit,
-            "in_sd": float(change[k] / u[k]) if u[k] > 0 else 0.0,
-            "determined": name not in undetermined,
+            "in_sd": 0.0 if used.idle[k] else float(change[k] / u[k]),
+            "determined": name not in undetermined and not used.idle[k],
         }
     return listed
 

@@ -1,6 +1,7 @@
 """Figures of a diagnosis: residuals against all recorded variables, their harmonics, and the list of all figures."""
 
 import textwrap
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,7 +17,7 @@ from tumblecal.estimation.fit import Fit
 from tumblecal.ground.axes import AXES
 from tumblecal.report.cause_words import label_words
 from tumblecal.report.diagnosis_tables import leading
-from tumblecal.report.drawing import AXIS_COLOUR, INK, MUTED, OUTSIDE, Margins, new_figure, new_panels, save
+from tumblecal.report.drawing import AXIS_COLOUR, INK, MUTED, OUTSIDE, Margins, draw_each, new_figure, new_panels, save
 from tumblecal.report.evidence_figures import limits_figure, predictive_figure
 from tumblecal.report.finding_figures import finding_signals, large_figure
 from tumblecal.report.unnamed_figure import unnamed_figure
@@ -36,6 +37,10 @@ _RUN_MARKERS = "os^Dv"
 
 def draw_all(diagnosis: Diagnosis, folder: Path) -> list[str]:
     """Draw all figures of a diagnosis into `folder` (SVG); returns the names of those drawn."""
+    findings = {
+        f"finding_{number}.svg": partial(large_figure, signal, _noise(diagnosis, signal.axis))
+        for number, signal in finding_signals(diagnosis).items()
+    }
     figures = {
         "unexplained.svg": unnamed_figure,
         "residuals_by_angle.svg": angle_figure,
@@ -44,15 +49,8 @@ def draw_all(diagnosis: Diagnosis, folder: Path) -> list[str]:
         "predictive.svg": predictive_figure,
         "limits.svg": limits_figure,
     }
-    drawn = [
-        save(large_figure(signal, _noise(diagnosis, signal.axis)), folder / f"finding_{number}.svg").name
-        for number, signal in finding_signals(diagnosis).items()
-    ]
-    for name, figure_of in figures.items():
-        figure = figure_of(diagnosis)
-        if figure is not None:
-            drawn.append(save(figure, folder / name).name)
-    return drawn
+    others = {name: partial(figure_of, diagnosis) for name, figure_of in figures.items()}
+    return [*draw_each(folder, findings | others, save)]
 
 
 def angle_figure(diagnosis: Diagnosis) -> Figure:

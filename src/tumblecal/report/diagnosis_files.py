@@ -112,11 +112,11 @@ def _with(one: object, *properties: str) -> dict:
 
 def _parameters(diagnosis: Diagnosis) -> dict[str, dict]:
     """Each parameter that is not of one position, as calibration.json states it, base units: value, standard uncertainty `u`
-    and its contributions, which add in quadrature."""
+    (None if no position in the fit depends on it) and its contributions, which add in quadrature."""
     used, model = diagnosis.in_use, diagnosis.model
     sd, parts = used.sd, used.parts
     return {
-        name: {"value": float(used.values[k]), "u": float(sd[k]), "unit": model.units[k]}
+        name: {"value": float(used.values[k]), "u": None if used.idle[k] else float(sd[k]), "unit": model.units[k]}
         | {part: float(sizes[k]) for part, sizes in parts.items()}
         for k, name in enumerate(model.names)
         if not model.layout.of_positions[k]
@@ -200,5 +200,5 @@ def write_diagnosis(
         from tumblecal.report.diagnosis_page import write_diagnosis_page
 
         drawn = draw_all(diagnosis, folder)
-        names += [*drawn, write_diagnosis_page(folder / "diagnosis.html", diagnosis, plan, drawn, verdict).name]
+        names += [*drawn, *write_diagnosis_page(folder / "diagnosis.html", diagnosis, plan, drawn, verdict)]
     return names

@@ -16,7 +16,7 @@ from tumblecal.report.cause_words import label_words
 from tumblecal.report.diagnosis_details import CAUSES, CHANGES, GAIN, HELD, LACKING, UNCERTAINTIES, UNDETERMINED
 from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
 from tumblecal.report.finding_figures import FindingSignal, card_figures, finding_signals
-from tumblecal.report.page import TONES, PageFigure, Section, inline_drawing, inline_figure, write_page
+from tumblecal.report.page import TONES, PageFigure, Section, chosen, inline_figure, page, write_page
 from tumblecal.report.tables import Table
 from tumblecal.report.unnamed_figure import CAPTION as UNNAMED_CAPTION
 from tumblecal.report.verdict import NOT_TESTABLE, UNDETECTABLE, Verdict
@@ -51,9 +51,10 @@ _OF_CALIBRATION = (UNDETERMINED, UNCERTAINTIES, HELD, LACKING)
 _IN_TABLES = (CHANGES, GAIN, CAUSES, UNDETECTABLE, NOT_TESTABLE)
 
 
+@page
 def write_diagnosis_page(
     path: Path, diagnosis: Diagnosis, plan: NextPlan, figures: Sequence[str], verdict: Verdict | None = None
-) -> Path:
+) -> None:
     """Write the page.
 
     `path`: the HTML file. `diagnosis`; `plan`: what to measure next. `figures`: names of the SVG files in the same folder; they
@@ -68,13 +69,12 @@ def write_diagnosis_page(
         f"Diagnosis of {verdict.source}",
         _lead(diagnosis),
         verdict,
-        list(_sections(diagnosis, drawn, dict(verdict.details))),
+        _sections(diagnosis, drawn, dict(verdict.details)),
         tone=TONES[diagnosis.verdict],
-        pictures={k: inline_drawing(figure, f"card_{k}") for k, figure in card_figures(diagnosis).items()},
+        pictures=card_figures(diagnosis, signals),
         plans=list(_plans(plan)),
         values=[] if diagnosis.calibration is None else sensor_values(diagnosis.in_use.as_fit),
     )
-    return path
 
 
 def _caption(diagnosis: Diagnosis, signals: dict[int, FindingSignal], verdict: Verdict, name: str) -> str:
@@ -119,7 +119,7 @@ def _sections(diagnosis: Diagnosis, drawn: dict[str, PageFigure], details: dict[
         "Evidence",
         words=[*([_GAIN] if inserted else []), *_outside(diagnosis)],
         tables=[tables.gain_table(diagnosis)] if inserted else [],
-        figures=_chosen(drawn, "predictive.svg"),
+        figures=chosen(drawn, "predictive.svg"),
     )
     yield Section(
         "Alternatives",
@@ -131,7 +131,7 @@ def _sections(diagnosis: Diagnosis, drawn: dict[str, PageFigure], details: dict[
     yield Section(
         "Residuals",
         words=[*([_COMPONENTS] if found else []), *([_NO_HARMONICS] if lacking else [])],
-        figures=_chosen(drawn, "unexplained.svg", *found, *_OF_RESIDUALS),
+        figures=chosen(drawn, "unexplained.svg", *found, *_OF_RESIDUALS),
     )
     changed = [f"{name}: {details[name]}" for name in _OF_CALIBRATION if name in details]
     yield Section(
@@ -173,10 +173,6 @@ _ABSORBED = (
 )
 
 
-def _chosen(drawn: dict[str, PageFigure], *names: str) -> list[PageFigure]:
-    return [drawn[name] for name in names if name in drawn]
-
-
 def _outside(diagnosis: Diagnosis) -> Iterator[str]:
     """Posterior predictive check: the statistics outside their limits, before and after."""
     for name, checks in (("nominal", diagnosis.checks), ("extended", diagnosis.checks_after)):
@@ -187,7 +183,7 @@ def _outside(diagnosis: Diagnosis) -> Iterator[str]:
 
 
 def _limits(diagnosis: Diagnosis, drawn: dict[str, PageFigure]) -> Section:
-    figures = [replace(figure, on_paper=False) for figure in _chosen(drawn, "limits.svg")]
+    figures = [replace(figure, on_paper=False) for figure in chosen(drawn, "limits.svg")]
     listed = [replace(tables.limits_table(diagnosis), folded=bool(figures))] if diagnosis.limits else []
     parts = {tables.invisible_table: diagnosis.invisible, tables.not_testable_table: diagnosis.model.not_testable}
     return Section(

@@ -132,8 +132,14 @@ def parameters_table(diagnosis: Diagnosis) -> Table:
             used.sd[k],
             *(part[k] for part in used.parts.values()),
         ]
-        change = [capped((used.values[k] - before) / used.sd[k], "+z.1f")] if inserted else []
-        rows.append([name, unit, *(with_decimals(value * scale, places) for value in values), *change])
+        change = 0.0 if used.idle[k] else (used.values[k] - before) / used.sd[k]
+        cells = [
+            *(with_decimals(value * scale, places) for value in values),
+            *[capped(change, "+z.1f")][: int(inserted)],
+        ]
+        if used.idle[k]:
+            cells[inserted:] = ["not determined", *[""] * (len(cells) - inserted - 1)]
+        rows.append([name, unit, *cells])
     values, change = (["nominal model", "as written"], ["change / u"]) if inserted else (["value"], [])
     return Table(["parameter", "unit", *values, *_UNCERTAINTY, *change], rows, text=(1,))
 

@@ -1,8 +1,9 @@
 """Style of all figures, and writing them: SVG, no display needed, reproducible to the bit."""
 
 import io
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import matplotlib
 import numpy as np
@@ -14,6 +15,7 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from tumblecal.ground.atomic import write_text, written_aside
+from tumblecal.ground.supplement import supplement
 
 
 # Colours that colour-blind readers distinguish, also in grey (Okabe and Ito 2008).
@@ -92,20 +94,42 @@ def _write_svg(figure: Figure, to: Path | io.StringIO) -> None:
     FigureCanvasSVG(figure).print_svg(to, metadata={"Date": None, "Creator": "tumblecal"})
 
 
-def inline(figure: Figure) -> str:
-    """A figure as SVG text for insertion into a page."""
+def svg_text(figure: Figure) -> str:
+    """A figure as the text of an SVG file."""
     text = io.StringIO()
     _write_svg(figure, text)
-    svg = text.getvalue()
-    return svg[svg.index("<svg") :]
+    return text.getvalue()
+
+
+_Drawn = TypeVar("_Drawn")
+
+
+def draw_each(
+    folder: Path,
+    figures: Mapping[str, Callable[[], Figure | None]],
+    put: Callable[[Figure, Path], _Drawn],
+) -> dict[str, _Drawn]:
+    """Draw each figure, without those that are None or fail (see `supplement`).
+
+    **Arguments:**
+
+    - `folder`, `figures`: file, and the function that makes the figure, by name. `put`: saves it or makes its text.
+
+    **Returns:** what `put` returns, by name.
+    """
+    drawn = {}
+    for name, figure_of in figures.items():
+        with supplement(folder / name):
+            figure = figure_of()
+            if figure is not None:
+                drawn[name] = put(figure, folder / name)
+    return drawn
 
 
 def save(figure: Figure, path: Path) -> Path:
     """Write a complete figure (SVG or PNG by the name), or none."""
     if path.suffix == ".svg":
-        text = io.StringIO()
-        _write_svg(figure, text)
-        write_text(path, text.getvalue())
+        write_text(path, svg_text(figure))
         return path
     with written_aside(path) as aside:
         figure.savefig(aside, format=path.suffix[1:], metadata={"Software": "tumblecal"})

@@ -1,6 +1,7 @@
 """Each finding's signal in the readings against the variable that drives it, and its figures: without and with the cause."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +14,7 @@ from tumblecal.diagnosis.causes.cause import Cause, id_of
 from tumblecal.diagnosis.refine.insert import fit_with
 from tumblecal.estimation.fit import Fit
 from tumblecal.ground.axes import AXES
+from tumblecal.ground.supplement import supplement
 from tumblecal.report.diagnosis_verdict import findings_of_causes, first_unnamed
 from tumblecal.report.drawing import AXIS_COLOUR, BAND, INK, MUTED, OUTSIDE, new_figure
 from tumblecal.report.unnamed_figure import small_unnamed_figure
@@ -48,8 +50,11 @@ class FindingSignal(NamedTuple):
 
 
 def finding_signals(diagnosis: Diagnosis) -> dict[int, FindingSignal]:
-    """The signal of each finding of the best explanation by its number, the largest first."""
-    signals = {number: _signal(diagnosis, causes) for number, causes in findings_of_causes(diagnosis).items()}
+    """The signal of each finding of the best explanation by its number, the largest first, without those that fail."""
+    signals = dict[int, FindingSignal]()
+    for number, causes in findings_of_causes(diagnosis).items():
+        with supplement(f"{diagnosis.data.source}: figure of finding {number}"):
+            signals[number] = _signal(diagnosis, causes)
     return dict(sorted(signals.items(), key=lambda item: -item[1].size))
 
 
@@ -162,12 +167,12 @@ def _smooth(across: Values, signal: Values, *, circular: bool) -> tuple[float, t
 _BEFORE, _AFTER, _CURVE, _LEFT_OUT = "without this effect", "with it", "fitted effect", "excluded from the fit"
 
 
-def card_figures(diagnosis: Diagnosis) -> dict[int, Figure]:
-    """Figures for the cards by number of the finding; 0: for the card of a verdict without a finding."""
-    drawn = {number: small_figure(signal) for number, signal in finding_signals(diagnosis).items()}
+def card_figures(diagnosis: Diagnosis, signals: Mapping[int, FindingSignal]) -> dict[int, Callable[[], Figure]]:
+    """Functions that draw the cards, by number of the finding; 0: the card of a verdict without a finding."""
+    figures: dict[int, Callable[[], Figure]] = {number: partial(small_figure, signals[number]) for number in signals}
     if diagnosis.unnamed is not None:
-        drawn[first_unnamed(diagnosis)] = small_unnamed_figure(diagnosis, diagnosis.unnamed)
-    return drawn or {0: overview_figure(diagnosis.nominal)}
+        figures[first_unnamed(diagnosis)] = partial(small_unnamed_figure, diagnosis, diagnosis.unnamed)
+    return figures or {0: partial(overview_figure, diagnosis.nominal)}
 
 
 def small_figure(signal: FindingSignal) -> Figure:

@@ -1,8 +1,11 @@
 """All files of units on one head: record, verdict, head.toml, and the page with its figure and a table of units and effects."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
+
+from matplotlib.figure import Figure
 
 from tumblecal.diagnosis.units import JointDiagnosis
 from tumblecal.effects import Catalogue
@@ -11,6 +14,7 @@ from tumblecal.ground.json_file import json_text
 from tumblecal.ground.numbers_shown import rounded, rounded_together
 from tumblecal.report.cause_words import label_words
 from tumblecal.report.diagnosis_files import SCHEMA
+from tumblecal.report.drawing import INK, MUTED, OUTSIDE, draw_each, new_figure, save
 from tumblecal.report.head_amounts import (
     UnitRows,
     level_sizes,
@@ -22,7 +26,7 @@ from tumblecal.report.head_amounts import (
     spread_sizes,
 )
 from tumblecal.report.head_words import explanation_words, session, units_text, units_verdict
-from tumblecal.report.page import TONES, PageFigure, Section, inline_figure, write_page
+from tumblecal.report.page import TONES, PageFigure, Section, inline_figure, page, write_page
 from tumblecal.report.tables import Table
 
 
@@ -45,7 +49,10 @@ def write_units(
     write_texts(folder, texts)
     names = [*texts]
     names.insert(2, "summary.csv")  # written by the command
-    return [*names, *(write_head_page(folder, found, units, entries) if figures else [])]
+    if not figures:
+        return names
+    drawn = [*draw_each(folder, {_FIGURE: partial(shared_figure, found, entries)}, save)]
+    return [*names, *drawn, *write_head_page(folder / "diagnosis.html", found, units, entries, drawn)]
 
 
 def record(found: JointDiagnosis, units: UnitRows, entries: Catalogue, text: str) -> dict[str, Any]:
@@ -125,23 +132,21 @@ _CAPTION = (
 )
 
 
-def write_head_page(folder: Path, found: JointDiagnosis, units: UnitRows, entries: Catalogue) -> list[str]:
-    """Write the page and its figure; returns the files' names."""
-    names = []
-    if found.shared:
-        _draw(folder / _FIGURE, found, entries)
-        names.append(_FIGURE)
-    figures = [inline_figure(folder / name, _CAPTION) for name in names]
+@page
+def write_head_page(
+    path: Path, found: JointDiagnosis, units: UnitRows, entries: Catalogue, figures: Sequence[str]
+) -> None:
+    """Write the page; `figures`: names of the SVG files in its folder."""
+    drawn = [inline_figure(path.parent / name, _CAPTION) for name in figures]
     positions = sum(len(unit.at.problem.readings) for unit in found.batch.units)
     write_page(
-        folder / "diagnosis.html",
+        path,
         session(found, len(units)),
         f"{positions} positions of {len(units)} units.",
         units_verdict(found, units, entries),
-        list(_sections(found, units, entries, figures)),
+        _sections(found, units, entries, drawn),
         tone=TONES[found.verdict],
     )
-    return [*names, "diagnosis.html"]
 
 
 def _sections(
@@ -245,9 +250,10 @@ def _sizes_by_unit(found: JointDiagnosis, number: int, entries: Catalogue) -> It
         yield ", ".join(rounded_together(size["value"], size["sd"]) for size in sizes)
 
 
-def _draw(path: Path, found: JointDiagnosis, entries: Catalogue) -> None:
-    from tumblecal.report.drawing import INK, MUTED, OUTSIDE, new_figure, save
-
+def shared_figure(found: JointDiagnosis, entries: Catalogue) -> Figure | None:
+    """Estimates of the common errors by each unit; None if there are none."""
+    if not found.shared:
+        return None
     coefficients = shared_coefficients(found, entries)
     names = [name for signal in found.shared for name in signal.slot.names][:_MOST_PANELS]
     estimates = [own_estimates(found, number, entries) for number in range(len(found.batch.units))]
@@ -265,4 +271,4 @@ def _draw(path: Path, found: JointDiagnosis, entries: Catalogue) -> None:
         panel.set_ylabel(f"{name}\n{size['unit']}")
     axes[-1].xaxis.get_major_locator().set_params(integer=True)
     axes[-1].set_xlabel("unit, in the order of the files")
-    save(figure, path)
+    return figure

@@ -1,14 +1,17 @@
 """`history.html`: control charts, repeatability and drift of a unit on one page."""
 
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
+from matplotlib.figure import Figure
 
 from tumblecal.data.sensor_parameters import GROUPS, leaf_of
 from tumblecal.ground.units import shown
 from tumblecal.history.repeatability import Trend, UnitHistory
-from tumblecal.report.drawing import BAND, INK, MUTED, OUTSIDE, new_figure, save
+from tumblecal.report.drawing import BAND, INK, MUTED, OUTSIDE, draw_each, new_figure, save
 from tumblecal.report.history_list import listed
 from tumblecal.report.history_words import (
     control_words,
@@ -19,7 +22,7 @@ from tumblecal.report.history_words import (
     trends_table,
     uncertainty_words,
 )
-from tumblecal.report.page import Section, inline_figure, write_page
+from tumblecal.report.page import Section, inline_figure, page, write_page
 from tumblecal.report.verdict import Finding, Unresolved, Verdict, as_sentence
 
 
@@ -32,23 +35,28 @@ _CAPTION = (
 _MOST_DATES = 8
 
 
-def write_history_page(folder: Path, serial: str, history: UnitHistory, risk: float) -> list[str]:
-    """Draw the control charts and write the page; returns their names."""
-    charts = [_chart(folder, leaf, history) for leaf in GROUPS if any(leaf_of(t.name) == leaf for t in history.trends)]
+def draw_charts(folder: Path, history: UnitHistory) -> list[str]:
+    """Draw the control charts; returns the names of those drawn."""
+    leaves = [leaf for leaf in GROUPS if any(leaf_of(trend.name) == leaf for trend in history.trends)]
+    return [*draw_each(folder, {f"history_{leaf}.svg": partial(_chart, leaf, history) for leaf in leaves}, save)]
+
+
+@page
+def write_history_page(path: Path, serial: str, history: UnitHistory, risk: float, charts: Sequence[str]) -> None:
+    """Write the page; `charts`: names of the control charts in its folder."""
     write_page(
-        folder / "history.html",
+        path,
         f"History of {serial}",
         f"{len(history.entries)} independent results{f', {history.months:.1f} months' if history.months else ''}.",
         _verdict(history, risk),
         [
             Section("Repeatability", tables=[repeats_table(history)]),
-            Section("Control charts", figures=[inline_figure(chart, _CAPTION) for chart in charts]),
+            Section("Control charts", figures=[inline_figure(path.parent / name, _CAPTION) for name in charts]),
             Section("Drift", tables=[trends_table(history)]),
             Section("Results", tables=[listed(history.entries)]),
         ],
         tone="bad" if flags(history) else "good",
     )
-    return [*(chart.name for chart in charts), "history.html"]
 
 
 def _verdict(history: UnitHistory, risk: float) -> Verdict:
@@ -70,7 +78,7 @@ def _verdict(history: UnitHistory, risk: float) -> Verdict:
     )
 
 
-def _chart(folder: Path, leaf: str, history: UnitHistory) -> Path:
+def _chart(leaf: str, history: UnitHistory) -> Figure:
     """The control charts of one kind of parameter."""
     trends = [trend for trend in history.trends if leaf_of(trend.name) == leaf]
     figure = new_figure(7.5, 1.5 * len(trends) + 0.6)
@@ -88,7 +96,7 @@ def _chart(folder: Path, leaf: str, history: UnitHistory) -> Path:
         panels[-1].xaxis.set_major_formatter(ConciseDateFormatter(locator))
     else:
         panels[-1].locator_params(axis="x", integer=True)
-    return save(figure, folder / f"history_{leaf}.svg")
+    return figure
 
 
 def _draw(panel, across: list, trend: Trend) -> None:

@@ -1,19 +1,18 @@
 """The still intervals over the signal: the first answer to "why does my fit fail?"."""
 
-from pathlib import Path
-
 import numpy as np
+from matplotlib.figure import Figure
 
 from tumblecal.capture.still.stillness import Stillness
-from tumblecal.report.drawing import AXIS_COLOUR, MUTED, OUTSIDE, new_figure, save
+from tumblecal.report.drawing import AXIS_COLOUR, MUTED, OUTSIDE, new_figure
 
 
 _MOST_POINTS, _MOST_NAMES = 4000, 60
 _USED = "#d5ead8"
 
 
-def draw_intervals(stillness: Stillness, path: Path, names: tuple[str, ...] = ()) -> Path:
-    """Draw the accelerations with the intervals used (green), refused (red edge), and what each is called."""
+def interval_figure(stillness: Stillness, names: tuple[str, ...] = ()) -> Figure:
+    """The accelerations with the intervals used (green), refused (red edge), and what each is called."""
     blocks = stillness.blocks
     step = max(1, len(blocks) // _MOST_POINTS)
     rows = slice(None, len(blocks) // step * step)
@@ -41,4 +40,4 @@ def draw_intervals(stillness: Stillness, path: Path, names: tuple[str, ...] = ()
     axes.set_xlabel("time, s")
     axes.set_ylabel(f"acceleration, {blocks.unit.replace('ms2', 'm/s²')}")
     axes.legend(loc="upper right", ncols=3)
-    return save(figure, path)
+    return figure

@@ -4,9 +4,11 @@ It begins with a verdict: badge and headline, use, evidence, a card for each fin
 """
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial, wraps
 from pathlib import Path
+from typing import Concatenate, ParamSpec, TypeVar
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
@@ -14,7 +16,8 @@ from matplotlib.figure import Figure
 
 from tumblecal import __version__
 from tumblecal.ground.atomic import write_text
-from tumblecal.report.drawing import inline
+from tumblecal.ground.supplement import supplement
+from tumblecal.report.drawing import draw_each, svg_text
 from tumblecal.report.tables import Table
 from tumblecal.report.verdict import COMMAND, Verdict
 
@@ -23,6 +26,8 @@ from tumblecal.report.verdict import COMMAND, Verdict
 TONES = {"adequate": "good", "identified": "named", "ambiguous": "open", "unexplained": "bad"}
 # Characters of next steps that the first screen has room for; the rest is folded.
 _ROOM = 1000
+_Content = ParamSpec("_Content")
+_Result = TypeVar("_Result")
 _SHARE = re.compile(r"0?\.\d+|1\.0*|[01]")
 
 
@@ -69,9 +74,22 @@ def inline_figure(path: Path, caption: str) -> PageFigure:
     return PageFigure(_named(path.read_text(encoding="utf-8"), path.stem), caption)
 
 
-def inline_drawing(figure: Figure, name: str) -> str:
-    """A figure as SVG text for a page on which no other figure has this `name`."""
-    return _named(inline(figure), name)
+def inline_drawing(figure: Figure, path: Path) -> str:
+    """A figure as SVG text for a page on which no other figure has the name of this `path`."""
+    return _named(svg_text(figure), path.stem)
+
+
+def inline_each(
+    path: Path, result: _Result, figures: Iterable[tuple[str, Callable[[_Result], Figure]]], captions: Mapping[str, str]
+) -> dict[str, PageFigure]:
+    """Figures of a result on a page by name, without those that fail."""
+    drawn = draw_each(path, {name: partial(figure_of, result) for name, figure_of in figures}, inline_drawing)
+    return {name: PageFigure(svg, captions[name]) for name, svg in drawn.items()}
+
+
+def chosen(drawn: Mapping[str, PageFigure], *names: str) -> list[PageFigure]:
+    """The figures of a section by name, those that were drawn."""
+    return [drawn[name] for name in names if name in drawn]
 
 
 def _named(svg: str, name: str) -> str:
@@ -82,15 +100,29 @@ def _named(svg: str, name: str) -> str:
     return re.sub(r'<svg\b([^>]*?) width="([\d.]+pt)"', r'<svg style="--wide: \2"\1 width="\2"', svg, count=1)
 
 
+def page(write: Callable[Concatenate[Path, _Content], None]) -> Callable[Concatenate[Path, _Content], list[str]]:
+    """A function that writes a page of results that are complete without it; it returns the name of the page, [] after an
+    error (see `supplement`)."""
+
+    @wraps(write)
+    def written(path: Path, *content: _Content.args, **options: _Content.kwargs) -> list[str]:
+        with supplement(path):
+            write(path, *content, **options)
+            return [path.name]
+        return []
+
+    return written
+
+
 def write_page(
     path: Path,
     title: str,
     lead: str,
     verdict: Verdict,
-    sections: Sequence[Section],
+    sections: Iterable[Section],
     *,
     tone: str = "",
-    pictures: Mapping[int, str] | None = None,
+    pictures: Mapping[int, Callable[[], Figure]] | None = None,
     plans: Sequence[Table] = (),
     values: Sequence[str] = (),
 ) -> None:
@@ -101,40 +133,44 @@ def write_page(
     - `path`: the HTML file.
     - `title`, `lead`: its subject, a line each.
     - `verdict`: the first screen. `tone`: its colour: good, named, open or bad.
-    - `sections`: the rest.
-    - `pictures`: SVG text for the cards, by number of the finding from 1 on; 0: of a verdict without a finding.
+    - `sections`: the rest; after an error in one the page ends.
+    - `pictures`: functions that draw the cards, by number of the finding from 1 on; 0: of a verdict without a finding.
     - `plans`: tables of the next steps, folded. `values`: results on the first screen, a line each.
     """
     environment = Environment(loader=PackageLoader("tumblecal.report"), autoescape=True, undefined=StrictUndefined)
     environment.filters |= {"typeset": _typeset, "share": _share}
     shown, folded = _next_steps(verdict)
+    cards = {f"card {number}": figure_of for number, figure_of in (pictures or {}).items()}
+    drawn, made = draw_each(path, cards, inline_drawing), list[Section]()
+    with supplement(path):
+        made.extend(sections)
     text = environment.get_template("page.html").render(
         title=title,
         lead=lead,
         tone=tone,
         verdict=verdict,
-        cards=list(_cards(verdict, pictures or {})),
+        cards=list(_cards(verdict, drawn)),
         open=[one for one in verdict.unresolved if not one.findings],
         shown=shown,
         folded=folded,
         plans=plans,
         values=values,
-        sections=sections,
+        sections=made,
         footer=f"Written by tumblecal {__version__}.",
     )
     write_text(path, text)
 
 
-def _cards(verdict: Verdict, pictures: Mapping[int, str]) -> Iterator[dict]:
+def _cards(verdict: Verdict, drawn: Mapping[str, str]) -> Iterator[dict]:
     """A card for each finding: words, picture, open questions, and instructions for the bench."""
-    if not verdict.found and 0 in pictures:
-        yield {"number": "", "finding": None, "picture": pictures[0], "open": [], "bench": []}
+    if not verdict.found and "card 0" in drawn:
+        yield {"number": "", "finding": None, "picture": drawn["card 0"], "open": [], "bench": []}
     for number, finding in enumerate(verdict.found, 1):
         questions = [one for one in verdict.unresolved if one.findings[:1] == (number,)]
         yield {
             "number": number,
             "finding": finding,
-            "picture": pictures.get(number, ""),
+            "picture": drawn.get(f"card {number}", ""),
             "open": questions,
             "bench": [text for id, text in verdict.advice if id == finding.id],
         }

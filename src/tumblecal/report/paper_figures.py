@@ -1,14 +1,17 @@
 """Figures of the study of the paper: its figures 4 to 9, and the audit of Table 1."""
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from tumblecal.data import PositionSet
 from tumblecal.estimation import Fit
 from tumblecal.ground.units import shown
-from tumblecal.report.drawing import AXIS_COLOUR, INK, METHOD_COLOUR, MUTED, new_figure, save
+from tumblecal.report.drawing import AXIS_COLOUR, INK, METHOD_COLOUR, MUTED, draw_each, new_figure, save
 from tumblecal.studies.paper_audit import Audit
 from tumblecal.studies.paper_study import PaperStudy
 
@@ -27,29 +30,29 @@ _EXACT: dict[str, Any] = {"color": METHOD_COLOUR["exact"], "lw": 1.2, "ls": (0, 
 
 
 def draw_study(study: PaperStudy, folder: Path) -> dict[str, str]:
-    """Draw figures 4 to 9; returns file name and caption of each."""
-    captions = {}
+    """Draw figures 4 to 9; returns file name and caption of those drawn."""
+    captions, figures = {}, dict[str, Callable[[], Figure]]()
     for number, leaf, title in GROUPS:
         name = f"figure{number}_{leaf}.svg"
-        _draw_group(study, leaf, folder / name)
+        figures[name] = partial(_group_figure, study, leaf)
         captions[name] = (
             f"Figure {number}. {title}: least squares of each data set alone (dots), Kalman filter (blue) and exact fit (red, "
             "dashed) of all sets so far, with the true value. Bands: 2 standard deviations of one set (grey) and of the filter "
             "(blue)."
         )
-    _draw_means(study, folder / "figure9_running_means.svg")
+    figures["figure9_running_means.svg"] = partial(_means_figure, study)
     captions["figure9_running_means.svg"] = (
         "Figure 9. Running mean of least squares, Kalman filter and exact fit of all sets so far, close up: the error in "
         "standard deviations of one set. Band: 2 standard deviations of the mean."
     )
-    return captions
+    return {name: captions[name] for name in draw_each(folder, figures, save)}
 
 
 def _places(study: PaperStudy, leaf: str) -> list[int]:
     return [index for index, name in enumerate(study.names) if name.split("_")[0] == leaf]
 
 
-def _draw_group(study: PaperStudy, leaf: str, path: Path) -> None:
+def _group_figure(study: PaperStudy, leaf: str) -> Figure:
     figure = new_figure(7.5, 2.7)
     number = np.arange(1, len(study.single) + 1)
     axes = figure.subplots(1, 3, sharex=True)
@@ -69,10 +72,10 @@ def _draw_group(study: PaperStudy, leaf: str, path: Path) -> None:
         axis.set_xlabel("data set")
     key = {"loc": "outside lower center", "ncols": 6, "columnspacing": 1.2, "handlelength": 1.6}
     figure.legend(*axes[0].get_legend_handles_labels(), **key)
-    save(figure, path)
+    return figure
 
 
-def _draw_means(study: PaperStudy, path: Path) -> None:
+def _means_figure(study: PaperStudy) -> Figure:
     figure = new_figure(7.5, 8.6)
     number = np.arange(1, len(study.single) + 1)
     axes = figure.subplots(5, 3, sharex=True, sharey=True)
@@ -94,11 +97,21 @@ def _draw_means(study: PaperStudy, path: Path) -> None:
     for row in axes:
         row[0].set_ylabel("error / sd of one set")
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
-    save(figure, path)
+    return figure
 
 
 def draw_audit(audit: Audit, table1: Fit, folder: Path) -> dict[str, str]:
-    """Draw the residuals of Table 1 under each parameter set; returns file name and caption."""
+    """Draw the residuals of Table 1 under each parameter set; returns file name and caption, if it was drawn."""
+    caption = (
+        "Residuals of the measured Table 1 under its best fit, under the parameters of the paper's simulation, and under the "
+        "published result of the same run. Titles state different scales."
+    )
+    return dict.fromkeys(
+        draw_each(folder, {"table1_residuals.svg": partial(_audit_figure, audit, table1)}, save), caption
+    )
+
+
+def _audit_figure(audit: Audit, table1: Fit) -> Figure:
     figure = new_figure(7.5, 5.4)
     sets = [("best exact fit", table1.residuals), *((e.name, e.residuals) for e in audit.explanations[:2])]
     rows = figure.subplots(len(sets), 1, sharex=True)
@@ -112,11 +125,7 @@ def draw_audit(audit: Audit, table1: Fit, folder: Path) -> dict[str, str]:
         axis.set_title(f"Table 1 less prediction of: {name} ({size}{scale})", loc="left")
     rows[-1].set_xticks(range(len(table1.data)), table1.data.names, rotation=90)
     figure.legend(*rows[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
-    save(figure, folder / "table1_residuals.svg")
-    return {
-        "table1_residuals.svg": "Residuals of the measured Table 1 under its best fit, under the parameters of the "
-        "paper's simulation, and under the published result of the same run. Titles state different scales."
-    }
+    return figure
 
 
 def _residual_panel(axis, data: PositionSet, residuals: np.ndarray) -> None:

@@ -18,7 +18,7 @@ from tumblecal.planning import NextPlan
 from tumblecal.report.calibration_words import TITLES
 from tumblecal.report.diagnosis_tables import invisible_table, limits_table
 from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
-from tumblecal.report.page import Section, inline_figure, write_page
+from tumblecal.report.page import Section, inline_figure, page, write_page
 from tumblecal.report.paper_figures import draw_audit, draw_study
 from tumblecal.report.paper_words import findings, paper_verdict
 from tumblecal.report.result_file import result_content
@@ -41,9 +41,24 @@ def write_paper_study(
 ) -> list[str]:
     """Write everything into `folder`; `diagnosis` and `plan`: of Table 1. Returns the findings."""
     words = findings(study, audit, table1.exact)
-    study_figures, audit_figures = draw_study(study, folder), draw_audit(audit, table1.exact, folder)
     folded = "\n\n".join(textwrap.fill(text, 100) for text in words) + "\n"
     write_texts(folder, {"study.json": json_text(_content(study, audit, table1, words)), "findings.txt": folded})
+    _write_page(folder / "page.html", study, audit, table1, diagnosis, plan, words)
+    return words
+
+
+@page
+def _write_page(
+    path: Path,
+    study: PaperStudy,
+    audit: Audit,
+    table1: Calibrated,
+    diagnosis: Diagnosis,
+    plan: NextPlan,
+    words: list[str],
+) -> None:
+    folder = path.parent
+    study_figures, audit_figures = draw_study(study, folder), draw_audit(audit, table1.exact, folder)
     sections = [
         Section(
             "Audit of Table 1",
@@ -73,7 +88,7 @@ def write_paper_study(
         Section("Files", tables=[Table(["file", "contents"], _FILES, text=(0, 1))]),
     ]
     write_page(
-        folder / "page.html",
+        path,
         "Calibration of a MEMS accelerometer triad on a dividing head: the study reproduced",
         "Gao, Chen and Ren 2016, doi 10.19306/j.cnki.2095-8110.2016.03.012, computed again from its own numbers; "
         f"seed {study.seed}.",
@@ -81,7 +96,6 @@ def write_paper_study(
         sections,
         tone="named",
     )
-    return words
 
 
 def _methods_table(table1: Calibrated) -> Table:

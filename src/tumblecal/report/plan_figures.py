@@ -1,6 +1,6 @@
 """Figures of a designed plan: positions on the sphere, uncertainties, force in use, trade-off, and the order over time."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from jaxtyping import Float
@@ -19,15 +19,15 @@ _MOUNTING = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 _MARKS = "osD^vP"
 
 
-def figures_of(plan: DesignedPlan) -> Iterator[tuple[str, Figure]]:
-    """The figures by name, those that the plan has."""
-    yield "sphere", sphere_figure(plan)
-    yield "uncertainties", uncertainty_figure(plan)
+def figures_of(plan: DesignedPlan) -> Iterator[tuple[str, Callable[[DesignedPlan], Figure]]]:
+    """The functions that draw the figures of a plan, by name."""
+    yield "sphere", sphere_figure
+    yield "uncertainties", uncertainty_figure
     if not plan.after.uncertainties.undetermined:
-        yield "in_use", in_use_figure(plan)
+        yield "in_use", in_use_figure
     if plan.traded:
-        yield "trade_off", trade_off_figure(plan)
-    yield "order", order_figure(plan)
+        yield "trade_off", trade_off_figure
+    yield "order", order_figure
 
 
 def sphere_figure(plan: DesignedPlan) -> Figure:

@@ -1,10 +1,11 @@
 """`plan.html`: a designed plan on one page."""
 
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 from tumblecal.design.plan import DesignedPlan
-from tumblecal.report.page import PageFigure, Section, inline_drawing, write_page
+from tumblecal.report.page import PageFigure, Section, chosen, inline_each, page, write_page
 from tumblecal.report.plan_figures import figures_of, small_figure, small_use_figure
 from tumblecal.report.plan_files import capture_commands
 from tumblecal.report.plan_tables import (
@@ -43,17 +44,18 @@ _CAPTIONS = {
 }
 
 
+@page
 def write_plan_page(path: Path, plan: DesignedPlan) -> None:
     """Write the page."""
-    pictures = {1: inline_drawing(small_figure(plan), "small")}
+    pictures = {1: partial(small_figure, plan)}
     if not plan.after.uncertainties.undetermined:
-        pictures[2] = inline_drawing(small_use_figure(plan), "small_use")
+        pictures[2] = partial(small_use_figure, plan)
     write_page(
         path,
         f"Plan for {plan.rig.title or Path(plan.rig.source).name}",
         f"{size_words(plan)}.",
         _verdict(plan, path.parent),
-        list(_sections(plan)),
+        _sections(plan, inline_each(path, plan, figures_of(plan), _CAPTIONS)),
         tone="named",
         pictures=pictures,
     )
@@ -89,13 +91,10 @@ def _verdict(plan: DesignedPlan, folder: Path) -> Verdict:
     )
 
 
-def _sections(plan: DesignedPlan) -> Iterator[Section]:
-    drawn = {name: PageFigure(inline_drawing(figure, name), _CAPTIONS[name]) for name, figure in figures_of(plan)}
-    yield Section("Positions", tables=[position_table(plan)], figures=[drawn["sphere"], drawn["order"]])
-    yield Section("Uncertainties", tables=[uncertainty_table(plan)], figures=[drawn["uncertainties"]])
-    yield Section(
-        "Uncertainty in use", words=[f"{in_use_words(plan)}."], figures=[drawn["in_use"]] if "in_use" in drawn else []
-    )
+def _sections(plan: DesignedPlan, drawn: dict[str, PageFigure]) -> Iterator[Section]:
+    yield Section("Positions", tables=[position_table(plan)], figures=chosen(drawn, "sphere", "order"))
+    yield Section("Uncertainties", tables=[uncertainty_table(plan)], figures=chosen(drawn, "uncertainties"))
+    yield Section("Uncertainty in use", words=[f"{in_use_words(plan)}."], figures=chosen(drawn, "in_use"))
     yield Section(
         "Common practice",
         words=[
@@ -117,5 +116,5 @@ def _sections(plan: DesignedPlan) -> Iterator[Section]:
             tables=[*([effect_table(plan), named_table(plan)] if plan.after.effects else []), limit_table(plan)],
         )
     if plan.traded:
-        yield Section("Trade-off", figures=[drawn["trade_off"]])
+        yield Section("Trade-off", figures=chosen(drawn, "trade_off"))
     yield Section("Assumptions", tables=[assumption_table(plan)])

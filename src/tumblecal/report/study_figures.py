@@ -1,6 +1,7 @@
 """Figures of simulation studies."""
 
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from tumblecal.chain.nominal import UNIT_OF_LEAF
 from tumblecal.ground.units import shown
-from tumblecal.report.drawing import AXIS_COLOUR, INK, MUTED, new_figure, save
+from tumblecal.report.drawing import AXIS_COLOUR, INK, MUTED, draw_each, new_figure, save
 from tumblecal.report.study_answers import point_words
 
 
@@ -19,9 +20,9 @@ COLOURS = ("#b8b8b8", "#E69F00", "#56B4E9", "#0072B2", "#D55E00", "#CC3311", "#0
 
 
 def draw(kind: str, content: Mapping[str, Any], frames: Mapping[str, pl.DataFrame], folder: Path) -> list[Path]:
-    """Draw the figures of a study; returns their paths."""
-    drawn = _DRAWN[kind](content, frames)
-    return [save(figure, folder / f"{name}.svg") for name, figure in drawn.items()]
+    """Draw the figures of a study; returns the paths of those drawn."""
+    figures = {f"{name}.svg": partial(figure_of, content, frames) for name, figure_of in _DRAWN[kind].items()}
+    return [*draw_each(folder, figures, save).values()]
 
 
 def _coverage(content: Mapping[str, Any], frames: Mapping[str, pl.DataFrame]):
@@ -53,7 +54,7 @@ def _coverage(content: Mapping[str, Any], frames: Mapping[str, pl.DataFrame]):
     chi2.set_xlabel("probability of a smaller sum of squares")
     chi2.set_ylabel("density (1 expected)")
     figure.suptitle(f"{content['title']}: {trials} calibrations", fontsize=10)
-    return {"coverage": figure}
+    return figure
 
 
 def _sweep(content: Mapping[str, Any], frames: Mapping[str, pl.DataFrame]):
@@ -80,7 +81,7 @@ def _sweep(content: Mapping[str, Any], frames: Mapping[str, pl.DataFrame]):
         panel.set_xlabel(f"{inner}, {units[inner]}" if inner in units else inner)
     if others:
         axes[0].legend()
-    return {"sweep": figure}
+    return figure
 
 
 def _convergence(content: Mapping[str, Any], frames: Mapping[str, pl.DataFrame]):
@@ -107,10 +108,11 @@ def _convergence(content: Mapping[str, Any], frames: Mapping[str, pl.DataFrame])
     last.set_title("consistency: 1 expected")
     last.set_ylabel("NEES / expected")
     last.set_xlabel("data sets")
-    return {"convergence": figure, "data_sets_needed": _needed(content, frames["needed"])}
+    return figure
 
 
-def _needed(content: Mapping[str, Any], needed: pl.DataFrame):
+def _needed(content: Mapping[str, Any], frames: Mapping[str, pl.DataFrame]):
+    needed = frames["needed"]
     thresholds = sorted(set(needed["threshold"]), reverse=True)
     figure = new_figure(9.0, 2.8)
     panels = np.atleast_1d(figure.subplots(1, len(thresholds), sharey=True))
@@ -163,7 +165,7 @@ def _linearization(content: Mapping[str, Any], frames: Mapping[str, pl.DataFrame
         axes.set_xlabel("sd of the errors, mrad")
     panels[0].set_ylabel("worst rms bias / sd of one set")
     panels[0].legend(title="dashed: slope 2")
-    return {"linearization": figure}
+    return figure
 
 
 def _plain_ticks(axis: Axis) -> None:
@@ -189,7 +191,13 @@ def _power(content: Mapping[str, Any], frames: Mapping[str, pl.DataFrame]):
         axes.set_xscale("symlog", linthresh=np.min(sizes[sizes > 0], initial=1.0))
     panels[0].set_ylabel("share of runs")
     panels[0].legend()
-    return {"power": figure}
+    return figure
 
 
-_DRAWN = dict(coverage=_coverage, sweep=_sweep, convergence=_convergence, linearization=_linearization, power=_power)
+_DRAWN = {
+    "coverage": {"coverage": _coverage},
+    "sweep": {"sweep": _sweep},
+    "convergence": {"convergence": _convergence, "data_sets_needed": _needed},
+    "linearization": {"linearization": _linearization},
+    "power": {"power": _power},
+}

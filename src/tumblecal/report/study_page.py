@@ -8,7 +8,7 @@ from typing import Any
 import polars as pl
 
 from tumblecal import __version__
-from tumblecal.report.page import Section, inline_figure, write_page
+from tumblecal.report.page import Section, inline_figure, page, write_page
 from tumblecal.report.study_answers import Answer
 from tumblecal.report.tables import Table
 from tumblecal.report.verdict import Verdict
@@ -43,15 +43,15 @@ _FILES = {
 }
 
 
+@page
 def write_study_page(
-    folder: Path, kind: str, content: Mapping[str, Any], frames: Mapping[str, pl.DataFrame], answer: Answer,
+    path: Path, kind: str, content: Mapping[str, Any], frames: Mapping[str, pl.DataFrame], answer: Answer,
     figures: Sequence[Path],
-) -> Path:  # fmt: skip
-    """Write `KIND.html` into the folder of the study.
+) -> None:  # fmt: skip
+    """Write the page of a study.
 
     `content`: of the JSON file; `frames`: the tables; `answer`: of the study; `figures`: SVG files in the folder.
     """
-    path = folder / f"{kind}.html"
     sections = [
         Section("Results", tables=[answer.table]),
         Section("Figures", figures=[inline_figure(figure, _CAPTIONS[figure.stem]) for figure in figures]),
@@ -61,7 +61,6 @@ def write_study_page(
     title = str(content["title"] or f"Study of {kind}")
     verdict = Verdict("", answer.headline, evidence=answer.words)
     write_page(path, title, _QUESTIONS[kind], verdict, sections, tone=answer.tone)
-    return path
 
 
 def _files(kind: str, frames: Mapping[str, pl.DataFrame], figures: Sequence[Path]) -> Section:

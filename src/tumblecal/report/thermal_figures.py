@@ -1,7 +1,7 @@
 """Figures of a temperature calibration: parameters, residuals and branches over temperature, the course of the temperature, and
 errors of held-out rows."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -38,16 +38,16 @@ _OF_COMPONENT = {"21": "x", "31": "y", "32": "z"}
 _MOST_BARS = 12
 
 
-def figures_of(result: ThermalResult) -> Iterator[tuple[str, Figure]]:
-    """The figures by name, those that the result has."""
+def figures_of(result: ThermalResult) -> Iterator[tuple[str, Callable[[ThermalResult], Figure]]]:
+    """The functions that draw the figures of a result, by name."""
     if result.curves is not None:
-        yield "parameters", parameter_figure(result)
-    yield "residuals", residual_figure(result)
+        yield "parameters", parameter_figure
+    yield "residuals", residual_figure
     if any(signal.name == "hysteresis" for signal in result.signals):
-        yield "hysteresis", hysteresis_figure(result)
+        yield "hysteresis", hysteresis_figure
     if result.held_out:
-        yield "held_out", held_out_figure(result)
-    yield "course", course_figure(result)
+        yield "held_out", held_out_figure
+    yield "course", course_figure
 
 
 def parameter_figure(result: ThermalResult) -> Figure:

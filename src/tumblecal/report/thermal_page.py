@@ -1,6 +1,7 @@
 """`thermal.html`: a calibration over temperature on one page."""
 
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,7 @@ import numpy as np
 from tumblecal.ground.counted import counted
 from tumblecal.ground.numbers_shown import changed
 from tumblecal.ground.suggested_command import suggested
-from tumblecal.report.page import PageFigure, Section, inline_drawing, write_page
+from tumblecal.report.page import PageFigure, Section, chosen, inline_each, page, write_page
 from tumblecal.report.tables import Table
 from tumblecal.report.thermal_figures import figures_of, small_figure
 from tumblecal.report.thermal_tables import (
@@ -51,18 +52,17 @@ _CAPTIONS = {
 }
 
 
+@page
 def write_thermal_page(path: Path, result: ThermalResult) -> None:
     """Write the page."""
     answer = result.calibration.use.answer or "yes"
-    pictures = {0: inline_drawing(small_figure(result), "changes")} if result.curves is not None else {}
-    if result.signals and pictures:
-        pictures = {1: pictures[0]}
+    pictures = {min(1, len(result.signals)): partial(small_figure, result)} if result.curves is not None else {}
     write_page(
         path,
         f"Calibration over temperature of {_name(result.table.source)}",
         _lead(result),
         thermal_verdict(result, path.parent),
-        list(_sections(result)),
+        _sections(result, inline_each(path, result, figures_of(result), _CAPTIONS)),
         tone=_TONES[answer],
         pictures=pictures,
     )
@@ -146,16 +146,15 @@ def _next(result: ThermalResult, folder: Path) -> Iterator[str]:
     yield suggested("certificate", *certificate)
 
 
-def _sections(result: ThermalResult) -> Iterator[Section]:
-    drawn = {name: PageFigure(inline_drawing(figure, name), _CAPTIONS[name]) for name, figure in figures_of(result)}
+def _sections(result: ThermalResult, drawn: dict[str, PageFigure]) -> Iterator[Section]:
     if result.curves is not None:
         yield Section(
             "Parameters over temperature",
             words=["u is the standard uncertainty, with hysteresis. parameters.csv has a row for each temperature."],
             tables=[temperature_table(result)],
-            figures=[drawn["parameters"]],
+            figures=chosen(drawn, "parameters"),
         )
-    yield Section("Residuals", figures=[drawn["residuals"]])
+    yield Section("Residuals", figures=chosen(drawn, "residuals"))
     if result.held_out:
         yield Section(
             "Held-out rows",
@@ -164,7 +163,7 @@ def _sections(result: ThermalResult) -> Iterator[Section]:
                 *(f"{line}." for line in between_lines(result)),
             ],
             tables=[held_out_table(result)],
-            figures=[drawn["held_out"]],
+            figures=chosen(drawn, "held_out"),
         )
     elif words := [f"{line}." for line in improvement_lines(result)]:
         yield Section("Held-out rows", words=words)
@@ -172,7 +171,7 @@ def _sections(result: ThermalResult) -> Iterator[Section]:
         yield Section(
             "Signals that no correction includes",
             words=[f"{as_sentence(signal.name)}: {signal_words(signal)}." for signal in result.signals],
-            figures=[drawn["hysteresis"]] if "hysteresis" in drawn else [],
+            figures=chosen(drawn, "hysteresis"),
         )
     yield Section("Orders", words=list(_criterion(result)), tables=[order_table(result)])
     yield Section(
@@ -186,7 +185,7 @@ def _sections(result: ThermalResult) -> Iterator[Section]:
             *([coefficient_table(result)] if result.curves is not None else []),
         ],
     )
-    yield Section("Temperature over time", figures=[drawn["course"]])
+    yield Section("Temperature over time", figures=chosen(drawn, "course"))
 
 
 def _coefficients(result: ThermalResult) -> Iterator[Table]:

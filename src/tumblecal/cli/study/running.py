@@ -111,9 +111,11 @@ def run_study(
 
     def shown(aside: Path, content, frames) -> None:
         figures = draw(kind, content, frames, aside)
-        page = write_study_page(aside, kind, content, frames, answer_of(kind, content, frames), figures)
+        page = write_study_page(
+            aside / f"{kind}.html", kind, content, frames, answer_of(kind, content, frames), figures
+        )
         tables = [f"{kind}_{name}.parquet" for name in frames]
-        written.extend([page.name, *(figure.name for figure in figures), *tables, f"{kind}.json"])
+        written.extend([*page, *(figure.name for figure in figures), *tables, f"{kind}.json"])
 
     with _resumable(folder), _workers(tables, running) as computed, _bar(console, study.trials) as progress:
         content, frames = run(

@@ -76,10 +76,18 @@ def _combination(fit: Fit, entries: list[int], weights: np.ndarray) -> Combinati
 
 
 @np.errstate(invalid="ignore")
-def says_something(fit: Fit) -> bool:
-    """Whether a fit's parameters have standard deviations that say something of them; one that is lost in rounding does not."""
+def says_something(fit: Fit, nominal: int) -> bool:
+    """Whether a fit's parameters have standard deviations that say something of them; one that is lost in rounding does not.
+
+    `nominal`: number of the nominal parameters, which are first; those of excluded positions alone need no value.
+    """
     scales = dict(zip(fit.problem.chain.names, fit.problem.chain.scales.tolist(), strict=True))
-    return all(sd < UNKNOWN * scales.get(name, 1.0) for name, sd in zip(fit.names, fit.sd.tolist(), strict=True))
+    idle = {name for name, used in zip(fit.names[:nominal], fit.used.tolist(), strict=False) if not used}
+    return all(
+        sd < UNKNOWN * scales.get(name, 1.0)
+        for name, sd in zip(fit.names, fit.sd.tolist(), strict=True)
+        if name not in idle
+    )
 
 
 def contradicted_priors(screened: Screened) -> tuple[Implausible, ...]:

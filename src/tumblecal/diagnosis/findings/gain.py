@@ -169,3 +169,17 @@ def folds(data: PositionSet, holdout: tuple[str, str] | None) -> tuple[np.ndarra
     if len(data.runs) > 1 and data.run is not None:
         return np.array([data.runs.index(label) for label in data.run]), "leave one run out"
     return np.arange(len(data)), "leave one position out"
+
+
+def testable_folds(
+    fit: Fit, groups: Int[np.ndarray, " positions"], kind: str
+) -> tuple[Int[np.ndarray, " positions"], str]:
+    """The folds, or each position in turn, if the fit excludes all held-out positions or the others leave no freedom."""
+    others = fit.retained & (groups != np.argmax(np.bincount(groups[groups >= 0])))
+    if not np.any(fit.retained[groups >= 0]):
+        reason = "the held-out positions are excluded from the fit"
+    elif 3 * np.sum(others) <= np.linalg.matrix_rank(fit.column_space[: 3 * len(groups)][np.repeat(others, 3)], 1e-6):
+        reason = "the positions that are not held out are too few for a fit"
+    else:
+        return groups, kind
+    return np.arange(len(groups)), f"leave one position out, because {reason}"

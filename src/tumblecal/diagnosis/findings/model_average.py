@@ -95,6 +95,11 @@ class Average:
         """Standard uncertainties."""
         return np.sqrt(np.diag(self.covariance))
 
+    @cached_property
+    def idle(self) -> Bool[np.ndarray, " nominal"]:
+        """Mask of the nominal parameters on which no position in the fits depends, such as those of an excluded setting."""
+        return ~np.any([one.fit.used[: len(self.to_reference)] for one in self.weighed], axis=0)
+
     @property
     def parts(self) -> dict[str, Float[np.ndarray, " names"]]:
         """The standard uncertainties by their contributions, which add in quadrature: of the noise under the leading
@@ -145,7 +150,7 @@ def remaining_explanations(screened: Screened, extended: Fit | None = None) -> l
         leads = bool(screened.best.members) and labels == screened.best.labels
         fit = extended if leads and extended is not None else fit_with(screened.at, members)
         # An implausible explanation is excluded, unless it leads.
-        if fit.code.good and says_something(fit) and not (weighed and implausible(fit)):
+        if fit.code.good and says_something(fit, screened.at.model.nominal) and not (weighed and implausible(fit)):
             weighed.append(Weighed(labels, float(shares[k]), members, fit))
     whole = sum(explanation.share for explanation in weighed)
     return [replace(explanation, share=explanation.share / whole) for explanation in weighed]

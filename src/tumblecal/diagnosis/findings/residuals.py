@@ -59,15 +59,16 @@ class Check:
 
 
 def harmonics(fit: Fit, level: float) -> list[Harmonic]:
-    """Least-squares harmonics 0 to 4 of the residuals over alpha, for every axis and pitch setting.
+    """Least-squares harmonics 0 to 4 of the residuals over alpha, for every axis and pitch setting with positions in the fit.
 
     **Arguments:**
 
     - `level`: sd of the white rows.
     """
     where, sigma = fit.problem.where, level * fit.problem.sd
-    settings, pitch = np.unique(np.asarray(where.index("pitch")), return_inverse=True)
-    at_setting = pitch == np.arange(len(settings))[:, None]
+    pitch = np.asarray(where.index("pitch"))
+    settings = np.unique(pitch[fit.retained])
+    at_setting = (pitch == settings[:, None]) & fit.retained
     angles = np.asarray(where.alpha)[:, None] * np.arange(HARMONICS)
     waves = np.concatenate([np.cos(angles), np.sin(angles)], axis=1)
     norms = (at_setting @ waves**2)[:, None]
@@ -206,7 +207,7 @@ def discrepancies(fit: Fit, level: float) -> list[Discrepancy]:
     where = fit.problem.where
     pitch, alpha = np.asarray(where.index("pitch")), np.asarray(where.alpha)
     listed, waves = list[tuple[int, int, str]](), list[np.ndarray]()
-    for setting in np.unique(pitch):
+    for setting in np.unique(pitch[fit.retained]):
         at_setting = np.flatnonzero((pitch == setting) & fit.retained)
         angles = int(setting_index(alpha[at_setting], held=False).max()) + 1
         if angles < LEAST_ANGLES:

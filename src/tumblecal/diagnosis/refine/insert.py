@@ -239,7 +239,8 @@ def _inverses(
 def _fit(problem: Problem, model: FullModel, causes: list[Cause], unknowns: _Unknowns, solution: _Solution) -> Fit:
     """The fit by names: nominal parameters, then the coefficients of the effects, in base units."""
     white, moved = solution.residual * solution.takes_part, unknowns.directions.shape[1]
-    dof, chi2 = int(solution.takes_part.sum()) - solution.jacobian.shape[1], float(white @ white)
+    # A column without an entry is, for example, the pitch error of an excluded setting.
+    dof, chi2 = int(solution.takes_part.sum() - np.any(solution.jacobian, axis=0).sum()), float(white @ white)
     slots = [cause.slot for cause in causes]
     columns = [*range(model.nominal), *(column for slot in slots for column in slot.all_columns)]
     inverse = solution.inverse[:moved, :moved]
