@@ -2,13 +2,12 @@
 
 import pytest
 
-from tumblecal.capture.correction import corrected_text
 from tumblecal.data import parquet, text_cells
 
 
 @pytest.fixture
 def small_pieces(monkeypatch):
-    """Pieces of three rows; of text, of 400 bytes, and of text that is written, of forty."""
+    """Pieces of three rows; of text, of 400 bytes."""
 
     def pieces(table, rows=0):
         whole = table.collect()
@@ -16,4 +15,3 @@ def small_pieces(monkeypatch):
 
     monkeypatch.setattr(parquet, "pieces_in_order", pieces)
     monkeypatch.setattr(text_cells, "_PIECE", 400)
-    monkeypatch.setattr(corrected_text, "_PIECE", 40)

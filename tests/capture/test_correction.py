@@ -243,7 +243,7 @@ def test_the_gravity_of_a_device_counts_for_a_recording_too(tumblecal, tmp_path)
     (tmp_path / "log.txt").write_text("t;x;y;z\n" + text + "\n")
     columns = ["--columns", "time=t,ax=x,ay=y,az=z", "--unit", "g", "--gravity", "9.7803"]
     assert tumblecal("apply", tmp_path / "cal.json", tmp_path / "log.txt", *columns).code == 0
-    lines = (tmp_path / "log_corrected.txt").read_text().splitlines()
-    assert "# gravity_ms2: 9.7803" in lines and "t;x;y;z" in lines
-    z = [float(line.split(";")[3].replace(",", ".")) for line in lines[-100::3]]
+    lines = (tmp_path / "log_corrected.csv").read_text().splitlines()
+    assert "# gravity_ms2: 9.7803" in lines and "t,ax_g,ay_g,az_g" in lines
+    z = [float(line.split(",")[3]) for line in lines[-100::3]]
     np.testing.assert_allclose(z, 9.8333 / 9.7803, rtol=1e-12)

@@ -38,13 +38,14 @@ def apply(
     calibration
         The calibration.json of calibrate or diagnose.
     raw
-        Readings: a table with columns ax_g, ay_g, az_g (or _mg, _ms2, or those of --columns). All other text and columns are
-        copied unchanged, byte for byte. For other recordings that tumblecal import reads, the corrected samples are written.
+        Readings: a table with columns ax_g, ay_g, az_g (or _mg, _ms2, or those of --columns). All other columns are copied.
+        For other recordings that tumblecal import reads, the corrected samples are written.
         Rows without a reading (erased memory, incomplete lines) are omitted and listed in the corrected file; other damage
         is reported. Readings in m/s^2 are divided by the gravity of the calibration; if it states none, by their
         `# gravity_ms2`.
     out
-        Corrected file (.csv or .parquet). Default: RAW with _corrected added to its name. Example: --out corrected.csv.
+        Corrected file (.csv or .parquet). Default: RAW_corrected.csv for tables, RAW_corrected.parquet for Parquet and other
+        recordings. Example: --out corrected.csv.
     other_unit
         Correction of readings whose serial number differs from that of the calibration. Default: an error.
     extrapolate
@@ -78,7 +79,7 @@ def apply(
     source = uncorrected(raw, replace(options, gravity=""), correction.calibration)
     out = out or source.out_beside(raw)
     protect_inputs([raw, calibration], out=out)
-    if out.suffix not in (".csv", ".parquet", source.out_beside(raw).suffix) and not out.is_dir():
+    if out.suffix not in (".csv", ".parquet") and not out.is_dir():
         raise InputError(f"{out}: must end in .csv or .parquet")
     writable_file(out)
     with guessed(source.contents.layout.guesses if source.contents else ()):

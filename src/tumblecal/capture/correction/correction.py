@@ -8,10 +8,9 @@ import numpy as np
 import polars as pl
 from jaxtyping import Float
 
-from tumblecal.capture.correction.corrected_text import HeaderChanges, replaced_text
 from tumblecal.capture.correction.outside_range import OutsideRange
-from tumblecal.capture.correction.uncorrected import COUNTS, Uncorrected
-from tumblecal.capture.decoding.sample_table import write_bytes, write_frames
+from tumblecal.capture.correction.uncorrected import Uncorrected
+from tumblecal.capture.decoding.sample_table import write_frames
 from tumblecal.capture.rows.sample_frames import SOURCE_COLUMNS, WHOLE
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.files import stated
@@ -26,6 +25,8 @@ from tumblecal.ground.gravity import SOURCE_KEY, STANDARD, VALUE_KEY, Gravity, c
 # The comment with the rows of the source that have no reading and are not in the corrected file.
 LEFT_OUT = "left_out"
 TEMPERATURE = "temperature_degc"
+# A number with a decimal comma, in two parts.
+_DECIMAL_COMMA = r"^([+-]?\d*),(\d+(?:[eE][+-]?\d+)?)$"
 # Thermal terms are valid this far beyond the temperatures for which they were fitted.
 _WARMER_DEGC = 1.0
 
@@ -54,9 +55,8 @@ def write_corrected(
 ) -> tuple[ReadingChecks, OutsideRange | None, Gravity | None]:
     """Write a source with its readings replaced by corrected ones.
 
-    A table of text or Parquet retains all other content: in the same format, text is unchanged byte for byte, and readings
-    retain unit and names. In a different format, or for counts, the readings are named `ax_g, ay_g, az_g` (or `_mg`,
-    `_ms2`). For other recordings the sample table is written.
+    A table retains all other columns. Its corrected readings are named `ax_g, ay_g, az_g` (or `_mg`, `_ms2`). For other
+    recordings the sample table is written.
 
     **Returns:** counts of the checks, those of extrapolated rows (None without curves of temperature), and one g in m/s^2 for
     readings in m/s^2 (None for others).
@@ -87,35 +87,18 @@ def write_corrected(
         force = calibration.corrected(piece.readings, **inputs, extrapolate=True)
         return force if unit_g == 1 else force / unit_g
 
-    def frames(whole: bool) -> Iterator[pl.DataFrame]:
-        yield from source.frames(whole)
+    def tables() -> Iterator[pl.DataFrame]:
+        for frame in source.frames():
+            yield _with_force(frame, corrected, renamed, header)
         if outside is not None and not correction.extrapolate:
             outside.require_none(header.path, correction.path)
 
-    def all_rows() -> Iterator[Float[np.ndarray, "rows 3"]]:
-        for frame in frames(False):
-            if WHOLE not in frame.columns:
-                yield corrected(frame)
-                continue
-            values = np.full((len(frame), 3), np.nan)
-            values[frame[WHOLE].to_numpy()] = corrected(frame.filter(WHOLE))
-            yield values
-
-    same = source.same_format(out)
-    columns = source.names if source.schema is not None else header.columns
-    names = columns if same and not source.new_unit else header.columns
-    _check_names(source, columns, names)
+    renamed = dict(zip(source.names or header.columns, header.columns, strict=True))
+    _check_names(source, renamed)
+    types = {**(source.schema or header.frame.schema), **dict.fromkeys(renamed, pl.Float64)}
+    schema = pl.Schema({renamed.get(name, name): kind for name, kind in types.items()})
     comments, notes = _comments(header, correction, local, source.left_out)
-    if same and source.text is not None:
-        removed = frozenset([*((VALUE_KEY, SOURCE_KEY) if local else ()), *([COUNTS] if source.new_unit else ())])
-        changes = HeaderChanges(notes, removed, names if names != columns else ())
-        write_bytes(out, replaced_text(header.path, source.text, all_rows(), changes))
-    else:
-        types = {**(source.schema or header.frame.schema), **dict.fromkeys(columns, pl.Float64)}
-        renamed = dict(zip(columns, names, strict=True))
-        schema = pl.Schema({renamed.get(name, name): kind for name, kind in types.items()})
-        tables = (_with_force(frame, corrected, renamed) for frame in frames(True))
-        write_frames(out, tables, schema, comments, [*_comment_lines(header, notes, local), *notes])
+    write_frames(out, tables(), schema, comments, [*_comment_lines(header, notes, local), *notes])
     return checks, outside, (header.gravity or STANDARD) if header.in_ms2 else None
 
 
@@ -134,23 +117,24 @@ def _temperatures(calibration: Calibration) -> tuple[Sequence[float], float]:
     return calibration.provenance.get("temperature_range_degc") or () if counts else (), _WARMER_DEGC
 
 
-def _check_names(source: Uncorrected, columns: Sequence[str], names: Sequence[str]) -> None:
-    """Check that no other column has one of the names of the corrected readings in these columns.
+def _check_names(source: Uncorrected, renamed: Mapping[str, str]) -> None:
+    """Check that no other column has one of the names that the corrected readings get.
 
     **Raises:** `InputError` with the first such name.
     """
-    others = set(source.schema or ()) - set(columns)
-    if twice := [name for name in names if name in others]:
+    others = set(source.schema or ()) - set(renamed)
+    if twice := [name for name in renamed.values() if name in others]:
         raise InputError(
-            f"{source.header.path}: column {twice[0]} exists already, but the corrected readings of {', '.join(columns)} get "
+            f"{source.header.path}: column {twice[0]} exists already, but the corrected readings of {', '.join(renamed)} get "
             "this name; rename the column"
         )
 
 
 def _with_force(
-    frame: pl.DataFrame, corrected: Callable[[pl.DataFrame], np.ndarray], renamed: Mapping[str, str]
+    frame: pl.DataFrame, corrected: Callable[[pl.DataFrame], np.ndarray], renamed: Mapping[str, str], header: Raw
 ) -> pl.DataFrame:
-    """The complete rows of a piece, as in the source, with corrected readings in these columns under new names."""
+    """The complete rows of a piece, as in the source, with corrected readings in these columns under new names. Where commas
+    do not separate the cells, a comma in a number is a decimal mark and becomes a point."""
     frame = frame.filter(WHOLE) if WHOLE in frame.columns else frame
     values = corrected(frame)
     columns = (
@@ -158,6 +142,8 @@ def _with_force(
         if SOURCE_COLUMNS in frame.columns
         else frame.drop(ROW, WHOLE, strict=False)
     )
+    if header.layout is not None and header.layout.separator != ",":
+        columns = columns.with_columns(pl.col(pl.String).str.replace(_DECIMAL_COMMA, "$1.$2"))
     force = (pl.Series(name, np.ascontiguousarray(column)) for name, column in zip(renamed, values.T, strict=True))
     return columns.with_columns(force).rename(renamed)
 

@@ -12,21 +12,16 @@ from tumblecal.capture.columns.units import FORCE, RATE, Column
 from tumblecal.capture.correction.correction_damage import RowDamage, left_out_words, row_damage
 from tumblecal.capture.recordings.damage import Damage
 from tumblecal.capture.recordings.options import RecordingOptions
-from tumblecal.capture.recordings.table import TextCells
 from tumblecal.capture.rows.contents import Contents
 from tumblecal.capture.rows.sample_file import SampleStream, sample_stream
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.named_layout import readings_among
 from tumblecal.data.raw import Raw, column_names, header_of, opened_raw
-from tumblecal.data.text_layout import ROW
-from tumblecal.ground.decimal_marks import marks_of
 from tumblecal.ground.errors import InputError
 
 
 # The comment with the scale of counts; corrected readings are in g.
 COUNTS = "counts_per_g"
-# Number of rows from which the decimal mark of a table is found.
-_SEEN_ROWS = 1000
 
 
 @dataclass(frozen=True)
@@ -36,31 +31,24 @@ class Uncorrected:
     **Arguments:**
 
     - `header`: its columns and comments, without rows; the columns are those for a correction.
-    - `frames`: rows in pieces. With True, the pieces of a table that retains its columns (`schema`) include these.
-    - `schema`: the columns of a table that retains them, None for other recordings; `names`: names of its readings.
-    - `text`: places of the readings in a text table. `contents`: contents of a recording. `damage`: damage of its rows.
+    - `frames`: rows in pieces, with the columns of a table that retains them.
+    - `schema`: these columns, None for other recordings; `names`: names of its readings.
+    - `contents`: contents of a recording. `damage`: damage of its rows.
     - `left_out`: the rows without a reading, which are left out, in words; empty for none.
-    - `new_unit`: whether the readings are in counts or scaled, so that corrected readings have a different unit.
     """
 
     header: Raw
-    frames: Callable[[bool], Iterator[pl.DataFrame]]
+    frames: Callable[[], Iterator[pl.DataFrame]]
     schema: pl.Schema | None = None
     names: tuple[str, ...] = ()
-    text: TextCells | None = None
     contents: Contents | None = None
     damage: Damage = field(default_factory=Damage)
     left_out: str = ""
-    new_unit: bool = False
 
     def out_beside(self, path: Path) -> Path:
-        """The default name of the corrected file: with the same format, if it can be written."""
-        suffix = path.suffix if self.text or path.suffix == ".parquet" else ".parquet"
+        """The default name of the corrected file: CSV for a table that is not Parquet."""
+        suffix = ".parquet" if self.schema is None or path.suffix == ".parquet" else ".csv"
         return path.with_name(f"{path.stem}_corrected{suffix}")
-
-    def same_format(self, out: Path) -> bool:
-        """Whether an output file has the format of the source."""
-        return self.text is not None if out.suffix != ".parquet" else self.header.path.suffix == ".parquet"
 
 
 def uncorrected(
@@ -78,10 +66,9 @@ def uncorrected(
             found = row_damage(header, frames(), [Column(name) for name in header.columns])
             return Uncorrected(
                 header,
-                lambda _: found.marked(frames()),
+                lambda: found.marked(frames()),
                 header.frame.schema,
                 header.columns,
-                _cells_of(header, frames),
                 damage=found.damage,
                 left_out=left_out_words(header.row_word, found.marked(frames())) if found.erased.any() else "",
             )
@@ -105,21 +92,19 @@ def _recording(source: Path, options: RecordingOptions, needed: Sequence[str]) -
     if not table.sheet:
         comments = {key: value for key, value in samples.comments.items() if key not in (COUNTS, "imported_from")}
         header = replace(header_of(source, schema.to_frame(), comments), row_word=table.row_word)
-        rows = lambda _: found.marked(samples.frames_with(()))  # noqa: E731
+        rows = lambda: found.marked(samples.frames_with(()))  # noqa: E731
         return Uncorrected(header, rows, contents=contents, damage=contents.damage, left_out=left_out)
-    names, axes, text = table.columns, [columns[axis] for axis in FORCE], table.text
+    names, axes = table.columns, [columns[axis] for axis in FORCE]
     new_unit = any(axis.scale != 1 or axis.offset != 0 for axis in axes)
     comments = {key: value for key, value in table.comments.items() if not (new_unit and key == COUNTS)}
     return Uncorrected(
         replace(header_of(source, schema.to_frame(), comments), row_word=table.row_word),
-        lambda whole: found.marked(samples.frames_with(names if whole else ())),
+        lambda: found.marked(samples.frames_with(names)),
         next(table.pieces(names)).head(0).select(names).schema,
         tuple(axis.name for axis in axes),
-        text and replace(text, places=tuple(names.index(axis.name) for axis in axes)),
         contents,
         contents.damage,
         left_out,
-        new_unit,
     )
 
 
@@ -137,16 +122,3 @@ def _damage_of(source: Path, options: RecordingOptions, needed: Sequence[str]) -
         return found((*FORCE, *needed, *RATE, "time"))
     except InputError:
         return found((*FORCE, *needed))
-
-
-def _cells_of(header: Raw, frames: Callable[[], Iterator[pl.DataFrame]]) -> TextCells | None:
-    """Places of the readings in a text table; the decimal mark is that of other columns if the readings do not show it."""
-    if header.layout is None:
-        return None
-    decimal = header.decimal
-    if decimal is None:
-        seen = next(piece for piece in frames() if len(piece)).head(_SEEN_ROWS).drop(ROW)
-        marks = marks_of([[cell for cell in column.to_list() if cell] for column in seen.iter_columns()])
-        decimal = "," if any(mark and mark[0] == "," for mark in marks) else "."
-    places = tuple(header.layout.names.index(name) for name in header.columns)
-    return TextCells(header.layout, places, decimal)

@@ -77,20 +77,6 @@ def write_frames(
             raise unwritable(path, error) from error
 
 
-def write_bytes(path: Path, pieces: Iterator[bytes]) -> None:
-    """Write bytes in pieces; the file is complete or absent.
-
-    **Raises:** `InputError` if they cannot be written; exceptions of `pieces` are passed on, and no file remains.
-    """
-    with written_aside(path) as aside:
-        try:
-            with aside.open("wb") as file:
-                for piece in _made_ahead(pieces):
-                    file.write(piece)
-        except OSError as error:
-            raise unwritable(path, error) from error
-
-
 def _made_ahead(pieces: Iterator[_Piece]) -> Iterator[_Piece]:
     """Pieces, the next of which is computed while the last is written."""
     with ThreadPoolExecutor(1) as maker:

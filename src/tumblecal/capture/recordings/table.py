@@ -12,28 +12,13 @@ import numpy as np
 from tumblecal.capture.recordings.damage import Damage
 from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.data.parquet import PIECE_ROWS
-from tumblecal.data.text_layout import ROW, TextLayout
+from tumblecal.data.text_layout import ROW
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.plain_text import first_control, plain
 
 
 if TYPE_CHECKING:
     import polars as pl
-
-
-@dataclass(frozen=True)
-class TextCells:
-    """Places of the readings in a text table.
-
-    **Arguments:**
-
-    - `layout`: layout of the text. `places`: the cells of the three axes in a row, from 0, when they are known.
-    - `decimal`: the mark of the numbers.
-    """
-
-    layout: TextLayout
-    places: tuple[int, ...]
-    decimal: str
 
 
 @dataclass(frozen=True)
@@ -49,8 +34,7 @@ class SourceTable:
     - `per_unit`: steps of a column of counts for one g (`a`) or one deg/s (`g`), if the format defines it.
     - `comments`: other statements of the source, `key: value`. `row_word`: name of a row in a fault.
     - `header`: the line with the names of the columns, from 1; None if they are elsewhere.
-    - `text`: how the cells of a text with such a line are written. `sheet`: whether it is the only table of a file, with named
-      columns; a corrected copy then retains all columns.
+    - `sheet`: whether it is the only table of a file, with named columns; a corrected copy then retains all columns.
     - `zero_s`: the clock of the source, s, at time zero of the column of times; known after rows were read.
     """
 
@@ -64,7 +48,6 @@ class SourceTable:
     description: str = ""
     row_word: str = "row"
     header: int | None = None
-    text: TextCells | None = None
     sheet: bool = False
     zero_s: Callable[[], float] = lambda: 0.0
 

@@ -7,7 +7,7 @@ import polars as pl
 
 from tumblecal.capture.columns.units import FINE
 from tumblecal.capture.recordings.damage import Damage
-from tumblecal.capture.recordings.table import Reader, Source, SourceTable, TextCells
+from tumblecal.capture.recordings.table import Reader, Source, SourceTable
 from tumblecal.capture.recordings.text_sought import check_late_marks, decoded, sought_layouts
 from tumblecal.data.text_layout import TextLayout
 from tumblecal.ground.text_file import is_utf16
@@ -54,7 +54,6 @@ def text_table(
         description=layout.words(),
         row_word="line",
         header=layout.header_line,
-        text=TextCells(layout, (), layout.decimal) if layout.header_line and layout.form is None else None,
         sheet=layout.header_line is not None,
         roles={name: role for name, role in roles.items() if name in layout.names},
     )
