@@ -175,6 +175,9 @@ def _in_the_case(
         if name in effects:
             for axis, rate in reversed(list(zip(AXES, effects[name], strict=True))):
                 f = turned(axis, rate * follows, f)
+    if "mount_by_pitch" in effects:
+        for axis, angle in reversed(list(zip(AXES, effects["mount_by_pitch"], strict=True))):
+            f = turned(axis, angle * (setup.pitch == 0), f)
     return f
 
 
@@ -265,6 +268,8 @@ RARE = {
     **{f"misalignment_{by}.{a}": 2 for by in ("drift", "temperature") for a in AXES},
     "mount_drift": 3,
     "mount_temperature": 3,
+    # At the first setting.
+    "mount_by_pitch": 3,
 }
 # Squares about references other than the mean, and an input's square with its cube: what is to be found of each.
 POLYNOMIALS = {

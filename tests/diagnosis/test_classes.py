@@ -10,6 +10,7 @@ from tumblecal.diagnosis.sets.classes import named_in_place
 from tumblecal.diagnosis.sets.explanation import Explanation, verdict_of
 from tumblecal.diagnosis.sets.patchwork import is_patchwork
 from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
+from tumblecal.report.rig_files import extended_rig_text
 
 
 def of_size(plan, seed, name, direction, d):
@@ -139,6 +140,34 @@ def test_along_the_spindle_bias_and_scale_factor_by_setting_are_one_class(hidden
     name = "scale_by_pitch.x"
     diagnosis = diagnoser(hidden(seed, {name: of_size((4, 12), seed, name, direction, 100)}, plan=(4, 12)))
     assert {("bias_by_pitch.x",), (name,)} <= told(diagnosis) and diagnosis.verdict == "ambiguous"
+
+
+@pytest.mark.parametrize(("seed", "setting"), [(1, 1), (2, 0), (3, 2)])
+def test_a_fixture_that_moves_at_one_pitch_setting(hidden, diagnoser, seed, setting):
+    """The angles of the mount at one of three settings: it was an index_zero, a slip or unexplained. At the first and the last
+    setting it may as well have slipped when the setting was changed."""
+    setup = blind.random_setup(np.random.default_rng(seed), 3, 8)
+    moved = replace(setup, pitch=np.where(setup.pitch == setting, 0, 1))
+    nominal, angles = {**setup.nominal, "dbeta": np.zeros(2)}, np.array([0.4e-3, -0.3e-3, 0.5e-3])
+    change = blind.readings(moved, nominal, {"mount_by_pitch": angles}) - blind.readings(moved, nominal, {})
+    diagnosis = diagnoser(hidden(seed, {}, change=lambda readings, rng: readings + change))
+    assert ("mount_by_pitch",) in told(diagnosis)
+    if setting == 1:
+        assert diagnosis.labels == ("mount_by_pitch",) and diagnosis.verdict == "identified"
+        assert diagnosis.members[0].slot.names == ("mount_by_pitch_x_1", "mount_by_pitch_y_1", "mount_by_pitch_z_1")
+        assert not extended_rig_text(diagnosis)  # there it would move at the first setting
+    else:
+        assert diagnosis.verdict == "ambiguous"
+        assert any(labels[0].startswith("mount_slip") for labels in told(diagnosis))
+
+
+def test_no_scale_factor_that_no_sensor_has_explains_a_bias_where_the_input_is_near_zero(hidden, diagnoser):
+    """An offset of y at beta 90, where its input is some mg: a scale factor beyond 0.1 g/g there was in the class."""
+    there = blind.random_setup(np.random.default_rng(1), 3, 8).pitch == 2
+    offset = there[:, None] * np.array([0.0, 1.5e-3, 0.0])
+    diagnosis = diagnoser(hidden(1, {}, change=lambda readings, rng: readings + offset))
+    assert ("bias_by_pitch.y",) in told(diagnosis)
+    assert not any("scale_by_pitch.y" in labels for labels in told(diagnosis))
 
 
 def test_listed_causes_lead_in_the_place_of_one_without_a_name_from_a_probability_of_a_tenth_on():

@@ -196,6 +196,7 @@ def simulated(id):
     where = SimpleNamespace(degc=PLAN.degc, time=PLAN.time, run=PLAN.run, pitch=pitch)
     if id.startswith("mount_"):
         follows = PLAN.time - PLAN.time[0] if id == "mount_drift" else PLAN.degc - 25.0
+        follows = (pitch == 0) * 1.0 if id == "mount_by_pitch" else follows
         angles = np.outer(follows, [1.0, -0.5, 0.7]) * SIZE / np.max(np.abs(follows))
         return ((1 + TRUE.dK) * (mount(angles).apply(f) @ TRIAD.T) + TRUE.bias), without, None
     signals = added(id, f @ TRIAD.T, where)
@@ -253,7 +254,7 @@ REASONS = {
     OF_GROUPS: ("bias_by_pitch", "scale_by_pitch", "run_drift", "bias_repeatability"),
     OF_BRANCH: ("bias_hysteresis",),
     OF_PATH: ("memory", "hysteresis", "temperature_rate", "temperature_lag"),
-    OF_MOUNT: ("mount_drift", "mount_temperature"),
+    OF_MOUNT: ("mount_drift", "mount_temperature", "mount_by_pitch"),
     OF_RESOLUTION: ("clipping", "quantisation", "dead_zone"),
     NO_FORMS: ("my_own",),
 }

@@ -201,7 +201,7 @@ class Diagnoser:
         size = RECORDED_SIZE if noises else HAND_HELD_SIZE if model.hand_held else SIZE
 
         def screening_of(given: Problem) -> Screening:
-            return Screening(model, self.references.of(model, given), size, found=len(mixed))
+            return Screening(model, self.references.of(model, given), size, found=len(mixed), usual=self.usual)
 
         noise = screened = None
         if noises:

@@ -1,4 +1,4 @@
-"""Effects that change with the pitch setting or the run: a different bias, scale factor, index zero or drift in each."""
+"""Effects that change with the pitch setting or the run: a different bias, scale factor, index zero, mount or drift."""
 
 import math
 from typing import ClassVar
@@ -7,9 +7,11 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from tumblecal.chain import Link, Parameter, Place, State, Where, coefficients
+from tumblecal.chain.link import turned
 from tumblecal.effects.added_terms import Term
-from tumblecal.effects.effect import BETWEEN_RUNS, OF_GROUPS, RARE, Effect
+from tumblecal.effects.effect import BETWEEN_RUNS, OF_GROUPS, OF_MOUNT, RARE, Effect
 from tumblecal.ground.axes import AXES
+from tumblecal.ground.frames import rotate_x, rotate_y, rotate_z
 
 
 class GroupTerms(Link):
@@ -36,10 +38,24 @@ class IndexZero(Link):
     """`alpha + e`, one e for each pitch setting after the first: the index does not return to its zero."""
 
     place: ClassVar[Place] = Place.INDEX
+    by: ClassVar[str] = "pitch"
     zero: Parameter
 
     def __call__(self, state: State, where: Where) -> State:
         return eqx.tree_at(lambda s: s.alpha, state, state.alpha + _in_group(self.zero.at(where), where, "pitch"))
+
+
+class MovedMount(Link):
+    """`f4 = Rx Ry Rz f4'` at one pitch setting, after the fixed angles of the mount."""
+
+    place: ClassVar[Place] = Place.MOUNT
+    angles: Parameter
+    setting: int = eqx.field(static=True)
+
+    def __call__(self, state: State, where: Where) -> State:
+        here = jnp.asarray(where.index("pitch")) == self.setting
+        x, y, z = (jnp.where(here, angle, 0.0) for angle in self.angles.at(where))
+        return turned(state, rotate_x(x, rotate_y(y, rotate_z(z, state.f))))
 
 
 def _in_group(sizes: tuple, where: Where, by: str):
@@ -60,6 +76,16 @@ def _run_bias(where: Where) -> tuple[Link, ...]:
     components = [f"{axis}_{name}" for name in _later(where, "run") for axis in AXES]
     size = coefficients("bias_repeatability", components, unit="g", scale=1e-3)
     return (GroupTerms(size, "run", (0, 1, 2), (_one, _one, _one)),)
+
+
+def _moved_mounts(where: Where) -> tuple[Link, ...]:
+    """A variant for each pitch setting at which the mount may be another; of two settings the second."""
+    names = [name.lstrip("_@") for name in where.names("pitch")]
+    return tuple(
+        MovedMount(coefficients("mount_by_pitch", [f"{axis}_{name}" for axis in AXES], unit="rad", scale=2e-4), setting)
+        for setting, name in enumerate(names)
+        if len(names) > 2 or setting
+    )
 
 
 def _axis_entries(number: int, axis: str) -> tuple[Effect, ...]:
@@ -100,6 +126,8 @@ def _axis_entries(number: int, axis: str) -> tuple[Effect, ...]:
             needs=("pitch",),
             weight=RARE,
             not_held=OF_GROUPS,
+            # As of the scale factor itself. Where the input is near zero, larger ones could explain any bias.
+            largest=0.1,
         ),
         Effect(
             f"run_drift.{axis}",
@@ -161,6 +189,20 @@ ENTRIES = (
         needs=("pitch",),
         weight=RARE,
         # As for a pitch setting and its vernier. With a vertical spindle, an index error of any size could explain anything.
+        largest=math.radians(2.0),
+    ),
+    Effect(
+        "mount_by_pitch",
+        "Rx Ry Rz after the mount at one pitch setting (in a rig: the one with the smallest beta)",
+        "mrad",
+        0.2,
+        "The angles of the triad in its fixture differ at one pitch setting (a clamp or cable that gives way under its weight).",
+        "Clamp the triad again; measure this pitch setting again, and another one near it.",
+        "laboratory practice",
+        _moved_mounts,
+        needs=("pitch",),
+        weight=RARE,
+        not_held=OF_MOUNT,
         largest=math.radians(2.0),
     ),
 )

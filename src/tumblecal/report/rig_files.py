@@ -2,12 +2,14 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
+import jax
 import numpy as np
 
 from tumblecal.chain import followings_of
 from tumblecal.chain.nominal import LINKS, UNIT_OF_LEAF
 from tumblecal.chain.rig_temperature import temperature_tables
 from tumblecal.diagnosis import Diagnosis
+from tumblecal.effects.catalogue import first_link
 from tumblecal.ground.strict_toml import toml_string, toml_table
 from tumblecal.lab.sensor_terms import effects_in
 from tumblecal.planning.next_plan import NextPlan
@@ -20,12 +22,19 @@ NAME = "extended_rig.toml"
 
 def extended_rig_text(diagnosis: Diagnosis) -> str:
     """The chain with the named effects, their fitted values and the noise found, at the positions as they were measured; "" if
-    there is no such model: no calibration is written, attitudes are unknown, or something without a name was found.
+    there is no such model: no calibration is written, attitudes are unknown, something without a name was found, or an effect
+    whose id in a rig stands for another link (`mount_by_pitch` at another setting).
 
     Faults of positions and labels are no part of it: the file is the model of the data as corrected.
     """
     chain, data = diagnosis.chain, diagnosis.data
     if not_written(diagnosis) or chain.of_positions or any(not cause.named for cause in diagnosis.members):
+        return ""
+    slots = [cause.slot for cause in diagnosis.members if cause.slot.columns]
+    named = [first_link(diagnosis.entries[slot.id], diagnosis.problem.where) for slot in slots]
+    if any(
+        jax.tree.structure(slot.links) != jax.tree.structure((link,)) for slot, link in zip(slots, named, strict=True)
+    ):
         return ""
     names = {link.kind: name for name, link in LINKS.items()}
     nominal = [names[type(link)] for link in chain.links if type(link) in names]

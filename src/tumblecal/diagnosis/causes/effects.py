@@ -89,7 +89,12 @@ def seen_effects(at: Tangent) -> SeenEffects:
         # Nor shows what the noise hides of the largest coefficient that a head may have.
         possible = layout.largest[numbers] / at.model.scales[columns].min(axis=1)
         least = np.maximum(rounding, LEAST_POSSIBLE * at.rough_level / possible)
-        groups.append((numbers, visibilities(varying[columns], seen[columns], share, least)))
+        split = visibilities(varying[columns], seen[columns], share, least)
+        # Nor is a direction the effect's along which the data show more than such a coefficient makes.
+        sizes = np.linalg.norm(split.turned[:, :, : split.signals.shape[1]].mT @ seen[columns], axis=2)
+        too_far = np.abs(split.signals @ at.z) / possible[:, None] > sizes
+        split.shown[:, : too_far.shape[1]] &= ~(too_far & ~moved[numbers, None])
+        groups.append((numbers, split))
     return SeenEffects(layout.slots, tuple(groups), moved)
 
 

@@ -66,9 +66,10 @@ def _signals(make: Callable[[Where], tuple[Link, ...]], variant: int) -> Float[n
     """What each coefficient of an effect adds to the outputs, less what the nominal parameters can make, of norm 1; None for an
     effect that acts on something else than the outputs at one attitude, or whose coefficients are nothing but nominal."""
     sphere = _sphere()
-    link = make(sphere.where)[variant]
-    if link.place != Place.READING or link.looks_back:
+    links = make(sphere.where)
+    if links[0].place != Place.READING or links[0].looks_back:
         return None
+    link = links[variant]
     chain = Chain((link,))
     zero, (x, y, z) = np.zeros(len(sphere.f)), jnp.asarray(sphere.f.T)
     alpha, beta, nothing = jnp.asarray(sphere.where.alpha), jnp.asarray(sphere.where.beta), jnp.asarray(zero)

@@ -1,8 +1,8 @@
 """One problem from readings to explanations: robust start, linearisation, causes, test, search."""
 
 import logging
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -37,6 +37,7 @@ from tumblecal.diagnosis.sets.prior import given_found
 from tumblecal.diagnosis.sets.search import Search
 from tumblecal.diagnosis.sets.setting_changes import SettingChanges
 from tumblecal.estimation.fit import Fit
+from tumblecal.estimation.plausibility import implausible
 from tumblecal.estimation.problem import Problem
 
 
@@ -57,7 +58,8 @@ class Screening:
     - `corrected`: whether the noise was corrected from the data: its level is then unknown.
     - `noise_stands`: whether the stated noise is used in any case, because the readings were computed.
     - `found`: number of other causes found before: set-up errors, and faults of the noise.
-    - `impossible`: ids of effects that would need coefficients beyond those of any head.
+    - `impossible`: ids of effects that would need coefficients beyond those of any instrument.
+    - `usual`: largest usual sizes of parameters, base units, for those that differ from `estimation.plausibility.USUAL`.
     """
 
     model: FullModel
@@ -67,6 +69,7 @@ class Screening:
     noise_stands: bool = False
     impossible: frozenset[str] = frozenset()
     found: int = 0
+    usual: Mapping[str, float] = field(default_factory=dict)
 
     def first(self, problem: Problem) -> Screened:
         """The screen around the nominal fit, nothing refined."""
@@ -76,14 +79,23 @@ class Screening:
         """Screen one problem; `first`: its screen around the nominal fit already.
 
         The screen is linear around the nominal fit; where the winner's exact fit contradicts that, it is repeated around
-        the exact fit. Where that needs an effect of an impossible size, it is repeated without the effect.
+        the exact fit. Where that needs an effect of an impossible size, it is repeated without the effect; of an implausible
+        size, if the result needs no implausible parameter.
         """
         first = first or self.first(problem)
         screened = self._relinearised(first)
         if screened.detection.detected and not screened.settled:
             screened = self._signs_varied(screened, first)
-        impossible = _impossible(screened)
-        return replace(self, impossible=self.impossible | impossible)(problem) if impossible else screened
+        for too_large in (_impossible(screened), self._implausible(screened)):
+            without = replace(self, impossible=self.impossible | too_large)(problem) if too_large else screened
+            if too_large and (too_large <= _impossible(screened) or not implausible(_fit_of(without), self.usual)):
+                return without
+        return screened
+
+    def _implausible(self, screened: Screened) -> set[str]:
+        """Ids of the effects of the best explanation with coefficients beyond the usual sizes."""
+        unusual = {one.parameter for one in implausible(_fit_of(screened), self.usual)}
+        return {cause.slot.id for cause in screened.members if not unusual.isdisjoint(cause.slot.names)}
 
     def _signs_varied(self, screened: Screened, first: Screened) -> Screened:
         """The most probable of a screen and of those around the exact fits of sets with a sign variant. These are sought around
@@ -247,6 +259,11 @@ def _needed(screened: Screened, fit: Fit) -> set[int]:
             ):
                 needed.add(number)
     return needed
+
+
+def _fit_of(screened: Screened) -> Fit:
+    """The exact fit of the best explanation."""
+    return screened.fit or fit_with(screened.at, screened.members)
 
 
 def _impossible(screened: Screened) -> set[str]:
