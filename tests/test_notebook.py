@@ -64,7 +64,7 @@ def attributes(path, thing):
 
 def test_results_show_a_table_with_units_the_verdict_and_a_figure(cells):
     for name, words in (
-        ("calibrated", "the model or the noise is wrong"),
+        ("calibrated", "the data contradict the model"),
         ("exact", "converged"),
         ("diagnosis", "AMBIGUOUS"),
     ):

@@ -322,4 +322,4 @@ def test_the_noise_of_a_budget_is_that_of_the_calibration(tumblecal, tmp_path, t
         assert own["u_type_a"] == pytest.approx(result[name]["sd"], rel=1e-6)
     assert "dispersion of the positions exceeds" in (tmp_path / "budget.html").read_text()
     stated = ("budget", tmp_path / "data.csv", tmp_path / "lab.toml", "--noise-sd", "0.01mg", "--out", tmp_path)
-    assert "for the stated noise, so the model or the noise is wrong" in tumblecal(*stated).out
+    assert "the residuals exceed the stated noise" in tumblecal(*stated).out

@@ -43,7 +43,8 @@ def test_no_order_is_better_than_the_bound_of_several_visits(unsteady):
         found = exchange(limits, measures(one_visit(responses), criterion), restarts=1)
         once = bounds(one_visit(responses), criterion, limits, found.cells).white
         several = bounds(one_visit(responses, visits=most_visits(limits)), criterion, limits, found.cells).white
-        assert several < once
+        # Both are found by iterations that end within a thousandth.
+        assert several < 1.001 * once
         orders = [rng.choice(80, count, replace=False) for _ in range(200)]
         for _ in range(50):
             half = np.array_split(rng.permutation(found.cells), 2)

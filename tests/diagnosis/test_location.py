@@ -41,9 +41,7 @@ def test_effect_in_a_part_is_named_beside_what_else_follows_no_entry(diagnoser, 
     assert diagnosis.located[0].effect == name
     words = verdict_of_diagnosis(diagnosis).words()
     assert "no catalogued effect that acts on all positions explains the data" in words
-    assert (
-        f"{name} at pitch 0 deg alone (" in words and "more probable than an unnamed effect on all positions" in words
-    )
+    assert f"{name} at pitch 0 deg alone (" in words and "against an unnamed effect at all positions: " in words
 
 
 def test_what_acts_everywhere_is_not_cut(diagnoser):
@@ -65,7 +63,7 @@ def test_part_is_told_in_words_and_in_the_record(diagnoser):
     content = json.loads(json.dumps(record(diagnosis, next_plan(diagnosis)), default=float))
     assert content["located"][0]["effect"] == name
     said = " ".join(content["text"].split())
-    assert f"{name} in the second half alone (12 positions): more probable than" in said.lower()
+    assert f"{name} in the second half alone (12 positions). odds in favour of this" in said.lower()
 
 
 def test_nothing_is_located_where_nothing_is_wrong(diagnoser, hidden):

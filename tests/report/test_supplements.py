@@ -57,7 +57,7 @@ def test_a_broken_figure_card_and_table_are_a_line_each(tmp_path, table1_file):
         assert one.keys() == other.keys() and one.get("parameters") == other.get("parameters")
     text = (out / "calibration.html").read_text(encoding="utf-8")
     assert "Residuals" in text and text.count("<figure") == 1 and not (out / "methods.svg").exists()
-    assert "written: " in done[0].stdout and "methods.svg" not in done[0].stdout.splitlines()[-1]
+    assert "written:" in done[0].stdout and "methods.svg" not in done[0].stdout.splitlines()[-1]
 
 
 def test_an_error_in_a_figure_is_an_error_in_tests(tumblecal, tmp_path, table1_file, monkeypatch):

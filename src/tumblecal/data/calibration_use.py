@@ -85,8 +85,9 @@ class Use:
         **Raises:** `InputError`.
         """
         if (self.refused or (tested and self.untested)) and not anyway:
-            remedy = "Repeat the measurement or the calibration" if self.refused else "Measure more positions"
-            raise InputError(f"{path}: use: {self.words}. {remedy}; --use-anyway overrides this")
+            raise InputError(
+                f"{path}: use: {self.words}. Repeat the measurement or the calibration; --use-anyway overrides this"
+            )
 
     def record(self) -> dict[str, Any]:
         """The record in a JSON file; empty if nothing is stated."""

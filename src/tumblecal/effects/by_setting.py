@@ -196,7 +196,7 @@ ENTRIES = (
         "Rx Ry Rz after the mount at one pitch setting (in a rig: the one with the smallest beta)",
         "mrad",
         0.2,
-        "The angles of the triad in its fixture differ at one pitch setting (a clamp or cable that gives way under its weight).",
+        "The angles of the triad in its fixture differ at one pitch setting (a clamp or cable gives way under its weight).",
         "Clamp the triad again; measure this pitch setting again, and another one near it.",
         "laboratory practice",
         _moved_mounts,

@@ -120,4 +120,5 @@ class Shown:
 
     def _repr_html_(self) -> str:
         plot = getattr(self, "plot_residuals", None)
-        return self.screen().html("" if plot is None else of_report("drawing.inline")(plot()))
+        svg = "" if plot is None else of_report("drawing.svg_text")(plot())
+        return self.screen().html(svg[svg.find("<svg") :] if svg else "")
