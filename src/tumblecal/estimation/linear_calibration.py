@@ -20,7 +20,8 @@ def linear_calibration(result: Fit) -> Calibration:
 
     **Raises:** `KeyError` when the sensor's parameters are not one for all data.
     """
-    names = (*SENSOR, *(name for name in result.names if leaf_of(name) == "dtheta"))
+    estimated = [name for name in result.names if name in SENSOR or leaf_of(name) == "dtheta"]
+    names = (*estimated, *(name for name in SENSOR if name not in estimated))
     return calibration_with(result, sensor_of(result, names), curves_of(result))
 
 
