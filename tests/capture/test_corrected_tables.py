@@ -45,8 +45,13 @@ TABLES = {
         OWN,
         ["pos,alpha,beta,note,Temp", "p1,0.0,0.0,a b,23.5", "p2,90.5,30.0,,1000.5"],
     ),
+    "counters beyond float64": (
+        "ns,AccX,AccY,AccZ\n1730000000123456789,@0.1,@0.2,@1\n1730000000133456789,@0.1,@0.25,@1\n",
+        OWN,
+        ["ns", "1730000000123456789", "1730000000133456789"],
+    ),
     "tabs": (
-        "AccX\tt\tAccY\tAccZ\n@0.1\t007\t@0.2\t@1\n@0.1\t1.50\t@0.25\t@1\n", OWN, ["t", "7.0", "1.5"]
+        "AccX\tt\tAccY\tAccZ\n@0.1\t007\t@0.2\t@1\n@0.1\t1.50\t@0.25\t@1\n", OWN, ["t", "007", "1.50"]
     ),
     "tabs, decimal commas elsewhere alone": (
         "t\tax_mg\tay_mg\taz_mg\n0,01\t@1\t@2\t@1000\n0,02\t@1\t@3\t@999\n", [], ["t", "0.01", "0.02"]
@@ -54,7 +59,7 @@ TABLES = {
     "a mark of UTF-8, numpy's header": (
         "\ufeff# ax_g,ay_g,az_g,x\n@0.1,@0.2,@1,5\n@0.1,@0.3,@1,5", [], ["x", "5", "5"]
     ),
-    "blanks": ("  AccX  AccY   AccZ  T\n  @0.1  @0.2   @0.97  20\n @-0.1 @10e-1  @0.5 21\n", OWN, ["T", "20.0", "21.0"]),
+    "blanks": ("  AccX  AccY   AccZ  T\n  @0.1  @0.2   @0.97  20\n @-0.1 @10e-1  @0.5 21\n", OWN, ["T", "20", "21"]),
     "quotation marks": (
         '"# a: b, c",,,,\n"id","ax_g","ay_g","az_g",note\n"1,5","@0.1",@0.2, @0.3 ,"5"" pipe"\n2,@1,"@2",@3,"x,y"\n',
         [],
@@ -67,7 +72,7 @@ TABLES = {
     ),
     "lines of old systems": ("id,ax_g,ay_g,az_g\r1,@0.1,@0.2,@0.3\r2,@1,@2,@3\r", [], ["id", "1", "2"]),
     "Latin-1 and a preamble": (
-        "Logger;7\nt;AccX;AccY;AccZ;\xb0C\n1;@0;@0;@1;20\n2;@0;@1;@0;20\n", OWN, ["t,\xb0C", "1.0,20.0", "2.0,20.0"]
+        "Logger;7\nt;AccX;AccY;AccZ;\xb0C\n1;@0;@0;@1;20\n2;@0;@1;@0;20\n", OWN, ["t,\xb0C", "1,20", "2,20"]
     ),
     "decimal commas within quotation marks": (
         'AccX,AccY,AccZ,n\n"@0,125","@0,2","@1,5","1,5"\n"@0,25","@0,5","@0,25",7\n', OWN, ["n", "1.5", "7.0"]

@@ -1,6 +1,6 @@
 """Tables of a source, as every format returns them: with the column names of the source, in pieces of any length."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
@@ -35,6 +35,8 @@ class SourceTable:
     - `comments`: other statements of the source, `key: value`. `row_word`: name of a row in a fault.
     - `header`: the line with the names of the columns, from 1; None if they are elsewhere.
     - `sheet`: whether it is the only table of a file, with named columns; a corrected copy then retains all columns.
+    - `as_written`: of a text, the table with these columns as numbers and all others as they are written, except for decimal
+      commas; numbers would lose leading zeros, and the last digits of long counters.
     - `zero_s`: the clock of the source, s, at time zero of the column of times; known after rows were read.
     """
 
@@ -49,6 +51,7 @@ class SourceTable:
     row_word: str = "row"
     header: int | None = None
     sheet: bool = False
+    as_written: "Callable[[Collection[str]], SourceTable] | None" = None
     zero_s: Callable[[], float] = lambda: 0.0
 
     def __post_init__(self) -> None:

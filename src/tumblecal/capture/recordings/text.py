@@ -1,6 +1,7 @@
 """Text of any layout: rows between separators, or lines with words around their numbers."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 
 import polars as pl
@@ -48,6 +49,11 @@ def text_table(
             cut=lambda line: damage.report(f"line {line} has no end and may be truncated: left out"),
         )
 
+    def as_written(numbers: Collection[str]) -> SourceTable:
+        columns = zip(layout.names, layout.marks, strict=True)
+        marks = tuple(mark if column in numbers or mark[:1] != "." else "" for column, mark in columns)
+        return text_table(name, replace(layout, marks=marks), comments, damage, roles)
+
     return SourceTable(
         *(name, layout.names, pieces),
         comments=comments,
@@ -55,6 +61,7 @@ def text_table(
         row_word="line",
         header=layout.header_line,
         sheet=layout.header_line is not None,
+        as_written=as_written,
         roles={name: role for name, role in roles.items() if name in layout.names},
     )
 

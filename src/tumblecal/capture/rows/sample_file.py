@@ -81,6 +81,9 @@ def sample_stream(
     if in_force_units:
         with guessed(layout.guesses):
             layout = _in_force_units(layout, path)
+    if needed is not None and table.sheet and table.as_written is not None:
+        numbers = {name for column in layout.columns.values() for name in column.names}
+        layout = replace(layout, table=table.as_written(numbers))
     contents = Contents(reader, tables, layout, options, damage)
     schema = pl.Schema({name: pl.String if name in LABELS else pl.Float64 for name in quantity_names(layout).values()})
     return SampleStream(
