@@ -23,7 +23,7 @@ NAME = "extended_rig.toml"
 def extended_rig_text(diagnosis: Diagnosis) -> str:
     """The chain with the named effects, their fitted values and the noise found, at the positions as they were measured; "" if
     there is no such model: no calibration is written, attitudes are unknown, something without a name was found, or an effect
-    whose id in a rig stands for another link (`mount_by_pitch` at another setting).
+    whose id in a rig denotes a different link (`mount_by_pitch` at another setting).
 
     Faults of positions and labels are no part of it: the file is the model of the data as corrected.
     """
