@@ -64,7 +64,7 @@ def test_no_certificate_is_made_of_data_that_contradict_the_model(tumblecal, cal
     assert outcome.code == 0
     for file in ("certificate.html", "dcc.xml"):
         text = (folder / file).read_text()
-        assert "Issued at the request of the customer (option --use-anyway)." in text
+        assert "Issued with the option --use-anyway." in text
         assert "Use of the calibration: no: the data contradict the model" in text and "corrected reading" not in text
 
 

@@ -45,9 +45,7 @@ def reservation(folder: Path, calibration: Calibration, *, use_anyway: bool = Fa
         raise InputError(f"{path}: judgement: {judged.headline} No certificate is written; {judged.advice}")
     words = [f"Judgement of the calibration: {headline}"] if headline else []
     if use.refused or use.untested:
-        words.append(
-            "Issued at the request of the customer (option --use-anyway). U is not valid if the model is wrong."
-        )
+        words.append("Issued with the option --use-anyway. U is not valid if the model is wrong.")
     if use.answer not in ("yes", "within"):
         words.append(f"Use of the calibration: {use.words}.")
     return " ".join(words)

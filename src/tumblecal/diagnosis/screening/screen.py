@@ -86,7 +86,8 @@ class Screening:
         screened = self._relinearised(first)
         if screened.detection.detected and not screened.settled:
             screened = self._signs_varied(screened, first)
-        for too_large in (_impossible(screened), self._implausible(screened)):
+        for sizes in (_impossible, self._implausible):
+            too_large = sizes(screened)
             without = replace(self, impossible=self.impossible | too_large)(problem) if too_large else screened
             if too_large and (too_large <= _impossible(screened) or not implausible(_fit_of(without), self.usual)):
                 return without
@@ -94,6 +95,8 @@ class Screening:
 
     def _implausible(self, screened: Screened) -> set[str]:
         """Ids of the effects of the best explanation with coefficients beyond the usual sizes."""
+        if not any(cause.slot.columns for cause in screened.members):
+            return set()
         unusual = {one.parameter for one in implausible(_fit_of(screened), self.usual)}
         return {cause.slot.id for cause in screened.members if not unusual.isdisjoint(cause.slot.names)}
 
