@@ -219,7 +219,7 @@ MISTAKES = {
     "no reading": ("calibrate huge.csv", "1e+30 g is not a possible reading"),
     "m/s^2 called g": ("calibrate ms2.csv", "so they look like m/s^2; name the columns ax_ms2"),
     "mg called g": ("calibrate mg.csv", "so they look like mg"),
-    "counts called g": ("calibrate counts.csv", "at rest it is 1 g: check the scale"),
+    "counts called g": ("calibrate counts.csv", "If they are counts, divide them by the counts per g"),
     "gravity of Mars": ("calibrate gravity.csv", "comment gravity_ms2: '3.7' is not a gravity"),
     "gravity in words": ("calibrate gravity_word.csv", "comment gravity_ms2: 'local' is not a gravity"),
     "attitudes known": ("calibrate attitudes.csv", "the only possible value is 'unknown'"),

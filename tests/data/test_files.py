@@ -187,7 +187,8 @@ def test_all_faults_are_told_at_once_and_many_are_cut_short(tmp_path):
         (1000, "g", "look like mg"),
         (1, "mg", "look like g"),
         (1, "ms2", "look like g"),
-        (0.1, "g", "check the scale"),
+        (0.1, "g", "a wrong scale"),
+        (8, "g", "8 times the force, as with a wrong full-scale range"),
     ],
 )
 def test_values_that_contradict_their_unit(tmp_path, size, unit, words):

@@ -18,6 +18,7 @@ from tumblecal.check.observation import Observation, observed
 from tumblecal.check.sensitivity import Sensitivity, sensitivity
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.calibration_use import YES, Use, combined
+from tumblecal.data.gravity_size import size_fault
 from tumblecal.data.positions import PositionSet
 from tumblecal.data.sensor_parameters import SENSOR, triad_of
 from tumblecal.estimation.attitudes import attitudes, slopes
@@ -138,7 +139,7 @@ def check(
     noise = replace(noise, data=without_terms(calibration, noise.data, degc))
     before = expected(calibration, path, degc, size=gravity.size, size_sd=gravity.sd, repeatability=repeatability)
     sizes = _sizes(before, noise)
-    _require_gravity(noise.data, sizes, gravity)
+    _require_gravity(noise.data, before, sizes, gravity)
     problem = (model or Model()).problem(noise.data, noise)
 
     def test_of(rows: Observation, *, estimate: bool = False) -> Consistency:
@@ -191,12 +192,14 @@ def _sizes(before: Expected, noise: PositionNoise) -> Sizes:
     return Sizes((sizes - 1) * before.size, np.sqrt(variance))
 
 
-def _require_gravity(data: PositionSet, sizes: Sizes, gravity: LocalSize) -> None:
+def _require_gravity(data: PositionSet, before: Expected, sizes: Sizes, gravity: LocalSize) -> None:
     """Check that the readings are gravity.
 
     **Raises:** `InputError` with the positions that are far from it.
     """
     far = np.flatnonzero(np.abs(sizes.excess) > _FAR)
+    if len(far) and (fault := size_fault(data.readings - before.mean[3:6])):
+        raise InputError(f"{data.source}: {fault}")
     if len(far):
         worst = int(np.argmax(np.abs(sizes.excess)))
         listed = ", ".join(data.names[k] for k in far[:5]) + (f" and {len(far) - 5} more" if len(far) > 5 else "")

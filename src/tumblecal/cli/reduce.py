@@ -19,7 +19,10 @@ if TYPE_CHECKING:
     from tumblecal.capture.reduction.reduce_recording import RecordingReduction
     from tumblecal.capture.reduction.reduction import Reduction
     from tumblecal.capture.still.stillness import Stillness
+    from tumblecal.data import PositionSet
 
+# With fewer attitudes a bias may change the median size of the readings.
+_FEWEST_SIZES = 6
 _WRITTEN = ("positions.csv", "positions.parquet", "reduction.json", "intervals.svg")
 
 
@@ -148,6 +151,7 @@ def _means(source: Path, context: KnownContext, options: RecordingOptions, folde
         for path in paths:
             write_positions(aside / path.name, data)
     warn(source, [*contents.damage.lines, *left_out_words(contents)])
+    _sizes_checked(source, data)
     output.say("\n".join(layout_words(contents)))
     attitudes = "attitudes unknown" if data.hand_held else "angles known"
     _written(output, paths, f"{counted(len(data), 'position')}, {attitudes}; standard uncertainties unknown")
@@ -277,6 +281,15 @@ def _printed(table: "Reduction", source: Path, output: Output) -> None:
     if output.words:
         print_reduction(table)
     output.warn(str(source), unusual_words(table))
+    _sizes_checked(source, table.data)
+
+
+def _sizes_checked(source: Path, data: "PositionSet") -> None:
+    """Warnings on a wrong size of the means."""
+    from tumblecal.data.gravity_size import moving_fault, size_fault
+
+    if len(data) >= _FEWEST_SIZES:
+        warn(source, filter(None, [size_fault(data.readings), moving_fault(data)]))
 
 
 def _written(output: Output, paths: list[Path], words: str) -> None:

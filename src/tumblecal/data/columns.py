@@ -10,6 +10,7 @@ import numpy as np
 from tumblecal.data.cells import beyond_words, labels_in, number_in
 from tumblecal.data.conditions import temperature_faults, time_fault
 from tumblecal.data.faults import Faults
+from tumblecal.data.gravity_size import gravity_size, power_of_two, size_fault
 from tumblecal.data.measured import MEASURED, measured_at
 from tumblecal.data.position_comments import ATTITUDES, UNKNOWN
 from tumblecal.data.positions import PositionSet, attitudes_of
@@ -249,14 +250,15 @@ class _Reader:
             self.faults.add("these look like radians; write degrees", column="alpha_deg, beta_deg")
 
     def _size(self, readings: np.ndarray) -> None:
-        size = float(np.median(np.linalg.norm(readings, axis=1)))
+        size = gravity_size(readings)
         if 0.5 < size < 2.0:
             return
         columns = self.axis_columns("")
         given = columns[0].rsplit("_", 1)[1]
         in_unit = size / self.to_g("")
         for unit, one_g in {"g": 1.0, "mg": 1000.0, "ms2": STANDARD_GRAVITY_MS2}.items():
-            if 0.5 < in_unit / one_g < 2.0 and unit != given:
+            away = abs(np.log(in_unit / one_g))
+            if away < min(np.log(2.0), abs(np.log(size / power_of_two(size)))) and unit != given:
                 renamed = ", ".join(f"a{axis}_{unit}" for axis in AXES)
                 self.faults.add(
                     f"the readings' norm is about {in_unit:.4g}, so they look like {'m/s^2' if unit == 'ms2' else unit}; "
@@ -264,10 +266,7 @@ class _Reader:
                     column=", ".join(columns),
                 )
                 return
-        self.faults.add(
-            f"the readings' norm is about {size:.4g} g; at rest it is 1 g: check the scale of the data",
-            column=", ".join(columns),
-        )
+        self.faults.add(size_fault(readings), column=", ".join(columns))
 
 
 # Axes of a triad named without a unit.

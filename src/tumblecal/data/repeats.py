@@ -13,11 +13,14 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from tumblecal.data import PositionSet
+from tumblecal.data.gravity_size import moving_fault, reduce_command
 from tumblecal.ground.errors import InputError
 
 
 # Largest number of positions without averaging; number of means; largest number that is accepted without averaging.
 MOST_ROWS, MEANS, REFUSED = 400, 240, 1000
+# Largest number of positions of unknown attitude: each adds two unknowns, and the time grows with the third power.
+_MOST_HAND_HELD = 600
 # Time and memory of 1,000 positions on one core (benchmarks/size_in_rows.py); both grow with the square.
 _SECONDS, _GIB_FIXED, _GIB = 55.0, 0.6, 2.2
 # A reading further than this (robust standard deviations) from the median of its repeats is not averaged; at most so many.
@@ -46,6 +49,8 @@ def in_bounds(data: PositionSet, noise_sd: float | None, most: int | None = None
 
     **Raises:** `InputError`, with the estimated cost, for more positions after averaging.
     """
+    if most is None:
+        require_few_attitudes(data)
     wanted = MOST_ROWS if most is None else most
     if len(data) <= wanted:
         return InBounds(data, noise_sd)
@@ -70,6 +75,20 @@ def in_bounds(data: PositionSet, noise_sd: float | None, most: int | None = None
             f"this with --max-rows {len(data)}"
         )
     return InBounds(data, noise_sd, f"{len(data)} positions: this needs {cost(len(data))}.")
+
+
+def require_few_attitudes(data: PositionSet) -> None:
+    """Reject a hand-held set that is too large.
+
+    **Raises:** `InputError`.
+    """
+    if data.hand_held and len(data) > _MOST_HAND_HELD:
+        many = (
+            f"{len(data)} positions of unknown attitude, but at most {_MOST_HAND_HELD} are possible, because each adds two "
+            "unknowns. Average rows of the same attitude; to find the intervals at rest of a recording, run: "
+            f"{reduce_command(data)}"
+        )
+        raise InputError(f"{data.source}: {moving_fault(data) or many}")
 
 
 def copied_positions(data: PositionSet) -> list[tuple[str, str]]:

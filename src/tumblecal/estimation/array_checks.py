@@ -6,12 +6,8 @@ from numpy.typing import ArrayLike
 
 from tumblecal.chain import Chain
 from tumblecal.chain.nominal import Triad
+from tumblecal.data.gravity_size import FACTORS, unit_of
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
-
-
-# One g in the other units of readings.
-_ONE_G = {"m/s^2": STANDARD_GRAVITY_MS2, "mg": 1000.0}
 
 
 def numbers_in_g(name: str, values: ArrayLike) -> np.ndarray:
@@ -53,7 +49,7 @@ def require_g(chain: Chain, readings: Float[np.ndarray, "... 3"]) -> None:
     if not np.any(norms) or not any(isinstance(link, Triad) for link in chain.links):
         return
     size = float(np.median(norms))
-    likely = [f"they look like {unit}: divide by {g:g}" for unit, g in _ONE_G.items() if 0.5 < size / g < 2.0]
     if not 0.5 < size < 2.0:
-        cure = likely[0] if likely else "check their unit"
+        unit = unit_of(size)
+        cure = "check their unit and scale" if unit is None else f"they look like {unit}: divide by {FACTORS[unit]:g}"
         raise InputError(f"readings: the median norm is {size:.4g}, but 1 g at rest; {cure}")

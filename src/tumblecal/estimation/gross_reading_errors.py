@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from tumblecal.data import PositionSet
+from tumblecal.data.gravity_size import FACTORS, NEAR
 from tumblecal.estimation.equal_ends import equal_ends
 from tumblecal.estimation.setup_error import SetupError
 from tumblecal.ground.axes import AXES
@@ -15,15 +16,6 @@ from tumblecal.ground.frames import gravity_in_head
 from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 
 
-# Readings of 1 g in each unit, in the unit of the column.
-FACTORS = {
-    "mg": 1e3,
-    "m/s^2": STANDARD_GRAVITY_MS2,
-    "g (in a column of mg)": 1e-3,
-    "g (in a column of m/s^2)": 1 / STANDARD_GRAVITY_MS2,
-}
-# Largest ratio between the size of a reading and the factor of a unit for which the unit is accepted.
-NEAR = 1.3
 # Rows are in several units if at least this share has a norm of 1 g in one of them; otherwise single axes may be.
 _OF_ROWS = 0.8
 # In g, in the correct unit: smallest reading that contributes to a row, and largest deviation from a perfect triad.

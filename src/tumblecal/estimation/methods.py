@@ -11,6 +11,7 @@ import numpy as np
 from tumblecal.chain import Chain
 from tumblecal.data import PositionSet
 from tumblecal.data.calibration_use import Judgement, Use
+from tumblecal.data.repeats import require_few_attitudes
 from tumblecal.effects import Catalogue, catalogue
 from tumblecal.estimation import exact, harmonic, kalman
 from tumblecal.estimation.between_position_sd import BetweenPositionSd, between_position_sd
@@ -166,6 +167,7 @@ def checked(
     """
     if not len(data):
         raise InputError(f"{data.source}: no positions")
+    require_few_attitudes(data)
     corrected, setup_errors = correct_setup_errors(data, chain)
     entries, diagnose = entries or catalogue(), suggested("diagnose", *data.as_arguments)
     faults = [

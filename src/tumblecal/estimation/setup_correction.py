@@ -14,14 +14,9 @@ from tumblecal.chain import Chain
 from tumblecal.chain.nominal import FreeAttitude
 from tumblecal.data import PositionSet
 from tumblecal.data.conditions import are_kelvin
+from tumblecal.data.gravity_size import FACTORS, NEAR, gravity_size, moving_fault, size_fault, unit_of
 from tumblecal.estimation.angle_correction import Mapped, as_intended, correct_angles, with_turns
-from tumblecal.estimation.gross_reading_errors import (
-    FACTORS,
-    NEAR,
-    correct_decimal_points,
-    refuse_unmeasured,
-    units_of_rows,
-)
+from tumblecal.estimation.gross_reading_errors import correct_decimal_points, refuse_unmeasured, units_of_rows
 from tumblecal.estimation.position_problem import where_of
 from tumblecal.estimation.quarter_turns import turn_of, turn_words
 from tumblecal.estimation.setup_error import SetupError
@@ -34,6 +29,8 @@ from tumblecal.ground.errors import InputError
 _IN_G = 0.25
 # Sizes of readings (g) that a calibration may have and no other unit would produce.
 _POSSIBLE_G = (0.5, 2.0)
+# Readings in another unit are larger by more than this factor.
+_OTHER_UNIT = 3.0
 # An axis is judged by this quantile of its readings, so that a single outlier does not decide.
 _MOST_IN_G = 0.9
 # An axis that varies by less than this share of the others, or differs from another by less, has no separate signal.
@@ -72,9 +69,11 @@ def correct_setup_errors(data: PositionSet, chain: Chain | None = None) -> tuple
 
 def _corrected(data: PositionSet, chain: Chain | None) -> tuple[PositionSet, list[SetupError]]:
     data, setup_errors = _conditions(data)
-    for correct in (_in_g, units_of_rows, _refuse_unknown_unit, correct_decimal_points):
+    for correct in (_in_g, units_of_rows, correct_decimal_points):
         data, found = correct(data)
         setup_errors += found
+    if data.hand_held and (fault := moving_fault(data)):
+        raise InputError(f"{data.source}: {fault}")
     if data.hand_held or (chain is not None and any(isinstance(link, FreeAttitude) for link in chain.links)):
         return data, setup_errors
     data, attitudes, found = with_turns(data, chain)
@@ -134,32 +133,23 @@ def _restarted(time: Float[np.ndarray, " positions"]) -> list[np.ndarray]:
 
 
 def _in_g(data: PositionSet) -> tuple[PositionSet, list[SetupError]]:
-    """The set in g, if all readings are in one other unit."""
-    sizes = np.linalg.norm(data.readings, axis=1)
-    common = float(np.median(sizes))
-    if np.mean(np.abs(np.log(np.maximum(sizes, 1e-300))) < np.log(NEAR)) < _IN_G:
-        for words, factor in FACTORS.items():
-            if 1 / NEAR < common / factor < NEAR:
-                return replace(data, readings=data.readings / factor), [
-                    SetupError("unit_error", f"all readings are in {words}")
-                ]
-    return data, []
+    """The set in g, if all readings are in one other unit.
 
-
-def _refuse_unknown_unit(data: PositionSet) -> tuple[PositionSet, list[SetupError]]:
-    """The unchanged set.
-
-    **Raises:** `InputError` for readings in an unknown unit.
+    **Raises:** `InputError` for readings of another size than gravity.
     """
-    # A single axis in another unit also changes the norm. The unit is unknown only if no axis has a plausible size.
+    sizes = np.linalg.norm(data.readings, axis=1)
+    in_g = np.mean(np.abs(np.log(np.maximum(sizes, 1e-300))) < np.log(NEAR)) >= _IN_G
+    if not in_g and (unit := unit_of(gravity_size(data.readings))):
+        return replace(data, readings=data.readings / FACTORS[unit]), [
+            SetupError("unit_error", f"all readings are in {unit}")
+        ]
+    # Some rows, or a single axis, in another unit change the size as well; they are corrected later.
     largest = np.quantile(np.abs(data.readings), _MOST_IN_G, axis=0)
-    if not np.any((largest > _POSSIBLE_G[0]) & (largest < _POSSIBLE_G[1])):
-        raise InputError(
-            f"{data.source}: the norm of the readings is about "
-            f"{np.median(np.linalg.norm(data.readings, axis=1)):.4g}; at rest it "
-            "is 1 g. If they are counts, divide them by the counts per g of the data sheet; otherwise check the unit "
-            "of the data"
-        )
+    one_axis = np.max(largest) > _OTHER_UNIT * np.min(largest) and np.any(
+        (largest > _POSSIBLE_G[0]) & (largest < _POSSIBLE_G[1])
+    )
+    if not (one_axis or (in_g and np.max(sizes) > _OTHER_UNIT)) and (fault := size_fault(data.readings)):
+        raise InputError(f"{data.source}: {fault}")
     return data, []
 
 

@@ -33,8 +33,10 @@ from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.capture.recordings.table import SourceTable
 from tumblecal.capture.rows.row_runs import without_erased_rows
 from tumblecal.data.cells import advice
+from tumblecal.data.gravity_size import power_of_two
 from tumblecal.data.text_layout import ROW
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.gravity import UNITS_PER_G
 from tumblecal.ground.text_file import shown
 
 
@@ -198,6 +200,8 @@ def _other_unit(named: Mapping[str, Column], options: RecordingOptions, size: fl
     per_g, other = per_g_of(named["ax"].unit), usual_unit(size, ALIKE)
     if options.unit or per_g is None or other is None or 1 / _FAR < size / per_g < _FAR:
         return []
+    if abs(np.log(size / per_g / power_of_two(size / per_g))) < abs(np.log(size / UNITS_PER_G[other])):
+        return []  # a wrong full-scale range explains it better
     return [
         f"unit by name: {named['ax'].unit}, but the readings' size is about {size:.5g}, one g in {other}; to change it: --unit"
     ]

@@ -142,8 +142,9 @@ class Size:
 
     @property
     def is_without_gravity(self) -> bool:
-        """Whether gravity was removed: in their unit, or in any usual unit, the readings are near zero."""
-        return self.usual / (self.per_g or min(UNITS_PER_G.values())) < _LEAST
+        """Whether gravity was removed: in their unit, or in any usual unit, the readings are near zero, and of no one size."""
+        small = self.usual / (self.per_g or min(UNITS_PER_G.values())) < _LEAST
+        return small and not (self.fit is not None and self.fit.fits)
 
 
 def usual_unit(size: float, factor: float) -> str | None:
