@@ -46,7 +46,8 @@ def test_calibrate_ends_with_code_3_and_reports_every_judgement(tumblecal, tmp_p
     for judged in content["judgements"]:
         assert " ".join(judged["headline"].split()) in said
     assert "; use: no" in tumblecal("history", tmp_path / "lab.db").out
-    assert "FLAG: result 1: use: no; it must not be used" in tumblecal("history", tmp_path / "lab.db", "A-17").out
+    reported = tumblecal("history", tmp_path / "lab.db", "A-17").out
+    assert reported.startswith("A-17: result 1 must not be used (use: no).\nNEXT: Diagnose the data of such results")
 
 
 @pytest.mark.parametrize("command", ["apply", "export"])

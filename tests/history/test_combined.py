@@ -29,9 +29,14 @@ def folder(tumblecal, tmp_path, table1, configs):
 
 def test_which_uncertainties_were_used_is_said_and_they_are_the_budget_s(tumblecal, tmp_path, folder):
     path, budget = tmp_path / "lab.db", json.loads((folder / "budget.json").read_text())
-    assert "uncertainties: of the noise alone (type A)" in tumblecal("history", path, "A-17").out
+
+    def page(name):
+        assert tumblecal("history", path, "A-17", "--out", tmp_path / name).code == 0
+        return (tmp_path / name / "history.html").read_text()
+
+    assert "Uncertainties: of the noise alone (type A)" in page("before")
     assert "1 of 1 added" in tumblecal("history", path, "--add", folder).out
-    assert "uncertainties: combined (noise and budget)" in tumblecal("history", path, "A-17").out
+    assert "Uncertainties: combined (noise and budget)" in page("after")
     alone, combined = (entry.parameters for entry in of_unit(path, "A-17"))
     assert [entry.combined for entry in of_unit(path, "A-17")] == [False, True]
     u = [budget["parameters"][name]["u"] for name in combined.names]

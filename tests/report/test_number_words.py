@@ -63,10 +63,10 @@ def test_tables_of_results_have_two_digits_of_the_uncertainty_and_values_to_the_
     """GUM 7.2.6, in mg: bias 1.23456 with u 0.0123 and U 0.0246; a drift of 0.05678 with u 0.0321 per month."""
     sizes = {"values": [0.0, 1.23456e-3], "sd": [1.23e-5] * 2, "expanded": [2.46e-5] * 2, "en": [0.51]}
     arrays = {name: np.array(values) for name, values in sizes.items()}
-    trend = SimpleNamespace(name="bias_x", unit="g", drift=5.678e-5, drift_sd=3.21e-5, **arrays)
-    assert trend_row(trend) == ["bias_x", "1.235", "0.025", "mg", "0.51", "0.057", "0.032"]
+    trend = SimpleNamespace(name="bias_x", unit="g", drift=5.678e-5, drift_sd=3.21e-5, p_value=0.123, **arrays)
+    assert trend_row(trend) == ["bias_x", "1.235", "0.025", "mg", "0.51", "0.057", "0.032", "0.12"]
     trend.sd, trend.drift, trend.drift_sd = np.zeros(2), np.nan, np.nan
-    assert trend_row(trend) == ["bias_x", "1.2346", "", "mg", "0.51", "", ""]
+    assert trend_row(trend) == ["bias_x", "1.2346", "", "mg", "0.51", "", "", "0.12"]
     comparison = SimpleNamespace(moved=[Moved("bias_x", "g", 1.23456e-3, 1.3e-3, 1.23e-5)], joint=[])
     assert comparison_text(comparison).splitlines()[1].split() == [
         "bias_x",

@@ -90,7 +90,7 @@ def history(
     check: Annotated[bool, Parameter(negative=())] = False,
     quiet: Quiet = False,
 ) -> int:
-    """List the results of all units, or evaluate those of one: repeatability, drift, recalibration interval.
+    """List the results of all units, or evaluate those of one: changes, repeatability, recalibration interval.
 
     Parameters
     ----------
@@ -254,6 +254,7 @@ def _list(database: Path, entries: "Sequence[Entry]") -> None:
 
 def _judged(database: Path, serial: str, limits: dict[str, float], risk: float, out: Path | None) -> None:
     from tumblecal.ground.errors import InputError
+    from tumblecal.ground.suggested_command import suggested
     from tumblecal.history.database import of_unit
     from tumblecal.history.repeatability import unit_history
     from tumblecal.report.history_words import history_text
@@ -265,7 +266,7 @@ def _judged(database: Path, serial: str, limits: dict[str, float], risk: float, 
         raise InputError(
             f"{database}: no result of {serial} has a calibration; list all results without the serial number"
         )
-    written = ""
+    pages = f"tables and control charts: {suggested('history', database, serial, '--out', 'page')}"
     if out is not None:
         from tumblecal.ground.result_set import result_set
         from tumblecal.report.history_page import draw_charts, write_history_page
@@ -273,5 +274,5 @@ def _judged(database: Path, serial: str, limits: dict[str, float], risk: float, 
         with result_set(out, _SET) as aside:
             names = draw_charts(aside, judged)
             names += write_history_page(aside / "history.html", serial, judged, risk, names)
-        written = f"\nwritten: {out}/: {', '.join(names)}"
-    print(history_text(serial, judged, risk) + written)
+        pages = f"written: {out}/: {', '.join(names)}"
+    print(f"{history_text(serial, judged, risk)}\n{pages}")

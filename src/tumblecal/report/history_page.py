@@ -10,28 +10,34 @@ from matplotlib.figure import Figure
 
 from tumblecal.data.sensor_parameters import GROUPS, leaf_of
 from tumblecal.ground.units import shown
-from tumblecal.history.repeatability import Trend, UnitHistory
+from tumblecal.history.repeatability import FEWEST, TOGETHER, Trend, UnitHistory
 from tumblecal.report.drawing import BAND, INK, MUTED, OUTSIDE, draw_each, new_figure, save
 from tumblecal.report.history_list import listed
 from tumblecal.report.history_words import (
-    control_words,
-    en_words,
-    flags,
+    en_table,
+    headline,
     interval_words,
+    next_steps,
+    repeatability_words,
     repeats_table,
+    statements,
     trends_table,
     uncertainty_words,
 )
 from tumblecal.report.page import Section, inline_figure, page, write_page
-from tumblecal.report.verdict import Finding, Unresolved, Verdict, as_sentence
+from tumblecal.report.verdict import Finding, Verdict, as_sentence
 
 
 _CAPTION = (
-    "Bars: expanded uncertainty at 95.45 % (k = 2 if the noise was stated, otherwise Student's t). Line: mean. Band: control "
-    "limits from the moving range, from four results on. Results beyond them are red."
+    "Bars: expanded uncertainty at 95.45 % (k = 2 if the noise was stated, otherwise Student's t). Line: constant, with the "
+    "changes that were found. Band: control limits about the mean, from the moving range, from four results on. Results beyond "
+    "them are red; several charts of a stable unit have one."
 )
-
-
+_TESTED = (
+    "Steps, drifts and single deviating results were tested against a constant with the repeatability, at a family-wise error "
+    f"rate of {1 - TOGETHER:.2g} for the unit. +- is the standard uncertainty. Mount angles and pitch errors are not "
+    "properties of the unit"
+)
 _MOST_DATES = 8
 
 
@@ -44,37 +50,29 @@ def draw_charts(folder: Path, history: UnitHistory) -> list[str]:
 @page
 def write_history_page(path: Path, serial: str, history: UnitHistory, risk: float, charts: Sequence[str]) -> None:
     """Write the page; `charts`: names of the control charts in its folder."""
+    found = statements(history)
+    enough = len(history.entries) >= FEWEST
+    evidence = [repeatability_words(history), _TESTED, uncertainty_words(history)]
+    verdict = Verdict(
+        "flagged" if found else "stable" if enough else "open",
+        found[0].words if found else headline(serial, history),
+        found=tuple(Finding(as_sentence(one.words)) for one in found[len(found) == 1 :]),
+        evidence=tuple(f"{as_sentence(words)}." for words in evidence if words),
+        next=tuple(f"{as_sentence(words)}." for words in [*next_steps(found), interval_words(history, risk)]),
+    )
     write_page(
         path,
         f"History of {serial}",
         f"{len(history.entries)} independent results{f', {history.months:.1f} months' if history.months else ''}.",
-        _verdict(history, risk),
+        verdict,
         [
             Section("Repeatability", tables=[repeats_table(history)]),
             Section("Control charts", figures=[inline_figure(path.parent / name, _CAPTION) for name in charts]),
-            Section("Drift", tables=[trends_table(history)]),
+            Section("Parameters", tables=[trends_table(history)]),
+            Section("E_n of each result and the previous one", tables=[en_table(history)]),
             Section("Results", tables=[listed(history.entries)]),
         ],
-        tone="bad" if flags(history) else "good",
-    )
-
-
-def _verdict(history: UnitHistory, risk: float) -> Verdict:
-    """Flags as findings, each with the flags that it explains; evidence; and the recalibration interval."""
-    flagged = flags(history)
-    explained = [
-        Unresolved(f"Explained by this drift: {words}", findings=(k,))
-        for k, flag in enumerate(flagged, 1)
-        for words in flag.explained
-    ]
-    evidence = [en_words(history), control_words(history), uncertainty_words(history)]
-    return Verdict(
-        "flagged" if flagged else "agree",
-        f"{len(flagged)} of the results or parameters deserve attention." if flagged else "Nothing is flagged.",
-        found=tuple(Finding(as_sentence(flag.words)) for flag in flagged),
-        unresolved=tuple(explained),
-        evidence=tuple(f"{as_sentence(words)}." for words in evidence if words),
-        next=(f"{as_sentence(interval_words(history, risk))}.",),
+        tone="bad" if found else "good" if enough else "open",
     )
 
 
@@ -104,8 +102,8 @@ def _draw(panel, across: list, trend: Trend) -> None:
     values, mean = trend.values * factor, trend.mean * factor
     if trend.control > 0:
         panel.axhspan(mean - trend.control * factor, mean + trend.control * factor, color=BAND, zorder=0)
-    panel.axhline(mean, color=MUTED, lw=0.8)
+    panel.plot(across, trend.fitted * factor, color=MUTED, lw=0.8)
     panel.errorbar(across, values, yerr=trend.expanded * factor, fmt="o", ms=4, color=INK, elinewidth=0.8)
     red = np.flatnonzero(trend.outside)
     panel.plot([across[k] for k in red], values[red], "o", ms=6, color=OUTSIDE)
-    panel.set_ylabel(f"{trend.name} / {unit}")
+    panel.set_ylabel(f"{trend.name} / {unit}".replace("@", "\n@"))

@@ -1,57 +1,75 @@
 """The history of a unit and a comparison of two calibrations, in words and tables of text."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from datetime import timedelta
+from typing import NamedTuple
 
 import numpy as np
 
 from tumblecal.data.sensor_parameters import GROUPS, leaf_of
-from tumblecal.ground.numbers_shown import decimals, p_cell, p_words, rounded, rounded_together, with_decimals
-from tumblecal.ground.units import shown
+from tumblecal.ground.axes import AXES
+from tumblecal.ground.counted import counted
+from tumblecal.ground.numbers_shown import decimals, p_cell, rounded, rounded_together, with_decimals
+from tumblecal.ground.units import in_words, shown
+from tumblecal.history.changes import DRIFT, RESULT, STEP, Change
 from tumblecal.history.comparison import Comparison
-from tumblecal.history.drift import Drift, drifts, without_drift
-from tumblecal.history.repeatability import TOGETHER, Repeats, Trend, UnitHistory
+from tumblecal.history.entry import Entry
+from tumblecal.history.repeatability import DAYS_A_MONTH, FEWEST, MOUNTING, Repeatability, Trend, UnitHistory
 from tumblecal.report.tables import Table, number
+from tumblecal.report.verdict import as_sentence
 
 
-# At most so many E_n of one parameter are listed; more are only counted, as the charts show them.
-_MOST_OF_ONE = 5
+# Of each kind of change: its name, its verb, and its time.
+_KINDS = {
+    STEP: ("change at one date", "changed", "between {first} and {last}"),
+    DRIFT: ("drift", "drifts", "from {first} to {last}"),
+    RESULT: ("single deviating result", "differs", "only in {last}"),
+}
+_PER_YEAR_FROM_MONTHS = 6
 
 
 def repeats_table(history: UnitHistory) -> Table:
-    """Whether repeated results agree, for each kind of parameter."""
-    header = ["of all results", "largest difference", "allowed", "unit", "p", "judgement"]
-    return Table(header, list(map(_repeats_row, history.repeats)), text=(0, 3, 5))
+    """Repeatability of each kind of parameter, and the largest difference of two results without the changes."""
+    header = [
+        "parameters",
+        "repeatability",
+        "u (median)",
+        "degrees of freedom",
+        "largest difference",
+        "allowed",
+        "unit",
+    ]
+    return Table([*header, "judgement"], list(map(_repeats_row, history.repeats)), text=(0, 6, 7))
+
+
+def _repeats_row(repeats: Repeatability) -> list[str]:
+    words, (unit, factor) = GROUPS[repeats.leaf][0], shown(GROUPS[repeats.leaf][1])
+    sizes = [number(repeats.sd * factor, 2), number(repeats.u * factor, 2), str(repeats.dof)]
+    judgement = "exceeds the limit" if repeats.beyond_limit else "within the limit"
+    judgement = "not of the unit" if repeats.leaf == MOUNTING else judgement
+    return [words, *sizes, f"{repeats.largest * factor:.4f}", f"{repeats.limit * factor:g}", unit, judgement]
 
 
 def trends_table(history: UnitHistory) -> Table:
     """The parameters over time."""
-    header = ["parameter", "last", "U (95.45 %)", "unit", "E_n", "drift / month", "u"]
+    header = ["parameter", "last", "U (95.45 %)", "unit", "E_n", "drift / month", "u", "p of no change"]
     return Table(header, list(map(trend_row, history.trends)), text=(0, 3))
-
-
-def _repeats_row(repeats: Repeats) -> list[str]:
-    unit, factor = shown(repeats.unit) if repeats.unit else ("", 1.0)
-    sizes = [f"{repeats.largest * factor:.4f}", f"{repeats.limit * factor:g}"] if repeats.unit else ["", ""]
-    return [repeats.what, *sizes, unit, p_cell(repeats.p_value), judged(repeats)]
-
-
-def judged(repeats: Repeats) -> str:
-    """Result of the two criteria: the limit, and the uncertainties."""
-    agree = ", but agree within their uncertainties" if repeats.p_value is not None and not repeats.beyond_noise else ""
-    results = [f"exceed the limit{agree}"] if repeats.beyond_limit else []
-    results += ["disagree beyond their uncertainties"] if repeats.beyond_noise else []
-    return "; ".join(results) or (
-        "agree" if repeats.p_value is not None else "within the limit (no uncertainties stated)"
-    )
 
 
 def trend_row(trend: Trend) -> list[str]:
     """A parameter over time."""
     unit, factor = shown(trend.unit)
-    last_en = "" if not len(trend.en) else _en(float(trend.en[-1]))
     last = _with_uncertainty(trend.values[-1] * factor, trend.expanded[-1] * factor if trend.sd[-1] > 0 else np.nan)
-    return [trend.name, *last, unit, last_en, *_with_uncertainty(trend.drift * factor, trend.drift_sd * factor)]
+    drift = _with_uncertainty(trend.drift * factor, trend.drift_sd * factor)
+    p_value = None if leaf_of(trend.name) == MOUNTING else trend.p_value
+    return [trend.name, *last, unit, "".join(map(_en, trend.en[-1:].tolist())), *drift, p_cell(p_value)]
+
+
+def en_table(history: UnitHistory) -> Table:
+    """E_n of each result and the previous one, with the repeatability."""
+    names = [trend.name for trend in history.trends]
+    rows = zip(history.entries[1:], *(trend.en.tolist() for trend in history.trends), strict=True)
+    return Table(["result", *names], [[_result(entry), *map(_en, sizes)] for entry, *sizes in rows], text=(0,))
 
 
 def _with_uncertainty(value: float, uncertainty: float) -> list[str]:
@@ -67,83 +85,92 @@ def _en(value: float) -> str:
     return next((text for text in texts if not text or abs(float(text)) != 1), "1" if value > 0 else "-1")
 
 
-@dataclass(frozen=True)
-class Flag:
-    """A finding that deserves attention, in words; `explained`: further flags that it explains.
-
-    `about`: the parameter, or the kind of parameters.
-    """
+class Statement(NamedTuple):
+    """A finding on a unit, and the next step; "" if that of a later change is the same."""
 
     words: str
-    about: str = ""
-    explained: tuple[str, ...] = ()
+    next: str
 
 
-def flags(history: UnitHistory) -> list[Flag]:
-    """All flags: drifts first, each with the flags that disappear once all drifts are subtracted."""
-    found, every = drifts(history), list(_flagged(history))
-    if not found:
-        return every
-    without = without_drift(history, found)
-    unexplained = {flag.about for flag in _flagged(without)}
-    explained = [flag for flag in every if flag.about not in unexplained]
-    drift_flags = list[Flag]()
-    for drift in found:
-        name = drift.trend.name
-        by_drift = [
-            flag
-            for flag in explained
-            if flag.about in (name, GROUPS[leaf_of(name)][0]) or flag.about not in _kinds(found)
-        ]
-        explained = [flag for flag in explained if flag not in by_drift]
-        drift_flags.append(Flag(_drift_words(history, drift), name, tuple(flag.words for flag in by_drift)))
-    return [*drift_flags, *(flag for flag in every if flag.about in unexplained)]
+def statements(history: UnitHistory) -> list[Statement]:
+    """All findings: changes of the unit first, the largest first."""
+    return [*_changes(history), *_limits(history), *_refused(history)]
 
 
-def _kinds(found: Sequence[Drift]) -> set[str]:
-    """The parameters that drift, and their kinds."""
-    names = {drift.trend.name for drift in found}
-    return names | {GROUPS[leaf_of(name)][0] for name in names}
+def _changes(history: UnitHistory) -> Iterator[Statement]:
+    """Changes; those of several parameters between the same results are one finding."""
+    found = [(trend, change) for trend in history.trends for change in trend.changes]
+    found.sort(key=lambda pair: -abs(pair[1].size) / pair[1].u)
+    events = dict.fromkeys((change.kind, change.first, change.last) for _, change in found)
+    latest = max((change.last for _, change in found if change.kind == STEP), default=0)
+    for event in events:
+        kind, first, last = event
+        changes = [(trend, c) for trend, c in found if (c.kind, c.first, c.last) == event]
+        names = [trend.name for trend, _ in changes]
+        _, verb, time = _KINDS[kind]
+        sizes = [f"{trend.name} {verb} by {_size(history, trend, change)}" for trend, change in changes]
+        between = time.format(first=_result(history.entries[first]), last=_result(history.entries[last]))
+        others = dict.fromkeys(_KINDS[other][0] for _, change in changes for other in change.alternatives)
+        possible = f"; a {' or a '.join(others)} is also possible" if others else ""
+        following = "" if kind == STEP and last < latest else _next(history, changes[0][1], names)
+        yield Statement(f"{', '.join(sizes)} {between}{possible}", following)
 
 
-def _drift_words(history: UnitHistory, drift: Drift) -> str:
-    trend, first = drift.trend, history.entries[0].date_utc[:10]
-    unit, factor = shown(trend.unit)
-    sizes = (rounded_together(trend.drift * factor * k, trend.drift_sd * factor * k) for k in (1, 12))
-    month, year = (f"({size})e-3" if unit == "1e-3" else f"{size} {unit}" for size in sizes)
+def _next(history: UnitHistory, change: Change, names: Sequence[str]) -> str:
+    before, result = (_result(history.entries[place]) for place in (change.first, change.last))
+    if {*names} >= {f"dK_{axis}" for axis in AXES}:
+        return "Check the gravity value of each result: it changes all scale factors"
+    if change.kind == DRIFT:
+        return f"Correct {', '.join(names)} for the drift since the last calibration, or recalibrate more often"
+    if change.kind == RESULT:
+        return f"Do not use {result}. Check its mounting, temperature and gravity value"
+    if change.last == len(history.entries) - 1:
+        return f"Repeat the calibration, because only {result} shows this change. If it is confirmed, inspect the unit"
     return (
-        f"{trend.name} drifts by {month} per month ({year} per year; "
-        f"{abs(trend.drift) / trend.drift_sd:.2g} u, {p_words(drift.p_value)}), since {first} "
-        f"({len(history.entries)} results)"
+        f"Use no calibration from before {result}. Inspect the unit and its mounting for the cause, such as a shock. Check the "
+        f"data that were recorded after {before} with an earlier calibration"
     )
 
 
-def _flagged(history: UnitHistory) -> Iterator[Flag]:
-    """Flags if nothing drifts, a line each."""
-    if refused := [entry.number for entry in history.entries if entry.refused]:
-        several = "s" if len(refused) > 1 else ""
-        yield Flag(f"result{several} {_ranges(refused)}: use: no; {'they' if several else 'it'} must not be used")
+def _size(history: UnitHistory, trend: Trend, change: Change) -> str:
+    """The size of a change with its standard uncertainty; of a drift per year, or per month in a short history."""
+    (unit, factor), time, per = shown(trend.unit), 1, ""
+    if change.kind == DRIFT:
+        time, per = (12, " per year") if history.months >= _PER_YEAR_FROM_MONTHS else (1, " per month")
+    size = rounded_together(change.size * factor * time, change.u * factor * time)
+    return in_words(f"({size})" if unit == "1e-3" else size, unit) + per
+
+
+def _result(entry: Entry) -> str:
+    return f"{entry.date_utc[:10]} (result {entry.number})"
+
+
+def _limits(history: UnitHistory) -> Iterator[Statement]:
     for repeats in history.repeats:
-        if repeats.beyond_limit or repeats.beyond_noise:
-            yield Flag(f"{len(history.entries)} results of {repeats.what} {judged(repeats)}", repeats.what)
-    for trend in history.trends:
-        far = np.flatnonzero((np.abs(trend.en) > 1) & (trend.tail < history.unlikely_together)).tolist()
-        if len(far) > _MOST_OF_ONE:
-            largest = max(far, key=lambda k: abs(trend.en[k]))
-            words = f"{trend.name}: {len(far)} E_n beyond 1, the largest {_en_of(history, trend, largest)}"
-            yield Flag(words, trend.name)
-        else:
-            yield from (Flag(f"{trend.name}: {_en_of(history, trend, k)}", trend.name) for k in far)
-        beyond = [history.entries[k].number for k in np.flatnonzero(trend.beyond < history.unlikely_on_charts)]
-        if beyond:
-            several = "s" if len(beyond) > 1 else ""
-            are = f"result{several} {_ranges(beyond)} {'are' if several else 'is'}"
-            yield Flag(f"{trend.name}: {are} beyond the control limits", trend.name)
+        if repeats.beyond_limit:
+            words = GROUPS[repeats.leaf][0]
+            largest, limit = _amount(repeats, repeats.largest, 3), _amount(repeats, repeats.limit, 3)
+            changed = any(trend.changes for trend in history.trends if leaf_of(trend.name) == repeats.leaf)
+            words = f"{words} of two results differ by {largest}, more than the limit of {limit}"
+            words += ", in addition to the changes" if changed else ""
+            if repeats.u > 0 and repeats.between == 0:
+                yield Statement(
+                    f"{words}, but agree within their uncertainties", "Measure more positions for this limit"
+                )
+            else:
+                yield Statement(words, "Check mounting and temperature, or state a larger limit (--limit)")
 
 
-def _en_of(history: UnitHistory, trend: Trend, k: int) -> str:
-    before, after = (history.entries[place].number for place in (k, k + 1))
-    return f"E_n {_en(float(trend.en[k]))} of result {after} against {before}"
+def _amount(repeats: Repeatability, size: float, digits: int) -> str:
+    """A size in words with so many significant digits."""
+    unit, factor = shown(GROUPS[repeats.leaf][1])
+    return in_words(with_decimals(size * factor, decimals(size * factor) + digits - 2), unit)
+
+
+def _refused(history: UnitHistory) -> Iterator[Statement]:
+    if refused := [entry.number for entry in history.entries if entry.refused]:
+        words = f"result{'s' * (len(refused) > 1)} {_ranges(refused)}"
+        yield Statement(f"{words} must not be used (use: no)", "Diagnose the data of such results (tumblecal diagnose)")
 
 
 def _ranges(numbers: Sequence[int]) -> str:
@@ -153,36 +180,11 @@ def _ranges(numbers: Sequence[int]) -> str:
     return ", ".join(f"{row[0]} to {row[-1]}" if len(row) > 2 else ", ".join(map(str, row)) for row in rows)
 
 
-def en_words(history: UnitHistory) -> str:
-    """Number of E_n beyond 1, the number expected by chance, and those that are not flagged; "" without E_n."""
-    known = np.concatenate([trend.en for trend in history.trends])
-    if not np.any(np.isfinite(known)):
-        return ""
-    expected = float(np.nansum([trend.by_chance for trend in history.trends]))
-    within = list[str]()
-    for trend in history.trends:
-        near = np.flatnonzero((np.abs(trend.en) > 1) & (trend.tail >= history.unlikely_together)).tolist()
-        listed = [f"{trend.name} {_en_of(history, trend, k)}" for k in near]
-        within += listed if len(listed) <= _MOST_OF_ONE else [f"{len(listed)} of {trend.name}"]
-    count, limit = int(np.isfinite(known).sum()), history.unlikely_together
-    words = f"E_n: {int(np.sum(np.abs(known) > 1))} of {count} beyond 1, {expected:.2g} expected by chance"
-    words += f"; flagged if p < {limit:.2g} ({1 - TOGETHER:.2g} family-wise error rate for {count} comparisons)"
-    return words + (f"; not flagged: {', '.join(within)}" if within else "")
-
-
-def control_words(history: UnitHistory) -> str:
-    """Results beyond control limits that are consistent with chance and therefore not flagged; "" without any."""
-    within = list[str]()
-    for trend in history.trends:
-        near = np.flatnonzero(trend.outside & (trend.beyond >= history.unlikely_on_charts))
-        within += [f"{trend.name} result {_ranges([history.entries[k].number for k in near])}"] if len(near) else []
-    charts = sum(trend.control > 0 for trend in history.trends)
-    rate = f"{1 - TOGETHER:.2g} family-wise error rate for {charts} charts"
-    return (
-        f"beyond control limits, but consistent with chance ({rate}), so not flagged: {', '.join(within)}"
-        if within
-        else ""
-    )
+def repeatability_words(history: UnitHistory) -> str:
+    """The repeatability of the parameters of the unit; "" for one result."""
+    of_unit = [repeats for repeats in history.repeats if repeats.leaf != MOUNTING and np.isfinite(repeats.sd)]
+    sizes = [f"{GROUPS[repeats.leaf][0]} {_amount(repeats, repeats.sd, 2)}" for repeats in of_unit]
+    return f"repeatability (standard deviation between dates): {', '.join(sizes)}" if sizes else ""
 
 
 def interval_words(history: UnitHistory, risk: float) -> str:
@@ -195,8 +197,9 @@ def interval_words(history: UnitHistory, risk: float) -> str:
             f"recalibration interval: not determinable at a risk of {risk:g}, because the dispersion of {name} already exceeds "
             "its limit"
         )
-    capped = " or longer (the history covers no longer time)" if months >= history.months else f", by {name}"
-    return f"recalibration interval at a risk of {risk:g}: {months:.1f} months{capped}"
+    reason = "the length of this history" if months >= history.months else f"limited by {name}"
+    due = (history.entries[-1].when + timedelta(days=months * DAYS_A_MONTH)).date()
+    return f"recalibrate by {due}, after {months:.3g} months ({reason}; risk {risk:g})"
 
 
 def uncertainty_words(history: UnitHistory) -> str:
@@ -230,18 +233,29 @@ _CONTRIBUTIONS = {
 }
 
 
+def headline(serial: str, history: UnitHistory) -> str:
+    """The result for a unit without findings."""
+    count, (first, last) = len(history.entries), (history.entries[k].date_utc[:10] for k in (0, -1))
+    results = f"{counted(count, 'result')} from {first} to {last}"
+    if count < FEWEST:
+        return f"{serial}: {results}, too few to detect a change ({FEWEST} are needed)"
+    return f"{serial}: stable, no change or drift in {results}"
+
+
+def next_steps(found: Sequence[Statement]) -> list[str]:
+    """The next steps of all findings."""
+    return list(dict.fromkeys([one.next for one in found if one.next]))
+
+
 def history_text(serial: str, history: UnitHistory, risk: float) -> str:
-    """The history of a unit for a terminal."""
-    first, last = (history.entries[k].date_utc[:10] for k in (0, -1))
-    count = len(history.entries)
-    flagged = list[str]()
-    for flag in flags(history):
-        flagged += [f"FLAG: {flag.words}", *(f"      explained by this drift: {words}" for words in flag.explained)]
-    flagged = flagged or ["nothing is flagged"]
-    lines = [f"unit {serial}: {count} independent result{'s' * (count > 1)}, {first} to {last}", ""]
-    lines += [str(repeats_table(history)), ""] if count > 1 else []
-    notes = [en_words(history), control_words(history), interval_words(history, risk), uncertainty_words(history)]
-    return "\n".join([*lines, str(trends_table(history)), "", *flagged, *filter(None, notes)])
+    """The history of a unit for a terminal: one line, or each finding, the next steps, and repeatability."""
+    found, notes = statements(history), [repeatability_words(history), interval_words(history, risk)]
+    closing = " ".join(f"{as_sentence(words)}." for words in notes if words)
+    if not found:
+        return f"{headline(serial, history)}. {closing}"
+    lines = [f"{serial}: {one.words}." for one in found]
+    lines += [f"NEXT: {step}." for step in next_steps(found)]
+    return "\n".join([*lines, closing]) + " +- is the standard uncertainty." * (" +- " in lines[0])
 
 
 def comparison_text(comparison: Comparison) -> str:

@@ -1,0 +1,144 @@
+"""Changes of a unit over time, on populations of units that `benchmarks/history_changes.py` writes in numpy."""
+
+import re
+
+import numpy as np
+import pytest
+
+from history_changes import NOISE, found, unit
+from tumblecal.history.changes import DRIFT, RESULT, STEP
+from tumblecal.history.repeatability import PAPER_LIMITS, unit_history
+from tumblecal.report.history_words import history_text, statements
+
+
+def test_stable_units_have_no_change_in_95_percent():
+    """Repeatability from that of the noise alone to ten times that, 4 to 12 dates; equal or not for the parameters of a kind,
+    noise stated or estimated; the mount is clamped for each date."""
+    rng, flagged, count = np.random.default_rng(11), [], 0
+    for dates in (4, 5, 6, 8, 12):
+        for k in range(48):
+            ratio = rng.choice([0.0, 0.5, 1.0, 3.0, 10.0], 3)
+            changes = found(unit(rng, dates, ratio=ratio, unequal=k % 3 == 0, dof=5.0 if k % 4 == 0 else np.inf))
+            flagged += [(dates, k, *changes)] if changes else []
+            count += 1
+    assert len(flagged) <= 0.05 * count, flagged
+
+
+def test_an_estimated_uncertainty_that_is_small_by_chance_is_no_change():
+    """Five degrees of freedom: as weights without a lower bound these uncertainties give 8 %."""
+    rng = np.random.default_rng(14)
+    flagged = sum(bool(found(unit(rng, 12, ratio=rng.choice([0.0, 0.5, 1.0, 3.0], 3), dof=5.0))) for _ in range(100))
+    assert flagged <= 5
+
+
+def test_a_stable_unit_is_one_line_with_its_repeatability():
+    for seed in range(3):
+        history = unit_history(unit(np.random.default_rng(seed), 8), PAPER_LIMITS)
+        text = history_text("A-17", history, 0.05)
+        assert text.startswith("A-17: stable, no change or drift in 8 results") and len(text.splitlines()) == 1
+        shown = float(re.search(r"biases ([\d.]+) mg", text)[1])
+        assert shown == pytest.approx(history.repeats[1].sd * 1e3, rel=0.06)
+    assert "mount" not in text and "E_n" not in text
+
+
+def test_the_repeatability_is_that_of_the_population():
+    rng, sizes = np.random.default_rng(3), []
+    for _ in range(60):
+        history = unit_history(unit(rng, 5, ratio=[0.0, 3.0, 1.0]), PAPER_LIMITS)
+        sizes.append([repeats.sd for repeats in history.repeats[:3]])
+    expected = NOISE[[0, 3, 6]] * np.hypot(1, [0.0, 3.0, 1.0])
+    np.testing.assert_allclose(np.sqrt(np.mean(np.square(sizes), axis=0)), expected, rtol=0.08)
+
+
+@pytest.mark.parametrize(
+    ("dates", "sizes", "least"), [(4, 10, 0.7), (5, 5, 0.35), (5, 10, 0.9), (8, 5, 0.8), (8, 10, 0.98), (12, 5, 0.95)]
+)
+def test_a_step_is_found_with_its_date_and_its_size(dates, sizes, least):
+    """Steps of 5 and 10 repeatability standard deviations, in one parameter and in all biases."""
+    rng, hits, within, pulls, count = np.random.default_rng(5), 0, 0, [], 40
+    for k in range(count):
+        place = int(rng.integers(2, max(dates - 1, 3)))
+        step = sizes * (np.arange(dates) >= place)
+        names = ("bias_x",) if k % 2 else ("bias_x", "bias_y", "bias_z")
+        entries = unit(rng, dates, changes=[(name, step) for name in names])
+        changes = found(entries).get("bias_x", [])
+        hits += bool(changes)
+        steps = [change for change in changes if change.kind == STEP]
+        within += any(change.first < place <= change.last for change in steps)
+        pulls += [(change.size - sizes * NOISE[3] * np.sqrt(10)) / change.u for change in steps[:1]]
+    assert hits >= least * count, hits
+    assert within >= 0.8 * hits, (within, hits)
+    assert np.mean(np.abs(pulls) < 2.2) >= 0.88  # Student's t with eleven degrees of freedom or more: 0.95
+
+
+@pytest.mark.parametrize(("dates", "size", "least"), [(5, 12, 0.85), (8, 12, 0.98), (12, 8, 0.9)])
+def test_a_drift_is_found_with_its_rate(dates, size, least):
+    rng, named, pulls, count = np.random.default_rng(6), 0, [], 40
+    for _ in range(count):
+        ramp = size * np.linspace(0, 1, dates)
+        changes = found(unit(rng, dates, changes=[("bias_z", ramp)], days=90)).get("bias_z", [])
+        named += (drift := [change.kind for change in changes[:1]] == [DRIFT])
+        rate = size * NOISE[3] * np.sqrt(10) / ((dates - 1) * 90 / (365.25 / 12))
+        pulls += [(changes[0].size - rate) / changes[0].u] if drift else []
+    assert named >= least * count, named
+    assert np.mean(np.abs(pulls) < 2.2) >= 0.88
+
+
+def test_further_changes_and_a_deviating_result_are_found():
+    """A second shock of the same parameter, a drift of a different one, and one result of a third."""
+    order = np.arange(12)
+    changes = [
+        ("bias_x", 12.0 * (order >= 4) - 20.0 * (order >= 9)),
+        ("bias_y", 1.5 * order),
+        ("gamma_31", 15.0 * (order == 6)),
+    ]
+    changes = found(unit(np.random.default_rng(9), 12, changes=changes, days=60))
+    assert {(c.kind, c.first, c.last) for c in changes["bias_x"]} == {(STEP, 3, 4), (STEP, 8, 9)}
+    assert [c.kind for c in changes["bias_y"]] == [DRIFT]
+    assert [(c.kind, c.first) for c in changes["gamma_31"]] == [(RESULT, 6)]
+    assert set(changes) == {"bias_x", "bias_y", "gamma_31"}
+
+
+def test_what_was_found_and_the_next_step_are_the_first_lines():
+    """A shock, seen by two results or only by the last; a drift; a different value of gravity; one wrong result."""
+    rng, order = np.random.default_rng(4), np.arange(6)
+    cases = {
+        "bias_x changed by": (
+            [("bias_x", 15.0 * (order >= 4))],
+            "NEXT: Use no calibration from before 2024-08-28 (result 5)",
+        ),
+        "bias_x changed": ([("bias_x", 20.0 * (order >= 5))], "NEXT: Repeat the calibration, because only 2024-10-27"),
+        "bias_z drifts by": ([("bias_z", 4.0 * order)], "NEXT: Correct bias_z for the drift"),
+        "dK_": ([(f"dK_{axis}", 15.0 * (order >= 3)) for axis in "xyz"], "NEXT: Check the gravity value"),
+        "gamma_21 differs by": ([("gamma_21", 20.0 * (order == 2))], "NEXT: Do not use 2024-04-30 (result 3)"),
+    }
+    for begin, (changes, following) in cases.items():
+        history = unit_history(unit(rng, 6, changes=changes, days=60), PAPER_LIMITS)
+        lines = history_text("A-17", history, 0.05).splitlines()
+        assert lines[0].startswith(f"A-17: {begin}") and " +- " in lines[0] and "(result" in lines[0], lines
+        assert lines[1].startswith(following), lines
+        assert any("ecalibrat" in line for line in lines[2:]) and "mount angle" not in " ".join(lines)
+
+
+def test_a_step_and_a_drift_that_the_dates_do_not_separate_are_both_stated():
+    rng, both = np.random.default_rng(12), 0
+    for _ in range(12):
+        entries = unit(rng, 8, changes=[("bias_x", 5.0 * (np.arange(8) >= 4))], days=60)
+        both += " is also possible" in history_text("A-17", unit_history(entries, PAPER_LIMITS), 0.05)
+    assert both >= 3
+
+
+def test_two_results_are_too_few_for_a_change_and_say_so():
+    text = history_text("A-17", unit_history(unit(np.random.default_rng(1), 2), PAPER_LIMITS), 0.05)
+    assert "2 results from" in text and "too few to detect a change (4 are needed)" in text
+    text = history_text("A-17", unit_history(unit(np.random.default_rng(1), 1), PAPER_LIMITS), 0.05)
+    assert "1 result from" in text and "nan" not in text
+
+
+def test_equal_results_without_uncertainties_are_stable():
+    """Values of a data sheet: no dispersion at all, then a step."""
+    entries = unit(np.random.default_rng(1), 5)
+    for entry in entries:
+        entry.parameters.values[:] = entries[0].parameters.values
+        entry.parameters.covariance[:] = 0.0
+    assert not statements(unit_history(entries, PAPER_LIMITS))
