@@ -222,7 +222,7 @@ MISTAKES = {
     "counts called g": ("calibrate counts.csv", "If they are counts, divide them by the counts per g"),
     "gravity of Mars": ("calibrate gravity.csv", "comment gravity_ms2: '3.7' is not a gravity"),
     "gravity in words": ("calibrate gravity_word.csv", "comment gravity_ms2: 'local' is not a gravity"),
-    "attitudes known": ("calibrate attitudes.csv", "the only possible value is 'unknown'"),
+    "attitudes known": ("calibrate attitudes.csv", "write 'head', 'hand' or 'unknown'"),
     "sd of nothing": ("calibrate zero_sd.csv", "standard deviation must be above 0"),
     "approach from nowhere": ("calibrate approach.csv", "must be +1 or -1"),
     "radians": ("calibrate radians.csv", "these look like radians; write degrees"),

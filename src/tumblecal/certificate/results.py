@@ -15,7 +15,7 @@ from tumblecal.data.budget_result import NAME, BudgetResult, read_budget
 from tumblecal.data.calibration import Calibration, read_calibration
 from tumblecal.data.coverage_factor import coverage_factors
 from tumblecal.data.not_applied import losses_words
-from tumblecal.data.position_comments import ATTITUDES, UNKNOWN
+from tumblecal.data.position_comments import ATTITUDES, BY_HAND, UNKNOWN
 from tumblecal.data.result_records import DIAGNOSIS, REMEDY, DiagnosisFile, with_dof_of_result
 from tumblecal.data.sensor_parameters import GROUPS, SENSOR, leaf_of
 from tumblecal.data.uncertainty_parts import PARTS
@@ -150,12 +150,11 @@ class Results:
 
 def method_words(admin: Admin, results: Results) -> str:
     """The method: as stated by the laboratory, otherwise a standard text; and the measured errors of the head."""
-    unknown = results.calibration.provenance.get(ATTITUDES) == UNKNOWN
-    where = (
-        "Hand-held attitudes, unknown and estimated with the other parameters,"
-        if unknown
-        else "Positions of a dividing head"
-    )
+    by = {
+        UNKNOWN: "Hand-held attitudes, unknown and estimated with the other parameters,",
+        BY_HAND: "Attitudes set by hand, their tilts estimated with the other parameters,",
+    }
+    where = by.get(results.calibration.provenance.get(ATTITUDES, ""), "Positions of a dividing head")
     usual = f"{where} in the local gravity field; least squares over the chain of exact rotations"
     return "; ".join(filter(None, [admin.performance.method or usual, head_words(results.calibration)]))
 

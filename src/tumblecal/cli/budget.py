@@ -177,11 +177,9 @@ def _measured(model: "StatedModel", data: Path) -> "tuple[Fit, list[str]]":
     from tumblecal.report.calibration_words import warning_words
 
     positions, setup_errors = model.checked(model.read(data))
-    fitted, floor, level = exact_fit(model.problem(positions), by_columns=model.noise_sd is None)
+    fitted, scatter, floor, level = exact_fit(model.problem(positions), by_columns=model.noise_sd is None)
     unusual = model.with_sources(implausible(fitted, model.usual), fitted.problem)
-    made = Calibrated(
-        {"exact": fitted}, {}, unusual, tuple(setup_errors), floor=floor, level=level, entries=model.entries
-    )
+    made = Calibrated({"exact": fitted}, {}, unusual, tuple(setup_errors), scatter, floor, level, model.entries)
     return fitted, list(warning_words(made))
 
 

@@ -19,6 +19,7 @@ from tumblecal.chain.rig_file import unit_of_parameter
 from tumblecal.cli.options import ModelOptions
 from tumblecal.cli.output import warn
 from tumblecal.data import PositionSet, read_positions
+from tumblecal.data.position_comments import ATTITUDES, BY_HEAD
 from tumblecal.data.repeats import copied_positions
 from tumblecal.data.same_files import given_once
 from tumblecal.data.sensor_parameters import leaf_of
@@ -99,7 +100,7 @@ def started_from_amplitudes(chain: Chain) -> Chain:
 
 @dataclass(frozen=True)
 class StatedModel:
-    """Model of `--rig`, `--noise-sd`, `--prior`, `--fix`, `--head`, `--gravity`, `--columns` and `--effects`.
+    """Model of `--rig`, `--noise-sd`, `--prior`, `--fix`, `--head`, `--gravity`, `--columns`, `--effects` and `--attitudes`.
 
     `stated_in`: the option or file that states each prior.
     """
@@ -113,6 +114,7 @@ class StatedModel:
     gravity: Gravity | None = None
     columns: Mapping[str, str] | None = None
     stated_in: Mapping[str, str] = field(default_factory=dict)
+    attitudes: str | None = None
 
     @property
     def usual(self) -> Mapping[str, float]:
@@ -150,14 +152,18 @@ class StatedModel:
         head = None if options.head is None else read_head(options.head, *links_and_units(entries))
         gravity = None if options.gravity is None else gravity_of_option(options.gravity)
         columns = None if options.columns is None else _column_names(options.columns)
-        return cls(described, stated, priors, frozenset(options.fix), head, entries, gravity, columns, stated_in)
+        named = (stated_in, options.attitudes)
+        return cls(described, stated, priors, frozenset(options.fix), head, entries, gravity, columns, *named)
 
     def read(self, path: Path, *, check_size: bool = True, one_of_several: bool = False) -> PositionSet:
         """The positions of a file, under the stated gravity; rows that look copied are reported.
 
         **Raises:** `InputError` for a file that is not a position file, or that has raw samples.
         """
-        data = read_positions(path, check_size=check_size, names=self.columns, one_of_several=one_of_several)
+        stated = {"names": self.columns, "attitudes": self.attitudes}
+        data = read_positions(path, check_size=check_size, one_of_several=one_of_several, **stated)
+        if data.attitudes is None and (self.head or (self.rig and "free_attitude" not in self.rig.links)):
+            data = replace(data, comments=data.comments | {ATTITUDES: BY_HEAD})
         _log.debug("%s: %d positions, columns sd: %s", path, len(data), "no" if data.sd is None else "yes")
         for name in data.ignored:
             if meant := likely_meant(name, [known for known in KNOWN if known not in (*data.columns, *READINGS)]):

@@ -68,6 +68,14 @@ Columns = Annotated[
         "Default: the standard names. Example: --columns alpha_deg=angle,ax_g=AccX,ay_g=AccY,az_g=AccZ."
     ),
 ]
+Attitudes = Annotated[
+    Literal["head", "hand", "unknown"] | None,
+    Parameter(
+        help="How the attitudes were set: by a head at the angles of the file, by hand near these angles (each position has a "
+        "tilt, dbeta is fixed), or unknown. Default: the comment `# attitudes:` of the file, then head with --rig or --head; "
+        "otherwise tilts are used if the data show them. Example: --attitudes hand."
+    ),
+]
 EffectFiles = Annotated[
     tuple[Path, ...],
     Parameter(
@@ -119,6 +127,7 @@ class ModelOptions:
     gravity: LocalGravity = None
     columns: Columns = None
     effects: EffectFiles = ()
+    attitudes: Attitudes = None
 
 
 @Parameter(name="*")

@@ -12,7 +12,7 @@ from tumblecal.data.conditions import temperature_faults, time_fault
 from tumblecal.data.faults import Faults
 from tumblecal.data.gravity_size import gravity_size, power_of_two, size_fault
 from tumblecal.data.measured import MEASURED, measured_at
-from tumblecal.data.position_comments import ATTITUDES, UNKNOWN
+from tumblecal.data.position_comments import ATTITUDES, BY_HAND, BY_HEAD, UNKNOWN
 from tumblecal.data.positions import PositionSet, attitudes_of
 from tumblecal.data.table import (
     DIFFERENT_UNITS,
@@ -132,9 +132,8 @@ class _Reader:
         for name in names:
             if name not in KNOWN and (hint := self.needed_hint(name)):
                 self.faults.add(f"unknown column; {hint}", header_line, name or "(no name)")
-        if self.table.comments.get(ATTITUDES, UNKNOWN) != UNKNOWN:
-            given = self.table.comments[ATTITUDES]
-            self.faults.add(f"comment attitudes: {given!r}: the only possible value is {UNKNOWN!r}")
+        if (given := self.table.comments.get(ATTITUDES, UNKNOWN)) not in (BY_HEAD, BY_HAND, UNKNOWN):
+            self.faults.add(f"comment attitudes: {given!r}: write {BY_HEAD!r}, {BY_HAND!r} or {UNKNOWN!r}")
         if self.table.comments.get(_NOISE_MODEL, "-") == "":
             self.faults.add(
                 f"comment {_NOISE_MODEL}: no value; run tumblecal reduce again, or delete the line to use the sd columns "
@@ -148,7 +147,9 @@ class _Reader:
         for name in ("position",) if self.without_angles else ("position", "alpha_deg", "beta_deg"):
             if name not in names:
                 hand_held = (
-                    "" if name == "position" else f" (or the comment `# {ATTITUDES}: {UNKNOWN}` for a hand-held set)"
+                    ""
+                    if name == "position"
+                    else f" (if the attitudes are unknown: --attitudes {UNKNOWN}, or the comment `# {ATTITUDES}: {UNKNOWN}`)"
                 )
                 self.faults.add(f"column {name} is missing; add it{hand_held}", header_line)
         self._axis_header(header_line, "")

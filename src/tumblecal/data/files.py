@@ -3,12 +3,14 @@
 import csv
 import io
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 from tumblecal.data.columns import positions
 from tumblecal.data.faults import MOST_FAULTS, Faults
 from tumblecal.data.named_layout import named_layout, repeated, row_words
 from tumblecal.data.parquet import metadata_of, put_checksum, read_parquet
+from tumblecal.data.position_comments import ATTITUDES
 from tumblecal.data.positions import PositionSet
 from tumblecal.data.table import Table, renamed
 from tumblecal.ground.atomic import write_text, written_aside
@@ -25,7 +27,12 @@ USED_COMMENTS = (
 
 
 def read_positions(
-    path: Path | str, *, check_size: bool = True, names: Mapping[str, str] | None = None, one_of_several: bool = False
+    path: Path | str,
+    *,
+    check_size: bool = True,
+    names: Mapping[str, str] | None = None,
+    one_of_several: bool = False,
+    attitudes: str | None = None,
 ) -> PositionSet:
     """Read a position file, Parquet or CSV according to its name.
 
@@ -35,6 +42,7 @@ def read_positions(
     - `check_size`: whether to reject readings whose size is not near 1 g.
     - `names`: the name of each column in the file, by its standard name (`{"ax_g": "AccX"}`). Other unknown columns are then
       ignored, and positions without a name are numbered. `one_of_several`: as in `renamed`.
+    - `attitudes`: how they were set (`head`, `hand`, `unknown`), instead of the comment in the file.
 
     **Raises:** `InputError` with every fault, each with file, line and column.
 
@@ -54,6 +62,8 @@ def read_positions(
     if path.is_dir():
         raise InputError(f"{path}: {_folder_words(path)}")
     table = _parquet_table(path) if path.suffix == ".parquet" else csv_table(path)
+    if attitudes is not None:
+        table = replace(table, comments=table.comments | {ATTITUDES: attitudes})
     return positions(
         table if names is None else renamed(table, names, one_of_several=one_of_several), check_size=check_size
     )

@@ -8,8 +8,9 @@ if TYPE_CHECKING:
     from tumblecal.data.positions import PositionSet
 
 
-# The comment `# attitudes: unknown` marks a hand-held set.
-ATTITUDES, UNKNOWN = "attitudes", "unknown"
+# The comment `# attitudes: ...` states how the attitudes were set: by a head at the angles of the file, by hand near these
+# angles, or not known (a hand-held set).
+ATTITUDES, BY_HEAD, BY_HAND, UNKNOWN = "attitudes", "head", "hand", "unknown"
 # The comment on positions of an instrument that did not transmit its serial number.
 NOT_CONFIRMED = "identity_not_confirmed"
 # The comment on changes within dwells; with the suffix `_temperature_mg` or `_time_mg` the largest change with that variable.

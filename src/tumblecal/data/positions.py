@@ -268,9 +268,14 @@ class PositionSet(Shown):
         return replace(self, readings=self.readings * ratio, sd=sd, comments=comments)
 
     @property
+    def attitudes(self) -> str | None:
+        """How the attitudes were set (`BY_HEAD`, `BY_HAND`, `UNKNOWN`); None if it is not stated."""
+        return self.comments.get(ATTITUDES)
+
+    @property
     def hand_held(self) -> bool:
         """Whether the attitudes are unknown: the angles are then estimates from the readings."""
-        return self.comments.get(ATTITUDES) == UNKNOWN
+        return self.attitudes == UNKNOWN
 
     @property
     def stretches(self) -> int:

@@ -1,6 +1,6 @@
 """The diagnosis of one data set: set-up errors corrected, noise and causes screened, the leading explanation inserted."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -25,14 +25,16 @@ from tumblecal.diagnosis.screening.noise_change import NoiseFault, chosen_mean_n
 from tumblecal.diagnosis.screening.screen import Screening
 from tumblecal.diagnosis.screening.screened import Screened
 from tumblecal.diagnosis.screening.slips import Credence, of_angles
+from tumblecal.diagnosis.screening.tilts import fit_with_tilts, tilt_faults
 from tumblecal.diagnosis.sets.explanation import all_labels, verdict_of
 from tumblecal.effects import Catalogue, Effect, catalogue
 from tumblecal.effects.catalogue import with_effects
+from tumblecal.estimation.attitude_scatter import AttitudeScatter
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.mean_noise import MeanNoise, recorded_noises, sample_noises
 from tumblecal.estimation.mountings import turned_mountings
 from tumblecal.estimation.plausibility import Implausible, implausible
-from tumblecal.estimation.position_problem import default_chain, problem_of, where_of
+from tumblecal.estimation.position_problem import problem_of, where_of
 from tumblecal.estimation.priors import Priors
 from tumblecal.estimation.problem import Problem
 from tumblecal.estimation.setup_correction import correct_setup_errors
@@ -191,7 +193,7 @@ class Diagnoser:
     ) -> Begun:
         """`begun` for corrected data."""
         stated, noise_sd = (replace(data, sd=noises[0].sd), None) if noises else (data, noise_sd)
-        model = self._model(chain, stated, noise_sd, priors)
+        model = self._model(chain, stated, lambda: problem_of(stated, chain, noise_sd=noise_sd, priors=priors))
         problem = problem_of(stated, model.nominal_chain, noise_sd=noise_sd, priors=priors)
         problem, rounded = replace(problem.independent, data=data), dict[str, str]()
         if problem.known and not noises:
@@ -220,7 +222,21 @@ class Diagnoser:
             screened, noise_wrong, assumed_p_value = screen_with_noise(standing, problem)
             extended = _extended(screened)
         noise_wrong = {label: NoiseFault(words, "") for label, words in rounded.items()} | noise_wrong
-        return Begun(screened, noise_wrong, assumed_p_value, tuple(mixed), noise, extended, contradicted)
+        begun = Begun(screened, noise_wrong, assumed_p_value, tuple(mixed), noise, extended, contradicted)
+        tilted = fit_with_tilts(model, problem, screened, noise_wrong, extended)
+        return begun if tilted is None else self._with_tilts(begun, *tilted)
+
+    def _with_tilts(self, begun: Begun, fit: Fit, scatter: AttitudeScatter) -> Begun:
+        """The screen with a tilt of each position, around their fit."""
+        model = self._model(fit.problem.chain, fit.data, lambda: fit.problem)
+        problem = replace(fit.problem, chain=model.nominal_chain)
+        references = self.references.of(model, problem)
+        screening = Screening(model, references, HAND_HELD_SIZE, found=len(begun.setup_errors) + 1, usual=self.usual)
+        # A tilt acts in second order too: around the fit, not around a start with the Jacobian of the nominal angles.
+        first = screening.around(model.with_nominal(fit.values), problem)
+        screened, noise_wrong, _ = screen_with_noise(screening, problem, screening(problem, first))
+        faults = tilt_faults(scatter) | noise_wrong
+        return begun._replace(screened=screened, noise_wrong=faults, extended=_extended(screened))
 
     def _finished(self, begun: Begun, fold: tuple[np.ndarray, str], from_rig: bool) -> Diagnosis:
         """The verdict and its basis."""
@@ -245,15 +261,16 @@ class Diagnoser:
             nested=self.nested,
         )
 
-    def _model(self, given: Chain | None, data: PositionSet, sd: float | None, priors: Priors | None) -> FullModel:
-        """The compiled model of data of this kind, started for these."""
+    def _model(self, given: Chain | None, data: PositionSet, made: Callable[[], Problem]) -> FullModel:
+        """The compiled model of data of this kind, started for these; `made`: gives their problem if there is no model yet."""
         where, turns = where_of(data, given), turned_mountings(data) if given is None else {}
         key = (None if given is None else key_of(given), data.hand_held, tuple(turns.items()), *settings_key(where))
         if key not in self._models:
             while len(self._models) >= _MOST_MODELS:
                 self.references.forget(self._models.pop(next(iter(self._models))).layout)
-            require_enough(problem_of(data, given, noise_sd=sd, priors=priors))
-            self._models[key] = model_of(default_chain(data) if given is None else given, where, self.entries)
+            problem = made()
+            require_enough(problem)
+            self._models[key] = model_of(problem.chain, where, self.entries)
         return self._models[key].started(where)
 
 

@@ -167,6 +167,9 @@ NOISE_WEIGHT = 0.08
 LEVEL_WEIGHT = 0.3
 # A wrong level and another alternative that differ by less (log) count as equal. (by thought)
 LEAST_NOISE_ODDS = 2.0
+# Tilts of the positions are named without a fault of the noise from these odds (log) against the best causes on.
+# (benchmarks/hand_set.py --deg 0 --unknown)
+SURE_SCATTER = 3.0
 # From this ratio of the axes' sd on, something on the noisiest axis is as likely: sensors of one triad differ by two or three.
 # (by thought)
 MOST_UNEQUAL = 6.0

@@ -38,6 +38,11 @@ def residual_of_readings(fit: Fit) -> tuple[float, int]:
     return max(chi2, 0.0), 3 * int(np.sum(fit.retained)) - seen.shape[1]
 
 
+def dof_of_readings(fit: Fit) -> int:
+    """Degrees of freedom of the residuals without the priors, because priors alone test no model."""
+    return residual_of_readings(fit)[1] if fit.problem.with_prior else fit.dof
+
+
 def column_space(jacobian: Float[np.ndarray, "rows parameters"]) -> Float[np.ndarray, "rows rank"]:
     """Orthonormal basis of the column space of a Jacobian of white rows."""
     vectors, singular, _ = np.linalg.svd(jacobian, full_matrices=False)

@@ -151,8 +151,11 @@ class Fit(Pickled, Shown):
 
     @property
     def sigma(self) -> float:
-        """Standard deviation of the residuals, g."""
-        return float(np.sqrt(np.sum(self.residuals[self.retained] ** 2) / self.dof)) if self.dof > 0 else float("nan")
+        """Standard deviation of the residuals, g; the priors have a part of the degrees of freedom."""
+        dof, count = self.dof, self.problem.readings.size
+        if self.problem.with_prior and self.jacobian.size:
+            dof = 3 * int(np.sum(self.retained)) - float(np.sum(self.column_space[:count] ** 2))
+        return float(np.sqrt(np.sum(self.residuals[self.retained] ** 2) / dof)) if self.dof > 0 else float("nan")
 
     @property
     def used(self) -> Bool[np.ndarray, " columns"]:

@@ -48,8 +48,8 @@ def analyse(problem: Problem) -> Harmonics:
     data = problem.measured_data
     if len(set(data.mount or ("1",))) > 1:
         raise InputError(f"{data.source}: the linear equations apply to one mounting; these data have several")
-    if data.hand_held:
-        raise InputError(f"{data.source}: hand-held set: harmonic analysis needs known angles")
+    if problem.chain.of_positions:
+        raise InputError(f"{data.source}: harmonic analysis needs known angles; here each position has unknown tilts")
     chain, where = default_chain(data), where_of(data)
     by = next(leaf.by for leaf in chain.free if leaf.name == "dbeta") or "pitch"
     group = np.asarray(where.index(by))

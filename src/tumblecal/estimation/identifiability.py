@@ -80,14 +80,18 @@ class Identifiability:
             return
         shown = "; ".join(direction.words for direction in self.unobservable)
         remedy = (
-            "Measure at more pitch settings or spindle angles, fix a parameter (--fix dbeta) or state a prior on it "
-            "(--prior 'dbeta=3 arcmin')"
+            "Measure at more pitch settings or spindle angles, fix a parameter (--fix dbeta), state a prior on it "
+            "(--prior 'dbeta=3 arcmin'), or state that the attitudes were set by hand (--attitudes hand)"
         )
         if self.hand_held:
+            alone = {leaf_of(name) for direction in self.unobservable for name in direction.coefficients} == {"gamma"}
+            fixed = (
+                "; faces alone determine bias and scale factor if the non-orthogonality is fixed at zero: --fix gamma"
+            )
             remedy = (
                 "The attitudes are unknown, so each position determines one number, the size of gravity: measure in nine or "
                 "more attitudes that differ in all directions, or give alpha_deg and beta_deg if they are known"
-                + ("" if readings is None else f". Next: {attitude_words(readings)}")
+                f"{fixed * alone}" + ("" if readings is None else f". Next: {attitude_words(readings)}")
             )
         changes = sorted({leaf_of(name) for name in self.undetermined if leaf_of(name).endswith("_T")})
         if changes:

@@ -5,7 +5,7 @@ from datetime import UTC, datetime
 import numpy as np
 
 from tumblecal.data.calibration import Calibration
-from tumblecal.data.position_comments import ATTITUDES, UNKNOWN
+from tumblecal.data.position_comments import ATTITUDES, BY_HAND, UNKNOWN
 from tumblecal.data.sensor_parameters import SENSOR, SensorParameters, correction_slope, leaf_of, triad_of
 from tumblecal.data.source_of import source_of
 from tumblecal.data.temperature_curves import TemperatureCurves
@@ -25,6 +25,14 @@ def linear_calibration(result: Fit) -> Calibration:
     return calibration_with(result, sensor_of(result, names), curves_of(result))
 
 
+def _attitudes(result: Fit) -> dict[str, str]:
+    """How the attitudes were set, for a chain with tilts: near stated angles if the tilts have a prior."""
+    tilts = np.array([leaf_of(name) == "tilt" for name in result.problem.chain.names], bool)
+    if not np.any(tilts):
+        return {}
+    return {ATTITUDES: BY_HAND if np.any(result.problem.prior_root[:, tilts]) else UNKNOWN}
+
+
 def calibration_with(result: Fit, parameters: SensorParameters, curves: TemperatureCurves | None) -> Calibration:
     """The calibration of a fit with these parameters, of which some may be from elsewhere, and curves."""
     data, degc, sensor = result.data, result.data.temperature_degc, parameters.of(SENSOR)
@@ -40,7 +48,7 @@ def calibration_with(result: Fit, parameters: SensorParameters, curves: Temperat
         gravity=data.gravity,
         provenance={
             **source_of(data),
-            **({ATTITUDES: UNKNOWN} if any(leaf_of(name) == "tilt" for name in result.names) else {}),
+            **_attitudes(result),
             "method": result.method,
             "code": result.code.name,
             "sigma_g": float(result.sigma) if np.isfinite(result.sigma) else None,

@@ -14,6 +14,7 @@ from tumblecal.data.calibration_use import Judgement, Use
 from tumblecal.data.repeats import require_few_attitudes
 from tumblecal.effects import Catalogue, catalogue
 from tumblecal.estimation import exact, harmonic, kalman
+from tumblecal.estimation.attitude_scatter import AttitudeScatter, fit_with_scatter
 from tumblecal.estimation.between_position_sd import BetweenPositionSd, between_position_sd
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.kalman import Prior
@@ -45,9 +46,9 @@ _TYPED_G = 1e-8
 class Calibrated(Pickled, Shown):
     """Fits by method (`exact` first), and the methods that do not apply with the reason.
 
-    `implausible`: implausible parameters of the exact fit. `setup_errors`: corrected before the fit. `floor`:
-    dispersion between positions in addition to the sd columns, if any. `level`: the stated noise level, if the
-    residuals contradict it. `entries`: the catalogue of the chain's effects.
+    `implausible`: implausible parameters of the exact fit. `setup_errors`: corrected before the fit. `scatter`:
+    of the attitudes, if tilts are in the fit. `floor`: dispersion between positions in addition to the sd columns, if any.
+    `level`: the stated noise level, if the residuals contradict it. `entries`: the catalogue of the chain's effects.
 
     Examples:
         >>> import tumblecal
@@ -63,6 +64,7 @@ class Calibrated(Pickled, Shown):
     skipped: dict[str, str]
     implausible: tuple[Implausible, ...] = ()
     setup_errors: tuple[SetupError, ...] = ()
+    scatter: AttitudeScatter | None = None
     floor: BetweenPositionSd | None = None
     level: ContradictedLevel | None = None
     entries: Catalogue = field(default_factory=catalogue)
@@ -214,9 +216,11 @@ def require_measured(data: PositionSet) -> None:
 
 
 class ExactFit(NamedTuple):
-    """The exact fit; the floor that it includes, and the stated noise level that it replaces, if there is either."""
+    """The exact fit; the scatter of the attitudes and the floor that it includes, and the stated noise level that it replaces,
+    if there are any."""
 
     fit: Fit
+    scatter: AttitudeScatter | None = None
     floor: BetweenPositionSd | None = None
     level: ContradictedLevel | None = None
 
@@ -230,11 +234,13 @@ def exact_fit(problem: Problem, *, by_columns: bool) -> ExactFit:
     """
     fitted = exact.fit(problem)
     require_noise(fitted)
+    fitted, scatter = fit_with_scatter(fitted) or (fitted, None)
+    problem = fitted.problem
     floor = between_position_sd(fitted) if by_columns else None
     if floor is not None:
-        return ExactFit(exact.fit(floor.applied(problem)), floor=floor)
+        return ExactFit(exact.fit(floor.applied(problem)), scatter, floor=floor)
     level = contradicted_level(fitted)
-    return ExactFit(fitted) if level is None else ExactFit(exact.fit(level.applied(problem)), level=level)
+    return ExactFit(fitted if level is None else exact.fit(level.applied(problem)), scatter, level=level)
 
 
 def all_methods(
@@ -255,7 +261,7 @@ def all_methods(
 
     **Raises:** `InputError` if the design cannot determine the chain's parameters, and as `require_noise`.
     """
-    fitted, floor, level = exact_fit(problem, by_columns=by_columns)
+    fitted, scatter, floor, level = exact_fit(problem, by_columns=by_columns)
     problem = fitted.problem
     fits, skipped = {"exact": fitted}, {}
     least = float(np.min(problem.sd)) if problem.known else fitted.sigma
@@ -269,4 +275,4 @@ def all_methods(
             fits["kalman"] = kalman.fit(problem.independent, sigma=fitted.sigma)
     except InputError as error:
         skipped |= dict.fromkeys(("harmonic", "kalman"), str(error))
-    return Calibrated(fits, skipped, implausible(fitted, usual), floor=floor, level=level)
+    return Calibrated(fits, skipped, implausible(fitted, usual), scatter=scatter, floor=floor, level=level)

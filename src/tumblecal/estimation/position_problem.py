@@ -7,6 +7,7 @@ import numpy as np
 from tumblecal.chain import Chain, Where, hand_held_chain, nominal_chain, settings
 from tumblecal.chain.where import register_unchecked, with_visits
 from tumblecal.data import PositionSet
+from tumblecal.data.position_comments import BY_HAND
 from tumblecal.estimation.mountings import mount_labels, nominal_rotations, turned_mountings
 from tumblecal.estimation.priors import Priors, prior_of
 from tumblecal.estimation.problem import UNIT_SD, Problem
@@ -65,7 +66,8 @@ def default_chain(data: PositionSet) -> Chain:
 
     The pitch axis is set again in every run and mounting, so dbeta has one value for each of them. The mount angles
     have one value for each mounting, relative to the quarter turn found from the readings. The sensor's parameters
-    are shared by all data. Positions of unknown attitude (hand-held) have two tilts each instead.
+    are shared by all data. Positions of unknown attitude (hand-held) have two tilts each instead; for positions set by hand
+    (`attitudes: hand`), dbeta is fixed.
 
     **Raises:** `InputError` if mountings differ by more than a turn of the triad, or if the turn is not clear from
     the readings.
@@ -82,12 +84,14 @@ def default_chain(data: PositionSet) -> Chain:
     many_runs, many_mounts = len(data.runs) > 1, len(set(data.mount or ("1",))) > 1
     by = ".".join([*(["run"] if many_runs else []), *(["mount"] if many_mounts else []), "pitch"])
     where, turns = where_of(data), turned_mountings(data)
-    return nominal_chain(
+    chain = nominal_chain(
         where,
         dbeta_by=by,
         dtheta_by="mount" if many_mounts else None,
         mount_nominal=nominal_rotations(turns, mount_labels(where)),
     )
+    # No pitch axis is common to positions set by hand.
+    return chain.fixed({"dbeta"}) if data.attitudes == BY_HAND else chain
 
 
 def problem_of(

@@ -280,6 +280,14 @@ class Problem:
         mean[before], weights[..., before] = self.prior_mean, self.prior_weights
         return replace(self, chain=chain, prior_mean=mean, prior_weights=weights)
 
+    def with_prior_sd(self, leaf: str, sd: float) -> "Problem":
+        """The problem with a prior of mean 0 and this sd on every entry of a leaf that has none."""
+        names = {name for free in self.chain.free if free.name == leaf for name in free.names}
+        added = np.array([name in names for name in self.chain.names]) / sd
+        weights = np.asarray(self.prior_weights)
+        weights = weights + added if weights.ndim == 1 else np.vstack([weights, np.diag(added)[added > 0]])
+        return replace(self, prior_weights=weights, with_prior=True)
+
     def without_priors(self, names: Collection[str]) -> "Problem":
         """The problem without priors on these parameters; the priors on the others are marginalised over them."""
         root, names_of = self.prior_root, self.chain.names

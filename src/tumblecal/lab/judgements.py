@@ -13,7 +13,7 @@ import numpy as np
 from tumblecal.data.calibration_use import Judgement, Use, combined
 from tumblecal.data.sensor_parameters import SENSOR, correction_slope, triad_of
 from tumblecal.estimation.attitudes import attitude_words
-from tumblecal.estimation.contradicted import priors_p_value
+from tumblecal.estimation.contradicted import dof_of_readings, priors_p_value
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.intrinsic import one_sensor, sensor_of
 from tumblecal.estimation.methods import Calibrated
@@ -48,7 +48,7 @@ def judged(calibrated: Calibrated) -> tuple[tuple[Judgement, ...], Use]:
 
 
 def _findings(calibrated: Calibrated, missed: MissedEffects | None) -> Iterator[Judgement]:
-    exact = calibrated.exact
+    exact, scatter = calibrated.exact, calibrated.scatter
     yield from _positions(calibrated)
     yield from _poorly_determined(exact)
     if calibrated.implausible:
@@ -74,13 +74,13 @@ def _findings(calibrated: Calibrated, missed: MissedEffects | None) -> Iterator[
             Use("yes", "the residuals are smaller than the stated noise, so the uncertainties use their level"),
             "State the sd of the values in a row (of a mean, not of a sample). Too large a noise may hide a wrong model.",
         )
-    if exact.dof <= 0:
+    unstated, assumed = exact.noise == "estimated", scatter is not None and not scatter.noise_determined
+    if dof_of_readings(exact) <= 0:
         yield Judgement(Use("not tested", exact.no_freedom_words), "Measure more positions.")
-    elif exact.noise == "estimated" and missed is not None and missed.p_value is None:
-        reason = "no noise is stated, and the residuals of these positions could show no effect"
-        yield Judgement(
-            Use("not tested", reason), "State the noise (sd columns, --noise-sd), or measure more positions."
-        )
+    elif missed is not None and (assumed or (missed.p_value is None and (unstated or scatter is not None))):
+        reason = f"{'no noise is stated, and ' * unstated}the residuals of these positions could show no effect"
+        advice = f"{'State the noise (sd columns, --noise-sd), or measure' if unstated else 'Measure'} more positions."
+        yield Judgement(Use("not tested", reason), advice)
 
 
 def _diagnose(calibrated: Calibrated) -> str:
@@ -161,7 +161,7 @@ def _more_attitudes(fit: Fit) -> str:
 def remedy_words(fit: Fit) -> str:
     """An instruction that would determine the weakest direction, without a full stop; "" if none is known."""
     weak = fit.identifiability.weak if fit.identifiability else ()
-    if weak and fit.data.hand_held:
+    if weak and fit.chain.of_positions:
         words = attitude_words(fit.data.readings)
         return f"measure further attitudes: {words}" if words else ""
     if not weak or not any("_x" in name for name in weak[0].coefficients):

@@ -8,6 +8,7 @@ from tumblecal.chain import followings_of
 from tumblecal.data.position_comments import WITHIN_DWELLS, identity_words
 from tumblecal.data.sensor_parameters import SENSOR
 from tumblecal.effects import Catalogue
+from tumblecal.estimation.contradicted import dof_of_readings
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.methods import Calibrated
 from tumblecal.estimation.mountings import mounting_words, turns_of
@@ -74,6 +75,7 @@ def notes(calibrated: Calibrated) -> list[str]:
     """Everything to know that asks for no action, a sentence or line each."""
     exact, entries = calibrated.exact, calibrated.entries
     texts = [
+        calibrated.scatter.words if calibrated.scatter else "",
         gravity_words(exact),
         identity_words(exact.data),
         mounting_words(turns_of(exact.problem.chain, exact.problem.where)),
@@ -135,7 +137,7 @@ def noise_words(result: Fit, level: ContradictedLevel | None = None) -> str:
     if level is not None:
         where = f"; run: {suggested('diagnose', *result.data.as_arguments)}" if level.too_small else ""
         return f"noise: {level.words}{where}"
-    if not result.dof > 0:
+    if dof_of_readings(result) <= 0:
         known = "not known" if result.noise == "estimated" else "stated"
         whose = "of the recording" if result.problem.noise_of_recording else known
         return f"noise: {whose}; goodness of fit cannot be tested: {result.no_freedom_words}"

@@ -20,6 +20,7 @@ from tumblecal.diagnosis.findings.determined import combinations, says_something
 from tumblecal.diagnosis.findings.model_average import Average, Weighed, is_thermal
 from tumblecal.effects.effect import reason_not_held
 from tumblecal.effects.environment import REFERENCE_DEGC
+from tumblecal.estimation.contradicted import dof_of_readings
 from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.intrinsic import one_sensor, sensor_of
 from tumblecal.estimation.linear_calibration import linear_calibration
@@ -85,6 +86,8 @@ def _findings(diagnosis: Diagnosis) -> Iterator[Use]:
     ) in diagnosis.best.equivalents and 2 * diagnosis.best.own_probability < diagnosis.best.probability:
         named = label_words(diagnosis.best.labels)
         yield Use("no", f"an effect that is not in the catalogue is more probable than {named}")
+    if dof_of_readings(diagnosis.extended) <= 0:
+        yield Use("not tested", diagnosis.extended.no_freedom_words)
     yield from gravity_use(diagnosis.extended)
     yield from undetermined_use(diagnosis.in_use.as_fit)
     if diagnosis.members:

@@ -41,6 +41,8 @@ def write_calibrated(folder: Path, calibrated: Calibrated, said: Mapping[str, An
     calibration, use = calibration_of(calibrated.exact, calibrated.entries), calibrated.use
     if calibrated.level is not None:
         said = {"stated_noise": calibrated.level.words} | dict(said or {})
+    if calibrated.scatter is not None:
+        said = {"attitude_scatter_rad": calibrated.scatter.tilt_rad} | dict(said or {})
     if calibrated.floor is not None:
         said = {"between_position_sd_g": calibrated.floor.floor_g} | dict(said or {})
     write_calibration(
@@ -78,6 +80,7 @@ def result_content(calibrated: Calibrated) -> dict[str, Any]:
             "dof": exact.dof,
             "chi2_p_value": exact.chi2_p_value,
             "contradicted_level": None if calibrated.level is None else vars(calibrated.level),
+            "attitude_scatter": None if calibrated.scatter is None else vars(calibrated.scatter),
             "floor_g": None if calibrated.floor is None else calibrated.floor.floor_g,
             "rms_g": exact.rms,
         },

@@ -40,7 +40,7 @@ def print_calibration(calibrated: Calibrated, console: Console | None = None) ->
         *quality(exact, calibrated.level),
         *methods_words(calibrated),
         *weaknesses(exact),
-        *_only_exact(calibrated.exact),
+        *_only_exact(calibrated),
     ]:
         print_words(console, line)
 
@@ -78,7 +78,7 @@ def quality(result: Fit, level: ContradictedLevel | None = None) -> list[str]:
     unlisted = len(result.chain.of_positions)
     if unlisted:
         lines.append(
-            f"{unlisted} of the parameters belong to one position each (unknown attitudes); they are listed in result.json"
+            f"{unlisted} of the parameters belong to one position each (its tilts); they are listed in result.json"
         )
     lines += filter(None, [noise_words(result, level)])
     if not result.code.good:
@@ -103,8 +103,9 @@ def weaknesses(result: Fit) -> list[str]:
     return lines
 
 
-def _only_exact(exact: Fit) -> Iterator[str]:
+def _only_exact(calibrated: Calibrated) -> Iterator[str]:
     """The statements that only the exact fit uses."""
+    exact = calibrated.exact
     if exact.problem.correlated:
         source = (
             "noise model of the recording" if exact.problem.noise_of_recording else "slow noise that the rig states"
@@ -113,5 +114,5 @@ def _only_exact(exact: Fit) -> Iterator[str]:
             f"noise: the exact fit uses the {source}, with the correlation between neighbouring positions; "
             "the other methods assume independent positions with the sd columns"
         )
-    if exact.problem.with_prior:
+    if exact.problem.with_prior and len(calibrated.fits) > 1:
         yield "Only the exact fit uses the stated priors."

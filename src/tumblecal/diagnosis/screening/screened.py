@@ -72,6 +72,12 @@ class Screened:
         return self.alternatives.by_label[UNEXPLAINED] + float(np.log(SIZE_PRIOR[1]))
 
     @property
+    def log_odds_of_noise(self) -> float:
+        """Log odds of noise of any size, without a cause, against the best causes under the noise as assumed."""
+        of_level = self.alternatives.by_label.get("noise_level", -np.inf) + float(np.log(SIZE_PRIOR[1]))
+        return (of_level if self.problem.known else self.search.posterior(())) - self.search.top
+
+    @property
     def unexplained_by_repeats(self) -> str:
         """Description of an error without a name that repeats show, if it is the best explanation; otherwise ""."""
         alone = self.best.unexplained and not self.best.members

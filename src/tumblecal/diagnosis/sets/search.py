@@ -213,6 +213,10 @@ class Search:
         """Score sets with every further candidate."""
         todo = [members for members in sets if members not in self._expanded and len(members) < MOST]
         self._expanded.update(todo)
+        if not self.pool.size:
+            # These positions can show no cause.
+            self._score(partial_sets(self.pool, self.z, todo))
+            return
         step = 1 + _NUMBERS_AT_ONCE // (MOST * self.pool.size)
         for first in range(0, len(todo), step):
             bases = partial_sets(self.pool, self.z, todo[first : first + step])
