@@ -153,6 +153,3 @@ def test_a_fixed_parameter_stays(tumblecal, tmp_path, means):
     # 3 mrad of pitch error that may not be fitted are a fault of the model.
     assert found["verdict"] != "adequate"
     assert found["next_plan"]["together"] and not any("rig file" in note for note in found["next_plan"]["notes"])
-    rig = tmp_path / "fixed" / "next_rig.toml"
-    if rig.exists():
-        assert '[chain.leaves.dbeta]\nby = "mount.pitch"\nfree = false' in rig.read_text()

@@ -62,9 +62,9 @@ FOLDERS = {
         "calibration.json",
     ),
     "diagnose with its rig": (
-        ["diagnose", "{tmp}/data.csv", "--rig", "{tmp}/out/next_rig.toml"],
+        ["diagnose", "{tmp}/data.csv", "--rig", "{tmp}/out/extended_rig.toml"],
         "paper24.toml",
-        "next_rig.toml",
+        "extended_rig.toml",
     ),
     "diagnose several": (["diagnose", "{tmp}/data.csv", "{tmp}/out/summary.csv"], "data.csv", "summary.csv"),
     "study": (["study", "coverage", "{tmp}/out/coverage.toml"], "study_coverage.toml", "coverage.toml"),

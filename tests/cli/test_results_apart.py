@@ -64,8 +64,8 @@ def test_plans_and_figures_of_a_diagnosis_are_of_its_set():
 
     from tumblecal.cli.diagnosis_batch import DIAGNOSIS_SET
     from tumblecal.report.diagnosis_page import CAPTIONS
-    from tumblecal.report.next_plan_files import LABELS, PLAN, RIG
+    from tumblecal.report.next_plan_files import LABELS, PLAN
 
-    names = [*CAPTIONS, "finding_1.svg", RIG, f"{PLAN}.toml", *(f"{PLAN}_{label}.toml" for label in LABELS.values())]
+    names = [*CAPTIONS, "finding_1.svg", f"{PLAN}.toml", *(f"{PLAN}_{label}.toml" for label in LABELS.values())]
     assert len(names) > 8
     assert [name for name in names if not any(PurePath(name).match(own) for own in DIAGNOSIS_SET)] == []

@@ -8,8 +8,9 @@ import pytest
 import blind_instrument as blind
 from blind_noise import position_set
 from tumblecal.diagnosis import Diagnoser
+from tumblecal.diagnosis.causes.cause import EFFECT, Cause
 from tumblecal.effects import catalogue
-from tumblecal.planning.alternatives import Alternative, alternatives_of, columns_of
+from tumblecal.planning.alternatives import _identical_at_1_g, _rows_under, competition
 from tumblecal.planning.new_rows import rows_of
 from tumblecal.planning.next_plan import SEPARATE, next_plan
 from tumblecal.planning.proposals import Allowed, Proposal, proposals
@@ -33,7 +34,7 @@ def diagnosed():
     assert best.labels == (HIDDEN,) and best.equivalents == (OFF,)
     # Its probability decides; one that counts at any odds is an alternative however improbable it is.
     assert sum(best.shares) < 1e-4 and diagnosis.verdict == "identified"
-    assert not alternatives_of(diagnosis, present(diagnosis))
+    assert len(competition(diagnosis).competing) == 1
     return doubted(diagnosis, OFF)
 
 
@@ -45,8 +46,8 @@ def doubted(diagnosis, rival):
 
 
 def present(diagnosis):
-    """Rows of all that could be measured in the present mounting."""
-    return rows_of(diagnosis, proposals(diagnosis.data, Allowed(remount=False), ()))
+    """The explanations with rows of all that could be measured in the present mounting."""
+    return competition(diagnosis).at(proposals(diagnosis.data, Allowed(remount=False), ()))
 
 
 def test_a_rival_at_any_odds_is_told_apart_however_improbable(diagnosed):
@@ -57,17 +58,15 @@ def test_a_rival_at_any_odds_is_told_apart_however_improbable(diagnosed):
 
 
 def test_positions_that_a_rival_takes_for_off_tell_it_nothing(diagnosed):
-    alternative = alternatives_of(diagnosed, present(diagnosed))[0]
+    alternative = present(diagnosed)[1]
     by_position = alternative.rows.old[: 3 * len(diagnosed.data)].reshape(len(diagnosed.data), 3, -1)
     off = [diagnosed.data.names[k] for k in np.flatnonzero(~np.any(by_position, axis=(1, 2)))]
-    assert alternative.labels == OFF == tuple(f"outlier_position:{name}" for name in off)
+    assert alternative.by.labels == OFF == tuple(f"outlier_position:{name}" for name in off)
 
 
 def test_what_is_told_apart_by_thousands_of_sd_stays_finite(diagnosed):
-    rows, leader = present(diagnosed), columns_of(diagnosed.members)
-    amplitudes = 1e4 * diagnosed.extended.vector[leader] / diagnosed.model.scales[leader]
-    own = Alternative(diagnosed.best.labels, tuple(leader), 1.0, rows)
-    value = Separation(diagnosed.model.nominal, own, amplitudes, alternatives_of(diagnosed, rows))
+    predicted = [one._replace(rows=replace(one.rows, shown=1e4 * one.rows.shown)) for one in present(diagnosed)]
+    rows, value = predicted[0].rows, Separation(predicted)
     for cells in rows.cells[:3]:
         expected = value.total + value.of([cells])[0]
         value.take(cells)
@@ -77,12 +76,13 @@ def test_what_is_told_apart_by_thousands_of_sd_stays_finite(diagnosed):
 
 def test_what_has_changed_for_good_is_so_at_new_positions(diagnosed):
     """A mount that slipped at the sixth position: three angles more from there on, and at every new one."""
-    slipped, rows = doubted(diagnosed, (f"mount_slip:{diagnosed.data.names[5]}",)), present(diagnosed)
-    alternative = alternatives_of(slipped, rows)[0]
+    rows, label = present(diagnosed)[0].rows, f"mount_slip:{diagnosed.data.names[5]}"
+    slip = next(cause for cause in diagnosed.screened.pool.causes if cause.label == label)
+    slipped = _rows_under([slip], diagnosed, rows)
     own = [diagnosed.model.names.index(f"dtheta_{axis}") for axis in "xyz"]
     added = slice(rows.old.shape[1], None)
-    np.testing.assert_allclose(alternative.rows.new[:, :, added], rows.new[:, :, own])
-    after = alternative.rows.old[: 3 * len(diagnosed.data), added]
+    np.testing.assert_allclose(slipped.new[:, :, added], rows.new[:, :, own])
+    after = slipped.old[: 3 * len(diagnosed.data), added]
     assert not np.any(after[:15]) and np.any(after[15:18])
     np.testing.assert_allclose(after[15:], rows.old[15 : 3 * len(diagnosed.data), own])
 
@@ -90,7 +90,42 @@ def test_what_has_changed_for_good_is_so_at_new_positions(diagnosed):
 def test_what_is_measured_with_the_triad_turned_tells_how_it_stands(diagnosed):
     """With the spindle upright alone no reading depends on the mounting's angle about it: such data would be refused."""
     side, turn = "turned 90 deg about z", (0.0, 90.0, 180.0, 270.0)
-    rows = rows_of(diagnosed, [Proposal(turn, beta, side) for beta in (0.0, 90.0)])
+    turns = [Proposal(turn, beta, side) for beta in (0.0, 90.0)]
+    rows = rows_of(diagnosed, turns, diagnosed.extended.vector)
     level, upright = rows.cells
     assert rows.determine_group_parameters(level) and not rows.determine_group_parameters(upright)
     assert rows.determine_group_parameters(np.concatenate([level, upright]))
+
+
+def test_two_variants_of_one_effect_are_compared_by_their_label(diagnosed):
+    """Their signals are arrays: a comparison of the causes themselves had no truth value, and the command ended there."""
+    slot = diagnosed.members[0].slot
+    variants = [Cause(EFFECT, HIDDEN, 0.0, 0.0, np.full((4, 1), size), slot=slot) for size in (1.0, 2.0)]
+    assert not _identical_at_1_g(variants[:1], variants[1:])
+
+
+@pytest.fixture(scope="module")
+def of_settings():
+    """An offset of z from the second of three settings on: a jump, or a bias by setting."""
+    names = ("bias_by_pitch.z", "mount_by_pitch")
+    kept = {id: effect for id, effect in catalogue().items() if id in names or effect.make is None}
+    rng = np.random.default_rng(8)
+    setup = blind.random_setup(rng, 3, 4)
+    readings = blind.readings(setup, setup.nominal, {"bias_by_pitch.z": np.array([1e-3, 1e-3])})
+    data = position_set(setup, readings + blind.SIGMA * rng.normal(size=readings.shape), known=True)
+    return Diagnoser(kept, nested=False)(data)
+
+
+def test_what_has_a_value_for_each_pitch_setting_predicts_none_for_another(of_settings):
+    """Neither a bias by setting nor a mount that moved at one setting is there at a new one; of the first nothing is known."""
+    labels = {of_settings.best.labels, *of_settings.best.equivalents}
+    assert ("bias_by_pitch.z",) in labels and any(one[0].startswith("bias_jump") for one in labels)
+    competing = competition(of_settings)
+    assert competing.at_settings
+    old, new = competing.at([Proposal((0.0,), beta, "") for beta in (45.0, 60.0)])[0].rows.new
+    for id, variant in (("bias_by_pitch.z", 0), ("mount_by_pitch", 1)):
+        slot = next(one for one in of_settings.model.slots if (one.id, one.variant) == (id, variant))
+        assert np.any(old[:, slot.columns]) and not np.any(new[:, slot.columns])
+    plan = next_plan(of_settings)
+    assert plan.purpose == SEPARATE and {one.beta_deg for one in plan.together} <= {0.0, 45.0, 90.0}
+    assert any("pitch setting" in note for note in plan.notes)

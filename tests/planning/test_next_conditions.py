@@ -9,10 +9,10 @@ from scipy.stats import norm
 from tumblecal.data import PositionSet
 from tumblecal.diagnosis.findings.factors import Factor, Reason
 from tumblecal.planning import separating
-from tumblecal.planning.alternatives import Alternative
+from tumblecal.planning.alternatives import Competing, Predicted
 from tumblecal.planning.conditions import Conditions, candidates, continued
 from tumblecal.planning.new_rows import Rows
-from tumblecal.planning.promise import Promise, positions_needed, promise_of
+from tumblecal.planning.promise import Promise, promise_of
 from tumblecal.planning.proposals import Allowed, reversed_run
 from tumblecal.planning.value import Separation
 from tumblecal.report.next_plan_files import conditions_words
@@ -36,7 +36,9 @@ def test_new_positions_continue_the_time_and_the_temperature_of_the_last_ones_no
     ramp = 24.0 + 0.2 * np.arange(12)
     conditions = continued(measured(temperature=ramp))
     assert (conditions.time_s, conditions.after_s, conditions.step_s, conditions.run) == (3600.0, 300.0, 300.0, "1")
-    assert conditions.temperature_degc == pytest.approx(26.4) and conditions.last_degc == pytest.approx(26.2)
+    assert conditions.temperature_degc == pytest.approx(26.4) and conditions.last_temperature_degc == pytest.approx(
+        26.2
+    )
     without_time = continued(measured(time=False, temperature=ramp))
     assert without_time.temperature_degc == pytest.approx(26.2) and without_time.time_s is None
 
@@ -53,22 +55,32 @@ def test_a_pause_and_another_temperature_are_tried_where_an_explanation_depends_
     assert [own.temperature_degc for own in steady] == pytest.approx([20.0, 25.0])
 
 
-def separation(apart, *, sd=0.0, odds=1.0, positions=1):
+def competing(apart, *, sd=0.0, odds=1.0, positions=1, larger=0.0):
     """A coefficient 1 +- `sd` whose signal at each new position, on x, is `apart` sd of the noise; the alternative has none.
     A nominal parameter that the new positions do not depend on is there as well."""
-    old = np.diag([1.0, 1.0 / max(sd, 1e-4)])
-    new = np.zeros((positions, 3, 2))
+    known = 1.0 / max(sd, 1e-4)
+    old, new = np.diag([1.0, known]), np.zeros((positions, 3, 2))
     new[:, 0, 1] = apart
     cells = [np.array([k]) for k in range(positions)]
-    rows = Rows(old, np.zeros(2), new, cells, np.zeros(0), np.zeros((positions, 3)), np.ones(3))
-    return Separation(1, Alternative(("a",), (1,), 1.0, rows), np.array([1.0]), [Alternative(("b",), (), odds, rows)])
+    shown, nothing = np.array([0.0, known]), np.zeros((positions, 3))
+    rows = Rows(old, shown, new, nothing, cells, np.zeros(2), 0, np.ones(3))
+    sets = (Competing((name,), (), share, larger, np.zeros(2)) for name, share in (("a", 1.0), ("b", odds)))
+    return [Predicted(one, rows, columns) for one, columns in zip(sets, ((0, 1), (0,)), strict=True)]
+
+
+def separation(apart, **given):
+    return Separation(competing(apart, **given))
+
+
+def others(unlisted=0.0, unnamed=()):
+    return SimpleNamespace(unlisted=unlisted, unnamed=list(unnamed))
 
 
 @pytest.mark.parametrize("apart", [4.0, 6.0])
 def test_the_probability_that_two_predictions_are_told_apart(apart):
     """The log likelihood ratio of N(apart, 1) and N(0, 1) is normal: mean apart^2 / 2, variance apart^2; e^4 is needed."""
-    promise = promise_of(separation(apart))
-    assert promise.probability == pytest.approx(norm.cdf((apart**2 / 2 - 4) / apart), abs=0.04)
+    promise = promise_of(separation(apart), others())
+    assert promise.given_listed == pytest.approx(norm.cdf((apart**2 / 2 - 4) / apart), abs=0.04)
     assert promise.odds == pytest.approx(np.exp(apart**2 / 2), rel=0.35 * apart)
     assert promise.excluded == (("b",),)
 
@@ -80,15 +92,22 @@ def test_what_is_not_known_of_a_coefficient_counts_against_the_promise():
     x = np.array([rng.normal(6.0, wide, 1_000_000), rng.normal(0.0, 1.0, 1_000_000)])
     ratio = norm.logpdf(x, 6.0, wide) - norm.logpdf(x, 0.0, 1.0) - np.log(odds)
     expected = (np.mean(ratio[0] > 4) + odds * np.mean(ratio[1] < -4)) / (1 + odds)
-    told = promise_of(separation(6.0, sd=0.5, odds=odds))
-    assert told.probability == pytest.approx(expected, abs=0.04) and expected < 0.65 and not told.made
+    told = promise_of(separation(6.0, sd=0.5, odds=odds), others())
+    assert told.given_listed == pytest.approx(expected, abs=0.04) and expected < 0.65 and not told.made
 
 
-def test_how_many_positions_would_do():
-    once = separation(3.5)
-    # In closed form 0.73 once, 0.95 twice.
-    assert not promise_of(once).made and positions_needed(once) == 2
-    assert positions_needed(separation(0.1)) is None
+def test_a_promise_allows_for_what_is_not_among_the_explanations():
+    """Their probability, and that of the true causes with further ones, which remains."""
+    sure = promise_of(separation(8.0), others())
+    assert sure.made and sure.probability < 0.98 < sure.given_listed
+    allowed = promise_of(separation(8.0), others(unlisted=0.12))
+    assert allowed.probability == pytest.approx(0.88 * sure.probability) and not allowed.made
+    # Alone the true causes then have at most 1 / 1.3, and 0.8 is identified.
+    assert promise_of(separation(8.0, larger=0.1), others()).made
+    assert not promise_of(separation(8.0, larger=0.3), others()).made
+    # What has no name predicts nothing, and remains.
+    unnamed = promise_of(separation(8.0), others(unnamed=[("unexplained",)]))
+    assert unnamed.excluded == (("b",),) and unnamed.remaining == (("unexplained",),)
 
 
 def test_words_of_conditions_and_of_what_is_not_worth_measuring():
@@ -99,20 +118,19 @@ def test_words_of_conditions_and_of_what_is_not_worth_measuring():
         ", 2 h after the last position, at 24.0 degC (last position: 26.5 degC)"
     )
     assert conditions_words(Conditions(None, None, 0.0, None, None, "1")) == ""
-    promise = Promise(0.1, 3.2, (("b",),), ())
+    promise = Promise(0.1, 0.1, 3.2, (("b",),), ())
     assert not promise.worth_measuring
-    assert not_worth_words(promise, 24, [2]).startswith(
-        "Not worth measuring to settle 2: expected odds 3.2 to 1, below 10 to 1. Some 24 positions"
+    assert not_worth_words(promise, [2]).startswith(
+        "Not worth measuring to settle 2: expected odds 3.2 to 1, below 10 to 1. More repeats"
     )
-    assert "another mounting" in not_worth_words(promise, None, [2])
 
 
 def test_the_findings_that_a_plan_settles_are_those_that_every_remaining_explanation_has():
     drift = Factor((("bias_drift.x",), ("warm_up",)), (Reason("range", ("time_s",)),))
     square = Factor((("second_order.z",), ("cross_axis_square.z",)), (Reason("identity"),))
     numbers = {"bias_drift.x": 2, "second_order.z": 1}
-    every = Promise(0.99, 1e6, (("second_order.z", "warm_up"),), ())
-    none = Promise(0.99, 1e6, (("x", "second_order.z"),), (("second_order.z", "warm_up"),))
+    every = Promise(0.99, 0.99, 1e6, (("second_order.z", "warm_up"),), ())
+    none = Promise(0.99, 0.99, 1e6, (("x", "second_order.z"),), (("second_order.z", "warm_up"),))
     assert settled_numbers([drift, square], every, numbers) == [2]
     assert settled_numbers([drift, square], none, numbers) == []
 
@@ -129,11 +147,8 @@ def test_the_last_run_in_the_reverse_order_is_judged_as_a_whole(monkeypatch):
         data, Allowed(alpha_deg=(0.0,))
     )
 
-    rows = SimpleNamespace(cells=[np.array([k]) for k in range(6)])
-    monkeypatch.setattr(separating, "rows_of", lambda *_, in_order: rows)
-    monkeypatch.setattr(separating, "alternatives_of", lambda *_: [])
-    monkeypatch.setattr(separating, "separation_of", lambda *_: separation(1.0, positions=6))
-    found = separating._in_reverse(None, again, continued(data), None)
-    assert found.in_reverse and found.listed is again and found.promise == promise_of(separation(1.0, positions=6))
-    assert [k for k, _ in found.chosen] == list(range(6)) and found.value == pytest.approx(3.0, abs=0.01)
-    assert sum(gain for _, gain in found.chosen) == pytest.approx(found.value, abs=0.01)
+    six = competing(1.0, positions=6)
+    given = SimpleNamespace(at=lambda *_, in_order: six, **vars(others()))
+    found = separating._measured(given, again, continued(data), six)
+    assert found.ordered is again and found.promise == promise_of(Separation(six), others())
+    assert found.gains == pytest.approx([0.5] * 6, abs=0.01)

@@ -1,5 +1,7 @@
 """Next positions: what is promised is what plain numpy finds, in every ordinary kind of measurement."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -17,7 +19,8 @@ from tumblecal.estimation.position_problem import where_of
 from tumblecal.ground.atomic import write_texts
 from tumblecal.planning.next_plan import SEPARATE, SHARPEN, next_plan
 from tumblecal.planning.proposals import SIDES, Allowed
-from tumblecal.report.next_plan_files import LABELS, next_plan_texts
+from tumblecal.report.next_plan_files import LABELS, next_commands, next_plan_texts
+from tumblecal.report.next_plan_words import next_words
 
 
 SIGMA = 1e-4
@@ -279,7 +282,7 @@ def test_the_proposed_positions_separate_the_explanations(planner):
     assert np.mean(got) == pytest.approx(np.mean(said), abs=2.5 * np.sqrt(2 * np.mean(said) / len(said)))
 
 
-def test_plans_for_capture_and_a_rig_for_the_analysis(planner, tmp_path):
+def test_plans_for_capture(planner, tmp_path):
     """The files are good as they are: what they ask for is measured, and the sd fall as was said."""
     data = measured(*plan12(), seed=5)
     data.comments.update(protocol="adxl355", serial_number="N1", gravity_ms2="9.81")
@@ -288,9 +291,9 @@ def test_plans_for_capture_and_a_rig_for_the_analysis(planner, tmp_path):
     texts = next_plan_texts(diagnosis, proposed, tmp_path)
     names = [*texts]
     write_texts(tmp_path, texts)
-    assert "next_rig.toml" in names and any("turned" in name for name in names)
+    assert any("turned" in name for name in names)
     steps, sides = [], []
-    for name in names[:-1]:
+    for name in names:
         plan = read_plan(tmp_path / name)
         side = next((side for side, label in LABELS.items() if label == plan.session.mount), "")
         assert plan.positions.mount_rotation_deg == (list(SIDES[side]) if side else None)
@@ -305,8 +308,8 @@ def test_plans_for_capture_and_a_rig_for_the_analysis(planner, tmp_path):
     turns = {label: SIDES[side] for side, label in LABELS.items()}
     intended = Rotation.from_quat([independent.mount(np.radians(turns.get(m, (0, 0, 0)))).as_quat() for m in mount])
     both = measured(alpha, beta, ("1",) * len(alpha), mount, seed=5, intended=intended)
-    rig = read_rig(tmp_path / "next_rig.toml")
-    after = exact.fit(problem_of(both, rig.chain(where_of(both))))
+    # The turn is found from the readings.
+    after = exact.fit(problem_of(both))
     before = exact.fit(problem_of(data))
     sensor = [name for name in before.names if name.startswith(("dK", "bias", "gamma"))]
     fall = 1 - max(after.sd[after.names.index(n)] for n in sensor) / max(
@@ -318,6 +321,24 @@ def test_plans_for_capture_and_a_rig_for_the_analysis(planner, tmp_path):
     # Of data that do not say how they were captured, what capture takes by default is in the plan, and said to be that.
     text = (tmp_path / names[0]).read_text()
     assert "correct them first" in text and "[dwell]\nseconds = 1200.0\nsettle_s = 30.0\nguard_s = 0.0\n" in text
+
+    # Where they state times, a position takes as long as in the data; one command diagnoses all files.
+    files = ("m.csv", "next/positions.csv")
+    timed = replace(diagnosis.screened.problem.measured_data, time_s=150.0 * np.arange(12), files=files)
+    again = planner(timed)
+    plan = next_plan(again)
+    texts = next_plan_texts(again, plan, tmp_path)
+    assert all("[dwell]\nseconds = 120.0\nsettle_s = 30.0\n" in text for text in texts.values())
+    commands = next_commands(again, plan, tmp_path)
+    assert len(texts) > 1 and len(commands) == 2 * len(texts) + 1
+    # A folder of the data is not used a second time.
+    measured_in = [command.split()[4] for command in commands if "capture" in command]
+    assert measured_in[0] == "next_2" and len({*measured_in}) == len(texts)
+    positions = [f"{folder}/positions.csv" for folder in measured_in]
+    assert commands[-1].split()[1:] == ["diagnose", "--join", "--same-run", *files, *positions]
+    words = " ".join(next_words(again, plan, tmp_path))
+    minutes = round(150.0 * plan.positions / 60)
+    assert f"({plan.positions} positions, {minutes} min in all)" in words
 
     there = next_plan(diagnosis, Allowed(remount=False))
     assert [*next_plan_texts(diagnosis, there, tmp_path)] == ["next_positions.toml"]

@@ -28,7 +28,7 @@ _FILES_A_PROCESS = 40
 # The files of one diagnosis.
 DIAGNOSIS_SET = (
     "diagnosis.json", "verdict.txt", "calibration.json", "extended_rig.toml", "suggested_effect.py",
-    "next_positions.toml", "next_positions_*.toml", "next_rig.toml", "diagnosis.html", "finding_*.svg",
+    "next_positions.toml", "next_positions_*.toml", "diagnosis.html", "finding_*.svg",
     "residuals_by_angle.svg", "residuals_by_column.svg", "residual_harmonics.svg",
     "explanations.svg", "predictive.svg", "limits.svg", "unexplained.svg",
 )  # fmt: skip

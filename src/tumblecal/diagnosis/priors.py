@@ -1,7 +1,7 @@
 """The tuned numbers of the diagnosis, each with the study that set it.
 
 Studies: "blind" is `benchmarks/blind_study.py` (seeds up to 11; stated rates are from later ones), "noise"
-`benchmarks/blind_noise.py`, "next" `benchmarks/next_positions.py`, "units" `benchmarks/blind_units.py`. Numbers that follow
+`benchmarks/blind_noise.py`, "next" `benchmarks/promises_next.py`, "units" `benchmarks/blind_units.py`. Numbers that follow
 from arithmetic or from a plan alone are defined at their use.
 """
 

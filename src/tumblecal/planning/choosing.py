@@ -8,10 +8,12 @@ from jaxtyping import Bool
 
 from tumblecal.planning.new_rows import Rows
 from tumblecal.planning.proposals import Proposal
-from tumblecal.planning.value import Value
+from tumblecal.planning.value import Separation, Sharpening
 
 
 MOST_IN_SET = 12
+# A position with new unknown parameters counts for so many: a new pitch setting or mounting is more work.
+_EFFORT = 2.0
 
 
 @dataclass(frozen=True)
@@ -21,13 +23,13 @@ class Choosing:
     listed: list[Proposal]
     rows: Rows
 
-    def best(self, value: Value, most: int, least: float) -> list[tuple[int, float]]:
+    def best(self, value: Separation | Sharpening, most: int, least: float) -> list[tuple[int, float]]:
         """Numbers and values of the best single proposals: at most `most`, each with a value above `least`."""
         values = np.where(self._analysable([]), value.of(self.rows.cells), 0.0)
         order = np.argsort(-values, kind="stable")[:most].tolist()
         return [(k, float(values[k])) for k in order if values[k] > least]
 
-    def greedy(self, value: Value, least: Callable[[int], float]) -> list[tuple[int, float]]:
+    def greedy(self, value: Separation | Sharpening, least: Callable[[int], float]) -> list[tuple[int, float]]:
         """A set chosen one by one, each the best per position given those before it, with the value that each adds.
 
         **Arguments:**
@@ -35,29 +37,25 @@ class Choosing:
         - `least`: the value below which nothing is added, for a number of positions of the proposal.
         """
         chosen: list[tuple[int, float]] = []
-        spent, open_ = 0, set(range(len(self.listed)))
-        costs = np.array([proposal.cost for proposal in self.listed])
+        effort = np.array([_EFFORT if np.any(self.rows.of_new_groups(cells)) else 1.0 for cells in self.rows.cells])
+        spent = set[tuple[str, float, float]]()
         while not value.enough:
             usable = self._analysable([k for k, _ in chosen])
-            fits = [k for k in sorted(open_) if costs[k] <= MOST_IN_SET - spent and usable[k]]
-            if not fits:
-                break
+            # The same position is not proposed twice: a turn of four is part of that of eight.
+            fits = [
+                k
+                for k, one in enumerate(self.listed)
+                if usable[k] and one.cost <= MOST_IN_SET - len(spent) and not spent & one.places
+            ]
             cells = [self.rows.cells[k] for k in fits]
             values = value.of(cells)
-            best = int(np.argmax(value.per_position(cells, values)))
-            if values[best] < least(int(costs[fits[best]])):
+            enough = values >= [least(len(each)) for each in cells]
+            if not np.any(enough):
                 break
+            best = int(np.argmax(np.where(enough, value.per_position(cells, values) / effort[fits], 0.0)))
             chosen.append((fits[best], float(values[best])))
-            value.take(self.rows.cells[fits[best]])
-            spent += int(costs[fits[best]])
-            # The same position is not proposed twice: a turn of four is part of that of eight.
-            same = self.listed[fits[best]]
-            open_ -= {
-                k
-                for k in open_
-                if (self.listed[k].side, self.listed[k].beta_deg) == (same.side, same.beta_deg)
-                and set(self.listed[k].alpha_deg) & set(same.alpha_deg)
-            }
+            value.take(cells[best])
+            spent |= self.listed[fits[best]].places
         return chosen
 
     def _analysable(self, chosen: list[int]) -> Bool[np.ndarray, " listed"]:

@@ -5,7 +5,7 @@ therefore made for stated conditions.
 """
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,7 +29,7 @@ class Conditions(NamedTuple):
 
     - `after_s`: pause from the last position to the first new one; `time_s`: its time by the clock of the data; `step_s`: from
       one new position to the next. None, None and 0 without times.
-    - `temperature_degc`: of the new positions; None without temperatures. `last_degc`: of the last position.
+    - `temperature_degc`: of the new positions; None without temperatures. `last_temperature_degc`: of the last position.
     - `run`: label of the run that they belong to.
     """
 
@@ -37,26 +37,15 @@ class Conditions(NamedTuple):
     time_s: float | None
     step_s: float
     temperature_degc: float | None
-    last_degc: float | None
+    last_temperature_degc: float | None
     run: str
 
     @property
     def at_another_temperature(self) -> bool:
         """Whether the temperature must be changed first."""
-        if self.temperature_degc is None or self.last_degc is None:
+        if self.temperature_degc is None or self.last_temperature_degc is None:
             return False
-        return abs(self.temperature_degc - self.last_degc) >= _LEAST_RANGE_DEGC
-
-    def record(self) -> dict[str, Any]:
-        """For JSON: the conditions of the new positions."""
-        return {
-            "after_s": self.after_s,
-            "time_s": self.time_s,
-            "step_s": self.step_s,
-            "temperature_degc": self.temperature_degc,
-            "last_temperature_degc": self.last_degc,
-            "run": self.run,
-        }
+        return abs(self.temperature_degc - self.last_temperature_degc) >= _LEAST_RANGE_DEGC
 
     @property
     def waited(self) -> bool:
@@ -79,8 +68,7 @@ def continued(data: PositionSet) -> Conditions:
         return Conditions(step, float(time[rows[-1]]) + step, step, None, None, run)
     last = float(temperature[rows[-1]])
     late = rows[-max(3, round(_TREND_SHARE * len(rows))) :]
-    centred = time[late] - time[late].mean()
-    slope = float(centred @ temperature[late] / (centred @ centred)) if np.any(centred) else 0.0
+    slope = float(np.polyfit(time[late], temperature[late], 1)[0]) if np.ptp(time[late]) else 0.0
     return Conditions(step, float(time[rows[-1]]) + step, step, last + slope * step, last, run)
 
 
@@ -93,27 +81,27 @@ def candidates(data: PositionSet, *, in_time: bool, with_temperature: bool) -> I
     """
     first = continued(data)
     yield first
-    pauses = [first.after_s]
-    if first.time_s is not None and first.after_s is not None and data.time_s is not None and in_time:
+    later = [first]
+    if in_time and data.time_s is not None and first.time_s is not None and first.after_s is not None:
         pauses = [share * float(np.ptp(data.time_s)) for share in _PAUSES]
-    others = _temperatures(data, first) if with_temperature else []
-    for pause in pauses:
-        later = first
-        if pause is not None and first.time_s is not None and first.after_s is not None:
-            later = first._replace(after_s=pause, time_s=first.time_s - first.after_s + pause)
-        later = later._replace(temperature_degc=first.last_degc)
-        if pause != first.after_s:
-            yield later
+        later = [first._replace(after_s=pause, time_s=first.time_s - first.after_s + pause) for pause in pauses]
+    others = _temperatures(data, first.last_temperature_degc) if with_temperature else []
+    for conditions in later:
+        if conditions is not first:
+            yield conditions._replace(temperature_degc=first.last_temperature_degc)
         for degc in others:
-            yield later._replace(temperature_degc=degc)
+            yield conditions._replace(temperature_degc=degc)
 
 
-def _temperatures(data: PositionSet, first: Conditions) -> list[float]:
-    """The end of the measured temperatures that is farther from the last one, and the middle of the largest step of soaks."""
-    far = _far_temperature(data, first)
-    between = None if data.temperature_degc is None else between_soaks(np.asarray(data.temperature_degc, float))
-    near = between is None or first.last_degc is None or abs(between - first.last_degc) < _LEAST_RANGE_DEGC
-    return [degc for degc in (far, None if near else between) if degc is not None]
+def _temperatures(data: PositionSet, last_degc: float | None) -> list[float]:
+    """The end of the measured temperatures that is farther from the last one (without a range a warmer temperature), and the
+    middle of the largest step of soaks."""
+    if data.temperature_degc is None or last_degc is None:
+        return []
+    degc = np.asarray(data.temperature_degc, float)
+    far, between = float(max(degc.min(), degc.max(), key=lambda end: abs(end - last_degc))), between_soaks(degc)
+    others = [far if abs(far - last_degc) >= _LEAST_RANGE_DEGC else last_degc + _WARMER_DEGC]
+    return others if between is None or abs(between - last_degc) < _LEAST_RANGE_DEGC else [*others, between]
 
 
 def between_soaks(degc: np.ndarray) -> float | None:
@@ -123,13 +111,3 @@ def between_soaks(degc: np.ndarray) -> float | None:
         return None
     widest = int(np.argmax(np.diff(levels)))
     return float(levels[widest : widest + 2].mean())
-
-
-def _far_temperature(data: PositionSet, first: Conditions) -> float | None:
-    """The end of the measured temperatures that is farther from the last one; without a range a warmer temperature."""
-    if data.temperature_degc is None or first.last_degc is None:
-        return None
-    ends = [float(np.min(data.temperature_degc)), float(np.max(data.temperature_degc))]
-    last = first.last_degc
-    far = max(ends, key=lambda end: abs(end - last))
-    return far if abs(far - last) >= _LEAST_RANGE_DEGC else last + _WARMER_DEGC

@@ -4,11 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
 from tumblecal.ground.axes import AXES
-from tumblecal.planning.alternatives import Alternative
-from tumblecal.planning.new_rows import Rows
+from tumblecal.planning.alternatives import Predicted
 from tumblecal.planning.proposals import Proposal
 from tumblecal.planning.value import LinearPosterior
 
@@ -45,44 +43,30 @@ class Confirmation:
         return abs(self.expected_g - self.rival_g) / self.sd_g
 
 
-def confirmations(
-    rows: Rows,
-    listed: Sequence[Proposal],
-    nominal: int,
-    leader: tuple[Sequence[int], np.ndarray],
-    alternative: Alternative,
-) -> tuple[Confirmation, ...]:
+def confirmations(listed: Sequence[Proposal], leader: Predicted, alternative: Predicted) -> tuple[Confirmation, ...]:
     """The readings that best separate a cause from its alternative, the largest separation first.
-
-    The alternative is refitted to the data, so only the part of the signal counts that it cannot predict.
 
     **Arguments:**
 
-    - `rows`: of the data and of all proposals `listed`. Only single positions in the present mounting at measured pitch
-      settings are used, as the fit predicts these.
-    - `nominal`: number of nominal columns. `leader`: columns of the named causes, and their coefficients (scaled).
-    - `alternative`: the strongest one.
+    - `listed`: the proposals. Only single positions in the present mounting at measured pitch settings are used, as the fit
+      predicts these.
+    - `leader`, `alternative`: the named causes and the strongest alternative, each fitted to the data.
     """
-    columns, amplitudes = list(leader[0]), leader[1]
-    known = LinearPosterior(
-        alternative.rows, [*range(nominal), *alternative.columns], rows.old[:, columns] @ amplitudes
-    )
-    covariance = known.covariance()
-    imitated = known.new @ (covariance @ known.towards)
-    separation = (rows.new[:, :, columns] @ amplitudes - imitated) / rows.weight
-    sd = _sd(known) / rows.weight
-    expected_sd = _sd(LinearPosterior(rows, [*range(nominal), *columns])) / rows.weight
-    of_new_groups = rows.new[:, :, rows.new.shape[2] - len(rows.group_prior) :]
-    settled = ~np.any(of_new_groups, axis=(1, 2))
+    rows = leader.rows
+    known, other = (LinearPosterior(one.rows, one.columns) for one in (leader, alternative))
+    every = np.arange(len(rows.new))[:, None]
+    (mean, spread), (other_mean, other_spread) = known.predicted(every), other.predicted(every)
+    mean, separation = mean / rows.weight, (mean - other_mean) / rows.weight
+    expected_sd, sd = (np.sqrt(np.diagonal(own, axis1=1, axis2=2)) / rows.weight for own in (spread, other_spread))
     candidates: list[Confirmation] = []
     for proposal, cells in zip(listed, rows.cells, strict=True):
-        if proposal.side or not settled[cells[0]]:
+        if proposal.side or np.any(rows.of_new_groups(cells)):
             continue
         cell, axis = int(cells[0]), int(np.argmax(np.abs(separation[cells[0]]) / sd[cells[0]]))
-        expected, difference = float(rows.predicted[cell, axis]), float(separation[cell, axis])
+        expected, difference = float(mean[cell, axis]), float(separation[cell, axis])
         at = proposal.alpha_deg[0], proposal.beta_deg, AXES[axis]
         each = float(sd[cell, axis]), float(expected_sd[cell, axis])
-        candidates.append(Confirmation(*at, expected, expected - difference, *each, alternative.labels))
+        candidates.append(Confirmation(*at, expected, expected - difference, *each, alternative.by.labels))
     candidates.sort(key=lambda reading: -reading.sd_apart)
     chosen: list[Confirmation] = []
     for reading in candidates:
@@ -94,8 +78,3 @@ def confirmations(
         if len(chosen) < MOST and reading.sd_apart > LEAST_SD and not near:
             chosen.append(reading)
     return tuple(chosen)
-
-
-def _sd(known: LinearPosterior) -> Float[np.ndarray, "cells 3"]:
-    """Standard deviation of each new reading minus its prediction, in units of the noise."""
-    return np.sqrt(1.0 + np.einsum("cai,ij,caj->ca", known.new, known.covariance(), known.new))

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.chain import Parameter, parameters_of
+from tumblecal.chain import Link, Parameter, parameters_of
 from tumblecal.chain.nominal import Mount
 from tumblecal.chain.where import VISITS
 from tumblecal.diagnosis import Diagnosis
@@ -28,43 +28,40 @@ from tumblecal.planning.proposals import SIDES, Proposal
 _SAME_ANGLE = 1e-6
 # New positions determine a parameter of a new group if its singular value exceeds this share of the largest.
 _SEEN = 0.02
+# Coefficients of effects are within so many of their scales, time constants within one of their value: a coefficient that the
+# data do not determine predicts nothing larger. (benchmarks/promises_next.py)
+_USUAL = 10.0
 
 
 @dataclass(frozen=True)
 class Rows:
-    """Rows in units of the noise; columns: the model's full vector (scaled), then parameters that only new groups have.
+    """Rows in units of the noise; columns: the model's full vector (scaled), then parameters that only new groups or permanent
+    changes have, `own` of them.
 
-    `old`: rows of the data, priors' rows last; `residual`: measured minus the extended model. `new` (cells, 3, columns): of
-    each new position; `cells` gives those of each proposal. `group_prior`: information on each parameter of the new
-    groups from a prior on their leaf. `predicted` (cells, 3): readings by the extended model, g; `weight` (3): units of the
-    noise per g.
+    `old`: rows of the data, priors' rows last; `shown`: measured minus the model without effects. `new` (cells, 3, columns): of
+    each new position; `expected` (cells, 3): its readings by the model without effects; `cells` gives those of each
+    proposal. `prior`: information on the parameter of each column. `weight` (3): units of the noise per g.
     """
 
     old: Float[np.ndarray, "rows columns"]
-    residual: Float[np.ndarray, " rows"]
+    shown: Float[np.ndarray, " rows"]
     new: Float[np.ndarray, "cells 3 columns"]
+    expected: Float[np.ndarray, "cells 3"]
     cells: list[np.ndarray]
-    group_prior: Float[np.ndarray, " own"]
-    predicted: Float[np.ndarray, "cells 3"]
+    prior: Float[np.ndarray, " columns"]
+    own: int
     weight: Float[np.ndarray, " 3"]
+
+    def of_new_groups(self, cells: np.ndarray) -> Float[np.ndarray, "rows own"]:
+        """The columns that only new groups or permanent changes have."""
+        return np.concatenate(self.new[cells])[:, self.new.shape[2] - self.own :]
 
     def determine_group_parameters(self, cells: np.ndarray) -> bool:
         """Whether these new positions determine every parameter of new groups that they depend on. With the spindle upright
         (beta 90) the positions of one mounting do not determine its angles."""
-        rows = self.new[cells][:, :, self.new.shape[2] - len(self.group_prior) :].reshape(-1, len(self.group_prior))
-        rows = rows[:, np.any(rows != 0, axis=0) & (self.group_prior == 0)]
+        rows = self.of_new_groups(cells)
+        rows = rows[:, np.any(rows != 0, axis=0) & (self.prior[self.new.shape[2] - self.own :] == 0)]
         return rows.shape[1] == 0 or np.linalg.matrix_rank(rows, tol=_SEEN * np.max(np.abs(rows))) == rows.shape[1]
-
-    def with_terms(
-        self, excluded: Sequence[int], old: Float[np.ndarray, "rows terms"], new: Float[np.ndarray, "cells 3 terms"]
-    ) -> "Rows":
-        """Rows without the old positions `excluded`, and with further terms of free coefficients by their old and new rows."""
-        used = self.old.copy()
-        used[[3 * position + axis for position in excluded for axis in range(3)]] = 0.0
-        group_prior = np.append(self.group_prior, np.zeros(old.shape[1]))
-        return replace(
-            self, old=np.hstack([used, old]), new=np.concatenate([self.new, new], axis=2), group_prior=group_prior
-        )
 
 
 def remountings(diagnosis: Diagnosis) -> tuple[tuple[str, ...], str]:
@@ -82,7 +79,12 @@ def remountings(diagnosis: Diagnosis) -> tuple[tuple[str, ...], str]:
 
 
 def rows_of(
-    diagnosis: Diagnosis, listed: Sequence[Proposal], conditions: Conditions | None = None, *, in_order: bool = False
+    diagnosis: Diagnosis,
+    listed: Sequence[Proposal],
+    vector: Float[np.ndarray, " full"],
+    conditions: Conditions | None = None,
+    *,
+    in_order: bool = False,
 ) -> Rows:
     """Rows of the data and of all proposals.
 
@@ -90,11 +92,12 @@ def rows_of(
 
     - `diagnosis`: of the present data.
     - `listed`: the proposals. New positions belong to the last run and mounting, or to a new mounting.
+    - `vector`: the full vector that the rows are linearised at.
     - `conditions`: under which they are measured; by default directly after the data.
     - `in_order`: whether they are measured one after another as listed; otherwise each is the first.
     """
     conditions = conditions or continued(diagnosis.data)
-    problem, model, vector = diagnosis.problem, diagnosis.model, diagnosis.extended.vector
+    problem, model = diagnosis.problem, diagnosis.model
     for cause in diagnosis.members:
         problem = cause.undone(problem)
     residual, old = white_rows(model, problem, vector, model.evaluate(problem.where, vector))
@@ -113,12 +116,26 @@ def rows_of(
         for block in np.array_split(chosen, -(-len(chosen) // room)):
             rows, evaluation = new.evaluated(block, turned)
             jacobian[block], predicted[block] = evaluation.jacobian[rows], evaluation.predicted[rows]
-    of_groups, prior = new.group_columns(jacobian)
     # The noise of a new reading is the median of the measured ones of its axis.
     weight = np.median(1.0 / problem.sd, axis=0) / diagnosis.level
+    amplitudes, shapes, prior = model.layout.amplitudes, model.layout.shapes, np.zeros(len(vector))
+    sizes = vector[amplitudes] / model.scales[amplitudes]
+    prior[amplitudes] = _USUAL**-2
+    prior[shapes] = (model.scales[shapes] / vector[shapes]) ** 2
+    shown, expected = residual + old[:, amplitudes] @ sizes, (predicted - jacobian[:, :, amplitudes] @ sizes) * weight
+    # At a new pitch setting an effect has none of the values that it has at others.
+    at_settings = [column for slot in model.slots if any(map(acts_at_settings, slot.links)) for column in slot.columns]
+    jacobian[np.ix_(new.index["pitch"] < 0, np.ones(3, bool), np.isin(np.arange(len(vector)), at_settings))] = 0.0
+    of_groups, group_prior = new.group_columns(jacobian)
     weighted = np.concatenate([jacobian, of_groups], axis=2) * weight[:, None]
     old = np.hstack([old, np.zeros((len(old), of_groups.shape[2]))])
-    return Rows(old, residual, weighted, cells, prior / diagnosis.level**2, predicted, weight)
+    prior = np.append(prior, group_prior / diagnosis.level**2)
+    return Rows(old, shown, weighted, expected, cells, prior, of_groups.shape[2], weight)
+
+
+def acts_at_settings(link: Link) -> bool:
+    """Whether a link acts at one pitch setting, or has a value for each."""
+    return hasattr(link, "setting") or getattr(link, "by", "") == "pitch"
 
 
 class _NewPositions:
@@ -144,28 +161,23 @@ class _NewPositions:
             offset += leaf.value.size
         data, where = problem.measured_data, problem.where
         count = len(data)
-        run, mount = data.run or ("1",) * count, data.mount or ("1",) * count
-        clock = data.clock or ("1",) * count
-        beta = np.round(where.pitch_angle, 9)
-
-        def pitch(angle_deg: float) -> float:
-            nearest = float(beta[np.argmin(np.abs(beta - np.radians(angle_deg)))])
-            same = abs(nearest - np.radians(angle_deg)) < _SAME_ANGLE
-            return nearest if same else round(float(np.radians(angle_deg)), 9)
-
-        last = [row for row in range(count) if (run[row], mount[row]) == (run[-1], mount[-1])]
+        run, mount, clock = (given or ("1",) * count for given in (data.run, data.mount, data.clock))
+        beta, new_beta = np.round(where.pitch_angle, 9), np.radians([spot.beta_deg for spot in spots]).round(9)
+        nearest = beta[np.argmin(np.abs(beta - new_beta[:, None]), axis=1)]
+        new_beta = np.where(np.abs(nearest - new_beta) < _SAME_ANGLE, nearest, new_beta)
         self.keys = [
             {
-                "pitch": pitch(spot.beta_deg),
+                "pitch": pitch,
                 "mount": spot.side or mount[-1],
                 "run": run[-1],
                 "clock": clock[-1],
                 "position": f"new {k}",
             }
-            for k, spot in enumerate(spots)
+            for k, (spot, pitch) in enumerate(zip(spots, new_beta.tolist(), strict=True))
         ]
         # A new position is evaluated in place of this one of the last run and mounting, at the nearest pitch setting.
-        self.like = np.array([min(last, key=lambda row: abs(beta[row] - key["pitch"])) for key in self.keys])
+        last = np.array([row for row in range(count) if (run[row], mount[row]) == (run[-1], mount[-1])])
+        self.like = last[np.argmin(np.abs(beta[last] - new_beta[:, None]), axis=1)]
         # Group of each new position in every index column; -1: a new group.
         self.index: dict[str, np.ndarray] = {}
         for by, group in where.groups.items():

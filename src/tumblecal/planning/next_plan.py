@@ -13,17 +13,17 @@ from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.causes.cause import Cause
 from tumblecal.estimation.attitudes import next_attitudes
 from tumblecal.ground.blas import single_blas_thread
-from tumblecal.planning.alternatives import Alternative, columns_of
+from tumblecal.planning.alternatives import Predicted, competition
 from tumblecal.planning.choosing import MOST_IN_SET, Choosing
 from tumblecal.planning.conditions import Conditions, continued
 from tumblecal.planning.confirming import Confirmation, confirmations
 from tumblecal.planning.new_rows import remountings
 from tumblecal.planning.promise import Promise
 from tumblecal.planning.proposals import Allowed, Proposal, proposals, reversed_run
-from tumblecal.planning.sampling import REVERSED, SAMPLE, samples
-from tumblecal.planning.separating import separate
+from tumblecal.planning.sampling import REVERSED, SAMPLE, Sample, samples
+from tumblecal.planning.separating import LEAST_STEP, separate
 from tumblecal.planning.temperature_notes import temperature_notes
-from tumblecal.planning.value import Sharpening
+from tumblecal.planning.value import Separation, Sharpening
 
 
 MOST = 6
@@ -33,6 +33,10 @@ _LEAST_GAIN = 0.03
 _LEAST_TURN = 0.1
 SEPARATE = "separate the leading explanations"
 SHARPEN_WEAKEST = "reduce the standard uncertainty of the most poorly determined direction of the sensor's parameters"
+_AT_SETTINGS = (
+    "A cause that acts at one pitch setting returns with this setting only: repeats of the setting, or new settings, separate "
+    "it from other causes."
+)
 _SIDES_BY_HAND = "The +x face is up when x reads +1 g, and the -x face is then down; y and z accordingly."
 SHARPEN = "reduce the largest standard uncertainty"
 
@@ -67,7 +71,7 @@ class NextPlan:
     - `notes`: assumptions, and reasons why something is not proposed. `from_rig`: the chain is that of a rig file.
     - `confirming`: readings that test the named cause, with the predictions of the cause and of its strongest alternative.
     - `conditions`: under which the values are valid. `promise`: what the best positions would settle between the leading
-      explanations, None if there is only one; `needed`: sufficient number of positions if it is uncertain, None if none is.
+      explanations, None if there is only one.
     - `in_reverse`: whether the set is the whole last run again, in the reverse order.
 
     Examples:
@@ -86,7 +90,6 @@ class NextPlan:
     confirming: tuple[Confirmation, ...] = ()
     conditions: Conditions | None = None
     promise: Promise | None = None
-    needed: int | None = None
     in_reverse: bool = False
 
     @property
@@ -109,67 +112,65 @@ def next_plan(diagnosis: Diagnosis, allowed: Allowed | None = None) -> NextPlan:
         >>> data = tumblecal.simulate(tumblecal.read_rig("hidden_effect"), seed=4, noise_sd=0.1e-3)
         >>> plan = tumblecal.next_plan(tumblecal.diagnose(data, noise_sd=0.1e-3), Allowed(remount=False))
         >>> plan.purpose, plan.positions
-        ('separate the leading explanations', 4)
+        ('separate the leading explanations', 6)
     """
     if diagnosis.data.hand_held:
         return _by_hand(diagnosis)
     allowed, model = allowed or Allowed(), diagnosis.model
     sides, why_not = remountings(diagnosis) if allowed.remount else ((), "")
     if diagnosis.unnamed is not None:
-        chosen = samples(diagnosis, allowed, MOST_IN_SET)
-        together = tuple([NextPosition(one.alpha_deg, one.beta_deg, "", SAMPLE, one.in_sd) for one in chosen])
-        singles = tuple(sorted(together, key=lambda position: -position.value)[:MOST])
-        notes = (REVERSED, why_not) if why_not else (REVERSED,)
-        conditions = continued(diagnosis.data)
-        return NextPlan(singles, together, SAMPLE, notes=notes, from_rig=diagnosis.from_rig, conditions=conditions)
+        return _of_samples(diagnosis, samples(diagnosis, allowed, MOST_IN_SET), why_not)
     listed = proposals(diagnosis.data, allowed, sides)
     notes = [why_not] if why_not else []
     if diagnosis.problem.correlated:
         notes.append("The noise is correlated between positions; new positions are assumed independent.")
     notes += [*_repeats(diagnosis.members), *temperature_notes(diagnosis)]
     with single_blas_thread():
-        first, separated = separate(diagnosis, listed, MOST, reversed_run(diagnosis.data, allowed))
-    rows, leader, evaluated = first.rows, columns_of(diagnosis.members), first
-    plan = NextPlan(from_rig=diagnosis.from_rig, conditions=continued(diagnosis.data))
-    if separated is not None:
-        plan = replace(plan, promise=separated.promise, needed=separated.needed)
-        if separated.promise.worth_measuring:
-            plan, evaluated = replace(plan, conditions=separated.conditions, value=separated.value), separated.evaluated
-            plan = replace(plan, in_reverse=separated.in_reverse)
-    if leader:
-        amplitudes = diagnosis.extended.vector[leader] / model.scales[leader]
-        nominal_model = Alternative((), (), 1.0, evaluated.rows)
-        alternative = evaluated.alternatives[0] if evaluated.alternatives else nominal_model
-        confirming = confirmations(evaluated.rows, listed, model.nominal, (leader, amplitudes), alternative)
-        plan = replace(plan, confirming=confirming)
-    if separated is not None and separated.promise.worth_measuring:
-        return _with(plan, separated.listed, separated.singles, separated.chosen, SEPARATE, notes)
-    watching, choosing = _watched(diagnosis), Choosing(listed, rows)
-    sharpening = Sharpening(rows, [*range(model.nominal), *leader], watching)
-    worst = model.names[watching[int(np.argmax(sharpening.variances()))]]
-    singles = choosing.best(sharpening, MOST, LEAST_VALUE)
-    chosen = choosing.greedy(sharpening, lambda positions: min(_LEAST_GAIN * positions, _LEAST_TURN))
-    plan = replace(plan, watched=worst, value=sharpening.total if chosen else 0.0)
-    return _with(plan, listed, singles, chosen, SHARPEN, notes)
-
-
-def _with(
-    plan: NextPlan,
-    listed: list[Proposal],
-    singles: list[tuple[int, float]],
-    chosen: list[tuple[int, float]],
-    purpose: str,
-    notes: list[str],
-) -> NextPlan:
-    """A plan with proposals, by their numbers and values."""
-    together = tuple(_position(listed[k], purpose, gain) for k, gain in chosen)
+        competing = competition(diagnosis)
+        if not all(hasattr(link, "setting") for link in competing.at_settings):
+            # A value for each pitch setting predicts nothing at another one.
+            measured = diagnosis.data.pitch_setting_deg
+            listed = [one for one in listed if np.any(np.isclose(measured, one.beta_deg))] or listed
+        if competing.at_settings and len(competing.competing) > 1:
+            notes.append(_AT_SETTINGS)
+        predicted = competing.at(listed)
+        separated = separate(competing, predicted, listed, reversed_run(diagnosis.data, allowed))
+    leader, worth = predicted[0], separated if separated is not None and separated.promise.worth_measuring else None
+    plan = NextPlan(
+        from_rig=diagnosis.from_rig,
+        conditions=continued(diagnosis.data) if worth is None else worth.conditions,
+        promise=None if separated is None else separated.promise,
+    )
+    predicted = predicted if worth is None else worth.competing
+    choosing = Choosing(listed, predicted[0].rows)
+    if len(leader.columns) > model.nominal:
+        nominal = Predicted(replace(leader.by, labels=()), choosing.rows, (*range(model.nominal),))
+        plan = replace(plan, confirming=confirmations(listed, *(*predicted, nominal)[:2]))
+    if worth is not None:
+        plan = replace(plan, purpose=SEPARATE, value=sum(worth.gains), in_reverse=worth.in_reverse)
+        singles = choosing.best(Separation(predicted), MOST, LEAST_STEP)
+        chosen = zip(worth.ordered, worth.gains, strict=True)
+    else:
+        watching = _watched(diagnosis)
+        sharpening = Sharpening(choosing.rows, leader.columns, watching)
+        worst = model.names[watching[int(np.argmax(sharpening.variances()))]]
+        singles = choosing.best(sharpening, MOST, LEAST_VALUE)
+        numbers = choosing.greedy(sharpening, lambda positions: min(_LEAST_GAIN * positions, _LEAST_TURN))
+        chosen = [(listed[k], gain) for k, gain in numbers]
+        plan = replace(plan, purpose=SHARPEN, watched=worst, value=sharpening.total if chosen else 0.0)
+    together = tuple([_position(one, plan.purpose, gain) for one, gain in chosen])
     if plan.from_rig and any(position.mount for position in together):
-        new_mounting = (
-            "Add a [mounts] entry for the new mounting to the rig file, and one value of dtheta per mounting."
-        )
-        notes = [*notes, new_mounting]
-    best = tuple(_position(listed[k], purpose, value) for k, value in singles)
-    return replace(plan, singles=best, together=together, purpose=purpose, notes=tuple(notes))
+        notes.append("Add a [mounts] entry for the new mounting to the rig file, and one value of dtheta per mounting.")
+    best = tuple([_position(listed[k], plan.purpose, value) for k, value in singles])
+    return replace(plan, singles=best, together=together, notes=tuple(notes))
+
+
+def _of_samples(diagnosis: Diagnosis, chosen: list[Sample], why_not: str) -> NextPlan:
+    """Positions that sample an unexplained error; `why_not`: why no remounting is proposed."""
+    together = tuple([NextPosition(one.alpha_deg, one.beta_deg, "", SAMPLE, one.in_sd) for one in chosen])
+    singles = tuple(sorted(together, key=lambda position: -position.value)[:MOST])
+    notes, conditions = (REVERSED, why_not) if why_not else (REVERSED,), continued(diagnosis.data)
+    return NextPlan(singles, together, SAMPLE, notes=notes, from_rig=diagnosis.from_rig, conditions=conditions)
 
 
 def _by_hand(diagnosis: Diagnosis) -> NextPlan:
@@ -188,7 +189,7 @@ def _by_hand(diagnosis: Diagnosis) -> NextPlan:
 
 def _position(proposal: Proposal, purpose: str, value: float) -> NextPosition:
     turn = proposal.alpha_deg if proposal.side else ()
-    return NextPosition(proposal.alpha_deg[0], proposal.beta_deg, proposal.side, purpose, float(value), turn)
+    return NextPosition(proposal.alpha_deg[0], proposal.beta_deg, proposal.side, purpose, value, turn)
 
 
 def _watched(diagnosis: Diagnosis) -> list[int]:

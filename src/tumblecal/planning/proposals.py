@@ -50,6 +50,11 @@ class Proposal:
         """Number of positions."""
         return len(self.alpha_deg)
 
+    @property
+    def places(self) -> set[tuple[str, float, float]]:
+        """Its positions: side, beta and alpha, deg."""
+        return {(self.side, self.beta_deg, alpha) for alpha in self.alpha_deg}
+
 
 def proposals(data: PositionSet, allowed: Allowed, sides: Sequence[str]) -> list[Proposal]:
     """Everything that may be proposed.

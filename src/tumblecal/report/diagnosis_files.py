@@ -89,7 +89,6 @@ def record(diagnosis: Diagnosis, plan: NextPlan, verdict: Verdict | None = None)
         "next": {
             "conditions": _conditions(plan),
             "promise": None if plan.promise is None else _with(plan.promise, "made", "worth_measuring"),
-            "positions_needed": plan.needed,
         },
         "harmonics": [vars(harmonic) for harmonic in diagnosis.harmonics],
         "predictive_checks": [_with(check, "outside") for check in diagnosis.checks],
@@ -102,7 +101,7 @@ def _conditions(plan: NextPlan) -> dict | None:
     if plan.conditions is None:
         return None
     mounting = list(dict.fromkeys(position.mount for position in plan.together))
-    return {**plan.conditions.record(), "mounting": mounting, "order": "as listed in the plan"}
+    return {**plan.conditions._asdict(), "mounting": mounting, "order": "as listed in the plan"}
 
 
 def _with(one: object, *properties: str) -> dict:

@@ -10,7 +10,7 @@ from tumblecal.planning.next_plan import SEPARATE, SHARPEN_WEAKEST, NextPlan, Ne
 from tumblecal.planning.promise import LEAST_WORTH_ODDS, Promise
 from tumblecal.planning.sampling import SAMPLE
 from tumblecal.report.cause_words import label_words
-from tumblecal.report.next_plan_files import conditions_words, next_commands
+from tumblecal.report.next_plan_files import conditions_words, duration, next_commands
 
 
 # Odds above this are not stated more exactly.
@@ -27,13 +27,13 @@ def next_words(
     factors = diagnosis.factors if plan.promise is not None else ()
     numbers = numbers or {}
     if plan.promise is not None and plan.purpose != SEPARATE:
-        yield not_worth_words(plan.promise, plan.needed, open_numbers(factors, numbers))
+        yield not_worth_words(plan.promise, open_numbers(factors, numbers))
     if plan.together:
         conditions = "" if plan.conditions is None else conditions_words(plan.conditions)
         promise = _promise(plan, settled_numbers(factors, plan.promise, numbers))
         whole = f"all {len(plan.together)} positions of the last run again, in the reverse order"
         positions = whole if plan.in_reverse else "; ".join(_grouped(plan.together))
-        yield f"Measure next, to {plan.purpose}: {positions}{conditions}. {promise}"
+        yield f"Measure next, to {plan.purpose} ({_total(plan)}): {positions}{conditions}. {promise}"
         if folder is not None:
             yield from next_commands(diagnosis, plan, folder)
     if plan.purpose == SEPARATE and plan.promise is not None and plan.promise.remaining:
@@ -51,6 +51,14 @@ def next_words(
             f"{rounded_together(clearest.rival_g * 1e3, clearest.sd_g * 1e3)} mg by "
             f"{label_words(clearest.rival) or 'the nominal model'}."
         )
+
+
+def _total(plan: NextPlan) -> str:
+    """Number of positions, and the time until the last of them if the data state times."""
+    conditions, count = plan.conditions, f"{plan.positions} position{'s' if plan.positions > 1 else ''}"
+    if conditions is None or conditions.after_s is None:
+        return count
+    return f"{count}, {duration(conditions.after_s + (plan.positions - 1) * conditions.step_s)} in all"
 
 
 def open_numbers(factors: Iterable[Factor], numbers: Mapping[str, int]) -> list[int]:
@@ -78,23 +86,21 @@ def _listed(numbers: Sequence[int]) -> str:
     return " and ".join(str(number) for number in dict.fromkeys(numbers))
 
 
-def not_worth_words(promise: Promise, needed: int | None, about: Sequence[int]) -> str:
+def not_worth_words(promise: Promise, about: Sequence[int]) -> str:
     """Why no positions are proposed to separate the explanations, and which measurement would separate them."""
     purpose = f"to settle {_listed(about)}" if about else "to separate the leading explanations"
-    would = (
-        f"Some {needed} positions under the same conditions would be."
-        if needed is not None
-        else "Other pitch angles, another mounting, or a larger range of time or temperature may be."
-    )
     odds = "no proposed position separates them" if promise.odds < 2 else f"expected odds {promise.odds:.2g} to 1"
-    return f"Not worth measuring {purpose}: {odds}, below {LEAST_WORTH_ODDS:g} to 1. {would}"
+    return (
+        f"Not worth measuring {purpose}: {odds}, below {LEAST_WORTH_ODDS:g} to 1. More repeats, other pitch angles, another "
+        "mounting, or a larger range of time or temperature may be."
+    )
 
 
 def _grouped(chosen: tuple[NextPosition, ...]) -> Iterator[str]:
     """Positions in words, those of one mounting and pitch setting together."""
     together: dict[tuple[str, float], list[float]] = {}
     yield from (position.direction for position in chosen if position.direction)
-    for position in chosen:
+    for position in sorted(chosen, key=lambda position: position.mount):
         if position.direction:
             continue
         together.setdefault((position.mount, position.beta_deg), []).extend(position.turn_deg or (position.alpha_deg,))
@@ -112,10 +118,8 @@ def _promise(plan: NextPlan, settled: Sequence[int]) -> str:
         promise = plan.promise
         odds = f"> {_MOST_ODDS:g}" if promise.odds > _MOST_ODDS else f"{promise.odds:.2g}"
         question = _listed(settled) if settled else "which of the explanations is true"
-        if promise.made:
-            return f"This settles {question} (probability {promise.probability:.2f}, expected odds {odds} to 1)."
-        needed = f"; {plan.needed} positions would" if plan.needed is not None else ""
-        return f"This may settle {question} (probability {promise.probability:.2f}, expected odds {odds} to 1{needed})."
+        verb = "settles" if promise.made else "may settle"
+        return f"This {verb} {question} (probability {promise.probability:.2f}; expected odds {odds} to 1 among those listed)."
     if plan.purpose == SAMPLE:
         return "They show whether the error repeats, and how it changes between the measured angles."
     if plan.purpose == SHARPEN_WEAKEST:
