@@ -78,6 +78,9 @@ def test_at_most_25_lines_stand_above_the_rule_and_nothing_is_lost():
     printed = " ".join(" ".join(lines).split())
     assert all(" ".join(entry.split()) in printed for entry in (words[5], words[15], words[25], words[39], COMMAND))
     assert all(f"word{k} " in printed for k in range(40))
+    # A heading is printed once, for whatever number of entries, at every width.
+    for width in (60, 100):
+        assert sum("NEXT, continued" in line for line in verdict_lines(many, width)) == 1
 
 
 @pytest.mark.parametrize("width", [60, 80])

@@ -111,9 +111,9 @@ def verdict_lines(verdict: Verdict, width: int = WIDTH) -> list[str]:
     lines = _block(verdict.verdict.upper(), [verdict.headline], width)
     if len(lines[-1]) + len(verdict.source) + 2 <= width:
         lines[-1] += verdict.source.rjust(width - len(lines[-1]))
-    use, below = f"calibration.json: {verdict.use}.", []
+    use, below = f"calibration.json: {verdict.use}.", list[tuple[str, str]]()
     if _count([use]) > _MOST_LINES["USE"]:
-        below = _detail("USE, reasons", f"{verdict.use.partition(': ')[2]}.", width)
+        below.append(("USE, reasons", f"{verdict.use.partition(': ')[2]}."))
         use = f"calibration.json: {verdict.use.partition(': ')[0]} (reasons below the rule)."
     lines += [*_block("USE", [use], width), ""]
     open_lines = _MOST - _count([verdict.headline]) - _count([use]) - 1
@@ -121,11 +121,12 @@ def verdict_lines(verdict: Verdict, width: int = WIDTH) -> list[str]:
         shown, moved = _fitting(entries, _MOST_LINES.get(label, open_lines))
         open_lines -= _count(shown)
         lines += _block(label, shown, width)
-        below += [line for entry in moved for line in _detail(f"{label}, continued", entry, width)]
-    headings = ["", *(name for name, _ in verdict.details)]
-    for before, (name, text) in zip(headings, verdict.details, strict=False):
-        below += _detail("" if name == before and width >= WIDTH else name, text, width)
-    return [*lines, "-" * width, *below] if below else lines
+        below += [(f"{label}, continued", entry) for entry in moved]
+    below += verdict.details
+    before = ["", *(name for name, _ in below)]
+    named = [("" if name == last else name, text) for last, (name, text) in zip(before, below, strict=False)]
+    details = [line for name, text in named for line in _detail(name, text, width)]
+    return [*lines, "-" * width, *details] if details else lines
 
 
 def _aligned(found: Sequence[Finding]) -> list[str]:
@@ -165,7 +166,7 @@ def _detail(name: str, text: str, width: int) -> list[str]:
     if width >= WIDTH:
         lines = _folded(text, width - _DETAIL)
         return [(name if k == 0 else "").ljust(_DETAIL) + line for k, line in enumerate(lines)]
-    return _folded(f"{name}: {text}", width)
+    return _folded(f"{name}: {text}" if name else text, width)
 
 
 def _folded(text: str, width: int) -> list[str]:
