@@ -3,7 +3,7 @@
 `instrument` draws a unit, `means` gives its readings in temperature bins, `recording` its samples, `truth` its parameters.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -14,13 +14,14 @@ AXES = "xyz"
 @dataclass(frozen=True)
 class Unit:
     """A unit: constants (9: dK xyz, bias xyz, g21, g31, g32) at 25 degC; changes (9, 5) by Legendre polynomials over the range,
-    less their value at 25 degC; half width (3) of the hysteresis of the biases, g."""
+    less their value at 25 degC; half width (3) of the hysteresis of the biases, g; quadratic coefficients (3), g/g^2."""
 
     constants: np.ndarray
     changes: np.ndarray
     hysteresis: np.ndarray
     low: float
     high: float
+    square: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,9 @@ def readings(unit, force, degc, memory=0.0):
             force[:, 2] + p[:, 7] * force[:, 0] + p[:, 8] * force[:, 1],
         ]
     )
-    return (1 + p[:, :3]) * u + p[:, 3:6] + np.outer(np.broadcast_to(memory, len(u)), unit.hysteresis)
+    return (
+        (1 + p[:, :3]) * u + p[:, 3:6] + unit.square * u**2 + np.outer(np.broadcast_to(memory, len(u)), unit.hysteresis)
+    )
 
 
 def memory_of(degc, width):
@@ -183,6 +186,25 @@ def means(
                 columns["clock"].append(f"{number}")
     return {name: np.array(values) if name in _NUMBERS else values for name, values in columns.items()} | {
         "sd": 1e-3 * noise_mg
+    }
+
+
+def soak_means(rng, unit, forces, soaks, noise_mg=0.3, tilt_deg=2.0, scatter_degc=0.3):
+    """Means of files of one face at one soak each, as columns: the faces are set by hand for every soak."""
+    faces = [(force, degc) for degc in soaks for force in forces]
+    turned = np.array([force for force, _ in faces]) + np.radians(tilt_deg) * rng.normal(size=(len(faces), 3))
+    turned /= np.linalg.norm(turned, axis=1)[:, None]
+    degc = np.array([level for _, level in faces]) + scatter_degc * rng.uniform(-1, 1, len(faces))
+    # All faces of a soak have the same history.
+    state = np.repeat(rng.uniform(-1, 1, len(soaks)), len(forces))
+    names = [f"f{k}" for k in range(len(faces))]
+    return {
+        "attitude": names,
+        "readings": readings(unit, turned, degc, state) + 1e-3 * noise_mg * rng.normal(size=turned.shape),
+        "temperature_degc": degc,
+        "clock": names,
+        "branch": names,
+        "sd": 1e-3 * noise_mg,
     }
 
 

@@ -19,7 +19,7 @@ def test_single_numbers_are_valid_for_all_rows():
     np.testing.assert_array_equal(table.n_eff, 50)
     np.testing.assert_array_equal(table.reached_by, 1)
     assert not table.soak.any()
-    assert set(table.columns()) >= {"attitude", "branch", "temperature_degc", "ax_g", "az_sd_g"}
+    assert set(table.columns()) >= {"position", "run", "branch", "temperature_degc", "ax_g", "az_sd_g"}
 
 
 def test_rows_and_joined_tables():

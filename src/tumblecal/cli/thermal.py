@@ -112,16 +112,19 @@ def thermal(
             noise_sd=sd,
         )
     _printed(output, reading)
-    with output.working("fitting"):
+    with single_blas_thread(), output.working("fitting"):
         result = thermal_calibration(reading.table, stated)
     with output_folders([out]), result_set(out, _WRITTEN) as aside:
         written = write_thermal(aside, result)
         written += write_thermal_page(aside / "thermal.html", result)
     if output.words:
+        from tumblecal.report.thermal_page import next_lines
         from tumblecal.report.thermal_terminal import print_thermal
 
         print_thermal(result)
         output.say(f"written: {out}/: {', '.join(written)}")
+        if result.calibration.use.refused:
+            output.say("\n".join(next_lines(result, out)))
     if result.calibration.use.refused:
         output.warn(reading.table.source, [f"use: {result.calibration.use.words}"])
     output.record(out / "thermal.json")

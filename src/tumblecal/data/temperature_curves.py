@@ -62,12 +62,15 @@ class Curve:
 class Hysteresis:
     """Half of the difference of a parameter between rising and falling temperature: `unit` is g, 1 or rad.
 
+    `not_separated_from`: effects of the history (`hysteresis`, `temperature_lag`, `temperature_rate`) that may be its cause.
+
     **Raises:** `InputError` for an unknown parameter, a negative half-width, or a unit of a different parameter.
     """
 
     parameter: str
     half_width: float
     unit: str
+    not_separated_from: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.parameter not in SENSOR:

@@ -33,6 +33,7 @@ class StatedHysteresis(Record):
     parameter: _Parameter
     half_width: Size
     unit: Text
+    not_separated_from: list[Text] = Field(default_factory=list)
 
 
 class StatedTemperature(Record):
@@ -55,7 +56,16 @@ class StatedTemperature(Record):
     @classmethod
     def of(cls, curves: TemperatureCurves) -> "StatedTemperature":
         """The object of some curves."""
-        hysteresis: dict[str, Any] = {"hysteresis": [StatedHysteresis(**vars(part)) for part in curves.hysteresis]}
+        parts = [
+            StatedHysteresis(
+                parameter=part.parameter,
+                half_width=part.half_width,
+                unit=part.unit,
+                not_separated_from=[*part.not_separated_from],
+            )
+            for part in curves.hysteresis
+        ]
+        hysteresis: dict[str, Any] = {"hysteresis": parts}
         return cls.model_construct(
             reference_degc=curves.reference_degc,
             range_degc=[*curves.range_degc],
@@ -71,7 +81,10 @@ class StatedTemperature(Record):
         **Raises:** `InputError` for values that do not agree.
         """
         curves = [self._curve(k) for k in range(len(self.curves))]
-        hysteresis = [Hysteresis(part.parameter, part.half_width, part.unit) for part in self.hysteresis]
+        hysteresis = [
+            Hysteresis(part.parameter, part.half_width, part.unit, tuple(part.not_separated_from))
+            for part in self.hysteresis
+        ]
         return TemperatureCurves(tuple(curves), self.covariance, tuple(self.covariance_order), tuple(hysteresis))
 
     def _curve(self, number: int) -> Curve:

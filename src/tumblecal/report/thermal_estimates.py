@@ -37,8 +37,8 @@ def varying(result: ThermalResult) -> list[str]:
 
 def known_at_reference(result: ThermalResult, parameter: str) -> bool:
     """Whether the value of a parameter at the reference temperature is known, and not only its change."""
-    use = result.calibration.use
-    return use.answer == "yes" or parameter in use.parameters
+    model = result.choice.model
+    return bool(model.fixed) or leaf_of(parameter) in model.free
 
 
 def after_correction(result: ThermalResult) -> Float[np.ndarray, "rows 3"]:

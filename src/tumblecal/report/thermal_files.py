@@ -1,14 +1,16 @@
 """Files of a temperature calibration: thermal.json, the table of bins, and the parameters over temperature."""
 
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 from tumblecal.data.calibration import write_calibration
 from tumblecal.data.calibration_table import COLUMNS, calibration_table
-from tumblecal.ground.atomic import write_text, written_aside
+from tumblecal.ground.atomic import write_text
 from tumblecal.ground.json_file import json_text
 from tumblecal.report.thermal_words import thermal_lines
 from tumblecal.thermal.result import ThermalResult
@@ -23,7 +25,7 @@ def write_thermal(folder: Path, result: ThermalResult) -> list[str]:
     """Write the result without its page; returns the names of the files."""
     write_calibration(folder / "calibration.json", result.calibration)
     write_text(folder / "thermal.json", json_text(thermal_record(result)))
-    _write_columns(folder / "bins.csv", result.table.columns())
+    _write_columns(folder / "bins.csv", result.table.columns(), result.table.position_comments)
     names = ["calibration.json", "thermal.json", "bins.csv"]
     if result.curves is not None:
         rows = parameter_rows(result)
@@ -63,6 +65,7 @@ def thermal_record(result: ThermalResult) -> dict[str, Any]:
         },
         "information_criterion": {"chosen": choice.criterion, "constant": choice.constant_criterion},
         "noise_factor": result.noise_factor,
+        "not_separated_from": list(choice.unseparated),
         "coefficients": _coefficients(result),
         "signals": [
             {
@@ -75,16 +78,7 @@ def thermal_record(result: ThermalResult) -> dict[str, Any]:
             }
             for signal in result.signals
         ],
-        "held_out": [
-            {
-                "rows": part.rows,
-                "label": part.label,
-                "before_mg": part.before_mg,
-                "after_mg": part.after_mg,
-                "noise_mg": part.noise_mg,
-            }
-            for part in result.held_out
-        ],
+        "held_out": [asdict(part) for part in result.held_out],
         "words": list(thermal_lines(result)),
     }
 
@@ -102,8 +96,8 @@ def _coefficients(result: ThermalResult) -> dict[str, dict[str, Any]]:
     }
 
 
-def _write_columns(path: Path, columns: Mapping[str, Any]) -> None:
+def _write_columns(path: Path, columns: Mapping[str, Any], comments: Mapping[str, str] = MappingProxyType({})) -> None:
     import polars as pl
 
-    with written_aside(path) as aside:
-        pl.DataFrame(dict(columns)).write_csv(aside)
+    lines = "".join(f"# {key}: {text}\n" for key, text in comments.items())
+    write_text(path, lines + pl.DataFrame(dict(columns)).write_csv())

@@ -8,9 +8,8 @@ import numpy as np
 
 from tumblecal.ground.counted import counted
 from tumblecal.ground.numbers_shown import changed
-from tumblecal.ground.suggested_command import suggested
+from tumblecal.ground.suggested_command import EVERY, suggested
 from tumblecal.report.page import PageFigure, Section, chosen, inline_each, page, write_page
-from tumblecal.report.tables import Table
 from tumblecal.report.thermal_figures import figures_of, small_figure
 from tumblecal.report.thermal_tables import (
     coefficient_table,
@@ -31,14 +30,13 @@ from tumblecal.report.thermal_words import (
     signal_words,
     total_improvement,
     undetermined_words,
-    untested_lines,
 )
 from tumblecal.report.verdict import Finding, Unresolved, Verdict, as_sentence
 from tumblecal.thermal.result import ThermalResult
 
 
-_BADGES = {"yes": "usable", "within": "usable", "only": "usable in part", "no": "do not use"}
-_TONES = {"yes": "good", "within": "good", "only": "open", "no": "bad"}
+_BADGES = {"only": "usable in part", "not tested": "not tested", "no": "do not use"}
+_TONES = {"only": "open", "not tested": "open", "no": "bad"}
 _CAPTIONS = {
     "parameters": "Line: the calibration. Band: 95 % by its standard uncertainty u(T), with hysteresis. Dots and rings: "
     "estimates from the rows of one temperature and direction alone. Dotted line: reference temperature. For parameters whose "
@@ -63,7 +61,7 @@ def write_thermal_page(path: Path, result: ThermalResult) -> None:
         _lead(result),
         thermal_verdict(result, path.parent),
         _sections(result, inline_each(path, result, figures_of(result), _CAPTIONS)),
-        tone=_TONES[answer],
+        tone=_TONES.get(answer, "good"),
         pictures=pictures,
     )
 
@@ -89,30 +87,21 @@ def thermal_verdict(result: ThermalResult, folder: Path) -> Verdict:
         Finding(f"{as_sentence(signal.name)}: no correction includes it", f"at most {signal_size(signal)}", signal.name)
         for signal in result.signals
     ]
-    unresolved = [
-        Unresolved(*_reason(line), (number,))
-        for number, signal in enumerate(result.signals, 1)
-        for line in separation_lines(result, signal)
-    ]
+    unresolved = []
     if missing := undetermined_words(result):
         unresolved.append(Unresolved(f"Not determined at the reference temperature: {', '.join(missing)}."))
-    unresolved += [Unresolved(f"{line}.") for line in (*untested_lines(result.table), *combination_lines(result))]
+    unresolved += [Unresolved(f"{line}.") for line in (*separation_lines(result), *combination_lines(result))]
     evidence = [range_words(result), *order_lines(result), *noise_lines(result)]
     return Verdict(
-        _BADGES[answer],
+        _BADGES.get(answer, "usable"),
         _headline(result),
         result.table.source,
         result.calibration.use.words,
         tuple(found),
         tuple(unresolved),
         tuple(f"{line}." for line in evidence),
-        tuple(_next(result, folder)),
+        tuple(next_lines(result, folder)),
     )
-
-
-def _reason(line: str) -> tuple[str, str]:
-    words, _, reason = line.partition(": ")
-    return words, f"{reason}."
 
 
 def _headline(result: ThermalResult) -> str:
@@ -125,13 +114,19 @@ def _headline(result: ThermalResult) -> str:
     return f"Error on held-out rows: {changed(before, after)} mg rms with the dependence on temperature; noise {noise:.3g} mg."
 
 
-def _next(result: ThermalResult, folder: Path) -> Iterator[str]:
+def next_lines(result: ThermalResult, folder: Path) -> Iterator[str]:
+    """Instructions, and commands to paste."""
     calibration = folder / "calibration.json"
-    if result.calibration.use.refused:
+    use = result.calibration.use
+    if use.refused and not result.choice.model.free:
         yield (
             "To determine the values at the reference temperature, repeat the command with --calibration and the "
             "calibration.json of the unit at one temperature, or record six or more attitudes over the same temperatures."
         )
+    elif use.refused:
+        yield "Find the cause in the means of the bins:"
+        yield suggested("diagnose", folder / "bins.csv", less=EVERY)
+    if use.refused or use.untested:
         return
     if undetermined_words(result):
         yield "To determine all parameters, record nine or more attitudes, or add the calibration of the unit (--calibration)."
@@ -186,13 +181,6 @@ def _sections(result: ThermalResult, drawn: dict[str, PageFigure]) -> Iterator[S
         ],
     )
     yield Section("Temperature over time", figures=chosen(drawn, "course"))
-
-
-def _coefficients(result: ThermalResult) -> Iterator[Table]:
-    if not result.calibration.use.refused:
-        yield reference_table(result)
-    if result.curves is not None:
-        yield coefficient_table(result)
 
 
 def _criterion(result: ThermalResult) -> Iterator[str]:

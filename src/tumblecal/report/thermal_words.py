@@ -1,6 +1,6 @@
 """The result of a temperature calibration in words: use, improvement, orders, signals, and effects that cannot be separated."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -10,7 +10,8 @@ from tumblecal.ground.axes import AXES
 from tumblecal.ground.counted import counted
 from tumblecal.ground.numbers_shown import changed
 from tumblecal.thermal.model import LEAVES
-from tumblecal.thermal.result import FoundSignal, ThermalResult
+from tumblecal.thermal.result import FoundSignal, ThermalResult, measured_range
+from tumblecal.thermal.usual_sizes import HISTORY
 
 
 _ORDERS = ("constant", "linear", "quadratic", "cubic", "of fourth order", "of fifth order")
@@ -18,8 +19,8 @@ _ORDERS = ("constant", "linear", "quadratic", "cubic", "of fourth order", "of fi
 _MUCH_NOISE = 1.2
 _ABOUT = {
     "hysteresis": "half of the difference between rising and falling temperature",
-    "rate": "a bias proportional to the rate of the temperature",
-    "lag": "the sensor follows the thermometer with a delay",
+    "temperature_rate": "a bias proportional to the rate of the temperature",
+    "temperature_lag": "the sensor follows the thermometer with a delay",
     "drift": "a bias that changes with time",
 }
 _DIRECTIONS = {1: "rises", -1: "falls"}
@@ -34,16 +35,15 @@ def thermal_lines(result: ThermalResult) -> Iterator[str]:
     yield from order_lines(result)
     for signal in result.signals:
         yield f"{signal.name.capitalize()}: {signal_words(signal)}"
-        yield from separation_lines(result, signal)
-    yield from untested_lines(result.table)
+    yield from separation_lines(result)
     yield from combination_lines(result)
     yield from noise_lines(result)
 
 
 def range_words(result: ThermalResult) -> str:
     """Measured range and reference temperature."""
-    low, high = result.table.range_degc
-    return f"Measured from {low:.1f} to {high:.1f} degC; reference temperature {result.reference_degc:.4g} degC"
+    low, high = measured_range(result.table)
+    return f"Measured from {low:.4g} to {high:.4g} degC; reference temperature {result.reference_degc:.4g} degC"
 
 
 def improvement_lines(result: ThermalResult) -> Iterator[str]:
@@ -128,9 +128,9 @@ def order_words(result: ThermalResult, leaf: str) -> str:
 def signal_words(signal: FoundSignal) -> str:
     """A signal that no correction includes, with its largest size on each axis."""
     about = _ABOUT[signal.name]
-    if signal.name == "lag":
+    if signal.name == "temperature_lag":
         about += f" of {signal.coefficients[0]:.3g} +- {signal.sd[0]:.2g} s"
-    budget = "no uncertainty does either" if signal.name == "drift" else "the uncertainty over temperature does"
+    budget = "U does" if signal.name == "drift" else "the uncertainty over temperature does"
     return f"{about}, at most {signal_size(signal)}. No correction includes it; {budget}"
 
 
@@ -139,41 +139,37 @@ def signal_size(signal: FoundSignal) -> str:
     return f"{', '.join(f'{1e3 * size:.2g} ({axis})' for axis, size in zip(AXES, signal.half_width, strict=True))} mg"
 
 
-def separation_lines(result: ThermalResult, signal: FoundSignal) -> Iterator[str]:
-    """The other signals that explain the data as well, with the reason and the remedy."""
-    if not signal.not_separated:
-        return
-    names = " or ".join((signal.name, *signal.not_separated))
-    rates = np.abs(result.table.rate_degc_per_s[result.table.direction != 0])
-    one = len(rates) and np.max(rates) < 2 * np.median(rates)
-    reason = (
-        "the temperature changed at about one rate"
-        if one
-        else "their signals in these rows differ by less than the noise"
-    )
-    remedy = "repeat the cycle at a different rate"
-    if "drift" in (signal.name, *signal.not_separated):
-        remedy = "repeat the cycle, and return to the first temperature"
-    yield f"{names}: indistinguishable, because {reason}. To separate them, {remedy}"
-
-
-def untested_lines(table: ThermalTable) -> Iterator[str]:
-    """Signals that these recordings cannot show at any size, with the reason."""
-    changing = np.asarray(table.reached_by) != 0
-    directions = set(np.asarray(table.reached_by)[changing].tolist())
-    if len(directions) == 1:
+def separation_lines(result: ThermalResult) -> Iterator[str]:
+    """Effects that these directions and rates of the temperature do not separate, with the reason and the remedy."""
+    choice, table = result.choice, result.table
+    directions = [_DIRECTIONS[sign] for sign in set(table.reached_by.tolist()) - {0}]
+    reasons = {0: "no file shows the direction of its change", 1: f"the temperature only {''.join(directions)}"}
+    if of_temperature := choice.of_temperature:
+        only = reasons.get(len(directions), "the rate is a function of the temperature")
         yield (
-            f"Hysteresis is not testable: the temperature only {_DIRECTIONS[directions.pop()]}. Record the return to the first "
-            "temperature too"
+            f"Not separated from the dependence on temperature, because {only}: {_listed(of_temperature)}. The uncertainties "
+            f"include a usual size, {100 * HISTORY:g} % of the change of each bias. To separate them, record both directions "
+            "at two rates"
         )
+    others = [name for name in choice.unseparated if name not in of_temperature]
+    if len(others) > 1:
+        yield (
+            "Not separated from each other, because the temperature changed at about one rate: "
+            f"{_listed(others)}. The uncertainties include their joint size at this rate. To separate them, repeat the cycle "
+            "at a different rate"
+        )
+    yield from drift_lines(table)
+
+
+def drift_lines(table: ThermalTable) -> Iterator[str]:
+    """Whether drift is a part of the dependence on temperature."""
     branches: dict[str, set[str]] = {}
-    for row in np.flatnonzero(changing).tolist():
+    for row in np.flatnonzero(table.reached_by).tolist():
         branches.setdefault(table.clock[row], set()).add(table.branch[row])
     if branches and all(len(each) == 1 for each in branches.values()):
-        names = "Drift" if table.soak.all() else "Drift, and a delay of the sensor,"
         yield (
-            f"{names} cannot be separated from the dependence on temperature: no recording returns to a temperature, so time "
-            "is a function of temperature. The curves include these effects"
+            "Drift cannot be separated from the dependence on temperature: no recording returns to a temperature, so time is a "
+            "function of temperature. The curves include drift"
         )
 
 
@@ -187,7 +183,7 @@ def combination_lines(result: ThermalResult) -> Iterator[str]:
         yield f"Combinations that the curves of the biases describe: {'; '.join(result.combinations)}"
 
 
-def _listed(words: list[str]) -> str:
+def _listed(words: Sequence[str]) -> str:
     return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
 
 
@@ -202,10 +198,10 @@ def noise_lines(result: ThermalResult) -> Iterator[str]:
 
 def source_words(result: ThermalResult, parameter: str) -> str:
     """Where the value of a parameter at the reference temperature comes from."""
-    if leaf_of(parameter) in result.choice.model.free:
+    model = result.choice.model
+    if leaf_of(parameter) in model.free:
         return "measured"
-    answers = {"yes": "stated calibration", "only": "assumed size"}
-    return answers.get(result.calibration.use.answer or "", "not determined")
+    return "stated calibration" if model.fixed else "assumed size" if model.free else "not determined"
 
 
 def undetermined_words(result: ThermalResult) -> list[str]:

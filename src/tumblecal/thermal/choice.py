@@ -9,32 +9,28 @@ from tumblecal.capture.thermal.thermal_table import ThermalTable
 from tumblecal.chain.following import CHANGE
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.sensor_parameters import SENSOR, SensorParameters, leaf_of
-from tumblecal.estimation.identifiability import identifiability
 from tumblecal.estimation.linearised import linearised
 from tumblecal.estimation.priors import Priors
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.soaks import soaks
 from tumblecal.ground.temperature_functions import HIGHEST_ORDER, TemperatureFunctions
 from tumblecal.thermal import signals as kinds
-from tumblecal.thermal.design import Design, design_of, estimate, free_of
+from tumblecal.thermal.design import Design, design_of, estimate
 from tumblecal.thermal.hysteresis import FORMS, forms_of
-from tumblecal.thermal.model import LEAVES, SENSOR_LEAVES, ThermalModel, offsets
-from tumblecal.thermal.orders import SEPARATED, Search, above_hysteresis, chains_of, confirmed
+from tumblecal.thermal.model import LEAVES, SENSOR_LEAVES, ThermalModel
+from tumblecal.thermal.orders import Search, above_hysteresis, chains_of, confirmed, unseparated
 from tumblecal.thermal.signals import NAMES
+from tumblecal.thermal.usual_sizes import AT_REFERENCE, SLOPE
 
 
 # 25 degC is the usual reference of calibrations.
 USUAL_REFERENCE_DEGC = 25.0
-# Leaves whose values at the reference the attitudes may determine; the first that they do is used.
-_REFERENCES = (SENSOR_LEAVES, ("dK", "bias"), ("bias",), ())
-# Standard deviations of those that they do not determine: sizes that data sheets of MEMS sensors allow.
-USUAL_SD = {"gamma": 5e-3, "dK": 2e-2}
-# Leaves that follow temperature, likewise.
-_FOLLOWING = (("bias", "dK", "gamma", "dtheta"), ("bias", "dK", "gamma"), ("bias", "dK"), ("bias",))
 # Attitudes that a message lists.
 _SHOWN = 3
-# A combination of parameters with this many times the uncertainty of the median one is not determined in practice.
-_WEAKEST = 300.0
+# A leaf is determined if the data reduce its usual size at least to this part.
+_DETERMINED = 0.5
+# Usual size of angles of attitudes and mountings, rad: not known.
+_ANGLE = 1.0
 
 
 @dataclass(frozen=True)
@@ -56,24 +52,28 @@ class Stated:
 class Choice:
     """The chosen model.
 
-    - `model`: with its functions and signals. `design`: the largest model, linearised.
+    - `model`: with its functions and signals. `design`: the largest model, linearised. `everything`: with all leaves of the
+      sensor, and an order more than the temperatures determine.
     - `orders`: by leaf or signal, and `criterion`: of the information criterion; `constant_criterion`: that of parameters
       independent of temperature.
     - `highest`: the highest orders that the temperatures determine, `forced`: those that the user states.
-    - `not_separated`: for a chosen signal, the other signals that explain the data almost as well. `dropped`: leaves that lost
-      orders because rows outside the fit do not confirm them.
+    - `dropped`: leaves that lost orders because rows outside the fit do not confirm them.
+    - `of_temperature`: effects of the history that these directions and rates do not separate from the dependence on
+      temperature; `unseparated`: from it or from each other.
     """
 
     model: ThermalModel
     design: Design
+    everything: Design
     reference_degc: float
     orders: Mapping[str, int]
     criterion: float
     constant_criterion: float
     highest: Mapping[str, int]
     forced: Mapping[str, int]
-    not_separated: Mapping[str, tuple[str, ...]]
     dropped: tuple[str, ...]
+    of_temperature: tuple[str, ...]
+    unseparated: tuple[str, ...]
 
     @property
     def inseparable(self) -> tuple[str, ...]:
@@ -156,42 +156,32 @@ def _functions(
 def _determined(
     table: ThermalTable, functions: Mapping[str, TemperatureFunctions]
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Sensor leaves whose values at the reference the attitudes determine, and leaves whose change they determine."""
+    """Sensor leaves whose values at the reference these data determine, and leaves whose change they determine, all at once:
+    those that the data know much better than their usual sizes do."""
     linear = {leaf: replace(each, order=1, knots_degc=()) for leaf, each in functions.items()}
-    problem = ThermalModel(table, linear).problem
-    names, scales = problem.chain.names, problem.scales
-    jacobian = np.asarray(linearised(problem, problem.chain.vector)[1])
-    changes = {name: name.partition(CHANGE + "_")[0] for name in names if CHANGE + "_" in name}
-    constant = np.array([name not in changes for name in names])
-    of_constants = jacobian[:, constant] if table.known_attitudes else problem.rows(np.moveaxis(offsets(table), 0, -1))
-
-    def determined(columns: np.ndarray, taken: np.ndarray) -> bool:
-        seen = identifiability(columns[:, taken], tuple(np.array(names)[taken].tolist()), scales[taken])
-        singular = seen.singular_values
-        return not seen.unobservable and bool(np.median(singular) < _WEAKEST * singular[-1])
-
-    apart = free_of(of_constants, jacobian)
-    following = next(
-        leaves
-        for leaves in _FOLLOWING
-        if len(leaves) == 1 or determined(apart, np.array([changes.get(name) in leaves for name in names]))
-    )
-    references = next(
-        leaves
-        for leaves in _REFERENCES
-        if not leaves
-        or determined(jacobian, constant & np.array([name not in SENSOR or leaf_of(name) in leaves for name in names]))
-    )
-    return references, following
+    problem, degc = ThermalModel(table, linear).problem, float(np.ptp(table.range_degc)) / np.sqrt(12)
+    leaves = {leaf.name: leaf.value.size for leaf in problem.chain.free}
+    sizes = {name: AT_REFERENCE.get(name, _ANGLE) for name in leaves}
+    sizes |= {leaf + CHANGE: degc * size for leaf, size in SLOPE.items()}
+    usual = np.repeat([sizes[name] for name in leaves], [*leaves.values()])
+    jacobian = np.asarray(linearised(problem, problem.chain.vector)[1]) / problem.scales * usual
+    sd = np.sqrt(np.diag(np.linalg.inv(jacobian.T @ jacobian + np.eye(len(usual)))))
+    ends = np.cumsum([*leaves.values()])
+    known = {name: bool(np.max(part) < _DETERMINED) for name, part in zip(leaves, np.split(sd, ends[:-1]), strict=True)}
+    following = tuple(leaf for leaf in LEAVES if leaf == "bias" or known.get(leaf + CHANGE))
+    angles = all(known[name] for name in leaves if not (name in SENSOR_LEAVES or name.endswith(CHANGE)))
+    free = tuple(leaf for leaf in SENSOR_LEAVES if known[leaf])
+    return (free if angles and "bias" in free else ()), following
 
 
 def _priors(free: tuple[str, ...], base: SensorParameters | None) -> Priors:
-    """Priors of the values at the reference that the attitudes do not determine: of a calibration, otherwise usual sizes."""
-    if not free or free == SENSOR_LEAVES:
-        return {}
+    """Priors of the values at the reference that the attitudes do not determine: of a calibration, otherwise usual sizes. The
+    non-orthogonality always has one, because orders of temperature may leave it undetermined."""
     names = tuple(name for name in SENSOR if leaf_of(name) not in free)
-    if base is None:
-        return {name: (0.0, USUAL_SD[leaf_of(name)]) for name in names}
+    if not free:
+        return {}
+    if base is None or not names:
+        return {leaf: (0.0, AT_REFERENCE[leaf]) for leaf in SENSOR_LEAVES if leaf not in free or leaf == "gamma"}
     known = base.of(names)
     return {names: (known.values, known.covariance)}
 
@@ -220,14 +210,16 @@ def selected(design: Design, table: ThermalTable, highest: Mapping[str, int], fo
         key=search.criterion,
     )
     found = confirmed(design, orders, table, [*movable])
-    return Selection(search, orders, above_hysteresis(design, found) if "bias" in movable else found)
+    return Selection(search, orders, above_hysteresis(design, found, table) if "bias" in movable else found)
 
 
 def _chosen(largest: ThermalModel, forced: Mapping[str, int], reference: float) -> Choice:
     table, vector = largest.table, estimate(largest)
     highest = {leaf: functions.count for leaf, functions in largest.functions.items()}
-    signals, bare = kinds.of_table(table), design_of(largest, vector)
-    problem = largest.problem
+    complete = replace(largest, functions=_of_all_leaves(largest, forced, reference))
+    fitted = dict(zip(largest.chain.names, vector.tolist(), strict=True))
+    everything = design_of(complete, complete.chain.named(fitted).vector)
+    signals, bare, problem = kinds.of_table(table), everything.limited(highest), largest.problem
     design = bare.with_signals(problem, signals)
     found = selected(design, table, highest, forced)
     # The slope of the chosen model gives the signal of a lag.
@@ -241,18 +233,33 @@ def _chosen(largest: ThermalModel, forced: Mapping[str, int], reference: float) 
     chosen = tuple(
         (replace(given, name=kinds.kind(given.name)), final[given.name]) for given in signals if final.get(given.name)
     )
+    of_temperature, joined = unseparated(design, table)
     return Choice(
         model=replace(largest, functions=functions, signals=chosen),
         design=design,
+        everything=everything,
         reference_degc=reference,
         orders={kinds.kind(name): order for name, order in final.items()},
         criterion=found.search.criterion(final),
         constant_criterion=found.search.criterion({}),
         highest=highest,
         forced=forced,
-        not_separated=_not_separated(found.search, final, {given.name: len(given.values) for given in signals}),
         dropped=tuple(leaf for leaf in highest if final.get(leaf, 0) < found.orders.get(leaf, 0)),
+        of_temperature=of_temperature,
+        unseparated=joined,
     )
+
+
+def _of_all_leaves(
+    largest: ThermalModel, forced: Mapping[str, int], reference: float
+) -> dict[str, TemperatureFunctions]:
+    """Functions of all leaves of the sensor: as stated, otherwise with one order more than the temperatures determine."""
+    order = min(max((each.order for each in largest.functions.values()), default=0) + 1, HIGHEST_ORDER)
+    usual = dict.fromkeys(
+        (*SENSOR_LEAVES, *largest.functions), TemperatureFunctions(order, reference, largest.table.range_degc)
+    )
+    stated = {leaf: largest.functions.get(leaf) for leaf in forced}
+    return {leaf: each for leaf, each in (usual | stated).items() if each is not None}
 
 
 def _of_count(functions: TemperatureFunctions, count: int) -> TemperatureFunctions:
@@ -279,21 +286,3 @@ def _slope(model: ThermalModel, vector: np.ndarray, orders: Mapping[str, int]) -
         for sign in (1, -1)
     )
     return (warm - cold) / (2 * step)
-
-
-def _not_separated(
-    search: Search, orders: Mapping[str, int], available: Mapping[str, int]
-) -> dict[str, tuple[str, ...]]:
-    """For each chosen signal, the other signals that explain the data almost as well in its place."""
-    found: dict[str, tuple[str, ...]] = {}
-    for name in [each for each in NAMES if orders.get(each)]:
-        rest = {other: order for other, order in orders.items() if other != name}
-        near = []
-        for other, highest in available.items():
-            if kinds.kind(other) in {kinds.kind(name), *near} or orders.get(other):
-                continue
-            best = min(search.criterion(rest | {other: order}) for order in range(1, highest + 1))
-            if best < search.criterion(orders) + SEPARATED:
-                near.append(kinds.kind(other))
-        found[kinds.kind(name)] = tuple(near)
-    return found

@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float, Int
 from tumblecal.chain.following import CHANGE
 from tumblecal.estimation.linearised import linearised
 from tumblecal.estimation.problem import Problem
+from tumblecal.ground.temperature_functions import TemperatureFunctions
 from tumblecal.thermal.model import ThermalModel
 from tumblecal.thermal.signals import Signals
 
@@ -39,12 +40,18 @@ class Design:
     - `constant` (rows, constants): columns of the parameters at the reference, attitudes included.
     - `families`: by name, the columns (orders, components, rows).
     - `values` (rows): what constants and families have to explain. `row_of`: the row of the table of each white row.
+    - `prior` (priors, constants), `prior_values` (priors): rows of the priors of constants, in each part of the design.
+    - `names` (constants), `functions`: of temperature, by family. All columns are for parameters in base units.
     """
 
     constant: Float[np.ndarray, "rows constants"]
     families: Mapping[str, Float[np.ndarray, "orders components rows"]]
     values: Float[np.ndarray, " rows"]
     row_of: Int[np.ndarray, " rows"]
+    prior: Float[np.ndarray, "priors constants"]
+    prior_values: Float[np.ndarray, " priors"]
+    names: tuple[str, ...]
+    functions: Mapping[str, TemperatureFunctions]
 
     def columns(self, orders: Mapping[str, int]) -> Float[np.ndarray, "rows columns"]:
         """The columns of families up to these orders."""
@@ -60,26 +67,44 @@ class Design:
             families[given.name] = white.T.reshape(orders, components, -1)
         return replace(self, families=families)
 
+    def limited(self, highest: Mapping[str, int]) -> "Design":
+        """The design with the families of these leaves up to these orders, and of all signals."""
+        limits = {
+            name: highest.get(name, 0 if name in self.functions else len(each)) for name, each in self.families.items()
+        }
+        return replace(self, families={name: self.families[name][:limit] for name, limit in limits.items() if limit})
+
     def part(self, taken: Bool[np.ndarray, " table"]) -> "Design":
         """The design of some rows of the table."""
         rows = taken[self.row_of]
         families = {name: columns[:, :, rows] for name, columns in self.families.items()}
         # The rows of the part are numbered from 0.
         number = np.cumsum(taken) - 1
-        return Design(self.constant[rows], families, self.values[rows], number[self.row_of[rows]])
+        return replace(
+            self,
+            constant=self.constant[rows],
+            families=families,
+            values=self.values[rows],
+            row_of=number[self.row_of[rows]],
+        )
 
     def coefficients(self, orders: Mapping[str, int]) -> Float[np.ndarray, " all"]:
         """Least-squares coefficients of constants and families; zero along undetermined directions."""
-        return np.linalg.lstsq(self._all(orders), self.values, rcond=RANK)[0]
+        constant, whole = self.with_priors(self.columns(orders))
+        values = np.append(self.values, self.prior_values)
+        return np.linalg.lstsq(np.column_stack([constant, whole]), values, rcond=RANK)[0]
+
+    def with_priors(
+        self, columns: Float[np.ndarray, "rows columns"]
+    ) -> tuple[Float[np.ndarray, "all constants"], Float[np.ndarray, "all columns"]]:
+        """The constants with the rows of their priors, and other columns with zeros in these rows."""
+        return np.vstack([self.constant, self.prior]), np.pad(columns, ((0, len(self.prior)), (0, 0)))
 
     def predicted(
         self, orders: Mapping[str, int], coefficients: Float[np.ndarray, " all"]
     ) -> Float[np.ndarray, " rows"]:
         """Values by coefficients of another part of the same design."""
-        return self._all(orders) @ coefficients
-
-    def _all(self, orders: Mapping[str, int]) -> Float[np.ndarray, "rows all"]:
-        return np.concatenate([self.constant, self.columns(orders)], axis=1)
+        return np.concatenate([self.constant, self.columns(orders)], axis=1) @ coefficients
 
 
 def free_of(
@@ -94,8 +119,9 @@ def free_of(
 def design_of(model: ThermalModel, vector: Float[np.ndarray, " free"]) -> Design:
     """The design of a model without signals, at an estimate of all its parameters."""
     problem, chain = model.problem, model.chain
-    # Rows of priors are no observations.
-    residual, jacobian = (np.asarray(part)[: model.table.readings.size] for part in linearised(problem, vector))
+    residual, jacobian = (np.asarray(part) for part in linearised(problem, vector))
+    jacobian, rows = jacobian / problem.scales, model.table.readings.size
+    values = jacobian @ vector - residual
     families: dict[str, np.ndarray] = {}
     constant, start = np.ones(len(vector), bool), 0
     for leaf in chain.free:
@@ -103,7 +129,17 @@ def design_of(model: ThermalModel, vector: Float[np.ndarray, " free"]) -> Design
         start = here.stop
         if leaf.name.endswith(CHANGE):
             name = leaf.name.removesuffix(CHANGE)
-            families[name] = jacobian[:, here].T.reshape(model.functions[name].count, -1, len(residual))
+            families[name] = jacobian[:rows, here].T.reshape(model.functions[name].count, -1, rows)
             constant[here] = False
-    explained = jacobian @ (vector / problem.scales)
-    return Design(jacobian[:, constant], families, explained - residual, np.repeat(np.arange(len(model.table)), 3))
+    constants = jacobian[:, constant]
+    stated = rows + np.flatnonzero(np.any(constants[rows:], axis=1))
+    return Design(
+        constants[:rows],
+        families,
+        values[:rows],
+        np.repeat(np.arange(len(model.table)), 3),
+        constants[stated],
+        values[stated],
+        tuple(np.array(chain.names)[constant].tolist()),
+        model.functions,
+    )

@@ -14,7 +14,7 @@ from jaxtyping import Float
 from tumblecal.capture.thermal.thermal_table import ThermalTable
 from tumblecal.chain import Chain, Where, coefficients, settings
 from tumblecal.chain.nominal import HAND_HELD, NOMINAL, Leaf, nominal_link
-from tumblecal.data.positions import ATTITUDES, UNKNOWN, PositionSet, attitudes_of
+from tumblecal.data.positions import PositionSet, attitudes_of
 from tumblecal.estimation.priors import Priors
 from tumblecal.estimation.problem import Problem
 from tumblecal.ground.axes import AXES
@@ -37,7 +37,7 @@ class ThermalModel:
     - `free`: leaves of the sensor whose values at the reference the attitudes determine. The other leaves have `priors`. If it
       is empty, no value at the reference is estimated: each attitude has an offset on each axis, and the sensor has the
       values in `fixed`.
-    - `signals`: signals of direction, rate or time, with their orders. `lag_s`: delay of the sensor after the thermometer.
+    - `signals`: signals of direction, rate or time, with their orders.
     """
 
     table: ThermalTable
@@ -46,7 +46,6 @@ class ThermalModel:
     fixed: Mapping[str, float] = field(default_factory=dict)
     priors: Priors = field(default_factory=dict)
     signals: tuple[tuple[Signals, int], ...] = ()
-    lag_s: float = 0.0
 
     @cached_property
     def where(self) -> Where:
@@ -64,7 +63,7 @@ class ThermalModel:
             run=table.clock if known else None,
             mount=table.mount if known else table.attitude,
             time_s=table.time_s,
-            temperature_degc=table.temperature_degc - self.lag_s * table.rate_degc_per_s,
+            temperature_degc=table.temperature_degc,
         )
 
     @cached_property
@@ -99,7 +98,6 @@ class ThermalModel:
     @property
     def _positions(self) -> PositionSet:
         table, where = self.table, self.where
-        comments = dict(table.comments) | ({} if table.known_attitudes else {ATTITUDES: UNKNOWN})
         return PositionSet(
             names=tuple(
                 f"{name} {degc:.1f} degC" for name, degc in zip(table.attitude, table.temperature_degc, strict=True)
@@ -110,7 +108,7 @@ class ThermalModel:
             sd=table.sd,
             time_s=table.time_s,
             temperature_degc=table.temperature_degc,
-            comments=comments,
+            comments=table.position_comments,
             source=table.source,
             files=table.files,
         )

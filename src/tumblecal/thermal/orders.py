@@ -26,35 +26,39 @@ from tumblecal.thermal.signals import NAMES
 # A cubic may be needed although no quadratic is: steps of one to three orders are tried.
 _STEPS = (1, 2, 3, -1, -2)
 _MOST_CHANGES = 40
-# A signal that is no function of temperature is accepted with odds above 20 : 1, and other signals with odds above 1 : 20 in
-# its place are stated as not separated.
-SEPARATED = 2 * np.log(20.0)
+# A signal that is no function of temperature is accepted with odds above 20 : 1.
+_ACCEPTED = 2 * np.log(20.0)
+# The standard deviations of the rows are as good as estimates with this many degrees of freedom: few rows do not replace them.
+_NOISE_DOF = 5
 # A signal needs a part of this share that no function of temperature and no other signal of the model makes; otherwise large
 # coefficients could cancel.
 _DISTINCT = 0.1
-# Signals that separate rising from falling temperature; at one rate, hysteresis and an effect of the rate are the same.
-_BETWEEN_BRANCHES = (*FORMS, "rate")
-# The root mean square of the highest order of the bias, relative to that of these signals. For loops of eight other laws, most
+# Effects of the history of the temperature. One is not separated from others, or from functions of temperature, if less than
+# this part of its signal is no combination of theirs.
+HISTORY = ("hysteresis", "temperature_lag", "temperature_rate")
+_SEPARATE = 0.3
+# The root mean square of the highest order of the bias, relative to that of the hysteresis. For loops of eight other laws, most
 # orders above the true one are below this part, and the true orders are above 1/3.
-_OF_HYSTERESIS = 0.2
+OF_HYSTERESIS = 0.2
 
 
 class Search:
-    """The best orders of the families of a design."""
+    """The best orders of the families of a design; `rows`: of observations and priors less its constants."""
 
     def __init__(self, design: Design, chains: Sequence[Int[np.ndarray, " part"]]):
         self._known: dict[tuple[tuple[str, int], ...], float] = {}
         highest = {name: len(columns) for name, columns in design.families.items()}
         # In the space that the constants do not reach.
-        whole = np.column_stack([design.columns(highest), design.values])
-        free = free_of(design.constant, whole)
+        constant, whole = design.with_priors(np.column_stack([design.columns(highest), design.values]))
+        whole[len(design.values) :, -1] = design.prior_values
+        free = free_of(constant, whole)
         # The rest of a column that the constants absorb (a difference between branches of which there is one) is rounding.
         self._absorbed = np.linalg.norm(free, axis=0) <= RANK * np.linalg.norm(whole, axis=0)
         columns, values = free[:, :-1], free[:, -1]
         basis = np.linalg.svd(columns, full_matrices=False)[0][:, : np.linalg.matrix_rank(columns)]
-        residual = values - basis @ (basis.T @ values)
-        self._rows = len(values) - np.linalg.matrix_rank(design.constant)
-        self._count = self._rows * independent_share(residual.reshape(-1, 3), chains)
+        residual = (values - basis @ (basis.T @ values))[: len(design.values)]
+        self.rows = len(free) - np.linalg.matrix_rank(constant)
+        self._count = self.rows * independent_share(residual.reshape(-1, 3), chains)
         # Everything is in the space of the columns and the values: a small triangle instead of all rows.
         _, self._triangle = np.linalg.qr(free)
         self._places, start = {}, 0
@@ -82,10 +86,10 @@ class Search:
                 if not np.all(good) or np.any(self._absorbed[taken]):
                     self._known[key] = np.inf
                     return np.inf
-            residual_ss = max(float(values @ values), 1e-300)
+            square = (self._count * float(values @ values) / self.rows + _NOISE_DOF) / (self._count + _NOISE_DOF)
             others = sum(name in NAMES for name, _ in key)
             self._known[key] = (
-                self._count * np.log(residual_ss / self._rows) + len(taken) * np.log(self._count) + SEPARATED * others
+                (self._count + _NOISE_DOF) * np.log(square) + len(taken) * np.log(self._count) + _ACCEPTED * others
             )
         return self._known[key]
 
@@ -122,6 +126,32 @@ def chains_of(table: ThermalTable) -> list[Int[np.ndarray, " part"]]:
     ]
 
 
+def unseparated(design: Design, table: ThermalTable) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Effects of the history that these directions and rates do not separate from the dependence on temperature, and those that
+    they do not separate from it or from each other. Hysteresis is any function of temperature that differs by direction."""
+    functions = design.columns({name: len(each) for name, each in design.families.items() if name not in NAMES})
+    names = HISTORY if np.any(table.rate_degc_per_s[~table.soak]) else HISTORY[:1]
+    base, first, every = np.column_stack([design.constant, functions]), {}, {}
+    for name in [name for name in names if name in design.families]:
+        columns = design.columns({name: 1})
+        if name == "hysteresis":
+            by_direction = np.asarray(table.reached_by)[design.row_of, None] * functions
+            every[name] = free_of(base, np.column_stack([columns, by_direction]))
+        rest = free_of(base, columns)
+        if np.linalg.norm(rest) >= _SEPARATE * np.linalg.norm(columns):
+            first[name] = rest
+    joined = {
+        name
+        for one, part in first.items()
+        for other in first
+        if one != other
+        and np.linalg.norm(free_of(every.get(other, first[other]), part)) < _SEPARATE * np.linalg.norm(part)
+        for name in (one, other)
+    }
+    alone = tuple(name for name in names if name not in first)
+    return alone, tuple(name for name in names if name in {*alone, *joined})
+
+
 def confirmed(
     design: Design,
     orders: Mapping[str, int],
@@ -131,6 +161,7 @@ def confirmed(
     """The orders that rows outside their fit confirm: the highest order of a family is dropped unless it predicts them better.
 
     Rows at temperatures outside those of the fit, and parts whose rest has too few temperatures for the order, are no test.
+    Without a test the evidence decides.
 
     **Arguments:**
 
@@ -145,28 +176,33 @@ def confirmed(
             errors = prediction_errors(design, chosen, table, folds)
             change = prediction_errors(design, lower, table, folds) - errors
             rows = np.all(np.isfinite(errors), axis=1)
+            if not rows.any():
+                break
             share = independent_share(np.where(rows[:, None], errors, 0.0), chains)
             # (e + d)^2 - e^2 summed, and the standard deviation of its part 2 e d.
             gain = float(np.nansum(change**2 + 2 * errors * change))
-            spread = 2 * float(np.sqrt(np.nanmean(errors**2) * np.nansum(change**2) / share)) if rows.any() else 0.0
+            spread = 2 * float(np.sqrt(np.nanmean(errors**2) * np.nansum(change**2) / share))
             if gain > spread:
                 break
             chosen = lower
     return {name: order for name, order in chosen.items() if order}
 
 
-def above_hysteresis(design: Design, orders: Mapping[str, int]) -> dict[str, int]:
-    """The orders without those of the bias whose curve is small relative to the hysteresis.
+def above_hysteresis(design: Design, orders: Mapping[str, int], table: ThermalTable) -> dict[str, int]:
+    """The orders without those of the bias whose curve is small relative to the hysteresis, and to an effect of the rate that
+    these rates do not separate from it.
 
     The curve of an order is the change of the fitted bias by it, signals excluded; the lower orders are fitted again.
     """
-    chosen = dict(orders)
-    size = float(np.linalg.norm(design.values - without_signals(design, orders, _BETWEEN_BRANCHES).values))
+    chosen, rate = dict(orders), "temperature_rate"
+    joined = rate in orders and "hysteresis" in unseparated(design, table)[1]
+    signals = without_signals(design, orders, (*FORMS, rate) if joined else FORMS)
+    size = float(np.linalg.norm(design.values - signals.values))
     fitted = _of_temperature(design, chosen)
     while size > 0 and chosen.get("bias", 0) > 0:
         lower = chosen | {"bias": chosen["bias"] - 1}
         before, fitted = fitted, _of_temperature(design, lower)
-        if np.linalg.norm(fitted - before) > _OF_HYSTERESIS * size:
+        if np.linalg.norm(fitted - before) > OF_HYSTERESIS * size:
             break
         chosen = lower
     return {name: order for name, order in chosen.items() if order}

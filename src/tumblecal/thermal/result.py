@@ -1,14 +1,14 @@
 """The result of a temperature calibration: parameters over temperature, signals that are no function of it, the improvement."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 
 from tumblecal.capture.thermal.thermal_table import ThermalTable
+from tumblecal.chain.following import CHANGE
 from tumblecal.data.calibration import Calibration
-from tumblecal.data.calibration_use import YES, Use, combined
+from tumblecal.data.calibration_use import Use, combined
 from tumblecal.data.positions import ATTITUDES, UNKNOWN
 from tumblecal.data.sensor_parameters import SENSOR, SensorParameters, leaf_of
 from tumblecal.data.temperature_curves import Hysteresis, TemperatureCurves
@@ -20,23 +20,28 @@ from tumblecal.estimation.linear_calibration import calibration_with
 from tumblecal.ground.axes import AXES
 from tumblecal.thermal import signals as kinds
 from tumblecal.thermal.choice import Choice, Stated, chosen_model
+from tumblecal.thermal.expanded import Test, expanded_g, span_of_bias
 from tumblecal.thermal.held_out import HeldOut, between_recordings, held_out
 from tumblecal.thermal.model import LEAVES, SENSOR_LEAVES
-from tumblecal.thermal.orders import chains_of
+from tumblecal.thermal.orders import OF_HYSTERESIS, chains_of
+from tumblecal.thermal.usual_sizes import HISTORY
 
 
-_LAG_ROUNDS = 3
-# Residuals above this many standard uncertainties of the bins are a systematic error, not noise.
+# Systematic residuals above this many standard deviations of a row contradict the model.
 _MISFIT = 3.0
+# Less than one independent reading tests nothing.
+_ONE = 0.5
+# A part of the range of temperatures that shows no dependence on them.
+_OF_RANGE = 0.25
 
 
 @dataclass(frozen=True)
 class FoundSignal:
     """A signal that is not a function of temperature.
 
-    - `name`: `hysteresis`, `rate`, `lag` or `drift`. `coefficients`, `sd`: in `unit`, in the order of `components`.
-    - `half_width` (3): its largest size on each axis in these data, g. `not_separated`: other signals that explain the data
-      almost as well.
+    - `name`: of `thermal.signals.NAMES`. `coefficients`, `sd`: in `unit`, in the order of `components`.
+    - `half_width` (3): its largest size on each axis in these data, g. `not_separated`: effects of the history that may be
+      its cause.
     """
 
     name: str
@@ -95,39 +100,68 @@ def thermal_calibration(table: ThermalTable, stated: Stated | None = None) -> Th
     **Raises:** `InputError` for one temperature only, or orders that the temperatures do not determine.
     """
     stated = Stated() if stated is None else stated
-    choice, fit, factor = _fitted(chosen_model(table, stated))
+    choice = chosen_model(table, stated)
+    fit, test = _fitted(choice)
     found = tuple(_found(fit, given, order, choice) for given, order in choice.model.signals)
     return ThermalResult(
         table=table,
         choice=choice,
         fit=fit,
-        noise_factor=factor,
+        noise_factor=test.factor,
         signals=found,
-        calibration=_calibration(fit, choice, found, stated, factor),
+        calibration=_calibration(fit, choice, found, stated, test),
         held_out=held_out(choice),
         between=between_recordings(choice),
         combinations=_combinations(choice),
     )
 
 
-def _fitted(choice: Choice) -> tuple[Choice, Fit, float]:
-    """The exact fit; a lag shifts the temperatures until its column has nothing to explain."""
+def _fitted(choice: Choice) -> tuple[Fit, Test]:
+    """The exact fit, with its residuals in the noise if they exceed it, and the test of the model."""
     model = choice.model
-    fit = exact.fit(model.problem)
-    for _ in range(_LAG_ROUNDS if "lag" in fit.names else 0):
-        model = replace(model, lag_s=model.lag_s + fit.value("lag"))
-        fit = exact.fit(model.problem, np.where(np.array(fit.names) == "lag", 0.0, fit.values))
-    factor = max(1.0, fit.level) if fit.dof > 0 else 1.0
+    fit, table = exact.fit(model.problem), model.table
+    prior = fit.jacobian[table.readings.size :] / model.problem.scales
+    # A prior is as good as a reading for what the readings do not determine, and is none for the rest.
+    stated = float(np.einsum("pe,ef,pf->", prior, fit.covariance, prior))
+    dof, square = table.readings.size - len(fit.names) + stated, float(np.sum((fit.residuals / table.sd) ** 2))
+    factor = max(1.0, float(np.sqrt(square / dof))) if dof >= _ONE else 1.0
+    misfit_g = max(noise_of(table) * np.sqrt(factor**2 - 1), _misfit_of_attitudes(table, fit, stated))
     if factor > 1:
-        fit = replace(fit, covariance=fit.covariance * factor**2)
-    return replace(choice, model=model), fit, factor
+        fit = exact.fit(replace(model, table=replace(table, sd=factor * table.sd)).problem, fit.values)
+    unchosen = sum(choice.design.families[leaf].shape[1] for leaf in choice.highest if not choice.orders.get(leaf))
+    return fit, Test(factor, float(misfit_g), dof - unchosen - _repeated(table))
+
+
+def _misfit_of_attitudes(table: ThermalTable, fit: Fit, priors: float) -> float:
+    """Systematic error of a component of a reading by the mean residual of each attitude, g; 0 if the attitudes do not show it.
+
+    Tilts that are fitted take two of three components, so the third, the size of gravity, shows that of all.
+    """
+    labels = np.array(table.attitude)
+    means = np.array([fit.residuals[labels == name].mean(0) for name in table.attitudes])
+    constants = len(
+        [name for name in fit.names if leaf_of(name).removesuffix(CHANGE) == leaf_of(name) not in kinds.NAMES]
+    )
+    dof = means.size - constants + priors
+    return float(np.sqrt(np.sum(means**2) / dof)) if dof >= _ONE else 0.0
+
+
+def noise_of(table: ThermalTable) -> float:
+    """Standard deviation of the readings of a table, root mean square, g."""
+    return float(np.sqrt(np.mean(table.sd**2)))
+
+
+def _repeated(table: ThermalTable) -> int:
+    """The number of readings that repeat others: an attitude with a small part of the range is one size of gravity."""
+    labels, least = np.array(table.attitude), _OF_RANGE * float(np.ptp(table.temperature_degc))
+    parts = [table.temperature_degc[labels == name] for name in table.attitudes]
+    return 3 * sum(len(degc) - 1 for degc in parts if np.ptp(degc) < least)
 
 
 def _found(fit: Fit, given: kinds.Signals, order: int, choice: Choice) -> FoundSignal:
     names = [given.name + (f"_{part}" if part else "") for part in given.names(order)]
     here = [fit.names.index(name) for name in names]
-    # After the last shift of the temperatures the column of the lag explains the rest of it.
-    values = fit.values[here] + (choice.model.lag_s if given.name == "lag" else 0.0)
+    values, joined = fit.values[here], choice.unseparated
     return FoundSignal(
         given.name,
         given.names(order),
@@ -135,38 +169,42 @@ def _found(fit: Fit, given: kinds.Signals, order: int, choice: Choice) -> FoundS
         values,
         fit.sd[here],
         kinds.half_widths(given, order, values),
-        choice.not_separated.get(given.name, ()),
+        tuple(name for name in joined if name != given.name) if given.name in joined else (),
     )
 
 
-def _calibration(
-    fit: Fit, choice: Choice, found: tuple[FoundSignal, ...], stated: Stated, factor: float
-) -> Calibration:
+def _calibration(fit: Fit, choice: Choice, found: tuple[FoundSignal, ...], stated: Stated, test: Test) -> Calibration:
     table = choice.model.table
     sensor, span = _sensor(fit, stated.base), measured_range(table)
     curves = curves_of(fit, sensor.covariance)
+    widths = sum((signal.half_width for signal in found if signal.name != "drift"), np.zeros(3))
+    if choice.of_temperature:
+        widths = widths + HISTORY * span_of_bias(curves)
     if curves is not None:
-        total = sum((signal.half_width for signal in found if signal.name != "drift"), np.zeros(3))
-        widths = [
-            Hysteresis(f"bias_{axis}", float(size), "g") for axis, size in zip(AXES, total, strict=True) if size > 0
+        hysteresis = [
+            Hysteresis(f"bias_{axis}", float(size), "g", choice.unseparated)
+            for axis, size in zip(AXES, widths, strict=True)
+            if size > 0
         ]
         # The range is that of the thermometer, also if the sensor is behind it, up to the edges of the outer bins.
         measured = tuple(replace(each, functions=replace(each.functions, range_degc=span)) for each in curves.curves)
-        curves = replace(curves, curves=measured, hysteresis=tuple(widths))
+        curves = replace(curves, curves=measured, hysteresis=tuple(hysteresis))
     calibration = calibration_with(fit, sensor, curves)
     unknown = {} if table.known_attitudes else {ATTITUDES: UNKNOWN}
     more = {"method": "thermal", "temperature_range_degc": list(span)}
+    drift = sum((signal.half_width for signal in found if signal.name == "drift"), np.zeros(3))
+    expanded = expanded_g(choice, fit, test, calibration, np.hypot(widths, drift), span)
     return replace(
         calibration,
         temperature_degc=choice.reference_degc,
         provenance=calibration.provenance | unknown | more,
-        use=_use(choice, stated, factor),
+        use=_use(choice, stated.base, test, widths, expanded, span),
     )
 
 
 def measured_range(table: ThermalTable) -> tuple[float, float]:
-    """Lowest and highest measured temperature, degC: rows are means, so the outer bins of a ramp extend by half of the distance
-    to their neighbours."""
+    """Lowest and highest measured temperature, degC, to 0.01 degC outwards: rows are means, so the outer bins of a ramp extend
+    by half of the distance to their neighbours."""
     low, high = table.range_degc
     beyond = [0.0, 0.0]
     for rows in chains_of(table):
@@ -175,7 +213,7 @@ def measured_range(table: ThermalTable) -> tuple[float, float]:
             continue
         beyond[0] = max(beyond[0], low - float(degc[0] - (degc[1] - degc[0]) / 2))
         beyond[1] = max(beyond[1], float(degc[-1] + (degc[-1] - degc[-2]) / 2) - high)
-    return low - beyond[0], high + beyond[1]
+    return float(np.floor(100 * (low - beyond[0]))) / 100, float(np.ceil(100 * (high + beyond[1]))) / 100
 
 
 def _sensor(fit: Fit, base: Calibration | None) -> SensorParameters:
@@ -187,35 +225,42 @@ def _sensor(fit: Fit, base: Calibration | None) -> SensorParameters:
     return SensorParameters(SENSOR, np.zeros(len(SENSOR)), np.zeros((len(SENSOR), len(SENSOR))))
 
 
-def _use(choice: Choice, stated: Stated, factor: float) -> Use:
-    """Whether the calibration may be used: by its values at the reference, by the changes that the attitudes determine, and by
-    the size of the residuals."""
-    free = choice.model.free
-    if stated.base is None and not free:
+def _use(
+    choice: Choice,
+    base: Calibration | None,
+    test: Test,
+    widths: Float[np.ndarray, "3"],
+    expanded: float,
+    span: tuple[float, float],
+) -> Use:
+    """Whether the calibration may be used: by its values at the reference, by the residuals, and by a test of the model.
+
+    No form of hysteresis is that of the unit, so residuals of a part of its half-widths (`widths`) do not contradict the model.
+    """
+    free, noise_g = choice.model.free, noise_of(choice.model.table)
+    if base is None and not free:
         reason = (
             "these attitudes do not determine bias and scale factor at the reference temperature, only their changes; add the "
             "calibration of the unit with --calibration, or record six or more attitudes"
         )
         return Use("no", reason)
-    uses = [YES if stated.base is None else stated.base.use]
-    if stated.base is None and len(free) < len(SENSOR_LEAVES):
-        missing = ", ".join(LEAVES[leaf] for leaf in SENSOR_LEAVES if leaf not in free)
-        reason = f"these attitudes do not determine the {missing} at the reference temperature; a usual size is assumed"
-        uses.append(Use("only", reason, parameters=_of_leaves(free)))
+    if test.misfit_g > max(_MISFIT * noise_g, OF_HYSTERESIS * float(np.sqrt(np.mean(widths**2)))):
+        found = f"systematic residuals of {1e3 * test.misfit_g:.2g} mg rms, noise {1e3 * noise_g:.2g} mg"
+        return Use("no", f"the data contradict the model: {found}")
+    if test.readings < _ONE:
+        reason = "there are as many parameters as independent sizes of gravity; add attitudes or temperatures"
+        return Use("not tested", reason)
+    missing = [f"the {LEAVES[leaf]} at the reference" for leaf in SENSOR_LEAVES if base is None and leaf not in free]
     # Leaves that the user states as constant are not listed.
-    joined = [leaf for leaf in choice.inseparable if leaf in SENSOR_LEAVES]
-    if joined:
-        words = ", ".join(LEAVES[leaf] for leaf in joined)
-        reason = f"the change of the {words} with temperature is included in that of the bias: valid in the recorded attitudes"
-        uses.append(Use("only", reason, parameters=_of_leaves([leaf for leaf in SENSOR_LEAVES if leaf not in joined])))
-    if factor > _MISFIT:
-        reason = f"the residuals are {factor:.2g} times the standard uncertainties of the bins"
-        uses.append(Use("no", f"the data contradict the model: {reason}"))
-    return combined(uses)
-
-
-def _of_leaves(leaves: Sequence[str]) -> tuple[str, ...]:
-    return tuple(name for name in SENSOR if leaf_of(name) in leaves)
+    missing += [f"the change of the {LEAVES[leaf]}" for leaf in choice.inseparable if leaf in SENSOR_LEAVES]
+    reason = f"U includes usual sizes of what the data do not determine: {', '.join(missing)}" if missing else ""
+    here = Use("within", reason, span)
+    if base is None:
+        return replace(here, expanded_g=expanded)
+    # The temperatures of the stated calibration do not limit this one.
+    answer = "yes" if base.use.answer == "within" else base.use.answer
+    of_base = replace(base.use, answer=answer, temperature_degc=None)
+    return combined([here, of_base], float(np.hypot(expanded, base.use.expanded_g or 0.0)))
 
 
 def _combinations(choice: Choice) -> tuple[str, ...]:

@@ -10,7 +10,7 @@ from tumblecal.ground.axes import AXES
 from tumblecal.thermal.hysteresis import FORMS, forms_of
 
 
-NAMES = (*FORMS, "rate", "lag", "drift")
+NAMES = (*FORMS, "temperature_rate", "temperature_lag", "drift")
 
 
 @dataclass(frozen=True)
@@ -57,13 +57,13 @@ def lag(table: ThermalTable, slope: Float[np.ndarray, "rows 3"]) -> Signals | No
     if not _varies(table.rate_degc_per_s):
         return None
     signal = -table.rate_degc_per_s[:, None] * slope
-    return Signals("lag", ("",), "s", signal[None, None], scale=10.0)
+    return Signals("temperature_lag", ("",), "s", signal[None, None], scale=10.0)
 
 
 def _rate(table: ThermalTable) -> Signals | None:
     if not _varies(table.rate_degc_per_s):
         return None
-    return _on_axes("rate", "g/(degC/s)", [table.rate_degc_per_s], scale=0.1)
+    return _on_axes("temperature_rate", "g/(degC/s)", [table.rate_degc_per_s], scale=0.1)
 
 
 def _drift(table: ThermalTable) -> Signals | None:

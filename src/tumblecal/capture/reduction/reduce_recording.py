@@ -210,7 +210,8 @@ def means_of(
         attitudes = names or attitudes[0], alpha, beta, None
     data = position_set(path, raw.readings, attitudes)
     labels = run_and_mount(context, plan, len(data))
-    return replace(data, comments=comments, temperature_degc=raw.temperature_degc(), **labels), contents
+    time_s = raw.numbers("time_s") if "time_s" in raw.frame.columns else None
+    return replace(data, comments=comments, temperature_degc=raw.temperature_degc(), time_s=time_s, **labels), contents
 
 
 def _match_of(path: Path, names: tuple[str, ...] | None, raw: Raw, plan: CapturePlan | None) -> PlanMatch | None:

@@ -66,6 +66,12 @@ class Contents:
         return stated and stated * self.samples_per_row
 
     @property
+    def slow_hz(self) -> float | None:
+        """Samples a second of a log most of whose steps are longer than `LONGEST_STEP_S`; None for others."""
+        steps = [length for _, length in self.gaps if length > 0]
+        return 1 / float(np.median(steps)) if len(steps) > self._steps else None
+
+    @property
     def missing(self) -> int:
         """Number of missing samples of a regular clock, in all steps of more than 1.5 usual steps."""
         return max(0, self._lost - self.equal_times)

@@ -17,8 +17,9 @@ from scipy import ndimage
 from tumblecal.data.parquet import scan_parquet
 
 
-# A longer step of time, or one backwards, is a gap: no interval extends across it.
-LONGEST_STEP_S = 0.5
+# A longer step of time, or one backwards, is a gap: no interval extends across it. Slower logs do not show movements; their
+# gaps are longer than this many of their steps, and their blocks have this many samples, others at least `_SAMPLES`.
+LONGEST_STEP_S, _SLOW_STEPS, _SLOW_SAMPLES, _SAMPLES = 0.5, 3, 2, 4
 _PIECE_ROWS = 1 << 18
 # Most blocks: 29 hours of a tenth of a second.
 _MOST_BLOCKS = 1 << 20
@@ -95,7 +96,10 @@ def blocks_of(path: Path, channels: list[str], rate_hz: float, *, timed: bool) -
     - `channels`: columns, the three accelerations first. `timed`: whether there is a column `time_s`.
     """
     rows = scan_parquet(path, check=False)[1]
-    size = max(4, round(rate_hz / 10), -(-rows // _MOST_BLOCKS))
+    fewest, longest_s = _SAMPLES, LONGEST_STEP_S
+    if rate_hz * LONGEST_STEP_S < 1:
+        fewest, longest_s = _SLOW_SAMPLES, _SLOW_STEPS / rate_hz
+    size = max(fewest, round(rate_hz / 10), -(-rows // _MOST_BLOCKS))
     width = min(max(size, _JOIN_SAMPLES[0]), _JOIN_SAMPLES[1])
     parts: list[tuple[NDArray, ...]] = []
     outliers: list[NDArray[np.int64]] = []
@@ -111,7 +115,7 @@ def blocks_of(path: Path, channels: list[str], rate_hz: float, *, timed: bool) -
         limit = len(table) - (0 if first + len(piece) == rows else width)
         joins = _joins(signal[:, :3], _quantum(quantum, signal)[0], width)
         steps = np.diff(table[:, -1]) if timed else np.zeros(0)
-        gaps = np.flatnonzero((steps < 0) | (steps > LONGEST_STEP_S)) + 1
+        gaps = np.flatnonzero((steps < 0) | (steps > longest_s)) + 1
         inside = np.union1d(joins, gaps)
         inside = inside[(inside >= begin - base) & (inside < limit)]
         starts = np.concatenate([[begin - base], inside]).astype(int)

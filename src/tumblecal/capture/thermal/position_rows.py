@@ -37,11 +37,14 @@ def are_positions(path: Path, context: KnownContext, *, stated: bool = False) ->
         return (path / JOURNAL_NAME).is_file()
     if context.means:
         return True
-    if path.suffix not in (".csv", ".parquet") or not path.is_file():
-        return False
-    names = column_names(path)
+    names = _columns(path)
     of_means = {"ax_sd_g", "ax_sd_mg", "ax_sd_ms2", "n"}
     return "alpha_deg" in names and (stated or not of_means.isdisjoint(names))
+
+
+def _columns(path: Path) -> tuple[str, ...]:
+    """The columns of a CSV or Parquet file; none for others."""
+    return tuple(column_names(path)) if path.suffix in (".csv", ".parquet") and path.is_file() else ()
 
 
 def positions_of(
@@ -58,7 +61,7 @@ def positions_of(
     """
     if path.is_dir():
         data = reduce(path).data
-    elif context.means and options != RecordingOptions():
+    elif context.means and (options != RecordingOptions() or "position" not in _columns(path)):
         data = means_of(path, context, options)[0]
     else:
         data = read_positions(path)

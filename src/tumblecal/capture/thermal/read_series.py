@@ -20,9 +20,9 @@ from tumblecal.capture.reduction.reduce_recording import stated_comments
 from tumblecal.capture.rows.contents import Contents
 from tumblecal.capture.rows.sample_file import write_samples
 from tumblecal.capture.still.blocks import LONGEST_STEP_S
-from tumblecal.capture.still.intervals import blocks_of_interval
+from tumblecal.capture.still.intervals import Interval, blocks_of_interval
 from tumblecal.capture.still.stillness import Stillness
-from tumblecal.capture.thermal.attitudes import attitudes_of_intervals
+from tumblecal.capture.thermal.attitudes import attitudes_of_intervals, grouped
 from tumblecal.capture.thermal.block_temperature import block_temperatures, stuck_readings, without_short_gaps
 from tumblecal.capture.thermal.series import Attitude, RecordingSeries, ThermalSeries
 from tumblecal.capture.thermal.smoothed_temperature import resolution_of
@@ -35,7 +35,12 @@ from tumblecal.ground.gravity import stated_gravity, unit_in_g
 # Names of columns in units that are not converted.
 _NOT_DEGC = re.compile(r"(?:^|[\W_]|(?<=[a-z]))(?:deg_?[FfKk]|F|K|(?<![A-Za-z])[fk]|[Ff]ahrenheit|[Kk]elvin)\W*$")
 _SHOWN = 3
+# Median of chi-squared with one degree of freedom.
+_MEDIAN_CHI2 = 0.455
 _MEANS = "If each row is the mean of a position, add --means --noise-sd 0.1mg, or the columns ax_sd_g, ay_sd_g, az_sd_g"
+_AT_REST = "If the sensor was at rest in every row, add --means --noise-sd {:.2g}mg"
+# Successive rows that differ by more are not one position.
+_MOVING_G = 0.05
 # Time at rest without a temperature that is not worth a warning, s.
 _LONGEST_LOST_S = 5.0
 
@@ -63,11 +68,17 @@ def read_series(
         contents = write_samples(path, samples, options, by=context.by, in_force_units=True)
         with guessed(contents.layout.guesses):
             _check_columns(path, contents)
-            assert contents.rate_hz is not None
-            stillness = stillness_of(samples, contents.rate_hz, criterion, plan)
+            rate_hz = contents.slow_hz or contents.rate_hz
+            assert rate_hz is not None
+            stillness = stillness_of(samples, rate_hz, criterion, plan)
             comments = stated_comments(samples, path, plan, hand_held=plan is None and of_file is None)
             to_g = unit_in_g(stillness.blocks.unit, stated_gravity(comments, str(path)))
-            check_still(path, stillness, to_g)
+            slow = list[str]()
+            if rate_hz * LONGEST_STEP_S < 1:
+                stillness = _taken_as_still(path, stillness, to_g)
+                slow.append(f"samples at {rate_hz:.3g} Hz cannot show movements; taken as still, in one attitude")
+            else:
+                check_still(path, stillness, to_g)
             degc, first = block_temperatures(path, samples, stillness.blocks)
             means = to_g * np.array([interval.mean for interval in stillness.used])
             index, attitudes, warnings = attitudes_of_intervals(samples, stillness.used, means, context, plan, of_file)
@@ -81,7 +92,12 @@ def read_series(
                     f"{path}: no interval at rest has a temperature; give the column by --columns temperature=..."
                 )
     return RecordingSeries(
-        path, name, contents, comments | contents.clock_comments, parts, (*_rejected(stillness), *warnings, *more)
+        path,
+        name,
+        contents,
+        comments | contents.clock_comments,
+        parts,
+        (*slow, *_rejected(stillness), *warnings, *more),
     )
 
 
@@ -91,13 +107,25 @@ def _check_columns(path: Path, contents: Contents) -> None:
         raise InputError(f"{path}: {_no_temperature(contents.layout.table.columns)}")
     if _NOT_DEGC.search(column.name):
         raise InputError(f"{path}: {_other_unit(column.name)}")
-    if contents.rate_hz is None and "time" in contents.layout.columns:
-        raise InputError(
-            f"{path}: time steps are longer than {LONGEST_STEP_S:g} s, so rest and movement cannot be distinguished; "
-            f"give samples at 2 Hz or more. {_MEANS}"
-        )
-    if contents.rate_hz is None:
+    if (contents.slow_hz or contents.rate_hz) is None:
         raise InputError(f"{path}: the sample rate is not known; give --rate 100 (Hz), or --columns time=.... {_MEANS}")
+
+
+def _taken_as_still(path: Path, stillness: Stillness, to_g: float) -> Stillness:
+    """A log that is too slow to show movements, as one interval at rest.
+
+    **Raises:** `InputError` for readings of several attitudes.
+    """
+    blocks = stillness.blocks
+    mean = blocks.mean[:, :3]
+    if (count := len(grouped(to_g * mean)[1])) > 1:
+        noise = to_g * np.sqrt(np.median(blocks.squares[:, :3] / max(blocks.size - 1, 1)) / _MEDIAN_CHI2)
+        raise InputError(
+            f"{path}: samples at {blocks.rate_hz:.3g} Hz cannot show movements, and the readings have {count} attitudes; write "
+            f"a file for each attitude. {_MEANS if noise > _MOVING_G else _AT_REST.format(1e3 * noise)}"
+        )
+    interval = Interval(0, blocks.rows, float(blocks.start_s[0]), float(blocks.start_s[-1]), mean.mean(0))
+    return replace(stillness, intervals=[interval])
 
 
 def _no_temperature(there: Sequence[str]) -> str:

@@ -115,21 +115,22 @@ def _table(
 ) -> ThermalReading:
     series = [(one, part) for one in recordings for part in one.parts]
     courses = [course_of(part) for _, part in series]
-    labels = [{one.label for one in part.attitudes} for _, part in series]
+    width = bin_degc
+    if width is None and series:
+        width = default_width([(part, course) for (_, part), course in zip(series, courses, strict=True)])
     tables, lines = list[ThermalTable](), list[str]()
     before: dict[str, int] = {}
-    for (recording, part), course, own in zip(series, courses, labels, strict=True):
-        # Recordings of one attitude have bins of one width.
-        together = [k for k, of in enumerate(labels) if of & own]
-        width = bin_degc or default_width([(series[k][1], courses[k]) for k in together])
+    for (recording, part), course in zip(series, courses, strict=True):
+        assert width is not None
         table, branches = binned(part, course, width, recording.name, before.get(recording.name, 0))
         before[recording.name] = before.get(recording.name, 0) + len(branches.sign)
         tables.append(replace(table, comments=recording.comments, source=str(recording.path)))
         lines += _words(part, course, branches, table, width)
+    # As for recordings, one width for all: the temperatures of a soak are not those of a ramp.
+    degc = [value for _, data in means for value in np.array(data.temperature_degc, float)]
+    of_means = bin_degc or max(float(np.ptp(degc or [0.0])) / BINS, 1e-6)
     for name, data in means:
-        assert data.temperature_degc is not None
-        width = bin_degc or max(float(np.ptp(data.temperature_degc)) / BINS, 1e-6)
-        tables.append(rows_of_positions(data, name, width, own=len(means) + len(recordings) > 1 and not same))
+        tables.append(rows_of_positions(data, name, of_means, own=len(means) + len(recordings) > 1 and not same))
         lines.append(f"{name}: {counted(len(data), 'position mean')}")
     source = tables[0].source + (f" and {len(tables) - 1} more" if len(tables) > 1 else "")
     files = tuple(dict.fromkeys(one.source for one in tables))

@@ -7,10 +7,12 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
+from tumblecal.data.position_comments import ATTITUDES, UNKNOWN
 from tumblecal.ground.errors import InputError
 
 
-_NUMBERS = ("n", "temperature_degc", "time_s", "rate_degc_per_s", "direction", "reached_by")
+_VECTORS = ("readings", "sd", "n_eff")
+_NUMBERS = ("alpha_deg", "beta_deg", "n", "temperature_degc", "time_s", "rate_degc_per_s", "direction", "reached_by")
 _LABELS = ("attitude", "branch", "clock", "mount")
 
 
@@ -58,11 +60,11 @@ class ThermalTable:
 
     def __post_init__(self) -> None:
         rows = len(self.attitude)
-        for name in ("readings", "sd", "n_eff", *_NUMBERS, "alpha_deg", "beta_deg"):
+        for name in (*_VECTORS, *_NUMBERS):
             values: np.ndarray | None = getattr(self, name)
             if values is None:
                 continue
-            wanted = (rows, 3) if name in ("readings", "sd", "n_eff") else (rows,)
+            wanted = (rows, 3) if name in _VECTORS else (rows,)
             if values.shape != wanted:
                 raise InputError(f"{self.source}: {name} has the shape {values.shape}; it must be {wanted}")
             if not np.isfinite(values).all():
@@ -100,22 +102,26 @@ class ThermalTable:
     def rows(self, which: ArrayLike) -> "ThermalTable":
         """The rows of a mask or of indices."""
         index = np.arange(len(self))[np.asarray(which)]
-        numbers = ("readings", "sd", "n_eff", *_NUMBERS, "alpha_deg", "beta_deg")
-        chosen: dict[str, object] = {
-            name: None if (values := getattr(self, name)) is None else values[index] for name in numbers
+        stated = {
+            name: values for name in (*_VECTORS, *_NUMBERS, *_LABELS) if (values := getattr(self, name)) is not None
         }
-        for name in _LABELS:
-            labels = getattr(self, name)
-            chosen[name] = None if labels is None else tuple(labels[row] for row in index.tolist())
-        return replace(self, **chosen)  # type: ignore[arg-type]
+        chosen = {
+            name: tuple(np.array(v)[index].tolist()) if name in _LABELS else v[index] for name, v in stated.items()
+        }
+        return replace(self, **chosen)
+
+    @property
+    def position_comments(self) -> dict[str, str]:
+        """The comments of a position file with these rows."""
+        return dict(self.comments) | ({} if self.known_attitudes else {ATTITUDES: UNKNOWN})
 
     def columns(self) -> dict[str, Sequence[object]]:
-        """The columns by their names in a file."""
+        """The columns by their names in a position file."""
         vectors = {f"a{axis}{suffix}": values[:, k].tolist()
                    for suffix, values in (("_g", self.readings), ("_sd_g", self.sd), ("_n_eff", self.n_eff))
                    for k, axis in enumerate("xyz")}  # fmt: skip
-        labels = {name: getattr(self, name) for name in _LABELS}
-        numbers = {name: getattr(self, name) for name in ("alpha_deg", "beta_deg", *_NUMBERS)}
+        labels = {{"attitude": "position", "clock": "run"}.get(name, name): getattr(self, name) for name in _LABELS}
+        numbers = {name: getattr(self, name) for name in _NUMBERS}
         listed = {name: None if values is None else values.tolist() for name, values in numbers.items()}
         return {name: values for name, values in (labels | listed | vectors).items() if values is not None}
 
@@ -195,12 +201,10 @@ def joined(tables: Sequence[ThermalTable], source: str) -> ThermalTable:
     first, *others = tables
     if not others:
         return replace(first, source=source)
-    arrays: dict[str, object] = {}
-    for name in ("readings", "sd", "n_eff", *_NUMBERS, "alpha_deg", "beta_deg"):
-        values = [getattr(table, name) for table in tables]
-        arrays[name] = None if any(one is None for one in values) else np.concatenate(values)
-    for name in _LABELS:
-        labels = [getattr(table, name) for table in tables]
-        arrays[name] = None if any(one is None for one in labels) else sum(labels, ())
+    columns: dict[str, object] = {}
+    for name in (*_VECTORS, *_NUMBERS, *_LABELS):
+        parts = [getattr(table, name) for table in tables]
+        stated = all(part is not None for part in parts)
+        columns[name] = (sum(parts, ()) if name in _LABELS else np.concatenate(parts)) if stated else None
     same = {key: text for key, text in first.comments.items() if all(t.comments.get(key) == text for t in others)}
-    return replace(first, **arrays, source=source, comments=same)  # type: ignore[arg-type]
+    return replace(first, **columns, source=source, comments=same)  # type: ignore[arg-type]
