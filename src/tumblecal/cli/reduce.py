@@ -50,8 +50,8 @@ def reduce(
         Folder of tumblecal capture; table of samples with columns position, alpha_deg, beta_deg, ax_g, ay_g, az_g (or _mg,
         _ms2) and time_s; or another recording: text of any layout, Parquet, .mat, HDF5, ROS bag, MCAP, PX4 ULog, DataFlash,
         Xsens .mtb, spreadsheet, byte log (tumblecal import describes it). Several files, a folder of files or a pattern are
-        one recording with one file for each position or face. Their positions are those of --table, of the names
-        (alpha045_beta30.csv, x_up.csv, 003.csv with --plan), or unknown with --static.
+        one recording with one file for each position. Their positions are those of --table, those of --plan with the names of
+        the files or in the direction of gravity, or unknown.
     out
         Output folder. Default: the folder of a capture, otherwise `reduced`. Example: --out reduced17.
     figures

@@ -1,4 +1,4 @@
-"""Positions of several files of one recording: from a table, or from the names of the files."""
+"""Positions of several files of one recording: from a table, or of a plan with the names of the files."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from tumblecal.capture.capture_plan import CapturePlan
-from tumblecal.capture.reduction.file_names import Meaning, dashes_are_unclear, meanings, stems_of
+from tumblecal.capture.reduction.file_names import stems_of
 from tumblecal.data.cells import labels_in, number_in
 from tumblecal.data.files import csv_table
 from tumblecal.data.table import Table
@@ -42,14 +42,12 @@ class FilePosition:
 class FilePositions:
     """The positions of all files and their evidence `by`, in words ("" if it is columns of the files).
 
-    `fault`: why they cannot be used, with the option that resolves it; "" if they can. `sure`: whether names or a table
-    state each position; the order of numbers in names does not.
+    `fault`: why they cannot be used, with the option that resolves it; "" if they can.
     """
 
     files: tuple[FilePosition, ...]
     by: str
     fault: str = ""
-    sure: bool = True
 
     @property
     def known(self) -> bool:
@@ -80,42 +78,25 @@ def _angle_words(position: FilePosition) -> tuple[str, ...]:
 
 
 def positions_by_names(files: Sequence[Path], plan: CapturePlan | None, *, hand_held: bool) -> FilePositions:
-    """The positions of files by their names; without angles and a plan, attitudes are unknown and each file is a position.
+    """The positions of a plan that have the names of the files. Without a plan, attitudes are unknown, each file is a position.
 
-    Names with two interpretations, and names of which only some state a position, are a fault.
+    If only some files have the name of a position, it is a fault; if none has, the positions are unknown.
     """
     named = tuple(FilePosition(file, stem) for file, stem in zip(files, stems_of(files), strict=True))
-    ways = [] if hand_held else meanings(files, plan)
-    whole = [way for way in ways if all(way.known)]
-    if not ways:
-        by = "the direction of gravity, as their names state no position" if plan else "their names, attitudes unknown"
-        return FilePositions(named, by)
-    found = [_placed(named, way, plan) for way in whole or ways]
-    first, by = found[0], (whole or ways)[0].by
-    if whole and any(positions != first for positions in found[1:]):
-        others = " or ".join(way.by for way in whole)
-        return FilePositions(named, by, f"the names have {len(whole)} interpretations: {others}; {_OPTION}")
-    if not whole:
-        lacking = [position.file.name for position in first if not position.known]
-        more = f" and {len(lacking) - _MOST} more" if len(lacking) > _MOST else ""
-        fault = f"{', '.join(lacking[:_MOST])}{more}: the name gives no position by {by}"
-        held = "" if plan else "; for unknown attitudes of all files: --static"
-        return FilePositions(first, by, f"{fault}; rename or remove these files, or {_OPTION}{held}")
-    if plan is None and dashes_are_unclear(files):
-        return FilePositions(first, by, f"every angle follows a dash, which may be a minus sign; {_OPTION}")
-    return FilePositions(first, by, sure=whole[0].sure)
-
-
-def _placed(named: Sequence[FilePosition], way: Meaning, plan: CapturePlan | None) -> tuple[FilePosition, ...]:
-    if plan is not None:
-        steps = way.steps or (None,) * len(named)
-        return tuple(
-            position if k is None else at_step(position, plan, k) for position, k in zip(named, steps, strict=True)
-        )
-    return tuple(
-        position if angles is None else replace(position, alpha_deg=angles[0], beta_deg=angles[1])
-        for position, angles in zip(named, way.angles, strict=True)
+    if plan is None or hand_held:
+        return FilePositions(named, "their names, attitudes unknown")
+    steps = {str(step.name).casefold(): k for k, step in enumerate(plan.steps)}
+    found = [steps.get(position.file.stem.casefold()) for position in named]
+    if not any(step is not None for step in found):
+        return FilePositions(named, "the direction of gravity, as no file has the name of a position of the plan")
+    placed = tuple(
+        position if step is None else at_step(position, plan, step) for position, step in zip(named, found, strict=True)
     )
+    fault, by = "", "the plan's names"
+    if lacking := [position.file.name for position in placed if not position.known]:
+        more = f" and {len(lacking) - _MOST} more" if len(lacking) > _MOST else ""
+        fault = f"{', '.join(lacking[:_MOST])}{more}: not the name of a position of the plan; rename or remove, or {_OPTION}"
+    return FilePositions(placed, by, fault)
 
 
 def at_step(position: FilePosition, plan: CapturePlan, step: int) -> FilePosition:

@@ -208,7 +208,7 @@ def _check_separable(plan: CapturePlan, files: Mapping[int, Path]) -> None:
         if others:
             raise InputError(
                 f"{file}: gravity cannot separate position {plan.steps[step].name} of the plan from {', '.join(others[:4])}; "
-                "put angles or names into the names of the files, or give --table files.csv"
+                "name the files like the positions, or give --table files.csv"
             )
 
 
@@ -219,9 +219,7 @@ def _check_exchanged(
     doubts: list[tuple[str, str]],
 ) -> None:
     """Compare the readings with the angles of their files: scale factors, axes and biases explain them, unless files are
-    exchanged.
-
-    **Raises:** `InputError` if the positions are only guessed from the order of numbers; otherwise a doubt is added.
+    exchanged; then a doubt is added.
     """
     if len(placed) < _FEWEST_FOR_MISFIT:
         return
@@ -237,6 +235,4 @@ def _check_exchanged(
     worst = placed[int(misfit.argmax())].file
     how = "mirrored" if turned else f"in error by up to {misfit.max():.2f} g ({worst})"
     words = f"gravity contradicts the positions by {positions.by}: readings {how}; check whether files are exchanged."
-    if not positions.sure:
-        raise InputError(f"{worst}: {words} State the positions: --table files.csv")
     doubts.append((str(worst), words))
