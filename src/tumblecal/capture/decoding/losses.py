@@ -7,6 +7,7 @@ too few data follow, the gap is reported as unresolved instead of being guessed.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,8 @@ _WINDOW_S = 2.0
 _FEWEST_STAMPS = 10
 _LATE_READ_S = 0.025
 _SHORTEST_WRAP_S = 0.02
+# Rates by the host's clock are compared to this share, and to the delay of a read that is late, s.
+_SAME_RATE, _LATE_STAMP_S = 0.01, 0.2
 
 
 @dataclass(frozen=True)
@@ -28,6 +31,37 @@ class Gap:
     after: int
     lost: int
     resolved: bool
+
+
+class Rates(NamedTuple):
+    """Samples a second by the host's clock in each half of a stretch, lost ones included, and the duration of a half, s."""
+
+    first_hz: float
+    second_hz: float
+    half_s: float
+
+    @classmethod
+    def of(cls, number: NDArray[np.int64], host_s: NDArray[np.float64]) -> "Rates":
+        """From the numbers of the samples that completed each stamp, and the stamps (n,); NaN for too few."""
+        if len(host_s) < 3 or not host_s[-1] > host_s[0]:
+            return _NO_RATES
+        middle = int(np.clip(np.searchsorted(host_s, (host_s[0] + host_s[-1]) / 2), 1, len(host_s) - 2))
+        first, second = np.diff(number[[0, middle, -1]]) / np.diff(host_s[[0, middle, -1]])
+        return cls(float(first), float(second), float(host_s[-1] - host_s[0]) / 2)
+
+    def words(self, wanted_hz: float) -> str:
+        """A warning if the rates differ from each other, or from the rate by which a dwell is counted; "" if they do not."""
+        near = _SAME_RATE + _LATE_STAMP_S / self.half_s
+        if abs(self.second_hz / self.first_hz - 1) > near:
+            return f"the sample rate changed from {self.first_hz:.4g} to {self.second_hz:.4g} Hz"
+        mean = (self.first_hz + self.second_hz) / 2
+        if abs(mean / wanted_hz - 1) <= near or not np.isfinite(near):
+            return ""
+        slow = ": baud rate too low?" if mean < wanted_hz else ""
+        return f"the device sends {mean:.4g} samples a second, but {wanted_hz:.4g} are expected{slow}"
+
+
+_NO_RATES = Rates(np.nan, np.nan, np.nan)
 
 
 @dataclass(frozen=True)
@@ -41,7 +75,7 @@ class Losses:
     - `replaced`: samples that the device replaced by a reply.
     - `duplicates`: samples that arrived before.
     - `gaps`: each gap.
-    - `rate_hz`: sample rate by the host's clock; NaN for fewer than two stamps.
+    - `rate_hz`: sample rate by the host's clock; NaN for fewer than two stamps. `rates`: of each half.
     - `counted`: False without a counter; `lost` is then an estimate from time.
     """
 
@@ -52,6 +86,7 @@ class Losses:
     gaps: list[Gap]
     rate_hz: float
     counted: bool = True
+    rates: Rates = _NO_RATES
 
 
 def host_per_tick(ticks: NDArray[np.int64], host_s: NDArray[np.float64]) -> float:
@@ -203,6 +238,7 @@ def count_losses(
         duplicates=duplicates,
         gaps=gaps,
         rate_hz=float(1 / (tick_s * step)) if np.isfinite(tick_s) and tick_s > 0 else float("nan"),
+        rates=Rates.of(highest[last_of_stamp], host_s[last_of_stamp]),
     )
 
 
@@ -260,4 +296,4 @@ def losses_from_time(host_s: NDArray[np.float64], rate_hz: float | None) -> Loss
             gaps.append(Gap(int(last[i - 1]), lost, False))
             delay[i:] -= lost * period
     total = sum(g.lost for g in gaps)
-    return Losses(total, len(gaps), 0, 0, gaps, 1 / period, counted=False)
+    return Losses(total, len(gaps), 0, 0, gaps, 1 / period, counted=False, rates=Rates.of(last, host_s[last]))

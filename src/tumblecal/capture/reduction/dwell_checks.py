@@ -61,6 +61,7 @@ def check_dwell(
     saturated: int = 0,
     lost: int = 0,
     lost_unresolved: int = 0,
+    rate_fault: str = "",
 ) -> DwellChecks:
     """Check the samples of one dwell.
 
@@ -68,7 +69,7 @@ def check_dwell(
 
     - `force`: g, shape (n, 3). `rate_hz`: sample rate.
     - `mean_sd`: standard deviation of the mean per axis from the coloured noise; it sets the limit for a trend.
-    - `saturated`, `lost`, `lost_unresolved`: counts from other checks.
+    - `saturated`, `lost`, `lost_unresolved`: counts from other checks; `rate_fault`: words of another.
     """
     times, blocks = _block_means(force, rate_hz)
     amplitude, tau, p = _warm_up(times, blocks)
@@ -83,6 +84,7 @@ def check_dwell(
         *_sample_words(outliers, lines),
         *_step_words(step, force.std(0)),
         *_count_words(saturated, lost, lost_unresolved),
+        *filter(None, [rate_fault]),
     ]
     drift = amplitude.tolist(), tau, p, slope.tolist(), t.tolist()
     return DwellChecks(*drift, outliers.tolist(), lines, step, saturated, lost, lost_unresolved, warnings)

@@ -67,6 +67,8 @@ def identity_content(state: RunState, attempts: Sequence[Attempt], names: Sequen
 
 _NEAR_FULL_SCALE = 0.98
 _AFTER_BYTES = 1 << 20
+# Share by which the host's clock may differ from the device's.
+_SAME_RATE = 0.01
 
 
 @dataclass(frozen=True)
@@ -80,7 +82,7 @@ class _Accepted:
     time_s: float
     temperature_degc: float | None
     flagged: int
-    counted: dict[str, int]
+    counted: dict[str, Any]
 
 
 def reduce(folder: Path, report: Callable[[str], None] = lambda text: None) -> Reduction:
@@ -103,9 +105,9 @@ def reduce(folder: Path, report: Callable[[str], None] = lambda text: None) -> R
         raise InputError(f"{folder / JOURNAL_NAME}: the entry of the device is damaged; restore the file from a copy")
     plan = plan_of_run(folder, state)
     device_protocol = protocol(state.device["protocol"])
-    rate = float(state.device["rate_hz"])
     raw = folder / RAW_NAME
     attempts = [attempt for _, attempt in sorted(state.accepted.items())]
+    rate = _rate_of(attempts, float(state.device["rate_hz"]), plan.port.speed)
     accepted = []
     for attempt in attempts:
         name = plan.steps[attempt.position].name
@@ -192,8 +194,20 @@ def _accepted(
         time_s=_wall_s(host_s[attempted.start : attempted.stop], attempt, state) * plan.port.speed,
         temperature_degc=attempt.summary.get("requested_degc") if degc is None else degc,
         flagged=int((~use).sum()),
-        counted={"saturated": saturated, "lost": losses.lost, "lost_unresolved": losses.unresolved},
+        counted={
+            "saturated": saturated,
+            "lost": losses.lost,
+            "lost_unresolved": losses.unresolved,
+            "rate_fault": losses.rates.words(rate * plan.port.speed),
+        },
     )
+
+
+def _rate_of(attempts: Sequence[Attempt], at_contact_hz: float, speed: float) -> float:
+    """The sample rate: that at the contact with the device, unless most dwells contradict it by the host's clock."""
+    dwells = [attempt.summary.get("rate_hz") or np.nan for attempt in attempts]
+    rate = float(np.median(dwells)) / speed
+    return rate if abs(rate / at_contact_hz - 1) > _SAME_RATE else at_contact_hz
 
 
 def _wall_s(host_s: NDArray[np.float64], attempt: Attempt, state: RunState) -> float:

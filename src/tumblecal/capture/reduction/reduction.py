@@ -8,6 +8,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,7 +61,7 @@ def reduction_of(
     *,
     entries: Mapping[str, object] | None = None,
     dwell_entries: Sequence[Mapping[str, object]] = (),
-    counted: Sequence[Mapping[str, int]] = (),
+    counted: Sequence[Mapping[str, Any]] = (),
     temperatures: Sequence[NDArray[np.float64]] | None = None,
 ) -> Reduction:
     """Means with their standard deviations, noise and checks.
@@ -70,7 +71,7 @@ def reduction_of(
     - `data`: the positions, with the middle of each dwell as time; standard deviations and noise are added to it.
     - `dwells`: the samples of each dwell, g, shape (n, 3). `recording`: identifier of the recording.
     - `entries`, `dwell_entries`: as for `Reduction`; by default only the source.
-    - `counted`: counts of missing samples of each dwell, for `check_dwell`.
+    - `counted`: counts of missing samples of each dwell, and its fault of the rate, for `check_dwell`.
     - `temperatures`: temperatures of each dwell's samples, degC, if recorded.
 
     **Raises:** `InputError` for an axis that does not respond to gravity.

@@ -15,9 +15,6 @@ from tumblecal.capture.run.stationarity import Block, BlockCutter, Stationarity,
 from tumblecal.ground.counted import counted
 
 
-_LONG_ENOUGH_S = 20.0
-
-
 # Half a wrap of the STIM300's counter: shorter pauses cannot contain a whole wrap.
 _PAUSE_S = 0.06
 
@@ -156,6 +153,7 @@ def losses_of(
         duplicates=found.duplicates,
         gaps=inside,
         rate_hz=found.rate_hz,
+        rates=found.rates,
     )
 
 
@@ -171,13 +169,6 @@ def warning(dwell: Dwell, seen: Stationarity, limits: LimitsTable) -> str:
     if limits.noise_mg is not None and dwell.sd.max() > 3e-3 * limits.noise_mg:
         words.append(f"noise {dwell.sd.max() * 1e3:.2f} mg, expected {limits.noise_mg:g} mg")
     return "; ".join(words)
-
-
-def rate_warning(measured_hz: float, samples: int, wanted_hz: float) -> str:
-    """A warning if the rate by the host's clock is too low: a device skips samples silently if the line is too slow."""
-    if samples / wanted_hz <= _LONG_ENOUGH_S or abs(measured_hz / wanted_hz - 1) <= 0.01:
-        return ""
-    return f"the device sends {measured_hz:.2f} samples/s, {wanted_hz:g} are configured: baud rate too low?"
 
 
 def refusal(dwell: Dwell, losses: Losses, limits: LimitsTable) -> str:

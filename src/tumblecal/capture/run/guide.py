@@ -9,7 +9,7 @@ import numpy as np
 from tumblecal.capture.journal import replayed, sha256_of
 from tumblecal.capture.port.live import Arrived, LiveStream
 from tumblecal.capture.port.recorder import clocks
-from tumblecal.capture.run.dwell import Dwell, rate_warning, refusal, warning
+from tumblecal.capture.run.dwell import Dwell, refusal, warning
 from tumblecal.capture.run.estimate_worker import Estimate, EstimateWorker
 from tumblecal.capture.run.identity import Identity
 from tumblecal.capture.run.instrument_doubt import COMPARED_S, InstrumentDoubt
@@ -238,9 +238,8 @@ class Guide:
         dwell = self.dwell
         assert dwell is not None
         losses = dwell.losses(self.stream.protocol, self.rate_hz, self._after)
-        slow = rate_warning(losses.rate_hz, dwell.needed, self.rate_hz * self.plan.port.speed)
-        if slow:
-            self._warned(slow)
+        if other_rate := losses.rates.words(self.rate_hz * self.plan.port.speed):
+            self._warned(other_rate)
         why = refusal(dwell, losses, self.plan.limits)
         if why:
             self._reject(why)

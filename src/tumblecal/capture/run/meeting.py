@@ -18,6 +18,8 @@ from tumblecal.ground.errors import InputError
 _FIRST_DATA_S = 4.0
 
 _FEWEST_FRAMES = 20
+# Stretches by which the sample rate is measured: their length, how many, and differences that two may have.
+_STRETCH_S, _MOST_STRETCHES, _SAME_SHARE, _SAME_COUNT = 1.5, 12, 0.03, 2
 OTHER_UNIT = "this run began with serial number {began}, but {seen} is connected: connect {began}, or begin a new run"
 OTHER_SETTINGS = (
     "the settings of the instrument differ from those of this run: restore them, then --resume, or begin a new run"
@@ -119,12 +121,20 @@ def _why_no_samples(stream: LiveStream, plan: CapturePlan) -> str:
 
 
 def _rate_of(stream: LiveStream, speed: float, pause: Pause) -> float:
-    """The sample rate by the host's clock, counted over three seconds, if neither device nor plan state it."""
-    start, first = time.monotonic(), stream.tally.counts.frames
-    while time.monotonic() - start < 3.0:
-        stream.poll()
-        pause(0.05)
-    measured = (stream.tally.counts.frames - first) / (time.monotonic() - start) / speed
+    """The sample rate by the host's clock, if neither device nor plan state it: of two successive stretches that agree.
+
+    Samples that the device sent before the port was opened arrive together at first.
+    """
+    rate, before = 0.0, float("inf")
+    for _ in range(_MOST_STRETCHES):
+        if abs(rate - before) <= _SAME_SHARE * rate + _SAME_COUNT / _STRETCH_S:
+            break
+        before, start, first = rate or before, time.monotonic(), stream.tally.counts.frames
+        while time.monotonic() - start < _STRETCH_S:
+            stream.poll()
+            pause(0.05)
+        rate = (stream.tally.counts.frames - first) / (time.monotonic() - start)
+    measured = (rate + min(before, rate)) / 2 / speed
     usual = [10, 20, 25, 50, 100, 120, 125, 200, 250, 400, 500, 800, 1000, 2000, 4000]
     near = min(usual, key=lambda r: abs(r / measured - 1)) if measured else 1.0
     return float(near) if measured and abs(near / measured - 1) < 0.03 else max(measured, 1.0)

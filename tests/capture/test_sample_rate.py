@@ -1,0 +1,91 @@
+"""The sample rate of a device that does not state it: with a backlog when the port opens, and a rate that changes."""
+
+import os
+import pty
+import threading
+import time
+import tty
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tumblecal.capture.capture_plan import CapturePlan
+from tumblecal.capture.decoding.losses import Rates, losses_from_time
+from tumblecal.capture.port.live import LiveStream
+from tumblecal.capture.port.recording import Recording
+from tumblecal.capture.protocols import protocol
+from tumblecal.capture.reduction.reduce import _rate_of
+from tumblecal.capture.run.meeting import meet
+
+
+class Board:
+    """A board on a pseudo-terminal that prints lines at 100 Hz; the first `backlog_s` of them at once."""
+
+    def __init__(self, backlog_s: float):
+        self._master, slave = pty.openpty()
+        tty.setraw(slave)
+        self.port, self._sent, self._ended = os.ttyname(slave), 0, threading.Event()
+        self._begin = time.monotonic() - backlog_s
+        self._writer = threading.Thread(target=self._write, daemon=True)
+        self._writer.start()
+
+    def _write(self) -> None:
+        while not self._ended.wait(0.02):
+            for number in range(self._sent, int(100 * (time.monotonic() - self._begin))):
+                micros, self._sent = number * 10_000, number + 1
+                os.write(self._master, f"{number},{micros},{0.001 * (number % 3):.4f},0.0000,1.0000\n".encode())
+
+    def close(self) -> None:
+        self._ended.set()
+        self._writer.join()
+
+
+@pytest.mark.parametrize("backlog_s", [0.0, 6.0])
+def test_a_backlog_does_not_change_the_rate(tmp_path: Path, backlog_s: float) -> None:
+    board = Board(backlog_s)
+    content = {"url": board.port, "protocol": "text", "columns": "counter,-,ax,ay,az", "unit": "g"}
+    plan = CapturePlan.model_validate(
+        {"port": content, "positions": {"listed": [{"alpha_deg": 0, "beta_deg": 0}]}, "dwell": {"seconds": 5}}
+    )
+    recording = Recording(tmp_path / "raw.log", board.port, 115200)
+    how = protocol("text")
+    stream = LiveStream(recording, how, None, how.decoder_options(plan.port.columns, plan.port.unit))
+    try:
+        assert meet(stream, plan).rate_hz == pytest.approx(100, rel=0.03)
+    finally:
+        recording.stop()
+        board.close()
+
+
+def stamps(times: np.ndarray, seed: int = 1) -> np.ndarray:
+    """Stamps of the reads every 20 ms, with delays up to 20 ms."""
+    late = np.ceil(times / 0.02) * 0.02
+    return np.maximum.accumulate(late + np.random.default_rng(seed).uniform(0, 0.02) + 1e-6)
+
+
+def test_a_rate_that_doubles_within_a_dwell_is_a_warning() -> None:
+    times = np.concatenate([np.arange(2000) / 100, 20 + np.arange(4000) / 200])
+    words = losses_from_time(stamps(times), None).rates.words(100.0)
+    assert words.startswith("the sample rate changed from 1") and "to 2" in words
+
+
+def test_a_rate_that_differs_from_the_stated_one_is_a_warning_and_an_equal_one_is_not() -> None:
+    for seed in range(20):
+        rates = losses_from_time(stamps(np.arange(1000) / 100, seed), None).rates
+        assert rates.words(100.0) == ""
+        assert "samples a second, but 303 are expected: baud rate too low?" in rates.words(303.0)
+        assert float(rates.words(303.0).split()[3]) == pytest.approx(100, rel=0.005)
+        assert "but 50 are expected" in rates.words(50.0) and "baud" not in rates.words(50.0)
+    assert Rates.of(np.array([3]), np.array([0.1])).words(100.0) == ""
+
+
+def test_the_reduction_uses_the_rate_of_the_dwells_if_they_contradict_that_of_the_contact() -> None:
+    class Attempt:
+        def __init__(self, rate_hz: float | None):
+            self.summary = {"rate_hz": rate_hz}
+
+    of = lambda *rates: [Attempt(rate) for rate in rates]  # noqa: E731
+    assert _rate_of(of(100.02, 99.98, 101.0), 303.0, 1.0) == pytest.approx(100.02)
+    assert _rate_of(of(2000.4, 1999.0), 100.0, 20.0) == 100.0
+    assert _rate_of(of(None), 100.0, 1.0) == 100.0
