@@ -28,6 +28,8 @@ def damaged(path: Path, kind: str, error: BaseException | str, advice: str = ADV
     number = int(worded[1]) if worded else getattr(error, "errno", None)
     if number in _REFUSED:
         return InputError(f"{path}: cannot be read ({os.strerror(number)})")
+    if isinstance(error, MemoryError):
+        return InputError(f"{path}: not enough memory to read it; split the file, or close other programs")
     words = (str(error).splitlines() or [""])[0].strip() or type(error).__name__
     return InputError(f"{path}: not a complete {kind} ({words[:200]}); {advice}")
 

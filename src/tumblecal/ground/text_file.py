@@ -36,6 +36,7 @@ _NOT_TEXT = {
 _JSON = {"CSV": (b"{", b"["), "TOML": (b"{",)}
 _MARKUP = (b"<!doctype html", b"<html", b"<svg", b"<?xml")
 _LONGEST_MARK = 1000
+_LARGEST = 500_000_000
 # This many zero bytes at every second place only are due to Latin letters in UTF-16.
 _FEWEST_ZEROS = 40
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")
@@ -106,9 +107,11 @@ def read_text(path: Path, kind: str = "CSV", *, may_be_empty: bool = False) -> s
     - `kind`: kind of file that is needed, for messages.
     - `may_be_empty`: whether an empty file is accepted.
 
-    **Raises:** `InputError` if it is missing, unreadable, empty or not text.
+    **Raises:** `InputError` if it is missing, unreadable, too large, empty or not text.
     """
     with _being_read(path) as file:
+        if (size := path.stat().st_size) > _LARGEST:
+            raise InputError(f"{path}: {size / 1e9:.3g} GB; a {kind} file that is read as a whole has at most 0.5 GB")
         content = file.read()
     if not may_be_empty and not content.strip():
         raise InputError(f"{path}: the file is empty")

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
+from tumblecal.capture.recordings.memory import require_size
 from tumblecal.capture.recordings.table import Reader, Source, SourceTable, tables_of_arrays
 from tumblecal.data.parquet import PIECE_ROWS
 from tumblecal.data.text_cells import pieces_of
@@ -21,6 +22,8 @@ from tumblecal.ground.text_file import opened
 _SEEN = 1000
 _MOST_KINDS, _MOST_ITEMS = 12, 32
 _WHOLE_SHARE = 0.8
+# Of each byte of a list of objects.
+_BYTES_IN_MEMORY = 10
 
 Row = dict[str, object]
 # The objects with their lines, from the start at each call; None for a line that is not an object.
@@ -105,6 +108,8 @@ def _read(source: Source) -> list[SourceTable]:
     seen = [row for _, row in islice(_rows_of_lines(source.path), _SEEN)]
     if sum(row is not None for row in seen) > max(0, _WHOLE_SHARE * (len(seen) - 1)):
         return _tables(seen, lambda: _rows_of_lines(source.path), "line", source.path)
+    size = source.path.stat().st_size
+    require_size(source.path, "objects of a list, or lists of an object,", _BYTES_IN_MEMORY * size, size)
     with opened(source.path) as file:
         try:
             content = json.loads(file.read())

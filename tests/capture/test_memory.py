@@ -1,0 +1,104 @@
+"""Recordings whose cells or values are not in the file: one line, before the memory is allocated. Nothing else is read."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tumblecal.capture.recordings.memory import require_size
+from tumblecal.ground.errors import InputError
+
+
+HEADER = ("time_s", "ax_g", "ay_g", "az_g")
+
+
+def book(path: Path, stray) -> Path:
+    xlsxwriter = pytest.importorskip("xlsxwriter")
+    with xlsxwriter.Workbook(str(path)) as workbook:
+        sheet = workbook.add_worksheet("log")
+        for column, name in enumerate(HEADER):
+            sheet.write(0, column, name)
+        for row in range(2000):
+            for column, value in enumerate((row / 100, 0.001 * (row % 5), 0.002, 1.0)):
+                sheet.write_number(row + 1, column, value)
+        stray(sheet, workbook.add_format({"bold": True}))
+    return path
+
+
+def test_a_blank_cell_far_from_the_others_is_ignored(tumblecal, tmp_path: Path) -> None:
+    path = book(tmp_path / "log.xlsx", lambda sheet, bold: sheet.write_blank(1_000_000, 16_383, None, bold))
+    outcome = tumblecal("import", path, "--out", tmp_path / "out.csv")
+    assert outcome.code == 0 and "2000 samples" in outcome.out
+
+
+def test_a_value_far_from_the_others_is_one_line(tumblecal, tmp_path: Path) -> None:
+    path = book(tmp_path / "log.xlsx", lambda sheet, bold: sheet.write_string(1_000_000, 16_383, "x"))
+    outcome = tumblecal("import", path, "--out", tmp_path / "out.csv")
+    assert outcome.code == 2 and len(outcome.lines) == 1
+    assert "1000001 rows of 16384 columns up to the last cell need 524 GB of memory" in outcome.lines[0]
+
+
+def test_repeated_cells_of_an_open_document_are_one_line(tumblecal, tmp_path: Path) -> None:
+    import zipfile
+
+    cell = '<table:table-cell table:number-columns-repeated="16384" office:value-type="float" office:value="1"/>'
+    with zipfile.ZipFile(tmp_path / "log.ods", "w") as archive:
+        archive.writestr("mimetype", "application/vnd.oasis.opendocument.spreadsheet")
+        archive.writestr(
+            "content.xml", f'<t><table:table-row table:number-rows-repeated="1048576">{cell}</table:table-row></t>'
+        )
+    outcome = tumblecal("import", tmp_path / "log.ods", "--out", tmp_path / "out.csv")
+    assert outcome.code == 2 and "1048576 rows of 16384 columns" in outcome.lines[0]
+
+
+@pytest.fixture
+def h5py():
+    return pytest.importorskip("h5py")
+
+
+def test_values_that_an_hdf5_file_does_not_hold_are_one_line(tumblecal, tmp_path: Path, h5py) -> None:
+    with h5py.File(tmp_path / "log.h5", "w") as file:
+        for name in HEADER:
+            file.create_dataset(name, shape=(1_000_000_000,), chunks=(100_000,), dtype="f8")
+    outcome = tumblecal("import", tmp_path / "log.h5", "--out", tmp_path / "out.csv")
+    assert outcome.code == 2 and len(outcome.lines) == 1 and "need 8 GB of memory" in outcome.lines[0]
+
+
+@pytest.mark.parametrize("kind", ["external storage", "virtual", "external link"])
+def test_an_hdf5_file_reads_no_other_file(tumblecal, tmp_path: Path, h5py, kind: str) -> None:
+    (tmp_path / "secret").write_bytes(np.full(100, 0.6).tobytes())
+    with h5py.File(tmp_path / "other.h5", "w") as file:
+        file["ax"] = np.full(100, 0.6)
+    with h5py.File(tmp_path / "log.h5", "w") as file:
+        if kind == "external storage":
+            file.create_dataset("ax", shape=(100,), dtype="f8", external=[(str(tmp_path / "secret"), 0, 800)])
+        elif kind == "virtual":
+            layout = h5py.VirtualLayout((100,), dtype="f8")
+            layout[:] = h5py.VirtualSource(str(tmp_path / "other.h5"), "ax", shape=(100,))
+            file.create_virtual_dataset("ax", layout)
+        else:
+            file["ax"] = h5py.ExternalLink(str(tmp_path / "other.h5"), "ax")
+        file["ay"], file["az"] = np.zeros(100), np.full(100, 0.8)
+    outcome = tumblecal("import", tmp_path / "log.h5", "--rate", "100", "--out", tmp_path / "out.csv")
+    words = "ax not found" if kind == "external link" else "the values of ax are in another file, which is not read"
+    assert outcome.code == 2 and words in outcome.lines[0] and not (tmp_path / "out.csv").exists()
+
+
+def test_the_bound_is_four_times_the_file_and_500_mb() -> None:
+    require_size(Path("a"), "x", 500_000_000, 0)
+    require_size(Path("a"), "x", 900_000_000, 100_000_000)
+    with pytest.raises(InputError, match=r"a: x need 0.901 GB of memory, but the file has 100 MB of them"):
+        require_size(Path("a"), "x", 901_000_000, 100_000_000)
+
+
+def test_too_little_memory_is_one_line(tumblecal, tmp_path: Path, monkeypatch) -> None:
+    import tumblecal.data.files as files
+
+    def refused(path):
+        raise MemoryError
+
+    (tmp_path / "a.csv").write_text("position,alpha_deg,beta_deg,ax_g,ay_g,az_g\n")
+    monkeypatch.setattr(files, "csv_table", refused)
+    outcome = tumblecal("calibrate", tmp_path / "a.csv", "--out", tmp_path / "out")
+    assert outcome.code == 2 and outcome.lines == ["tumblecal: not enough memory for this file or computation; split the "
+                                                   "file, or close other programs"]  # fmt: skip
