@@ -46,6 +46,13 @@ def test_positions_of_one_kind(tmp_path: Path, text: str) -> None:
         read_plan(path)
 
 
+def test_too_many_positions_are_a_fault(tmp_path: Path) -> None:
+    path = tmp_path / "plan.toml"
+    path.write_text(f'[port]\nurl = "imu"\n[positions]\nalpha_deg = {[*range(360)]}\nbeta_deg = {[*range(180)]}\n')
+    with pytest.raises(InputError, match="64800 positions; give at most 5000"):
+        read_plan(path)
+
+
 def test_plan_that_is_no_file_or_no_toml(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no such file"):
         read_plan(tmp_path / "none.toml")

@@ -13,7 +13,7 @@ from tumblecal.data import write_positions
 
 
 def test_no_certificate_is_made_of_a_calibration_not_to_be_used(tumblecal, tmp_path, calibrated_as, admin, configs):
-    folder, rig = calibrated_as(np.array([0.9, 0.0, 0.0]), "--noise-sd", "0.1mg"), tmp_path / "rig.toml"
+    folder, rig = calibrated_as(np.array([0.8, 0.0, 0.0]), "--noise-sd", "0.1mg"), tmp_path / "rig.toml"
     outcome = tumblecal("certificate", folder, "--admin", admin)
     assert outcome.code == 2 and len(outcome.lines) == 1 and not (folder / "dcc.xml").exists()
     assert "calibration.json: use: no: implausible values of bias_x." in outcome.lines[0]
@@ -29,7 +29,7 @@ def test_no_certificate_is_made_of_a_calibration_not_to_be_used(tumblecal, tmp_p
     assert "[usual] in a rig; priors; the head" in outcome.lines[0]
     # Whose items have such a bias says so, and gets the certificate.
     rig.write_text((configs / "paper24.toml").read_text() + '\n[usual]\nbias = "1 g"\n')
-    folder = calibrated_as(np.array([0.9, 0.0, 0.0]), "--noise-sd", "0.1mg", "--rig", rig)
+    folder = calibrated_as(np.array([0.8, 0.0, 0.0]), "--noise-sd", "0.1mg", "--rig", rig)
     assert tumblecal("certificate", folder, "--admin", admin).code == 0
     # Positions that hardly determine something: so judged by calibrate.
     result = json.loads((folder / "result.json").read_text())
@@ -38,8 +38,18 @@ def test_no_certificate_is_made_of_a_calibration_not_to_be_used(tumblecal, tmp_p
     outcome = tumblecal("certificate", folder, "--admin", admin)
     assert outcome.code == 2 and "judgement: Do not use it: hardly determined. No certificate" in outcome.lines[0]
     (folder / "result.json").write_text(json.dumps(result | {"source": result["source"] | {"sha256": "0" * 64}}))
-    outcome = tumblecal("certificate", folder, "--admin", admin)
-    assert outcome.code == 2 and "result.json: its data differ from those of calibration.json" in outcome.lines[0]
+    (tmp_path / "log.csv").write_text(
+        "time_s,ax_g,ay_g,az_g\n" + "".join(f"{k / 100},0.9,0.0,1.0\n" for k in range(50))
+    )
+    for command in (
+        ("certificate", folder, "--admin", admin),
+        ("history", tmp_path / "lab.db", "--add", folder),
+        ("export", folder / "calibration.json", "--to", "csv"),
+        ("apply", folder / "calibration.json", tmp_path / "log.csv"),
+        ("compare", folder / "calibration.json", folder / "calibration.json"),
+    ):
+        outcome = tumblecal(*command)
+        assert outcome.code == 2 and "result.json: its data differ from those of calibration.json" in outcome.lines[0]
 
 
 def test_a_judgement_that_is_not_good_stands_on_the_certificate(tumblecal, calibrated_as, admin):

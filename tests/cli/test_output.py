@@ -185,3 +185,41 @@ def test_work_is_shown_on_a_terminal_alone(command):
 )
 def test_one_thing_is_no_many(number, word, words):
     assert counted(number, word) == words
+
+
+@pytest.mark.parametrize("closed", [">&-", "2>&-", ">&- 2>&- <&-"])
+def test_closed_standard_streams_cost_no_result(tmp_path, table1_file, closed):
+    """As services and cron start it: the files are complete, and no line of output is in them."""
+    (tmp_path / "log.csv").write_text("time_s,ax_g,ay_g,az_g\n" + "".join(f"{k / 100},0,0,1\n" for k in range(50)))
+    command = f"{sys.executable} -m tumblecal import log.csv --out out.csv {closed}"
+    done = subprocess.run(command, shell=True, cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0 and "Traceback" not in done.stderr
+    lines = [line for line in (tmp_path / "out.csv").read_text().splitlines() if line[0] != "#"]
+    assert lines[0] == "time_s,ax_g,ay_g,az_g" and len(lines) == 51
+
+
+def test_a_full_standard_output_is_named(tmp_path):
+    done = subprocess.run(
+        f"{sys.executable} -m tumblecal ports > /dev/full", shell=True, capture_output=True, text=True
+    )
+    assert done.returncode == 2 and done.stderr == "tumblecal: standard output: No space left on device\n"
+
+
+def test_a_home_that_cannot_be_written_adds_no_lines(tmp_path):
+    command = [sys.executable, "-c", "import tumblecal.report.drawing"]
+    environment = {name: value for name, value in os.environ.items() if name != "MPLCONFIGDIR"} | {"HOME": "/proc/none"}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+def test_a_link_to_a_folder_that_does_not_exist_creates_it(tumblecal, table1_file, tmp_path):
+    (tmp_path / "link").symlink_to("new/folder")
+    assert tumblecal("calibrate", table1_file, "--out", tmp_path / "link", "--no-figures").code == 0
+    assert (tmp_path / "new" / "folder" / "result.json").is_file()
+
+
+def test_a_column_of_nan_is_not_called_an_empty_cell(tumblecal, tmp_path):
+    rows = "".join(f"{k / 100},nan,0,1\n" for k in range(200))
+    (tmp_path / "log.csv").write_text(f"time_s,ax_g,ay_g,az_g\n{rows}")
+    outcome = tumblecal("import", tmp_path / "log.csv", "--out", tmp_path / "out.csv")
+    assert outcome.code == 2 and "column ax_g: every cell is empty or NaN" in outcome.lines[0]

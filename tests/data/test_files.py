@@ -262,3 +262,25 @@ def test_a_spreadsheets_own_csv(tmp_path, separator, point):
     np.testing.assert_array_equal(first.readings, second.readings)
     np.testing.assert_array_equal(first.alpha_deg, second.alpha_deg)
     assert first.names == second.names
+
+
+def test_cells_that_would_be_formulas_are_written_as_text_and_read_again(tmp_path):
+    names = ("=cmd()", "+x", "-45", "-2+3|x", "@a", "'k")
+    data = PositionSet(names, np.zeros(6), np.zeros(6), np.tile([0.0, 0.0, 1.0], (6, 1)), run=("=r",) * 6)
+    write_positions(tmp_path / "p.csv", data)
+    cells = [line.split(",")[0] for line in (tmp_path / "p.csv").read_text().splitlines()[1:]]
+    assert cells == ["'=cmd()", "'+x", "-45", "'-2+3|x", "'@a", "'k"]
+    read = read_positions(tmp_path / "p.csv")
+    assert read.names == names and read.run == ("=r",) * 6
+
+
+def test_a_file_that_is_too_long_for_positions_is_one_line(tmp_path):
+    import polars as pl
+
+    row = "p,0,0,0,0,1\n"
+    (tmp_path / "p.csv").write_text("position,alpha_deg,beta_deg,ax_g,ay_g,az_g\n" + row * 100_001)
+    pl.DataFrame({"position": ["p"] * 100_001}).write_parquet(tmp_path / "p.parquet")
+    for name in ("p.csv", "p.parquet"):
+        with pytest.raises(InputError, match=f"{name}: more than 100000 positions; .* tumblecal reduce") as error:
+            read_positions(tmp_path / name)
+        assert len(error.value.faults) == 1

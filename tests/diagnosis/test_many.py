@@ -32,6 +32,8 @@ def test_effects_are_added_and_nothing_is_replaced_silently():
     ):
         with pytest.raises(InputError, match=words):
             with_effects(wrong)
+    with pytest.raises(InputError, match="entries: an empty catalogue"):
+        tumblecal.diagnosis.Diagnoser(entries={})
 
 
 def test_many_diagnoses_are_the_single_ones(sets):

@@ -20,6 +20,7 @@ from tumblecal.ground.strict_toml import Line, Number, Strict, checked, read_tom
 
 
 SETUP = "capture_setup"
+_MOST_POSITIONS = 5000
 # The next plan has different ones of these.
 _NOT_COPIED = {"session": {"title", "mount", "run", "notes"}, "port": {"serial_number"}}
 
@@ -137,6 +138,9 @@ class PositionsTable(Strict):
             raise ValueError("give temperature_degc for all positions together, or for each of them, not both")
         if any(single) and not all(single):
             raise ValueError(f"temperature_degc is missing at listed position {single.index(False) + 1}; add it")
+        count = len(self.listed or ()) or len(self.alpha_deg or ()) * len(self.beta_deg or ())
+        if (count := count * max(len(self.temperature_degc), 1)) > _MOST_POSITIONS:
+            raise ValueError(f"{count} positions; give at most {_MOST_POSITIONS}")
         return self
 
 
@@ -223,8 +227,7 @@ class CapturePlan(Strict):
         if self.limits.position_deg is not None:
             return self.limits.position_deg
         forces = np.array([self.expected(k) for k in range(len(self.steps))])
-        chords = np.linalg.norm(forces[:, None] - forces, axis=2)
-        separations = np.degrees(2 * np.arcsin(np.minimum(chords / 2, 1.0)))
+        separations = np.degrees(2 * np.arcsin(np.sqrt(np.clip((1.0 - forces @ forces.T) / 2, 0.0, 1.0))))
         return float(np.min(separations[separations > 0.1] / 2, initial=10.0))
 
 

@@ -3,9 +3,8 @@
 from pathlib import Path
 
 from tumblecal.data.calibration import Calibration
-from tumblecal.data.result_records import DIAGNOSIS, REMEDY, RESULT, DiagnosisFile, ResultFile
+from tumblecal.data.result_records import DIAGNOSIS, RESULT, result_of
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.strict_json import read_record
 
 
 _REMEDY = (
@@ -26,13 +25,10 @@ def reservation(folder: Path, calibration: Calibration, *, use_anyway: bool = Fa
     """
     use = calibration.use
     use.require(folder / "calibration.json", anyway=use_anyway, tested=True)
-    name, record = (DIAGNOSIS, DiagnosisFile) if "verdict" in calibration.provenance else (RESULT, ResultFile)
-    path, digest = folder / name, calibration.provenance.get("sha256")
-    if not path.exists():
+    result = result_of(folder / "calibration.json", calibration)
+    if result is None:
         return ""
-    result = read_record(path, record, REMEDY)
-    if digest and result.sha256 not in (None, digest):
-        raise InputError(f"{path}: its data differ from those of calibration.json in this folder; calibrate again")
+    path = folder / (DIAGNOSIS if "verdict" in calibration.provenance else RESULT)
     judged = result.judgement
     headline = "" if judged.tone == "good" else judged.headline
     if not use_anyway and result.implausible:

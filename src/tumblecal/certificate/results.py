@@ -16,7 +16,7 @@ from tumblecal.data.calibration import Calibration, read_calibration
 from tumblecal.data.coverage_factor import coverage_factors
 from tumblecal.data.not_applied import losses_words
 from tumblecal.data.position_comments import ATTITUDES, BY_HAND, UNKNOWN
-from tumblecal.data.result_records import DIAGNOSIS, REMEDY, DiagnosisFile, with_dof_of_result
+from tumblecal.data.result_records import DIAGNOSIS, REMEDY, DiagnosisFile
 from tumblecal.data.sensor_parameters import GROUPS, SENSOR, leaf_of
 from tumblecal.data.uncertainty_parts import PARTS
 from tumblecal.ground.errors import InputError
@@ -184,7 +184,7 @@ def results_of(
     at which the calibration was not measured.
     """
     path = folder / "calibration.json"
-    calibration = with_dof_of_result(path, read_calibration(path))
+    calibration = read_calibration(path)
     reserved = reservation(folder, calibration, use_anyway=use_anyway)
     in_folder = folder / NAME
     budget = in_folder if budget is None and in_folder.exists() else budget

@@ -12,6 +12,14 @@ def main() -> None:
     import os
     import sys
 
+    for number in range(3):
+        # A service may close the standard streams. Otherwise a file that is opened later gets the number of one.
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)
+    sys.stdin = sys.stdin or os.fdopen(0, "r")
+    sys.stdout, sys.stderr = sys.stdout or os.fdopen(1, "w"), sys.stderr or os.fdopen(2, "w")
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # names of files are bytes, not always text
     try:

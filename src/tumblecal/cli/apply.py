@@ -56,10 +56,10 @@ def apply(
     """
     from tumblecal.capture.correction.correction import Correction, write_corrected
     from tumblecal.capture.correction.uncorrected import uncorrected
-    from tumblecal.data.calibration import read_calibration
     from tumblecal.data.calibration_terms import undetermined_words
     from tumblecal.data.not_applied import losses_words
     from tumblecal.data.overwriting import protect_inputs
+    from tumblecal.data.result_records import read_checked
     from tumblecal.data.sensor_parameters import SENSOR
     from tumblecal.ground.atomic import writable_file
     from tumblecal.ground.errors import InputError
@@ -67,7 +67,7 @@ def apply(
     from tumblecal.report.recording_words import recording_words
 
     local = gravity_of_option(options.gravity) if options.gravity else None
-    read = read_calibration(calibration)
+    read = read_checked(calibration)
     read.use.require(calibration, anyway=use_anyway)
     correction = Correction(read, calibration, local, other_unit, extrapolate)
     calibrated_gravity = correction.calibration.gravity

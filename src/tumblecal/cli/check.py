@@ -66,14 +66,13 @@ def check(
     from tumblecal.check.attitudes import still_attitudes
     from tumblecal.check.drift import by_parameter
     from tumblecal.check.result import check as checked
-    from tumblecal.data.calibration import read_calibration
     from tumblecal.data.file_kinds import require_calibration_and_recording
     from tumblecal.data.overwriting import protect_inputs
-    from tumblecal.data.result_records import with_dof_of_result
+    from tumblecal.data.result_records import read_checked
     from tumblecal.ground.blas import single_blas_thread
 
     require_calibration_and_recording("check", calibration, recording)
-    read = with_dof_of_result(calibration, read_calibration(calibration))
+    read = read_checked(calibration)
     read.use.require(calibration, anyway=test.use_anyway)
     files = recording_files(recording, [context.table, context.plan])
     inputs = [calibration, *files, context.plan, context.table, test.rig, results.history]

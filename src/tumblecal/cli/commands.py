@@ -14,6 +14,7 @@ from tumblecal.cli.interrupts import NOTHING_HALF_WRITTEN, interrupted, interrup
 from tumblecal.cli.output import warn_in_one_line
 from tumblecal.ground.errors import InputError, one_line
 from tumblecal.ground.plain_text import first_control
+from tumblecal.ground.unwritable import FULL
 
 
 app = App(
@@ -101,6 +102,8 @@ def _failed(error: Exception) -> int:
         return 0
     elif isinstance(error, OSError):
         faults = [_refused_by_system(error)]
+    elif isinstance(error, MemoryError):
+        faults = ["not enough memory for this file or computation; split the file, or close other programs"]
     elif (fault := _users_fault(error)) is not None:
         faults = [fault]
     else:
@@ -150,7 +153,8 @@ def _refused_by_system(error: OSError) -> str:
     with suppress(OSError):
         # Otherwise the failed print is repeated, and reported, at the end of the process.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    what = error.filename or "output"
+    # Files that are written are named, so that a full disk without a name is that of the output.
+    what = error.filename or ("standard output" if error.errno in FULL else "a file that the system does not name")
     return one_line(f"{what}: {error.strerror or error}")
 
 

@@ -22,7 +22,6 @@ def compare(old: str, new: str, /, *, quiet: Quiet = False) -> None:
     new
         The later one, in the same forms.
     """
-    from tumblecal.data.result_records import with_dof_of_result
     from tumblecal.devices import read_any
     from tumblecal.ground.gravity import STANDARD
     from tumblecal.history.comparison import common_temperature
@@ -34,7 +33,6 @@ def compare(old: str, new: str, /, *, quiet: Quiet = False) -> None:
     first = read_any(old, gravity)
     if "format" in second.provenance:
         second = read_any(new, (first.gravity or STANDARD).value_ms2)
-    first, second = (with_dof_of_result(Path(given), read) for given, read in ((old, first), (new, second)))
     degc = common_temperature(first, second)
     both, notes = zip(*(_sensor(*pair, degc) for pair in ((old, first), (new, second))), strict=True)
     print(comparison_text(compared(*both)))

@@ -67,10 +67,10 @@ def export(
     use_anyway
         Export of a calibration with the judgement `use: no`. Default: an error.
     """
-    from tumblecal.data.calibration import read_calibration
     from tumblecal.data.calibration_terms import undetermined_words
     from tumblecal.data.not_applied import losses_words
     from tumblecal.data.overwriting import protect_inputs
+    from tumblecal.data.result_records import read_checked
     from tumblecal.data.sensor_parameters import SENSOR
     from tumblecal.devices import TARGETS, Export, losses
     from tumblecal.ground.atomic import writable_file, write_text
@@ -78,7 +78,7 @@ def export(
 
     if quiet and out is None:
         raise InputError("--quiet prints nothing, so the export would be lost; add --out")
-    target, whole = TARGETS[to], read_calibration(calibration)
+    target, whole = TARGETS[to], read_checked(calibration)
     whole.use.require(calibration, anyway=use_anyway)
     one_g = _one_g(calibration, whole, gravity)
     protect_inputs([calibration, noise], out=out)

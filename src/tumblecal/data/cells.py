@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from tumblecal.ground.decimal_marks import evidence_of, pointed
+from tumblecal.ground.plain_text import from_text
 from tumblecal.ground.text_file import shown
 
 
@@ -118,7 +119,7 @@ def labels_in(cells: Sequence[object]) -> list[str]:
 def _label(cell: object) -> str:
     if isinstance(cell, float):
         return "" if math.isnan(cell) else str(int(cell)) if cell.is_integer() else str(cell)
-    return "" if cell is None else " ".join(str(cell).strip().splitlines())
+    return "" if cell is None else from_text(" ".join(str(cell).strip().splitlines()))
 
 
 def is_empty(column: "pl.Series") -> bool:

@@ -9,12 +9,13 @@ from pathlib import Path
 from tumblecal.data.columns import positions
 from tumblecal.data.faults import MOST_FAULTS, Faults
 from tumblecal.data.named_layout import named_layout, repeated, row_words
-from tumblecal.data.parquet import metadata_of, put_checksum, read_parquet
+from tumblecal.data.parquet import metadata_of, put_checksum, read_parquet, scan_parquet
 from tumblecal.data.position_comments import ATTITUDES
 from tumblecal.data.positions import PositionSet
 from tumblecal.data.table import Table, renamed
 from tumblecal.ground.atomic import write_text, written_aside
 from tumblecal.ground.errors import InputError, one_line
+from tumblecal.ground.plain_text import as_text
 from tumblecal.ground.suggested_command import EVERY, suggested
 from tumblecal.ground.text_file import EMPTY_CELLS, comment_in, shown
 
@@ -24,6 +25,8 @@ USED_COMMENTS = (
     *("serial_number", "gravity_ms2", "gravity_source", "noise_model", "attitudes", "measured_utc"),
     *("rate_hz", "counts_per_g", "corrected_by", "capture_setup"),
 )
+# As of a rig.
+_MOST_POSITIONS = 100_000
 
 
 def read_positions(
@@ -127,6 +130,7 @@ def csv_table(path: Path) -> Table:
         else:
             rows.append(cells)
             lines.append(number)
+            _require_few(path, len(rows))
     faults.stop()
     # A spreadsheet adds empty columns without a name.
     used = [k for k, name in enumerate(names) if name or any(row[k].strip() for row in rows)]
@@ -138,7 +142,20 @@ def csv_table(path: Path) -> Table:
     )
 
 
+def _require_few(path: Path, rows: int) -> None:
+    """Reject a table that is too long for positions.
+
+    **Raises:** `InputError`.
+    """
+    if rows > _MOST_POSITIONS:
+        command = suggested("reduce", path, "--out", path.stem)
+        raise InputError(
+            f"{path}: more than {_MOST_POSITIONS} positions; if the rows are samples, reduce them: {command}"
+        )
+
+
 def _parquet_table(path: Path) -> Table:
+    _require_few(path, scan_parquet(path, check=False)[1])
     frame, comments = read_parquet(path)
     columns = {name: frame[name].to_list() for name in frame.columns}
     return Table(str(path), columns, range(1, len(frame) + 1), comments, 0, "row")
@@ -179,4 +196,6 @@ def write_positions(path: Path | str, data: PositionSet) -> None:
 
 
 def _cell(value: object) -> object:
+    if isinstance(value, str):
+        return as_text(value)
     return repr(int(value) if value.is_integer() else value) if isinstance(value, float) else value

@@ -1,15 +1,13 @@
 """`result.json` of calibrate, `diagnosis.json` of diagnose and `check.json` of check: the keys that the program reads again."""
 
-import math
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import AliasPath, Field
 
-from tumblecal.data.calibration import Calibration
-from tumblecal.ground.json_file import read_json
-from tumblecal.ground.strict_json import Finite, Flag, Record, Text
+from tumblecal.data.calibration import Calibration, read_calibration
+from tumblecal.ground.errors import InputError
+from tumblecal.ground.strict_json import Finite, Flag, Record, Text, read_record
 
 
 RESULT, DIAGNOSIS, CHECK = "result.json", "diagnosis.json", "check.json"
@@ -60,7 +58,8 @@ class DiagnosisFile(Record):
 
     schema_: Annotated[Literal["tumblecal.diagnosis/1"], Field(alias="schema")]
     source: Text
-    sha256: None = None
+    sha256: Text | None = None
+    answer: Text = Field(default="no", validation_alias=AliasPath("use", "answer"))
     verdict: Text
     causes: list[Text]
     rms_g: Finite | None = _at("sigma_g")
@@ -94,29 +93,32 @@ class CheckFile(Record):
         return self.verdict + (f": {', '.join(self.changed)}" if self.changed else "")
 
 
-def noise_dof(content: object) -> float | None:
-    """Degrees of freedom of the noise in a `result.json`; infinite for stated noise, None if they are not in it."""
-    match content:
-        case {"noise": {"kind": "stated"}}:
-            return math.inf
-        case {"noise": {"kind": "estimated", "dof": int(dof)}}:
-            return max(float(dof), 1.0)
-    return None
+def result_of(file: Path, calibration: Calibration) -> ResultFile | DiagnosisFile | None:
+    """The result of calibrate or diagnose in the folder of a calibration; None if the calibration was copied elsewhere.
 
+    **Arguments:**
 
-def with_dof_of_result(file: Path, calibration: Calibration) -> Calibration:
-    """The calibration; if it does not state its `dof` (as in earlier versions), with that of the `result.json` of the same
-    data in its folder.
+    - `file`: of the calibration.
 
-    **Raises:** `InputError` for a `result.json` that is not JSON.
+    **Raises:** `InputError` for a result that cannot be read, or of other data.
     """
-    path, provenance = file.parent / RESULT, calibration.provenance
-    if calibration.dof is not None or "verdict" in provenance or "format" in provenance or not path.is_file():
-        return calibration
-    content = read_json(path)
-    match content:
-        case {"source": {"sha256": str(digest)}} if digest != provenance.get("sha256"):
-            return calibration
-    dof = noise_dof(content)
-    stated = {} if dof is None else {"dof": dof if math.isfinite(dof) else None}
-    return replace(calibration, provenance=provenance | stated)
+    provenance = calibration.provenance
+    name, record = (DIAGNOSIS, DiagnosisFile) if "verdict" in provenance else (RESULT, ResultFile)
+    path = file.parent / name
+    if "format" in provenance or not path.is_file():
+        return None
+    result = read_record(path, record, REMEDY)
+    for key, value in (("data", result.source), ("sha256", result.sha256)):
+        if value is not None and provenance.get(key) not in (None, value):
+            raise InputError(f"{path}: its data differ from those of {file.name} in this folder; {REMEDY}")
+    return result
+
+
+def read_checked(file: Path) -> Calibration:
+    """The calibration of a file, if the result in its folder is of the same data.
+
+    **Raises:** `InputError`, as `read_calibration` and `result_of`.
+    """
+    calibration = read_calibration(file)
+    result_of(file, calibration)
+    return calibration

@@ -16,8 +16,9 @@ from pathlib import Path
 
 import numpy as np
 
-from tumblecal.data.calibration import Calibration, read_calibration
+from tumblecal.data.calibration import Calibration
 from tumblecal.data.calibration_file import require_triad
+from tumblecal.data.result_records import read_checked
 from tumblecal.devices import autopilots, c_header, plain, robotics, vectornav
 from tumblecal.devices.format_losses import Loss, losses
 from tumblecal.devices.target import Export, Target
@@ -56,7 +57,7 @@ def read_any(given: str, gravity_ms2: float = STANDARD_GRAVITY_MS2) -> Calibrati
     """
     name, colon, file = given.partition(":")
     if not colon or (name not in TARGETS and Path(given).exists()):
-        return read_calibration(Path(given))
+        return read_checked(Path(given))
     if name not in TARGETS:
         raise InputError(f"{given}: no format {name!r}; formats: {', '.join(TARGETS)}")
     if not file:

@@ -104,6 +104,9 @@ class Diagnoser:
     references: References = field(default_factory=References)
     _models: dict[tuple, FullModel] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        with_effects((), self.entries)
+
     def __call__(
         self,
         data: PositionSet,

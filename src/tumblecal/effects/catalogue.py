@@ -82,6 +82,10 @@ def with_effects(effects: Iterable[Effect], entries: Catalogue | None = None) ->
         tumblecal.ground.errors.InputError: effects: bias_drift.x is in the catalogue already; give it another id
     """
     whole = dict(catalogue() if entries is None else entries)
+    if not whole:
+        raise InputError(
+            "entries: an empty catalogue; give one effect or more, or omit it for the catalogue of the program"
+        )
     if isinstance(effects, Mapping):
         raise InputError("effects is a list of effects that are added to the catalogue; entries replaces it")
     for effect in effects:

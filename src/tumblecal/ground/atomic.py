@@ -20,12 +20,12 @@ from tumblecal.ground.unwritable import reason, unwritable_as_fault
 
 
 def writable_folder(folder: Path) -> Path:
-    """Create `folder` (and its parents) and check that files can be created in it.
+    """Create `folder` (and its parents; the target of a link) and check that files can be created in it.
 
     **Raises:** `InputError` if it cannot be created or written.
     """
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        Path(os.path.realpath(folder)).mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:

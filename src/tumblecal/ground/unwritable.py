@@ -10,7 +10,7 @@ from pathlib import Path
 from tumblecal.ground.errors import InputError
 
 
-_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 @contextmanager
@@ -27,7 +27,7 @@ def unwritable_as_fault(path: Path) -> Iterator[None]:
 def unwritable(path: Path, error: Exception) -> InputError:
     """The fault of a file that cannot be written because of `error`, of the operating system or of polars."""
     refused = _refused_by_system(error) or OSError(str(error))
-    if refused.errno in _FULL:
+    if refused.errno in FULL:
         return InputError(
             f"{path}: not written, because the disk is full (or too small for this file); free some space"
         )

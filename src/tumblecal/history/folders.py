@@ -7,7 +7,7 @@ import numpy as np
 
 from tumblecal.data import paper
 from tumblecal.data.budget_result import NAME, with_budget_in_folder
-from tumblecal.data.calibration import Calibration, read_calibration
+from tumblecal.data.calibration import Calibration
 from tumblecal.data.measured import measured_at
 from tumblecal.data.not_applied import losses_words
 from tumblecal.data.result_records import (
@@ -18,9 +18,10 @@ from tumblecal.data.result_records import (
     CheckFile,
     DiagnosisFile,
     ResultFile,
-    with_dof_of_result,
+    read_checked,
 )
 from tumblecal.data.sensor_parameters import MOUNT, SENSOR, SensorParameters
+from tumblecal.ground.errors import InputError
 from tumblecal.ground.strict_json import read_record
 from tumblecal.ground.text_file import read_text
 from tumblecal.history.entry import USE, WHEN, Entry
@@ -46,11 +47,13 @@ def of_folder(folder: Path, kind: str, serial: str | None = None) -> Entry:
     corrected, path = None, folder / "calibration.json"
     if path.exists():
         documents[path.name] = read_text(path, "JSON")
-        corrected = with_dof_of_result(path, read_calibration(path))
+        corrected = read_checked(path)
     result = read_record(folder / name, ResultFile if name == RESULT else DiagnosisFile, REMEDY)
     outcome = result.outcome
-    if corrected is not None and corrected.provenance.get("data") != result.source:
+    if corrected is not None and ("verdict" in corrected.provenance) != (name == DIAGNOSIS):
         corrected = None  # of the other command, in the same folder
+    elif corrected is None and isinstance(result, DiagnosisFile) and result.answer != "no":
+        raise InputError(f"{folder / name}: calibration.json of this diagnosis is missing; {REMEDY}")
     curves = corrected.temperature if corrected else None
     degc = curves.usual_degc if curves else None
     budgeted = with_budget_in_folder(path, corrected, degc) if corrected else None

@@ -12,8 +12,8 @@ if TYPE_CHECKING:
 
 
 def of_noise(parameters: "SensorParameters", documents: Mapping[str, str], *, combined: bool) -> "SensorParameters":
-    """The parameters of an entry with the degrees of freedom of its noise, from `calibration.json`, or (earlier versions) from
-    `result.json`; if neither states them, the covariance is treated as known.
+    """The parameters of an entry with the degrees of freedom of its noise, from `calibration.json`; if it does not state
+    them, the covariance is treated as known.
 
     **Arguments:**
 
@@ -21,11 +21,9 @@ def of_noise(parameters: "SensorParameters", documents: Mapping[str, str], *, co
     """
     import numpy as np
 
-    from tumblecal.data.result_records import noise_dof
-
-    calibration, result = (_content(documents, name) for name in ("calibration.json", "result.json"))
+    calibration = _content(documents, "calibration.json")
     provenance = calibration.get("provenance")
-    dof = provenance["dof"] if isinstance(provenance, dict) and "dof" in provenance else noise_dof(result)
+    dof = provenance.get("dof") if isinstance(provenance, dict) else None
     if not isinstance(dof, int | float) or not math.isfinite(dof):
         return parameters
     noise = calibration.get("parameters") if combined else None

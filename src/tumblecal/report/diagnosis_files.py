@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from tumblecal.data.calibration import calibration_text
+from tumblecal.data.source_of import source_of
 from tumblecal.diagnosis import Diagnosis
 from tumblecal.diagnosis.sets.explanation import Explanation
 from tumblecal.ground.atomic import writable_folder, write_texts
@@ -36,6 +37,7 @@ def record(diagnosis: Diagnosis, plan: NextPlan, verdict: Verdict | None = None)
     return {
         "schema": SCHEMA,
         "source": diagnosis.data.source,
+        "sha256": source_of(diagnosis.data)["sha256"],
         "gravity": record_of(diagnosis.data.gravity),
         "verdict": diagnosis.verdict,
         "use": diagnosed_use(diagnosis).record(),

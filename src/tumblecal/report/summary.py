@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 from tumblecal.data.sensor_parameters import SENSOR
 from tumblecal.ground.atomic import written_aside
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.plain_text import as_text
 
 
 if TYPE_CHECKING:
@@ -64,4 +65,5 @@ def write_summary(path: Path, rows: Sequence[Mapping], columns: Sequence[str]) -
 
     schema = {name: pl.String if name in _WORDS else pl.Float64 for name in columns}
     with written_aside(path) as aside:
-        pl.DataFrame([{name: row.get(name) for name in columns} for row in rows], schema=schema).write_csv(aside)
+        table = pl.DataFrame([{name: row.get(name) for name in columns} for row in rows], schema=schema)
+        table.with_columns(pl.col(pl.String).map_elements(as_text, pl.String)).write_csv(aside)

@@ -249,7 +249,7 @@ def unread(table: SourceTable, first: pl.DataFrame, column: Column) -> str:
     """The first cell of a column that is not a number, and its place, for a fault."""
     at = _first_filled(first, column)
     if at is None:
-        return f"column {column.name}: an empty cell"
+        return f"column {column.name}: every cell is empty or NaN"
     row = f"{table.row_word} {first[ROW][at]}, " if ROW in first.columns else ""
     return f"{row}column {column.name}: {shown(first[column.name][at])}"
 

@@ -15,6 +15,10 @@ from tumblecal.ground.unwritable import unwritable
 
 
 _ROW_GROUP = 1 << 18
+# `as_text` of all columns with words.
+_WORDS = pl.col(pl.String)
+_FORMULA = _WORDS.str.contains(r"^[=+\-@\t]") & _WORDS.cast(float, strict=False).is_null()
+_AS_TEXT = pl.when(_FORMULA).then("'" + _WORDS).otherwise(_WORDS).name.keep()
 _Piece = TypeVar("_Piece")
 
 
@@ -72,7 +76,7 @@ def write_frames(
                 with aside.open("wb") as file:
                     file.writelines(f"{line}\n".encode() for line in lines)
                     file.flush()
-                    rows.sink_csv(file)
+                    rows.with_columns(_AS_TEXT).sink_csv(file)
         except (OSError, pl.exceptions.ComputeError) as error:
             raise unwritable(path, error) from error
 

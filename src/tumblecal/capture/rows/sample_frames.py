@@ -64,7 +64,8 @@ def frames_of(layout: ColumnLayout, contents: Contents, path: str, more: Sequenc
     for piece in layout.table.pieces(list(dict.fromkeys([*wanted, *more]))):
         frame = piece.select(
             reading_of(layout.columns[role]).alias(name) if role not in LABELS else
-            pl.col(layout.columns[role].name).cast(pl.String).str.replace_all(CONTROLS, "?").alias(name)
+            pl.col(layout.columns[role].name).cast(pl.String).str.replace_all(CONTROLS, "?")
+            .str.replace(r"^'([=+\-@\t])", "${1}").alias(name)
             for role, name in named.items()
         )  # fmt: skip
         if "time_s" in frame.columns and len(frame):
