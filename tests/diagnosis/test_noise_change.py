@@ -54,7 +54,7 @@ def test_p_values_hold_under_the_noise_found(kind, diagnoser, monkeypatch):
     while len(values) < 16:
         setup, readings, _ = blind_noise.case(rng, "3x8", kind, 0.0)
         data = blind_noise.position_set(setup, readings, known=False)
-        model = diagnoser._model(None, data, None, None)
+        model = diagnoser._model(None, data, lambda data=data: problem_of(data))
         problem = problem_of(data, model.nominal_chain)
         screening = Screening(model, diagnoser.references.of(model, problem))
         screened, noise_wrong, assumed_p = screen_with_noise(screening, problem)

@@ -75,7 +75,7 @@ def test_what_is_remembered_of_a_kind_of_plan_goes_with_its_programs(hidden, mon
 def test_one_reference_serves_files_with_sds_of_their_own(diagnoser, hidden):
     """Every unit's file has measured sd columns: each would draw a null distribution of its own, for most of a second."""
     plain, references, rng = hidden(38, {}), References(), np.random.default_rng(3)
-    model = diagnoser._model(None, plain, None, None)
+    model = diagnoser._model(None, plain, lambda: problem_of(plain))
 
     def reference(factors):
         return references.of(model, problem_of(replace(plain, sd=factors * plain.sd), model.nominal_chain))
