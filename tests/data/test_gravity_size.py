@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tumblecal.data import PositionSet
-from tumblecal.data.gravity_size import moving_fault, size_fault, unit_of
+from tumblecal.data.gravity_size import gravity_size, moving_fault, size_fault, unit_of
 from tumblecal.ground.frames import gravity_in_head
 
 
@@ -101,3 +101,9 @@ def test_means_at_rest_are_not_called_moving():
     one_axis = measured(hand_held()) * [9.80665, 1, 1]
     assert not moving_fault(positions(one_axis))
     assert not moving_fault(positions(measured(UP) * np.linspace(0.8, 1.2, 6)[:, None]))
+
+
+def test_readings_in_one_attitude_have_their_median_size():
+    """Their noise has all directions, as attitudes have."""
+    readings = [0.6, 0.0, 0.8] + 5e-4 * np.random.default_rng(1).normal(size=(60, 3))
+    assert gravity_size(readings) == pytest.approx(1.0, abs=1e-3) and size_fault(readings) == ""

@@ -32,8 +32,9 @@ NEAR = 1.3
 _HIGHEST_POWER, _SAME_SCALE = 5, 1.1
 # Sizes of gravity at rest, g; without a sphere median sizes, with biases up to 0.6 g.
 _AT_REST = (0.75, 1.35)
-# A sphere needs this many readings, and their dispersion in the worst direction over that in the best.
-_FEWEST_OF_SPHERE, _ALL_SIDES = 6, 0.2
+# A sphere needs this many readings, their dispersion in the worst direction over that in the best, and their standard deviation
+# in the best over their size, because noise in one attitude has all directions too.
+_FEWEST_OF_SPHERE, _ALL_SIDES, _ABOVE_NOISE = 6, 0.2, 0.05
 # Standard deviation of the sizes, g: below the first about the right point (a bias of 0.13 g), above the second about zero;
 # deviations above the third number are gross errors of a reading.
 _EQUAL_G, _UNEQUAL_G, _LARGEST_G = 0.08, 0.2, 0.5
@@ -52,15 +53,15 @@ def unit_of(size: float) -> str | None:
 
 def gravity_size(readings: Float[np.ndarray, "positions 3"]) -> float:
     """The size of gravity in readings: radius of the sphere through them, or their median size if they do not determine it."""
-    usual = _without_gross_errors(readings)
+    usual, size = _without_gross_errors(readings), float(np.median(np.linalg.norm(readings, axis=1)))
     if len(usual) >= _FEWEST_OF_SPHERE:
         _, spread, _ = np.linalg.svd(usual - usual.mean(0), full_matrices=False)
-        if spread[2] > _ALL_SIDES * spread[0]:
+        if spread[2] > _ALL_SIDES * spread[0] and spread[0] > _ABOVE_NOISE * size * np.sqrt(len(usual)):
             # |a|^2 = 2 c'a + r^2 - |c|^2
             terms = np.column_stack([2 * usual, np.ones(len(usual))])
             *centre, rest = np.linalg.lstsq(terms, np.sum(usual**2, axis=1))[0]
             return float(np.sqrt(max(rest + np.dot(centre, centre), _NOTHING_G**2)))
-    return max(float(np.median(np.linalg.norm(readings, axis=1))), _NOTHING_G)
+    return max(size, _NOTHING_G)
 
 
 def _without_gross_errors(readings: Float[np.ndarray, "positions 3"]) -> Float[np.ndarray, "some 3"]:
