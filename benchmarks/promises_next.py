@@ -59,8 +59,8 @@ def names_truth(diagnosis: Diagnosis, sets: list[frozenset[str]]) -> bool:
 
 
 def in_class(diagnosis: Diagnosis, sets: list[frozenset[str]]) -> bool:
-    """Whether the hidden causes are in the class that is claimed."""
-    listed = [diagnosis.best.labels, *diagnosis.best.equivalents]
+    """Whether the hidden causes are among those that are stated."""
+    listed = [diagnosis.best.labels, *diagnosis.best.stated, *diagnosis.best.powers]
     return any(frozenset([*labels, *diagnosis.noise_labels]) in sets for labels in listed)
 
 
