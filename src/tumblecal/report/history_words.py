@@ -148,8 +148,8 @@ def _result(entry: Entry) -> str:
 def _limits(history: UnitHistory) -> Iterator[Statement]:
     for repeats in history.repeats:
         if repeats.beyond_limit:
-            words = GROUPS[repeats.leaf][0]
-            largest, limit = _amount(repeats, repeats.largest, 3), _amount(repeats, repeats.limit, 3)
+            words, (unit, factor) = GROUPS[repeats.leaf][0], shown(GROUPS[repeats.leaf][1])
+            largest, limit = (in_words(f"{size * factor:.3g}", unit) for size in (repeats.largest, repeats.limit))
             changed = any(trend.changes for trend in history.trends if leaf_of(trend.name) == repeats.leaf)
             words = f"{words} of two results differ by {largest}, more than the limit of {limit}"
             words += ", in addition to the changes" if changed else ""
@@ -159,12 +159,6 @@ def _limits(history: UnitHistory) -> Iterator[Statement]:
                 )
             else:
                 yield Statement(words, "Check mounting and temperature, or state a larger limit (--limit)")
-
-
-def _amount(repeats: Repeatability, size: float, digits: int) -> str:
-    """A size in words with so many significant digits."""
-    unit, factor = shown(GROUPS[repeats.leaf][1])
-    return in_words(with_decimals(size * factor, decimals(size * factor) + digits - 2), unit)
 
 
 def _refused(history: UnitHistory) -> Iterator[Statement]:
@@ -182,8 +176,11 @@ def _ranges(numbers: Sequence[int]) -> str:
 
 def repeatability_words(history: UnitHistory) -> str:
     """The repeatability of the parameters of the unit; "" for one result."""
-    of_unit = [repeats for repeats in history.repeats if repeats.leaf != MOUNTING and np.isfinite(repeats.sd)]
-    sizes = [f"{GROUPS[repeats.leaf][0]} {_amount(repeats, repeats.sd, 2)}" for repeats in of_unit]
+    sizes = []
+    for repeats in history.repeats:
+        if repeats.leaf != MOUNTING and np.isfinite(repeats.sd):
+            words, (unit, factor) = GROUPS[repeats.leaf][0], shown(GROUPS[repeats.leaf][1])
+            sizes.append(f"{words} {in_words(rounded(repeats.sd * factor, repeats.sd * factor)[0], unit)}")
     return f"repeatability (standard deviation between dates): {', '.join(sizes)}" if sizes else ""
 
 
