@@ -39,7 +39,7 @@ _FEWEST_OF_SPHERE, _ALL_SIDES, _ABOVE_NOISE = 6, 0.2, 0.05
 # deviations above the third number are gross errors of a reading.
 _EQUAL_G, _UNEQUAL_G, _LARGEST_G = 0.08, 0.2, 0.5
 # Standard deviation of the sizes about the best ellipsoid. Means at rest repeat within some mg, also in the hand.
-_STILL, _FEWEST, _GROSS = 0.04, 24, 3.0
+_STILL, _FEWEST, _GROSS = 0.04, 80, 3.0
 # The size of readings that are all zero, so that it has a logarithm.
 _NOTHING_G = 1e-9
 

@@ -34,7 +34,8 @@ def fit_with_tilts(
     nominal = extended
     if noise_wrong or screened.members:
         nominal = fit_with(tangent(model, problem, robust_start(model, problem)), ())
-    return fit_with_scatter(nominal, LEAST_ODDS if noise_wrong else SURE_SCATTER - screened.log_odds_of_noise)
+    of_noise_alone = bool(noise_wrong) and not screened.members
+    return fit_with_scatter(nominal, LEAST_ODDS if of_noise_alone else SURE_SCATTER - screened.log_odds_of_noise)
 
 
 def tilt_faults(scatter: AttitudeScatter) -> dict[str, NoiseFault]:
