@@ -6,7 +6,7 @@ gravity have their full weight: six faces give bias and scale factor as pairs of
 
 Rule: unless it is stated how the attitudes were set, tilts are used if they explain the readings better than noise of any
 size does, by odds of `LEAST_ODDS` (log), and are larger than the errors of a head (`LEAST_TILT`). Tilt and noise have
-log-normal prior distributions, and the root mean square of each over the posterior is in use, so intervals hold for few
+log-normal prior distributions, and the root mean square of each over the posterior is in use, so intervals are correct for few
 positions too.
 """
 
