@@ -35,6 +35,7 @@ STATED = {
     "--gravity": "lat=48.14,height=520",
     "--columns": "position=pos no,alpha_deg=alpha,ax_g=AccX,n=count,ax_sd_g=sx",
     "--effects": "mine.py",
+    "--attitudes": "hand",
     "--allow-alpha": "0:90:15",
     "--allow-beta": "-30:0:15",
     "--allow-mount": "none",

@@ -29,8 +29,10 @@ from tumblecal.noise.covariance import Covariance
 _NOMINAL = {LINKS[name].kind for name in NOMINAL}
 # Log odds of tilts against noise alone from which they are used.
 LEAST_ODDS = 1.0
-# Smaller errors of the attitude are those of a dividing head, or of a mounting that moved.
-LEAST_TILT = float(np.radians(0.05))
+# Smaller errors of the attitude are those of a dividing head, or of a mounting that moved; larger ones are other positions.
+LEAST_TILT, MOST_TILT = float(np.radians(0.05)), float(np.radians(5.0))
+# Noise of this multiple of the stated one, in addition to tilts, has another cause.
+_MOST_NOISE = 4.0
 # More positions than these are not set by hand.
 _MOST_POSITIONS = 200
 # The grid of a posterior: points along each size, prior standard deviations that it spans at first, and log density below the
@@ -43,6 +45,9 @@ _SETTLED = 0.02
 _SHRUNK = 0.5
 # The data determine the noise if they reduce the standard deviation of its logarithm to this share of the prior's.
 _DETERMINED = 0.5
+# Root mean square of tilts over their robust standard deviation beyond which few positions have them all; below 2 for a
+# normal distribution, even of twelve.
+_OUTLYING = 3.0
 
 
 class Size(NamedTuple):
@@ -126,11 +131,13 @@ def fit_with_scatter(fit: Fit, least_odds: float = LEAST_ODDS) -> tuple[Fit, Att
         return None
     rows, level = _around(fit), 1.0 if problem.known else NOISE.median / float(np.median(problem.sd))
     noise = Size(level, _STATED_SPREAD if problem.known else NOISE.spread)
-    log_odds = _posterior(rows, noise, TILT).log_evidence - _posterior(rows, noise, Size(0.0, 0.0)).log_evidence
+    with_tilts = _posterior(rows, noise, TILT)
+    log_odds = with_tilts.log_evidence - _posterior(rows, noise, Size(0.0, 0.0)).log_evidence
     # The decision admits any noise; a stated one is then used.
     noise = Size(1.0, 0.0) if problem.known else noise
     found = _posterior(rows, noise, TILT)
-    if stated is None and not (log_odds >= least_odds and found.tilt >= LEAST_TILT):
+    usual = LEAST_TILT <= found.tilt <= MOST_TILT and with_tilts.noise <= _MOST_NOISE * level
+    if stated is None and not (log_odds >= least_odds and usual):
         return None
     fits = 0
     while True:
@@ -144,7 +151,13 @@ def fit_with_scatter(fit: Fit, least_odds: float = LEAST_ODDS) -> tuple[Fit, Att
         found = _posterior(_around(fit, scatter.noise), noise, TILT)
         changed = max(abs(found.tilt / before.tilt - 1), abs(found.noise / before.noise - 1))
         if changed < _SETTLED or fits == _MOST_FITS:
-            return fit, scatter
+            return (fit, scatter) if stated or (fit.code.good and not _of_few_positions(fit)) else None
+
+
+def _of_few_positions(fit: Fit) -> bool:
+    """Whether the tilts of a fit are those of a few positions, such as exchanged ones, and not a scatter of all."""
+    tilts = np.abs([value for name, value in zip(fit.names, fit.values, strict=True) if name.startswith("tilt")])
+    return bool(np.sqrt(np.mean(tilts**2)) > _OUTLYING * 1.4826 * np.median(tilts))
 
 
 class _Rows(NamedTuple):

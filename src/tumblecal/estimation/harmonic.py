@@ -49,7 +49,9 @@ def analyse(problem: Problem) -> Harmonics:
     if len(set(data.mount or ("1",))) > 1:
         raise InputError(f"{data.source}: the linear equations apply to one mounting; these data have several")
     if problem.chain.of_positions:
-        raise InputError(f"{data.source}: harmonic analysis needs known angles; here each position has unknown tilts")
+        raise InputError(
+            f"{data.source}: harmonic analysis needs known angles; here each position has an unknown attitude"
+        )
     chain, where = default_chain(data), where_of(data)
     by = next(leaf.by for leaf in chain.free if leaf.name == "dbeta") or "pitch"
     group = np.asarray(where.index(by))

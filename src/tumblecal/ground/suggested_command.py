@@ -12,7 +12,7 @@ from pathlib import Path
 from tumblecal.ground.result_set import final_place
 
 
-_MODEL = ("--rig", "--noise-sd", "--prior", "--fix", "--head", "--gravity", "--columns", "--effects")
+_MODEL = ("--rig", "--noise-sd", "--prior", "--fix", "--head", "--gravity", "--columns", "--effects", "--attitudes")
 _RECORDING = (
     *("--columns", "--unit", "--gyro-unit", "--time-unit", "--scale", "--offset", "--rate", "--topic", "--protocol"),
     "--range-g",

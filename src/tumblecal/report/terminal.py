@@ -78,7 +78,7 @@ def quality(result: Fit, level: ContradictedLevel | None = None) -> list[str]:
     unlisted = len(result.chain.of_positions)
     if unlisted:
         lines.append(
-            f"{unlisted} of the parameters belong to one position each (its tilts); they are listed in result.json"
+            f"{unlisted} of the parameters belong to one position each (its attitude); they are listed in result.json"
         )
     lines += filter(None, [noise_words(result, level)])
     if not result.code.good:
