@@ -218,3 +218,11 @@ def test_the_option_and_the_comment_state_how_attitudes_were_set(tumblecal, tmp_
     path.write_text("\n".join(["# attitudes: by a robot", *lines]), encoding="utf-8")
     with pytest.raises(InputError, match="'by a robot': write 'head', 'hand' or 'unknown'"):
         read_positions(path)
+
+
+def test_positions_that_are_exchanged_are_no_scatter():
+    """Two of twelve: few positions have all tilts, with stated and with unknown noise."""
+    data, _ = cube(8, 0.0, 1e-4, np.vstack([FACES, EDGES]))
+    data.readings[[6, 9]] = data.readings[[9, 6]]
+    for noise_sd in (1e-4, None):
+        assert fitted(data, noise_sd).scatter is None

@@ -136,7 +136,8 @@ def fit_with_scatter(fit: Fit, least_odds: float = LEAST_ODDS) -> tuple[Fit, Att
     # The decision admits any noise; a stated one is then used.
     noise = Size(1.0, 0.0) if problem.known else noise
     found = _posterior(rows, noise, TILT)
-    usual = LEAST_TILT <= found.tilt <= MOST_TILT and with_tilts.noise <= _MOST_NOISE * level
+    contradicted = problem.known and with_tilts.noise > _MOST_NOISE
+    usual = LEAST_TILT <= found.tilt <= MOST_TILT and not contradicted
     if stated is None and not (log_odds >= least_odds and usual):
         return None
     fits = 0
