@@ -85,10 +85,10 @@ def test_an_hdf5_file_reads_no_other_file(tumblecal, tmp_path: Path, h5py, kind:
 
 
 def test_the_bound_is_four_times_the_file_and_500_mb() -> None:
-    require_size(Path("a"), "x", 500_000_000, 0)
-    require_size(Path("a"), "x", 900_000_000, 100_000_000)
+    require_size(Path("a"), "x", 500_000_000, 0, "cure")
+    require_size(Path("a"), "x", 900_000_000, 100_000_000, "cure")
     with pytest.raises(InputError, match=r"a: x need 0.901 GB of memory, but the file has 100 MB of them"):
-        require_size(Path("a"), "x", 901_000_000, 100_000_000)
+        require_size(Path("a"), "x", 901_000_000, 100_000_000, "cure")
 
 
 def test_too_little_memory_is_one_line(tumblecal, tmp_path: Path, monkeypatch) -> None:

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from tumblecal.data.calibration import Calibration
-from tumblecal.data.result_records import DIAGNOSIS, RESULT, result_of
+from tumblecal.data.result_records import result_of
 from tumblecal.ground.errors import InputError
 
 
@@ -25,10 +25,9 @@ def reservation(folder: Path, calibration: Calibration, *, use_anyway: bool = Fa
     """
     use = calibration.use
     use.require(folder / "calibration.json", anyway=use_anyway, tested=True)
-    result = result_of(folder / "calibration.json", calibration)
-    if result is None:
+    if (found := result_of(folder / "calibration.json", calibration)) is None:
         return ""
-    path = folder / (DIAGNOSIS if "verdict" in calibration.provenance else RESULT)
+    path, result = found
     judged = result.judgement
     headline = "" if judged.tone == "good" else judged.headline
     if not use_anyway and result.implausible:

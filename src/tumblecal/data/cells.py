@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from tumblecal.ground.decimal_marks import evidence_of, pointed
-from tumblecal.ground.plain_text import from_text
+from tumblecal.ground.formula_cells import from_text
 from tumblecal.ground.text_file import shown
 
 

@@ -57,11 +57,16 @@ def gravity_size(readings: Float[np.ndarray, "positions 3"]) -> float:
     if len(usual) >= _FEWEST_OF_SPHERE:
         _, spread, _ = np.linalg.svd(usual - usual.mean(0), full_matrices=False)
         if spread[2] > _ALL_SIDES * spread[0] and spread[0] > _ABOVE_NOISE * size * np.sqrt(len(usual)):
-            # |a|^2 = 2 c'a + r^2 - |c|^2
-            terms = np.column_stack([2 * usual, np.ones(len(usual))])
-            *centre, rest = np.linalg.lstsq(terms, np.sum(usual**2, axis=1))[0]
-            return float(np.sqrt(max(rest + np.dot(centre, centre), _NOTHING_G**2)))
+            return max(sphere_of(usual)[1], _NOTHING_G)
     return max(size, _NOTHING_G)
+
+
+def sphere_of(readings: Float[np.ndarray, "positions 3"]) -> tuple[Float[np.ndarray, "3"], float]:
+    """Centre and radius of the sphere through readings, by linear least squares: |a|^2 = 2 c'a + r^2 - |c|^2."""
+    terms = np.column_stack([2 * readings, np.ones(len(readings))])
+    solution = np.linalg.lstsq(terms, np.sum(readings**2, axis=1))[0]
+    centre = solution[:3]
+    return centre, float(np.sqrt(max(solution[3] + centre @ centre, 0.0)))
 
 
 def _without_gross_errors(readings: Float[np.ndarray, "positions 3"]) -> Float[np.ndarray, "some 3"]:

@@ -93,8 +93,8 @@ class CheckFile(Record):
         return self.verdict + (f": {', '.join(self.changed)}" if self.changed else "")
 
 
-def result_of(file: Path, calibration: Calibration) -> ResultFile | DiagnosisFile | None:
-    """The result of calibrate or diagnose in the folder of a calibration; None if the calibration was copied elsewhere.
+def result_of(file: Path, calibration: Calibration) -> tuple[Path, ResultFile | DiagnosisFile] | None:
+    """The result of calibrate or diagnose in the folder of a calibration, with its file; None if it was copied elsewhere.
 
     **Arguments:**
 
@@ -111,7 +111,7 @@ def result_of(file: Path, calibration: Calibration) -> ResultFile | DiagnosisFil
     for key, value in (("data", result.source), ("sha256", result.sha256)):
         if value is not None and provenance.get(key) not in (None, value):
             raise InputError(f"{path}: its data differ from those of {file.name} in this folder; {REMEDY}")
-    return result
+    return path, result
 
 
 def read_checked(file: Path) -> Calibration:

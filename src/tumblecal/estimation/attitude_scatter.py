@@ -5,7 +5,8 @@ in two directions for each position as parameters of the fit, with a common prio
 gravity have their full weight: six faces give bias and scale factor as pairs of faces do.
 
 Rule: unless it is stated how the attitudes were set, tilts are used if they explain the readings better than noise of any
-size does, by odds of `LEAST_ODDS` (log), and are larger than the errors of a head (`LEAST_TILT`). Tilt and noise have
+size does, by odds of `LEAST_ODDS` (log), if they are larger than the errors of a head and smaller than steps between
+positions (`LEAST_TILT`, `MOST_TILT`), if all positions have them, and if no stated noise is contradicted. Tilt and noise have
 log-normal prior distributions, and the root mean square of each over the posterior is in use, so intervals are correct for few
 positions too.
 """
@@ -14,7 +15,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from tumblecal.chain.nominal import LINKS, NOMINAL, FreeAttitude, nominal_link
 from tumblecal.data.position_comments import BY_HAND
@@ -155,9 +156,13 @@ def fit_with_scatter(fit: Fit, least_odds: float = LEAST_ODDS) -> tuple[Fit, Att
             return (fit, scatter) if stated or (fit.code.good and not _of_few_positions(fit)) else None
 
 
+def _are_tilts(fit: Fit) -> Bool[np.ndarray, " parameters"]:
+    return np.array([leaf_of(name) == "tilt" for name in fit.names], bool)
+
+
 def _of_few_positions(fit: Fit) -> bool:
     """Whether the tilts of a fit are those of a few positions, such as exchanged ones, and not a scatter of all."""
-    tilts = np.abs([value for name, value in zip(fit.names, fit.values, strict=True) if name.startswith("tilt")])
+    tilts = np.abs(fit.values[_are_tilts(fit)])
     return bool(np.sqrt(np.mean(tilts**2)) > _OUTLYING * 1.4826 * np.median(tilts))
 
 
@@ -250,7 +255,7 @@ def _around(fit: Fit, noise: float = 1.0) -> _Rows:
 
     `noise`: that of the fit in these units. Without tilts in the chain, their effect follows from the fitted sensor.
     """
-    tilts = np.array([leaf_of(name) == "tilt" for name in fit.names])
+    tilts = _are_tilts(fit)
     if np.any(tilts):
         slopes = fit.jacobian[:, tilts] / fit.problem.scales[tilts]
         residual, design = fit.rows + slopes @ fit.values[tilts], fit.jacobian[:, ~tilts]

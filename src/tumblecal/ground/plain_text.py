@@ -17,8 +17,6 @@ _RANGES = (
     *((0x2066, 0x2069), (0xD800, 0xDFFF), (0xFEFF, 0xFEFF), (0xFFFE, 0xFFFF)),
 )
 _CONTROL = re.compile("[" + "".join(f"{chr(first)}-{chr(last)}" for first, last in _RANGES) + "]")
-# First characters of a formula. https://owasp.org/www-community/attacks/CSV_Injection
-_FORMULA = tuple("=+-@\t")
 _HARMLESS = bytes([0x09, 0x0A, 0x0D, *range(0x20, 0x7F)])
 # The same for regular expressions of Polars.
 CONTROLS = "[" + "".join(f"\\x{{{first:x}}}-\\x{{{last:x}}}" for first, last in _RANGES if first != 0xD800) + "]"
@@ -27,27 +25,6 @@ CONTROLS = "[" + "".join(f"\\x{{{first:x}}}-\\x{{{last:x}}}" for first, last in 
 def plain(text: str) -> str:
     """A text with escapes such as `\\x1b` in place of its control characters."""
     return text if first_control(text) is None else _CONTROL.sub(lambda found: one_line(found[0]), text)
-
-
-def as_text(cell: str) -> str:
-    """A cell of a CSV with an apostrophe before a character with which a spreadsheet begins a formula.
-
-    Numbers are unchanged. `from_text` removes it.
-    """
-    return cell if cell[:1] not in _FORMULA or _is_number(cell) else f"'{cell}"
-
-
-def from_text(cell: str) -> str:
-    """A cell as it was before `as_text`."""
-    return cell[1:] if cell[:1] == "'" and cell[1:2] in _FORMULA and len(cell) > 1 else cell
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
 
 
 def first_control(text: str) -> int | None:

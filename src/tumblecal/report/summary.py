@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from tumblecal.data.sensor_parameters import SENSOR
 from tumblecal.ground.atomic import written_aside
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.plain_text import as_text
+from tumblecal.ground.formula_cells import all_as_text
 
 
 if TYPE_CHECKING:
@@ -66,4 +66,4 @@ def write_summary(path: Path, rows: Sequence[Mapping], columns: Sequence[str]) -
     schema = {name: pl.String if name in _WORDS else pl.Float64 for name in columns}
     with written_aside(path) as aside:
         table = pl.DataFrame([{name: row.get(name) for name in columns} for row in rows], schema=schema)
-        table.with_columns(pl.col(pl.String).map_elements(as_text, pl.String)).write_csv(aside)
+        table.with_columns(all_as_text()).write_csv(aside)

@@ -11,8 +11,8 @@ import numpy as np
 from tumblecal.data.calibration import write_calibration
 from tumblecal.data.calibration_table import COLUMNS, calibration_table
 from tumblecal.ground.atomic import write_text
+from tumblecal.ground.formula_cells import all_as_text
 from tumblecal.ground.json_file import json_text
-from tumblecal.ground.plain_text import as_text
 from tumblecal.report.thermal_words import thermal_lines
 from tumblecal.thermal.result import ThermalResult
 
@@ -101,5 +101,5 @@ def _write_columns(path: Path, columns: Mapping[str, Any], comments: Mapping[str
     import polars as pl
 
     lines = "".join(f"# {key}: {text}\n" for key, text in comments.items())
-    table = pl.DataFrame(dict(columns)).with_columns(pl.col(pl.String).map_elements(as_text, pl.String))
+    table = pl.DataFrame(dict(columns)).with_columns(all_as_text())
     write_text(path, lines + table.write_csv())

@@ -21,7 +21,7 @@ _FEWEST_STAMPS = 10
 _LATE_READ_S = 0.025
 _SHORTEST_WRAP_S = 0.02
 # Rates by the host's clock are compared to this share, and to the delay of a read that is late, s.
-_SAME_RATE, _LATE_STAMP_S = 0.01, 0.2
+SAME_RATE, _LATE_STAMP_S = 0.01, 0.2
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Rates(NamedTuple):
 
     def words(self, wanted_hz: float) -> str:
         """A warning if the rates differ from each other, or from the rate by which a dwell is counted; "" if they do not."""
-        near = _SAME_RATE + _LATE_STAMP_S / self.half_s
+        near = SAME_RATE + _LATE_STAMP_S / self.half_s
         if abs(self.second_hz / self.first_hz - 1) > near:
             return f"the sample rate changed from {self.first_hz:.4g} to {self.second_hz:.4g} Hz"
         mean = (self.first_hz + self.second_hz) / 2

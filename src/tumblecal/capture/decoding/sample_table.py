@@ -11,14 +11,11 @@ import polars as pl
 from tumblecal.capture.decoding.samples import Samples, blank
 from tumblecal.data.parquet import metadata_of, put_checksum
 from tumblecal.ground.atomic import written_aside
+from tumblecal.ground.formula_cells import all_as_text
 from tumblecal.ground.unwritable import unwritable
 
 
 _ROW_GROUP = 1 << 18
-# `as_text` of all columns with words.
-_WORDS = pl.col(pl.String)
-_FORMULA = _WORDS.str.contains(r"^[=+\-@\t]") & _WORDS.cast(float, strict=False).is_null()
-_AS_TEXT = pl.when(_FORMULA).then("'" + _WORDS).otherwise(_WORDS).name.keep()
 _Piece = TypeVar("_Piece")
 
 
@@ -76,7 +73,7 @@ def write_frames(
                 with aside.open("wb") as file:
                     file.writelines(f"{line}\n".encode() for line in lines)
                     file.flush()
-                    rows.with_columns(_AS_TEXT).sink_csv(file)
+                    rows.with_columns(all_as_text()).sink_csv(file)
         except (OSError, pl.exceptions.ComputeError) as error:
             raise unwritable(path, error) from error
 

@@ -11,6 +11,9 @@ from tumblecal.ground.decoding import decoding, silenced
 from tumblecal.ground.errors import InputError
 
 
+_EXPORT = "it is damaged, or was not written to its end: export its values again"
+
+
 def arrays_of(path: Path) -> dict[str, np.ndarray]:
     """The datasets of a file by path; fields of a table are `table/field`. External links are ignored.
 
@@ -31,7 +34,7 @@ def arrays_of(path: Path) -> dict[str, np.ndarray]:
             )
         # Chunks that were never written have no size in the file, but in memory.
         held = item.id.get_num_chunks() * int(np.prod(item.chunks)) if item.chunks else item.size
-        require_size(path, f"{name}: {item.size} values", item.nbytes, held * item.dtype.itemsize)
+        require_size(path, f"{name}: {item.size} values", item.nbytes, held * item.dtype.itemsize, _EXPORT)
         if item.dtype.names:
             arrays.update({f"{name}/{field}": item[field] for field in item.dtype.names})
         else:

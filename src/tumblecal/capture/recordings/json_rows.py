@@ -109,7 +109,8 @@ def _read(source: Source) -> list[SourceTable]:
     if sum(row is not None for row in seen) > max(0, _WHOLE_SHARE * (len(seen) - 1)):
         return _tables(seen, lambda: _rows_of_lines(source.path), "line", source.path)
     size = source.path.stat().st_size
-    require_size(source.path, "objects of a list, or lists of an object,", _BYTES_IN_MEMORY * size, size)
+    what = "objects of a list, or lists of an object,"
+    require_size(source.path, what, _BYTES_IN_MEMORY * size, size, "write one object in each line")
     with opened(source.path) as file:
         try:
             content = json.loads(file.read())

@@ -17,6 +17,9 @@ from tumblecal.capture.recordings.table import Reader, Source, SourceTable, libr
 from tumblecal.ground.decoding import decoding, silenced
 
 
+# Where the sheets of .xlsx are.
+_SHEETS = "xl/worksheets/"
+_EXPORT = "it is damaged, or most of its cells are empty: export the used columns and rows again"
 # Bytes of a cell in memory.
 _CELL_BYTES = 32
 # Cells in the XML of a sheet of .xlsx, and those that have a format only.
@@ -43,26 +46,27 @@ def _read(source: Source) -> list[SourceTable]:
 def _bounded(path: Path) -> Path | BytesIO:
     """The file, or its content without blank cells.
 
-    **Raises:** `InputError` for a sheet whose grid is too large; `ValueError` for a wrong checksum.
+    **Raises:** `InputError` for a sheet whose grid is too large; `zipfile.BadZipFile` for a wrong checksum.
     """
-    copied, blank = BytesIO(), False
-    with zipfile.ZipFile(path) as archive, zipfile.ZipFile(copied, "w") as copy:
-        if part := archive.testzip():
-            raise ValueError(f"{part}: its CRC-32 is wrong")
-        for part in archive.infolist():
-            xml = archive.read(part)
-            if part.filename.startswith("xl/worksheets/") and (used := _BLANK.sub(b"", xml)) != xml:
-                xml, blank = used, True
-            for rows, columns in _grids(part.filename, xml):
-                what = f"{part.filename}: {rows} rows of {columns} columns up to the last cell"
-                require_size(path, what, rows * columns * _CELL_BYTES, len(xml))
+    with zipfile.ZipFile(path) as archive:
+        parts = {part: archive.read(part) for part in archive.namelist()}
+    sheets = {part: _BLANK.sub(b"", xml) for part, xml in parts.items() if part.startswith(_SHEETS)}
+    for part, xml in (parts | sheets).items():
+        for rows, columns in _grids(part, xml):
+            what = f"{part}: {rows} rows of {columns} columns up to the last cell"
+            require_size(path, what, rows * columns * _CELL_BYTES, len(xml), _EXPORT)
+    if all(parts[part] == xml for part, xml in sheets.items()):
+        return path
+    copied = BytesIO()
+    with zipfile.ZipFile(copied, "w") as copy:
+        for part, xml in (parts | sheets).items():
             copy.writestr(part, xml)
-    return copied if blank else path
+    return copied
 
 
 def _grids(part: str, xml: bytes) -> Iterator[tuple[int, int]]:
     """Rows and columns of the grid of a sheet."""
-    if part.startswith("xl/worksheets/"):
+    if part.startswith(_SHEETS):
         rows = columns = 0
         for found in _CELL.finditer(xml):
             columns, rows = max(columns, _column(found[1])), max(rows, int(found[2]))

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from tumblecal.capture.capture_plan import CapturePlan, names_of
 from tumblecal.capture.still.rough_sensor import rough_sensor
+from tumblecal.data.gravity_size import sphere_of
 
 
 # Tolerance of a position before bias and scale are known: half the distance to the next direction, at most this.
@@ -90,10 +91,9 @@ def _centres(readings: NDArray[np.float64]) -> list[NDArray[np.float64]]:
     if len(readings) < _FEWEST_FOR_CENTRE:
         return [np.zeros(3)]
     centres = [np.zeros(3), (readings.max(0) + readings.min(0)) / 2]
-    # |r|² = 2 c r + k.
     design = np.column_stack([2 * readings, np.full(len(readings), np.abs(readings).max())])
     if np.linalg.cond(design) < 100:
-        centres.append(np.asarray(np.linalg.lstsq(design, (readings**2).sum(1), rcond=None)[0][:3], np.float64))
+        centres.append(sphere_of(readings)[0])
     sensor = rough_sensor(readings)
     centres += [sensor.centre] if sensor else []
     return [centre for centre in centres if (readings != centre).any(1).all()]

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from tumblecal.capture.capture_plan import SETUP, CapturePlan, CaptureSetup
 from tumblecal.capture.decoding.framing import decode_all
+from tumblecal.capture.decoding.losses import SAME_RATE
 from tumblecal.capture.decoding.samples import Samples, Settings, Status
 from tumblecal.capture.journal import (
     JOURNAL_NAME,
@@ -67,8 +68,6 @@ def identity_content(state: RunState, attempts: Sequence[Attempt], names: Sequen
 
 _NEAR_FULL_SCALE = 0.98
 _AFTER_BYTES = 1 << 20
-# Share by which the host's clock may differ from the device's.
-_SAME_RATE = 0.01
 
 
 @dataclass(frozen=True)
@@ -207,7 +206,7 @@ def _rate_of(attempts: Sequence[Attempt], at_contact_hz: float, speed: float) ->
     """The sample rate: that at the contact with the device, unless most dwells contradict it by the host's clock."""
     dwells = [attempt.summary.get("rate_hz") or np.nan for attempt in attempts]
     rate = float(np.median(dwells)) / speed
-    return rate if abs(rate / at_contact_hz - 1) > _SAME_RATE else at_contact_hz
+    return rate if abs(rate / at_contact_hz - 1) > SAME_RATE else at_contact_hz
 
 
 def _wall_s(host_s: NDArray[np.float64], attempt: Attempt, state: RunState) -> float:

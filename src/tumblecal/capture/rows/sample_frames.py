@@ -17,6 +17,7 @@ from tumblecal.capture.rows.row_runs import FEWEST_ERASED, runs_of
 from tumblecal.data.cells import LARGEST_NUMBER
 from tumblecal.data.text_layout import ROW
 from tumblecal.ground.errors import InputError
+from tumblecal.ground.formula_cells import column_from_text
 from tumblecal.ground.plain_text import CONTROLS
 from tumblecal.ground.text_file import shown
 
@@ -64,8 +65,7 @@ def frames_of(layout: ColumnLayout, contents: Contents, path: str, more: Sequenc
     for piece in layout.table.pieces(list(dict.fromkeys([*wanted, *more]))):
         frame = piece.select(
             reading_of(layout.columns[role]).alias(name) if role not in LABELS else
-            pl.col(layout.columns[role].name).cast(pl.String).str.replace_all(CONTROLS, "?")
-            .str.replace(r"^'([=+\-@\t])", "${1}").alias(name)
+            column_from_text(pl.col(layout.columns[role].name).cast(pl.String).str.replace_all(CONTROLS, "?")).alias(name)
             for role, name in named.items()
         )  # fmt: skip
         if "time_s" in frame.columns and len(frame):

@@ -125,15 +125,19 @@ def _rate_of(stream: LiveStream, speed: float, pause: Pause) -> float:
 
     Samples that the device sent before the port was opened arrive together at first.
     """
-    rate, before = 0.0, float("inf")
-    for _ in range(_MOST_STRETCHES):
-        if abs(rate - before) <= _SAME_SHARE * rate + _SAME_COUNT / _STRETCH_S:
-            break
-        before, start, first = rate or before, time.monotonic(), stream.tally.counts.frames
+
+    def counted_hz() -> float:
+        start, first = time.monotonic(), stream.tally.counts.frames
         while time.monotonic() - start < _STRETCH_S:
             stream.poll()
             pause(0.05)
-        rate = (stream.tally.counts.frames - first) / (time.monotonic() - start)
+        return (stream.tally.counts.frames - first) / (time.monotonic() - start)
+
+    before, rate = counted_hz(), counted_hz()
+    for _ in range(_MOST_STRETCHES - 2):
+        if abs(rate - before) <= _SAME_SHARE * rate + _SAME_COUNT / _STRETCH_S:
+            break
+        before, rate = rate, counted_hz()
     measured = (rate + min(before, rate)) / 2 / speed
     usual = [10, 20, 25, 50, 100, 120, 125, 200, 250, 400, 500, 800, 1000, 2000, 4000]
     near = min(usual, key=lambda r: abs(r / measured - 1)) if measured else 1.0
