@@ -1,5 +1,6 @@
 """Recordings whose cells or values are not in the file: one line, before the memory is allocated. Nothing else is read."""
 
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -35,7 +36,7 @@ def test_a_value_far_from_the_others_is_one_line(tumblecal, tmp_path: Path) -> N
     path = book(tmp_path / "log.xlsx", lambda sheet, bold: sheet.write_string(1_000_000, 16_383, "x"))
     outcome = tumblecal("import", path, "--out", tmp_path / "out.csv")
     assert outcome.code == 2 and len(outcome.lines) == 1
-    assert "1000001 rows of 16384 columns up to the last cell need 524 GB of memory" in outcome.lines[0]
+    assert "1000001 rows of 16384 columns up to the last cell need 1.31e+03 GB of memory" in outcome.lines[0]
 
 
 def test_repeated_cells_of_an_open_document_are_one_line(tumblecal, tmp_path: Path) -> None:
@@ -49,6 +50,14 @@ def test_repeated_cells_of_an_open_document_are_one_line(tumblecal, tmp_path: Pa
         )
     outcome = tumblecal("import", tmp_path / "log.ods", "--out", tmp_path / "out.csv")
     assert outcome.code == 2 and "1048576 rows of 16384 columns" in outcome.lines[0]
+
+
+def test_a_value_far_from_the_others_in_an_old_spreadsheet_is_one_line(tumblecal, tmp_path: Path) -> None:
+    record = lambda row, column: struct.pack("<HHHHHd", 0x0203, 14, row, column, 0, 1.0)  # noqa: E731
+    magic = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1".ljust(512, b"\0")
+    (tmp_path / "log.xls").write_bytes(magic + record(0, 0) + record(65_535, 255))
+    outcome = tumblecal("import", tmp_path / "log.xls", "--out", tmp_path / "out.csv")
+    assert outcome.code == 2 and "sheets: 65536 rows of 256 columns" in outcome.lines[0]
 
 
 @pytest.fixture

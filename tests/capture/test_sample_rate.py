@@ -5,6 +5,7 @@ import pty
 import threading
 import time
 import tty
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from tumblecal.capture.port.live import LiveStream
 from tumblecal.capture.port.recording import Recording
 from tumblecal.capture.protocols import protocol
 from tumblecal.capture.reduction.reduce import _rate_of
+from tumblecal.capture.run.dwell import losses_of
 from tumblecal.capture.run.meeting import meet
 
 
@@ -89,3 +91,23 @@ def test_the_reduction_uses_the_rate_of_the_dwells_if_they_contradict_that_of_th
     assert _rate_of(of(100.02, 99.98, 101.0), 303.0, 1.0) == pytest.approx(100.02)
     assert _rate_of(of(2000.4, 1999.0), 100.0, 20.0) == 100.0
     assert _rate_of(of(None), 100.0, 1.0) == 100.0
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e3, 1e6])
+@pytest.mark.parametrize("counter", [True, False])
+def test_the_clock_of_the_device_decides_where_there_is_one(unit: float, counter: bool) -> None:
+    """100.7 Hz by the device's clock, with host stamps that fall 2 % behind within the dwell."""
+    time_s = np.arange(600) / 100.7
+    columns = "counter,time,ax,ay,az" if counter else "-,time,ax,ay,az"
+    how = protocol("text")
+    decoder = how.decoder(None, **how.decoder_options(columns, "g", whole=True))
+    lines = [f"{k},{4.5e6 + t * unit:.7f},0.0,0.0,1.0\n" for k, t in enumerate(time_s) if not (counter and k % 50 == 7)]
+    samples = decoder.feed("".join(lines).encode()).samples
+    kept = np.array([k for k in range(600) if not (counter and k % 50 == 7)])
+    losses = losses_of(how, samples, stamps(1.02 * time_s[kept]), None, range(len(samples)), [])
+    assert losses.rate_hz == pytest.approx(100.7, rel=1e-4)
+    assert losses.lost == (12 if counter else 0)
+    by_host = losses_of(
+        how, replace(samples, clock=samples.clock * 37), stamps(1.02 * time_s[kept]), None, range(588), []
+    )
+    assert by_host.rate_hz == pytest.approx(100.7 / 1.02, rel=0.01)

@@ -6,7 +6,7 @@ for each wrap that the unwrapped counter misses. The steps are resolved in order
 too few data follow, the gap is reported as unresolved instead of being guessed.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -22,6 +22,8 @@ _LATE_READ_S = 0.025
 _SHORTEST_WRAP_S = 0.02
 # Rates by the host's clock are compared to this share, and to the delay of a read that is late, s.
 SAME_RATE, _LATE_STAMP_S = 0.01, 0.2
+# Share by which the clocks of device and host may differ.
+_SAME_CLOCK = 0.1
 
 
 @dataclass(frozen=True)
@@ -34,27 +36,32 @@ class Gap:
 
 
 class Rates(NamedTuple):
-    """Samples a second by the host's clock in each half of a stretch, lost ones included, and the duration of a half, s."""
+    """Samples a second in each half of a stretch, lost ones included, and the duration of a half, s."""
 
     first_hz: float
     second_hz: float
     half_s: float
 
     @classmethod
-    def of(cls, number: NDArray[np.int64], host_s: NDArray[np.float64]) -> "Rates":
-        """From the numbers of the samples that completed each stamp, and the stamps (n,); NaN for too few."""
-        if len(host_s) < 3 or not host_s[-1] > host_s[0]:
+    def of(cls, number: NDArray[np.int64], time_s: NDArray[np.float64]) -> "Rates":
+        """From the numbers of the samples that completed each stamp, and their times (n,); NaN for too few."""
+        if len(time_s) < 3 or not time_s[-1] > time_s[0]:
             return _NO_RATES
-        middle = int(np.clip(np.searchsorted(host_s, (host_s[0] + host_s[-1]) / 2), 1, len(host_s) - 2))
-        first, second = np.diff(number[[0, middle, -1]]) / np.diff(host_s[[0, middle, -1]])
-        return cls(float(first), float(second), float(host_s[-1] - host_s[0]) / 2)
+        middle = int(np.clip(np.searchsorted(time_s, (time_s[0] + time_s[-1]) / 2), 1, len(time_s) - 2))
+        first, second = np.diff(number[[0, middle, -1]]) / np.diff(time_s[[0, middle, -1]])
+        return cls(float(first), float(second), float(time_s[-1] - time_s[0]) / 2)
+
+    @property
+    def mean_hz(self) -> float:
+        """Samples a second in both halves, which have the same duration."""
+        return (self.first_hz + self.second_hz) / 2
 
     def words(self, wanted_hz: float) -> str:
         """A warning if the rates differ from each other, or from the rate by which a dwell is counted; "" if they do not."""
         near = SAME_RATE + _LATE_STAMP_S / self.half_s
         if abs(self.second_hz / self.first_hz - 1) > near:
             return f"the sample rate changed from {self.first_hz:.4g} to {self.second_hz:.4g} Hz"
-        mean = (self.first_hz + self.second_hz) / 2
+        mean = self.mean_hz
         if abs(mean / wanted_hz - 1) <= near or not np.isfinite(near):
             return ""
         slow = ": baud rate too low?" if mean < wanted_hz else ""
@@ -75,7 +82,7 @@ class Losses:
     - `replaced`: samples that the device replaced by a reply.
     - `duplicates`: samples that arrived before.
     - `gaps`: each gap.
-    - `rate_hz`: sample rate by the host's clock; NaN for fewer than two stamps. `rates`: of each half.
+    - `rate_hz`: sample rate by the clock of the device, or of the host; NaN for fewer than two stamps. `rates`: of each half.
     - `counted`: False without a counter; `lost` is then an estimate from time.
     """
 
@@ -87,6 +94,31 @@ class Losses:
     rate_hz: float
     counted: bool = True
     rates: Rates = _NO_RATES
+
+    def by_device(self, clock: NDArray[np.float64], host_s: NDArray[np.float64]) -> "Losses":
+        """With the rates by the device's clock (n,), if it shows them; `host_s`: stamp of each sample (n,)."""
+        time_s = device_time_s(clock, host_s)
+        if time_s is None:
+            return self
+        number = np.arange(len(time_s))
+        for gap in self.gaps:
+            number[gap.after + 1 :] += gap.lost
+        rates = Rates.of(number, time_s)
+        return replace(self, rates=rates, rate_hz=rates.mean_hz)
+
+
+def device_time_s(clock: NDArray[np.float64], host_s: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """Times by the device's clock; None if it does not rise from stamp to stamp, or its unit is not a power of 1000 of s.
+
+    **Arguments:**
+
+    - `clock`: the device's clock at each stamp, shape (m,). `host_s`: stamps, shape (m,), by which the unit is found.
+    """
+    if len(clock) < 3 or not (np.diff(clock) > 0).all() or not host_s[-1] > host_s[0]:
+        return None
+    ticks_per_s = float((clock[-1] - clock[0]) / (host_s[-1] - host_s[0]))
+    unit = 1000.0 ** round(np.log(ticks_per_s) / np.log(1000))
+    return clock / unit if abs(ticks_per_s / unit - 1) < _SAME_CLOCK else None
 
 
 def host_per_tick(ticks: NDArray[np.int64], host_s: NDArray[np.float64]) -> float:

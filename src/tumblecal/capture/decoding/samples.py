@@ -32,6 +32,7 @@ class Samples:
     - `temperature`: degC, shape (n,); NaN if not sent.
     - `counter`: the device's counter as sent, shape (n,); -1 if there is none.
     - `status`: `Status` bits, shape (n,).
+    - `clock`: the device's clock as sent, in any unit of time, shape (n,); NaN if not sent.
     """
 
     stop: NDArray[np.int64]
@@ -40,6 +41,7 @@ class Samples:
     temperature: NDArray[np.float64]
     counter: NDArray[np.int64]
     status: NDArray[np.uint8]
+    clock: NDArray[np.float64]
 
     def __len__(self) -> int:
         return len(self.stop)
@@ -67,6 +69,7 @@ def blank(n: int) -> Samples:
         temperature=np.full(n, np.nan),
         counter=np.full(n, -1, np.int64),
         status=np.zeros(n, np.uint8),
+        clock=np.full(n, np.nan),
     )
 
 

@@ -191,6 +191,8 @@ class TextDecoder:
             samples.rate[:] = table[:, [places["gx"], places["gy"], places["gz"]]]
         if "t" in places:
             samples.temperature[:] = table[:, places["t"]]
+        if "time" in places:
+            samples.clock[:] = table[:, places["time"]]
         if "counter" in places:
             values = table[:, places["counter"]]
             known = np.abs(values) < 2.0**62

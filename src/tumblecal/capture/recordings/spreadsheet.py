@@ -17,11 +17,12 @@ from tumblecal.capture.recordings.table import Reader, Source, SourceTable, libr
 from tumblecal.ground.decoding import decoding, silenced
 
 
-# Where the sheets of .xlsx are.
+# The sheets of .xls; where those of .xlsx are.
+_XLS = "sheets"
 _SHEETS = "xl/worksheets/"
 _EXPORT = "it is damaged, or most of its cells are empty: export the used columns and rows again"
-# Bytes of a cell in memory.
-_CELL_BYTES = 32
+# Bytes of a cell in memory: in the grid of the library and in the columns made from it.
+_CELL_BYTES = 80
 # Cells in the XML of a sheet of .xlsx, and those that have a format only.
 _CELL = re.compile(rb'<c\s[^>]*?\br="([A-Z]+)(\d+)"')
 _BLANK = re.compile(rb"<c\s[^>]*?(?:/>|></c>)")
@@ -29,12 +30,17 @@ _BLANK = re.compile(rb"<c\s[^>]*?(?:/>|></c>)")
 _ROW = re.compile(rb"<table:table-row([^>]*[^/])>(.*?)</table:table-row>", re.DOTALL)
 _VALUE = re.compile(rb"<table:(?:covered-)?table-cell[^>]*office:value-type[^>]*>")
 _REPEATED = re.compile(rb'repeated="(\d+)"')
+# Records of .xls with a number or a text: row and column (at most 255), little-endian.
+_XLS_CELL = re.compile(rb"(?:\x03\x02\x0e\x00|\xfd\x00\x0a\x00|\x7e\x02\x0a\x00)(..)(.)\x00", re.DOTALL)
 
 
 def _read(source: Source) -> list[SourceTable]:
     library("fastexcel", source.path)
     with decoding(source.path, "spreadsheet"), silenced():
-        content = _bounded(source.path) if zipfile.is_zipfile(source.path) else source.path
+        zipped = zipfile.is_zipfile(source.path)
+        content = _bounded(source.path) if zipped else source.path
+        if not zipped:
+            _require_grid(source.path, _XLS, source.path.read_bytes())
         sheets = pl.read_excel(content, sheet_id=0, raise_if_empty=False)
     tables = []
     for name, sheet in sheets.items():
@@ -52,9 +58,7 @@ def _bounded(path: Path) -> Path | BytesIO:
         parts = {part: archive.read(part) for part in archive.namelist()}
     sheets = {part: _BLANK.sub(b"", xml) for part, xml in parts.items() if part.startswith(_SHEETS)}
     for part, xml in (parts | sheets).items():
-        for rows, columns in _grids(part, xml):
-            what = f"{part}: {rows} rows of {columns} columns up to the last cell"
-            require_size(path, what, rows * columns * _CELL_BYTES, len(xml), _EXPORT)
+        _require_grid(path, part, xml)
     if all(parts[part] == xml for part, xml in sheets.items()):
         return path
     copied = BytesIO()
@@ -64,8 +68,17 @@ def _bounded(path: Path) -> Path | BytesIO:
     return copied
 
 
+def _require_grid(path: Path, part: str, content: bytes) -> None:
+    for rows, columns in _grids(part, content):
+        what = f"{part}: {rows} rows of {columns} columns up to the last cell"
+        require_size(path, what, rows * columns * _CELL_BYTES, len(content), _EXPORT)
+
+
 def _grids(part: str, xml: bytes) -> Iterator[tuple[int, int]]:
-    """Rows and columns of the grid of a sheet."""
+    """Rows and columns of the grid of a sheet; of .xls, whose sheets are in one stream, of the largest."""
+    if part == _XLS:
+        cells = [(int.from_bytes(found[1], "little"), found[2][0]) for found in _XLS_CELL.finditer(xml)]
+        yield max((row for row, _ in cells), default=-1) + 1, max((column for _, column in cells), default=-1) + 1
     if part.startswith(_SHEETS):
         rows = columns = 0
         for found in _CELL.finditer(xml):

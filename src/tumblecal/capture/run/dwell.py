@@ -1,6 +1,6 @@
 """One attempt at one position: the samples as they arrive, intermediate statistics, and the summary at the end."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -135,9 +135,9 @@ def losses_of(
     special_stops: list[int],
 ) -> Losses:
     """Losses among the samples of `attempt`, by the counter if there is one, otherwise by time; the others are context."""
-    counter = protocol.counter
+    counter, inside = protocol.counter, slice(attempt.start, attempt.stop)
     if counter is None or not len(samples) or samples.counter[0] < 0:
-        return losses_from_time(host_s[attempt.start : attempt.stop], None)
+        return losses_from_time(host_s[inside], None).by_device(samples.clock[inside], host_s[inside])
     step = None
     if counter.ticks_per_s is not None and rate_hz:
         step = max(1, round(counter.ticks_per_s / rate_hz))
@@ -145,16 +145,9 @@ def losses_of(
     starting = (samples.status & Status.STARTING) != 0
     restarts = np.flatnonzero(~starting[:-1] & starting[1:])
     found = count_losses(samples.counter, host_s, counter.modulus, step, specials, restarts, samples.content)
-    inside = [gap for gap in found.gaps if attempt.start <= gap.after < attempt.stop - 1]
-    return Losses(
-        lost=sum(g.lost for g in inside),
-        unresolved=sum(not g.resolved for g in inside),
-        replaced=found.replaced,
-        duplicates=found.duplicates,
-        gaps=inside,
-        rate_hz=found.rate_hz,
-        rates=found.rates,
-    )
+    found = found.by_device(samples.clock, host_s)
+    gaps = [gap for gap in found.gaps if attempt.start <= gap.after < attempt.stop - 1]
+    return replace(found, lost=sum(g.lost for g in gaps), unresolved=sum(not g.resolved for g in gaps), gaps=gaps)
 
 
 def warning(dwell: Dwell, seen: Stationarity, limits: LimitsTable) -> str:
