@@ -6,6 +6,7 @@ import numpy as np
 import polars as pl
 import pytest
 
+from tumblecal.capture.recordings import xbus as xbus_file
 from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.capture.rows.sample_file import write_samples
 from tumblecal.ground.errors import InputError
@@ -120,6 +121,21 @@ def test_an_mtb_file(tmp_path, rows):
     np.testing.assert_allclose(frame["time_s"], 2.5e-3 * np.arange(200), atol=1e-9)
     assert set(frame["temperature_degc"]) == {30.25}
     assert contents.rate_hz == pytest.approx(400)
+
+
+def test_the_pieces_of_an_mtb_file_do_not_change_it(tmp_path, rows, monkeypatch):
+    (tmp_path / "log.mtb").write_bytes(b"".join(mtb(rows)) + b"\xfa\xff\x36")
+    whole = write_samples(tmp_path / "log.mtb", tmp_path / "whole.parquet", RecordingOptions())
+    monkeypatch.setattr(xbus_file, "_PIECE", 5_000)
+    monkeypatch.setattr(xbus_file, "_BLOCK", 7)
+    pieces = write_samples(tmp_path / "log.mtb", tmp_path / "pieces.parquet", RecordingOptions())
+    frames = [pl.read_parquet(tmp_path / f"{name}.parquet") for name in ("whole", "pieces")]
+    assert frames[0].equals(frames[1]) and len(frames[0]) == 200
+    assert (
+        pieces.damage.lines
+        == whole.damage.lines
+        == ["3 bytes outside messages with a correct sum, the first at byte 17287: left out"]
+    )
 
 
 def test_an_mtb_file_with_a_wrong_sum(tmp_path, rows):

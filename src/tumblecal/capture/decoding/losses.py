@@ -108,7 +108,7 @@ class Losses:
 
 
 def device_time_s(clock: NDArray[np.float64], host_s: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """Times by the device's clock; None if it does not rise from stamp to stamp, or its unit is not a power of 1000 of s.
+    """Times by the device's clock; None if it does not rise from stamp to stamp, or its unit is not a power of ten of s.
 
     **Arguments:**
 
@@ -117,7 +117,7 @@ def device_time_s(clock: NDArray[np.float64], host_s: NDArray[np.float64]) -> ND
     if len(clock) < 3 or not (np.diff(clock) > 0).all() or not host_s[-1] > host_s[0]:
         return None
     ticks_per_s = float((clock[-1] - clock[0]) / (host_s[-1] - host_s[0]))
-    unit = 1000.0 ** round(np.log(ticks_per_s) / np.log(1000))
+    unit = 10.0 ** round(np.log10(ticks_per_s))
     return clock / unit if abs(ticks_per_s / unit - 1) < _SAME_CLOCK else None
 
 

@@ -23,10 +23,19 @@ from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 
 
 MTDATA2 = 0x36
-_COUNTER, _TEMPERATURE, _STATUS = 0x1020, 0x0810, 0xE020
+_COUNTER, _SAMPLE_TIME_FINE, _TEMPERATURE, _STATUS = 0x1020, 0x1060, 0x0810, 0xE020
 _FORCE, _FORCE_HIGH_RATE, _RATE, _RATE_HIGH_RATE = 0x4020, 0x4040, 0x8020, 0x8040
 # Count of numbers in the fields that are read; all others are skipped by their size.
-_COUNTS = {_COUNTER: 1, _FORCE: 3, _FORCE_HIGH_RATE: 3, _RATE: 3, _RATE_HIGH_RATE: 3, _TEMPERATURE: 1, _STATUS: 1}
+_COUNTS = {
+    _COUNTER: 1,
+    _SAMPLE_TIME_FINE: 1,
+    _FORCE: 3,
+    _FORCE_HIGH_RATE: 3,
+    _RATE: 3,
+    _RATE_HIGH_RATE: 3,
+    _TEMPERATURE: 1,
+    _STATUS: 1,
+}
 _LARGEST_EXTENDED = 4096
 # Fields of plain integers: type code; all others follow the format bits.
 _INTEGERS = {0x1020: ">u2", 0x1060: ">u4", 0x3010: ">u4", 0xE020: ">u4", 0xE010: ">u1"}
@@ -177,6 +186,8 @@ def samples_of(
         samples.temperature[:] = values[_TEMPERATURE][:, 0]
     if _COUNTER in values:
         samples.counter[:] = values[_COUNTER][:, 0]
+    if _SAMPLE_TIME_FINE in values:
+        samples.clock[:] = values[_SAMPLE_TIME_FINE][:, 0]
     if _STATUS in values:
         word = values[_STATUS][:, 0].astype(np.int64)
         samples.status[:] |= np.where(word & 0x3F00, Status.OVERLOAD, 0).astype(np.uint8)

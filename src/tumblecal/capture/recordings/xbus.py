@@ -11,33 +11,36 @@ from numpy.typing import NDArray
 
 from tumblecal.capture.decoding.framing import Found, decoded_by_layout
 from tumblecal.capture.decoding.sample_table import columns_of, table_of
-from tumblecal.capture.decoding.samples import Samples
-from tumblecal.capture.protocols.xsens import MTDATA2, layout_of, messages_in, no_force_words, numbers, samples_of
+from tumblecal.capture.decoding.samples import Samples, joined
+from tumblecal.capture.protocols.xsens import MTDATA2, layout_of, messages_in, no_force_words, samples_of
 from tumblecal.capture.recordings.table import Reader, Source, SourceTable, of_arrays
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 
 
 _PREAMBLE, _MASTER = b"\xfa", 0xFF
-_SAMPLE_TIME_FINE, _TICKS_PER_S = 0x1060, 1e4
+_TICKS_PER_S = 1e4
 _FEWEST = 3
+# Bytes that are searched, and messages that are decoded, at once.
+_PIECE, _BLOCK = 1 << 22, 1 << 16
 _Layout = list[tuple[int, int, int]]
 
 
 def _read(source: Source) -> list[SourceTable]:
-    data = np.fromfile(source.path, np.uint8)
-    found = messages_in(data, _PREAMBLE, final=True)
-    begins, ends = np.append(found.starts, len(data)), np.append(0, found.starts + found.sizes)
+    data = np.memmap(source.path, np.uint8, "r")
+    starts, sizes = _messages(data)
+    begins, ends = np.append(starts, len(data)), np.append(0, starts + sizes)
     if skipped := int((begins - ends).sum()):
         first = int(ends[np.argmax(begins > ends)])
         source.damage.report(
             f"{counted(skipped, 'byte')} outside messages with a correct sum, the first at byte {first}: left out"
         )
-    places = np.stack([found.starts, found.sizes], axis=1)
-    places = places[data[places[:, 0] + 2] == MTDATA2]
+    measured = data[starts + 2] == MTDATA2
+    starts, sizes = starts[measured], sizes[measured]
+    buses = data[starts + 1]
     tables, refused = list[SourceTable](), dict[str, None]()
-    for bus in dict.fromkeys(data[places[:, 0] + 1].tolist()):
-        samples, ticks = _decoded(data, places[data[places[:, 0] + 1] == bus], refused)
+    for bus in dict.fromkeys(buses.tolist()):
+        samples = _decoded(data, starts[buses == bus], sizes[buses == bus], refused)
         good = samples.status == 0
         if not good.any():
             continue
@@ -45,7 +48,7 @@ def _read(source: Source) -> list[SourceTable]:
             source.damage.report(
                 f"{counted(flagged, 'sample')} marked as faulty by the device, or without a number: left out"
             )
-        columns = _columns(samples, ticks, good)
+        columns = _columns(samples, good)
         name = "" if bus == _MASTER else f"bus {bus}"
         tables.append(of_arrays(name, columns, roles={role: role for role in columns}, row_word="sample"))
     if not tables:
@@ -54,32 +57,42 @@ def _read(source: Source) -> list[SourceTable]:
     return tables
 
 
+def _messages(data: NDArray[np.uint8]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Starts and sizes of all messages; the file is searched in pieces."""
+    parts, at = [(np.zeros(0, np.int64),) * 2], 0
+    while at < len(data):
+        last = at + _PIECE >= len(data)
+        found = messages_in(data[at : at + _PIECE], _PREAMBLE, final=last)
+        parts.append((found.starts + at, found.sizes))
+        at = len(data) if last else at + max(found.limit, 1)
+    starts, sizes = map(np.concatenate, zip(*parts, strict=True))
+    return starts, sizes
+
+
 def _decoded(
-    data: NDArray[np.uint8], places: NDArray[np.int64], refused: dict[str, None]
-) -> tuple[Samples, NDArray[np.float64]]:
-    """The samples of messages, and their SampleTimeFine; NaN if not stated."""
-    ticks: dict[int, float] = {}
+    data: NDArray[np.uint8], starts: NDArray[np.int64], sizes: NDArray[np.int64], refused: dict[str, None]
+) -> Samples:
+    """The samples of messages."""
 
     def decode(starts: NDArray[np.int64], size: int, layout: _Layout) -> Samples | None:
         samples = samples_of(data, starts, layout)
-        if samples is None:
-            if why := no_force_words(layout):
-                refused[why] = None
-            return None
-        for identifier, at, length in layout:
-            if identifier & 0xFFF0 == _SAMPLE_TIME_FINE and length == 4:
-                stated = numbers(identifier, data[(starts + at)[:, None] + np.arange(length)])[:, 0]
-                ticks.update(zip((starts + size).tolist(), stated.tolist(), strict=True))
+        if samples is None and (why := no_force_words(layout)):
+            refused[why] = None
         return samples
 
-    found = Found(places[:, 0], places[:, 1], len(data))
-    samples = decoded_by_layout(data, found, 0, layout_of, decode)
-    return samples, np.array([ticks.get(stop, np.nan) for stop in samples.stop.tolist()])
+    return joined(
+        [
+            decoded_by_layout(data, Found(starts[block], sizes[block], len(data)), 0, layout_of, decode)
+            for first in range(0, len(starts), _BLOCK)
+            for block in [slice(first, first + _BLOCK)]
+        ]
+    )
 
 
-def _columns(samples: Samples, ticks: NDArray[np.float64], good: NDArray[np.bool_]) -> dict[str, NDArray[np.float64]]:
+def _columns(samples: Samples, good: NDArray[np.bool_]) -> dict[str, NDArray[np.float64]]:
     columns = table_of(samples[good], columns_of(samples[good]))
     del columns["counter"], columns["status"]
+    ticks = samples.clock
     if np.isfinite(ticks).all():
         # The counter of 32 bits overflows after five days.
         steps = np.diff(ticks) + np.where(np.diff(ticks) < -(2.0**31), 2.0**32, 0.0)
