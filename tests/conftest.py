@@ -48,6 +48,12 @@ settings.register_profile("tumblecal", max_examples=15, derandomize=True, deadli
 settings.load_profile("tumblecal")
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption(
+        "--update-golden", action="store_true", help="write tests/golden/answers again; print what changed"
+    )
+
+
 def pytest_configure() -> None:
     import jax
 
