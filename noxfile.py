@@ -19,6 +19,14 @@ def tests(session: nox.Session) -> None:
     session.run("pytest", "-q", "-n", "3", "--dist", "loadfile", *session.posargs)
 
 
+@nox.session(default=False)
+def long(session: nox.Session) -> None:
+    """Run all tests, the long ones too, with the shapes of all signatures checked: before a release."""
+    session.install(*_CONSTRAINED)
+    shapes = {"TUMBLECAL_CHECK_SHAPES": "1"}
+    session.run("pytest", "-q", "-n", "2", "--dist", "loadfile", "-m", "long or not long", *session.posargs, env=shapes)
+
+
 @nox.session
 def lint(session: nox.Session) -> None:
     """Check style, layers of imports and types."""

@@ -26,20 +26,21 @@ os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = "1"
 # The garbage collector looks seldom: what is imported stays, and it would look at all of it again and again.
 gc.set_threshold(50_000, 20, 50)
 
-# Signatures' shapes and dtypes are checked wherever numerical functions are called; before the modules are imported.
-shape_checker.begin()
-install_import_hook(
-    [
-        "tumblecal.chain",
-        "tumblecal.data",
-        "tumblecal.devices",
-        "tumblecal.estimation",
-        "tumblecal.ground.frames",
-        "tumblecal.history.comparison",
-        "tumblecal.history.repeatability",
-    ],
-    "shape_checker.checked",
-)
+# In the long job the shapes and dtypes of signatures are checked wherever numerical functions are called; before the modules are imported.
+if os.environ.get("TUMBLECAL_CHECK_SHAPES"):
+    shape_checker.begin()
+    install_import_hook(
+        [
+            "tumblecal.chain",
+            "tumblecal.data",
+            "tumblecal.devices",
+            "tumblecal.estimation",
+            "tumblecal.ground.frames",
+            "tumblecal.history.comparison",
+            "tumblecal.history.repeatability",
+        ],
+        "shape_checker.checked",
+    )
 
 compiled_once.begin()
 

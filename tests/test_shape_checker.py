@@ -8,6 +8,7 @@ import pytest
 from jaxtyping import Float, TypeCheckError
 
 
+pytestmark = pytest.mark.long
 decorated = jaxtyping.jaxtyped(typechecker=None)
 
 

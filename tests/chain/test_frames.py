@@ -50,6 +50,7 @@ def test_signs_are_the_designs():
     np.testing.assert_allclose(frames.rotation_matrix(np.array([0, 0, third])), [[c, s, 0], [-s, c, 0], [0, 0, 1]])
 
 
+@pytest.mark.long
 def test_wrong_shapes_are_caught():
     """The session checks shapes: a 4-vector of angles does not pass."""
     from jaxtyping import TypeCheckError
