@@ -26,7 +26,7 @@ os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = "1"
 # The garbage collector looks seldom: what is imported stays, and it would look at all of it again and again.
 gc.set_threshold(50_000, 20, 50)
 
-# In the long job the shapes and dtypes of signatures are checked wherever numerical functions are called; before the modules are imported.
+# In the long job, shapes and dtypes of the signatures of numerical functions are checked; before the modules are imported.
 if os.environ.get("TUMBLECAL_CHECK_SHAPES"):
     shape_checker.begin()
     install_import_hook(
