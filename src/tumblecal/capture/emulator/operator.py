@@ -1,6 +1,7 @@
 """Operators of the virtual head: typed commands, or an operator who follows the prompts in a capture's journal."""
 
 import contextlib
+import math
 import os
 import select
 import sys
@@ -11,6 +12,10 @@ from tumblecal.capture.emulator.config import Emulation
 from tumblecal.capture.emulator.device import VirtualDevice
 from tumblecal.capture.journal import JOURNAL_NAME
 from tumblecal.capture.log import LogReader, RecordKind
+
+
+# Time after a turn until the recording must have begun.
+_PATIENCE_S = 60.0
 
 
 class Typist:
@@ -59,7 +64,7 @@ class Typist:
 
 class Follower:
     """Reads the journal of a capture, turns the head to the prompted positions, with the configured mistakes, and sets the
-    chamber to the requested temperatures.
+    chamber to the requested temperatures. If no recording begins, the turn is repeated once: its samples may be lost.
 
     **Arguments:**
 
@@ -76,6 +81,7 @@ class Follower:
         self._due: tuple[float, float, float] | None = None
         self._chamber_due: tuple[float, float] | None = None
         self._target: tuple[float, float] | None = None
+        self._again_s = math.inf
 
     def __call__(self, device: VirtualDevice) -> bool:
         """Execute the due actions; False when the capture has finished."""
@@ -91,6 +97,8 @@ class Follower:
                 self._prompts, self._due, self._chamber_due = 0, None, None
             if entry["entry"] == "finished":
                 return False
+            if entry["entry"] in ("session", "prompted", "recording"):
+                self._again_s = math.inf
             if entry["entry"] == "prompted":
                 self._prompts += 1
                 self._target = (entry["alpha_deg"], entry["beta_deg"])
@@ -102,7 +110,11 @@ class Follower:
         if self._due is not None and now >= self._due[0]:
             if device.head.angles(now) != self._due[1:]:
                 device.head.turn(*self._due[1:], now)
+                self._again_s = now + _PATIENCE_S
             self._due = None
+        if now >= self._again_s:
+            self._again_s = math.inf
+            device.head.turn(*device.head.angles(now), now)
         if self._chamber_due is not None and now >= self._chamber_due[0]:
             device.chamber.set_temperature(self._chamber_due[1])
             self._chamber_due = None
