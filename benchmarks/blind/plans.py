@@ -1,4 +1,4 @@
-"""How else a plan is measured: while a chamber goes through temperatures, twice, or in several mountings."""
+"""Other ways to measure a plan: while a chamber changes its temperature, twice, or in several mountings."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -7,18 +7,23 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import blind_instrument as blind
-from blind_sized import direction
+from blind.acting import direction
+
+
+PLANS = {"3x4": (3, 4), "3x8": (3, 8), "4x12": (4, 12), "5x16": (5, 16)}
+# Twelve positions cannot separate three causes, nor a bump from an outlier position.
+LARGER = ("3x8", "4x12", "5x16")
 
 
 def swept(setup: blind.Setup, stops: Sequence[float], rng: np.random.Generator) -> blind.Setup:
-    """The plan measured while a chamber goes evenly from one temperature to the next (degC)."""
+    """The plan while a chamber goes evenly from one temperature to the next (degC)."""
     count = len(setup.alpha)
     chamber = np.interp(np.linspace(0, len(stops) - 1, count), np.arange(len(stops)), stops)
     return replace(setup, temperature_degc=chamber + rng.normal(0, 0.3, count))
 
 
 def twice(setup: blind.Setup, repeat: str) -> blind.Setup:
-    """The whole plan measured twice, in `one run` or in `two runs` with pitch errors of their own."""
+    """The plan twice, in `one run` or in `two runs` with different pitch errors."""
     levels = len(setup.nominal["dbeta"])
     step = setup.time_s[-1] - setup.time_s[0] + 60.0
     both = {name: np.tile(getattr(setup, name), 2) for name in ("alpha", "beta", "temperature_degc", "approach")}
@@ -36,8 +41,8 @@ def twice(setup: blind.Setup, repeat: str) -> blind.Setup:
 def remounted(
     setup: blind.Setup, turns_deg: Sequence[tuple[float, float, float]], rng: np.random.Generator
 ) -> blind.Setup:
-    """The plan measured in several mountings, a quarter of an hour between them, each with a mount of at most 1 degree and
-    pitch errors of its own."""
+    """The plan in several mountings, a quarter of an hour between them, each with a mount of at most 1 degree and its own
+    pitch errors."""
     count, mountings, levels = len(setup.alpha), len(turns_deg), len(setup.nominal["dbeta"])
     total = count * mountings
     mounts = [np.radians(1.0) * rng.uniform() ** (1 / 3) * direction(rng) for _ in turns_deg]

@@ -1,14 +1,9 @@
-"""Physical mechanisms that were not written in terms of the catalogue: the second simulator of `blind_study.py`.
+"""The population `second`: physical mechanisms that were not written in terms of the catalogue (`second_instrument.py`).
 
-    python benchmarks/blind_study.py --simulator second --cases 10 --seed 1
-
-draws the cases of each mechanism of `second_instrument.py` (half of 7, half of 15 sigma; a truth of two ids that much of each),
-on five plans, with noise of 0.03 to 0.5 mg by Allan coefficients, stated or unknown, with or without columns of time,
-temperature and approach. Each goes through `tumblecal.diagnose`; the calibration written is then applied at 200 held-out
-attitudes, at temperatures of the measurement. A mechanism is drawn again if less than 5 % of it is visible, if the stated
-truth leaves more than a sigma of it (or an id of it is not needed), or, unlisted, if one id leaves less than 5 sigma.
-Measures: median rms error of corrected readings, after the best rotation, with the calibration of the diagnosis and of the
-nominal model.
+Half of the cases have 7 sigma, half 15 (for a truth of two ids, that much of each); five plans, noise of 0.03 to 0.5 mg by Allan
+coefficients. A mechanism is drawn again if too little of it is visible, if the stated truth leaves more than a sigma of it, or,
+unlisted, if one id leaves less than 5 sigma. Measures: rms error of corrected readings at 200 new attitudes, after the best
+rotation, with the calibration of the diagnosis and of the nominal model.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -20,32 +15,31 @@ from scipy.spatial.transform import Rotation
 import second_check as check
 import second_head as head
 import tumblecal
-from blind_judge import Answer, Case, Outcome, answer_of_diagnosis, interval
+from blind.judge import Answer, Case, Outcome, answer_of_diagnosis, interval
 from second_instrument import KINDS, NEEDS_COLUMNS, UNLISTED
 
 
 tumblecal.enable_float64()
 from tumblecal.data import PositionSet  # noqa: E402
-from tumblecal.diagnosis import Diagnoser, Diagnosis  # noqa: E402
+from tumblecal.diagnosis import Diagnoser  # noqa: E402
 from tumblecal.report.result_file import calibration_of  # noqa: E402
 
 
 SIZES = (7.0, 15.0)
 NOISE_G = (0.03e-3, 0.5e-3)
-# Shares of flicker and random walk (`second_head.noise`): hardly any, or most of the noise.
+# Shares of flicker and random walk: hardly any, or most of the noise.
 WHITE, COLOURED = (0.1, 0.1), (0.75, 1.5)
 ATTITUDES = 200
 COLOURED_ALONE = ("noise_coloured",)
-# A mechanism of which less is visible, or that would be larger (rad or g), is no fair case. The share is small because most of
-# the signal of an offset or a soft loop is bias and scale factor.
-LEAST_SHARE, MOST = 0.003, 0.05
-# Then another plan is drawn.
+# The least visible share is small because most of the signal of a bridge offset or a weak loop is bias and scale factor.
+LEAST_SHARE, LARGEST = 0.003, 0.05
+# After so many tries another plan is drawn.
 _TRIES = 30
 
 
 @dataclass(frozen=True)
 class Hidden:
-    """What is hidden in which instrument; `sd`: of a reading, g."""
+    """An instrument with its mechanism and what is measured; `sd`: of a reading, g."""
 
     instrument: head.Instrument
     schedule: head.Schedule
@@ -57,17 +51,14 @@ def cases(kind: str, count: int, seed: int) -> Iterator[Case]:
     return (drawn(kind, number, seed) for number in range(count))
 
 
-def drawn(kind: str, number: int, seed: int, sizes: Sequence[float] = SIZES) -> Case:
-    """The case of a number, of one of these sizes in turn."""
-    order = list(KINDS).index(kind)
-    rng = np.random.default_rng([seed, order, number])
-    d, plans = sizes[number % len(sizes)], [*head.PLANS]
+def drawn(kind: str, number: int, seed: int) -> Case:
+    """The case of a number."""
+    order, plans = list(KINDS).index(kind), [*head.PLANS]
+    rng, d = np.random.default_rng([seed, order, number]), SIZES[number % len(SIZES)]
     known, with_columns = bool(rng.integers(2)), bool(rng.integers(2)) or kind in NEEDS_COLUMNS
     for tried in range(_TRIES * len(plans)):
-        sd, name = (
-            float(np.exp(rng.uniform(*np.log(NOISE_G)))),
-            plans[(number // 2 + order + tried // _TRIES) % len(plans)],
-        )
+        sd = float(np.exp(rng.uniform(*np.log(NOISE_G))))
+        name = plans[(number // 2 + order + tried // _TRIES) % len(plans)]
         plan = head.schedule(name, rng)
         own = head.instrument(plan, rng)
         truth, mechanism = KINDS[kind](plan, rng)
@@ -76,8 +67,7 @@ def drawn(kind: str, number: int, seed: int, sizes: Sequence[float] = SIZES) -> 
             continue
         hidden = Hidden(mechanism(own, size), plan, sd)
         noise = head.noise(plan, sd, *(COLOURED if truth == COLOURED_ALONE else WHITE), rng)
-        measured = head.readings(hidden.instrument, plan) + noise
-        data = positions(hidden, measured, known, with_columns)
+        data = positions(hidden, head.readings(hidden.instrument, plan) + noise, known, with_columns)
         # Slow noise and a slow cause without a name are the same signal.
         accepted = (tuple(sorted(truth)), *([UNLISTED] if truth == COLOURED_ALONE else []))
         return Case(kind, number, name, known, accepted, data, hidden, d)
@@ -100,13 +90,13 @@ def positions(hidden: Hidden, measured: np.ndarray, known: bool, with_columns: b
 
 
 def _size(own, plan, truth: tuple[str, ...], mechanism, sd: float, d: float) -> float | None:
-    """The size at which a mechanism shows by d sigma; None where it is no fair case."""
+    """The size with a visible norm of d sigma; None if this is no fair case."""
     projector, plain = head.unreachable(own, plan), head.readings(own, plan)
     size, wanted, signal = 1e-5, d * np.sqrt(len(truth)), np.zeros(plain.size)
     for _ in range(6):
         whole = (head.readings(mechanism(own, size), plan) - plain).ravel() / sd
         signal = projector @ whole
-        if not np.linalg.norm(signal) > LEAST_SHARE * np.linalg.norm(whole) or size > MOST:
+        if not np.linalg.norm(signal) > LEAST_SHARE * np.linalg.norm(whole) or size > LARGEST:
             return None
         size *= wanted / np.linalg.norm(signal)
     ids = check.columns(own, plan, projector, () if truth == UNLISTED else truth)
@@ -120,22 +110,22 @@ def _size(own, plan, truth: tuple[str, ...], mechanism, sd: float, d: float) -> 
     return size if needed and check.left(signal, *parts) <= 1.0 else None
 
 
-def corrected(case: Case, diagnosis: Diagnosis) -> tuple[float | None, float | None]:
-    """Rms error, mg, of the calibrations of the extended and of the nominal model at attitudes that took no part."""
+def corrected(case: Case, diagnosis) -> dict[str, float]:
+    """Rms error, mg, of both calibrations at new attitudes; nothing if one of them does not exist."""
     rng, plan = np.random.default_rng([case.number, 7]), case.hidden.schedule
     attitude = Rotation.random(ATTITUDES, rng=rng).as_matrix()
     force = attitude @ head.UP
     degc = rng.uniform(plan.temperature_degc.min(), plan.temperature_degc.max(), ATTITUDES)
     raw = head.outputs(case.hidden.instrument, attitude, degc)
-    errors = []
-    for calibration in (diagnosis.calibration, calibration_of(diagnosis.nominal)):
-        if calibration is None:
-            errors.append(None)
-            continue
+    both = {"error / mg": diagnosis.calibration, "nominal error / mg": calibration_of(diagnosis.nominal)}
+    if None in both.values():
+        return {}
+    errors = {}
+    for name, calibration in both.items():
         found = calibration.corrected(raw, degc, float(np.mean(plan.time_s)))
         turn = Rotation.align_vectors(force, found)[0]
-        errors.append(1e3 * float(np.sqrt(np.mean((turn.apply(found) - force) ** 2))))
-    return errors[0], errors[1]
+        errors[name] = 1e3 * float(np.sqrt(np.mean((turn.apply(found) - force) ** 2)))
+    return errors
 
 
 def answered(drawn: Iterable[Case]) -> Iterator[tuple[Case, Answer]]:
@@ -143,28 +133,24 @@ def answered(drawn: Iterable[Case]) -> Iterator[tuple[Case, Answer]]:
     diagnoser = Diagnoser(nested=False)
     for case in sorted(drawn, key=lambda case: (case.plan, case.data.time_s is not None)):
         diagnosis = diagnoser(case.data)
-        errors = dict(zip(("error / mg", "nominal error / mg"), corrected(case, diagnosis), strict=True))
-        measures = {name: value for name, value in errors.items() if None not in errors.values()}
-        yield case, answer_of_diagnosis(diagnosis, measures=measures)
+        yield case, answer_of_diagnosis(diagnosis, measures=corrected(case, diagnosis))
 
 
 def summary(outcomes: Sequence[Outcome]) -> None:
     """Shares over all mechanisms."""
-    listed = [one for one in outcomes if one.truth not in ((), UNLISTED, COLOURED_ALONE)]
-    for words, own in (
-        *(
-            (
-                f"truth alone, {count} id{'s' * (count > 1)}, d = {size:g}",
-                [one.alone for one in listed if one.d == size and len(one.truth) == count],
-            )
-            for size in SIZES
-            for count in (1, 2)
-        ),
-        ("truth in the class, listed", [one.right for one in listed]),
-        ("the same, unlisted", [one.right for one in outcomes if one.truth == UNLISTED]),
-        ("wrong", [one.wrong for one in outcomes if one.truth]),
-        ("false alarms", [one.detected for one in outcomes if not one.truth]),
-    ):
+    truth = {id(own): own.case.accepted[0] for own in outcomes}
+    listed = [own for own in outcomes if truth[id(own)] not in ((), UNLISTED, COLOURED_ALONE)]
+    rows = {}
+    for count in (1, 2):
+        for size in SIZES:
+            own = [one.alone for one in listed if one.case.d == size and len(truth[id(one)]) == count]
+            rows[f"truth alone, {count} id(s), d = {size:g}"] = own
+    rows["truth in the class, listed"] = [own.right for own in listed]
+    rows["`unexplained` in the class, unlisted"] = [own.right for own in outcomes if truth[id(own)] == UNLISTED]
+    rows["wrong with a probability above 0.9"] = [own.wrong for own in outcomes if truth[id(own)]]
+    rows["false alarms"] = [own.detected for own in outcomes if not truth[id(own)]]
+    print("\n| total | measured | 95 % interval |\n|---|---|---|")
+    for words, own in rows.items():
         if own:
             low, high = interval(sum(own), len(own))
-            print(f"{words}: {sum(own)} of {len(own)}, {np.mean(own):.1%} ({low:.1%} to {high:.1%})")
+            print(f"| {words} | {sum(own)} of {len(own)}, {np.mean(own):.1%} | {low:.1%} to {high:.1%} |")
