@@ -3,10 +3,10 @@
     python benchmarks/stated_sd.py --recordings 60 --processes 2
     python benchmarks/stated_sd.py --white --recordings 5
 
-Recordings of 24 dwells in plain numpy (1/f by its spectrum), in five noises. Each is reduced as `tumblecal reduce` does and written
-to positions.csv. Printed for each noise: dispersion of neighbouring means over the stated standard deviation, chi-squared per degree
-of freedom under the stated covariance, and recordings in which `diagnose` finds a cause. `--white`: standard uncertainties of the
-parameters over those by the true white noise.
+Recordings of 24 dwells in plain numpy (1/f by its spectrum), in five noises. Each is reduced as `tumblecal reduce` does and
+written to positions.csv. Printed for each noise: dispersion of neighbouring means over the stated standard deviation,
+chi-squared per degree of freedom under the stated covariance, and recordings in which `diagnose` finds a cause. `--white`:
+standard uncertainties of the parameters over those by the true white noise.
 """
 
 import argparse
@@ -151,7 +151,9 @@ def main() -> None:
     if asked.white:
         against_white(seeds)
         return
-    print("| dwell / s | noise | dispersion / stated | chi2 / dof | a cause found | a noise found |\n|---|---|---|---|---|---|")
+    print(
+        "| dwell / s | noise | dispersion / stated | chi2 / dof | a cause found | a noise found |\n|---|---|---|---|---|---|"
+    )
     with ProcessPoolExecutor(asked.processes, get_context("spawn")) as pool:
         for schedule in SCHEDULES:
             for kind in NOISES:

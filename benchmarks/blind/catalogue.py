@@ -220,9 +220,7 @@ def summary(outcomes: Sequence[Outcome]) -> None:
             if own := [getattr(outcome, counted) for outcome in outcomes if outcome.case.kind == kind]:
                 share, (low, high) = np.mean(own), interval(sum(own), len(own))
                 met = "met" if (share >= limit if sense == "at least" else share <= limit) else "NOT MET"
-                print(
-                    f"| {kind}: {counted} | {sense} {limit:.0%} | {share:.1%} | {low:.1%} to {high:.1%} | {met} |"
-                )
+                print(f"| {kind}: {counted} | {sense} {limit:.0%} | {share:.1%} | {low:.1%} to {high:.1%} | {met} |")
     own = [outcome.answer.measures for outcome in outcomes if "gain" in outcome.answer.measures]
     if own:
         column = {name: np.array([one[name] for one in own]) for name in own[0]}

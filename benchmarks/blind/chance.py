@@ -2,7 +2,8 @@
 
     python benchmarks/blind chance --draws 3000
 
-Noise of unknown size at 3 x 4 and 3 x 8 positions. The test for several causes uses `SEVERAL_SHARE` of the bound as its p-value.
+Noise of unknown size at 3 x 4 and 3 x 8 positions. The test for several causes uses `SEVERAL_SHARE` of the bound as its
+p-value.
 """
 
 import argparse

@@ -33,7 +33,8 @@ Turns = tuple[tuple[float, float, float], ...]
 class Condition:
     """What is hidden.
 
-    - `draw`: names of the effects, drawn for each case; `sizes`: d of each. `unlisted`: a cause without an entry, of `sizes[0]`.
+    - `draw`: names of the effects, drawn for each case; `sizes`: d of each. `unlisted`: a cause without an entry, of
+      `sizes[0]`.
     - `mount_deg`: largest mount; `bias_g`: largest bias, if not 0. `soak_degc`: mean temperature; `sweep_degc`: of a chamber.
     - `least_share`: of an effect that must be visible; `most_cosine`: of the signals of two effects.
     - `outliers`, `swap`: gross faults. `repeat`: how the plan is measured twice. `turns_deg`: orientation in each mounting.
@@ -90,9 +91,7 @@ QUARTER_TURN: Turns = ((0, 0, 0), (0, 0, 90))
 
 
 def _chamber(names: Sequence[str], d: float) -> Condition:
-    return Condition(
-        lambda rng: names, (d,) * len(names), sweep_degc=(-20, 70, 25, 40), most_cosine=0.9, plans=LARGER
-    )
+    return Condition(lambda rng: names, (d,) * len(names), sweep_degc=(-20, 70, 25, 40), most_cosine=0.9, plans=LARGER)
 
 
 def _conditions() -> Iterator[tuple[str, Condition]]:

@@ -102,4 +102,9 @@ def main(words: Sequence[str]) -> None:
         rms = [f"{1e3 * np.sqrt(np.mean(np.square(own))):.3f}" for own in (of_pairs, np.array(errors)[:, 3:6])]
         covered = [f"{np.mean(inside[:, part]):.1%}" for part in (slice(3, 6), slice(0, 3), slice(6, 9))]
         cells = [positions, f"{deg:g}", f"{noise_mg:g}", f"{np.mean(used):.0%}", *rms]
-        print("|", *cells, f"{1e3 * np.median(np.array(u)[:, 3:6]):.3f}", *covered, sep=" | ", flush=True)
+        print(
+            "|",
+            " | ".join(map(str, [*cells, f"{1e3 * np.median(np.array(u)[:, 3:6]):.3f}", *covered])),
+            "|",
+            flush=True,
+        )

@@ -3,8 +3,8 @@
     python benchmarks/blind head --later 40
 
 Units of the blind instrument (24 positions, stated noise 0.1 mg) on one head with two errors. Some are diagnosed together
-(`tumblecal diagnose --units`); later ones are calibrated without and with the `head.toml` so made. Printed for each parameter of the
-sensor: rms error without and with, their ratio, and the rms error in standard uncertainties.
+(`tumblecal diagnose --units`); later ones are calibrated without and with the `head.toml` so made. Printed for each
+parameter of the sensor: rms error without and with, their ratio, and the rms error in standard uncertainties.
 """
 
 import argparse
@@ -51,7 +51,9 @@ def command(*arguments: object) -> None:
 def rms_errors(files: list[Path], truth: np.ndarray, out: Path, *options: object) -> np.ndarray:
     """Rms errors of the parameters of the sensor (2, 9): in their unit, and in standard uncertainties."""
     command("calibrate", *files, "--out", out, *options)
-    found = [json.loads((out / file.stem / "result.json").read_text())["methods"]["exact"]["parameters"] for file in files]
+    found = [
+        json.loads((out / file.stem / "result.json").read_text())["methods"]["exact"]["parameters"] for file in files
+    ]
     values, u = (np.array([[own[name][key] for name in SENSOR] for own in found]) for key in ("value", "sd"))
     return np.sqrt(np.mean(np.stack([values - truth, (values - truth) / u]) ** 2, axis=1))
 
@@ -77,7 +79,11 @@ def main(words: Sequence[str]) -> None:
             alone = rms_errors(later, truth, folder / "alone")
             known = rms_errors(later, truth, folder / "known", "--head", folder / "batch" / "head.toml")
         print(f"\n{title}: measured with {asked.units} units, {' + '.join(named)}; {asked.later} later ones\n")
-        print("| parameter | rms error / 1e-6 | with head | ratio | rms error / u | with head |\n|---|---|---|---|---|---|")
+        print(
+            "| parameter | rms error / 1e-6 | with head | ratio | rms error / u | with head |\n|---|---|---|---|---|---|"
+        )
         for k, label in enumerate(SENSOR):
             cells = 1e6 * alone[0, k], 1e6 * known[0, k], known[0, k] / alone[0, k], alone[1, k], known[1, k]
-            print(f"| {label} | {cells[0]:.1f} | {cells[1]:.1f} | " + " | ".join(f"{own:.2f}" for own in cells[2:]) + " |")
+            print(
+                f"| {label} | {cells[0]:.1f} | {cells[1]:.1f} | " + " | ".join(f"{own:.2f}" for own in cells[2:]) + " |"
+            )

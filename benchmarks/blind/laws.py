@@ -1,7 +1,8 @@
 """The population `laws`: errors of 20 sigma without an entry, in a region. Are the region and the candidate law correct?
 
-Products of inputs, decays with a harmonic, knees of another input, harmonics of the index and errors in a part of the angles, in
-4 x 12 positions; an error that an entry describes to within 7 sigma is drawn again. `right`: `unexplained` is in the class.
+Products of inputs, decays with a harmonic, knees of another input, harmonics of the index and errors in a part of the
+angles, in 4 x 12 positions; an error that an entry describes to within 7 sigma is drawn again. `right`: `unexplained` is in
+the class.
 """
 
 from collections.abc import Iterable, Iterator

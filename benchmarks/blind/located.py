@@ -1,6 +1,7 @@
 """The population `located`: an effect that acts everywhere, at one pitch setting, or in the second half of the measurement.
 
-`right`: the effect is the first of `located`, or, everywhere, it is named and nothing is located. The size is that after the cut.
+`right`: the effect is the first of `located`, or, everywhere, it is named and nothing is located. The size is that after
+the cut.
 """
 
 from collections.abc import Iterable, Iterator

@@ -2,9 +2,10 @@
 
     python benchmarks/blind next --instruments 160 --seed 3001 --out next.jsonl
 
-Each blind instrument hides one cause of 5 to 15 sigma, or two. If the diagnosis proposes positions to separate explanations, they
-are measured in the proposed order, conditions and mountings. A prediction is fulfilled if the truth alone, or with the same
-function at 1 g, is then identified. If the plan states that alternatives remain, no others may remain.
+Each blind instrument hides one cause of 5 to 15 sigma, or two. If the diagnosis proposes positions to separate
+explanations, they are measured in the proposed order, conditions and mountings. A prediction is fulfilled if the truth
+alone, or with the same function at 1 g, is then identified. If the plan states that alternatives remain, no others may
+remain.
 """
 
 import argparse
@@ -186,7 +187,9 @@ def table(records: list[dict]) -> None:
     verdicts = Counter(own["verdict"] for own in records)
     print(f"{len(records)} instruments, {dict(verdicts)}; {len(measured)} with positions to separate explanations\n")
     print("| probability stated | instruments | mean | fulfilled | wrong with p > 0.9 |\n|---|---|---|---|---|")
-    rows = {f"{a:g} to {min(b, 1):g}": [own for own in measured if a <= own["probability"] < b] for a, b in pairwise(BINS)}
+    rows = {
+        f"{a:g} to {min(b, 1):g}": [own for own in measured if a <= own["probability"] < b] for a, b in pairwise(BINS)
+    }
     rows |= {"this settles": [own for own in measured if own["settles"]], "all": measured}
     rows |= {kind: [own for own in measured if own["kind"] == kind] for kind in SHARES}
     for words, own in rows.items():

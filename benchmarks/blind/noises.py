@@ -20,7 +20,9 @@ from blind.plans import twice  # noqa: E402
 from tumblecal.diagnosis import Diagnoser  # noqa: E402
 
 
-KINDS = {f"{noise} {words}": (noise, d) for noise in blind_noise.NOISES for words, d in (("d=10", 10.0), ("nothing", 0.0))}
+KINDS = {
+    f"{noise} {words}": (noise, d) for noise in blind_noise.NOISES for words, d in (("d=10", 10.0), ("nothing", 0.0))
+}
 REPEATED = {"axis": (UNEXPLAINED,), "two": (UNEXPLAINED,), "noise": ("noise_unequal",), "null": ()}
 
 

@@ -1,9 +1,9 @@
 """The population `second`: physical mechanisms that were not written in terms of the catalogue (`second_instrument.py`).
 
-Half of the cases have 7 sigma, half 15 (for a truth of two ids, that much of each); five plans, noise of 0.03 to 0.5 mg by Allan
-coefficients. A mechanism is drawn again if too little of it is visible, if the stated truth leaves more than a sigma of it, or,
-unlisted, if one id leaves less than 5 sigma. Measures: rms error of corrected readings at 200 new attitudes, after the best
-rotation, with the calibration of the diagnosis and of the nominal model.
+Half of the cases have 7 sigma, half 15 (for a truth of two ids, that much of each); five plans, noise of 0.03 to 0.5 mg by
+Allan coefficients. A mechanism is drawn again if too little of it is visible, if the stated truth leaves more than a sigma
+of it, or, unlisted, if one id leaves less than 5 sigma. Measures: rms error of corrected readings at 200 new attitudes,
+after the best rotation, with the calibration of the diagnosis and of the nominal model.
 """
 
 from collections.abc import Iterable, Iterator, Sequence

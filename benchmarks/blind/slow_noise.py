@@ -101,7 +101,10 @@ def coverage(trials: int, seed: int) -> None:
             ability=rig.ability,
         )
         covered = coverage_table(made, chunk_sums(made, seed)(0, trials))["covered_95_stated"].to_numpy()
-        print(f"{words}: coverage of 95 % intervals {covered.min():.2%} to {covered.max():.2%}, {trials} trials", flush=True)
+        print(
+            f"{words}: coverage of 95 % intervals {covered.min():.2%} to {covered.max():.2%}, {trials} trials",
+            flush=True,
+        )
 
 
 def main(words: Sequence[str]) -> None:

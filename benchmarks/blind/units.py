@@ -108,8 +108,7 @@ def hidden(condition: Condition, rng: np.random.Generator, setups: list[blind.Se
         effects[0] = dict([effect(rng, setups[0], HEAD + SENSOR, condition.one)])
     if condition.own:
         effects = [
-            own | dict([effect(rng, setup, SENSOR, condition.own)])
-            for own, setup in zip(effects, setups, strict=True)
+            own | dict([effect(rng, setup, SENSOR, condition.own)]) for own, setup in zip(effects, setups, strict=True)
         ]
     return effects, shared
 

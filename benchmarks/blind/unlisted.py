@@ -315,9 +315,7 @@ def knee_in_temperature(setup, rng):
 def converter_ripple(setup, rng):
     """A ripple over the output, two to four periods in a g."""
     axis = rng.integers(3)
-    return on_output(
-        setup, axis, np.sin(TURN * rng.uniform(2.0, 4.0) * inputs(setup)[:, axis] + rng.uniform(0, TURN))
-    )
+    return on_output(setup, axis, np.sin(TURN * rng.uniform(2.0, 4.0) * inputs(setup)[:, axis] + rng.uniform(0, TURN)))
 
 
 @of(LATEST)

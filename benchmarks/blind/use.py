@@ -3,10 +3,11 @@
     python benchmarks/blind use --effects use --instruments 400 --seed 4107
     python benchmarks/blind use --effects all --instruments 100 --seed 83
 
-Instruments of `in_use_instrument.py` (plain numpy), four plans, noise 0.1 mg, a room that warms by 2 to 6 degC. `--effects`: `all`
-at their usual size; `mixed`, one of 8 to 20 sigma with four to six of 1 to 3; `faint`, the latter only; `one`; `none`; `use`, a
-mixture of populations. Judged for `calibrate` and `diagnose`, at 60 new attitudes and three temperatures: 95 % intervals of dK, bias,
-gamma and corrected readings, rms error after `apply`, and, for `use`, the share of the errors of at most U.
+Instruments of `in_use_instrument.py` (plain numpy), four plans, noise 0.1 mg, a room that warms by 2 to 6 degC.
+`--effects`: `all` at their usual size; `mixed`, one of 8 to 20 sigma with four to six of 1 to 3; `faint`, the latter only;
+`one`; `none`; `use`, a mixture of populations. Judged for `calibrate` and `diagnose`, at 60 new attitudes and three
+temperatures: 95 % intervals of dK, bias, gamma and corrected readings, rms error after `apply`, and, for `use`, the share
+of the errors of at most U.
 """
 
 import argparse
@@ -82,7 +83,7 @@ def drawn(number: int, seed: int, effects: str) -> Drawn:
         return Drawn(number, name, kind, own, plan, rng)
     own, wanted = truth.instrument(plan, turns, rng, []), [rng.uniform(8, 20)]
     if effects in ("mixed", "faint"):
-        wanted = wanted[: effects == "mixed"] + [*rng.uniform(1, 3, rng.integers(4, 7))]
+        wanted = [*(wanted if effects == "mixed" else ()), *rng.uniform(1, 3, rng.integers(4, 7))]
     if effects == "use":
         kind = str(np.random.default_rng([seed, number, 58]).choice(list(MIXTURE), p=list(MIXTURE.values())))
         wanted = [*rng.uniform(4, 20, {"none": 0, "several": rng.integers(2, 4)}.get(kind, 1))]
@@ -215,7 +216,11 @@ def report_intervals(results: Sequence[Judged]) -> None:
 
     def rms(own: list[Judged]) -> str:
         squares = [np.mean(one.errors**2) for one in own if one.errors is not None]
-        return f"{1e3 * np.sqrt(np.mean(squares)):.3f} ({1e3 * np.sqrt(np.quantile(squares, 0.9)):.3f})" if squares else "-"
+        return (
+            f"{1e3 * np.sqrt(np.mean(squares)):.3f} ({1e3 * np.sqrt(np.quantile(squares, 0.9)):.3f})"
+            if squares
+            else "-"
+        )
 
     row("instruments", lambda own, nominal: f"{len(own)} ({sum(one.use == 'no file' for one in own)} without a file)")
     row("verdicts", lambda own, nominal: counted(one.verdict for one in own if one.verdict))
@@ -235,7 +240,9 @@ def report_intervals(results: Sequence[Judged]) -> None:
 
 def report_use(results: Sequence[Judged]) -> None:
     """Errors over U of the calibrations that may be used, a row for each command and population."""
-    print("\n| command | population | instruments | `use` | error at most U | worst instrument | rms error / U | median U / mg |")
+    print(
+        "\n| command | population | instruments | `use` | error at most U | worst instrument | rms error / U | median U / mg |"
+    )
     print("|---" * 8 + "|")
     kinds = list(dict.fromkeys(own.drawn.kind for own in results))
     for command in COMMANDS:
