@@ -3,10 +3,10 @@
     python benchmarks/recordings.py DATA --imu-tk FOLDER
     python benchmarks/recordings.py DATA --imu-tk FOLDER --verdicts --only mikoff
 
-DATA contains the folders `mikoff_mpu9150`, `suarez_mpu6050`, `carlsson_mimu4444`, `hassan_lis3dh_30pos`, `imucal_ferraris` and
-`bmi270_thermal` (origins: docs/recordings.md); FOLDER contains imu_tk's `xsens_acc.mat`. The commands of docs/recordings.md are run.
-Each comparison is one line, and the exit code is 1 if one differs. `--verdicts`: for each file whether `calibrate` says that its
-positions can be used, and the first line of `diagnose`.
+DATA contains the folders `mikoff_mpu9150`, `suarez_mpu6050`, `carlsson_mimu4444`, `hassan_lis3dh_30pos`, `imucal_ferraris`
+and `bmi270_thermal` (origins: docs/recordings.md); FOLDER contains imu_tk's `xsens_acc.mat`. The commands of
+docs/recordings.md are run. Each comparison is one line, and the exit code is 1 if one differs. `--verdicts`: for each file
+whether `calibrate` says that its positions can be used, and the first line of `diagnose`.
 """
 
 import argparse

@@ -19,47 +19,15 @@ VALUES = [
     *("\u2028", "\x0b", "\x7f", "\x1c", "1 mg", "7" * 5000, "0x" + "f" * 4500, "1." + "3" * 5000),
     *("[" * 3000, '{"a":' * 3000, "x" * 100_000),
 ]
-ODD = (b"\x00", b"\xff", b"\r", b'"', b"\x0b", b"\x1c", b"\xe2\x80\xa8", b"\xed\xa0\x80", b"#", b",", b"\n", b"[", b"}")
-REPLACED = (
-    *((b",", b";"), (b",", b"\t"), (b",", b" "), (b"\n", b"\r\n"), (b"\n", b"\r"), (b"\n", b"\n\n"), (b".", b",")),
-    *((b"=", b":"), (b'"', b"'"), (b"_g", b"_ms2"), (b"_g", b"_mg")),
-)
-JSON_VALUES = (
-    None,
-    True,
-    1,
-    -1.5,
-    0,
-    1e308,
-    1e-320,
-    10**400,
-    "x",
-    "",
-    float("nan"),
-    float("inf"),
-    2**64,
-    [],
-    [1, 2, 3],
-)
-TOML_VALUES = (
-    *(
-        "1",
-        "-1",
-        "0",
-        "1.5",
-        "nan",
-        "inf",
-        "1e308",
-        '"x"',
-        '""',
-        "true",
-        "1979-05-27T07:32:00Z",
-        "[]",
-        "[1, 2]",
-        "9" * 30,
-    ),
-    *('"1 mg"', '"1e300 mg"', '"1e-300 mg"', "0x" + "f" * 24, '"-1 s"', "100000", '"\\n"', "{a = 1, value = 2}"),
-)
+ODD = [bytes([code]) for code in b'\x00\xff\r"\x0b\x1c#,\n[}'] + [b"\xe2\x80\xa8", b"\xed\xa0\x80"]
+REPLACED = [
+    pair.encode().split(b" ")
+    for pair in (", ;", ", \t", "\n \r\n", "\n \r", "\n \n\n", ". ,", "= :", "\" '", "_g _ms2", "_g _mg")
+]
+JSON_VALUES = (None, True, 1, -1.5, 1e308, 1e-320, 10**400, "x", "", float("nan"), float("inf"), 2**64, [], [1, 2, 3])
+_TOML = """1|-1|0|1.5|nan|inf|1e308|"x"|""|true|1979-05-27T07:32:00Z|[]|[1, 2]|999999999999999999999999999999|{a = 1, value = 2}
+"1 mg"|"1e300 mg"|"1e-300 mg"|0xffffffffffffffffffffffff|"-1 s"|100000|"\\n\""""
+TOML_VALUES = _TOML.replace("\n", "|").split("|")
 
 
 def flipped(content: bytes, chance: random.Random) -> bytes:
@@ -152,19 +120,6 @@ def _stretch(content: bytes, chance: random.Random) -> tuple[int, int]:
     return first, min(len(content), first + chance.choice((1, 16, 100, 512, 4096)))
 
 
-DAMAGES: tuple[Damage, ...] = (
-    *(truncated, truncated, truncated, cut, flipped, flipped, flipped, flipped, zeroed, doubled, inserted, inserted),
-    *(
-        emptied,
-        lines_lost,
-        lines_lost,
-        lines_lost,
-        replaced,
-        replaced,
-        replaced,
-        separated,
-        encoded,
-        packed,
-        of_another_type,
-    ),
-)
+_OFTEN = (truncated, flipped, flipped, inserted, lines_lost, lines_lost, replaced, replaced)
+_SELDOM = (truncated, truncated, cut, flipped, flipped, zeroed, doubled, inserted, emptied, lines_lost, replaced)
+DAMAGES: tuple[Damage, ...] = (*_OFTEN, *_SELDOM, separated, encoded, packed, of_another_type)
