@@ -29,7 +29,7 @@ import numpy as np
 
 import damaged_kinds
 from damaged_kinds import Kind, numbers
-from damaged_run import Outcome, ran
+from in_process import Outcome, ran
 from spoilt_files import DAMAGES
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.precision import enable_float64

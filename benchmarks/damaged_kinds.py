@@ -14,7 +14,7 @@ import polars as pl
 
 import damaged_made as made
 import damaged_written as written
-from damaged_run import ran
+from in_process import ran
 from tumblecal.capture.capture_plan import read_plan
 from tumblecal.capture.emulator.config import read_emulation
 from tumblecal.capture.protocols import protocols

@@ -10,8 +10,6 @@ whether `calibrate` says that its positions can be used, and the first line of `
 """
 
 import argparse
-import contextlib
-import io
 import json
 import shlex
 import sys
@@ -22,7 +20,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from scipy.optimize import least_squares
 
-from tumblecal.cli.commands import run
+from in_process import ran
 from tumblecal.data import read_positions
 
 
@@ -69,18 +67,15 @@ Line = tuple[str, bool]
 
 def command(*words: object) -> tuple[int, str]:
     """Run a command in this process: exit code, and all that was printed."""
-    printed = io.StringIO()
-    sys.argv = ["tumblecal", *map(str, words)]
-    with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
-        code = run()
-    return code, printed.getvalue()
+    outcome = ran(words)
+    return outcome.code, outcome.told + outcome.printed + outcome.traceback
 
 
 def reduced(source: Path, out: Path, options: str) -> tuple[Path, str]:
     """Run `tumblecal reduce`; its folder, and its output."""
     code, printed = command("reduce", source, *shlex.split(options), "--out", out)
     if code:
-        raise SystemExit(f"{' '.join(sys.argv)}: exit code {code}\n{printed}")
+        raise SystemExit(f"reduce {source} {options}: exit code {code}\n{printed}")
     return out, printed
 
 

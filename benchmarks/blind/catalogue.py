@@ -16,7 +16,7 @@ import tumblecal
 
 
 tumblecal.enable_float64()
-from blind.conditions import FAMILIES, THERMAL, on_three_axes, several  # noqa: E402
+from blind.conditions import FAMILIES, THERMAL, several  # noqa: E402
 from blind.judge import UNEXPLAINED, Answer, Case, Outcome, answer_of, interval  # noqa: E402
 from blind_noise import position_set  # noqa: E402
 from tumblecal.diagnosis.detection.reference import References  # noqa: E402
@@ -41,6 +41,12 @@ def one_of(names):
     return lambda rng: (names[rng.integers(len(names))],)
 
 
+def on_all_axes(rng):
+    """One effect on each axis, with a coefficient of its own."""
+    family = FAMILIES[rng.integers(len(FAMILIES))]
+    return tuple(f"{family}.{axis}" for axis in blind.AXES)
+
+
 def nothing(rng):
     return ()
 
@@ -53,7 +59,7 @@ KINDS = {
     "one d=10": (one_of(blind.COEFFICIENTS), (10,), {}),
     "two d=8": (several(2), (8, 8), APART),
     "three d=12": (several(3), (12, 12, 12), APART),
-    "all axes d=7 each": (on_three_axes(*FAMILIES), (7, 7, 7), APART),
+    "all axes d=7 each": (on_all_axes, (7, 7, 7), APART),
     "outlier + one d=8": (several(1), (8,), {"gross": "outlier"}),
     "swap + one d=8": (several(1), (8,), {"gross": "swap"}),
     "unknown d=10": (one_of(blind.UNKNOWN), (10,), {}),

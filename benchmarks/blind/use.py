@@ -11,9 +11,7 @@ of the errors of at most U.
 """
 
 import argparse
-import contextlib
 import csv
-import io
 import json
 import sys
 import tempfile
@@ -25,7 +23,7 @@ from pathlib import Path
 import numpy as np
 
 import in_use_instrument as truth
-from tumblecal.cli import commands
+from in_process import ran
 
 
 PLANS = ("cube", "3x8", "4x12", "two mountings")
@@ -112,16 +110,10 @@ def write_positions(path: Path, plan: truth.Schedule, readings: np.ndarray) -> N
 
 def run(*words: object) -> int:
     """Run a command in this process; its exit code. An error message is printed."""
-    printed, arguments = io.StringIO(), sys.argv
-    sys.argv = ["tumblecal", *map(str, words)]
-    try:
-        with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
-            code = commands.run()
-    finally:
-        sys.argv = arguments
-    if code == 2:
-        print(printed.getvalue().strip(), file=sys.stderr)
-    return code
+    outcome = ran(words)
+    if outcome.code == 2 or outcome.traceback:
+        print(outcome.told.strip() or outcome.traceback, file=sys.stderr)
+    return outcome.code or bool(outcome.traceback)
 
 
 def in_frame(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -39,14 +39,14 @@ GENERIC_TEST_WEIGHT = 0.03
 FAMILY_TEST_WEIGHT = 0.1
 # A fault without an entry above.
 OTHER_FAULT_WEIGHT, OTHER_FAULT_TEST_WEIGHT = 0.06, 0.02
-# The same of terms that are there for a while, or around an angle, alone. (blind_study.py --simulator stress --only unlisted)
+# The same of terms that are there for a while, or around an angle, alone. (blind stress --only unlisted)
 SHAPE_WEIGHT, SHAPE_TEST_WEIGHT = 0.06, 0.02
-# The same of what moves smoothly with anything. (blind_study.py --simulator stress --only unlisted)
+# The same of what moves smoothly with anything. (blind stress --only unlisted)
 LACK_OF_FIT_WEIGHT, LACK_OF_FIT_TEST_WEIGHT = 0.2, 0.1
 # A process of several fields is weighed as one curve for all of them where it is no farther (log) behind the best.
 NEAR_CURVE = 8.0
 
-# Processes of lack of fit (all: blind_study.py --simulator stress --only "unlisted*"). Correlation lengths of the direction of
+# Processes of lack of fit (all: blind stress --only "unlisted*"). Correlation lengths of the direction of
 # gravity (rad), of the time and of the temperature (shares of the whole).
 ATTITUDE_LENGTH, TIME_LENGTHS, TEMPERATURE_LENGTH = 0.5, (0.05, 0.2), 0.25
 # The same of an input, g: smooth curves, and the ripple of a converter.
@@ -107,7 +107,7 @@ HAND_HELD_SIZE = 0.0065
 # noise alone to Ville's bound on their Bayes factor. (benchmarks/blind chance)
 SEVERAL_SIZE, SEVERAL_SHARE = 0.2, 0.02
 # The same for two and three outlier positions together, or one with an effect. With more pairs than so many, those of 24
-# positions, each outlier position is visible by itself, and with an effect from fewer on. (blind_study.py --simulator stress
+# positions, each outlier position is visible by itself, and with an effect from fewer on. (blind stress
 # --only "outlier(s)*")
 POSITIONS_SIZE, MOST_POSITION_PAIRS, MOST_POSITIONS_BESIDE = 0.1, 300, 20
 # A p-value within this factor of the size is close: it is found again from the data set's own null distribution. A plan's own
