@@ -8,6 +8,7 @@ python benchmarks/capture_bench.py live      a guided capture at 2000 Hz: proces
 
 import argparse
 import binascii
+import contextlib
 import fcntl
 import json
 import os
@@ -35,6 +36,7 @@ from tumblecal.capture.log import LogReader, RecordKind
 from tumblecal.capture.port.recording import Recording
 from tumblecal.capture.protocols.stim300 import Stim300Framing
 from tumblecal.capture.protocols.stim300_device import encode
+from tumblecal.ground.errors import InputError
 
 
 SETTINGS = Settings((10.0,) * 3, "acceleration", 2000.0)
@@ -230,7 +232,7 @@ def losses(asked: argparse.Namespace) -> None:
     )
     truth = int(numbers[-1] - numbers[0] + 1 - len(numbers))
     print(f"lost: truth {truth}, counted {counted.lost}, unresolved gaps {counted.unresolved}")
-    print(f"gaps: {len(gaps)}, each counted right: {sum(gaps.get(gap.after, 0) == gap.lost for gap in counted.gaps)}")
+    print(f"gaps: {len(gaps)}, each counted right: {sum(gaps.get(gap.after) == gap.lost for gap in counted.gaps)}")
     print(f"bad checks {counts.check_failures}, discarded bytes {counts.discarded}")
     print(f"recorder: {100 * cpu / (seconds / asked.speed):.1f} % of a core at {RATE_HZ * asked.speed:g} samples/s")
 
@@ -247,8 +249,11 @@ def live(asked: argparse.Namespace) -> None:
         [sys.executable, "-c", GUIDE], cwd=folder, stdin=slave, stdout=slave, stderr=slave, env=environment
     )
     threading.Thread(target=lambda: [os.read(master, 65536) for _ in iter(int, 1)], daemon=True).start()
-    while not (folder / "run" / "journal.log").exists() or read_journal(folder / "run")[-1]["entry"] != "recording":
+    last = ""
+    while last != "recording":
         time.sleep(0.2)
+        with contextlib.suppress(InputError):  # no journal, or an empty one
+            last = read_journal(folder / "run")[-1]["entry"]
     # The recorder is the one child of the guide.
     pids = int(Path(f"/proc/{guide.pid}/task/{guide.pid}/children").read_text().split()[0]), guide.pid
     before, start = [cpu_s(pid) for pid in pids], time.monotonic()

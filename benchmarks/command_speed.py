@@ -1,7 +1,7 @@
 """Wall time, processor time and peak memory of commands, each as a process of its own.
 
     python benchmarks/command_speed.py start                     `calibrate` against a script with numpy and scipy, in turns
-    python benchmarks/command_speed.py rows --rows 24 240 1000   `calibrate` and `diagnose` over the number of rows
+    python benchmarks/command_speed.py rows --rows 48 240 1000   `calibrate` and `diagnose` over the number of rows
     python benchmarks/command_speed.py files --files 100         files per second of `diagnose`, one process and two
     python benchmarks/command_speed.py hand_held --rows 40       a hand-held log of a million rows (text, 1 kHz), 40 positions
     python benchmarks/command_speed.py apply --rows 20000000     `apply` next to copying, plain numpy and Polars
@@ -98,7 +98,7 @@ def rows(asked: argparse.Namespace, folder: Path) -> None:
     from tumblecal.data import PositionSet, write_positions
 
     matrix = np.eye(3) + np.array([[5e-4, 0, 0], [4e-4, -3e-4, 0], [-3e-4, 2e-4, 8e-4]])
-    for count in asked.rows or (24, 240, 1000, 2000, 4000, 10000):
+    for count in asked.rows or (48, 240, 1000, 2000, 4000, 10000):
         rng = np.random.default_rng(1)
         alpha, beta = (
             np.resize(np.tile(np.arange(12) * 30.0, 4), count),

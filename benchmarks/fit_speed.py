@@ -83,10 +83,20 @@ def by_numpy(readings: np.ndarray) -> np.ndarray:
 
 
 def by_scipy(readings: np.ndarray) -> np.ndarray:
-    """One fit after the other, with the derivatives of scipy."""
+    """One fit after the other, with the derivatives of scipy and the chain as a user of scipy writes it."""
+    sa, ca = np.sin(ALPHA), np.cos(ALPHA)
 
     def residuals(p: np.ndarray, measured: np.ndarray) -> np.ndarray:
-        return (predicted(p[None])[0][0] - measured).ravel() / SD
+        scale, bias, tilts, (g21, g31, g32), pitch = p[:3], p[3:6], p[6:9], p[9:12], p[12:]
+        b = BETA + pitch[SETTING]
+        f = np.stack([-np.sin(b), np.cos(b) * sa, np.cos(b) * ca])
+        (cx, sx), (cy, sy), (cz, sz) = ((np.cos(tilt), np.sin(tilt)) for tilt in tilts)
+        rx = np.array([[1, 0, 0], [0, cx, sx], [0, -sx, cx]])
+        ry = np.array([[cy, 0, -sy], [0, 1, 0], [sy, 0, cy]])
+        rz = np.array([[cz, sz, 0], [-sz, cz, 0], [0, 0, 1]])
+        triad = np.array([[1, 0, 0], [g21, 1, 0], [g31, g32, 1]])
+        model = ((1 + scale)[:, None] * (triad @ (rx @ ry @ rz) @ f) + bias[:, None]).T
+        return (model - measured).ravel() / SD
 
     return np.stack([least_squares(residuals, np.zeros(15), args=(measured,)).x for measured in readings])
 
