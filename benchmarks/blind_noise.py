@@ -1,4 +1,4 @@
-"""One hidden effect in noise that is not as assumed: is the effect named, and is the noise? A simulator of `blind_study.py`.
+"""One hidden effect in noise that is not as assumed: is the effect named, and is the noise? Population `noise` of `blind`.
 
 Instruments and effects are those of the catalogue study. The assumption is white Gaussian noise, equal on all axes, its sd
 stated or unknown; the truth is one axis five times as noisy, Student's t, noise correlated from position to position, or
@@ -6,19 +6,15 @@ an attitude that every position repeats only to some extent. The effect's size d
 model cannot reach, in the metric of the true noise. `nothing` rows have no effect: there nothing may be named but noise.
 """
 
-from collections.abc import Iterable, Iterator
-
 import numpy as np
 from scipy.linalg import block_diag
 
 import blind_instrument as blind
 import tumblecal
+from tumblecal.data import PositionSet
 
 
 tumblecal.enable_float64()
-from blind_judge import Answer, Case, answer_of_diagnosis  # noqa: E402
-from tumblecal.data import PositionSet  # noqa: E402
-from tumblecal.diagnosis import Diagnoser  # noqa: E402
 
 
 PLANS = {"3x8": (3, 8), "4x12": (4, 12)}
@@ -108,24 +104,3 @@ def position_set(setup: blind.Setup, readings: np.ndarray, known: bool) -> Posit
 def excused(kind: str) -> tuple[str, ...]:
     """What may be named beside the effect: noise, and with heavy tails the positions that lie far out."""
     return ("noise_", "outlier_position") if kind == "heavy" else ("noise_",)
-
-
-def cases(kind: str, count: int, seed: int) -> Iterator[Case]:
-    """A fourth of the cases each for both plans and for noise stated and unknown."""
-    number, (noise, d) = 0, KINDS[kind]
-    for plan in PLANS:
-        for known in (True, False):
-            rng = np.random.default_rng([seed, NOISES.index(noise), list(PLANS).index(plan), d > 0])
-            for _ in range(max(1, count // 4)):
-                setup, readings, name = case(rng, plan, noise, d)
-                data, truth = position_set(setup, readings, known), () if name is None else (name,)
-                yield Case(kind, number, plan, known, (truth,), data, LABELS[noise], d, excused(noise))
-                number += 1
-
-
-def answered(drawn: Iterable[Case]) -> Iterator[tuple[Case, Answer]]:
-    """Diagnosed, with whether the noise is named."""
-    diagnoser = Diagnoser(nested=False)
-    for case in drawn:
-        diagnosis = diagnoser(case.data)
-        yield case, answer_of_diagnosis(diagnosis, measures={"noise named": case.hidden in diagnosis.labels})

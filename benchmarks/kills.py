@@ -1,12 +1,12 @@
 """Kill -9 at random moments while something is recorded or written: nothing acknowledged is lost, nothing half-written.
 
-python benchmarks/kills.py [--kills 1000] [--kinds recorder,guide,reduce,study,simulate,calibrate,diagnose]
+    python benchmarks/kills.py --kills 1000 --kinds recorder,guide,reduce,study,simulate,calibrate,diagnose
 
-The kills are shared out over the kinds. `recorder`: the recorder at 2000 Hz, torn tails added to its log. `guide`: a whole
-guided run, resumed after each kill. `study`: a study of 200 chunks, resumed after each kill; then it ends, and its result
-must be that of an undisturbed one. The others write their files again and again, two versions in turn: after a kill each
-file must be one of the two, whole, and all files of one set of results must be of the same version. Ends with code 1 when
-anything was lost, half-written or mixed.
+The kills are distributed over the kinds. `recorder`: the recorder at 2000 Hz, torn tails added to its log. `guide`: a whole
+guided run, resumed after each kill. `study`: a study of 200 chunks, resumed after each kill; its result must be that of an
+undisturbed one. The others write two versions of their files in turn: after a kill each file must be one of the two, whole,
+and all files of one set of results must be of the same version. Ends with code 1 if anything was lost, half-written or
+mixed.
 """
 
 import argparse
@@ -27,7 +27,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from capture_losses import sequence_of, sequence_rates
+from capture_bench import sequence_of, sequence_rates
 from tumblecal.capture.decoding.framing import decode_all
 from tumblecal.capture.decoding.samples import Settings
 from tumblecal.capture.emulator.config import Emulation
@@ -45,35 +45,37 @@ from tumblecal.ground.result_set import result_set
 
 
 CONFIGS = Path(__file__).parents[1] / "configs"
+# Weights of the kinds.
 KINDS = {"recorder": 15, "guide": 10, "reduce": 20, "study": 20, "simulate": 12, "calibrate": 12, "diagnose": 11}
 PLAN = """
 [port]
-url = "IMU"
+url = "{link}"
 speed = 20.0
 [positions]
-beta_deg = [0, 30, 60]
-alpha_deg = [ALPHAS]
+beta_deg = {beta}
+alpha_deg = {alpha}
 [dwell]
-seconds = 1.0
+seconds = {seconds}
 settle_s = 0.2
 """
+Write = Callable[[Path], object]
 
 
-def fast_instrument(link: str) -> None:
+def device(link: str, folder: str) -> None:
+    """A virtual device: with a folder, one that is turned as its run asks; without one, at 2000 Hz."""
+    if folder:
+        config = Emulation.model_validate({"head": {"turn_s": 0.5, "reaction_s": 0.1}})
+        operator = Follower(Path(folder), config)
+        VirtualInstrument(VirtualDevice(config), Path(link), speed=20.0, operator=operator).run(720000.0)
+        return
     config = Emulation.model_validate({"instrument": {"rate_hz": 2000.0}})
     VirtualInstrument(VirtualDevice(config, rates=sequence_rates), Path(link)).run(36000.0)
 
 
-def following_instrument(link: str, folder: str) -> None:
-    config = Emulation.model_validate({"head": {"turn_s": 0.5, "reaction_s": 0.1}})
-    VirtualInstrument(VirtualDevice(config), Path(link), speed=20.0, operator=Follower(Path(folder), config)).run(
-        720000.0
-    )
-
-
 @contextlib.contextmanager
-def instrument(target: Callable[..., None], link: Path, *arguments: str):
-    process = get_context("spawn").Process(target=target, args=(str(link), *arguments), daemon=True)
+def instrument(link: Path, folder: str = ""):
+    """The device in a process of its own."""
+    process = get_context("spawn").Process(target=device, args=(str(link), folder), daemon=True)
     process.start()
     while not link.exists():
         time.sleep(0.01)
@@ -85,13 +87,13 @@ def instrument(target: Callable[..., None], link: Path, *arguments: str):
 
 
 def started(work: Callable[[], object]) -> tuple[int, int]:
-    """`work` in a process of its own: its number, and where to read what it says on its output.
+    """`work` in a process of its own: its number, and the descriptor of its output.
 
-    The first process neither writes nor reads tables: their library's threads would not live on in a child.
+    The first process neither writes nor reads tables: the threads of their library would not exist in a child.
     """
     reader, writer = os.pipe()
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # nor do those of JAX: children only write what is computed already
+        warnings.simplefilter("ignore")  # nor do those of JAX: children only write results that exist
         child = os.fork()
     if child == 0:
         os.dup2(writer, 1)
@@ -106,42 +108,42 @@ def started(work: Callable[[], object]) -> tuple[int, int]:
 
 
 def ended(child: int, reader: int) -> bytes:
-    """What a process had said when it ended."""
+    """The output of a process that ends."""
     with open(reader, "rb") as file:
-        said = file.read()
+        printed = file.read()
     os.waitpid(child, 0)
-    return said
+    return printed
 
 
 def killed(work: Callable[[], object], wait_s: float, word: bytes = b"") -> bytes:
-    """What `work` had said when it was killed, this time after it said a word (at the latest 300 s after its start)."""
+    """The output of `work`, which is killed this time after it printed a word (at the latest 300 s after its start)."""
     child, reader = started(work)
-    said, deadline = b"", time.monotonic() + 300.0
-    while word not in said and time.monotonic() < deadline:
+    printed, deadline = b"", time.monotonic() + 300.0
+    while word not in printed and time.monotonic() < deadline:
         if select.select([reader], [], [], 0.1)[0]:
             data = os.read(reader, 65536)
-            said += data
+            printed += data
             deadline = deadline if data else 0.0
     time.sleep(wait_s)
     os.kill(child, signal.SIGKILL)
-    return said + ended(child, reader)
+    return printed + ended(child, reader)
+
+
+def failures(printed: bytes) -> list[str]:
+    """Exceptions in the output of a process."""
+    return [line.decode() for line in printed.splitlines() if line.startswith(b"FAILED")]
 
 
 def undisturbed(work: Callable[[], object]) -> None:
     """`work` to its end."""
-    faults = failures(ended(*started(work)))
-    if faults:
+    if faults := failures(ended(*started(work))):
         raise SystemExit("\n".join(faults))
 
 
-def failures(said: bytes) -> list[str]:
-    return [line.decode() for line in said.splitlines() if line.startswith(b"FAILED")]
-
-
 def recorder(kills: int, folder: Path, random: np.random.Generator) -> list[str]:
-    """Samples come once and in order, and every place that was told to be on the disk is still there."""
+    """Samples are there once and in order, and every acknowledged place is still there."""
     log, acknowledged = folder / "raw.log", []
-    with instrument(fast_instrument, folder / "imu"):
+    with instrument(folder / "imu"):
         for _ in range(kills):
             recording = Recording(log, str(folder / "imu"), 921600)
             time.sleep(float(random.uniform(0, 0.4)))
@@ -150,51 +152,46 @@ def recorder(kills: int, folder: Path, random: np.random.Generator) -> list[str]
             recording.stop()
             if recording.synced:
                 acknowledged.append((recording.synced, log.read_bytes()[recording.synced - 16 : recording.synced]))
-            if random.random() < 0.5:  # what a power cut may leave behind: an unfinished record
+            if random.random() < 0.5:  # a power cut may leave an unfinished record
                 with open(log, "ab") as file:
                     file.write(log.read_bytes()[-200:][: int(random.integers(1, 150))])
     LogWriter(log).close()
-    content, records = log.read_bytes(), read_log(log)
+    content = log.read_bytes()
     bad = [f"place {stop} is lost" for stop, tail in acknowledged if content[stop - 16 : stop] != tail]
-    decoder = protocol("stim300").decoder(Settings((10.0,) * 3))
-    samples = decode_all(decoder, b"".join(r.payload for r in records if r.kind == RecordKind.BYTES)).samples
-    numbers = sequence_of(samples.rate)
+    payload = b"".join(record.payload for record in read_log(log) if record.kind == RecordKind.BYTES)
+    numbers = sequence_of(decode_all(protocol("stim300").decoder(Settings((10.0,) * 3)), payload).samples.rate)
     bad += ["samples twice or out of order"] * bool((np.diff(numbers) <= 0).any())
-    print(f"  recorder: {len(acknowledged)} places were told to be on the disk; {len(numbers)} samples in the log")
+    print(f"  recorder: {len(acknowledged)} places were acknowledged; {len(numbers)} samples in the log")
     return bad
 
 
+def guided(run: Path) -> None:
+    """Resume a guided run."""
+    with resume(run) as held:
+        capture(held, plain=True)
+
+
 def guide(kills: int, folder: Path, random: np.random.Generator) -> list[str]:
-    """What the screen called done stays done, bit for bit, over kills and resumptions."""
-    run, plan, bad = folder / "run", folder / "plan.toml", []
-    alphas = ", ".join(f"{a:.2f}" for a in np.arange(max(8, 5 * kills)) * 360.0 * 0.381966 % 360.0)
-    plan.write_text(PLAN.replace("IMU", str(folder / "imu")).replace("ALPHAS", alphas))
-    before, shown = {}, 0
-    with instrument(following_instrument, folder / "imu", str(run)):
+    """A position that the screen showed as done remains so, bit for bit."""
+    run, plan, bad, before, shown = folder / "run", folder / "plan.toml", [], {}, 0
+    alpha = (np.arange(max(8, 5 * kills)) * 360.0 * 0.381966 % 360.0).round(2).tolist()
+    plan.write_text(PLAN.format(link=folder / "imu", beta=[0, 30, 60], alpha=alpha, seconds=1.0))
+    with instrument(folder / "imu", str(run)):
         begin(plan, run).journal.close()
         for kill in range(kills):
-
-            def work() -> None:
-                with resume(run) as held:
-                    capture(held, plain=True)
-
             # Most kills fall into the measuring, some into the start.
             word = b"SETTLING" if random.random() < 0.7 else b""
-            said = killed(work, float(random.uniform(0.0, 1.5)), word)
-            bad += failures(said)
-            shown = max(
-                [shown, *(int(line.split(b" of ")[0].split()[-1]) for line in said.splitlines() if b" of " in line)]
-            )
+            printed = killed(partial(guided, run), float(random.uniform(0.0, 1.5)), word)
+            bad += failures(printed)
+            done = [int(line.split(b" of ")[0].split()[-1]) for line in printed.splitlines() if b" of " in line]
+            shown = max([shown, *done])
             accepted = replayed(read_journal(run)).accepted
             if len(accepted) < shown:
                 bad.append(f"{shown} positions were shown as done, {len(accepted)} are")
             bad += [f"position {k} has changed" for k in before if accepted.get(k) != before[k]]
             before = accepted
             if kill % 10 == 9:
-                print(
-                    f"    {kill + 1} of {kills} kills, {len(accepted)} positions accepted, {len(bad)} faults",
-                    flush=True,
-                )
+                print(f"    {kill + 1} of {kills} kills, {len(accepted)} positions, {len(bad)} faults", flush=True)
     for k, attempt in before.items():
         if sha256_of(run / RAW_NAME, attempt.log_start, attempt.log_stop) != attempt.sha256:
             bad.append(f"position {k}: its bytes are not those that were accepted")
@@ -204,28 +201,27 @@ def guide(kills: int, folder: Path, random: np.random.Generator) -> list[str]:
 
 
 def undated(path: Path) -> bytes:
-    """A file's bytes but for the second in which it was written."""
+    """A file's bytes without the second in which it was written."""
     return re.sub(rb"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ", b"DATE", path.read_bytes())
 
 
-def writing(
-    name: str,
-    write: list[Callable[[Path], object]],
-    kills: int,
-    folder: Path,
-    random: np.random.Generator,
-    names: tuple[str, ...] = (),
-) -> list[str]:
-    """Two versions written in turn: each file is one of them, whole; with `names` they are sets that are never mixed."""
+def files_in(folder: Path) -> dict[str, bytes]:
+    """The files of a folder."""
+    return {path.name: undated(path) for path in folder.iterdir() if path.is_file()}
+
+
+def writing(name: str, kills: int, folder: Path, random: np.random.Generator) -> list[str]:
+    """Two versions written in turn: each file is one of them, whole; sets of files are never mixed."""
+    write, names = WRITERS[name](folder)
     versions = []
     for number, version in enumerate(write):
         whole = folder / f"version{number}" / "written"
         whole.mkdir(parents=True)
         undisturbed(partial(version, whole))
-        versions.append({path.name: undated(path) for path in whole.iterdir()})
-    if names:  # what takes long is done, so that kills fall into the writing
-        write = [partial(as_set, folder / f"version{number}" / "written", names) for number in range(len(write))]
-    place, bad, rounds = folder / "written", [], 0
+        versions.append(files_in(whole))
+        if names:  # the computation is done, so that kills fall into the writing
+            write[number] = partial(as_set, whole, names)
+    place, bad, rounds, aside, whole_sets = folder / "written", [], 0, 0, 0
     place.mkdir()
 
     def work() -> None:
@@ -233,14 +229,11 @@ def writing(
             write[number % len(write)](place)
             os.write(1, b".")
 
-    aside, whole_sets, parts = 0, 0, 0
     for _ in range(kills):
-        said = killed(work, float(random.uniform(0.005, 0.3)))
-        bad, rounds = bad + failures(said), rounds + said.count(b".")
+        printed = killed(work, float(random.uniform(0.005, 0.3)))
+        bad, rounds, there = bad + failures(printed), rounds + printed.count(b"."), files_in(place)
         if names:
-            there = {path.name: undated(path) for path in place.iterdir() if path.is_file()}
             whole_sets += there in versions
-            parts += there not in versions
             if not any(there.items() <= version.items() for version in versions):
                 bad.append(f"files of two sets: {', '.join(sorted(there))}")
         for path in place.iterdir():
@@ -251,10 +244,12 @@ def writing(
                 bad.append(f"{path.name} is half-written")
     if names:
         undisturbed(partial(write[0], place))
-        left = {path.name: undated(path) if path.is_file() else b"" for path in place.iterdir()}
-        bad += ["what killed processes left is still there"] * (left != versions[0])
-        print(f"  {name}: {whole_sets} whole sets after a kill, {parts} parts of one set")
-    seen = sum(p.exists() for p in (place / n for n in versions[0]))
+        rest = {path.name for path in place.iterdir()}
+        bad += ["files of killed processes are still there"] * (
+            rest != {*versions[0]} or files_in(place) != versions[0]
+        )
+        print(f"  {name}: {whole_sets} whole sets after a kill, {kills - whole_sets} parts of one set")
+    seen = sum((place / own).exists() for own in versions[0])
     print(
         f"  {name}: {rounds} rounds written, {seen} of {len(versions[0])} files there; {aside} were being written aside"
     )
@@ -268,24 +263,76 @@ def as_set(source: Path, names: tuple[str, ...], folder: Path) -> None:
             write_text(aside / path.name, path.read_text("utf-8"))
 
 
-def reduce(kills: int, folder: Path, random: np.random.Generator) -> list[str]:
+def position_set(seed: int):
+    """Simulated position means."""
+    from tumblecal.effects import catalogue
+    from tumblecal.effects.catalogue import read_rig_with_effects
+    from tumblecal.simulation.position_means import simulated
+
+    return simulated(read_rig_with_effects(CONFIGS / "paper24.toml", catalogue()), seed, None)
+
+
+def reduce(folder: Path) -> tuple[list[Write], tuple[str, ...]]:
     """positions.csv, positions.parquet and reduction.json of a small run."""
     from tumblecal.capture.reduction.reduce import reduce as reduced
     from tumblecal.capture.reduction.reduction import write_reduction
 
     run, plan = folder / "run", folder / "plan.toml"
-    text = PLAN.replace("IMU", str(folder / "imu")).replace("ALPHAS", "0, 90").replace("seconds = 1.0", "seconds = 4.0")
-    plan.write_text(text.replace("[0, 30, 60]", "[0]"))
-    with instrument(following_instrument, folder / "imu", str(run)):
-        undisturbed(partial(captured, plan, run))
-    result = reduced(run)
-
-    return writing("reduce", [partial(write_reduction, result)], kills, folder, random)
+    plan.write_text(PLAN.format(link=folder / "imu", beta=[0], alpha=[0, 90], seconds=4.0))
+    with instrument(folder / "imu", str(run)):
+        begin(plan, run).journal.close()
+        undisturbed(partial(guided, run))
+    return [partial(write_reduction, reduced(run))], ()
 
 
-def captured(plan: Path, run: Path) -> None:
-    with begin(plan, run) as held:
-        capture(held, plain=True)
+def simulate(folder: Path) -> tuple[list[Write], tuple[str, ...]]:
+    """Position files of two seeds."""
+    from tumblecal.data import write_positions
+
+    def written(data, place: Path) -> None:
+        for end in ("csv", "parquet"):
+            write_positions(place / f"positions.{end}", data)
+
+    return [partial(written, position_set(seed)) for seed in (1, 2)], ()
+
+
+def calibrate(folder: Path) -> tuple[list[Write], tuple[str, ...]]:
+    """Calibrations of two seeds, one of them with figures and page."""
+    from tumblecal.cli.calibrate import _SET as names
+    from tumblecal.cli.model_options import StatedModel
+    from tumblecal.cli.options import ModelOptions
+    from tumblecal.estimation.methods import all_methods
+    from tumblecal.report.calibration_figures import draw_calibration
+    from tumblecal.report.calibration_page import write_calibration_page
+    from tumblecal.report.result_file import write_calibrated
+
+    model = StatedModel.of(ModelOptions())
+
+    def written(result, drawn: bool, place: Path) -> None:
+        write_calibrated(place, result)
+        if drawn:
+            write_calibration_page(place / "calibration.html", result, draw_calibration(place, result))
+
+    results = [all_methods(model.problem(position_set(seed))) for seed in (1, 2)]
+    return [partial(written, result, drawn) for result, drawn in zip(results, (True, False), strict=True)], names
+
+
+def diagnose(folder: Path) -> tuple[list[Write], tuple[str, ...]]:
+    """Diagnoses of two seeds, without the figures."""
+    from tumblecal.cli.diagnosis_batch import DIAGNOSIS_SET
+    from tumblecal.diagnosis import Diagnoser
+    from tumblecal.effects import catalogue
+    from tumblecal.planning import NextPlan
+    from tumblecal.report.diagnosis_files import write_diagnosis
+
+    def written(result, place: Path) -> None:
+        write_diagnosis(place, result, NextPlan(), figures=False)
+
+    diagnoser = Diagnoser(catalogue())
+    return [partial(written, diagnoser(position_set(seed))) for seed in (1, 2)], DIAGNOSIS_SET
+
+
+WRITERS = {own.__name__: own for own in (reduce, simulate, calibrate, diagnose)}
 
 
 class ChunksOfNumbers:
@@ -316,124 +363,55 @@ def study(kills: int, folder: Path, random: np.random.Generator) -> list[str]:
     from tumblecal.studies.run import run
     from tumblecal.studies.study_tables import read_study
 
-    tables, bad, studies = read_study(CONFIGS / "study_coverage.toml", "coverage"), [], 0
-    counted = 0
+    tables, bad, studies, counted = read_study(CONFIGS / "study_coverage.toml", "coverage"), [], 0, 0
     undisturbed(partial(run, tables, folder / "whole", study=ChunksOfNumbers()))
+    results = [path for path in (folder / "whole").iterdir() if path.suffix in (".json", ".parquet")]
     place = folder / "study0"
-    whole = {
-        p.name: p.read_bytes()
-        for p in (folder / "whole").iterdir()
-        if p.is_file() and p.suffix in (".json", ".parquet")
-    }
+
+    def work(place: Path) -> None:
+        run(tables, place, study=ChunksOfNumbers(), progress=lambda done: os.write(1, f"{done}\n".encode()))
+        os.write(1, b"ended\n")
+
     for kill in range(kills):
-
-        def work(place: Path = place) -> None:
-            run(tables, place, study=ChunksOfNumbers(), progress=lambda done: os.write(1, f"{done}\n".encode()))
-            os.write(1, b"ended\n")
-
-        said = killed(work, float(random.uniform(0.01, 0.3)))
-        bad += failures(said)
-        told = [int(line) for line in said.split() if line.isdigit()]
-        if counted and told and max(told) < counted:
-            bad.append(f"{counted} chunks were counted before, {max(told)} now")
-        counted = max([counted, *told])
-        there = len(list((place / "chunks").glob("[0-9]*"))) if (place / "chunks").exists() else 0
+        printed = killed(partial(work, place), float(random.uniform(0.01, 0.3)))
+        bad += failures(printed)
+        done = [int(line) for line in printed.split() if line.isdigit()]
+        if counted and done and max(done) < counted:
+            bad.append(f"{counted} chunks were counted before, {max(done)} now")
+        counted = max([counted, *done])
+        there = len([*(place / "chunks").glob("[0-9]*")])
         if there < counted:
             bad.append(f"{counted} chunks were counted, {there} are there")
-        if b"ended" in said or kill == kills - 1:
+        if b"ended" in printed or kill == kills - 1:
             undisturbed(partial(run, tables, place, study=ChunksOfNumbers()))
-            studies += 1
-            bad += [
-                f"{name} is not that of an undisturbed study"
-                for name in whole
-                if (place / name).read_bytes() != whole[name]
-            ]
-            place, counted = folder / f"study{studies}", 0
+            differ = [path.name for path in results if (place / path.name).read_bytes() != path.read_bytes()]
+            bad += [f"{name} is not that of an undisturbed study" for name in differ]
+            studies, counted = studies + 1, 0
+            place = folder / f"study{studies}"
     print(f"  study: {studies} studies of {ChunksOfNumbers.chunks} chunks ended as undisturbed ones")
     return bad
 
 
-def simulate(kills: int, folder: Path, random: np.random.Generator) -> list[str]:
-    """Position files of two seeds."""
-    from tumblecal.data import write_positions
-
-    sets = [position_set(seed) for seed in (1, 2)]
-
-    def writer(data):
-        return lambda place: [write_positions(place / f"positions.{end}", data) for end in ("csv", "parquet")]
-
-    return writing("simulate", [writer(data) for data in sets], kills, folder, random)
-
-
-def position_set(seed: int):
-    from tumblecal.effects import catalogue
-    from tumblecal.effects.catalogue import read_rig_with_effects
-    from tumblecal.simulation.position_means import simulated
-
-    return simulated(read_rig_with_effects(CONFIGS / "paper24.toml", catalogue()), seed, None)
-
-
-def calibrate(kills: int, folder: Path, random: np.random.Generator) -> list[str]:
-    """Calibrations of two seeds, with figures and page and without."""
-    from tumblecal.cli.calibrate import _SET as names
-    from tumblecal.cli.model_options import StatedModel
-    from tumblecal.cli.options import ModelOptions
-    from tumblecal.estimation.methods import all_methods
-    from tumblecal.report.calibration_figures import draw_calibration
-    from tumblecal.report.calibration_page import write_calibration_page
-    from tumblecal.report.result_file import write_calibrated
-
-    model = StatedModel.of(ModelOptions())
-
-    def writer(data, drawn):
-        result = all_methods(model.problem(data))
-
-        def write(place):
-            write_calibrated(place, result)
-            if drawn:
-                write_calibration_page(place / "calibration.html", result, draw_calibration(place, result))
-
-        return write
-
-    write = [writer(position_set(seed), drawn) for seed, drawn in ((1, True), (2, False))]
-    return writing("calibrate", write, kills, folder, random, names)
-
-
-def diagnose(kills: int, folder: Path, random: np.random.Generator) -> list[str]:
-    """Diagnoses of two seeds, without the figures."""
-    from tumblecal.cli.diagnosis_batch import DIAGNOSIS_SET
-    from tumblecal.diagnosis import Diagnoser
-    from tumblecal.effects import catalogue
-    from tumblecal.planning import NextPlan
-    from tumblecal.report.diagnosis_files import write_diagnosis
-
-    diagnoser = Diagnoser(catalogue())
-
-    def writer(data):
-        result = diagnoser(data)
-        return lambda place: write_diagnosis(place, result, NextPlan(), figures=False)
-
-    return writing("diagnose", [writer(position_set(seed)) for seed in (1, 2)], kills, folder, random, DIAGNOSIS_SET)
-
-
 def main() -> int:
-    parser = argparse.ArgumentParser()
+    """Kill and count the faults."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--kills", type=int, default=1000)
     parser.add_argument("--kinds", default=",".join(KINDS))
     parser.add_argument("--seed", type=int, default=1)
-    arguments = parser.parse_args()
-    kinds = arguments.kinds.split(",")
-    if any(kind in ("study", "simulate", "calibrate", "diagnose") for kind in kinds):
+    asked = parser.parse_args()
+    kinds = asked.kinds.split(",")
+    if {"study", "simulate", "calibrate", "diagnose"} & {*kinds}:
         from tumblecal.cli.start import start
 
         start()
-    share = arguments.kills / sum(KINDS[kind] for kind in kinds)
-    random, total, faults = np.random.default_rng(arguments.seed), 0, []
+    share = asked.kills / sum(KINDS[kind] for kind in kinds)
+    random, total, faults = np.random.default_rng(asked.seed), 0, []
+    tests = {"recorder": recorder, "guide": guide, "study": study} | {name: partial(writing, name) for name in WRITERS}
     with tempfile.TemporaryDirectory(prefix="tumblecal-kills-") as folder:
         for kind in kinds:
             kills, begun = max(1, round(share * KINDS[kind])), time.monotonic()
             (Path(folder) / kind).mkdir()
-            bad = globals()[kind](kills, Path(folder) / kind, random)
+            bad = tests[kind](kills, Path(folder) / kind, random)
             total, faults = total + kills, faults + [f"{kind}: {text}" for text in bad]
             print(f"  {kind}: {kills} kills in {time.monotonic() - begun:.0f} s, {len(bad)} faults", flush=True)
     print(f"{total} kills; lost, half-written or mixed: {len(faults)}")

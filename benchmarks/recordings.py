@@ -1,16 +1,17 @@
-"""Public recordings from their original files to positions, against the answers that are known of them.
+"""Public recordings from their original files to positions and verdicts, against the answers that are known of them.
 
-    python benchmarks/recordings.py DATA [--imu-tk FOLDER]
+    python benchmarks/recordings.py DATA --imu-tk FOLDER
+    python benchmarks/recordings.py DATA --imu-tk FOLDER --verdicts --only mikoff
 
-DATA holds the folders `mikoff_mpu9150`, `suarez_mpu6050`, `carlsson_mimu4444`, `hassan_lis3dh_30pos`, `imucal_ferraris` and
-`bmi270_thermal` (docs/recordings.md says where they are from); FOLDER holds imu_tk's `xsens_acc.mat`. Each command of
-docs/recordings.md is run; a line a comparison says what came out, and the exit code is 1 where one is off.
+DATA contains the folders `mikoff_mpu9150`, `suarez_mpu6050`, `carlsson_mimu4444`, `hassan_lis3dh_30pos`, `imucal_ferraris`
+and `bmi270_thermal` (origins: docs/recordings.md); FOLDER contains imu_tk's `xsens_acc.mat`. The commands of
+docs/recordings.md are run. Each comparison is one line, and the exit code is 1 if one differs. `--verdicts`: for each file
+whether `calibrate` says that its positions can be used, and the first line of `diagnose`.
 """
 
 import argparse
-import contextlib
-import io
 import json
+import shlex
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,7 +20,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from scipy.optimize import least_squares
 
-from tumblecal.cli.commands import run
+from in_process import ran
 from tumblecal.data import read_positions
 
 
@@ -31,6 +32,25 @@ listed = [
   {name = "z_p", alpha_deg = 0, beta_deg = 0}, {name = "z_a", alpha_deg = 180, beta_deg = 0},
 ]
 """
+STATIC_MIKOFF = "--static --rate 100 --gyro-unit rad/s --gravity 9.81"
+STATIC_CARLSSON = "--static --topic {imu} --gravity 9.8184 --least-s 10"
+MEANS_HASSAN = "--means --columns ax=vx_g,ay=vy_g,az=vz_g"
+STATIC_BMI = "--static --rate 50 --scale 4 --unit g --columns temperature=1,ax=2,ay=3,az=4,gx=5,gy=6,gz=7"
+IMU_TK = "--static --columns time=1,ax=2,ay=3,az=4 --unit 4069/g --offset ax=33124,ay=33275,az=32364"
+PHONE = "hassan_lis3dh_30pos/MobileAccData30orientationRawSample01.mat"
+# Options of `reduce` for each file of the verdicts.
+COMMANDS = {
+    **{f"mikoff_mpu9150/imu{unit}.log": STATIC_MIKOFF for unit in range(5)},
+    "suarez_mpu6050/example_data_calibration.csv": "--static",
+    "suarez_mpu6050/example_data_tinit_calc.csv": "--static",
+    **{f"carlsson_mimu4444/exp_{k}.bin": STATIC_CARLSSON.format(imu="imu1") for k in (1, 7)},
+    **{f"hassan_lis3dh_30pos/tab{count}.csv": MEANS_HASSAN for count in (24, 31, 49)},
+    PHONE: "--static --rate 30",
+    "imucal_ferraris/annotated_session.csv": "--by part --plan {six} --rate 102.4",
+    "imucal_ferraris/example_ferraris_session.csv": "--plan {six} --rate 102.4",
+    "bmi270_thermal/BMI_270_hot_test.csv": STATIC_BMI,
+    "bmi270_thermal/BMI_270_cold_test_.csv": STATIC_BMI,
+}
 # Printed by mikoff/imu-calib for its five units: scale %, misalignment deg (yz, xy, xz), bias m/s^2.
 MIKOFF = [
     ((0.363, 0.315, 0.647), (0.123, 0.02, 0.317), (0.103, 0.097, 0.344)),
@@ -42,48 +62,51 @@ MIKOFF = [
 # Gauss-Newton of the repository of Hassan: bias in g, symmetric matrix.
 HASSAN_BIAS = (8.532239735e-4, -5.181945155e-3, 1.355429928e-2)
 HASSAN_MATRIX = (1.0075165464, -0.0077424535, 0.0265448295, 0.9969083368, 0.0017746069, 0.9933325356)
-
 Line = tuple[str, bool]
 
 
-def reduced(source: Path, out: Path, *options: str) -> tuple[Path, str]:
-    """Run `tumblecal reduce`; its folder, and what it printed, warnings included."""
-    said = io.StringIO()
-    sys.argv = ["tumblecal", "reduce", str(source), *options, "--out", str(out)]
-    with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
-        code = run()
+def command(*words: object) -> tuple[int, str]:
+    """Run a command in this process: exit code, and all that was printed."""
+    outcome = ran(words)
+    return outcome.code, outcome.told + outcome.printed + outcome.traceback
+
+
+def reduced(source: Path, out: Path, options: str) -> tuple[Path, str]:
+    """Run `tumblecal reduce`; its folder, and its output."""
+    code, printed = command("reduce", source, *shlex.split(options), "--out", out)
     if code:
-        raise SystemExit(f"{' '.join(sys.argv)}: exit code {code}\n{said.getvalue()}")
-    return out, said.getvalue()
+        raise SystemExit(f"reduce {source} {options}: exit code {code}\n{printed}")
+    return out, printed
+
+
+def positions_of(folder: Path):
+    """The position means that `reduce` wrote."""
+    return read_positions(folder / "positions.csv")
 
 
 def near(what: str, ours, theirs, tolerance: float) -> Line:
     """A line that compares two lists of numbers."""
-    off = float(np.max(np.abs(np.array(ours, float) - np.array(theirs, float))))
-    return f"{what}: largest difference {off:.2g} (allowed {tolerance:g})", off <= tolerance
+    difference = float(np.max(np.abs(np.array(ours, float) - np.array(theirs, float))))
+    return f"{what}: largest difference {difference:.2g} (allowed {tolerance:g})", difference <= tolerance
 
 
 def counted(what: str, ours: int, theirs: int) -> Line:
-    """A line that compares two numbers of things."""
+    """A line that compares two counts."""
     return f"{what}: {ours} (known: {theirs})", ours == theirs
 
 
 def mikoff(data: Path, out: Path) -> Iterator[Line]:
-    """Five hand-held units; the published fit is T K (a - b) with |f| = 9.81 m/s^2, of intervals of its own."""
+    """Five hand-held units; the published fit is T K (a - b) with |f| = 9.81 m/s^2, of its own intervals."""
     for unit, (scale, angles, bias) in enumerate(MIKOFF):
-        source = data / "mikoff_mpu9150" / f"imu{unit}.log"
-        folder, _ = reduced(
-            source, out / f"m{unit}", "--static", "--rate", "100", "--gyro-unit", "rad/s", "--gravity", "9.81"
-        )
-        positions = read_positions(folder / "positions.csv")
-        a = 9.81 * positions.readings
+        folder, _ = reduced(data / "mikoff_mpu9150" / f"imu{unit}.log", out / f"m{unit}", STATIC_MIKOFF)
+        a = 9.81 * positions_of(folder).readings
 
         def residuals(p: np.ndarray, a: np.ndarray = a) -> np.ndarray:
             upper = np.array([[1, p[0], p[1]], [0, 1, p[2]], [0, 0, 1]])
             return np.linalg.norm((a - p[6:]) * p[3:6] @ upper.T, axis=1) - 9.81
 
         p = least_squares(residuals, [0, 0, 0, 1, 1, 1, 0, 0, 0], x_scale=[0.01] * 9).x
-        yield counted(f"mikoff imu{unit}: intervals", len(positions), 22)
+        yield counted(f"mikoff imu{unit}: intervals", len(a), 22)
         yield near(f"mikoff imu{unit}: scale, %", 100 * (1 - p[3:6]), scale, 0.03)
         yield near(f"mikoff imu{unit}: misalignment, deg", -np.degrees([p[2], p[0], p[1]]), angles, 0.02)
         yield near(f"mikoff imu{unit}: bias, m/s^2", p[6:], bias, 0.003)
@@ -92,47 +115,40 @@ def mikoff(data: Path, out: Path) -> Iterator[Line]:
 def suarez(data: Path, out: Path) -> Iterator[Line]:
     """Raw counts: the published intervals, and the published Allan deviations of 449 s at rest."""
     folder = data / "suarez_mpu6050"
-    own, said = reduced(folder / "example_data_calibration.csv", out / "s", "--static")
-    yield "suarez: counts a g guessed and said", "guessed: LSB 16384/g" in said
+    own, printed = reduced(folder / "example_data_calibration.csv", out / "s", "--static")
+    yield "suarez: counts per g are guessed and reported", "guessed: LSB 16384/g" in printed
     published = np.loadtxt(folder / "static_intervals.csv", delimiter=",").T
-    taken = json.loads((own / "reduction.json").read_text())["intervals"]
-    spans = [(one["start"], one["stop"]) for one in taken if one["used"]]
+    used = json.loads((own / "reduction.json").read_text())["intervals"]
+    spans = [(one["start"], one["stop"]) for one in used if one["used"]]
     longer = [(a, b) for a, b in published if b - a >= 50]
     hit = sum(any(min(b, y) - max(a, x) > 0.5 * min(b - a, y - x) for x, y in spans) for a, b in longer)
     yield counted("suarez: published intervals of half a second or more that are found", hit, len(longer))
     still, _ = reduced(folder / "example_data_tinit_calc.csv", out / "sr", "--static")
     axes = json.loads((still / "reduction.json").read_text())["axes"]
     for tau, known in ((1.0, (321, 306, 450)), (10.0, (116, 97, 148))):
-        ours = [
-            np.interp(np.log(tau), np.log(a["allan"]["tau_s"]), 1e6 * np.array(a["allan"]["deviation_g"]))
-            for a in axes.values()
-        ]
+        allan = [axis["allan"] for axis in axes.values()]
+        ours = [np.interp(np.log(tau), np.log(a["tau_s"]), 1e6 * np.array(a["deviation_g"])) for a in allan]
         yield near(f"suarez: Allan deviation at {tau:g} s, ug", ours, known, 0.05 * max(known))
 
 
 def carlsson(data: Path, out: Path) -> Iterator[Line]:
-    """Frames of eight IMUs: twenty faces of the holder (at its end the second experiment rests once more)."""
-    for name in ("exp_1", "exp_7"):
+    """Frames of eight IMUs: twenty faces of the holder."""
+    for name, outside in (("exp_1", 87), ("exp_7", 10)):
         source = data / "carlsson_mimu4444" / f"{name}.bin"
         for imu in ("imu1", "imu8"):
-            folder, said = reduced(
-                source, out / f"{name}{imu}", "--static", "--topic", imu, "--gravity", "9.8184", "--least-s", "10"
-            )
-            yield counted(
-                f"carlsson {name} {imu}: intervals of 10 s and more", len(read_positions(folder / "positions.csv")), 20
-            )
-        outside = 4 + (83 if name == "exp_1" else 6)
+            folder, printed = reduced(source, out / f"{name}{imu}", STATIC_CARLSSON.format(imu=imu))
+            yield counted(f"carlsson {name} {imu}: intervals of 10 s and more", len(positions_of(folder)), 20)
         words = f" {outside} of {source.stat().st_size} bytes are outside complete frames"
-        yield f"carlsson {name}: all bytes but {outside} are whole frames", words in said
+        yield f"carlsson {name}: all bytes but {outside} are complete frames", words in printed
 
 
 def hassan(data: Path, out: Path) -> Iterator[Line]:
-    """Means of 24 positions, .mat and text: bias and symmetric matrix of the repository's Gauss-Newton, to all its digits."""
+    """Means of 24 positions, .mat and text: bias and symmetric matrix of the repository, to all its digits."""
     folder = data / "hassan_lis3dh_30pos"
-    text, _ = reduced(folder / "tab24.csv", out / "h", "--means", "--columns", "ax=vx_g,ay=vy_g,az=vz_g", "--unit", "g")
-    mat, _ = reduced(folder / "CalibrationOfLowCostTriaxialInertialSensors.mat", out / "hm", "--means", "--unit", "g")
-    a = read_positions(text / "positions.csv").readings
-    yield near("hassan: means of the .mat and of the text", read_positions(mat / "positions.csv").readings, a, 1e-15)
+    text, _ = reduced(folder / "tab24.csv", out / "h", f"{MEANS_HASSAN} --unit g")
+    mat, _ = reduced(folder / "CalibrationOfLowCostTriaxialInertialSensors.mat", out / "hm", "--means --unit g")
+    a = positions_of(text).readings
+    yield near("hassan: means of the .mat and of the text", positions_of(mat).readings, a, 1e-15)
 
     def residuals(p: np.ndarray) -> np.ndarray:
         matrix = np.array([[p[0], p[1], p[2]], [p[1], p[3], p[4]], [p[2], p[4], p[5]]])
@@ -141,66 +157,84 @@ def hassan(data: Path, out: Path) -> Iterator[Line]:
     p = least_squares(residuals, [1, 0, 0, 1, 0, 1, 0, 0, 0], xtol=1e-15, ftol=1e-15, gtol=1e-15).x
     yield near("hassan: bias, g", p[6:], HASSAN_BIAS, 1e-9)
     yield near("hassan: symmetric matrix", p[:6], HASSAN_MATRIX, 1e-9)
-    phone, _ = reduced(folder / "MobileAccData30orientationRawSample01.mat", out / "hp", "--static", "--rate", "30")
+    phone, _ = reduced(data / PHONE, out / "hp", COMMANDS[PHONE])
     # 30 orientations; in two of them the phone was moved by 5 degrees.
-    yield counted("hassan: intervals of the phone", len(read_positions(phone / "positions.csv")), 32)
+    yield counted("hassan: intervals of the phone", len(positions_of(phone)), 32)
 
 
 def imucal(data: Path, out: Path) -> Iterator[Line]:
-    """Six labelled positions in counts: bias, scale and rotation of imucal's closed form (Ferraris), to all its digits."""
-    folder = data / "imucal_ferraris"
-    plan = out / "six.toml"
+    """Six labelled positions in counts: the closed form of imucal (Ferraris), to all its digits."""
+    folder, plan = data / "imucal_ferraris", out / "six.toml"
     plan.write_text(SIX)
-    options = ("--by", "part", "--plan", str(plan), "--rate", "102.4")
-    own, _ = reduced(folder / "annotated_session.csv", out / "i", *options, "--unit", "2048/g")
-    positions = read_positions(own / "positions.csv")
+    options = f"--by part --plan {plan} --rate 102.4 --unit 2048/g"
+    positions = positions_of(reduced(folder / "annotated_session.csv", out / "i", options)[0])
     counts = dict(zip(positions.names, 2048 * positions.readings, strict=True))
-    up = np.stack([counts[f"{axis}_p"] for axis in "xyz"], axis=1)
-    down = np.stack([counts[f"{axis}_a"] for axis in "xyz"], axis=1)
+    up, down = (np.stack([counts[f"{axis}_{side}"] for axis in "xyz"], axis=1) for side in "pa")
     known = json.loads((folder / "published_example_cal.json").read_text())
     difference = (up - down) / (2 * 9.81)
     scale = np.sqrt(np.diag(difference @ difference.T))
     yield near("imucal: bias, counts", np.diag(up + down) / 2, known["b_a"], 1e-10)
     yield near("imucal: scale, counts/(m/s^2)", scale, np.diag(known["K_a"]), 1e-10)
     yield near("imucal: rotation", difference / scale[:, None], known["R_a"], 1e-12)
-    session, _ = reduced(folder / "example_ferraris_session.csv", out / "f", "--plan", str(plan), "--rate", "102.4")
-    told = json.loads((session / "reduction.json").read_text())["plan"]
-    yield counted("imucal: positions of the plan missing in the unlabelled session", len(told["missing"]), 0)
+    session, _ = reduced(folder / "example_ferraris_session.csv", out / "f", f"--plan {plan} --rate 102.4")
+    missing = json.loads((session / "reduction.json").read_text())["plan"]["missing"]
+    yield counted("imucal: positions of the plan missing in the unlabelled session", len(missing), 0)
 
 
 def bmi270(data: Path, out: Path) -> Iterator[Line]:
-    """Damaged serial logs: the lines that hold no whole reading."""
-    columns = ("--columns", "temperature=1,ax=2,ay=3,az=4,gx=5,gy=6,gz=7", "--scale", "4", "--unit", "g")
+    """Damaged serial logs: the lines without a complete reading."""
     for name, lines in (("BMI_270_cold_test_.csv", "9, 3258"), ("BMI_270_hot_test.csv", "13, 6537")):
-        _, said = reduced(data / "bmi270_thermal" / name, out / name, "--static", "--rate", "50", *columns)
-        yield (
-            f"bmi270 {name}: lines {lines} left out (and those before the first whole one)",
-            f"whole reading: {lines}" in said,
-        )
+        _, printed = reduced(data / "bmi270_thermal" / name, out / name, STATIC_BMI)
+        yield f"bmi270 {name}: lines {lines} left out", f"whole reading: {lines}" in printed
 
 
 def imu_tk(folder: Path, out: Path) -> Iterator[Line]:
-    """The Xsens recording of imu_tk: counts about 32768, 38 intervals."""
-    options = ("--columns", "time=1,ax=2,ay=3,az=4", "--unit", "4069/g", "--offset", "ax=33124,ay=33275,az=32364")
-    own, _ = reduced(folder / "xsens_acc.mat", out / "x", "--static", *options)
-    yield counted("imu_tk: intervals", len(read_positions(own / "positions.csv")), 38)
+    """The Xsens recording of imu_tk: counts about 32768."""
+    own, _ = reduced(folder / "xsens_acc.mat", out / "x", IMU_TK)
+    yield counted("imu_tk: intervals", len(positions_of(own)), 38)
+
+
+def verdicts(listed: dict[Path, str], out: Path) -> None:
+    """The judging line of `calibrate` and `diagnose` for each file."""
+    for source, options in listed.items():
+        folder = out / f"{source.parent.name}-{source.stem}"
+        code, printed = command("reduce", source, *shlex.split(options), "--out", folder, "--no-figures")
+        print(f"{source.parent.name}/{source.name}: reduce {options}")
+        for name in ("reduce",) if code else ("calibrate", "diagnose"):
+            if not code:
+                # Six faces alone cannot separate the pitch errors of a head from the axes' angles.
+                fixed = ["--fix", "dbeta"] if source.parent.name == "imucal_ferraris" else []
+                out_of = ("--out", folder / name, "--no-figures", *fixed)
+                _, printed = command(name, folder / "positions.csv", *out_of)
+            lines = printed.strip().splitlines() or [""]
+            judging = [line for line in lines if line.startswith(("Usable", "Use it only", "Do not use", "Not tested"))]
+            print(f"    {name}: {[*judging, *lines][0].replace(str(folder), '')[:260]}", flush=True)
 
 
 def main() -> None:
+    """Compare, or print the verdicts."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("data", type=Path)
     parser.add_argument("--imu-tk", type=Path)
+    parser.add_argument("--verdicts", action="store_true")
+    parser.add_argument("--only", default="", help="files of the verdicts with this text in their name")
     asked = parser.parse_args()
-    wrong = 0
-    with TemporaryDirectory() as folder:
-        for part in (mikoff, suarez, carlsson, hassan, imucal, bmi270):
-            for line, right in part(asked.data, Path(folder)):
-                print(f"{'ok ' if right else 'OFF'} {line}", flush=True)
-                wrong += not right
-        for line, right in imu_tk(asked.imu_tk, Path(folder)) if asked.imu_tk else ():
-            print(f"{'ok ' if right else 'OFF'} {line}")
-            wrong += not right
-    sys.exit(bool(wrong))
+    with TemporaryDirectory() as name:
+        out = Path(name)
+        if asked.verdicts:
+            (out / "six.toml").write_text(SIX)
+            listed = {asked.data / file: options.format(six=out / "six.toml") for file, options in COMMANDS.items()}
+            listed |= {asked.imu_tk / "xsens_acc.mat": IMU_TK} if asked.imu_tk else {}
+            verdicts({file: options for file, options in listed.items() if asked.only in str(file)}, out)
+            return
+        parts = [(part, asked.data) for part in (mikoff, suarez, carlsson, hassan, imucal, bmi270)]
+        parts += [(imu_tk, asked.imu_tk)] if asked.imu_tk else []
+        differ = 0
+        for part, data in parts:
+            for line, right in part(data, out):
+                print(f"{'ok ' if right else 'DIFFERS'} {line}", flush=True)
+                differ += not right
+    sys.exit(bool(differ))
 
 
 if __name__ == "__main__":

@@ -1,38 +1,37 @@
-"""Is the sd that `reduce` states honest, and does `diagnose` stay silent where only the noise is coloured?
-
-Recordings of 24 dwells, simulated in plain numpy (1/f by its spectrum), in five noises: white; flicker; random walk; white,
-flicker and walk; Gauss-Markov. Each is reduced as `tumblecal reduce` does and written to positions.csv. Printed for each noise,
-pooled over the recordings: the scatter of neighbouring means over the stated sd, chi-squared per degree of freedom of the
-means under the covariance written beside it, and how many null runs `tumblecal diagnose positions.csv` finds a cause in.
+"""Is the noise that `reduce` states correct, and does `diagnose` report nothing where the noise alone is coloured?
 
     python benchmarks/stated_sd.py --recordings 60 --processes 2
+    python benchmarks/stated_sd.py --white --recordings 5
+
+Recordings of 24 dwells in plain numpy (1/f by its spectrum), in five noises. Each is reduced as `tumblecal reduce` does and
+written to positions.csv. Printed for each noise: dispersion of neighbouring means over the stated standard deviation,
+chi-squared per degree of freedom under the stated covariance, and recordings in which `diagnose` finds a cause. `--white`:
+standard uncertainties of the parameters over those by the true white noise.
 """
 
 import argparse
-import sys
 import tempfile
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
-from functools import partial
+from dataclasses import replace
+from functools import cache, partial
 from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
 from scipy.signal import lfilter
 
+import blind_instrument as blind
 from tumblecal.data import PositionSet, read_positions
 from tumblecal.data.files import write_positions
 from tumblecal.noise.dwell_sd import sd_of_means
 from tumblecal.noise.recorded import NOISE_MODEL, RecordedNoise, recorded_covariance
 
 
-sys.path.insert(0, str(Path(__file__).parent))
-import blind_instrument as blind
-
-
 RATE, POSITIONS = 50.0, 24
 # Length of a dwell and of the move after it, s.
 SCHEDULES = ((60.0, 20.0), (20.0, 10.0))
+WHITE_G_PER_RTHZ = 100e-6
 
 
 def white(rng: np.random.Generator, n: int, density: float) -> np.ndarray:
@@ -60,7 +59,7 @@ def markov(rng: np.random.Generator, n: int, sd: float, time_s: float) -> np.nda
 
 
 NOISES: dict[str, Callable[[np.random.Generator, int], np.ndarray]] = {
-    "white": lambda rng, n: white(rng, n, 100e-6),
+    "white": lambda rng, n: white(rng, n, WHITE_G_PER_RTHZ),
     "flicker": lambda rng, n: white(rng, n, 40e-6) + flicker(rng, n, 60e-6),
     "walk": lambda rng, n: white(rng, n, 100e-6) + walk(rng, n, 4e-6),
     "white, flicker, walk": lambda rng, n: white(rng, n, 100e-6) + flicker(rng, n, 20e-6) + walk(rng, n, 3e-6),
@@ -69,7 +68,7 @@ NOISES: dict[str, Callable[[np.random.Generator, int], np.ndarray]] = {
 
 
 def recorded(kind: str, seed: int, schedule: tuple[float, float] = SCHEDULES[0]) -> tuple[PositionSet, np.ndarray]:
-    """The means of one null recording with what `reduce` says of their noise, and the true readings."""
+    """The means of one recording without errors, with the noise that `reduce` states, and the true readings."""
     rng = np.random.default_rng([seed, *map(ord, kind)])
     dwell, step = round(schedule[0] * RATE), round(sum(schedule) * RATE)
     setup = blind.random_setup(rng, 3, 8)
@@ -94,67 +93,76 @@ def recorded(kind: str, seed: int, schedule: tuple[float, float] = SCHEDULES[0])
 
 def honesty(data: PositionSet, readings: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """By axis: mean square of neighbours' differences over two, mean stated variance, chi-squared per degree of freedom."""
-    assert data.sd is not None
-    errors = data.readings - readings
-    covariance = recorded_covariance(data)
-    assert covariance is not None
-    beside = np.linalg.qr(np.eye(len(data)) - 1.0 / len(data))[0].T[:-1]
-    rows = beside @ errors
-    chi2 = [row @ np.linalg.solve(beside @ own @ beside.T, row) for row, own in zip(rows.T, covariance, strict=True)]
+    errors, covariance = data.readings - readings, recorded_covariance(data)
+    assert data.sd is not None and covariance is not None
+    centred = np.linalg.qr(np.eye(len(data)) - 1.0 / len(data))[0].T[:-1]
+    rows = centred @ errors
+    chi2 = [row @ np.linalg.solve(centred @ own @ centred.T, row) for row, own in zip(rows.T, covariance, strict=True)]
     return np.mean(np.diff(errors, axis=0) ** 2, axis=0) / 2, np.mean(data.sd**2, axis=0), np.array(chi2) / len(rows)
 
 
-_diagnoser = None
-
-
-def one_recording(
-    kind: str, schedule: tuple[float, float], diagnosed: bool, seed: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[str], str, float]:
-    """Honesty of one recording, what is found in it, how the slow noise counts, and chi2 p-value of the exact fit."""
-    global _diagnoser
-    data, readings = recorded(kind, seed, schedule)
-    if not diagnosed:
-        return *honesty(data, readings), [], "", 1.0
+@cache
+def _diagnoser():
     from tumblecal.cli.start import start
 
     start()
     from tumblecal.diagnosis.diagnose import Diagnoser
-    from tumblecal.estimation import exact
-    from tumblecal.estimation.position_problem import problem_of
 
+    return Diagnoser(nested=False)
+
+
+def one_recording(kind: str, schedule: tuple[float, float], seed: int) -> tuple[np.ndarray, list[str]]:
+    """Honesty of one recording (3, axes), and the named causes."""
+    data, readings = recorded(kind, seed, schedule)
     with tempfile.TemporaryDirectory() as folder:
         write_positions(Path(folder) / "positions.csv", data)
-        read = read_positions(Path(folder) / "positions.csv")
-    _diagnoser = _diagnoser or Diagnoser(nested=False)
-    diagnosis = _diagnoser(read)
-    fitted = exact.fit(problem_of(read))
-    lasts = diagnosis.samples.lasts if diagnosis.samples else ""
-    return *honesty(data, readings), list(diagnosis.labels), lasts, fitted.chi2_p_value or 0.0
+        diagnosis = _diagnoser()(read_positions(Path(folder) / "positions.csv"))
+    return np.array(honesty(data, readings)), list(diagnosis.labels)
+
+
+def against_white(seeds: range) -> None:
+    """Standard uncertainties by the recording's noise over those by the true white noise."""
+    import tumblecal
+    from tumblecal.estimation import exact, problem_of
+
+    tumblecal.enable_float64()
+    for schedule in SCHEDULES:
+        ratios, chi2 = [], []
+        for seed in seeds:
+            data, _ = recorded("white", seed, schedule)
+            own, plain = exact.fit(problem_of(data)), replace(data, sd=None, recorded_noise=None, comments={})
+            true = exact.fit(problem_of(plain, noise_sd=WHITE_G_PER_RTHZ / np.sqrt(schedule[0])))
+            ratios.append(own.sd / true.sd)
+            chi2.append(own.chi2 / own.dof)
+        print(f"{schedule[0]:g} s: chi2/dof {min(chi2):.2f} to {max(chi2):.2f}")
+        for name, low, high in zip(own.names, np.min(ratios, axis=0), np.max(ratios, axis=0), strict=True):
+            print(f"  {name:10s} u {low:.2f} to {high:.2f} times that of white noise")
 
 
 def main() -> None:
+    """A row for each length of dwell and each noise."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--recordings", type=int, default=60, help="of each noise and schedule")
-    parser.add_argument("--processes", type=int, default=1)
+    parser.add_argument("--recordings", type=int, default=60, help="of each noise and length of dwell")
     parser.add_argument("--first", type=int, default=0, help="seed of the first recording")
-    parser.add_argument("--no-diagnosis", action="store_true")
-    given = parser.parse_args()
-    seeds = range(given.first, given.first + given.recordings)
-    with ProcessPoolExecutor(given.processes, get_context("spawn")) as pool:
+    parser.add_argument("--processes", type=int, default=1)
+    parser.add_argument("--white", action="store_true", help="uncertainties for white noise")
+    asked = parser.parse_args()
+    seeds = range(asked.first, asked.first + asked.recordings)
+    if asked.white:
+        against_white(seeds)
+        return
+    print(
+        "| dwell / s | noise | dispersion / stated | chi2 / dof | a cause found | a noise found |\n|---|---|---|---|---|---|"
+    )
+    with ProcessPoolExecutor(asked.processes, get_context("spawn")) as pool:
         for schedule in SCHEDULES:
             for kind in NOISES:
-                done = list(pool.map(partial(one_recording, kind, schedule, not given.no_diagnosis), seeds))
-                scatter, stated, chi2 = (np.array([file[k] for file in done]) for k in range(3))
-                causes = [[label for label in file[3] if not label.startswith("noise_")] for file in done]
-                noises = [label for file in done for label in file[3] if label.startswith("noise_")]
-                small = np.mean([file[5] < 0.01 for file in done])
-                lasts = {name: sum(file[4] == name for file in done) for name in {file[4] for file in done}}
-                print(
-                    f"{schedule[0]:g} s  {kind:20s}  scatter/stated {np.sqrt(scatter.mean() / stated.mean()):.2f}  "
-                    f"chi2/dof {chi2.mean():.2f}  fit p<0.01 {small:.2f}  causes {sum(map(bool, causes))} of {len(done)}  "
-                    f"{[c for c in causes if c]} noise found {noises} {lasts}",
-                    flush=True,
-                )
+                done = list(pool.map(partial(one_recording, kind, schedule), seeds))
+                dispersion, stated, chi2 = np.mean([own for own, _ in done], axis=(0, 2))
+                noises = sum(any(label.startswith("noise_") for label in labels) for _, labels in done)
+                causes = sum(any(not label.startswith("noise_") for label in labels) for _, labels in done)
+                cells = f"{schedule[0]:g} | {kind} | {np.sqrt(dispersion / stated):.2f} | {chi2:.2f}"
+                print(f"| {cells} | {causes} of {len(done)} | {noises} of {len(done)} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -7,8 +7,8 @@ import polars as pl
 import pytest
 
 import blind_instrument as blind
-from blind_conditions import columns_of, write
-from blind_mistakes import MISTAKES
+from blind.conditions import columns_of, write
+from blind.mistakes import MISTAKES
 
 
 def measured(seed: int, mistake: str = "", **nominal):

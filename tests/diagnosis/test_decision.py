@@ -1,4 +1,4 @@
-"""Where several explanations are left, their mean is written; coverage is measured by benchmarks/decision_coverage.py."""
+"""Where several explanations are left, their mean is written; coverage is measured by benchmarks/blind use --effects one."""
 
 import json
 from dataclasses import replace

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import blind_catalogue as study
 import blind_instrument as blind
+from blind import catalogue as study
 from blind_noise import position_set
 from tumblecal.diagnosis.causes.effects import seen_effects
 from tumblecal.diagnosis.findings.determined import combinations, says_something

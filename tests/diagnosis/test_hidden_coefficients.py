@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import blind_catalogue as study
 import blind_instrument as blind
+from blind import catalogue as study
 from tumblecal.certificate.results import results_of
 from tumblecal.data.calibration import read_calibration
 from tumblecal.data.sensor_parameters import SENSOR

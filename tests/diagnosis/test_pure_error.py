@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-import blind_conditions
 import blind_instrument as blind
 import blind_noise
+from blind import conditions as blind_conditions
 from tumblecal.data import PositionSet
 from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
 

@@ -1,4 +1,4 @@
-"""A small blind study: hidden effects found, nothing found where nothing is. The large one is benchmarks/blind_study.py.
+"""A small blind study: hidden effects found, nothing found where nothing is. The large one is benchmarks/blind catalogue.
 
 The bounds are such that a program that keeps the promised rates fails by chance less than once in a thousand runs.
 """
@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-import blind_catalogue as study
-from blind_judge import right as is_right
-from blind_judge import stated
+from blind import catalogue as study
+from blind.judge import right as is_right
+from blind.judge import stated
 
 
 CASES = 8

@@ -1,4 +1,4 @@
-"""The second blind instrument of benchmarks/ is what its table says; `blind_study.py --simulator second` is run by hand."""
+"""The second blind instrument of benchmarks/ is what its table says; `blind second` is run by hand."""
 
 import numpy as np
 import pytest

@@ -7,9 +7,8 @@ import pytest
 
 import blind_instrument as blind
 import blind_noise
-from blind_sized import sized_to
-from blind_unlisted import LATER, UNLISTED
-from blind_unseen import LATEST, UNSEEN
+from blind.acting import sized_to
+from blind.unlisted import LATER, LATEST, UNLISTED, UNSEEN
 from tumblecal.diagnosis.lack_of_fit.one_curve import best_curve, one_curve
 from tumblecal.diagnosis.model.full_model import FullModel
 from tumblecal.diagnosis.priors import LACK_OF_FIT_TEST_WEIGHT

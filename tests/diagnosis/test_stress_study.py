@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 import blind_instrument as blind
-from blind_conditions import CONDITIONS, drawn, write
-from blind_judge import Case, judged
-from blind_stress import answer_of_record
-from blind_study import chosen
+from blind.conditions import CONDITIONS, drawn, write
+from blind.judge import Case, answer_of_record, judged
+from blind.study import chosen
 from tumblecal.data import read_positions
 
 

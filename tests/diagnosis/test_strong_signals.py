@@ -1,6 +1,6 @@
 """Strong effects, several gross positions, effects on all axes: blind cases in plain numpy, a few of each kind.
 
-How often each is found is counted by `benchmarks/blind_study.py`; its simulator `seeds` has the cases that once failed.
+How often each is found is counted by `benchmarks/blind catalogue`.
 """
 
 import zlib
@@ -11,10 +11,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 from test_rates import least
 
-import blind_catalogue as study
 import blind_instrument as blind
-from blind_conditions import CONDITIONS, drawn, positions_of
-from blind_judge import right as is_right
+from blind import catalogue as study
+from blind.conditions import CONDITIONS, drawn, positions_of
+from blind.judge import right as is_right
 from blind_noise import position_set
 from tumblecal.data import read_positions
 from tumblecal.diagnosis.refine.insert import fit_with

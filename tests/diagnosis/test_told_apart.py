@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-import blind_catalogue as study
 import blind_instrument as blind
-from blind_judge import right as is_right
+from blind import catalogue as study
+from blind.judge import right as is_right
 from blind_noise import position_set
 from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import blind_instrument as blind
-from blind_sized import inputs
+from blind.acting import inputs
 from tumblecal.chain import settings
 from tumblecal.diagnosis.findings.candidate_law import Law, Term, candidate_law
 from tumblecal.diagnosis.findings.law_shapes import forms, nonzero_functions, values_of

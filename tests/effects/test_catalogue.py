@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import blind_instrument as blind
-from blind_plans import remounted
+from blind.plans import remounted
 from tumblecal.chain import nominal_chain, settings
 from tumblecal.diagnosis.model.full_model import model_of
 from tumblecal.effects import catalogue, entry

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from blind_conditions import CONDITIONS, drawn, write
-from blind_mistakes import OF_ANGLES
+from blind.conditions import CONDITIONS, drawn, write
+from blind.mistakes import OF_ANGLES
 from remounted import two
 from tumblecal.data import read_positions
 from tumblecal.estimation.setup_correction import correct_setup_errors

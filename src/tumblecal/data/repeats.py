@@ -21,7 +21,7 @@ from tumblecal.ground.errors import InputError
 MOST_ROWS, MEANS, REFUSED = 400, 240, 1000
 # Largest number of positions of unknown attitude: each adds two unknowns, and the time grows with the third power.
 _MOST_HAND_HELD = 600
-# Time and memory of 1,000 positions on one core (benchmarks/size_in_rows.py); both grow with the square.
+# Time and memory of 1,000 positions on one core (benchmarks/command_speed.py rows); both grow with the square.
 _SECONDS, _GIB_FIXED, _GIB = 55.0, 0.6, 2.2
 # A reading further than this (robust standard deviations) from the median of its repeats is not averaged; at most so many.
 _ALONE_FROM, _MOST_ALONE = 6.0, 20

@@ -1,7 +1,7 @@
 """The tuned numbers of the diagnosis, each with the study that set it.
 
-Studies: "blind" is `benchmarks/blind_study.py` (seeds up to 11; stated rates are from later ones), "noise"
-`benchmarks/blind_noise.py`, "next" `benchmarks/promises_next.py`, "units" `benchmarks/blind_units.py`. Numbers that follow
+Studies: "blind" is `benchmarks/blind catalogue` (seeds up to 11; stated rates are from later ones), "noise"
+`benchmarks/blind_noise.py`, "next" `benchmarks/blind next`, "units" `benchmarks/blind units`. Numbers that follow
 from arithmetic or from a plan alone are defined at their use.
 """
 
@@ -39,14 +39,14 @@ GENERIC_TEST_WEIGHT = 0.03
 FAMILY_TEST_WEIGHT = 0.1
 # A fault without an entry above.
 OTHER_FAULT_WEIGHT, OTHER_FAULT_TEST_WEIGHT = 0.06, 0.02
-# The same of terms that are there for a while, or around an angle, alone. (blind_study.py --simulator stress --only unlisted)
+# The same of terms that are there for a while, or around an angle, alone. (blind stress --only unlisted)
 SHAPE_WEIGHT, SHAPE_TEST_WEIGHT = 0.06, 0.02
-# The same of what moves smoothly with anything. (blind_study.py --simulator stress --only unlisted)
+# The same of what moves smoothly with anything. (blind stress --only unlisted)
 LACK_OF_FIT_WEIGHT, LACK_OF_FIT_TEST_WEIGHT = 0.2, 0.1
 # A process of several fields is weighed as one curve for all of them where it is no farther (log) behind the best.
 NEAR_CURVE = 8.0
 
-# Processes of lack of fit (all: blind_study.py --simulator stress --only "unlisted*"). Correlation lengths of the direction of
+# Processes of lack of fit (all: blind stress --only "unlisted*"). Correlation lengths of the direction of
 # gravity (rad), of the time and of the temperature (shares of the whole).
 ATTITUDE_LENGTH, TIME_LENGTHS, TEMPERATURE_LENGTH = 0.5, (0.05, 0.2), 0.25
 # The same of an input, g: smooth curves, and the ripple of a converter.
@@ -104,10 +104,10 @@ RECORDED_SIZE = 0.004
 # in 21 of 2000 sets in which nothing was wrong, by chance or not. (benchmarks/hand_held_null.py, seeds 31, 41 and 42)
 HAND_HELD_SIZE = 0.0065
 # Several causes together, in addition to the test of single ones: their share of the size, and the ratio of the p-value for
-# noise alone to Ville's bound on their Bayes factor. (benchmarks/several_causes.py)
+# noise alone to Ville's bound on their Bayes factor. (benchmarks/blind chance)
 SEVERAL_SIZE, SEVERAL_SHARE = 0.2, 0.02
 # The same for two and three outlier positions together, or one with an effect. With more pairs than so many, those of 24
-# positions, each outlier position is visible by itself, and with an effect from fewer on. (blind_study.py --simulator stress
+# positions, each outlier position is visible by itself, and with an effect from fewer on. (blind stress
 # --only "outlier(s)*")
 POSITIONS_SIZE, MOST_POSITION_PAIRS, MOST_POSITIONS_BESIDE = 0.1, 300, 20
 # A p-value within this factor of the size is close: it is found again from the data set's own null distribution. A plan's own
@@ -168,7 +168,7 @@ LEVEL_WEIGHT = 0.3
 # A wrong level and another alternative that differ by less (log) count as equal. (by thought)
 LEAST_NOISE_ODDS = 2.0
 # Tilts of the positions are named without a fault of the noise from these odds (log) against the best causes on.
-# (benchmarks/hand_set.py --deg 0 --unknown)
+# (benchmarks/blind hand --deg 0 --unknown)
 SURE_SCATTER = 3.0
 # From this ratio of the axes' sd on, something on the noisiest axis is as likely: sensors of one triad differ by two or three.
 # (by thought)
@@ -184,7 +184,7 @@ SMALLEST_FACTOR, LARGEST_FACTOR = 0.1, 100.0
 # Correlations between neighbouring positions, degrees of freedom of Student's t, and scatter of the attitude in noise sd of a
 # reading at 1 g. (noise)
 CORRELATIONS, TAILS, ATTITUDE_SCATTERS = (0.3, 0.5, 0.7, 0.85, 0.95), (2.0, 4.0), (2.0, 5.0, 15.0, 50.0, 200.0)
-# Sizes of an error of the attitude of all three axes that repeats show, in noise sd. (benchmarks/blind_repeats.py)
+# Sizes of an error of the attitude of all three axes that repeats show, in noise sd. (benchmarks/blind repeats)
 ATTITUDE_ERRORS = (0.7, 1.5, 3.0, 8.0, 30.0)
 # Of the best explanations so many sets of causes are tried with other noises, if a noise is no farther behind (log) before the
 # set is fitted with it. (noise: more find the same)
@@ -196,7 +196,7 @@ SEVERAL_CAUSES, SURE_LEVEL = 3, 10.0
 MANY_OUTLIERS = 4
 
 # An effect is reported to act in a part of the data only from these odds (log) on; against an explanation without a name, as
-# soon as it is more probable. (benchmarks/located.py)
+# soon as it is more probable. (benchmarks/blind located)
 LEAST_LOCATED_ODDS = 3.0
 
 # Power at which detection limits are stated.
@@ -204,15 +204,16 @@ POWER = 0.8
 
 # Explanations less probable than this share of the most probable one take no part in the mean of the parameters, and at most so
 # many do. Explanations so far (log posterior) behind the best are no candidates for the undetected effects.
-# (benchmarks/decision_coverage.py)
+# (decision_coverage.py of 6fc03ecd; now benchmarks/blind use --effects one)
 LEAST_AVERAGED_SHARE, MOST_AVERAGED, MOST_BEHIND = 0.05, 8, 8.0
 # Sizes of the visible signal of undetected effects, noise sd, with their prior weights; the first is that of none.
-# (benchmarks/undetected_coverage.py)
+# (undetected_coverage.py of 6fc03ecd; now benchmarks/blind use --effects mixed)
 UNDETECTED_SIZES = (0.0, 0.6, 1.0, 2.0, 5.0, 20.0)
 UNDETECTED_WEIGHTS = (5.0, 2.0, 4.0, 3.0, 2.0, 1.0)
 # Sizes of named effects, typical sizes: from below to far above all that are met, so many. (by thought)
 NAMED_SIZES = (0.3, 300.0, 16)
-# Effects of temperature of every sensor, typical sizes, at least. (benchmarks/undetected_coverage.py)
+# Effects of temperature of every sensor, typical sizes, at least. (undetected_coverage.py of 6fc03ecd; now
+# benchmarks/blind use --effects mixed)
 LEAST_TEMPERATURE_EFFECT = 0.3
 # A standard deviation of so many times a coefficient's scale says nothing of it: effects of some hundred times it occur. A
 # combination in which the other coefficients have less than this share is one coefficient. (by thought)
@@ -225,7 +226,7 @@ CORRELATED_COLUMNS, LARGER_ERROR = 0.98, 3.0
 # all data; no other gains so much by excluding one fold. (by thought)
 FOLD_SINGLES, FOLD_SETS, FOLD_ROUNDS, NEAR_IN_FOLDS = 4, 4, 8, 8.0
 
-# An unexplained error (benchmarks/candidate_laws.py). Regions that explain at least this share of the best are compared, so
+# An unexplained error (benchmarks/blind laws). Regions that explain at least this share of the best are compared, so
 # many of them; none has more of the positions than the third. Regions of time must explain this much more than those of angles
 # (twice the log of the odds).
 NEAR_REGION, REGIONS_COMPARED, LARGEST_REGION, SURELY_TIME = 0.7, 12, 0.5, 6.0

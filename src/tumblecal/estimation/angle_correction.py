@@ -27,7 +27,7 @@ Mapped = tuple[Float[np.ndarray, "positions 3"], SetupError]
 # No correction is made if more of the rows than this are outliers under the best hypothesis.
 _MOST_OUTLIERS = 0.5
 # A correction must reduce the misfit below this share. True errors left at most 1 %; an effect of a thousand sigma that
-# resembled one left more than half (conditions of benchmarks/blind_conditions.py).
+# resembled one left more than half (conditions of benchmarks/blind/conditions.py).
 _MOST_REMAINING = 0.4
 # With more mountings and runs than this, an error in one of them is not tried together with new turns of the mountings.
 _MOST_PARTS = 12

@@ -59,7 +59,7 @@ class Size(NamedTuple):
 
 
 # A position set by hand is tilted by 0.05 to 5 deg. The noise of a mean is 0.01 to 3 mg, and a stated one is correct within a
-# factor of 4. (by thought; coverage: benchmarks/hand_set.py)
+# factor of 4. (by thought; coverage: benchmarks/blind hand)
 TILT, NOISE = Size(float(np.radians(0.5)), float(np.log(3.0))), Size(0.2e-3, float(np.log(4.0)))
 _STATED_SPREAD = float(np.log(2.0))
 

@@ -29,7 +29,7 @@ _SAME_ANGLE = 1e-6
 # New positions determine a parameter of a new group if its singular value exceeds this share of the largest.
 _SEEN = 0.02
 # Coefficients of effects are within so many of their scales, time constants within one of their value: a coefficient that the
-# data do not determine predicts nothing larger. (benchmarks/promises_next.py)
+# data do not determine predicts nothing larger. (benchmarks/blind next)
 _USUAL = 10.0
 
 

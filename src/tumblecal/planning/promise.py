@@ -12,7 +12,7 @@ from tumblecal.planning.value import Separation
 # A result of at least this probability is promised; new positions with lower odds are not worth measuring.
 PROMISED, LEAST_WORTH_ODDS = 0.9, 10.0
 _DRAWS, _SEED = 400, 43
-# Share of the new diagnoses in which no further explanation comes up that nothing predicted (benchmarks/promises_next.py).
+# Share of the new diagnoses in which no further explanation comes up that nothing predicted (benchmarks/blind next).
 _FORESEEN = 0.93
 # An alternative that is excluded less often than this stays open.
 _MOSTLY = 0.5

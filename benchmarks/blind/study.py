@@ -1,0 +1,122 @@
+"""A population drawn, answered and judged: the table with a row for each kind of hidden cause."""
+
+import argparse
+import json
+import time
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from fnmatch import fnmatchcase
+from importlib import import_module
+from multiprocessing import get_context
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+
+from blind.judge import Outcome, interval, judged, print_reliability
+
+
+# Module, and the names in it of the kinds, of the function that draws cases, and of the function that answers them.
+POPULATIONS = {
+    "catalogue": ("blind.catalogue", "KINDS", "cases", "answered"),
+    "stress": ("blind.conditions", "CONDITIONS", "cases", "answered"),
+    "second": ("blind.second", "KINDS", "cases", "answered"),
+    "noise": ("blind.noises", "KINDS", "cases", "answered"),
+    "repeats": ("blind.noises", "REPEATED", "repeated", "answered"),
+    "located": ("blind.located", "KINDS", "cases", "answered"),
+    "units": ("blind.units", "KINDS", "cases", "answered"),
+    "laws": ("blind.laws", "KINDS", "cases", "answered"),
+}
+COUNTED = ("detected", "right", "strict", "alone", "identified", "wrong")
+HEADS = ("hidden", "instruments", *COUNTED, "right, 95 %")
+
+
+def population(name: str) -> SimpleNamespace:
+    """The parts of a population."""
+    module, kinds, cases, answered = POPULATIONS[name]
+    found = import_module(module)
+    parts = {"kinds": kinds, "cases": cases, "answered": answered}
+    named = {part: getattr(found, own) for part, own in parts.items()}
+    return SimpleNamespace(**named, summary=getattr(found, "summary", lambda outcomes: None))
+
+
+def run(job: tuple[str, Sequence[str], int, int]) -> list[Outcome]:
+    """All cases of some kinds of a population."""
+    name, kinds, count, seed = job
+    own = population(name)
+    drawn = (case for kind in kinds for case in own.cases(kind, count, seed))
+    return [judged(*both) for both in own.answered(drawn)]
+
+
+def chosen(name: str, text: str) -> bool:
+    """Whether a kind is requested: by a part of its name, or by a pattern."""
+    return fnmatchcase(name, text) if "*" in text else text in name
+
+
+def row(name: str, outcomes: Sequence[Outcome], measured: Sequence[str]) -> str:
+    """Counts, the share that is right with its interval, and the measures: medians of errors, means of others."""
+    low, high = interval(sum(own.right for own in outcomes), len(outcomes))
+    counts = [str(sum(getattr(own, what) for own in outcomes)) for what in COUNTED]
+    means = []
+    for what in measured:
+        values = [own.answer.measures[what] for own in outcomes if what in own.answer.measures]
+        means.append(f"{np.median(values) if 'error' in what else np.mean(values):.3g}" if values else "")
+    return f"| {' | '.join([name, str(len(outcomes)), *counts, f'{low:.1%} to {high:.1%}', *means])} |"
+
+
+def line(own: Outcome) -> str:
+    """One outcome."""
+    case, answer = own.case, own.answer
+    flag = "crash" if own.crashed else "wrong" if own.wrong else "" if own.right else "not in class"
+    classes = ", ".join("+".join(labels) for labels in answer.classes[1:5]) + (" .." if len(answer.classes) > 5 else "")
+    truth = "+".join(case.accepted[0]) if case.accepted else "rejected"
+    return (
+        f"    {flag:12s} {case.kind}, case {case.number} ({case.plan}, noise {'stated' if case.known else 'unknown'}): "
+        f"{truth} -> {answer.verdict} {answer.probability:.2f} {'+'.join(answer.labels)} [{classes}] {answer.words}"
+    )
+
+
+def report(outcomes: Sequence[Outcome], kinds: Sequence[str], detail: bool) -> None:
+    """The table, by kind and by plan, and the stated probabilities."""
+    measured = list(dict.fromkeys(name for own in outcomes for name in own.answer.measures))
+    print(f"| {' | '.join([*HEADS, *measured])} |")
+    print("|---" * (len(HEADS) + len(measured)) + "|")
+    for kind in kinds:
+        own = [outcome for outcome in outcomes if outcome.case.kind == kind]
+        print(row(kind, own, measured))
+        for outcome in own if detail else ():
+            if not (outcome.right and outcome.alone):
+                print(line(outcome))
+    for plan in dict.fromkeys(outcome.case.plan for outcome in outcomes):
+        print(row(f"*{plan}*", [outcome for outcome in outcomes if outcome.case.plan == plan], measured))
+    print_reliability((own.answer.probability, own.stated) for own in outcomes if own.detected and own.answer.labels)
+
+
+def main(name: str, words: Sequence[str]) -> None:
+    """Draw, answer, judge and print."""
+    parser = argparse.ArgumentParser(prog=f"blind {name}")
+    parser.add_argument("--list", action="store_true", help="names of the kinds")
+    parser.add_argument("--only", action="append", default=[], help="kinds with this text in their name; repeatable")
+    parser.add_argument("--instruments", type=int, default=40, help="of each kind")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--detail", action="store_true", help="list the cases that are not right, or not alone")
+    parser.add_argument("--json", type=Path, help="file for all outcomes")
+    asked, own = parser.parse_args(words), population(name)
+    kinds = [kind for kind in own.kinds if not asked.only or any(chosen(kind, text) for text in asked.only)]
+    if asked.list or not kinds:
+        print(*own.kinds, sep="\n")
+        return
+    started = time.time()
+    jobs = [(name, [kind], asked.instruments, asked.seed) for kind in kinds]
+    if asked.workers == 1:
+        outcomes = run((name, kinds, asked.instruments, asked.seed))
+    else:
+        with ProcessPoolExecutor(asked.workers, mp_context=get_context("spawn")) as pool:
+            outcomes = [outcome for done in pool.map(run, jobs) for outcome in done]
+    report(outcomes, kinds, asked.detail)
+    own.summary(outcomes)
+    print(f"\n{len(outcomes)} instruments in {time.time() - started:.0f} s")
+    if asked.json:
+        listed = [{"kind": own.case.kind, "number": own.case.number, "line": line(own).strip()} for own in outcomes]
+        asked.json.write_text(json.dumps(listed, indent=1), encoding="utf-8")

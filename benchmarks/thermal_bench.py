@@ -1,0 +1,270 @@
+"""`tumblecal thermal` on a simulator that is not the chain.
+
+    python benchmarks/thermal_bench.py population --units 16 --seed 4113   use, U of corrected readings, orders
+    python benchmarks/thermal_bench.py methods --units 10 --seed 38        next to the polynomials of PX4 and ArduPilot
+
+`population`: bias of order 1 to 3, scale factor of order 0 to 2, non-orthogonality of 3 mrad, constant or linear; half of
+the units have hysteresis of 0.05 to 0.6 mg, and 30 % of those on ramps a lag of the thermometer or an effect of the rate. A
+sixth has an effect that the model lacks: a quadratic term, a face that moved, or a drift. Each calibration is applied to
+readings without noise at 40 new attitudes, temperatures and states of the hysteresis. `adequate`: no effect that the model
+lacks (in files of one face at one soak, no hysteresis either), and enough soaks: they determine the orders, and the sizes
+of gravity outnumber the parameters. `u(T)`: 95 % intervals of the changes of bias and scale factor that contain the mean of
+both branches. `order too high`: of units without hysteresis, lag or effect of the rate.
+
+`methods`: one attitude, warming from cold with an hour at the hot end. The methods of PX4 (process_sensor_caldata.py) and
+ArduPilot (tempcal_IMU.py) are third-order polynomials over all samples, about the middle of the range and about 35 degC.
+Printed: root mean square of the change that each method leaves on the cooling branch.
+"""
+
+import argparse
+import json
+import subprocess
+import sys
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from thermal_instrument import (
+    Programme,
+    Unit,
+    attitudes,
+    history,
+    instrument,
+    means,
+    readings,
+    recording,
+    soak_means,
+    truth,
+    write_recording,
+)
+from tumblecal.capture.thermal.thermal_table import table_of
+from tumblecal.data.calibration import Calibration, read_calibration
+from tumblecal.data.calibration_use import Use
+from tumblecal.data.sensor_parameters import SENSOR, SensorParameters
+from tumblecal.ground.blas import single_blas_thread
+from tumblecal.ground.precision import enable_float64
+from tumblecal.thermal.choice import Stated
+from tumblecal.thermal.result import ThermalResult, thermal_calibration
+
+
+NEW, BASE_SD, RATE_HZ = 40, np.full(9, 1e-4), 2.0
+FACES = {6: np.concatenate([np.eye(3), -np.eye(3)])}
+EDGES = np.array([(1, 1, 0), (1, -1, 0), (0, 1, 1), (0, 1, -1), (1, 0, 1), (-1, 0, 1)]) / np.sqrt(2)
+FACES[12] = np.concatenate([FACES[6], EDGES])
+# Kind, number of attitudes, soaks. `files`: faces by hand, each soak in a file; `steps`: soaks up and down.
+PLANS = {
+    "6 attitudes, 2 soaks in files of their own": ("files", 6, 2),
+    "6 attitudes, 3 soaks in files of their own": ("files", 6, 3),
+    "12 attitudes, 2 soaks in files of their own": ("files", 12, 2),
+    "12 attitudes, 3 soaks in files of their own": ("files", 12, 3),
+    "6 attitudes, ramp up": ("ramp up", 6, 0),
+    "6 attitudes, ramp up and down": ("ramp up and down", 6, 0),
+    "6 attitudes, ramps at two rates": ("ramps at two rates", 6, 0),
+    "24 attitudes, ramp up and down": ("ramp up and down", 24, 0),
+    "24 attitudes, 3 to 7 soaks up and down": ("steps", 24, 0),
+    "1 attitude, ramp up and down": ("ramp up and down", 1, 0),
+}
+HEADS = ("plan", "instruments", "`use`", "adequate: `yes` or `within`", "error at most U", "worst instrument")
+HEADS = (*HEADS, "median U / mg", "error / mg", "raw / mg", "u(T)", "order too high")
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One unit: `use`, whether it is adequate, share of the errors within U, rms errors and U (mg), whether an order is too
+    high (None: there are effects of the history), share of the intervals of u(T) with the true value."""
+
+    answer: str
+    adequate: bool
+    within: float
+    error_mg: float
+    raw_mg: float
+    expanded_mg: float
+    too_high: bool | None
+    covered: float
+
+
+def drawn(rng: np.random.Generator, kind: str, soaks: int, lacking: bool) -> tuple[Unit, dict, str]:
+    """A unit, options of its readings, and the effect that the model lacks."""
+    highest = min(3, soaks) if kind == "files" else 3
+    orders = {"bias_order": int(rng.integers(1, highest + 1)), "scale_order": int(rng.integers(0, 3))}
+    hysteresis = float(rng.choice([0.0, rng.uniform(0.05, 0.6)]))
+    orders["cross_order"] = int(rng.integers(0, 2))
+    unit = instrument(rng, **orders, bias_mg=float(np.exp(rng.uniform(0, 2.5))), hysteresis_mg=hysteresis)
+    constants = unit.constants.copy()
+    constants[6:] = 3e-3 * rng.normal(size=3)
+    unit, options = replace(unit, constants=constants), {"width": float(rng.choice([0.0, 20.0]))}
+    if kind != "files" and rng.random() < 0.3:
+        options |= rng.choice([{"lag_s": rng.uniform(5, 40)}, {"rate_effect": rng.uniform(0.002, 0.02)}])
+    # Files of one face each at one soak show neither a move nor a drift.
+    lacks = str(rng.choice(["quadratic"] if kind == "files" else ["quadratic", "moved", "drift"])) if lacking else ""
+    if lacks == "quadratic":
+        unit = replace(unit, square=1e-3 * np.exp(rng.uniform(np.log(0.05), np.log(2))) * rng.choice([-1, 1], 3))
+    if lacks == "drift":
+        options["drift_mg_per_h"] = rng.uniform(0.5, 2)
+    return unit, options, lacks
+
+
+def measured(
+    rng: np.random.Generator, kind: str, count: int, soaks: int, unit: Unit, options: dict, lacks: str
+) -> dict:
+    """The columns of the table of a plan."""
+    if kind == "files":
+        return soak_means(rng, unit, FACES[count], np.linspace(unit.low + 5, unit.high - 5, soaks), 0.1)
+    rate, forces = float(np.exp(rng.uniform(np.log(0.3), np.log(4.0)))), attitudes(rng, count)
+    legs = [(unit.high, rate)] if kind == "ramp up" else [(unit.high, rate), (unit.low, rate)]
+    if kind == "ramps at two rates":
+        legs += [(unit.high, 3 * rate), (unit.low, 3 * rate)]
+    programme = Programme(unit.low, tuple(legs))
+    if kind == "steps":
+        levels = np.linspace(unit.low, unit.high, int(rng.integers(3, 8)))
+        programme = Programme(unit.low, tuple((float(t), rate) for t in [*levels[1:], *levels[-2::-1]]), soak_min=20.0)
+    columns = means(rng, unit, forces, programme, 0.03, bins=40 if count < 9 else 20, **options)
+    if lacks == "moved":
+        moved = np.asarray(columns["temperature_degc"]) > (unit.low + unit.high) / 2
+        columns["readings"][moved & (np.array(columns["attitude"]) == "a0")] += 5e-3 * rng.normal(size=3)
+    return columns
+
+
+def outcome(rng: np.random.Generator, plan: tuple[str, int, int], lacking: bool) -> Outcome:
+    """Calibrate one unit, and judge corrected readings."""
+    kind, count, soaks = plan
+    unit, options, lacks = drawn(rng, kind, soaks, lacking)
+    table, stated = table_of(**measured(rng, kind, count, soaks, unit, options, lacks)), Stated()
+    if count == 1:
+        known = truth(unit, [25.0])[0] + BASE_SD * rng.normal(size=9)
+        sensor, use = SensorParameters(SENSOR, known, np.diag(BASE_SD**2)), Use("yes", expanded_g=4e-4)
+        stated = Stated(base=Calibration(np.eye(3), np.zeros(3), np.zeros((12, 12)), parameters=sensor, use=use))
+    result = thermal_calibration(table, stated)
+    use = result.calibration.use
+    low, high = np.clip(use.temperature_degc or table.range_degc, unit.low, unit.high)
+    force, degc = rng.normal(size=(NEW, 3)), rng.uniform(low, high, NEW)
+    force /= np.linalg.norm(force, axis=1)[:, None]
+    raw = readings(unit, force, degc, rng.choice([-1.0, 1.0], NEW))
+    error = result.calibration.corrected(raw, degc, extrapolate=True) - force
+    expanded, hysteresis, orders = use.expanded_g or np.nan, bool(np.any(unit.hysteresis)), true_orders(unit)
+    adequate = not lacks
+    if kind == "files":
+        changes = [max(orders[leaf], 1) for leaf in ("bias", "dK")]
+        adequate = not (lacks or hysteresis) and max(changes) < soaks and 9 + 3 * sum(changes) < count * soaks
+    with_history = hysteresis or bool({"lag_s", "rate_effect"} & {*options})
+    return Outcome(
+        use.answer or "",
+        adequate,
+        float(np.mean(np.abs(error) <= expanded)),
+        *(1e3 * float(np.sqrt(np.mean(own**2))) for own in (error, raw - force)),
+        1e3 * expanded,
+        None if with_history else any(result.choice.orders.get(leaf, 0) > order for leaf, order in orders.items()),
+        covered(result, unit, np.linspace(low, high, 9)) if adequate and count > 1 else np.nan,
+    )
+
+
+def true_orders(unit: Unit) -> dict[str, int]:
+    """The order of the dependence on temperature of each leaf."""
+    rows = {"dK": unit.changes[:3], "bias": unit.changes[3:6], "gamma": unit.changes[6:]}
+    return {leaf: int(np.max(np.flatnonzero(np.any(part, axis=0)), initial=-1)) + 1 for leaf, part in rows.items()}
+
+
+def covered(result: ThermalResult, unit: Unit, degc: np.ndarray) -> float:
+    """The share of the 95 % intervals of changes of bias and scale factor with the true value; NaN without a curve."""
+    curves = result.curves
+    if curves is None:
+        return np.nan
+    error = curves.at(degc) - (truth(unit, degc) - truth(unit, [curves.reference_degc])[0])
+    covariance = curves.covariance.copy()
+    covariance[:9], covariance[:, :9] = 0.0, 0.0
+    sd = replace(curves, covariance=covariance).sd(degc)
+    return float(np.mean((np.abs(error) < 1.96 * sd)[(sd > 0) & (np.arange(9) < 6)]))
+
+
+def row(words: str, found: Sequence[Outcome]) -> None:
+    """A row of the population."""
+    usable, adequate = [own for own in found if own.answer in ("yes", "within")], [own for own in found if own.adequate]
+    intervals = [own.covered for own in found if np.isfinite(own.covered)]
+    plain = [own.too_high for own in found if own.too_high is not None]
+    within = [own.within for own in usable]
+    cells = [words, str(len(found))]
+    cells.append(
+        ", ".join(f"{count} {answer}" for answer, count in sorted(Counter(own.answer for own in found).items()))
+    )
+    cells.append(f"{sum(own in usable for own in adequate)} of {len(adequate)}")
+    cells += [f"{np.mean(within):.1%}", f"{min(within):.0%}"] if usable else ["-", "-"]
+    cells.append(f"{np.median([own.expanded_mg for own in usable]):.2g}" if usable else "-")
+    cells += [f"{np.sqrt(np.mean([getattr(own, name) ** 2 for own in found])):.2g}" for name in ("error_mg", "raw_mg")]
+    cells += [f"{np.mean(intervals):.1%}" if intervals else "-", f"{sum(plain)} of {len(plain)}"]
+    print(f"| {' | '.join(cells)} |", flush=True)
+
+
+def population(units: int, seed: int) -> None:
+    """A row for each plan, and the sums."""
+    print(f"| {' | '.join(HEADS)} |\n|{'---|' * len(HEADS)}")
+    everything = []
+    for number, (words, plan) in enumerate(PLANS.items()):
+        found = []
+        for unit in range(units):
+            with single_blas_thread():
+                found.append(outcome(np.random.default_rng([seed, number, unit]), plan, lacking=unit % 6 == 5))
+        row(words, found)
+        everything += found
+    row("all", everything)
+
+
+def remaining_mg(rng: np.random.Generator, order: int, folder: Path) -> tuple[list[float], int]:
+    """The change that no correction and each method leave, mg; the order that tumblecal chose."""
+    unit = instrument(rng, bias_order=order, scale_order=0)
+    force, programme = attitudes(rng, 1)[0], Programme(unit.low, ((unit.high, 1.0),), soak_min=60.0)
+    times, values, degc = recording(rng, unit, force, programme, rate_hz=RATE_HZ)
+    # The hour at the start of `history` is not recorded: the unit is switched on cold.
+    begun = int(np.argmax(np.abs(history(programme, 1 / RATE_HZ)[2]) > 0))
+    times, values, degc = times[begun:], values[begun:], degc[begun:]
+    write_recording(folder / "still.csv", times, values, degc)
+    command = (sys.executable, "-m", "tumblecal", "thermal", folder / "still.csv", "--out", folder, "--quiet")
+    done = subprocess.run([*map(str, command)], capture_output=True, text=True)
+    if done.returncode not in (0, 3):
+        raise RuntimeError(done.stderr)
+    calibration = read_calibration(folder / "calibration.json")
+    grid = np.linspace(unit.high - 1, unit.low + 1, 60)
+    cooling = readings(unit, np.repeat(force[None], len(grid), 0), grid)
+    corrected = [cooling]
+    for about in ((degc.min() + degc.max()) / 2, 35.0):
+        fits = [np.polyfit(degc - about, values[:, axis], 3) for axis in range(3)]
+        corrected.append(cooling - np.column_stack([np.polyval(fit, grid - about) for fit in fits]))
+    corrected.append(calibration.corrected(cooling, grid, extrapolate=True))
+    chosen = json.loads((folder / "thermal.json").read_text())["orders"]["bias"]
+    return [1e3 * float(np.sqrt(np.mean((own - own.mean(0)) ** 2))) for own in corrected], chosen
+
+
+def methods(units: int, seed: int) -> None:
+    """A row for each order of the bias."""
+    print(
+        "| order of the bias | units | not corrected / mg | PX4 / mg | ArduPilot / mg | tumblecal / mg | orders chosen |"
+    )
+    print("|---" * 7 + "|")
+    for order in range(1, 6):
+        made = []
+        for k in range(units):
+            with TemporaryDirectory() as folder:
+                made.append(remaining_mg(np.random.default_rng([seed, order, k]), order, Path(folder)))
+        sizes = " | ".join(f"{size:.4f}" for size in np.sqrt(np.mean([np.square(own) for own, _ in made], axis=0)))
+        print(
+            f"| {order} | {units} | {sizes} | {', '.join(map(str, sorted({chosen for _, chosen in made})))} |",
+            flush=True,
+        )
+
+
+def main() -> None:
+    """One of the two parts."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("part", choices=("population", "methods"))
+    parser.add_argument("--units", type=int, default=16, help="of each plan, or order of the bias")
+    parser.add_argument("--seed", type=int, default=4113)
+    asked = parser.parse_args()
+    enable_float64()
+    (population if asked.part == "population" else methods)(asked.units, asked.seed)
+
+
+if __name__ == "__main__":
+    main()
