@@ -85,12 +85,6 @@ def test_dataflash_bytes_in_no_message_are_reported_and_the_rest_is_read(tmp_pat
     assert contents.damage.lines == [f"29 bytes outside messages, the first at byte {at}: messages there are lost"]
 
 
-def test_dataflash_without_accelerations_says_what_is_there(tmp_path, rows):
-    (tmp_path / "log.bin").write_bytes(b"".join(dataflash(rows, instances=0)))
-    with pytest.raises(InputError, match=r"no message has AccX, AccY, AccZ; it has MSG \(1\)"):
-        imported(tmp_path / "log.bin", tmp_path / "out.parquet")
-
-
 def xbus(bus: int, kind: int, payload: bytes) -> bytes:
     size = struct.pack(">B", len(payload)) if len(payload) < 255 else struct.pack(">BH", 255, len(payload))
     body = bytes([bus, kind]) + size + payload
@@ -162,7 +156,7 @@ def test_an_mtb_file_without_specific_force_says_what_it_holds(tmp_path, rows):
 @pytest.mark.parametrize("make", [dataflash, mtb])
 def test_changed_bytes_are_rows_or_a_line(tmp_path, rows, make):
     log, rng = b"".join(make(rows[:20])), np.random.default_rng(4)
-    for _ in range(30):
+    for _ in range(10):
         content = bytearray(log)
         for at in rng.integers(0, len(log), 5):
             content[at] = rng.integers(256)

@@ -12,13 +12,11 @@ from streams import some_samples
 from disk import file_size_limited
 from tumblecal.capture.decoding import byte_file
 from tumblecal.capture.decoding.byte_file import decode_file, pieces_of
-from tumblecal.capture.decoding.checks import exclusive_or
 from tumblecal.capture.decoding.framing import decode_all
 from tumblecal.capture.decoding.samples import Settings, Stated, blank
 from tumblecal.capture.log import LogWriter, RecordKind, read_log
 from tumblecal.capture.protocols import protocol
 from tumblecal.capture.protocols.stim300_device import encode, encode_configuration
-from tumblecal.cli.decode import decode
 from tumblecal.cli.sniff import sniff
 from tumblecal.ground.errors import InputError
 
@@ -125,14 +123,6 @@ def test_full_disk_in_words(tmp_path: Path, suffix: str) -> None:
         done = subprocess.run([sys.executable, "-c", code, str(tmp_path / "a.bin"), str(out)], capture_output=True)
     assert f"{out}: not written, because the disk is full" in done.stdout.decode(), done.stderr.decode()
     assert out.read_text() == "before" and sorted(p.name for p in tmp_path.iterdir()) == sorted(["a.bin", out.name])
-
-
-def test_refused_messages_are_a_line_and_no_file(tmp_path: Path) -> None:
-    body = b"VNYIA,-170.94,+007.34,+000.70,+00.085,+00.005,-09.847,+0.0003,-0.0012,-0.0001"
-    (tmp_path / "a.txt").write_bytes(b"$%s*%02X\r\n" % (body, exclusive_or(body)) * 40)
-    with pytest.raises(InputError, match="VNYIA has acceleration along the axes of the Earth"):
-        decode(tmp_path / "a.txt", out=tmp_path / "a.csv")
-    assert not (tmp_path / "a.csv").exists()
 
 
 def test_sniff_reads_the_beginning_only(tmp_path: Path) -> None:

@@ -7,7 +7,6 @@ import pytest
 
 from recording_headers import HEADERS
 from recordings_as_people_have_them import columns_of, motion, renamed, shuffled
-from tumblecal.capture.columns.column_names import parsed, role_of
 from tumblecal.capture.columns.roles import ColumnLayout, layout_of
 from tumblecal.capture.columns.still_size import ellipsoid
 from tumblecal.capture.recordings.options import RecordingOptions
@@ -50,58 +49,6 @@ def test_headers_of_loggers(header):
         assert [codes[layout.columns[f"g{axis}"].name] for axis in "xyz"] == ["gx", "gy", "gz"]
     if any(code[0] == "t" for code in header.codes):
         assert codes[layout.columns["time"].name][0] == "t"
-
-
-@pytest.mark.parametrize(
-    ("name", "said"),
-    [
-        ("Beschl. x", "acceleration x "),
-        ("field.linear_acceleration.z", "acceleration z "),
-        ("accSmooth[2] (g)", "acceleration 2 g"),
-        ("imu/accel/z", "acceleration z "),
-        ("AccelerationX(g)", "acceleration x g"),
-        ("Linear Acceleration x (m/s^2)", "acceleration x ms2"),
-        ("a_RS_S_y [m s^-2]", "acceleration y ms2"),
-        ("acc_x_mps2", "acceleration x ms2"),
-        ("IMU1_AccX", "acceleration x "),
-        ("ускорение X", "acceleration x "),
-        ("specific_force_y", "acceleration y "),
-        ("gyro_rad[1]", "rate 1 rads"),
-        ("角速度Z(°/s)", "rate z dps"),
-        ("omega_z", "rate z "),
-        ("magADC[0]", "field 0 "),
-        ("Magnetometer X (G)", "field x "),
-        ("motionGravityX(G)", "gravity x "),
-        ("Quat_x", "orientation x "),
-        ("angular_acceleration_x", "other x "),
-        ("linear_acceleration_covariance_0", "other 0 "),
-        ("VelInc_X", "other x "),
-        ("linear.x", "velocity x "),
-        ("pos_x", "place x "),
-        ("xyz[0]", " 0 "),
-        ("x", " x "),
-    ],
-)
-def test_a_name_says_quantity_axis_and_unit(name, said):
-    own = parsed(name)
-    assert f"{own.quantity} {own.axis} {own.unit}" == said
-
-
-@pytest.mark.parametrize(
-    ("name", "role"),
-    [
-        ("now[ms]", ("time", "ms")),
-        ("TimeUS", ("time", "us")),
-        ("#timestamp [ns]", ("time", "ns")),
-        ("Zeit [s]", ("time", "s")),
-        ("IMU Temp (°C)", ("temperature", "degc")),
-        ("T(°)", ("T", "")),
-        ("position", ("position", "")),
-        *[(name, (None, "")) for name in ("temp(F)", "max", "GHz", "3", "ax_sd_g")],
-    ],
-)
-def test_a_name_says_a_role(name, role):
-    assert role_of(name) == role
 
 
 @pytest.fixture(scope="module")
@@ -168,22 +115,6 @@ def test_axes_alone_are_taken_only_with_the_size_of_gravity(moved):
     assert layout.columns["ax"].name == "s2_x" and "gx" not in layout.columns
 
 
-def test_a_word_for_acceleration_that_others_outweigh_counts_with_the_size_of_gravity(moved):
-    force, rate, _ = moved
-    named = lambda values: {f"PhoneAcc30orientationSample[{k}]": values[:, k] for k in range(3)}  # noqa: E731
-    assert chosen(named(force)).columns["az"].name == "PhoneAcc30orientationSample[2]"
-    with pytest.raises(InputError, match=r"--columns '?ax="):
-        chosen(named(rate))
-
-
-def test_a_letter_g_is_a_rate_only_if_it_rests(moved):
-    force, rate, _ = moved
-    axes = lambda name, values: {f"{name}{axis}": values[:, k] for k, axis in enumerate("xyz")}  # noqa: E731
-    assert chosen(axes("a", force) | axes("g", rate)).columns["gx"].name == "gx"
-    up = force / np.linalg.norm(force, axis=1, keepdims=True)
-    assert "gx" not in chosen(axes("acc", force) | axes("g", up)).columns
-
-
 def test_of_raw_and_smoothed_the_raw_ones_and_of_two_sensors_a_question(moved):
     force, _, _ = moved
     axes = lambda name: {f"{name}[{k}]": force[:, k] for k in range(3)}  # noqa: E731
@@ -232,33 +163,6 @@ def test_import_prints_a_table_of_columns_with_the_evidence_and_the_same_as_json
     assert result["columns"]["az"] == {"column": "z [mg]", "unit": "mg", "why": "name; unit: by name"}
     assert result["gaps"]["count"] == 1 and result["gaps"]["total_s"] == pytest.approx(2.04)
     assert result["rate_hz"] == pytest.approx(25) and result["damage"] == []
-
-
-def test_a_guess_is_printed_before_the_fault_that_may_follow(tmp_path, moved, tumblecal):
-    force, rate, _ = moved
-    path = tmp_path / "raw.txt"
-    np.savetxt(path, np.column_stack([np.arange(len(force)) / 25, force, rate]), fmt="%.4f")
-    write_samples(path, tmp_path / "out.parquet", RecordingOptions())
-    outcome = tumblecal("reduce", path, "--out", tmp_path / "out")
-    assert outcome.code == 2
-    assert "accelerations: columns 2, 3, 4 as x, y, z, by their values" in outcome.lines[0]
-    assert "state how to find its positions" in outcome.lines[-1]
-
-
-@pytest.mark.parametrize(
-    ("name", "role"),
-    [
-        *[
-            (name, ("time", ""))
-            for name in ("ts", "imu.ts", "host_ts", "uptime", "systime", "Laufzeit", "tstamp", "tick", "now")
-        ],
-        *[(name, ("time", "ms")) for name in ("ts_ms", "uptime [ms]", "msec", "millis")],
-        *[(name, ("time", "ns")) for name in ("ns", "nsec", "header.stamp.nanosec", "t_nsec")],
-        *[(name, (None, "")) for name in ("dt", "dt_ms", "sample_interval", "period")],
-    ],
-)
-def test_a_name_of_a_clock(name, role):
-    assert role_of(name) == role
 
 
 _TIMES = 3 + np.arange(300) / 50 + 1e-5 * np.random.default_rng(4).normal(size=300)

@@ -64,52 +64,6 @@ def test_negative_numbers_written_as_unsigned_are_read_as_negative(tmp_path, nam
     assert not contents.damage.lines
 
 
-def test_the_unit_is_guessed_of_the_numbers_as_they_are_meant(tmp_path):
-    steps = np.round(forces() * 8192)
-    for written in (steps, steps[50:150]):
-        unsigned = np.where(written < 0, written + 65536, written)
-        got, contents = read(tmp_path, table(unsigned, names=NAMES))
-        np.testing.assert_array_equal(got[:, 1:], written)
-        assert contents.layout.per_g == 8192
-        assert len(contents.damage.lines) == bool((written < 0).any())
-
-
-def test_one_attitude_is_read_as_signed_where_its_size_says_so(tmp_path):
-    written = np.round(forces()[-150:] * 16384)[:100] * [1, -1, 1]
-    unsigned = np.where(written < 0, written + 65536, written)
-    assert (np.abs(np.diff(unsigned, axis=0)) < 1000).all() and (written[:, 1] < 0).all()
-    got, contents = read(tmp_path, table(unsigned, names=NAMES))
-    np.testing.assert_array_equal(got[:, 1:], written)
-    assert records(contents)[0][0] == "unsigned"
-
-
-def test_overflowed_numbers_come_back(tmp_path):
-    steps = np.round(forces(offset_g=0.3) * 110)
-    written = (steps + 128) % 256 - 128
-    assert (written != steps).any()
-    got, contents = read(tmp_path, table(written, names=NAMES), RecordingOptions(unit="110/g"))
-    np.testing.assert_array_equal(got[:, 1:], steps)
-    assert records(contents) == [("overflow", "corrected", np.count_nonzero((written != steps).any(axis=1)))]
-
-
-def test_a_range_that_only_later_rows_show_is_found(tmp_path):
-    still = np.tile(np.round([[330.0, 500.0, 16380.0]]), (300_000, 1)) + np.arange(300_000)[:, None] % 5
-    steps = np.concatenate([still, np.round(forces() * 16384)])
-    written = np.where(steps < 0, steps + 65536, steps)
-    got, contents = read(tmp_path, table(written, names=NAMES), RecordingOptions(unit="16384/g"))
-    np.testing.assert_array_equal(got[:, 1:], steps)
-    assert [record.kind for record in contents.damage.records] == ["unsigned"]
-
-
-def test_angular_rates_written_as_unsigned(tmp_path):
-    rates = np.round(np.random.default_rng(2).normal(0, 20, (len(forces()), 3)))
-    written = np.where(rates < 0, rates + 65536, rates)
-    columns = table(np.round(forces(), 5)) | {f"gyr_{axis}": own for axis, own in zip("xyz", written.T, strict=True)}
-    got, contents = read(tmp_path, columns)
-    np.testing.assert_array_equal(got[:, 4:], rates)
-    assert records(contents)[0][0] == "unsigned"
-
-
 @pytest.mark.parametrize("kind", ERASED)
 def test_rows_of_erased_memory_are_left_out(tmp_path, kind):
     columns = table(np.round(forces(), 5))
@@ -120,17 +74,6 @@ def test_rows_of_erased_memory_are_left_out(tmp_path, kind):
         assert records(contents) == [("erased", "left out", 2 * count)]
         assert contents.damage.records[0].first_row == at + 1
         assert contents.rate_hz == pytest.approx(RATE_HZ)
-
-
-def test_erased_memory_without_a_clock_and_under_one_that_goes_on(tmp_path):
-    steps = table(np.round(forces() * 16384), names=NAMES)
-    count = len(steps["time_s"])
-    erased = with_erased(steps, "zeros", count, 3 * count)
-    erased["time_s"] = np.arange(4 * count) / RATE_HZ
-    for columns in (erased, {name: erased[name] for name in NAMES}):
-        got, contents = read(tmp_path, columns, RecordingOptions(rate=RATE_HZ, unit="16384/g"))
-        np.testing.assert_array_equal(got[:, -3:], whole(steps)[:, 1:])
-        assert records(contents) == [("erased", "left out", 3 * count)]
 
 
 def test_rows_out_of_order_are_sorted(tmp_path):
@@ -276,15 +219,6 @@ def test_healthy_recordings_pass_unchanged(tmp_path):
         assert len(got) == len(columns["time_s"]), name
         offset = float(options.offset or 0)
         np.testing.assert_array_equal(got[:, 1:], whole(columns)[:, 1:] - offset, err_msg=name)
-
-
-def test_means_are_no_samples(tmp_path, tumblecal):
-    means = table(np.repeat(np.round(forces()[::200], 4), 2, axis=0))
-    path = tmp_path / "means.csv"
-    pl.DataFrame(means).write_csv(path)
-    told = tumblecal("reduce", path, "--means", "--out", tmp_path / "r")
-    assert told.code == 0 and not told.lines
-    assert len(pl.read_csv(tmp_path / "r" / "positions.csv", comment_prefix="#")) == len(means["time_s"])
 
 
 @pytest.mark.parametrize("suffix", [".parquet", ".csv"])

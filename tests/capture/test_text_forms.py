@@ -12,7 +12,6 @@ from tumblecal.capture.recordings.damage import Damage
 from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.capture.rows.sample_file import write_samples
 from tumblecal.data.text_layout import ROW
-from tumblecal.ground.errors import InputError
 
 
 ROWS = 60
@@ -110,25 +109,6 @@ def test_numbers_between_words_are_those_written(tmp_path, name):
         assert cells == (CLOCK if kind == "c" else truth[kind][:, int(axis or 0)].tolist()), column
 
 
-def test_a_labelled_recording_is_imported(tmp_path):
-    """The names that labels give are those of quantities; the clock of the monitor is the time."""
-    rows = [f"{CLOCK[k]} -> ax:{f[0]} ay:{f[1]} az:{f[2]}" for k, f in enumerate(FORCE)]
-    frame, contents = imported(tmp_path / "log.txt", "\n".join(rows) + "\n", RecordingOptions(unit="g"))
-    np.testing.assert_array_equal(of_axes(frame, "a"), FORCE)
-    np.testing.assert_allclose(frame["time_s"], np.arange(ROWS) / HZ, atol=1e-9)
-    assert not contents.unreadable
-
-
-def test_a_number_that_lost_its_blank_is_not_two(tmp_path):
-    lines = [f"[{f[0]} {f[1]} {f[2]}]" for f in FORCE]
-    lines[20] = lines[20].replace(" ", "", 1)
-    (tmp_path / "log.txt").write_text("\n".join(lines) + "\n")
-    _, (table,) = source_tables(tmp_path / "log.txt")
-    frame = pl.concat(table.pieces(table.columns))
-    assert frame["2"][20] is None
-    np.testing.assert_array_equal(frame.drop_nulls().select("1", "2", "3").to_numpy(), np.delete(FORCE, 20, axis=0))
-
-
 def test_torn_lines_are_counted_and_lines_of_another_order_are_none_of_these(tmp_path):
     lines = [f"ax:{f[0]},ay:{f[1]},az:{f[2]}" for f in FORCE]
     lines[20], lines[30], lines[40] = "ax:0.1,az:0.3", "ay:0.1,ax:0.2,az:0.3", "ax:0.1,ay:0"
@@ -172,13 +152,6 @@ def test_json(tmp_path, name):
         np.testing.assert_array_equal(of_axes(frame, "g"), RATE[-len(truth) :])
 
 
-def test_json_without_samples_is_a_line(tmp_path):
-    with pytest.raises(InputError, match="JSON without samples; samples are read from one object a line"):
-        imported(tmp_path / "log.json", '{"a": {"b": 1}, "c": [\n]}')
-    with pytest.raises(InputError, match="not a complete JSON file"):
-        imported(tmp_path / "log.json", '[{"a": 1,\n "b"')
-
-
 XSENS = "// Start Time: Unknown\n// Update Rate: 100.0Hz\n// Firmware Version: 4.0.2\n"
 DOT = "DeviceTag:,A1\nOutputRate:,100Hz\n\n"
 
@@ -197,14 +170,6 @@ def test_xsens_exports(tmp_path, separator, counted):
     frame, contents = imported(tmp_path / "log.txt", text + "\n", RecordingOptions())
     assert contents.rate_hz == pytest.approx(HZ, abs=1e-6) and ("time_s" in frame.columns) is counted
     np.testing.assert_allclose(of_axes(frame, "a"), 9.80665 * FORCE, rtol=1e-15)
-
-
-@pytest.mark.parametrize("encoding", ["utf-8", "cp1252"])
-def test_decimal_commas_and_other_letters_between_words(tmp_path, encoding):
-    rows = ["; ".join(f"{axis}: {own} °" for axis, own in zip("XYZ", f, strict=True)).replace(".", ",") for f in FORCE]
-    (tmp_path / "log.txt").write_bytes("\r\n".join([*rows, ""]).encode(encoding))
-    _, (table,) = source_tables(tmp_path / "log.txt")
-    np.testing.assert_array_equal(pl.concat(table.pieces(table.columns)).select("X", "Y", "Z").to_numpy(), FORCE)
 
 
 @pytest.mark.parametrize("instances", [0, 2])
@@ -226,22 +191,6 @@ def test_dataflash_logs_as_text(tmp_path, instances):
     np.testing.assert_allclose(frame.select("ax_ms2", "ay_ms2", "az_ms2").to_numpy(), 9.80665 * FORCE, rtol=1e-14)
     np.testing.assert_array_equal(frame.select("gx_rads", "gy_rads", "gz_rads").to_numpy(), RATE)
     np.testing.assert_array_equal(frame["temperature_degc"], 30 + np.arange(ROWS) % 3)
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("hello world\nno table\n", "its first line 'hello world' has 2 cells separated by spaces, 0 of them numbers"),
-        (
-            "t,ax\n1,2\n2,3\n",
-            "its first line 't,ax' has 2 cells separated by commas, 0 of them numbers: write the three",
-        ),
-        ("<html><body>x</body></html>\n", "this is HTML or XML, not a table"),
-    ],
-)
-def test_what_is_no_table_is_told_by_its_first_line(tmp_path, text, words):
-    with pytest.raises(InputError, match=words):
-        imported(tmp_path / "log.txt", text)
 
 
 _ODD = {
