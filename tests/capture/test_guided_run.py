@@ -85,6 +85,7 @@ def parameters(folder: Path) -> tuple[np.ndarray, np.ndarray]:
     return fitted.values, np.sqrt(np.diag(fitted.covariance))
 
 
+@pytest.mark.long
 def test_disturbed_run_ends_in_the_same_calibration(tmp_path: Path) -> None:
     """A wrong position, an unplug and a kill -9 in the middle change the result by no more than its sd allows."""
     (tmp_path / "plan.toml").write_text(PLAN)

@@ -66,6 +66,7 @@ def accepted(count: int) -> Callable[[list[dict]], object]:
     return lambda entries: sum(entry["entry"] == "accepted" for entry in entries) >= count
 
 
+@pytest.mark.long
 def test_an_instrument_that_does_not_answer_is_compared_and_another_one_stops_the_run(tmp_path: Path) -> None:
     """Unplugged twice: first the same instrument comes back, then one with scale factors 0.4e-3 larger; neither answers."""
     (tmp_path / "plan.toml").write_text(PLAN)
@@ -99,27 +100,6 @@ def test_an_instrument_that_does_not_answer_is_compared_and_another_one_stops_th
     assert "serial_number" not in comments and comments["serial_number_not_confirmed"] == "N25581846020020"
     assert comments["identity_not_confirmed"].startswith("position 2, 3, 4: identity not confirmed: no serial number")
     assert reduction.entries["identity"]["positions_not_confirmed"] == ["2", "3", "4"]
-
-
-def test_a_late_answer_on_resuming_is_no_other_instrument(tmp_path: Path) -> None:
-    """The first eight commands are missed, as on a busy machine: the question is asked five times."""
-    (tmp_path / "plan.toml").write_text(PLAN)
-    run = tmp_path / "run"
-    with Emulator(tmp_path, emulator(0)) as device:
-        capture = CaptureProcess(tmp_path, "plan.toml", "--out", "run", "--plain", "--no-estimate", questions=QUESTIONS)
-        go_on(capture, device, accepted(1), run)
-        capture.press("q")
-        assert capture.close() == 0
-    with Emulator(tmp_path, emulator(90, missed=8)) as device:
-        capture = CaptureProcess(
-            tmp_path, "--resume", "run", "--plain", "--no-estimate", "--yes", questions="0.3 0.4 0.5 0.6 0.9"
-        )
-        go_on(capture, device, accepted(2), run)
-        capture.press("q")
-        assert capture.close() == 0, capture.seen
-    state = replayed(read_journal(run))
-    assert [device["serial_number"] for device in state.devices] == ["N25581846020020"] * 2
-    assert not state.doubts and len(state.accepted) == 2
 
 
 def test_questions_are_bounded_and_grow_and_a_late_answer_counts(monkeypatch: pytest.MonkeyPatch) -> None:

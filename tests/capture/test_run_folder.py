@@ -46,7 +46,7 @@ def test_a_second_start_harms_nothing(tmp_path: Path) -> None:
     assert b"waiting" not in done.raw and entries_of(tmp_path / "run") == whole
 
 
-@pytest.mark.parametrize("what", ["deleted", "moved", "full"])
+@pytest.mark.parametrize("what", ["deleted", pytest.param("moved", marks=pytest.mark.long), "full"])
 def test_a_folder_that_goes_away_ends_the_run_at_once(tmp_path: Path, what: str) -> None:
     (tmp_path / "plan.toml").write_text(PLAN)
     with Emulator(tmp_path, ""):
