@@ -134,15 +134,3 @@ def test_a_late_emulator_drifts_with_the_clock_and_says_so(tmp_path: Path, monke
     device = VirtualDevice(Emulation())
     device.advance(1000)
     assert device.ledger.as_dict()["warning"] == ""
-
-
-def test_the_truth_is_ready_before_the_port_is(tmp_path: Path) -> None:
-    """Compiling the exact chain takes seconds, which a waiting capture would call silence."""
-    seen = []
-
-    def truth(*_: float) -> np.ndarray:
-        seen.append((tmp_path / "imu").is_symlink())
-        return np.array([0.0, 0.0, 1.0])
-
-    VirtualInstrument(VirtualDevice(Emulation(), truth), tmp_path / "imu").run(0.1)
-    assert seen[0] is False

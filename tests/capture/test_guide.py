@@ -95,8 +95,9 @@ def test_exchanged_frames_are_no_loss_and_the_screen_says_why_an_attempt_was_rej
     journal.close()
 
 
-@pytest.mark.parametrize("notice", [{"event": "reopened"}, {"event": "data_again", "after_s": 4.0}])
-@pytest.mark.parametrize("other_g", [0.0, 3e-4])
+@pytest.mark.parametrize(
+    ("notice", "other_g"), [({"event": "reopened"}, 0.0), ({"event": "data_again", "after_s": 4.0}, 3e-4)]
+)
 def test_an_instrument_of_a_kind_without_serial_numbers_is_compared(
     tmp_path: Path, notice: dict, other_g: float
 ) -> None:

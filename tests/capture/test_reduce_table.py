@@ -110,7 +110,6 @@ def test_the_rate_may_be_stated_and_angles_unknown(tmp_path, white):
         (lambda told: told.pop("time_s"), "the sample rate is not known; add a column time_s or a comment"),
         (lambda told: told.update(time_s=told["time_s"] * 0), "column time_s must increase"),
         (lambda told: told.update(position=np.arange(24 * COUNT)), "too few samples at position 0 \\(1\\), 1 \\(1\\)"),
-        (lambda told: told.pop("ay_g"), "columns ax_g, ay_g, az_g .* are missing"),
     ],
 )
 def test_what_is_no_table_of_samples(tmp_path, white, change, words):
