@@ -132,17 +132,6 @@ def test_the_pieces_of_an_mtb_file_do_not_change_it(tmp_path, rows, monkeypatch)
     )
 
 
-def test_an_mtb_file_with_a_wrong_sum(tmp_path, rows):
-    messages = mtb(rows)
-    broken = bytearray(messages[50])
-    broken[30] ^= 1
-    (tmp_path / "log.mtb").write_bytes(b"".join([*messages[:50], bytes(broken), *messages[51:]]))
-    contents = write_samples(tmp_path / "log.mtb", tmp_path / "out.parquet", RecordingOptions())
-    assert contents.rows == 199
-    (line,) = contents.damage.lines
-    assert line.startswith(f"{len(broken)} bytes outside messages with a correct sum")
-
-
 def test_an_mtb_file_without_specific_force_says_what_it_holds(tmp_path, rows):
     (tmp_path / "a.mtb").write_bytes(b"".join(mtb(rows, force=0x4030)))
     with pytest.raises(InputError, match="free acceleration"):

@@ -139,15 +139,6 @@ def test_sniff_reads_the_beginning_only(tmp_path: Path) -> None:
         sniff(str(tmp_path / "empty.bin"))
 
 
-def test_columns_of_a_stream_that_is_no_text_are_refused(tmp_path: Path) -> None:
-    """They were ignored without a word."""
-    log = tmp_path / "x.bin"
-    log.write_bytes(stim300(300))
-    with pytest.raises(InputError, match=r"x\.bin: .* remove --columns and --unit, which only lines of text take"):
-        decode_file(log, stated=Stated(columns="ax,ay,az", unit="g"))
-    assert decode_file(log, stated=Stated()).samples
-
-
 def test_raw_log_of_a_capture(tmp_path: Path) -> None:
     data = stim300(500)
     log = LogWriter(tmp_path / "raw.log")

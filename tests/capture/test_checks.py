@@ -44,14 +44,6 @@ def test_an_axis_that_never_changes_is_no_warm_up(seed: int) -> None:
     assert not any("warm-up" in words for words in check_dwell(data, RATE, MEAN_SD).warnings)
 
 
-def test_trend() -> None:
-    data = noise(2)
-    data[:, 0] += 1e-3 * np.arange(N) / RATE / 3600
-    found = check_dwell(data, RATE, MEAN_SD)
-    assert any(w.startswith("trend: axis x") for w in found.warnings)
-    assert found.trend_g_per_h[0] == pytest.approx(1e-3, rel=0.2)
-
-
 def test_outliers_and_saturation() -> None:
     data = noise(3)
     data[1000:9000:1000, 1] += 0.02

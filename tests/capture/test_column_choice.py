@@ -103,18 +103,6 @@ def test_three_columns_alone_at_rest_are_accelerations_of_one_g():
             chosen(numbered(data))
 
 
-def test_axes_alone_are_taken_only_with_the_size_of_gravity(moved):
-    force, rate, field = moved
-    named = lambda values, stem="": dict(zip((f"{stem}z", f"{stem}y", f"{stem}x"), values.T, strict=True))  # noqa: E731
-    layout = chosen(named(force))
-    assert [layout.columns[f"a{axis}"].name for axis in "xyz"] == ["x", "y", "z"]
-    for values in (rate, field, force[:40]):
-        with pytest.raises(InputError, match="--columns ax=x,ay=y,az=z"):
-            chosen(named(values))
-    layout = chosen(named(rate, "s1_") | named(force, "s2_") | named(field, "s3_"))
-    assert layout.columns["ax"].name == "s2_x" and "gx" not in layout.columns
-
-
 def test_of_raw_and_smoothed_the_raw_ones_and_of_two_sensors_a_question(moved):
     force, _, _ = moved
     axes = lambda name: {f"{name}[{k}]": force[:, k] for k in range(3)}  # noqa: E731

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from tumblecal.data.calibration import Calibration, write_calibration
 from tumblecal.data.raw import read_raw
+from tumblecal.ground.errors import InputError
 
 
 MATRIX, BIAS = np.diag([1.01, 0.99, 1.02]), np.array([0.02, -0.03, 0.05])
@@ -127,6 +128,8 @@ def test_parquet_keeps_its_columns_and_comments(tumblecal, tmp_path, suffix):
         and got["t"].to_list() == [5.5, 6.5]
     )
     np.testing.assert_allclose(got.to_numpy()[:, 2:5].astype(float), force, rtol=1e-14)
+    with pytest.raises(InputError, match="corrected already"):
+        read_raw(out)
 
 
 def test_counts_become_g_and_all_other_columns_remain(tumblecal, tmp_path):
@@ -154,21 +157,6 @@ def test_a_column_twice_is_refused_by_name(applied, tumblecal, tmp_path):
     assert outcome.code == 2 and outcome.lines == [fault] and not lines
     reduced = tumblecal("reduce", tmp_path / "log.csv", "--out", tmp_path / "reduced")
     assert reduced.code == 2 and reduced.lines == [fault] and not (tmp_path / "reduced").exists()
-
-
-@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
-def test_blank_lines_are_passed_over_and_lines_counted(applied, small_pieces, end):
-    rows = ["0,0,1"] * 9
-    rows[2:2], rows[7:7] = ["", "# a remark", "  "], [""]
-    good, lines = applied(end.join(["", "ax_g,ay_g,az_g", *rows, "", ""]))
-    assert good.code == 0 and "9 rows corrected" in good.out
-    assert lines[1] == "ax_g,ay_g,az_g" and len(lines) == 2 + 9
-    rows += ["0,zero,1"]
-    bad, _ = applied(end.join(["", "ax_g,ay_g,az_g", *rows]))
-    assert f"log.csv:line {2 + len(rows)}, column ay_g: 'zero' is not a finite number" in bad.lines[0]
-    rows[-1] = "0,3.5,1"
-    far, _ = applied(end.join(["", "ax_g,ay_g,az_g", *rows]))
-    assert f"1 of 10 rows (the first: line {2 + len(rows)}) are beyond 2 g" in far.lines[0]
 
 
 @pytest.mark.parametrize(
@@ -199,23 +187,3 @@ def test_every_row_has_its_line(tmp_path_factory, lines, above):
     read = read_raw(path)
     assert len(read.readings) == len(told)
     assert read.places.tolist() == told
-
-
-@pytest.mark.parametrize("separator", [",", ";"])
-def test_reduce_reads_such_tables_too(tumblecal, tmp_path, separator):
-    """Blank lines, a column of runs without any, and with semicolons decimal commas in times and angles."""
-    rng, rows = np.random.default_rng(3), []
-    for k in range(60):
-        reading = np.array([0, 0, 1] if k < 30 else [0, 1, 0]) + 1e-3 * rng.normal(size=3)
-        rows.append([f"p{k // 30}", 22.5 if k < 30 else 90, 0, *reading, k / 100 + (k >= 30), ""])
-    names = "position,alpha_deg,beta_deg,ax_g,ay_g,az_g,time_s,run"
-    text = "\n".join(
-        [names, *(",".join(map(str, row)) for row in rows[:40]), "", *(",".join(map(str, r)) for r in rows[40:])]
-    )
-    text = text if separator == "," else text.replace(",", ";").replace(".", ",")
-    (tmp_path / "log.csv").write_text(text + "\n\n")
-    assert tumblecal("reduce", tmp_path / "log.csv", "--out", tmp_path / "out").code == 0
-    means = pl.read_parquet(tmp_path / "out" / "positions.parquet")
-    truth = np.array([[*map(float, row[1:7])] for row in rows]).reshape(2, 30, 6).mean(1)
-    names = ["alpha_deg", "beta_deg", "ax_g", "ay_g", "az_g", "time_s"]
-    np.testing.assert_allclose(means.select(names).to_numpy(), truth, atol=1e-12)

@@ -191,14 +191,6 @@ def test_vectornav_refuses_what_is_no_specific_force(name: str) -> None:
     assert "VNIMU" in refused.content["text"]
 
 
-@pytest.mark.parametrize(("group", "field"), [(4, 5), (4, 6), (4, 7), (5, 7), (5, 8)])
-def test_vectornav_binary_refuses_what_is_no_specific_force(group: int, field: int) -> None:
-    row = bytes([1 << group]) + (1 << field).to_bytes(2, "little") + np.array([0, 0, 9.8], "<f4").tobytes()
-    message = b"\xfa" + row + crc16_xmodem(row).to_bytes(2, "big")
-    found = decode_all(protocol("vectornav").decoder(), 3 * message)
-    assert len(found.samples) == 0 and [e.kind for e in found.events] == ["refused"]
-
-
 def test_vectornav_binary_with_fields_of_all_groups() -> None:
     """Satellites, attitude and position beside the raw specific force: sizes after the vendor's library."""
     head = bytes([0x7D]) + b"".join(w.to_bytes(2, "little") for w in (0x0001, 0x000C, 0x2003, 0x1402, 0x0603, 0x2000))

@@ -261,15 +261,6 @@ def slow(gravity: np.ndarray, sd: float = 3e-3) -> pl.DataFrame:
     return recording(degc, gravity, sd=sd).with_columns(pl.col("time_s") * 4 * RATE)
 
 
-def test_a_slow_log_of_one_attitude_is_taken_as_still(tmp_path: Path):
-    reading = thermal_reading([written(tmp_path, slow(np.tile(UP, (800, 1))))])
-    table = reading.table
-    assert table.attitudes == ("a1",) and set(table.branch) == {"ramp:1 up", "ramp:2 down"}
-    assert len(table) >= 36
-    assert np.sqrt(np.mean(scores(table, UP) ** 2)) < 1.25
-    assert any("0.25 Hz cannot show movements; taken as still" in line for line in reading.warnings[0][1])
-
-
 def test_a_slow_log_of_several_attitudes_needs_the_statement_that_it_was_still(tmp_path: Path):
     path = written(tmp_path, slow(np.concatenate([np.tile(UP, (200, 1)), np.tile(RIGHT, (200, 1))])))
     with pytest.raises(InputError, match="2 attitudes") as raised:

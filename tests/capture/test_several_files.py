@@ -1,6 +1,5 @@
 """Several files as one recording: positions from names and tables, means of the still parts, clocks, faults."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +10,6 @@ from tumblecal.capture.recordings.options import Criterion, KnownContext, Record
 from tumblecal.capture.reduction.file_names import recording_files
 from tumblecal.capture.reduction.file_positions import positions_by_names, positions_by_table
 from tumblecal.capture.reduction.reduce_files import reduce_files
-from tumblecal.data import read_positions
 from tumblecal.ground.errors import InputError
 
 
@@ -239,19 +237,3 @@ def test_without_a_position_in_the_names_gravity_tells_it(tmp_path, six):
     found = reduced(recording_files([tmp_path / "f"]), six)
     assert found.by_gravity
     assert [own.name for own in found.positions] == ["x_p", "x_n", "y_p", "y_n", "z_p", "z_n"]
-
-
-def test_the_command_prints_the_positions_before_a_fault(tmp_path, tumblecal):
-    faces(tmp_path / "f")
-    (tmp_path / "six.toml").write_text(SIX)
-    out = tmp_path / "out"
-    done = tumblecal("reduce", tmp_path / "f", "--plan", tmp_path / "six.toml", "--no-figures", "--out", out)
-    assert done.code == 0
-    content = json.loads((out / "reduction.json").read_text())
-    assert [own["position"] for own in content["files"]] == ["x_n", "x_p", "y_n", "y_p", "z_n", "z_p"]
-    assert content["files"][0]["rows"] == 500
-    assert len(read_positions(out / "positions.csv")) == 6
-    (tmp_path / "f" / "z_p.csv").write_text("")
-    failed = tumblecal("reduce", tmp_path / "f", "--plan", tmp_path / "six.toml", "--out", out)
-    assert failed.code == 2
-    assert "z_p.csv  z_p  alpha 0    beta 0" in failed.out

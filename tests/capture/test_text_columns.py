@@ -94,29 +94,6 @@ def test_times_that_cannot_be_read_are_refused_or_left_out_for_a_rate(tmp_path, 
     assert "time_s" not in frame.columns and "ignored, --rate is used" in said
 
 
-def test_accelerations_that_cannot_be_read_are_refused(tmp_path):
-    path = tmp_path / "log.csv"
-    path.write_text("time,ax,ay,az,temp\n" + "".join(f"{k / 100},0.1,0.2,0.97g,25\n" for k in range(ROWS)))
-    with pytest.raises(
-        InputError, match=r"log.csv:line 2, column az: '0.97g': no number; write 0.97, without the unit g, or"
-    ):
-        write_samples(path, tmp_path / "out.parquet", RecordingOptions())
-
-
-def test_moments_of_other_formats_are_times_and_dates_alone_are_none(tmp_path):
-    times = pl.datetime_range(BEGIN, BEGIN + timedelta(milliseconds=10 * (ROWS - 1)), "10ms", eager=True)
-    path, force = tmp_path / "log.parquet", {"ax": [0.1] * ROWS, "ay": [0.2] * ROWS, "az": [0.97] * ROWS}
-    for own in (times, times.dt.time().head(20), times - BEGIN):
-        rows = {name: values[: len(own)] for name, values in force.items()}
-        pl.DataFrame({"time": own, **rows}).write_parquet(path)
-        write_samples(path, tmp_path / "out.parquet", RecordingOptions())
-        found = pl.read_parquet(tmp_path / "out.parquet")["time_s"]
-        np.testing.assert_allclose(found, np.arange(len(own)) / 100, atol=1e-9)
-    pl.DataFrame({"time": times.dt.date(), **force}).write_parquet(path)
-    with pytest.raises(InputError, match=r"column time: datetime.date.* cannot be read as a time"):
-        write_samples(path, tmp_path / "out.parquet", RecordingOptions())
-
-
 @pytest.mark.parametrize("units", ["g mg g", "mg g g", "g ms2 g"])
 def test_axes_in_different_units_are_refused(tmp_path, units):
     """As `calibrate` refuses them; a user may say in which unit all of them are."""

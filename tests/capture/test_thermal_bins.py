@@ -1,16 +1,13 @@
 """Bins over temperature from arrays: smoothing, branches, soaks, sums in pieces, means with uncertainties, rounding."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tumblecal.capture.still.blocks import SignalBlocks
 from tumblecal.capture.thermal.bins import binned, course_of, default_width
 from tumblecal.capture.thermal.block_temperature import (
     stuck_readings,
-    temperatures_of,
 )
 from tumblecal.capture.thermal.branches import branches_of
 from tumblecal.capture.thermal.rounding import rounding_sd
@@ -46,32 +43,6 @@ def test_staircase_has_its_soaks_on_their_stretches():
         assert (branches.direction[cells] == 0).all()
         reached = 0 if k == 0 else 1 if k <= 4 else -1
         assert (branches.reached_by[cells] == reached).all()
-
-
-def test_overshoot_of_a_chamber_is_no_branch():
-    time = np.arange(0, 3600, 1.0)
-    true = np.where(time < 1200, time / 20, 60 + 3 * np.exp(-(time - 1200) / 90) * np.sin((time - 1200) / 60))
-    branches = branches_of(temperature_course(time, true, resolution_of(true)), 1.5)
-    assert branches.sign.tolist() == [1]
-    assert branches.soak.max() == 0
-
-
-def _blocks(count: int) -> SignalBlocks:
-    nothing = np.zeros((count, 3))
-    rows, cuts = 10 * np.arange(count), np.array([10 * count])
-    start, broken = rows / 100, np.zeros(count, bool)
-    ends, at_ends = np.zeros((2, count, 3)), np.zeros((2, count, 3), int)
-    return SignalBlocks(
-        10, 100.0, 10 * count, nothing, nothing, rows, start, broken, cuts, np.zeros(3), cuts[:0], ends, at_ends, "g"
-    )
-
-
-def test_single_dropouts_of_the_thermometer_are_replaced():
-    rng = np.random.default_rng(6)
-    degc = np.round((25 + 0.05 * rng.standard_normal(2000)) * 16) / 16
-    degc[1200:1205] = 0.0
-    mean, _ = temperatures_of(Path("a.csv"), _blocks(200), np.split(degc, 4))
-    assert np.abs(mean - 25).max() < 0.1
 
 
 def test_a_stuck_thermometer_is_found_only_if_its_noise_stops():
