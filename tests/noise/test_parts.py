@@ -49,12 +49,6 @@ def test_dwells_of_different_lengths_are_the_double_sum(part):
     np.testing.assert_allclose(part.mean_covariance(dwells), ONE[:, None, None] ** 2 * expected, rtol=1e-9, atol=1e-12)
 
 
-def test_dwell_means_of_a_random_walk_are_the_double_sum():
-    dwells = regular_dwells(3, dwell_s=2.0, move_s=1.0, rate_hz=10.0)
-    expected = summed_covariance(np.minimum, dwells)
-    np.testing.assert_allclose(RandomWalk(ONE).mean_covariance(dwells), ONE[:, None, None] ** 2 * expected, rtol=1e-12)
-
-
 def test_flicker_is_flat_at_the_standard_level():
     tau = np.geomspace(1.0, 1000.0, 40)
     deviation = Noise((Flicker(ONE, 1e-3, 1e6),)).allan_deviation(tau)

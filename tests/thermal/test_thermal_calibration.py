@@ -9,10 +9,8 @@ from thermal_instrument import (
     Programme,
     Unit,
     attitudes,
-    history,
     instrument,
     means,
-    memory_of,
     readings,
     soak_means,
     truth,
@@ -23,8 +21,6 @@ from tumblecal.data.sensor_parameters import SENSOR, SensorParameters
 from tumblecal.ground.errors import InputError
 from tumblecal.thermal.choice import Stated, chosen_model
 from tumblecal.thermal.held_out import between_recordings
-from tumblecal.thermal.hysteresis import forms_of
-from tumblecal.thermal.orders import Search, chains_of
 from tumblecal.thermal.result import thermal_calibration
 
 
@@ -109,21 +105,6 @@ def test_a_loop_of_hysteresis_is_no_evidence_for_an_order(width, programme):
     choice = chosen_model(data, Stated())
     assert choice.orders["bias"] == 2
     assert "hysteresis" in choice.orders and "dK" not in choice.orders
-
-
-def test_the_memory_of_a_loop_follows_the_history_of_the_temperature():
-    _, _, data = table(22, 1, more={"noise_mg": 1e-9, "bins": 40})
-    _, degc, _ = history(CYCLE, 10.0)
-    rising = np.arange(len(degc)) <= np.argmax(degc)
-    width = np.ptp(data.temperature_degc) / 4
-    state = memory_of(degc, width)
-    shape = forms_of(data)["hysteresis_memory"][0]
-    for sign, part in ((1, rising), (-1, ~rising)):
-        rows = np.asarray(data.reached_by) == sign
-        order = np.argsort(degc[part])
-        exact = np.interp(data.temperature_degc[rows], degc[part][order], state[part][order])
-        # The place of the reversal is known within half of a bin.
-        assert np.max(np.abs(shape[rows] - exact)) < 70 / 40 / width
 
 
 def test_a_lag_of_the_thermometer_is_fitted_in_seconds():
@@ -225,16 +206,6 @@ def test_faces_at_soaks_in_files_of_their_own(faces, soaks, answer):
         assert np.max(np.abs(corrected)) < use.expanded_g < 12e-3
 
 
-def test_bins_of_one_face_are_one_size_of_gravity():
-    """Each row of two soaks three times, as bins of 0.2 degC: the model is tested no more than without."""
-    _, data = soaked(4, FACES, (14.0, 38.0))
-    rows = np.repeat(np.arange(len(data)), 3)
-    noise = np.random.default_rng(1).normal(size=(len(rows), 3))
-    bins = replace(data.rows(rows), readings=data.readings[rows] + data.sd[rows] * noise)
-    bins = replace(bins, temperature_degc=bins.temperature_degc + np.tile([-0.2, 0.0, 0.2], len(data)))
-    assert thermal_calibration(bins).calibration.use.answer == "not tested"
-
-
 def test_data_that_contradict_the_model_are_not_for_use():
     rng = np.random.default_rng(9)
     unit = replace(instrument(rng, bias_order=1, scale_order=0), square=np.array([1e-3, -1e-3, 0.5e-3]))
@@ -251,18 +222,6 @@ def test_soaks_limit_the_order():
         InputError, match="3 different temperatures cannot determine order 3 of bias; the highest order is 2"
     ):
         thermal_calibration(data, Stated(orders={"bias": 3}))
-
-
-def test_orders_and_knots_that_are_stated_are_used():
-    _, _, data = table(10, 6, bias_order=1)
-    result = thermal_calibration(
-        data, Stated(orders={"bias": 2, "dK": 0}, knots_degc={"gamma": (20.0,)}, reference_degc=20.0)
-    )
-    functions = result.choice.model.functions
-    assert functions["bias"].order == 2
-    assert functions["gamma"].knots_degc == (20.0,)
-    assert "dK" not in functions and result.choice.inseparable == ()
-    assert result.calibration.temperature_degc == 20.0
 
 
 def test_one_temperature_is_rejected():
@@ -296,25 +255,3 @@ def test_a_cold_recording_predicts_a_hot_one_by_its_extrapolation():
     hot = next(part for part in parts if part.label.startswith("hot, 35"))
     assert "from the other recordings, 0.0 to 33.8 degC" in hot.label and hot.rows == 17
     assert hot.after_mg < 0.1 < 1.0 < hot.before_mg
-
-
-def test_the_calibration_file_has_the_curves(tmp_path):
-    from tumblecal.data.calibration import read_calibration, write_calibration
-
-    _, _, data = table(11, 6, bias_order=2)
-    made = thermal_calibration(data).calibration
-    assert isinstance(made, Calibration)
-    write_calibration(tmp_path / "calibration.json", made)
-    read = read_calibration(tmp_path / "calibration.json")
-    assert np.array_equal(
-        read.corrected(data.readings, data.temperature_degc), made.corrected(data.readings, data.temperature_degc)
-    )
-
-
-def test_a_difference_between_branches_is_not_chosen_if_there_is_one_branch():
-    _, _, data = table(12, 6, bias_order=2, hysteresis_mg=0.3)
-    choice = chosen_model(data, Stated())
-    rising = np.asarray(data.reached_by) > 0
-    search = Search(choice.design.part(rising), chains_of(data.rows(rising)))
-    assert np.isinf(search.criterion({"hysteresis": 1}))
-    assert np.isfinite(Search(choice.design, chains_of(data)).criterion({"hysteresis": 1}))
