@@ -34,7 +34,10 @@ def table(seed, count, programme=CYCLE, *, unit=None, more=None, **orders):
     return unit, forces, table_of(**means(rng, unit, forces, programme, **({"bins": 24} | (more or {}))))
 
 
-@pytest.mark.parametrize(("seed", "bias", "scale"), [(1, 3, 1), (2, 2, 0), (3, 5, 2)])
+@pytest.mark.parametrize(
+    ("seed", "bias", "scale"),
+    [(1, 3, 1), *(pytest.param(*own, marks=pytest.mark.long) for own in ((2, 2, 0), (3, 5, 2)))],
+)
 def test_six_attitudes_give_orders_curves_and_the_improvement(seed, bias, scale):
     unit, _, data = table(seed, 6, bias_order=bias, scale_order=scale)
     result = thermal_calibration(data)
@@ -56,7 +59,7 @@ def test_six_attitudes_give_orders_curves_and_the_improvement(seed, bias, scale)
 
 
 def test_ten_attitudes_determine_all_parameters_and_a_corrected_reading_is_exact():
-    unit, forces, data = table(4, 10, bias_order=2, scale_order=2, cross_order=1)
+    _, _, data = table(4, 10, bias_order=2, scale_order=2, cross_order=1)
     result = thermal_calibration(data)
     assert result.choice.orders == {"bias": 2, "dK": 2, "gamma": 1}
     assert result.calibration.use.answer == "within" and result.calibration.use.reason == ""
@@ -64,7 +67,6 @@ def test_ten_attitudes_determine_all_parameters_and_a_corrected_reading_is_exact
     corrected = result.calibration.corrected(data.readings, data.temperature_degc)
     size = np.linalg.norm(corrected, axis=1)
     assert np.sqrt(np.mean((size - 1) ** 2)) < 1.15 * 0.03e-3
-    del unit, forces
 
 
 def test_one_attitude_determines_changes_only_and_names_their_combination():
@@ -99,7 +101,11 @@ def test_hysteresis_is_found_stated_and_part_of_the_uncertainty():
 EIGHT_SOAKS = Programme(-10.0, tuple((degc, 2.0) for degc in [*range(0, 61, 10), *range(50, -11, -10)]), soak_min=20.0)
 
 
-@pytest.mark.parametrize(("width", "programme"), [(20.0, CYCLE), (0.0, EIGHT_SOAKS)], ids=["play", "ellipse"])
+@pytest.mark.parametrize(
+    ("width", "programme"),
+    [(20.0, CYCLE), pytest.param(0.0, EIGHT_SOAKS, marks=pytest.mark.long)],
+    ids=["play", "ellipse"],
+)
 def test_a_loop_of_hysteresis_is_no_evidence_for_an_order(width, programme):
     _, _, data = table(21, 12, programme, bias_order=2, scale_order=0, hysteresis_mg=0.3, more={"width": width})
     choice = chosen_model(data, Stated())
@@ -107,6 +113,7 @@ def test_a_loop_of_hysteresis_is_no_evidence_for_an_order(width, programme):
     assert "hysteresis" in choice.orders and "dK" not in choice.orders
 
 
+@pytest.mark.long
 def test_a_lag_of_the_thermometer_is_fitted_in_seconds():
     rates = Programme(-10.0, ((60.0, 2.0), (-10.0, 0.5), (60.0, 1.0)))
     _, _, data = table(7, 6, rates, bias_order=2, scale_order=1, more={"lag_s": 40.0, "noise_mg": 0.01})
@@ -125,6 +132,7 @@ def test_one_cycle_at_one_rate_cannot_separate_hysteresis_from_rate():
     assert {*choice.orders} & {*every} and choice.unseparated == every and choice.of_temperature == ()
 
 
+@pytest.mark.long
 def test_one_direction_separates_no_effect_of_the_history_and_its_usual_size_is_in_the_intervals():
     _, _, data = table(8, 6, Programme(-10.0, ((60.0, 1.0),)), bias_order=1)
     result = thermal_calibration(data)
@@ -138,6 +146,7 @@ def test_one_direction_separates_no_effect_of_the_history_and_its_usual_size_is_
 FAST = Programme(-10.0, ((60.0, 10.0), (-10.0, 10.0)))
 
 
+@pytest.mark.long
 def test_an_effect_of_the_rate_that_two_rates_separate_costs_no_order_of_the_bias():
     """The difference between the branches is 7 mg, and the cubic part of the bias 1 mg."""
     rates = replace(FAST, legs=(*FAST.legs, (60.0, 3.0), (-10.0, 3.0)))
@@ -147,6 +156,7 @@ def test_an_effect_of_the_rate_that_two_rates_separate_costs_no_order_of_the_bia
     assert result.calibration.use.answer == "within" and result.noise_factor < 1.2
 
 
+@pytest.mark.long
 def test_residuals_of_a_part_of_the_hysteresis_are_in_u_and_do_not_contradict_the_model():
     """At one rate the middle between branches with a difference of 7 mg is not known to 0.03 mg, the noise."""
     unit, _, data = table(13, 6, FAST, bias_order=3, more={"rate_effect": 0.02})
@@ -185,7 +195,7 @@ def errors(unit, result, low=14.5, high=37.5):
     [
         (FACES, (14.0, 38.0), "not tested"),
         (FACES, (14.0, 26.0, 38.0), "within"),
-        (np.concatenate([FACES, EDGES]), (14.0, 38.0), "within"),
+        pytest.param(np.concatenate([FACES, EDGES]), (14.0, 38.0), "within", marks=pytest.mark.long),
     ],
     ids=["six, two", "six, three", "twelve, two"],
 )
@@ -214,6 +224,7 @@ def test_data_that_contradict_the_model_are_not_for_use():
     assert use.answer == "no" and use.reason.startswith("the data contradict the model")
 
 
+@pytest.mark.long
 def test_soaks_limit_the_order():
     soaks = Programme(0.0, ((25.0, 2.0), (50.0, 2.0)), soak_min=20.0)
     _, _, data = table(9, 9, soaks, bias_order=1, low=0.0, high=50.0)
@@ -244,6 +255,7 @@ def test_two_attitudes_at_one_temperature_each_determine_no_change():
         chosen_model(rows, Stated())
 
 
+@pytest.mark.long
 def test_a_cold_recording_predicts_a_hot_one_by_its_extrapolation():
     """A linear bias: the prediction is as good as its slope; without it, the error is the change of the bias."""
     rng = np.random.default_rng(5)
