@@ -9,11 +9,10 @@ import pytest
 from streams import some_samples
 from test_recorder import Rig
 
-from tumblecal.capture.capture_plan import INSTRUMENT, PLAN, CapturePlan
+from tumblecal.capture.capture_plan import CapturePlan
 from tumblecal.capture.decoding.checks import exclusive_or
 from tumblecal.capture.decoding.samples import Settings
 from tumblecal.capture.decoding.sniff import described, guesses
-from tumblecal.capture.emulator.config import Emulation, read_emulation
 from tumblecal.capture.journal import RunState
 from tumblecal.capture.port.live import LiveStream
 from tumblecal.capture.port.recording import Recording
@@ -59,18 +58,6 @@ def test_all_faults_of_a_plan_are_told_at_once(tmp_path: Path, text: str | None,
         begin(tmp_path / "plan.toml", tmp_path / "out")
     assert all(any(words in fault for fault in error.value.faults) for words in faults), error.value.faults
     assert not (tmp_path / "out").exists()
-
-
-def test_faults_of_a_virtual_instrument(tmp_path: Path) -> None:
-    (tmp_path / "emulator.toml").write_text("[instrument]\nrate_hz = 0\n[faults]\nunknown = 1\n")
-    with pytest.raises(InputError) as error:
-        read_emulation(tmp_path / "emulator.toml")
-    assert len(error.value.faults) == 2
-    (tmp_path / "plan.toml").write_text(GOOD)
-    with pytest.raises(InputError, match="the plan of a capture for tumblecal capture"):
-        read_emulation(tmp_path / "plan.toml")
-    fields = {PLAN: set(CapturePlan.model_fields), INSTRUMENT: set(Emulation.model_fields)}
-    assert {kind: {*kind.keys, "site", "chamber"} for kind in fields} == fields
 
 
 def meet_a(rig: Rig, tmp_path: Path, name: str, feed: float = 0.0) -> None:

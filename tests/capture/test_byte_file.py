@@ -69,17 +69,6 @@ def test_pieces_give_what_the_whole_gives(tmp_path: Path, monkeypatch: pytest.Mo
     assert " ".join(f"{v:.3f}" for v in sd) in found.statistics()
 
 
-def test_a_column_that_comes_late_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(byte_file, "_PIECE", 500)
-    samples = some_samples(60)
-    bursts = protocol("witmotion").encode(samples, Settings((16.0,) * 3))
-    only_force = b"".join(bursts[22 * k : 22 * k + 11] for k in range(60))
-    (tmp_path / "a.bin").write_bytes(only_force + bursts)
-    decode_file(tmp_path / "a.bin", "witmotion", out=tmp_path / "a.parquet")
-    table = pl.read_parquet(tmp_path / "a.parquet")
-    assert len(table) == 120 and table["gx_dps"].is_nan().to_list() == [True] * 60 + [False] * 60
-
-
 # The peak of this program's own memory (getrusage would tell that of the process which started it, too).
 _PEAK = "[print(line.split()[1]) for line in open('/proc/self/status') if line.startswith('VmHWM')]"
 

@@ -6,7 +6,7 @@ import pytest
 from tumblecal.capture.capture_plan import CapturePlan
 from tumblecal.capture.reduction.dwell_checks import check_dwell
 from tumblecal.capture.run.expectation import Fault, judge
-from tumblecal.capture.run.stationarity import Block, BlockCutter, is_still, stationarity
+from tumblecal.capture.run.stationarity import Block, BlockCutter, stationarity
 from tumblecal.ground.gravity import normal_gravity
 
 
@@ -90,13 +90,6 @@ def test_a_knock_shows_in_the_noise() -> None:
     data = noise(8, 125 * 60)
     data[125 * 30 : 125 * 31] += np.random.default_rng(0).normal(size=(125, 3)) * 0.01
     assert 30 in stationarity(blocks_of(data)).knocks
-
-
-def test_stillness() -> None:
-    still = blocks_of(noise(9, 500))
-    assert is_still(still, 2e-3)
-    moving = noise(9, 500) + np.linspace(0, 0.05, 500)[:, None]
-    assert not is_still(blocks_of(moving), 2e-3)
 
 
 def force(alpha: float, beta: float) -> np.ndarray:

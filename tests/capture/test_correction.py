@@ -154,17 +154,3 @@ def test_what_is_unlikely_is_counted_across_pieces(tumblecal, tmp_path, small_pi
     said = [line for line in outcome.lines if "WARNING" in line]
     assert outcome.code == 0 and len(said) == len(words)
     assert all(part in line for part, line in zip(words, said, strict=True)), said
-
-
-def test_the_gravity_of_a_device_counts_for_a_recording_too(tumblecal, tmp_path):
-    """At rest 9.7803 m/s^2: one g of there, whatever the calibration's g was."""
-    own = Calibration(np.eye(3), np.zeros(3), np.zeros((12, 12)), gravity=Gravity(9.8333, "given"))
-    write_calibration(tmp_path / "cal.json", own)
-    text = "\n".join(f"{0.01 * k:.2f};0;0;{1.0 - 0.002 * (k % 3)}" for k in range(100)).replace(".", ",")
-    (tmp_path / "log.txt").write_text("t;x;y;z\n" + text + "\n")
-    columns = ["--columns", "time=t,ax=x,ay=y,az=z", "--unit", "g", "--gravity", "9.7803"]
-    assert tumblecal("apply", tmp_path / "cal.json", tmp_path / "log.txt", *columns).code == 0
-    lines = (tmp_path / "log_corrected.csv").read_text().splitlines()
-    assert "# gravity_ms2: 9.7803" in lines and "t,ax_g,ay_g,az_g" in lines
-    z = [float(line.split(",")[3]) for line in lines[-100::3]]
-    np.testing.assert_allclose(z, 9.8333 / 9.7803, rtol=1e-12)

@@ -35,17 +35,6 @@ def test_every_protocol_shows_the_position(name: str) -> None:
     )
 
 
-def test_turning_takes_time_shakes_and_shows_in_the_gyro() -> None:
-    device = VirtualDevice(Emulation.model_validate({"instrument": {"start_up_s": 0.0}}))
-    quiet = sent(device, 1.0)
-    device.head.turn(90.0, 0.0, device.time_s)
-    moving, after = sent(device, 2.0), sent(device, 6.0)
-    assert moving.samples.force.std(0).max() > 10 * quiet.samples.force.std(0).max()
-    # The integral of the rate about the spindle is the angle.
-    assert moving.samples.rate[:, 0].sum() / 125.0 == pytest.approx(90.0, rel=0.05)
-    np.testing.assert_allclose(after.samples.force[-125:].mean(0), [0.0, 1.0, 0.0], atol=1e-3)
-
-
 @pytest.mark.parametrize("part", ["flicker_g", "markov_sd_g", "walk_g_per_rts"])
 def test_its_noise_is_that_of_the_parts(part: str) -> None:
     """Allan deviation of what is sent against the closed form, one part beside white noise."""

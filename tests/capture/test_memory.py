@@ -22,12 +22,6 @@ def book(path: Path, stray) -> Path:
     return path
 
 
-def test_a_blank_cell_far_from_the_others_is_ignored(tumblecal, tmp_path: Path) -> None:
-    path = book(tmp_path / "log.xlsx", lambda sheet, bold: sheet.write_blank(1_000_000, 16_383, None, bold))
-    outcome = tumblecal("import", path, "--out", tmp_path / "out.csv")
-    assert outcome.code == 0 and "2000 samples" in outcome.out
-
-
 def test_a_value_far_from_the_others_is_one_line(tumblecal, tmp_path: Path) -> None:
     path = book(tmp_path / "log.xlsx", lambda sheet, bold: sheet.write_string(1_000_000, 16_383, "x"))
     outcome = tumblecal("import", path, "--out", tmp_path / "out.csv")

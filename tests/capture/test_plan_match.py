@@ -7,11 +7,10 @@ from recordings_made import imu_columns, made, text
 
 from hand_held_sessions import Hand
 from tumblecal.capture.capture_plan import CapturePlan, read_plan
-from tumblecal.capture.recordings.options import KnownContext, RecordingOptions
+from tumblecal.capture.recordings.options import KnownContext
 from tumblecal.capture.reduction.plan_match import matched
 from tumblecal.capture.reduction.reduce_recording import reduce_recording
 from tumblecal.data import read_positions
-from tumblecal.ground.errors import InputError
 
 
 PLAN = """
@@ -113,24 +112,6 @@ def test_surplus_intervals_are_refused_with_their_angle(tmp_path, six):
     assert reduction.stillness is not None
     (refused,) = (one.reason for one in reduction.stillness.intervals if one.reason)
     assert refused.startswith("surplus: not a position of the plan, 5")
-
-
-def test_positions_named_by_a_column_get_the_plans_angles(tmp_path, six):
-    plan = read_plan(six)
-    s = session_of(plan, range(6))
-    label = np.full(len(s.time_s), "turning", dtype=object)
-    for (start, stop), name in zip(s.still, names(plan), strict=True):
-        label[start + 20 : stop - 20] = name
-    columns = imu_columns(s) | {"part": label, "session": np.full(len(label), "monday")}
-    pl.DataFrame(columns).write_csv(tmp_path / "parts.txt")
-    data = reduce_recording(
-        tmp_path / "parts.txt", KnownContext(plan=six, by="part"), RecordingOptions(columns="run=session")
-    ).table.data
-    assert data.names == tuple(names(plan))
-    np.testing.assert_array_equal(data.beta_deg, [-90, 90, 0, 0, 0, 0])
-    assert data.run == ("monday",) * 6
-    with pytest.raises(InputError, match="none of its position names is in"):
-        reduce_recording(tmp_path / "parts.txt", KnownContext(plan=six, by="session"))
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".xlsx"])

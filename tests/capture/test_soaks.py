@@ -21,7 +21,6 @@ from tumblecal.capture.chamber.soak_order import order_warning
 from tumblecal.capture.chamber.stability import Stability
 from tumblecal.capture.chamber.text_chamber import TextChamber
 from tumblecal.capture.decoding.samples import blank
-from tumblecal.capture.emulator.climate import VirtualChamber
 from tumblecal.capture.emulator.config import Emulation
 from tumblecal.capture.emulator.device import VirtualDevice
 from tumblecal.capture.journal import Journal, RunState, replayed
@@ -402,29 +401,6 @@ def test_a_line_to_the_chamber_that_was_cut_is_opened_again(tmp_path: Path) -> N
 
 def emulation(**tables: object) -> Emulation:
     return Emulation.model_validate({"instrument": {"start_up_s": 0.0}, **tables})
-
-
-def test_lags_of_die_and_thermometer_behind_a_ramp() -> None:
-    """A first-order lag follows a ramp of rate r late by r tau, and a step by 1 - exp(-t/tau)."""
-    thermal = {"die_lag_s": 60.0, "thermometer_lag_s": 20.0, "self_heating_degc": 4.0}
-    profile = [
-        {"to_degc": 65, "degc_per_min": 3.0, "hold_min": 5},
-        {"to_degc": 25, "degc_per_min": 600.0, "hold_min": 60},
-    ]
-    chamber = VirtualChamber(emulation(temperature=thermal, chamber={"profile": profile}))
-    for _ in range(6000):
-        chamber.advance(0.1)
-    lag_degc = 3.0 / 60 * np.array([60.0, 80.0])
-    assert chamber.air_degc == pytest.approx(25 + 3.0 * 10)
-    np.testing.assert_allclose([chamber.die_degc, chamber.thermometer_degc], 59 - lag_degc, atol=0.02)
-    for _ in range(round((200 + 300 + 4 + 120) / 0.1)):
-        chamber.advance(0.1)
-    assert chamber.air_degc == 25
-    assert chamber.die_degc - 29 == pytest.approx(
-        40 * np.exp(-122 / 60), rel=0.02
-    )  # the ramp's middle is 2 s before its end
-    chamber.set_temperature(500)
-    assert chamber.set_point_degc == 180
 
 
 def test_what_a_device_in_a_chamber_sends() -> None:

@@ -121,19 +121,6 @@ def test_sizes_are_judged_about_the_bias_of_each_axis(tmp_path, offset):
     assert refused.reason == "size: 1.50 times that of the others" or refused.reason.startswith("size: 1.4")
 
 
-def test_white_noise_alone_is_one_interval_at_the_stated_rate(tmp_path):
-    rng = np.random.default_rng(5)
-    frame = {
-        f"a{axis}_g": mean + 1e-3 * rng.normal(size=200_000) for axis, mean in zip("xyz", (0.0, 0.0, 1.0), strict=True)
-    }
-    pl.DataFrame(frame).write_parquet(tmp_path / "w.parquet")
-    blocks = blocks_of(tmp_path / "w.parquet", list(frame), 100.0, timed=False)
-    stillness = still_intervals(blocks, Criterion(false_alarm=1e-6))
-    assert len(stillness.used) == 1
-    assert stillness.used[0].stop - stillness.used[0].start > 199_900
-    np.testing.assert_allclose(stillness.noise, 1e-3, rtol=0.05)
-
-
 def test_verdicts_do_not_depend_on_the_unit(tmp_path):
     s = made(Hand(tremor_g=2e-3))
     one = reduce_recording(written(tmp_path, s), HAND_HELD)

@@ -108,16 +108,6 @@ def test_garbage_anywhere(name: str, data: st.DataObject) -> None:
         np.testing.assert_array_equal(whole.samples.counter, samples.counter)
 
 
-@pytest.mark.parametrize("name", NAMES)
-@settings(max_examples=20)
-@given(data=st.binary(max_size=600), cuts=st.lists(st.integers(1, 64), min_size=3, max_size=4))
-def test_nonsense_never_raises(name: str, data: bytes, cuts: list[int]) -> None:
-    decoder = protocol(name).decoder(None)
-    samples, counts = in_pieces(decoder, data, cuts)
-    assert counts.discarded <= len(data) + 8
-    assert len(samples) == counts.frames
-
-
 @pytest.mark.parametrize("identifier", sorted(LAYOUTS))
 @pytest.mark.parametrize("crlf", [False, True])
 def test_every_stim300_datagram(identifier: int, crlf: bool) -> None:

@@ -57,16 +57,6 @@ def test_t_alone_is_told_by_its_values(tmp_path, values, kind):
     assert other not in frame.columns and f"column t is the {kind}, by its values" in said
 
 
-@pytest.mark.parametrize(
-    "values", [[f"{23 + k * 2e-5:.5f}" for k in range(ROWS)], [f"{k * k % 977}" for k in range(ROWS)]]
-)
-def test_t_is_asked_for_where_its_values_tell_nothing(tmp_path, values):
-    with pytest.raises(InputError, match=r"column t may be the time or the temperature.*--columns time=t or temp"):
-        imported(tmp_path / "log.csv", {"t": values})
-    frame, _ = imported(tmp_path / "log.csv", {"t": values}, RecordingOptions(columns="temperature=t"))
-    np.testing.assert_array_equal(frame["temperature_degc"], [float(cell) for cell in values])
-
-
 BEGIN = datetime(2026, 3, 29, 23, 59, 59, 700000)
 
 
@@ -132,15 +122,3 @@ def test_a_column_twice_is_refused(tmp_path):
 def test_options_that_cannot_be_meant_are_refused(tmp_path, options, words):
     with pytest.raises(InputError, match=f"^{words}"):
         imported(tmp_path / "log.csv", {"t": RISING}, RecordingOptions(**options))
-
-
-@pytest.mark.parametrize("warmth", [["", ""], ["", "25.5"], ["25.5", ""]])
-def test_a_last_column_that_is_empty_has_its_name_all_the_same(tmp_path, warmth):
-    path = tmp_path / "log.csv"
-    rows = [f"{k / 100},0.1,0.2,0.97,{warmth[k % 2]}" for k in range(60)]
-    path.write_text("\n".join(["time_s,ax_g,ay_g,az_g,temperature_degc", *rows[:30], ",,,,", *rows[30:]]))
-    contents = write_samples(path, tmp_path / "out.parquet", RecordingOptions())
-    frame = pl.read_parquet(tmp_path / "out.parquet")
-    assert len(frame) == 60 and not contents.unreadable and frame["az_g"].to_list() == [0.97] * 60
-    told = frame["temperature_degc"].drop_nulls().to_list() if "temperature_degc" in frame.columns else []
-    assert told == [25.5] * (30 if any(warmth) else 0)

@@ -159,12 +159,3 @@ def test_rounding_error_is_that_of_means_of_rounded_readings(ratio: float):
     np.testing.assert_allclose(
         rounding_sd(np.array([step]), np.array([ratio * step]))[0], expected, rtol=0.02, atol=2e-7
     )
-
-
-def test_coarse_steps_without_noise_leave_their_uncertainty():
-    time = np.arange(0, 1200, 0.5)
-    degc = 20 + time / 30
-    force = np.round(_bias(degc) / 4e-3) * 4e-3
-    series = replace(_series(time, force, degc, 10, 0.0), quantum=np.full(3, 4e-3))
-    table, _ = binned(series, course_of(series), 1.0, "f")
-    assert (table.sd >= 4e-3 / np.sqrt(12) * 0.99).all()
