@@ -47,14 +47,6 @@ def h5py():
     return pytest.importorskip("h5py")
 
 
-def test_values_that_an_hdf5_file_does_not_hold_are_one_line(tumblecal, tmp_path: Path, h5py) -> None:
-    with h5py.File(tmp_path / "log.h5", "w") as file:
-        for name in HEADER:
-            file.create_dataset(name, shape=(1_000_000_000,), chunks=(100_000,), dtype="f8")
-    outcome = tumblecal("import", tmp_path / "log.h5", "--out", tmp_path / "out.csv")
-    assert outcome.code == 2 and len(outcome.lines) == 1 and "need 8 GB of memory" in outcome.lines[0]
-
-
 @pytest.mark.parametrize("kind", ["external storage", "virtual", "external link"])
 def test_an_hdf5_file_reads_no_other_file(tumblecal, tmp_path: Path, h5py, kind: str) -> None:
     (tmp_path / "secret").write_bytes(np.full(100, 0.6).tobytes())

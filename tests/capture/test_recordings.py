@@ -150,32 +150,6 @@ def test_torn_lines_are_left_out_and_told(tmp_path, s, expected):
     np.testing.assert_allclose(reduction.table.data.readings, expected.readings, atol=1e-4)
 
 
-@pytest.mark.parametrize(
-    ("changed", "options", "said"),
-    [
-        ({"acc_x": None}, {}, "ax not found among the columns"),
-        ({"acc_x": 3.0, "acc_y": 3.0, "acc_z": 3.0}, {}, "neither g, mg, m/s^2 nor usual counts; give the unit"),
-        ({"time": 1e-9}, {}, "not sample times in s, ms, us or ns; give --time-unit"),
-        ({}, {"columns": "ax=nothing"}, "no such column"),
-        ({}, {"columns": "bx=1"}, "no such quantity"),
-        ({}, {"unit": "furlongs"}, "--unit furlongs: not a unit"),
-        ({}, {"scale": "ax=two"}, "not a number"),
-        ({}, {"topic": "imu7"}, "no topic imu7"),
-    ],
-)
-def test_what_cannot_be_read_is_a_line(tmp_path, s, changed, options, said):
-    columns = {name: values * changed.get(name, 1.0) for name, values in imu_columns(s).items() if changed.get(name, 1)}
-    path = text(tmp_path / "odd.csv", s, ",", columns)
-    with pytest.raises(InputError, match=said.replace("^", r"\^")) as refused:
-        reduce_recording(path, KnownContext(static=True), RecordingOptions(**options))
-    assert len(refused.value.faults) == 1
-
-
-def test_a_bag_without_an_imu_lists_what_is_there(tmp_path, s):
-    with pytest.raises(InputError, match=r"no accelerations; the file has /chatter \(std_msgs/msg/String\)"):
-        reduce_recording(ros2_bag(tmp_path / "bag", s, mcap=True, with_imu=False), KnownContext(static=True))
-
-
 @pytest.mark.parametrize("name", ["one.bag", "two.mcap", "log.ulg", "log.h5", "log.mat", "log.xlsx", "log.parquet"])
 def test_damaged_files_are_a_line(tmp_path, name):
     begins = {

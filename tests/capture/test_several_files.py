@@ -13,22 +13,11 @@ from tumblecal.capture.reduction.reduce_files import reduce_files
 from tumblecal.ground.errors import InputError
 
 
-SIX = """[positions]
-listed = [
-  {name = "x_p", alpha_deg = 0, beta_deg = -90}, {name = "x_n", alpha_deg = 0, beta_deg = 90},
-  {name = "y_p", alpha_deg = 90, beta_deg = 0}, {name = "y_n", alpha_deg = -90, beta_deg = 0},
-  {name = "z_p", alpha_deg = 0, beta_deg = 0}, {name = "z_n", alpha_deg = 180, beta_deg = 0},
-]
-"""
-FACES = {
-    "x_p": (1, 0, 0),
-    "x_n": (-1, 0, 0),
-    "y_p": (0, 1, 0),
-    "y_n": (0, -1, 0),
-    "z_p": (0, 0, 1),
-    "z_n": (0, 0, -1),
-}
+FACES = {"x_p": (1, 0, 0), "x_n": (-1, 0, 0), "y_p": (0, 1, 0), "y_n": (0, -1, 0), "z_p": (0, 0, 1), "z_n": (0, 0, -1)}
 ANGLES = {"x_p": (0, -90), "x_n": (0, 90), "y_p": (90, 0), "y_n": (-90, 0), "z_p": (0, 0), "z_n": (180, 0)}
+SIX = "[positions]\nlisted = [{}]\n".format(
+    ", ".join(f'{{name = "{name}", alpha_deg = {a}, beta_deg = {b}}}' for name, (a, b) in ANGLES.items())
+)
 BIAS = np.array([0.2, -0.1, 0.05])
 SCALE = np.array([[1.01, 0.01, -0.02], [0.0, 0.99, 0.015], [0.0, 0.0, 1.005]])
 GRID = [(alpha, beta) for beta in (-30, 0, 30) for alpha in range(0, 360, 45)]

@@ -21,8 +21,6 @@ from tumblecal.capture.chamber.soak_order import order_warning
 from tumblecal.capture.chamber.stability import Stability
 from tumblecal.capture.chamber.text_chamber import TextChamber
 from tumblecal.capture.decoding.samples import blank
-from tumblecal.capture.emulator.config import Emulation
-from tumblecal.capture.emulator.device import VirtualDevice
 from tumblecal.capture.journal import Journal, RunState, replayed
 from tumblecal.capture.port.live import Arrived, Tally
 from tumblecal.capture.protocols import protocol
@@ -345,7 +343,7 @@ def test_dialects_of_chambers_on_a_serial_line(tmp_path: Path) -> None:
             case ["TEMP?"]:
                 return f"-40.1,{sets['TEMP']},150.0,-70.0\r\n".encode()
             case [":SOURCE:CLOOP1:PVALUE?"]:
-                return b":SOURCE:CLOOP1:PVALUE?\r\n" + b"24.9\r\n"
+                return b":SOURCE:CLOOP1:PVALUE?\r\n24.9\r\n"
             case ["T?"]:
                 return b"25.0 C"
         return b""
@@ -397,28 +395,3 @@ def test_a_line_to_the_chamber_that_was_cut_is_opened_again(tmp_path: Path) -> N
     with scripted(tmp_path / "oven", lambda command: b"21.0\n"):
         assert chamber.temperature() == 21.0
         chamber.close()
-
-
-def emulation(**tables: object) -> Emulation:
-    return Emulation.model_validate({"instrument": {"start_up_s": 0.0}, **tables})
-
-
-def test_what_a_device_in_a_chamber_sends() -> None:
-    """Readings follow the die, not its thermometer; a STIM300 without temperatures sends none."""
-    from test_emulator import sent
-
-    config = emulation(
-        chamber={"profile": [{"to_degc": 45, "degc_per_min": 60.0, "hold_min": 60}]},
-        temperature={"bias_mg": {"z": [0.5]}, "thermometer_lag_s": 30.0},
-        noise={"white_g_per_rthz": 0.0},
-    )
-    device = VirtualDevice(config)
-    found = sent(device, 60.0).samples
-    np.testing.assert_allclose(found.force[-250:, 2].mean(), 1 + 0.5e-3 * 20, atol=2e-6)
-    seconds = np.arange(len(found)) / 125.0
-    ramped = np.interp(45.0, seconds, found.temperature)
-    # 25 degC + ramp of 20 s, then 25 s, through a lag of 30 s.
-    expected = 45 - 30 * 1.0 * (1 - np.exp(-20 / 30)) * np.exp(-25 / 30)
-    assert ramped == pytest.approx(expected, abs=0.1)
-    silent = VirtualDevice(emulation(chamber={}, instrument={"temperatures": False}))
-    assert np.isnan(sent(silent, 1.0).samples.temperature).all()

@@ -6,10 +6,8 @@ import numpy as np
 import polars as pl
 import pytest
 
-from tumblecal.capture.columns.clock_text import form_of
 from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.capture.rows.sample_file import write_samples
-from tumblecal.ground.errors import InputError
 
 
 ROWS = 60
@@ -73,52 +71,3 @@ def test_clocks_are_read_over_midnight(tmp_path, form):
     times = [(begin + timedelta(milliseconds=10 * k)).strftime(form) for k in range(ROWS)]
     frame, _ = imported(tmp_path / "log.csv", {"timestamp": times})
     np.testing.assert_allclose(frame["time_s"], np.arange(ROWS) / 100, atol=1e-9)
-
-
-@pytest.mark.parametrize("cell", ["10:05", "n/a", "yesterday", "2026-03-29", "10:05:01:123"])
-def test_times_that_cannot_be_read_are_refused_or_left_out_for_a_rate(tmp_path, cell):
-    assert form_of([cell]) is None
-    with pytest.raises(InputError, match=f"log.csv:line 2, column time: '{cell}' cannot be read as a time; write"):
-        imported(tmp_path / "log.csv", {"time": [cell] * ROWS})
-    frame, said = imported(tmp_path / "log.csv", {"time": [cell] * ROWS}, RecordingOptions(rate=100.0))
-    assert "time_s" not in frame.columns and "ignored, --rate is used" in said
-
-
-@pytest.mark.parametrize("units", ["g mg g", "mg g g", "g ms2 g"])
-def test_axes_in_different_units_are_refused(tmp_path, units):
-    """As `calibrate` refuses them; a user may say in which unit all of them are."""
-    path = tmp_path / "log.csv"
-    names = [f"a{axis}_{unit}" for axis, unit in zip("xyz", units.split(), strict=True)]
-    path.write_text(
-        "\n".join(["# a: b", ",".join(["time_s", *names]), *(f"{k / 100},0.1,0.2,0.97" for k in range(60))])
-    )
-    fault = rf"log.csv:line 2: {', '.join(names)} are in different units; give the three axes in one unit"
-    for columns in ("", f"ax={names[0]},ay={names[1]},az={names[2]}"):
-        with pytest.raises(InputError, match=fault):
-            write_samples(path, tmp_path / "out.parquet", RecordingOptions(columns=columns))
-    write_samples(path, tmp_path / "out.parquet", RecordingOptions(unit="g"))
-    assert pl.read_parquet(tmp_path / "out.parquet")["az_g"][0] == 0.97
-
-
-def test_a_column_twice_is_refused(tmp_path):
-    """Not told by values what the names contradict; by numbers a user may say which counts."""
-    path = tmp_path / "log.csv"
-    path.write_text("\n".join(["time_s,ax_g,ax_g,az_g", *(f"{k / 100},0.1,0.2,0.97" for k in range(60))]))
-    with pytest.raises(InputError, match=r"log.csv:line 1, column ax_g: this name occurs twice; remove one, or give"):
-        write_samples(path, tmp_path / "out.parquet", RecordingOptions())
-    write_samples(path, tmp_path / "out.parquet", RecordingOptions(columns="time=1,ax=2,ay=3,az=4"))
-    assert pl.read_parquet(tmp_path / "out.parquet")["ay_g"][0] == 0.2
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"columns": "ax=ax,ay=ax,az=az"}, "--columns ay=ax: column ax is ax already; name another column for each"),
-        ({"columns": "ax=ax,ax=ay"}, "--columns ax=ax,ax=ay: ax is given twice; keep one"),
-        ({"scale": "ax=0"}, "--scale ax=0: must be finite and other than 0"),
-        ({"offset": "nan"}, "--offset nan: must be finite"),
-    ],
-)
-def test_options_that_cannot_be_meant_are_refused(tmp_path, options, words):
-    with pytest.raises(InputError, match=f"^{words}"):
-        imported(tmp_path / "log.csv", {"t": RISING}, RecordingOptions(**options))

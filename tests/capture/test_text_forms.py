@@ -43,11 +43,7 @@ FORMS = {
         f"monitor millis {AXES}",
     ),
     "a monitor with brackets": ("", "[{c}] {f[0]} {f[1]} {f[2]}", "time 2 3 4"),
-    "Serial Plotter, tabs": (
-        "",
-        "ax:{f[0]}\tay:{f[1]}\taz:{f[2]}\tgx:{w[0]}\tgy:{w[1]}\tgz:{w[2]}",
-        f"{AXES} {RATES}",
-    ),
+    "Serial Plotter, tabs": ("", "ax:{f[0]}\tay:{f[1]}\taz:{f[2]}\tgx:{w[0]}\tgy:{w[1]}\tgz:{w[2]}", f"{AXES} {RATES}"),
     "labels of three": (
         "",
         "N:{k}, Gyr: {w[0]}, {w[1]}, {w[2]}, Acc: {f[0]}, {f[1]}, {f[2]},",

@@ -63,38 +63,6 @@ def test_every_number_is_what_was_written(tmp_path, separator, decimal, group, q
     np.testing.assert_array_equal(frame.select(pl.col(f"^a[xyz]_{'counts' if counts else 'ms2'}$")).to_numpy(), values)
 
 
-def test_what_may_be_thousands_or_decimals_is_refused_with_its_place(tmp_path, tumblecal):
-    rows = "".join(f"{10 * k}\t-5,599\t8,86{1 + k % 9}\t7,051\n" for k in range(40))
-    (tmp_path / "log.txt").write_text("time_ms\tax\tay\taz\n" + rows)
-    outcome = tumblecal("import", tmp_path / "log.txt", "--out", tmp_path / "out.csv")
-    (line,) = outcome.lines
-    assert (
-        "log.txt:line 2, column ax: '-5,599' is -5599, or -5.599: the mark may separate thousands or decimals" in line
-    )
-    assert not (tmp_path / "out.csv").exists()
-
-
-@pytest.mark.parametrize(
-    ("header", "row", "said"),
-    [
-        (
-            "time,ax,ay,az",
-            "0,{k:02d},0,10,0,20,0,97",
-            "line 1: names 4 columns, but the rows have 8 cells; commas between",
-        ),
-        (
-            "ax,ay,az,temp",
-            "{k},0.1,0.2,0.97,25.0",
-            "line 1: names 4 columns, but the rows have 5 cells; correct the header",
-        ),
-    ],
-)
-def test_a_header_of_another_width_is_refused(tmp_path, header, row, said):
-    (tmp_path / "log.csv").write_text(header + "\n" + "".join(row.format(k=k) + "\n" for k in range(40)))
-    with pytest.raises(InputError, match=said):
-        imported(tmp_path / "log.csv")
-
-
 @given(
     st.lists(st.integers(-2_000_000, 2_000_000), min_size=8, max_size=60),
     st.sampled_from([0, 1, 2, 3, 4]),

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 from tumblecal.capture.thermal.bins import binned, course_of, default_width
-from tumblecal.capture.thermal.block_temperature import (
-    stuck_readings,
-)
+from tumblecal.capture.thermal.block_temperature import stuck_readings
 from tumblecal.capture.thermal.branches import branches_of
 from tumblecal.capture.thermal.rounding import rounding_sd
 from tumblecal.capture.thermal.series import Attitude, ThermalSeries

@@ -162,10 +162,7 @@ def test_a_folder_that_cannot_be_written(tmp_path):
 
 @pytest.mark.parametrize(
     ("text", "words"),
-    [
-        ('{"schema": ' + "7" * 5000 + "}", "not JSON: Exceeds the limit"),
-        ("[" * 100_000, "nested too deeply"),
-    ],
+    [('{"schema": ' + "7" * 5000 + "}", "not JSON: Exceeds the limit"), ("[" * 100_000, "nested too deeply")],
 )
 def test_files_that_python_itself_refuses(tmp_path, text, words):
     path = tmp_path / "calibration.json"

@@ -52,15 +52,7 @@ def test_times_in_another_unit_are_told(tmp_path, times, told):
 
 
 @pytest.mark.parametrize(
-    "times",
-    [
-        0.5 * STEPS,
-        1.7e9 + 0.5 * STEPS,
-        86400 * STEPS,
-        0 * STEPS,
-        0.5 * (STEPS % 6),
-        0.5 * STEPS[::-1],
-    ],
+    "times", [0.5 * STEPS, 1.7e9 + 0.5 * STEPS, 86400 * STEPS, 0 * STEPS, 0.5 * (STEPS % 6), 0.5 * STEPS[::-1]]
 )
 def test_seconds_are_read(tmp_path, times):
     np.testing.assert_array_equal(read_positions(file_with(tmp_path, "time_s", times)).time_s, times)

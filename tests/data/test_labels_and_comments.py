@@ -118,11 +118,7 @@ def test_empty_columns_without_a_name_are_none(tmp_path):
 
 @pytest.mark.parametrize(
     ("above", "line"),
-    [
-        (["Measurement of unit 17"], 2),
-        (["Measurement of unit 17,,,,,", ""], 3),
-        (["position,angles,,readings,,"], 2),
-    ],
+    [(["Measurement of unit 17"], 2), (["Measurement of unit 17,,,,,", ""], 3), (["position,angles,,readings,,"], 2)],
 )
 def test_a_title_above_the_header_is_told_once(tmp_path, above, line):
     (fault,) = faults(written(tmp_path / "a.csv", *above, HEADER, *ROWS * 10))
@@ -153,9 +149,7 @@ def test_a_cell_in_quotation_marks_may_go_over_lines(tmp_path):
 @pytest.mark.parametrize("own", [False, True])
 @pytest.mark.parametrize(
     ("name", "meant"),
-    [
-        *(("operator", ""), ("gx_dps", ""), ("temprature_degc", "temperature_degc"), ("time", "time_s")),
-    ],
+    [*(("operator", ""), ("gx_dps", ""), ("temprature_degc", "temperature_degc"), ("time", "time_s"))],
 )
 def test_a_column_that_is_not_needed_is_ignored_and_a_near_miss_is_warned_of(tumblecal, tmp_path, name, meant, own):
     """With --columns for the angles too; in Parquet the same. -v says what else is ignored."""

@@ -4,16 +4,7 @@ import numpy as np
 import pytest
 
 from tumblecal.ground.errors import InputError
-from tumblecal.noise import (
-    Dwells,
-    Flicker,
-    GaussMarkov,
-    Noise,
-    Quantisation,
-    RandomWalk,
-    White,
-    regular_dwells,
-)
+from tumblecal.noise import Dwells, Flicker, GaussMarkov, Noise, Quantisation, RandomWalk, White, regular_dwells
 from tumblecal.noise.allan import overlapping_allan
 from tumblecal.noise.allan_fit import from_figures, from_record
 from tumblecal.noise.sampling import dwell_records, record
