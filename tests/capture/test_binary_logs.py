@@ -145,3 +145,14 @@ def test_changed_bytes_are_rows_or_a_line(tmp_path, rows, make):
             assert "\n" not in str(fault)
         else:
             assert contents.rows <= 20
+
+
+def test_dataflash_of_old_firmware_has_milliseconds_and_a_name_for_each_sensor(tmp_path, rows):
+    fields = "TimeMS,GyrX,GyrY,GyrZ,AccX,AccY,AccZ"
+    log = fmt(128, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns") + fmt(130, "IMU2", "Iffffff", fields)
+    log += b"".join(b"\xa3\x95\x82" + struct.pack("<I6f", 20 * k, *row) for k, row in enumerate(rows))
+    (tmp_path / "old.bin").write_bytes(log)
+    contents, force, frame = imported(tmp_path / "old.bin", tmp_path / "out.parquet")
+    assert contents.layout.table.name == "IMU2"
+    np.testing.assert_array_equal(force, rows[:, 3:])
+    np.testing.assert_allclose(frame["time_s"], 0.02 * np.arange(200), atol=1e-12)

@@ -176,3 +176,16 @@ def test_the_clock_by_names_in_two_columns_or_by_values(tmp_path, moved, clock, 
     own = contents.layout.columns.get("time")
     assert (own and own.name) == (None if column is None else list(clock)[column])
     assert contents.rate_hz == (None if column is None else pytest.approx(50, rel=1e-3))
+
+
+def test_three_columns_alone_at_rest_are_accelerations_of_one_g():
+    """As a file of one face; not with a fourth column, beyond one g, or moving."""
+    rng = np.random.default_rng(2)
+    face = G * np.array([0.6, 0.0, 0.8]) + 0.02 * rng.normal(size=(200, 3))
+    for columns in (numbered(np.arange(200) / 50, face), dict(zip("xyz", face.T, strict=True))):
+        layout = chosen(columns)
+        assert [layout.columns[f"a{axis}"].name[-1] for axis in "xyz"] in (["2", "3", "4"], ["x", "y", "z"])
+    moving = face + 4 * np.cumsum(rng.normal(size=face.shape), axis=0)
+    for data in (np.column_stack([face, face[:, 0]]), 1.5 * face, moving):
+        with pytest.raises(InputError, match=r"--columns ax=\d,ay=\d,az=\d"):
+            chosen(numbered(data))

@@ -176,3 +176,28 @@ def test_every_row_has_its_line(tmp_path_factory, lines, above):
     read = read_raw(path)
     assert len(read.readings) == len(told)
     assert read.places.tolist() == told
+
+
+@pytest.mark.parametrize(
+    ("rows", "words"),
+    [
+        (
+            ["0,1;0,2;1.000"],
+            "line 2, column az_g: '1.000' has a decimal point, but '0,1' (line 2, column ax_g) has a decimal comma",
+        ),
+        (
+            ["0.1;0;1"] * 2000 + ["0.1;0;1,5"],
+            "line 2002, column az_g: '1,5' is not a finite number; use a decimal point",
+        ),
+    ],
+)
+def test_a_second_decimal_mark_is_refused(applied, rows, words):
+    outcome, lines = applied("\n".join(["ax_g;ay_g;az_g", *rows]))
+    assert outcome.code == 2 and words in outcome.lines[0] and not lines
+
+
+def test_cells_over_several_lines_and_blank_lines(tmp_path):
+    (tmp_path / "a.csv").write_text('ax_g,ay_g,az_g,note\n0,0,1,"a\n\nb"\n\n0,1,0,\n1,0,0,c "d\n')
+    read = read_raw(tmp_path / "a.csv")
+    assert read.readings.tolist() == [[0, 0, 1], [0, 1, 0], [1, 0, 0]] and read.places.tolist() == [2, 6, 7]
+    assert read.frame["note"].to_list() == ["a\n\nb", None, "c d"]

@@ -187,3 +187,21 @@ def test_apply_leaves_erased_rows_out_and_reports_other_damage(tmp_path, tumblec
         assert any(f"{moved} row" in line and "the rows are not changed" in line for line in outcome.lines), what
     twice = rows(columns, np.repeat(np.arange(1200), 2)) | {"time_s": np.arange(2400) / 200}
     assert any("each sample is written 2 times" in line for line in applied(twice)[0].lines)
+
+
+def test_overflowed_numbers_come_back(tmp_path):
+    steps = np.round(forces(offset_g=0.3) * 110)
+    written = (steps + 128) % 256 - 128
+    assert (written != steps).any()
+    got, contents = read(tmp_path, table(written, names=NAMES), RecordingOptions(unit="110/g"))
+    np.testing.assert_array_equal(got[:, 1:], steps)
+    assert records(contents) == [("overflow", "corrected", np.count_nonzero((written != steps).any(axis=1)))]
+
+
+def test_a_range_that_only_later_rows_show_is_found(tmp_path):
+    still = np.tile(np.round([[330.0, 500.0, 16380.0]]), (300_000, 1)) + np.arange(300_000)[:, None] % 5
+    steps = np.concatenate([still, np.round(forces() * 16384)])
+    written = np.where(steps < 0, steps + 65536, steps)
+    got, contents = read(tmp_path, table(written, names=NAMES), RecordingOptions(unit="16384/g"))
+    np.testing.assert_array_equal(got[:, 1:], steps)
+    assert [record.kind for record in contents.damage.records] == ["unsigned"]

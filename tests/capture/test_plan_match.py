@@ -7,10 +7,11 @@ from recordings_made import imu_columns, made, text
 
 from hand_held_sessions import Hand
 from tumblecal.capture.capture_plan import CapturePlan, read_plan
-from tumblecal.capture.recordings.options import KnownContext
+from tumblecal.capture.recordings.options import KnownContext, RecordingOptions
 from tumblecal.capture.reduction.plan_match import matched
 from tumblecal.capture.reduction.reduce_recording import reduce_recording
 from tumblecal.data import read_positions
+from tumblecal.ground.errors import InputError
 
 
 PLAN = """
@@ -143,3 +144,21 @@ def test_a_mean_that_is_left_out_is_named(tmp_path, tumblecal, row):
     outcome = tumblecal("reduce", tmp_path / "means.csv", "--means", "--out", tmp_path / "out")
     assert outcome.code == 0 and "3 positions, angles known" in outcome.out
     assert f"WARNING: {tmp_path / 'means.csv'}: 1 line left out, without a whole reading: 3" in outcome.lines
+
+
+def test_positions_named_by_a_column_get_the_plans_angles(tmp_path, six):
+    plan = read_plan(six)
+    s = session_of(plan, range(6))
+    label = np.full(len(s.time_s), "turning", dtype=object)
+    for (start, stop), name in zip(s.still, names(plan), strict=True):
+        label[start + 20 : stop - 20] = name
+    columns = imu_columns(s) | {"part": label, "session": np.full(len(label), "monday")}
+    pl.DataFrame(columns).write_csv(tmp_path / "parts.txt")
+    data = reduce_recording(
+        tmp_path / "parts.txt", KnownContext(plan=six, by="part"), RecordingOptions(columns="run=session")
+    ).table.data
+    assert data.names == tuple(names(plan))
+    np.testing.assert_array_equal(data.beta_deg, [-90, 90, 0, 0, 0, 0])
+    assert data.run == ("monday",) * 6
+    with pytest.raises(InputError, match="none of its position names is in"):
+        reduce_recording(tmp_path / "parts.txt", KnownContext(plan=six, by="session"))

@@ -281,3 +281,9 @@ def test_a_file_at_one_of_several_soaks_is_one_row(tmp_path: Path):
         files.append(written(tmp_path, recording(degc, UP if number % 2 else RIGHT, seed=number), f"f{number}.csv"))
     table = read_thermal(files)
     assert len(table) == len(files) and table.soak.all()
+
+
+def test_temperatures_above_those_of_sensors_are_reported(tmp_path: Path):
+    fahrenheit = _RAMP.with_columns(pl.col("temperature_degc") * 1.8 + 60)
+    ((_, lines), *more) = [one for one in thermal_reading([written(tmp_path, fahrenheit)]).warnings if one[1]]
+    assert not more and len(lines) == 1 and "if these are counts or degrees Fahrenheit, write degC" in lines[0]

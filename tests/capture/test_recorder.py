@@ -252,3 +252,22 @@ def test_full_disk_stops_cleanly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     rig.instrument.port.close()
     records = read_log(tmp_path / "raw.log")
     assert records[-1].stop == (tmp_path / "raw.log").stat().st_size > 190_000
+
+
+def test_clock_jump_is_told_and_the_stamps_stay(monkeypatch: pytest.MonkeyPatch) -> None:
+    from tumblecal.capture.port import recorder
+
+    told: list[tuple[str, dict]] = []
+    worker = recorder.Recorder.__new__(recorder.Recorder)
+    before = {"monotonic_ns": 10_000_000_000, "wall_ns": 5_000_000_000, "boot_ns": 10_000_000_000}
+    worker._anchor = before
+    monkeypatch.setattr(worker, "event", lambda what, **content: told.append((what, content)), raising=False)
+    now = {"monotonic_ns": 11_000_000_000, "wall_ns": 3_606_000_000_000, "boot_ns": 11_000_000_000}
+    monkeypatch.setattr(recorder, "clocks", lambda: now)
+    worker._watch_clocks()
+    assert told[0][0] == "clock_jump" and told[0][1]["seconds"] == pytest.approx(3600.0)
+    monkeypatch.setattr(
+        recorder, "clocks", lambda: {k: v + 60_000_000_000 * (k != "monotonic_ns") for k, v in now.items()}
+    )
+    worker._watch_clocks()
+    assert told[1][0] == "suspended" and told[1][1]["seconds"] == pytest.approx(60.0)

@@ -150,6 +150,13 @@ def test_torn_lines_are_left_out_and_told(tmp_path, s, expected):
     np.testing.assert_allclose(reduction.table.data.readings, expected.readings, atol=1e-4)
 
 
+def test_readings_of_no_usual_size_are_a_line(tmp_path, s):
+    columns = {name: (3.0 if "acc" in name else 1.0) * values for name, values in imu_columns(s).items()}
+    path = text(tmp_path / "odd.csv", s, ",", columns)
+    with pytest.raises(InputError, match=r"neither g, mg, m/s\^2 nor usual counts; give the unit"):
+        reduce_recording(path, KnownContext(static=True))
+
+
 @pytest.mark.parametrize("name", ["one.bag", "two.mcap", "log.ulg", "log.h5", "log.mat", "log.xlsx", "log.parquet"])
 def test_damaged_files_are_a_line(tmp_path, name):
     begins = {
@@ -222,3 +229,13 @@ def test_sniff_says_something_of_any_bytes(tmp_path, s, tumblecal):
     assert "compressed data, or a wrong baud rate" in line
     (line,) = tumblecal("import", tmp_path / "noise.bin").lines
     assert "no format recognises it" in line
+
+
+def test_a_text_of_which_much_cannot_be_read_is_a_line(tmp_path, s, tumblecal):
+    path = text(tmp_path / "other.csv", s, ",", imu_columns(s))
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join(line if k % 3 else "something else" for k, line in enumerate(lines, start=1)))
+    line = tumblecal("import", path, "--out", tmp_path / "out.parquet").lines[-1]
+    assert "other.csv:line 3" in line
+    assert "Give the columns of the quantities by --columns" in line
+    assert not (tmp_path / "out.parquet").exists()

@@ -1,5 +1,6 @@
 """Several files as one recording: positions from names and tables, means of the still parts, clocks, faults."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from tumblecal.capture.recordings.options import Criterion, KnownContext, Record
 from tumblecal.capture.reduction.file_names import recording_files
 from tumblecal.capture.reduction.file_positions import positions_by_names, positions_by_table
 from tumblecal.capture.reduction.reduce_files import reduce_files
+from tumblecal.data import read_positions
 from tumblecal.ground.errors import InputError
 
 
@@ -226,3 +228,34 @@ def test_without_a_position_in_the_names_gravity_tells_it(tmp_path, six):
     found = reduced(recording_files([tmp_path / "f"]), six)
     assert found.by_gravity
     assert [own.name for own in found.positions] == ["x_p", "x_n", "y_p", "y_n", "z_p", "z_n"]
+
+
+def test_names_of_which_some_are_positions_are_a_question(six):
+    positions = positions_by_names([Path("x_p.csv"), Path("spare.csv")], six, hand_held=False)
+    assert positions.fault.startswith("spare.csv: not the name of a position of the plan")
+    assert "--table files.csv" in positions.fault
+    assert not positions_by_names([Path("x_p.csv"), Path("spare.csv")], six, hand_held=True).fault
+
+
+def test_dates_order_the_files_and_are_the_time(tmp_path, six):
+    for number, (name, up) in enumerate(FACES.items()):
+        write(tmp_path / "f" / f"{name}.csv", up, start_s=1.7e9 - 60.0 * number)
+    data = reduced(recording_files([tmp_path / "f"]), six).table.data
+    assert data.names == ("z_n", "z_p", "y_n", "y_p", "x_n", "x_p")
+    np.testing.assert_allclose(np.diff(data.time_s), 60.0, atol=0.2)
+    assert data.comments["time_zero"] == "2023-11-14T22:08:20.000Z"
+
+
+def test_the_command_prints_the_positions_before_a_fault(tmp_path, tumblecal):
+    faces(tmp_path / "f")
+    (tmp_path / "six.toml").write_text(SIX)
+    out = tmp_path / "out"
+    done = tumblecal("reduce", tmp_path / "f", "--plan", tmp_path / "six.toml", "--no-figures", "--out", out)
+    assert done.code == 0
+    content = json.loads((out / "reduction.json").read_text())
+    assert [own["position"] for own in content["files"]] == ["x_n", "x_p", "y_n", "y_p", "z_n", "z_p"]
+    assert len(read_positions(out / "positions.csv")) == 6
+    (tmp_path / "f" / "z_p.csv").write_text("")
+    failed = tumblecal("reduce", tmp_path / "f", "--plan", tmp_path / "six.toml", "--out", out)
+    assert failed.code == 2
+    assert "z_p.csv  z_p  alpha 0    beta 0" in failed.out

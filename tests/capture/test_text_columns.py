@@ -8,6 +8,7 @@ import pytest
 
 from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.capture.rows.sample_file import write_samples
+from tumblecal.ground.errors import InputError
 
 
 ROWS = 60
@@ -71,3 +72,10 @@ def test_clocks_are_read_over_midnight(tmp_path, form):
     times = [(begin + timedelta(milliseconds=10 * k)).strftime(form) for k in range(ROWS)]
     frame, _ = imported(tmp_path / "log.csv", {"timestamp": times})
     np.testing.assert_allclose(frame["time_s"], np.arange(ROWS) / 100, atol=1e-9)
+
+
+def test_no_row_with_all_three_accelerations_is_a_line(tmp_path):
+    rows = "".join(f"{k / 100},{'0.1,0.2,x' if k % 2 else '0.1,y,0.97'},25\n" for k in range(ROWS))
+    (tmp_path / "log.csv").write_text("time,ax,ay,az,temp\n" + rows)
+    with pytest.raises(InputError, match=r"log.csv: no row has a number in each of ax, ay, az"):
+        write_samples(tmp_path / "log.csv", tmp_path / "out.parquet", RecordingOptions())

@@ -23,7 +23,6 @@ FAULTS = [
     (*GOOD, {"offset": "nan"}, "--offset nan: must be finite"),
     (*GOOD, {"topic": "imu7"}, "no topic imu7"),
     ("t,ay,az", "{t},0.2,0.97", {}, "ax not found among the columns"),
-    ("t,ax,ay,az", "{t},0.3,0.6,2.91", {}, "neither g, mg, m/s^2 nor usual counts; give the unit"),
     ("time,ax,ay,az", "{k}e-12,0.1,0.2,0.97", {}, "not sample times in s, ms, us or ns; give --time-unit"),
     ("time,ax,ay,az", "{t},0.1,0.2,0.97g", {}, "log.csv:line 2, column az: '0.97g': no number; write 0.97, without the unit"),
     ("warmth,ax,ay,az", "cold,0.1,0.2,0.97", {"columns": "temperature=warmth"}, "line 2, column warmth: 'cold': no number"),
@@ -36,6 +35,7 @@ FAULTS = [
     ("t;ax;ay;az", "{k}0;-5,599;8,86{d};7,051", {}, "line 2, column ax: '-5,599' is -5599, or -5.599: the mark may separate"),
     ("hello world", "no table", {}, "its first line 'hello world' has 2 cells separated by spaces, 0 of them numbers"),
     ("<html><body>x</body></html>", "", {}, "this is HTML or XML, not a table"),
+    ('{"a": {"b": 1},\n "c": [\n]}', "", {}, "JSON without samples; samples are read from one object a line"),
     ('{{"a": {{"b": 1}}, "c": [', "]}}", {}, "not a complete JSON file"),
 ]  # fmt: skip
 
