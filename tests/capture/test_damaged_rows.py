@@ -205,3 +205,12 @@ def test_a_range_that_only_later_rows_show_is_found(tmp_path):
     got, contents = read(tmp_path, table(written, names=NAMES), RecordingOptions(unit="16384/g"))
     np.testing.assert_array_equal(got[:, 1:], steps)
     assert [record.kind for record in contents.damage.records] == ["unsigned"]
+
+
+def test_angular_rates_written_as_unsigned(tmp_path):
+    rates = np.round(np.random.default_rng(2).normal(0, 20, (len(forces()), 3)))
+    written = np.where(rates < 0, rates + 65536, rates)
+    columns = table(np.round(forces(), 5)) | {f"gyr_{axis}": own for axis, own in zip("xyz", written.T, strict=True)}
+    got, contents = read(tmp_path, columns)
+    np.testing.assert_array_equal(got[:, 4:], rates)
+    assert records(contents)[0][0] == "unsigned"

@@ -9,7 +9,7 @@ from hand_held_sessions import Hand
 from tumblecal.capture.capture_plan import CapturePlan, read_plan
 from tumblecal.capture.recordings.options import KnownContext, RecordingOptions
 from tumblecal.capture.reduction.plan_match import matched
-from tumblecal.capture.reduction.reduce_recording import reduce_recording
+from tumblecal.capture.reduction.reduce_recording import means_of, reduce_recording
 from tumblecal.data import read_positions
 from tumblecal.ground.errors import InputError
 
@@ -162,3 +162,17 @@ def test_positions_named_by_a_column_get_the_plans_angles(tmp_path, six):
     assert data.run == ("monday",) * 6
     with pytest.raises(InputError, match="none of its position names is in"):
         reduce_recording(tmp_path / "parts.txt", KnownContext(plan=six, by="session"))
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        (["# gravity_ms2: 981"], "means.csv: comment gravity_ms2: '981' is not a gravity in m/s^2"),
+        (["e,0,45,1e9,0,1"], "means.csv:row 5, column ax_g: 1e+09 g is not a possible reading"),
+    ],
+)
+def test_faults_of_means_name_the_users_file(tmp_path, more, words):
+    (tmp_path / "means.csv").write_text("\n".join([*MEANS, *more]))
+    with pytest.raises(InputError) as refused:
+        means_of(tmp_path / "means.csv", KnownContext(means=True))
+    assert refused.value.faults[0].startswith(str(tmp_path)) and words in refused.value.faults[0]

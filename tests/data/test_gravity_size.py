@@ -1,5 +1,7 @@
 """The size of gravity in readings: wrong scales, an axis without 1 g, and a triad that moved, by all who read positions."""
 
+import sys
+
 import numpy as np
 import pytest
 
@@ -66,7 +68,8 @@ def test_positions_of_one_pitch_setting_at_1_g_from_an_axis_are_usual():
     assert not size_fault(measured(force))
 
 
-def test_a_triad_that_moved_is_named_with_the_command_for_recordings():
+def test_a_triad_that_moved_is_named_with_the_command_for_recordings(monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["tumblecal"])
     rng = np.random.default_rng(3)
     force = hand_held(400)
     fault = moving_fault(positions(measured(force + 0.3 * rng.normal(size=force.shape))))
