@@ -189,3 +189,15 @@ def test_three_columns_alone_at_rest_are_accelerations_of_one_g():
     for data in (np.column_stack([face, face[:, 0]]), 1.5 * face, moving):
         with pytest.raises(InputError, match=r"--columns ax=\d,ay=\d,az=\d"):
             chosen(numbered(data))
+
+
+def test_axes_alone_are_taken_only_with_the_size_of_gravity(moved):
+    force, rate, field = moved
+    named = lambda values, stem="": dict(zip((f"{stem}z", f"{stem}y", f"{stem}x"), values.T, strict=True))  # noqa: E731
+    layout = chosen(named(force))
+    assert [layout.columns[f"a{axis}"].name for axis in "xyz"] == ["x", "y", "z"]
+    for values in (rate, field, force[:40]):
+        with pytest.raises(InputError, match="--columns ax=x,ay=y,az=z"):
+            chosen(named(values))
+    layout = chosen(named(rate, "s1_") | named(force, "s2_") | named(field, "s3_"))
+    assert layout.columns["ax"].name == "s2_x" and "gx" not in layout.columns

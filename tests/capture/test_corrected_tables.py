@@ -201,3 +201,12 @@ def test_cells_over_several_lines_and_blank_lines(tmp_path):
     read = read_raw(tmp_path / "a.csv")
     assert read.readings.tolist() == [[0, 0, 1], [0, 1, 0], [1, 0, 0]] and read.places.tolist() == [2, 6, 7]
     assert read.frame["note"].to_list() == ["a\n\nb", None, "c d"]
+
+
+def test_thousands_in_mg(applied):
+    """Read where a decimal mark follows; whole numbers that may be either are refused."""
+    outcome, lines = applied("ax_mg;ay_mg;az_mg\n-0,5;1.001,5;2\n")
+    got = [float(cell) for cell in lines[2].split(",")]
+    np.testing.assert_allclose(got, 1e3 * (np.array([-0.0005, 1.0015, 0.002]) - BIAS) @ MATRIX.T, rtol=1e-12)
+    outcome, _ = applied("ax_mg;ay_mg;az_mg\n-1;707;708\n0;0;1.001\n")
+    assert outcome.code == 2 and "line 3, column az_mg: '1.001' may be 1001 or 1.001" in outcome.lines[0]

@@ -214,3 +214,22 @@ def test_angular_rates_written_as_unsigned(tmp_path):
     got, contents = read(tmp_path, columns)
     np.testing.assert_array_equal(got[:, 4:], rates)
     assert records(contents)[0][0] == "unsigned"
+
+
+def test_the_unit_is_guessed_of_the_numbers_as_they_are_meant(tmp_path):
+    steps = np.round(forces() * 8192)
+    for written in (steps, steps[50:150]):
+        unsigned = np.where(written < 0, written + 65536, written)
+        got, contents = read(tmp_path, table(unsigned, names=NAMES))
+        np.testing.assert_array_equal(got[:, 1:], written)
+        assert contents.layout.per_g == 8192
+        assert len(contents.damage.lines) == bool((written < 0).any())
+
+
+def test_one_attitude_is_read_as_signed_where_its_size_says_so(tmp_path):
+    written = np.round(forces()[-150:] * 16384)[:100] * [1, -1, 1]
+    unsigned = np.where(written < 0, written + 65536, written)
+    assert (np.abs(np.diff(unsigned, axis=0)) < 1000).all() and (written[:, 1] < 0).all()
+    got, contents = read(tmp_path, table(unsigned, names=NAMES))
+    np.testing.assert_array_equal(got[:, 1:], written)
+    assert records(contents)[0][0] == "unsigned"

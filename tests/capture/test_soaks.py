@@ -395,3 +395,24 @@ def test_a_line_to_the_chamber_that_was_cut_is_opened_again(tmp_path: Path) -> N
     with scripted(tmp_path / "oven", lambda command: b"21.0\n"):
         assert chamber.temperature() == 21.0
         chamber.close()
+
+
+def test_a_slow_chamber_does_not_delay_the_capture() -> None:
+    entered, release = threading.Event(), threading.Event()
+
+    class Slow(FakeChamber):
+        def temperature(self) -> float:
+            entered.set()
+            release.wait(60)
+            return 30.0
+
+    chamber = Slow()
+    thread = ChamberThread(chamber, 100.0)
+    thread.request(55.0)
+    assert not thread.look() and entered.wait(60) and not thread.look() and thread.reading_degc is None
+    release.set()
+    while not thread.look():
+        time.sleep(0.01)
+    assert thread.reading_degc == 30.0 and not thread.look()
+    thread.close()
+    assert chamber.set == [55.0, math.inf]
