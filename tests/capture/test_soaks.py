@@ -5,6 +5,7 @@ import math
 import os
 import select
 import threading
+import time
 import tty
 from collections import Counter
 from collections.abc import Callable, Iterator
