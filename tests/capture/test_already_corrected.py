@@ -117,18 +117,3 @@ def test_a_ramp_of_a_corrected_sensor_is_warned_of(capsys, tmp_path):
     (tmp_path / "ramp.bin").write_bytes(b"".join(messages))
     _printed(Output(), thermal_reading([tmp_path / "ramp.bin"]))
     assert capsys.readouterr().err.count("(INS_TCAL1_ENABLE 1), so a calibration corrects them twice") == 1
-
-
-def test_commands_warn_in_one_line(tumblecal, tmp_path):
-    pytest.importorskip("pyulog")
-    still = np.random.default_rng(1).normal(0.0, 1e-3, size=(4800, 6))
-    still[:, 3:] += 9.81 * np.repeat([[0, 0, 1], [0, 1, 0], [1, 0, 0], [0, 0, -1]], 1200, axis=0)
-    (path := tmp_path / "log.ulg").write_bytes(ulog(CORRECTED, rows=still))
-    for command in (
-        ["import", path, "--topic", "sensor_combined", "--out", tmp_path / "log.csv"],
-        ["reduce", path, "--static", "--topic", "sensor_combined", "--out", tmp_path / "reduced"],
-    ):
-        outcome = tumblecal(*command)
-        warnings = [line for line in outcome.lines if line.startswith("WARNING")]
-        assert outcome.code == 0
-        assert len([line for line in warnings if "TC_A_ENABLE 1, TC_A0_ID 77" in line]) == 1

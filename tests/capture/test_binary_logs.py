@@ -64,17 +64,6 @@ def test_dataflash_messages_of_each_instance(tmp_path, rows):
     np.testing.assert_array_equal(force, -rows[:, 3:])
 
 
-def test_dataflash_of_old_firmware_has_milliseconds_and_a_name_for_each_sensor(tmp_path, rows):
-    fields = "TimeMS,GyrX,GyrY,GyrZ,AccX,AccY,AccZ"
-    log = fmt(128, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns") + fmt(130, "IMU2", "Iffffff", fields)
-    log += b"".join(b"\xa3\x95\x82" + struct.pack("<I6f", 20 * k, *row) for k, row in enumerate(rows))
-    (tmp_path / "old.bin").write_bytes(log)
-    contents, force, frame = imported(tmp_path / "old.bin", tmp_path / "out.parquet")
-    assert contents.layout.table.name == "IMU2"
-    np.testing.assert_array_equal(force, rows[:, 3:])
-    np.testing.assert_allclose(frame["time_s"], 0.02 * np.arange(200), atol=1e-12)
-
-
 def test_dataflash_bytes_in_no_message_are_reported_and_the_rest_is_read(tmp_path, rows):
     messages = dataflash(rows, instances=1)
     torn = [*messages[:104], b"\xa3\x00garbage", *messages[104:-1], messages[-1][:20]]
@@ -83,12 +72,6 @@ def test_dataflash_bytes_in_no_message_are_reported_and_the_rest_is_read(tmp_pat
     np.testing.assert_array_equal(force, rows[:-1, 3:])
     at = len(b"".join(messages[:104]))
     assert contents.damage.lines == [f"29 bytes outside messages, the first at byte {at}: messages there are lost"]
-
-
-def test_dataflash_without_accelerations_says_what_is_there(tmp_path, rows):
-    (tmp_path / "log.bin").write_bytes(b"".join(dataflash(rows, instances=0)))
-    with pytest.raises(InputError, match=r"no message has AccX, AccY, AccZ; it has MSG \(1\)"):
-        imported(tmp_path / "log.bin", tmp_path / "out.parquet")
 
 
 def xbus(bus: int, kind: int, payload: bytes) -> bytes:
@@ -138,17 +121,6 @@ def test_the_pieces_of_an_mtb_file_do_not_change_it(tmp_path, rows, monkeypatch)
     )
 
 
-def test_an_mtb_file_with_a_wrong_sum(tmp_path, rows):
-    messages = mtb(rows)
-    broken = bytearray(messages[50])
-    broken[30] ^= 1
-    (tmp_path / "log.mtb").write_bytes(b"".join([*messages[:50], bytes(broken), *messages[51:]]))
-    contents = write_samples(tmp_path / "log.mtb", tmp_path / "out.parquet", RecordingOptions())
-    assert contents.rows == 199
-    (line,) = contents.damage.lines
-    assert line.startswith(f"{len(broken)} bytes outside messages with a correct sum")
-
-
 def test_an_mtb_file_without_specific_force_says_what_it_holds(tmp_path, rows):
     (tmp_path / "a.mtb").write_bytes(b"".join(mtb(rows, force=0x4030)))
     with pytest.raises(InputError, match="free acceleration"):
@@ -162,7 +134,7 @@ def test_an_mtb_file_without_specific_force_says_what_it_holds(tmp_path, rows):
 @pytest.mark.parametrize("make", [dataflash, mtb])
 def test_changed_bytes_are_rows_or_a_line(tmp_path, rows, make):
     log, rng = b"".join(make(rows[:20])), np.random.default_rng(4)
-    for _ in range(30):
+    for _ in range(10):
         content = bytearray(log)
         for at in rng.integers(0, len(log), 5):
             content[at] = rng.integers(256)
@@ -173,3 +145,14 @@ def test_changed_bytes_are_rows_or_a_line(tmp_path, rows, make):
             assert "\n" not in str(fault)
         else:
             assert contents.rows <= 20
+
+
+def test_dataflash_of_old_firmware_has_milliseconds_and_a_name_for_each_sensor(tmp_path, rows):
+    fields = "TimeMS,GyrX,GyrY,GyrZ,AccX,AccY,AccZ"
+    log = fmt(128, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns") + fmt(130, "IMU2", "Iffffff", fields)
+    log += b"".join(b"\xa3\x95\x82" + struct.pack("<I6f", 20 * k, *row) for k, row in enumerate(rows))
+    (tmp_path / "old.bin").write_bytes(log)
+    contents, force, frame = imported(tmp_path / "old.bin", tmp_path / "out.parquet")
+    assert contents.layout.table.name == "IMU2"
+    np.testing.assert_array_equal(force, rows[:, 3:])
+    np.testing.assert_allclose(frame["time_s"], 0.02 * np.arange(200), atol=1e-12)

@@ -12,13 +12,11 @@ from streams import some_samples
 from disk import file_size_limited
 from tumblecal.capture.decoding import byte_file
 from tumblecal.capture.decoding.byte_file import decode_file, pieces_of
-from tumblecal.capture.decoding.checks import exclusive_or
 from tumblecal.capture.decoding.framing import decode_all
 from tumblecal.capture.decoding.samples import Settings, Stated, blank
 from tumblecal.capture.log import LogWriter, RecordKind, read_log
 from tumblecal.capture.protocols import protocol
 from tumblecal.capture.protocols.stim300_device import encode, encode_configuration
-from tumblecal.cli.decode import decode
 from tumblecal.cli.sniff import sniff
 from tumblecal.ground.errors import InputError
 
@@ -71,17 +69,6 @@ def test_pieces_give_what_the_whole_gives(tmp_path: Path, monkeypatch: pytest.Mo
     assert " ".join(f"{v:.3f}" for v in sd) in found.statistics()
 
 
-def test_a_column_that_comes_late_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(byte_file, "_PIECE", 500)
-    samples = some_samples(60)
-    bursts = protocol("witmotion").encode(samples, Settings((16.0,) * 3))
-    only_force = b"".join(bursts[22 * k : 22 * k + 11] for k in range(60))
-    (tmp_path / "a.bin").write_bytes(only_force + bursts)
-    decode_file(tmp_path / "a.bin", "witmotion", out=tmp_path / "a.parquet")
-    table = pl.read_parquet(tmp_path / "a.parquet")
-    assert len(table) == 120 and table["gx_dps"].is_nan().to_list() == [True] * 60 + [False] * 60
-
-
 # The peak of this program's own memory (getrusage would tell that of the process which started it, too).
 _PEAK = "[print(line.split()[1]) for line in open('/proc/self/status') if line.startswith('VmHWM')]"
 
@@ -97,6 +84,7 @@ from tumblecal.cli.decode import decode
 decode(Path(sys.argv[1]), protocol="stim300", stated=Stated(range_g=10.0), out=Path(sys.argv[2]))"""
 
 
+@pytest.mark.long
 def test_memory_does_not_grow_with_the_file(tmp_path: Path) -> None:
     """11 MB more of the log: as arrays they would take 60 MB; what is under way between reading and writing takes 30 MB."""
     n, peaks = 60_000, []
@@ -110,10 +98,9 @@ def test_memory_does_not_grow_with_the_file(tmp_path: Path) -> None:
     assert peaks[1] - peaks[0] < 45_000
 
 
-@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
-def test_full_disk_in_words(tmp_path: Path, suffix: str) -> None:
+def test_full_disk_in_words(tmp_path: Path) -> None:
     (tmp_path / "a.bin").write_bytes(stim300(20_000))
-    out = tmp_path / f"a{suffix}"
+    out = tmp_path / "a.csv"
     out.write_text("before")
     code = (
         "import sys\nfrom pathlib import Path\nfrom tumblecal.cli.decode import decode\n"
@@ -127,14 +114,7 @@ def test_full_disk_in_words(tmp_path: Path, suffix: str) -> None:
     assert out.read_text() == "before" and sorted(p.name for p in tmp_path.iterdir()) == sorted(["a.bin", out.name])
 
 
-def test_refused_messages_are_a_line_and_no_file(tmp_path: Path) -> None:
-    body = b"VNYIA,-170.94,+007.34,+000.70,+00.085,+00.005,-09.847,+0.0003,-0.0012,-0.0001"
-    (tmp_path / "a.txt").write_bytes(b"$%s*%02X\r\n" % (body, exclusive_or(body)) * 40)
-    with pytest.raises(InputError, match="VNYIA has acceleration along the axes of the Earth"):
-        decode(tmp_path / "a.txt", out=tmp_path / "a.csv")
-    assert not (tmp_path / "a.csv").exists()
-
-
+@pytest.mark.long
 def test_sniff_reads_the_beginning_only(tmp_path: Path) -> None:
     with (tmp_path / "a.bin").open("wb") as file:
         file.write(stim300(40_000))
@@ -146,15 +126,6 @@ def test_sniff_reads_the_beginning_only(tmp_path: Path) -> None:
     (tmp_path / "empty.bin").write_bytes(b"")
     with pytest.raises(InputError, match="unknown protocol in the first megabyte"):
         sniff(str(tmp_path / "empty.bin"))
-
-
-def test_columns_of_a_stream_that_is_no_text_are_refused(tmp_path: Path) -> None:
-    """They were ignored without a word."""
-    log = tmp_path / "x.bin"
-    log.write_bytes(stim300(300))
-    with pytest.raises(InputError, match=r"x\.bin: .* remove --columns and --unit, which only lines of text take"):
-        decode_file(log, stated=Stated(columns="ax,ay,az", unit="g"))
-    assert decode_file(log, stated=Stated()).samples
 
 
 def test_raw_log_of_a_capture(tmp_path: Path) -> None:

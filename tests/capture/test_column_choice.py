@@ -7,7 +7,6 @@ import pytest
 
 from recording_headers import HEADERS
 from recordings_as_people_have_them import columns_of, motion, renamed, shuffled
-from tumblecal.capture.columns.column_names import parsed, role_of
 from tumblecal.capture.columns.roles import ColumnLayout, layout_of
 from tumblecal.capture.columns.still_size import ellipsoid
 from tumblecal.capture.recordings.options import RecordingOptions
@@ -52,58 +51,6 @@ def test_headers_of_loggers(header):
         assert codes[layout.columns["time"].name][0] == "t"
 
 
-@pytest.mark.parametrize(
-    ("name", "said"),
-    [
-        ("Beschl. x", "acceleration x "),
-        ("field.linear_acceleration.z", "acceleration z "),
-        ("accSmooth[2] (g)", "acceleration 2 g"),
-        ("imu/accel/z", "acceleration z "),
-        ("AccelerationX(g)", "acceleration x g"),
-        ("Linear Acceleration x (m/s^2)", "acceleration x ms2"),
-        ("a_RS_S_y [m s^-2]", "acceleration y ms2"),
-        ("acc_x_mps2", "acceleration x ms2"),
-        ("IMU1_AccX", "acceleration x "),
-        ("ускорение X", "acceleration x "),
-        ("specific_force_y", "acceleration y "),
-        ("gyro_rad[1]", "rate 1 rads"),
-        ("角速度Z(°/s)", "rate z dps"),
-        ("omega_z", "rate z "),
-        ("magADC[0]", "field 0 "),
-        ("Magnetometer X (G)", "field x "),
-        ("motionGravityX(G)", "gravity x "),
-        ("Quat_x", "orientation x "),
-        ("angular_acceleration_x", "other x "),
-        ("linear_acceleration_covariance_0", "other 0 "),
-        ("VelInc_X", "other x "),
-        ("linear.x", "velocity x "),
-        ("pos_x", "place x "),
-        ("xyz[0]", " 0 "),
-        ("x", " x "),
-    ],
-)
-def test_a_name_says_quantity_axis_and_unit(name, said):
-    own = parsed(name)
-    assert f"{own.quantity} {own.axis} {own.unit}" == said
-
-
-@pytest.mark.parametrize(
-    ("name", "role"),
-    [
-        ("now[ms]", ("time", "ms")),
-        ("TimeUS", ("time", "us")),
-        ("#timestamp [ns]", ("time", "ns")),
-        ("Zeit [s]", ("time", "s")),
-        ("IMU Temp (°C)", ("temperature", "degc")),
-        ("T(°)", ("T", "")),
-        ("position", ("position", "")),
-        *[(name, (None, "")) for name in ("temp(F)", "max", "GHz", "3", "ax_sd_g")],
-    ],
-)
-def test_a_name_says_a_role(name, role):
-    assert role_of(name) == role
-
-
 @pytest.fixture(scope="module")
 def moved():
     """Accelerations in counts with offsets of 0.1, 0.5 and 0.6 g, rates, and a magnetic field, as `motion` goes."""
@@ -141,47 +88,6 @@ def test_without_names_and_without_evidence_the_user_is_asked(moved, case):
     }[case]()
     with pytest.raises(InputError, match=r"--columns ax=\d,ay=\d,az=\d"):
         chosen(numbered(*data))
-
-
-def test_three_columns_alone_at_rest_are_accelerations_of_one_g():
-    """As a file of one face; not with a fourth column, beyond one g, or moving."""
-    rng = np.random.default_rng(2)
-    face = G * np.array([0.6, 0.0, 0.8]) + 0.02 * rng.normal(size=(200, 3))
-    for columns in (numbered(np.arange(200) / 50, face), dict(zip("xyz", face.T, strict=True))):
-        layout = chosen(columns)
-        assert [layout.columns[f"a{axis}"].name[-1] for axis in "xyz"] in (["2", "3", "4"], ["x", "y", "z"])
-    moving = face + 4 * np.cumsum(rng.normal(size=face.shape), axis=0)
-    for data in (np.column_stack([face, face[:, 0]]), 1.5 * face, moving):
-        with pytest.raises(InputError, match=r"--columns ax=\d,ay=\d,az=\d"):
-            chosen(numbered(data))
-
-
-def test_axes_alone_are_taken_only_with_the_size_of_gravity(moved):
-    force, rate, field = moved
-    named = lambda values, stem="": dict(zip((f"{stem}z", f"{stem}y", f"{stem}x"), values.T, strict=True))  # noqa: E731
-    layout = chosen(named(force))
-    assert [layout.columns[f"a{axis}"].name for axis in "xyz"] == ["x", "y", "z"]
-    for values in (rate, field, force[:40]):
-        with pytest.raises(InputError, match="--columns ax=x,ay=y,az=z"):
-            chosen(named(values))
-    layout = chosen(named(rate, "s1_") | named(force, "s2_") | named(field, "s3_"))
-    assert layout.columns["ax"].name == "s2_x" and "gx" not in layout.columns
-
-
-def test_a_word_for_acceleration_that_others_outweigh_counts_with_the_size_of_gravity(moved):
-    force, rate, _ = moved
-    named = lambda values: {f"PhoneAcc30orientationSample[{k}]": values[:, k] for k in range(3)}  # noqa: E731
-    assert chosen(named(force)).columns["az"].name == "PhoneAcc30orientationSample[2]"
-    with pytest.raises(InputError, match=r"--columns '?ax="):
-        chosen(named(rate))
-
-
-def test_a_letter_g_is_a_rate_only_if_it_rests(moved):
-    force, rate, _ = moved
-    axes = lambda name, values: {f"{name}{axis}": values[:, k] for k, axis in enumerate("xyz")}  # noqa: E731
-    assert chosen(axes("a", force) | axes("g", rate)).columns["gx"].name == "gx"
-    up = force / np.linalg.norm(force, axis=1, keepdims=True)
-    assert "gx" not in chosen(axes("acc", force) | axes("g", up)).columns
 
 
 def test_of_raw_and_smoothed_the_raw_ones_and_of_two_sensors_a_question(moved):
@@ -234,33 +140,6 @@ def test_import_prints_a_table_of_columns_with_the_evidence_and_the_same_as_json
     assert result["rate_hz"] == pytest.approx(25) and result["damage"] == []
 
 
-def test_a_guess_is_printed_before_the_fault_that_may_follow(tmp_path, moved, tumblecal):
-    force, rate, _ = moved
-    path = tmp_path / "raw.txt"
-    np.savetxt(path, np.column_stack([np.arange(len(force)) / 25, force, rate]), fmt="%.4f")
-    write_samples(path, tmp_path / "out.parquet", RecordingOptions())
-    outcome = tumblecal("reduce", path, "--out", tmp_path / "out")
-    assert outcome.code == 2
-    assert "accelerations: columns 2, 3, 4 as x, y, z, by their values" in outcome.lines[0]
-    assert "state how to find its positions" in outcome.lines[-1]
-
-
-@pytest.mark.parametrize(
-    ("name", "role"),
-    [
-        *[
-            (name, ("time", ""))
-            for name in ("ts", "imu.ts", "host_ts", "uptime", "systime", "Laufzeit", "tstamp", "tick", "now")
-        ],
-        *[(name, ("time", "ms")) for name in ("ts_ms", "uptime [ms]", "msec", "millis")],
-        *[(name, ("time", "ns")) for name in ("ns", "nsec", "header.stamp.nanosec", "t_nsec")],
-        *[(name, (None, "")) for name in ("dt", "dt_ms", "sample_interval", "period")],
-    ],
-)
-def test_a_name_of_a_clock(name, role):
-    assert role_of(name) == role
-
-
 _TIMES = 3 + np.arange(300) / 50 + 1e-5 * np.random.default_rng(4).normal(size=300)
 _AT = np.datetime64("2024-01-01T10:00:00", "us") + np.round(1e6 * _TIMES).astype("timedelta64[us]")
 
@@ -297,3 +176,28 @@ def test_the_clock_by_names_in_two_columns_or_by_values(tmp_path, moved, clock, 
     own = contents.layout.columns.get("time")
     assert (own and own.name) == (None if column is None else list(clock)[column])
     assert contents.rate_hz == (None if column is None else pytest.approx(50, rel=1e-3))
+
+
+def test_three_columns_alone_at_rest_are_accelerations_of_one_g():
+    """As a file of one face; not with a fourth column, beyond one g, or moving."""
+    rng = np.random.default_rng(2)
+    face = G * np.array([0.6, 0.0, 0.8]) + 0.02 * rng.normal(size=(200, 3))
+    for columns in (numbered(np.arange(200) / 50, face), dict(zip("xyz", face.T, strict=True))):
+        layout = chosen(columns)
+        assert [layout.columns[f"a{axis}"].name[-1] for axis in "xyz"] in (["2", "3", "4"], ["x", "y", "z"])
+    moving = face + 4 * np.cumsum(rng.normal(size=face.shape), axis=0)
+    for data in (np.column_stack([face, face[:, 0]]), 1.5 * face, moving):
+        with pytest.raises(InputError, match=r"--columns ax=\d,ay=\d,az=\d"):
+            chosen(numbered(data))
+
+
+def test_axes_alone_are_taken_only_with_the_size_of_gravity(moved):
+    force, rate, field = moved
+    named = lambda values, stem="": dict(zip((f"{stem}z", f"{stem}y", f"{stem}x"), values.T, strict=True))  # noqa: E731
+    layout = chosen(named(force))
+    assert [layout.columns[f"a{axis}"].name for axis in "xyz"] == ["x", "y", "z"]
+    for values in (rate, field, force[:40]):
+        with pytest.raises(InputError, match="--columns ax=x,ay=y,az=z"):
+            chosen(named(values))
+    layout = chosen(named(rate, "s1_") | named(force, "s2_") | named(field, "s3_"))
+    assert layout.columns["ax"].name == "s2_x" and "gx" not in layout.columns

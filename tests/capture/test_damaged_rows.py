@@ -1,15 +1,11 @@
 """Damaged samples are corrected or left out, and reported; healthy recordings pass unchanged. The truth is the sound table."""
 
-import json
-
 import numpy as np
 import polars as pl
 import pytest
 from damaged_rows import AXES, ERASED, RATE_HZ, forces, orders, rows, table, with_erased
 
-from tumblecal.capture.recordings.options import KnownContext, RecordingOptions
-from tumblecal.capture.reduction.reduce_recording import reduce_recording
-from tumblecal.capture.rows.row_order import order_by_clock
+from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.capture.rows.sample_file import write_samples
 from tumblecal.data.calibration import Calibration, write_calibration
 
@@ -36,22 +32,17 @@ def whole(columns):
 # Bits, steps of one g, and the number written of a step with so many digits.
 TYPES = {
     "int16": (16, 16384, 1.0, 0),
-    "int16, 16 g": (16, 2048, 1.0, 0),
     "int8": (8, 64, 1.0, 0),
-    "12 bits": (12, 1024, 1.0, 0),
     "12 bits, left-justified": (12, 1024, 16.0, 0),
-    "g": (16, 16384, 1 / 16384, 9),
-    "g, five digits": (16, 16384, 1 / 16384, 5),
     "g, three digits": (16, 16384, 1 / 16384, 3),
     "m/s^2": (16, 4096, 9.80665 / 4096, 4),
 }
 
 
-@pytest.mark.parametrize("offset_g", [0.02, 0.6])
 @pytest.mark.parametrize("name", TYPES)
-def test_negative_numbers_written_as_unsigned_are_read_as_negative(tmp_path, name, offset_g):
+def test_negative_numbers_written_as_unsigned_are_read_as_negative(tmp_path, name):
     bits, per_g, step, digits = TYPES[name]
-    steps = np.round(forces(offset_g=offset_g) * per_g)
+    steps = np.round(forces(offset_g=0.6) * per_g)
     unit = {"g": "g", "m": "m/s2"}.get(name[0], f"{per_g * step:g}/g")
     written = np.round(np.where(steps < 0, steps + 2**bits, steps) * step, digits)
     got, contents = read(tmp_path, table(written, names=NAMES), RecordingOptions(unit=unit))
@@ -64,23 +55,138 @@ def test_negative_numbers_written_as_unsigned_are_read_as_negative(tmp_path, nam
     assert not contents.damage.lines
 
 
-def test_the_unit_is_guessed_of_the_numbers_as_they_are_meant(tmp_path):
-    steps = np.round(forces() * 8192)
-    for written in (steps, steps[50:150]):
-        unsigned = np.where(written < 0, written + 65536, written)
-        got, contents = read(tmp_path, table(unsigned, names=NAMES))
-        np.testing.assert_array_equal(got[:, 1:], written)
-        assert contents.layout.per_g == 8192
-        assert len(contents.damage.lines) == bool((written < 0).any())
+@pytest.mark.parametrize("kind", ERASED)
+def test_rows_of_erased_memory_are_left_out(tmp_path, kind):
+    columns = table(np.round(forces(), 5))
+    count = len(columns["time_s"])
+    for at in (count, count // 2, 0):
+        got, contents = read(tmp_path, with_erased(columns, kind, at, 2 * count))
+        np.testing.assert_allclose(got, whole(columns), atol=1e-9)
+        assert records(contents) == [("erased", "left out", 2 * count)]
+        assert contents.damage.records[0].first_row == at + 1
+        assert contents.rate_hz == pytest.approx(RATE_HZ)
 
 
-def test_one_attitude_is_read_as_signed_where_its_size_says_so(tmp_path):
-    written = np.round(forces()[-150:] * 16384)[:100] * [1, -1, 1]
-    unsigned = np.where(written < 0, written + 65536, written)
-    assert (np.abs(np.diff(unsigned, axis=0)) < 1000).all() and (written[:, 1] < 0).all()
-    got, contents = read(tmp_path, table(unsigned, names=NAMES))
-    np.testing.assert_array_equal(got[:, 1:], written)
-    assert records(contents)[0][0] == "unsigned"
+def test_rows_out_of_order_are_sorted(tmp_path):
+    columns = table(np.round(forces(), 5))
+    for what, moved, order in orders(len(columns["time_s"])):
+        got, contents = read(tmp_path, rows(columns, order))
+        np.testing.assert_allclose(got, whole(columns), atol=1e-9, err_msg=what)
+        assert records(contents) == [("disorder", "sorted", moved)], what
+
+
+def test_rows_without_a_place_are_left_out_and_rows_that_came_twice_too(tmp_path):
+    columns = table(np.round(forces(), 5))
+    count = len(columns["time_s"])
+    spiked = columns | {"time_s": np.where(np.arange(count) == 300, 4294967.295, columns["time_s"])}
+    got, contents = read(tmp_path, spiked)
+    np.testing.assert_allclose(got, np.delete(whole(columns), 300, axis=0), atol=1e-9)
+    assert records(contents) == [("disorder", "left out", 1)]
+    assert contents.missing == 1
+    packet = np.concatenate([np.arange(500), np.arange(480, count)])
+    single = np.sort(np.concatenate([np.arange(count), np.arange(7, count, 90)]))
+    for order in (packet, single):
+        got, contents = read(tmp_path, rows(columns, order))
+        np.testing.assert_allclose(got, whole(columns), atol=1e-9)
+        assert records(contents) == [("duplicates", "left out", len(order) - count)]
+
+
+@pytest.mark.parametrize(("times", "per_g"), [(2, 1e5), (7, 64), (3.25, 1e5)])
+def test_one_of_each_repeated_sample_is_kept(tmp_path, times, per_g):
+    force = np.round(forces() * per_g) / per_g
+    sample = np.floor(np.arange(int(len(force) * times)) / times).astype(int)
+    columns = table(force[sample])
+    got, contents = read(tmp_path, columns)
+    assert len(got) == pytest.approx(len(force), rel=0.002)
+    assert contents.rate_hz == pytest.approx(RATE_HZ / times, rel=0.002)
+    if times != 3.25:
+        np.testing.assert_array_equal(got[:, 1:], force)
+    (record,) = contents.damage.records
+    assert (record.kind, record.rows) == ("repeats", len(columns["time_s"]) - len(got))
+    assert record.largest == pytest.approx(times, rel=0.01)
+    # Without times, the stated rate is that of the rows.
+    got, contents = read(tmp_path, {name: columns[name] for name in AXES}, RecordingOptions(rate=RATE_HZ))
+    assert contents.rate_hz == pytest.approx(RATE_HZ / times, rel=0.01)
+    # The logger may repeat the time as well.
+    got, contents = read(tmp_path, rows(table(force), sample))
+    assert contents.rate_hz == pytest.approx(RATE_HZ, rel=0.002)
+    assert records(contents)[0][0] == "repeats"
+
+
+def healthy(rate_hz):
+    """Recordings that are not damaged, however odd: name, columns, what is asked."""
+    rng, options = np.random.default_rng(4), RecordingOptions()
+    for offset_g, sigma_g in ((0.0, 1e-4), (0.6, 1e-3)):
+        force = forces(rate_hz, offset_g, sigma_g)
+        coarse, counts = np.round(force * 64) / 64, np.round(force * 2048)
+        times = np.arange(len(force)) / rate_hz
+        clocks = {
+            "regular": times,
+            "jitter": np.maximum.accumulate(times + 0.4 / rate_hz * rng.normal(size=len(times))),
+            "whole ms": np.round(times, 3),
+            "packets": times[np.minimum(np.arange(len(times)) // 32 * 32 + 31, len(times) - 1)],
+        }
+        for clock, own in clocks.items():
+            yield f"{offset_g} {clock}", table(coarse) | {"time_s": own}, options
+        yield f"{offset_g} saturated", table(np.clip(coarse, -0.5, 0.5), rate_hz), options
+        yield f"{offset_g} fine", table(force, rate_hz), options
+        yield f"{offset_g} unsigned", table(counts + 32768, rate_hz, NAMES), options
+        stated = RecordingOptions(offset="32768", unit="2048/g")
+        yield f"{offset_g} unsigned, stated", table(counts + 32768, rate_hz, NAMES), stated
+        yield f"{offset_g} 10 bits", table(np.round(force * 102) + 512, rate_hz, NAMES), options
+    faces = np.repeat(np.vstack([np.eye(3), -np.eye(3)]), 100, axis=0) + 1e-3 * rng.normal(size=(600, 3))
+    for name, face in {"six": faces, "one": faces[200:300], "two": faces[[*range(200, 300), *range(500, 600)]]}.items():
+        yield f"faces {name}", table(np.round(face * 256), names=NAMES), RecordingOptions(unit="256/g")
+
+
+@pytest.mark.parametrize(
+    "rate_hz", [100.0, *(pytest.param(rate_hz, marks=pytest.mark.long) for rate_hz in (20.0, 2000.0))]
+)
+def test_healthy_recordings_pass_unchanged(tmp_path, rate_hz):
+    for name, columns, options in healthy(rate_hz):
+        got, contents = read(tmp_path, columns, options)
+        assert not contents.damage.lines, (name, contents.damage.lines)
+        assert len(got) == len(columns["time_s"]), name
+        offset = float(options.offset or 0)
+        np.testing.assert_array_equal(got[:, 1:], whole(columns)[:, 1:] - offset, err_msg=name)
+
+
+@pytest.mark.parametrize(
+    ("suffix", "names"), [(".csv", AXES), (".parquet", tuple(f"acc_{axis} [g]" for axis in "xyz"))]
+)
+def test_apply_leaves_erased_rows_out_and_reports_other_damage(tmp_path, tumblecal, names, suffix):
+    """The corrected file is the formula on the sound rows; it says which others were left out, and keeps those out of order."""
+    matrix, bias = np.diag([1.01, 0.99, 1.02]), np.array([0.02, -0.03, 0.05])
+    write_calibration(tmp_path / "cal.json", Calibration(matrix, bias, np.zeros((12, 12))))
+    path, out = tmp_path / f"log{suffix}", tmp_path / f"out{suffix}"
+    columns = table(np.round(forces()[:1200], 5), names=names) | {"note": np.arange(1200.0)}
+    read = pl.read_parquet if suffix == ".parquet" else lambda own: pl.read_csv(own, comment_prefix="#")
+
+    def applied(damaged):
+        frame = pl.DataFrame(damaged)
+        frame.write_parquet(path) if suffix == ".parquet" else frame.write_csv(path)
+        outcome = tumblecal("apply", tmp_path / "cal.json", path, "--out", out)
+        assert outcome.code == 0, outcome.lines
+        return outcome, read(out).select("time_s", "ax_g", "ay_g", "az_g", "note").to_numpy()
+
+    truth = whole(columns)
+    truth[:, 1:4] = (truth[:, 1:4] - bias) @ matrix.T
+    outcome, got = applied(columns)
+    np.testing.assert_allclose(got, truth, atol=1e-9)
+    assert not outcome.lines and "left out" not in outcome.out
+    outcome, got = applied(with_erased(columns, "zeros", 600, 1200))
+    np.testing.assert_allclose(got, truth, atol=1e-9)
+    assert any("1200 rows of erased memory, first row 601" in line for line in outcome.lines)
+    places = "rows 601 to 1800" if suffix == ".parquet" else "lines 602 to 1801"
+    assert f"left out: {places}" in outcome.out
+    comments = str(pl.read_parquet_metadata(out)) if suffix == ".parquet" else out.read_text()
+    assert places in comments
+    for what, moved, order in orders(1200):
+        outcome, got = applied(rows(columns, order))
+        np.testing.assert_allclose(got[:, 1:], truth[order, 1:], atol=1e-9, err_msg=what)
+        assert any(f"{moved} row" in line and "the rows are not changed" in line for line in outcome.lines), what
+    twice = rows(columns, np.repeat(np.arange(1200), 2)) | {"time_s": np.arange(2400) / 200}
+    assert any("each sample is written 2 times" in line for line in applied(twice)[0].lines)
 
 
 def test_overflowed_numbers_come_back(tmp_path):
@@ -110,224 +216,20 @@ def test_angular_rates_written_as_unsigned(tmp_path):
     assert records(contents)[0][0] == "unsigned"
 
 
-@pytest.mark.parametrize("kind", ERASED)
-def test_rows_of_erased_memory_are_left_out(tmp_path, kind):
-    columns = table(np.round(forces(), 5))
-    count = len(columns["time_s"])
-    for at in (count, count // 2, 0):
-        got, contents = read(tmp_path, with_erased(columns, kind, at, 2 * count))
-        np.testing.assert_allclose(got, whole(columns), atol=1e-9)
-        assert records(contents) == [("erased", "left out", 2 * count)]
-        assert contents.damage.records[0].first_row == at + 1
-        assert contents.rate_hz == pytest.approx(RATE_HZ)
+def test_the_unit_is_guessed_of_the_numbers_as_they_are_meant(tmp_path):
+    steps = np.round(forces() * 8192)
+    for written in (steps, steps[50:150]):
+        unsigned = np.where(written < 0, written + 65536, written)
+        got, contents = read(tmp_path, table(unsigned, names=NAMES))
+        np.testing.assert_array_equal(got[:, 1:], written)
+        assert contents.layout.per_g == 8192
+        assert len(contents.damage.lines) == bool((written < 0).any())
 
 
-def test_erased_memory_without_a_clock_and_under_one_that_goes_on(tmp_path):
-    steps = table(np.round(forces() * 16384), names=NAMES)
-    count = len(steps["time_s"])
-    erased = with_erased(steps, "zeros", count, 3 * count)
-    erased["time_s"] = np.arange(4 * count) / RATE_HZ
-    for columns in (erased, {name: erased[name] for name in NAMES}):
-        got, contents = read(tmp_path, columns, RecordingOptions(rate=RATE_HZ, unit="16384/g"))
-        np.testing.assert_array_equal(got[:, -3:], whole(steps)[:, 1:])
-        assert records(contents) == [("erased", "left out", 3 * count)]
-
-
-def test_rows_out_of_order_are_sorted(tmp_path):
-    columns = table(np.round(forces(), 5))
-    for what, moved, order in orders(len(columns["time_s"])):
-        got, contents = read(tmp_path, rows(columns, order))
-        np.testing.assert_allclose(got, whole(columns), atol=1e-9, err_msg=what)
-        assert records(contents) == [("disorder", "sorted", moved)], what
-
-
-def test_rows_without_a_place_are_left_out_and_rows_that_came_twice_too(tmp_path):
-    columns = table(np.round(forces(), 5))
-    count = len(columns["time_s"])
-    spiked = columns | {"time_s": np.where(np.arange(count) == 300, 4294967.295, columns["time_s"])}
-    got, contents = read(tmp_path, spiked)
-    np.testing.assert_allclose(got, np.delete(whole(columns), 300, axis=0), atol=1e-9)
-    assert records(contents) == [("disorder", "left out", 1)]
-    assert contents.missing == 1
-    packet = np.concatenate([np.arange(500), np.arange(480, count)])
-    single = np.sort(np.concatenate([np.arange(count), np.arange(7, count, 90)]))
-    for order in (packet, single):
-        got, contents = read(tmp_path, rows(columns, order))
-        np.testing.assert_allclose(got, whole(columns), atol=1e-9)
-        assert records(contents) == [("duplicates", "left out", len(order) - count)]
-
-
-def test_a_clock_that_begins_again_is_no_disorder():
-    step = np.arange(3000) / RATE_HZ
-    exchanged = np.concatenate([step[:500], step[510:520], step[500:510], step[520:]])
-    for times in (
-        np.concatenate([step, step]),
-        np.concatenate([step + 0.003, step]),
-        np.concatenate([step + 500, step]),
-        np.concatenate([step, step[:1000] + 0.004, step]),
-    ):
-        assert order_by_clock(times) is None
-    order = order_by_clock(np.concatenate([step, exchanged]))
-    assert order is not None
-    np.testing.assert_array_equal(np.concatenate([step, exchanged])[order.rows], np.concatenate([step, step]))
-    # The times of a clock with much noise do not show an order.
-    assert order_by_clock(step + 0.4 / RATE_HZ * np.random.default_rng(1).normal(size=len(step))) is None
-
-
-@pytest.mark.parametrize("times", [2, 7, 3.25])
-@pytest.mark.parametrize("per_g", [1e5, 64])
-def test_one_of_each_repeated_sample_is_kept(tmp_path, times, per_g):
-    force = np.round(forces() * per_g) / per_g
-    sample = np.floor(np.arange(int(len(force) * times)) / times).astype(int)
-    columns = table(force[sample])
-    got, contents = read(tmp_path, columns)
-    assert len(got) == pytest.approx(len(force), rel=0.002)
-    assert contents.rate_hz == pytest.approx(RATE_HZ / times, rel=0.002)
-    if times != 3.25:
-        np.testing.assert_array_equal(got[:, 1:], force)
-    (record,) = contents.damage.records
-    assert (record.kind, record.rows) == ("repeats", len(columns["time_s"]) - len(got))
-    assert record.largest == pytest.approx(times, rel=0.01)
-    # Without times, the stated rate is that of the rows.
-    got, contents = read(tmp_path, {name: columns[name] for name in AXES}, RecordingOptions(rate=RATE_HZ))
-    assert contents.rate_hz == pytest.approx(RATE_HZ / times, rel=0.01)
-    # The logger may repeat the time as well.
-    got, contents = read(tmp_path, rows(table(force), sample))
-    assert contents.rate_hz == pytest.approx(RATE_HZ, rel=0.002)
-    assert records(contents)[0][0] == "repeats"
-
-
-def test_repeats_change_neither_means_nor_their_uncertainty(tmp_path, tumblecal):
-    columns = table(np.round(forces(25.0), 5), 25.0)
-    paths = tmp_path / "one.parquet", tmp_path / "repeated.parquet"
-    pl.DataFrame(columns).write_parquet(paths[0])
-    sample = np.arange(7 * len(columns["time_s"])) // 7
-    repeated = rows(columns, sample) | {"time_s": np.arange(len(sample)) / 175.0}
-    pl.DataFrame(repeated).write_parquet(paths[1])
-    one = reduce_recording(paths[0], KnownContext(static=True))
-    told = tumblecal("reduce", paths[1], "--static", "--no-figures", "--out", tmp_path / "r")
-    content = json.loads((tmp_path / "r" / "reduction.json").read_text())
-    np.testing.assert_allclose([own["mean_g"] for own in content["positions"]], one.table.data.readings, atol=1e-12)
-    np.testing.assert_allclose([own["sd_of_mean_g"] for own in content["positions"]], one.table.sd_of_mean, rtol=1e-3)
-    rates = "the sensor gives 25 samples a second, the file has 175 rows"
-    words = f"each sample is written 7 times: {rates}: one row of each is retained"
-    assert told.code == 0 and told.lines == [f"WARNING: {paths[1]}: {words}"]
-    assert content["damage"] == [words]
-    (record,) = content["damage_records"]
-    assert (record["kind"], record["action"], record["largest"]) == ("repeats", "left out", 7)
-
-
-def test_missing_samples_and_equal_times_are_counted(tmp_path):
-    columns = table(np.round(forces(), 5))
-    count = len(columns["time_s"])
-    kept = np.delete(np.arange(count), np.concatenate([np.arange(90, count - 1, 97), np.arange(600, 612)]))
-    _, contents = read(tmp_path, rows(columns, kept))
-    assert contents.missing == count - len(kept)
-    assert not contents.damage.lines
-    # A clock in whole ms at 800 Hz has equal times, and lacks nothing.
-    fast = forces(800.0)[:4000]
-    times = np.floor(np.arange(4000) * 1.25 + 1e-9) / 1000
-    _, contents = read(tmp_path, table(fast, 800.0) | {"time_s": times})
-    assert contents.missing == 0 and not contents.damage.lines
-
-
-def healthy():
-    """Recordings that are not damaged, however odd: name, columns, what is asked."""
-    rng = np.random.default_rng(4)
-    for rate_hz in (20.0, 100.0, 2000.0):
-        for offset_g, sigma_g in ((0.0, 1e-4), (0.6, 1e-3)):
-            force = forces(rate_hz, offset_g, sigma_g)
-            coarse = np.round(force * 64) / 64
-            times = np.arange(len(force)) / rate_hz
-            clocks = {
-                "regular": times,
-                "jitter": np.maximum.accumulate(times + 0.4 / rate_hz * rng.normal(size=len(times))),
-                "whole ms": np.round(times, 3),
-                "packets": times[np.minimum(np.arange(len(times)) // 32 * 32 + 31, len(times) - 1)],
-            }
-            for clock, own in clocks.items():
-                yield f"{rate_hz} {offset_g} {clock}", table(coarse) | {"time_s": own}, RecordingOptions()
-            yield f"{rate_hz} {offset_g} saturated", table(np.clip(coarse, -0.5, 0.5), rate_hz), RecordingOptions()
-            yield f"{rate_hz} {offset_g} fine", table(force, rate_hz), RecordingOptions()
-            counts = np.round(force * 2048)
-            for offset, options in (
-                (32768, RecordingOptions(offset="32768", unit="2048/g")),
-                (32768, RecordingOptions()),
-            ):
-                yield f"{rate_hz} {offset_g} unsigned", table(counts + offset, rate_hz, NAMES), options
-            yield (
-                f"{rate_hz} {offset_g} 10 bits",
-                table(np.round(force * 102) + 512, rate_hz, NAMES),
-                RecordingOptions(),
-            )
-    for attitude in ((0.0, 0.0, 1.0), (0.577, 0.577, 0.577), (-0.1, 0.2, 0.97)):
-        long = attitude + 5e-4 * rng.normal(size=(50_000, 3))
-        yield f"one attitude {attitude}", table(np.round(long * 64) / 64, 5.0), RecordingOptions(time_unit="s")
-    faces = np.repeat(np.vstack([np.eye(3), -np.eye(3)]), 100, axis=0) + 1e-3 * rng.normal(size=(600, 3))
-    for per_g in (64, 100, 256, 1000):
-        for face in (faces, faces[200:300], faces[[*range(200, 300), *range(500, 600)]]):
-            yield f"faces {per_g}", table(np.round(face * per_g), names=NAMES), RecordingOptions(unit=f"{per_g}/g")
-
-
-def test_healthy_recordings_pass_unchanged(tmp_path):
-    for name, columns, options in healthy():
-        got, contents = read(tmp_path, columns, options)
-        assert not contents.damage.lines, (name, contents.damage.lines)
-        assert len(got) == len(columns["time_s"]), name
-        offset = float(options.offset or 0)
-        np.testing.assert_array_equal(got[:, 1:], whole(columns)[:, 1:] - offset, err_msg=name)
-
-
-def test_means_are_no_samples(tmp_path, tumblecal):
-    means = table(np.repeat(np.round(forces()[::200], 4), 2, axis=0))
-    path = tmp_path / "means.csv"
-    pl.DataFrame(means).write_csv(path)
-    told = tumblecal("reduce", path, "--means", "--out", tmp_path / "r")
-    assert told.code == 0 and not told.lines
-    assert len(pl.read_csv(tmp_path / "r" / "positions.csv", comment_prefix="#")) == len(means["time_s"])
-
-
-@pytest.mark.parametrize("suffix", [".parquet", ".csv"])
-@pytest.mark.parametrize(
-    "names", [AXES, tuple(f"acc_{axis} [g]" for axis in "xyz")], ids=["a table in g", "a recording"]
-)
-def test_apply_leaves_erased_rows_out_and_reports_other_damage(tmp_path, tumblecal, names, suffix):
-    """The corrected file is the formula on the sound rows; it says which others were left out, and keeps those out of order."""
-    matrix, bias = np.diag([1.01, 0.99, 1.02]), np.array([0.02, -0.03, 0.05])
-    write_calibration(tmp_path / "cal.json", Calibration(matrix, bias, np.zeros((12, 12))))
-    path, out = tmp_path / f"log{suffix}", tmp_path / f"out{suffix}"
-    columns = table(np.round(forces()[:1200], 5), names=names)
-    columns |= {"note": np.arange(1200.0)}
-    written = ["time_s", "ax_g", "ay_g", "az_g", "note"]
-    places = "rows 601 to 1800" if suffix == ".parquet" else "lines 602 to 1801"
-
-    def applied(damaged):
-        frame = pl.DataFrame(damaged)
-        frame.write_parquet(path) if suffix == ".parquet" else frame.write_csv(path)
-        outcome = tumblecal("apply", tmp_path / "cal.json", path, "--out", out)
-        assert outcome.code == 0, outcome.lines
-        read = pl.read_parquet if suffix == ".parquet" else lambda own: pl.read_csv(own, comment_prefix="#")
-        comments = out.read_bytes().partition(b"note")[0] if suffix == ".csv" else str(pl.read_parquet_metadata(out))
-        return outcome, read(out).select(*written).to_numpy(), str(comments)
-
-    truth = whole(columns)
-    truth[:, 1:4] = (truth[:, 1:4] - bias) @ matrix.T
-    for kind in ERASED:
-        outcome, got, comments = applied(with_erased(columns, kind, 600, 1200))
-        np.testing.assert_allclose(got, truth, atol=1e-9, err_msg=kind)
-        assert any("1200 rows of erased memory, first row 601" in line for line in outcome.lines), (kind, outcome.lines)
-        assert f"left out: {places}" in outcome.out and places in comments
-    for what, moved, order in [*orders(1200), ("repeats", 1200, np.repeat(np.arange(1200), 2))]:
-        outcome, got, comments = applied(
-            rows(columns, order) | {"time_s": np.arange(2400) / 200} if what == "repeats" else rows(columns, order)
-        )
-        np.testing.assert_allclose(got[:, 1:], truth[order, 1:], atol=1e-9, err_msg=what)
-        words = "each sample is written 2 times" if what == "repeats" else f"{moved} row"
-        assert any(words in line and "the rows are not changed" in line for line in outcome.lines), (
-            what,
-            outcome.lines,
-        )
-        assert "left_out" not in comments
-    outcome, got, comments = applied(columns)
-    np.testing.assert_allclose(got, truth, atol=1e-9)
-    assert "left_out" not in comments and not any("rows stay" in line for line in outcome.lines)
+def test_one_attitude_is_read_as_signed_where_its_size_says_so(tmp_path):
+    written = np.round(forces()[-150:] * 16384)[:100] * [1, -1, 1]
+    unsigned = np.where(written < 0, written + 65536, written)
+    assert (np.abs(np.diff(unsigned, axis=0)) < 1000).all() and (written[:, 1] < 0).all()
+    got, contents = read(tmp_path, table(unsigned, names=NAMES))
+    np.testing.assert_array_equal(got[:, 1:], written)
+    assert records(contents)[0][0] == "unsigned"

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from tumblecal.capture.decoding.framing import decode_all
-from tumblecal.capture.decoding.losses import count_losses
 from tumblecal.capture.decoding.samples import Decoded, Status
 from tumblecal.capture.emulator import instrument, virtual_port
 from tumblecal.capture.emulator.config import Emulation
@@ -15,7 +14,6 @@ from tumblecal.capture.emulator.device import VirtualDevice
 from tumblecal.capture.emulator.instrument import VirtualInstrument
 from tumblecal.capture.protocols import protocol, protocols
 from tumblecal.ground.frames import gravity_in_head
-from tumblecal.ground.gravity import normal_gravity
 from tumblecal.noise.allan import overlapping_allan
 
 
@@ -37,25 +35,6 @@ def test_every_protocol_shows_the_position(name: str) -> None:
     )
 
 
-def test_turning_takes_time_shakes_and_shows_in_the_gyro() -> None:
-    device = VirtualDevice(Emulation.model_validate({"instrument": {"start_up_s": 0.0}}))
-    quiet = sent(device, 1.0)
-    device.head.turn(90.0, 0.0, device.time_s)
-    moving, after = sent(device, 2.0), sent(device, 6.0)
-    assert moving.samples.force.std(0).max() > 10 * quiet.samples.force.std(0).max()
-    # The integral of the rate about the spindle is the angle.
-    assert moving.samples.rate[:, 0].sum() / 125.0 == pytest.approx(90.0, rel=0.05)
-    np.testing.assert_allclose(after.samples.force[-125:].mean(0), [0.0, 1.0, 0.0], atol=1e-3)
-
-
-def test_local_gravity_and_start_up() -> None:
-    device = VirtualDevice(Emulation.model_validate({"site": {"latitude_deg": 0.0}}))
-    found = sent(device, 3.0)
-    starting = (found.samples.status & Status.STARTING) > 0
-    assert starting[:87].all() and not starting[88:].any()
-    assert found.samples.force[88:, 2].mean() == pytest.approx(normal_gravity(0.0) / 9.80665, abs=3e-4)
-
-
 @pytest.mark.parametrize("part", ["flicker_g", "markov_sd_g", "walk_g_per_rts"])
 def test_its_noise_is_that_of_the_parts(part: str) -> None:
     """Allan deviation of what is sent against the closed form, one part beside white noise."""
@@ -67,18 +46,6 @@ def test_its_noise_is_that_of_the_parts(part: str) -> None:
         found = overlapping_allan([force[:, axis]], 125.0, np.rint(tau * 125).astype(int))
         expected = config.noise.model.allan_deviation(tau)[:, axis]
         np.testing.assert_array_less(np.abs(found.deviation / expected - 1), 4 / np.sqrt(2 * found.dof) + 0.02)
-
-
-def test_commands_are_answered_in_place_of_samples() -> None:
-    device = VirtualDevice(Emulation.model_validate({"instrument": {"start_up_s": 0.0}}))
-    first = sent(device, 0.5)
-    device.command(b"C\rI")
-    device.command(b"\r")
-    found = sent(device, 0.5)
-    assert [e.kind for e in found.events] == ["configuration", "serial_number"]
-    assert len(first.samples) + len(found.samples) == device.ledger.intact == device.ledger.generated - 2
-    counter = np.concatenate([first.samples.counter, found.samples.counter])
-    assert count_losses(counter, np.arange(len(counter)) / 125.0, 256, 16).lost == 2
 
 
 def test_faults_and_their_ledger() -> None:
@@ -134,15 +101,3 @@ def test_a_late_emulator_drifts_with_the_clock_and_says_so(tmp_path: Path, monke
     device = VirtualDevice(Emulation())
     device.advance(1000)
     assert device.ledger.as_dict()["warning"] == ""
-
-
-def test_the_truth_is_ready_before_the_port_is(tmp_path: Path) -> None:
-    """Compiling the exact chain takes seconds, which a waiting capture would call silence."""
-    seen = []
-
-    def truth(*_: float) -> np.ndarray:
-        seen.append((tmp_path / "imu").is_symlink())
-        return np.array([0.0, 0.0, 1.0])
-
-    VirtualInstrument(VirtualDevice(Emulation(), truth), tmp_path / "imu").run(0.1)
-    assert seen[0] is False

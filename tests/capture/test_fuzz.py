@@ -17,9 +17,10 @@ fuzz = importlib.util.module_from_spec(_SPEC)
 _SPEC.loader.exec_module(fuzz)
 
 
-def test_hostile_files_of_all_protocols() -> None:
-    tried = fuzz.run(files=280, seed=20)
-    assert all(tried[f"{name} files"] == 40 and tried[f"{name} samples"] > 0 for name in protocols())
+@pytest.mark.parametrize("files", [70, pytest.param(280, marks=pytest.mark.long)])
+def test_hostile_files_of_all_protocols(files: int) -> None:
+    tried = fuzz.run(files=files, seed=20)
+    assert all(tried[f"{name} files"] == files // 7 and tried[f"{name} samples"] > 0 for name in protocols())
 
 
 def xsens(*fields: tuple[int, bytes]) -> bytes:
@@ -31,7 +32,7 @@ def xsens(*fields: tuple[int, bytes]) -> bytes:
 FORCE = np.array([0.5, -1.0, 9.75], ">f4").tobytes()
 
 
-@pytest.mark.parametrize("size", [1, 3, 11, 94])
+@pytest.mark.parametrize("size", [1, 11, 94])
 @pytest.mark.parametrize("name", [0x7010, 0x4010, 0x8020, 0x0810, 0x1020, 0xE020, 0x4041])
 def test_xsens_fields_that_do_not_fit_are_skipped(name: int, size: int) -> None:
     message = xsens((name, bytes(range(size))), (0x4020, FORCE))
@@ -68,21 +69,3 @@ def test_frames_of_one_size_and_another_content_are_not_mixed_up() -> None:
     broken, whole = packet(b"\x00\x04" + FORCE), packet(b"\x0e\x04" + FORCE)
     found = decode_all(protocol("mip").decoder(), broken + whole + broken + whole)
     assert len(found.samples) == 2
-
-
-def test_a_witmotion_rate_before_any_force() -> None:
-    rate = bytes.fromhex("55520000000000000000a7")
-    assert decode_all(protocol("witmotion").decoder(), 4 * rate).counts.special == 4
-
-
-def test_a_mip_force_of_another_length_at_the_end() -> None:
-    body = b"\x75\x65\x80\x04\x04\x04\x00\x00"
-    running = np.cumsum(np.frombuffer(body, np.uint8), dtype=np.int64)
-    packet = body + bytes([int(running[-1] % 256), int(running.sum() % 256)])
-    assert decode_all(protocol("mip").decoder(), packet).counts.special == 1
-
-
-def test_an_inertial_labs_count_beyond_the_end() -> None:
-    body = bytes([1, 0x95]) + (9).to_bytes(2, "little") + bytes([255, 0x23, 0])
-    message = b"\xaa\x55" + body + (sum(body) % 65536).to_bytes(2, "little")
-    assert decode_all(protocol("inertial_labs").decoder(), message).counts.special == 1

@@ -31,15 +31,17 @@ def arrived(count: int, *events: str) -> Arrived:
     return Arrived(samples, np.zeros(count), places, places, [], [{"event": event} for event in events])
 
 
+def guide_of(folder: Path, positions: dict, seconds: float, rate_hz: float, name: str, **more) -> Guide:
+    """A guide of a device of this protocol, fed by hand."""
+    plan = CapturePlan.model_validate({"positions": positions, "dwell": {"seconds": seconds, "settle_s": 0.0}})
+    recording = SimpleNamespace(position=0, sync=lambda: None, log=folder / "journal.log")
+    stream = SimpleNamespace(recording=recording, tally=Tally(status=Counter()), protocol=protocol(name))
+    run = RunFolder(folder, plan, RunState(), Journal(folder))
+    return Guide(run, stream, rate_hz, **more)  # type: ignore[arg-type]
+
+
 def test_the_alarm_of_a_lost_device_outlasts_the_samples_of_the_same_poll(tmp_path: Path) -> None:
-    plan = CapturePlan.model_validate(
-        {"positions": {"listed": [{"alpha_deg": 0, "beta_deg": 0}]}, "dwell": {"seconds": 1000.0, "settle_s": 0.0}}
-    )
-    stream = SimpleNamespace(
-        recording=SimpleNamespace(position=0), tally=Tally(status=Counter()), protocol=protocol("stim300")
-    )
-    journal = Journal(tmp_path)
-    guide = Guide(RunFolder(tmp_path, plan, RunState(), journal), stream, 20.0)  # type: ignore[arg-type]
+    guide = guide_of(tmp_path, {"listed": [{"alpha_deg": 0, "beta_deg": 0}]}, 1000.0, 20.0, "stim300")
     while guide.phase != Phase.RECORDING:
         guide.take(arrived(20))
     guide.take(arrived(20))
@@ -50,21 +52,11 @@ def test_the_alarm_of_a_lost_device_outlasts_the_samples_of_the_same_poll(tmp_pa
     guide.take(arrived(20, "reopened"))
     assert view_of(guide).alarm == ""
     guide.worker.close()
-    journal.close()
 
 
 def test_exchanged_frames_are_no_loss_and_the_screen_says_why_an_attempt_was_rejected(tmp_path: Path) -> None:
     """A STIM300 at 125 Hz: pairs of frames exchanged, then 4 % of the frames dropped, then whole again."""
-    plan = CapturePlan.model_validate(
-        {"positions": {"beta_deg": [0], "alpha_deg": [0, 180]}, "dwell": {"seconds": 4.0, "settle_s": 0.0}}
-    )
-    stream = SimpleNamespace(
-        recording=SimpleNamespace(position=0, sync=lambda: None, log=tmp_path / "journal.log"),
-        tally=Tally(status=Counter()),
-        protocol=protocol("stim300"),
-    )
-    journal = Journal(tmp_path)
-    guide = Guide(RunFolder(tmp_path, plan, RunState(), journal), stream, 125.0)  # type: ignore[arg-type]
+    guide = guide_of(tmp_path, {"beta_deg": [0], "alpha_deg": [0, 180]}, 4.0, 125.0, "stim300")
     numbers = np.arange(20_000)
     numbers[5::9], numbers[6::9] = numbers[6::9].copy(), numbers[5::9].copy()
     pieces = iter(np.array_split(numbers, 20_000 // 50))
@@ -92,26 +84,18 @@ def test_exchanged_frames_are_no_loss_and_the_screen_says_why_an_attempt_was_rej
         go_on(-1.0, dropped=False)
     assert {Phase.TURN, Phase.RECORDING} <= shown and view_of(guide).rejected == ""
     guide.worker.close()
-    journal.close()
 
 
-@pytest.mark.parametrize("notice", [{"event": "reopened"}, {"event": "data_again", "after_s": 4.0}])
-@pytest.mark.parametrize("other_g", [0.0, 3e-4])
+@pytest.mark.parametrize(
+    ("notice", "other_g"), [({"event": "reopened"}, 0.0), ({"event": "data_again", "after_s": 4.0}, 3e-4)]
+)
 def test_an_instrument_of_a_kind_without_serial_numbers_is_compared(
     tmp_path: Path, notice: dict, other_g: float
 ) -> None:
     """Interrupted in the middle of the second position: the first one is measured again before anything is accepted."""
-    plan = CapturePlan.model_validate(
-        {"positions": {"beta_deg": [0], "alpha_deg": [0, 180]}, "dwell": {"seconds": 8.0, "settle_s": 0.0}}
-    )
-    stream = SimpleNamespace(
-        recording=SimpleNamespace(position=0, sync=lambda: None, log=tmp_path / "journal.log"),
-        tally=Tally(status=Counter()),
-        protocol=protocol("witmotion"),
-    )
-    journal, rng = Journal(tmp_path), np.random.default_rng(5)
-    identity = Identity(lambda query: None, (), None, None, confirmed=False)
-    guide = Guide(RunFolder(tmp_path, plan, RunState(), journal), stream, 20.0, identity=identity)  # type: ignore[arg-type]
+    rng, identity = np.random.default_rng(5), Identity(lambda query: None, (), None, None, confirmed=False)
+    positions = {"beta_deg": [0], "alpha_deg": [0, 180]}
+    guide = guide_of(tmp_path, positions, 8.0, 20.0, "witmotion", identity=identity)
 
     def feed(turned: float, error_g: float = 0.0, notices: tuple[dict, ...] = ()) -> None:
         part = arrived(20)
@@ -136,7 +120,6 @@ def test_an_instrument_of_a_kind_without_serial_numbers_is_compared(
     while not stopped and guide.phase != Phase.FINISHED:
         feed(-1.0)
     guide.worker.close()
-    journal.close()
     state = replayed([record.content() for record in read_log(tmp_path / JOURNAL_NAME)])
     assert state.to_compare == bool(other_g) and [entry["entry"] for entry in state.doubts] == [
         "identity_not_confirmed",

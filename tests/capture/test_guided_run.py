@@ -44,39 +44,18 @@ height_m = 520.0
 seed = SEED
 [head]
 turn_s = 1.0
+reaction_s = 0.2
 """
-_PROMPT = re.compile(r"TURN position (\S+), (\d+) of 24 done: alpha (\S+) beta (\S+)(.*)")
-
-
-def operate(
-    capture: CaptureProcess, emulator: Emulator, *, wrong_at: str = "", kill_at: int = 99, limit_s: float = 600
-) -> bool:
-    """Work the head as the screen says; False when the process was killed on the way."""
-    turned = ""
-    deadline = time.monotonic() + limit_s
-    while capture.running:
-        if time.monotonic() > deadline:
-            capture.kill()
-            pytest.fail("\n".join(capture.seen[-12:]))
-        for line in capture.lines():
-            if "[y/n]" in line:
-                capture.press("y\n")
-            if f"RECORDING position {kill_at}," in line:
-                capture.kill()
-                return False
-            prompt = _PROMPT.match(line)
-            if not prompt:
-                continue
-            name, _, alpha, beta, alarm = prompt.groups()
-            if "this looks like" in alarm and turned == f"wrong {name}":
-                emulator.turn(float(alpha), float(beta))
-                turned = name
-            elif turned not in (name, f"wrong {name}"):
-                wrong = name == wrong_at
-                emulator.turn(float(alpha) + 90 * wrong, float(beta))
-                turned = f"wrong {name}" if wrong else name
-        time.sleep(0.01)
-    return True
+DISTURBED = """
+[faults]
+unplug_at_s = [75.0, 180.0]
+unplug_for_s = 4.0
+bit_flips_per_s = 0.05
+lost_bytes_per_s = 0.05
+[[mistake]]
+at = 3
+alpha_offset_deg = 90.0
+"""
 
 
 def parameters(folder: Path) -> tuple[np.ndarray, np.ndarray]:
@@ -85,33 +64,23 @@ def parameters(folder: Path) -> tuple[np.ndarray, np.ndarray]:
     return fitted.values, np.sqrt(np.diag(fitted.covariance))
 
 
+@pytest.mark.long
 def test_disturbed_run_ends_in_the_same_calibration(tmp_path: Path) -> None:
     """A wrong position, an unplug and a kill -9 in the middle change the result by no more than its sd allows."""
     (tmp_path / "plan.toml").write_text(PLAN)
-    with Emulator(tmp_path, EMULATOR.replace("SEED", "1")) as emulator:
+    with Emulator(tmp_path, EMULATOR.replace("SEED", "1"), follow="quiet"):
         capture = CaptureProcess(tmp_path, "plan.toml", "--out", "quiet", "--plain", "--no-estimate")
-        assert operate(capture, emulator)
         assert capture.close() == 0, capture.seen[-20:]
-    faults = (
-        "[faults]\nunplug_at_s = [75.0, 180.0]\nunplug_for_s = 4.0\nbit_flips_per_s = 0.05\nlost_bytes_per_s = 0.05\n"
-    )
-    with Emulator(tmp_path, EMULATOR.replace("SEED", "2") + faults) as emulator:
+    with Emulator(tmp_path, EMULATOR.replace("SEED", "2") + DISTURBED, follow="rough") as emulator:
         capture = CaptureProcess(tmp_path, "plan.toml", "--out", "rough", "--plain")
-        # On a busy machine a kill may come when its position is done already: then it is not in the middle, and comes again.
-        for kill_at in (7, 10, 13, 16):
-            assert not operate(capture, emulator, wrong_at="3", kill_at=kill_at)
-            before = replayed(read_journal(tmp_path / "rough"))
-            if len(before.accepted) < kill_at:
-                break
-            while not emulator.port.exists():
-                time.sleep(0.01)
-            capture = CaptureProcess(tmp_path, "--resume", "rough", "--plain")
-        assert kill_at - 2 <= len(before.accepted) <= kill_at - 1
+        capture.wait_for(lambda: any("RECORDING position 7," in line for line in capture.seen))
+        capture.kill()
+        before = replayed(read_journal(tmp_path / "rough"))
+        assert 5 <= len(before.accepted) <= 7
         for _ in range(3):
             while not emulator.port.exists():
                 time.sleep(0.01)
-            capture = CaptureProcess(tmp_path, "--resume", "rough", "--plain")
-            assert operate(capture, emulator)
+            capture = CaptureProcess(tmp_path, "--resume", "rough", "--plain", "--yes")
             # On a slow machine the next unplugging may come just as the run is resumed: plugged in, it is resumed again.
             code = capture.close()
             if code == 0:
@@ -192,13 +161,6 @@ def test_keys_leave_every_attempt_in_the_journal(finished: Path) -> None:
     assert state.attempts[2] == 3 and state.accepted[2].number == 3
     kinds = [e["entry"] for e in entries]
     assert kinds.count("skipped") == 1 and kinds.count("withdrawn") == 1 and kinds.count("rejected") >= 1
-
-
-def test_exchanged_and_repeated_frames_are_not_lost(finished: Path) -> None:
-    """About 16 pairs of frames exchanged and 8 frames repeated in each dwell: none is lost, live and when decoded again."""
-    summaries = [attempt.summary for attempt in replayed(read_journal(finished)).accepted.values()]
-    assert [summary["lost"] for summary in summaries] == [0, 0, 0]
-    assert [checks.lost for checks in reduce(finished).checks] == [0, 0, 0]
 
 
 def test_reduction_of_a_run(finished: Path) -> None:

@@ -43,11 +43,6 @@ def test_stim300_real_values(identifier: int) -> None:
         assert found.samples.temperature[0] == np.mean([35.09765625, 35.0390625, 35.109375])
 
 
-def test_stim300_rate_only_has_no_force() -> None:
-    found = decoded("stim300", f"90 {_CLUSTERS} e1 01 fa bf de 9d 6c", TEN_G)
-    assert len(found.samples) == 1 and np.isnan(found.samples.force).all()
-
-
 def test_stim300_corners() -> None:
     corner = (
         "93 7f ff ff 80 00 00 ff ff ff 14 50 00 00 b0 00 00 ff ff ff 48 40 00 00 c0 00 00 00 00 01 00 "
@@ -113,10 +108,6 @@ XSENS_CLIPPING = (
     "80 30 10 3F 7F F8 98 3B AA 9E E5 BC 53 9E C0 BB B9 06 0C C0 20 0C 3E DC 74 39 BE 75 2B 48 3F AF 9A 3F "
     "30 10 04 00 01 86 DE E0 20 04 00 48 14 01 8E"
 )
-XSENS_PLAIN = (
-    "FA FF 36 26 10 20 02 46 82 10 60 04 01 C4 FC 3E 20 10 10 3F 71 CE 6C BE A5 6B CF 3C 61 3B D8 BD 69 1D 25 "
-    "E0 20 04 00 40 00 03 12"
-)
 XSENS_FORMATS = (
     "FA FF 36 51 10 20 02 3B DD 20 31 0C FF F0 47 35 FF FD C8 86 07 3B 35 C8 "
     "80 32 18 00 00 00 01 00 01 FF E3 E0 C4 FF FF FF EC 25 95 FF FF FF F4 64 E8 FF FF "
@@ -132,11 +123,6 @@ def test_xsens_clipping() -> None:
     np.testing.assert_allclose(samples.force[0] * 9.80665, [-30.28455162, -29.60960007, -71.76024628], rtol=1e-9)
     np.testing.assert_allclose(np.radians(samples.rate[0]), [4.16570139, -10.33340263, -4.51734877], rtol=1e-8)
     assert samples.status[0] == Status.OVERLOAD
-
-
-def test_xsens_without_force_is_no_sample() -> None:
-    found = decoded("xsens", " ".join([XSENS_PLAIN] * 3))
-    assert len(found.samples) == 0 and found.counts.special == 3 and found.counts.discarded == 0
 
 
 def test_xsens_number_formats() -> None:
@@ -205,14 +191,6 @@ def test_vectornav_refuses_what_is_no_specific_force(name: str) -> None:
     assert "VNIMU" in refused.content["text"]
 
 
-@pytest.mark.parametrize(("group", "field"), [(4, 5), (4, 6), (4, 7), (5, 7), (5, 8)])
-def test_vectornav_binary_refuses_what_is_no_specific_force(group: int, field: int) -> None:
-    row = bytes([1 << group]) + (1 << field).to_bytes(2, "little") + np.array([0, 0, 9.8], "<f4").tobytes()
-    message = b"\xfa" + row + crc16_xmodem(row).to_bytes(2, "big")
-    found = decode_all(protocol("vectornav").decoder(), 3 * message)
-    assert len(found.samples) == 0 and [e.kind for e in found.events] == ["refused"]
-
-
 def test_vectornav_binary_with_fields_of_all_groups() -> None:
     """Satellites, attitude and position beside the raw specific force: sizes after the vendor's library."""
     head = bytes([0x7D]) + b"".join(w.to_bytes(2, "little") for w in (0x0001, 0x000C, 0x2003, 0x1402, 0x0603, 0x2000))
@@ -228,15 +206,6 @@ def test_vectornav_crc16_line() -> None:
     body = VECTORNAV[1][1:-3].encode()
     assert crc16_xmodem(body) == 0xA157 and crc16_xmodem(b"123456789") == 0x31C3
     assert line_ok(b"$" + body + b"*A157") and not line_ok(b"$" + body + b"*A156")
-
-
-def test_vectornav_binary_without_force() -> None:
-    message = "FA 01 09 00 70 05 00 03 0A 00 00 00 48 0E 2C 42 08 4C 37 C1 10 38 8B C2 D4 CB"
-    found = decoded("vectornav", message)
-    assert found.counts.special == 1 and found.counts.discarded == 0 and len(found.samples) == 0
-    data = bytes.fromhex(message)
-    assert int.from_bytes(data[4:12], "little") == 43000006000
-    np.testing.assert_allclose(np.frombuffer(data[12:24], "<f4"), [43.013947, -11.456062, -69.609497], rtol=1e-7)
 
 
 def test_mip() -> None:

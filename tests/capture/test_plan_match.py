@@ -8,7 +8,6 @@ from recordings_made import imu_columns, made, text
 from hand_held_sessions import Hand
 from tumblecal.capture.capture_plan import CapturePlan, read_plan
 from tumblecal.capture.recordings.options import KnownContext, RecordingOptions
-from tumblecal.capture.reduction.means_at_rest import NothingStill
 from tumblecal.capture.reduction.plan_match import matched
 from tumblecal.capture.reduction.reduce_recording import means_of, reduce_recording
 from tumblecal.data import read_positions
@@ -57,14 +56,6 @@ def names(plan):
     return [str(step.name) for step in plan.steps]
 
 
-def test_the_plans_order_is_kept_where_gravity_looks_alike(grid):
-    plan = read_plan(grid)
-    match = matched(readings(plan, range(24), bias=(0.2, -0.15, 0.1)), plan)
-    assert match.in_order
-    assert match.positions.tolist() == list(range(24))
-    assert match.words() == []
-
-
 def test_missing_repeated_and_surplus_intervals_are_told(grid):
     plan = read_plan(grid)
     order = [0, 1, 2, 2, 4, 5, 6, 7, *range(8, 24)]
@@ -76,20 +67,10 @@ def test_missing_repeated_and_surplus_intervals_are_told(grid):
     assert match.surplus == [10]
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_any_order_is_recognised_by_direction(six, seed):
-    plan = read_plan(six)
-    order = np.random.default_rng(seed).permutation([0, 1, 2, 3, 4, 5, 5, 0])
-    match = matched(readings(plan, order, bias=(0.1, 0.1, -0.1), seed=seed), plan)
-    assert match.positions.tolist() == order.tolist()
-    assert match.repeated == ["x up", "z down"]
-
-
-@pytest.mark.parametrize("offset", [0.3, 0.6])
 @pytest.mark.parametrize("seed", range(3))
-def test_offsets_of_cheap_sensors_hide_no_position(six, grid, offset, seed):
+def test_offsets_of_cheap_sensors_hide_no_position(six, grid, seed):
     """They turn directions by up to 30 degrees: their own middle, or a sphere, gives them. One face may be missing."""
-    bias = offset * np.array([1, -1, 1]) * [[1, 1, 1], [0, 0, 1], [1, 0.5, 0]][seed]
+    bias = 0.6 * np.array([1, -1, 1]) * [[1, 1, 1], [0, 0, 1], [1, 0.5, 0]][seed]
     plan, rng = read_plan(six), np.random.default_rng(seed)
     order = rng.permutation(6)
     for taken in (order, order[1:]):
@@ -134,31 +115,6 @@ def test_surplus_intervals_are_refused_with_their_angle(tmp_path, six):
     assert refused.startswith("surplus: not a position of the plan, 5")
 
 
-def test_a_plan_of_another_mounting_is_a_line(tmp_path, six):
-    s = made(Hand(), 3, np.array([[1, 1, 1], [-1, 1, 1], [1, -1, 1], [1, 1, -1]]) / 3**0.5)
-    pl.DataFrame(imu_columns(s)).write_parquet(tmp_path / "s.parquet")
-    with pytest.raises(NothingStill, match="none of 4 intervals at rest fits a position of the plan"):
-        reduce_recording(tmp_path / "s.parquet", KnownContext(plan=six))
-
-
-def test_positions_named_by_a_column_get_the_plans_angles(tmp_path, six):
-    plan = read_plan(six)
-    s = session_of(plan, range(6))
-    label = np.full(len(s.time_s), "turning", dtype=object)
-    for (start, stop), name in zip(s.still, names(plan), strict=True):
-        label[start + 20 : stop - 20] = name
-    columns = imu_columns(s) | {"part": label, "session": np.full(len(label), "monday")}
-    pl.DataFrame(columns).write_csv(tmp_path / "parts.txt")
-    data = reduce_recording(
-        tmp_path / "parts.txt", KnownContext(plan=six, by="part"), RecordingOptions(columns="run=session")
-    ).table.data
-    assert data.names == tuple(names(plan))
-    np.testing.assert_array_equal(data.beta_deg, [-90, 90, 0, 0, 0, 0])
-    assert data.run == ("monday",) * 6
-    with pytest.raises(InputError, match="none of its position names is in"):
-        reduce_recording(tmp_path / "parts.txt", KnownContext(plan=six, by="session"))
-
-
 @pytest.mark.parametrize("suffix", [".csv", ".xlsx"])
 def test_a_table_of_means_becomes_a_hand_held_set(tmp_path, tumblecal, suffix):
     s = made()
@@ -182,7 +138,7 @@ def test_a_table_of_means_becomes_a_hand_held_set(tmp_path, tumblecal, suffix):
 MEANS = ["position,alpha_deg,beta_deg,ax_g,ay_g,az_g", "a,0,0,0,0,1", "b,90,0,0,1,0", "c,180,0,0,0,-1", "d,0,90,-1,0,0"]
 
 
-@pytest.mark.parametrize("row", ["b,90,0,0,nan,0", "b,90,0,0,inf,0", "b,nan,0,0,1,0", "note: warm", "b,90,0,0,-,0"])
+@pytest.mark.parametrize("row", ["b,90,0,0,nan,0", "note: warm"])
 def test_a_mean_that_is_left_out_is_named(tmp_path, tumblecal, row):
     (tmp_path / "means.csv").write_text("\n".join([*MEANS[:2], row, *MEANS[3:]]))
     outcome = tumblecal("reduce", tmp_path / "means.csv", "--means", "--out", tmp_path / "out")
@@ -190,18 +146,28 @@ def test_a_mean_that_is_left_out_is_named(tmp_path, tumblecal, row):
     assert f"WARNING: {tmp_path / 'means.csv'}: 1 line left out, without a whole reading: 3" in outcome.lines
 
 
-def test_what_is_guessed_of_means_is_said(tmp_path, tumblecal):
-    rows = [row.replace("_g", "").replace(",1", ",1000") for row in MEANS]
-    (tmp_path / "means.csv").write_text("\n".join(rows).replace("-1", "-1000"))
-    outcome = tumblecal("reduce", tmp_path / "means.csv", "--means", "--out", tmp_path / "out")
-    assert outcome.code == 0 and "unit guessed: mg" in outcome.out
+def test_positions_named_by_a_column_get_the_plans_angles(tmp_path, six):
+    plan = read_plan(six)
+    s = session_of(plan, range(6))
+    label = np.full(len(s.time_s), "turning", dtype=object)
+    for (start, stop), name in zip(s.still, names(plan), strict=True):
+        label[start + 20 : stop - 20] = name
+    columns = imu_columns(s) | {"part": label, "session": np.full(len(label), "monday")}
+    pl.DataFrame(columns).write_csv(tmp_path / "parts.txt")
+    data = reduce_recording(
+        tmp_path / "parts.txt", KnownContext(plan=six, by="part"), RecordingOptions(columns="run=session")
+    ).table.data
+    assert data.names == tuple(names(plan))
+    np.testing.assert_array_equal(data.beta_deg, [-90, 90, 0, 0, 0, 0])
+    assert data.run == ("monday",) * 6
+    with pytest.raises(InputError, match="none of its position names is in"):
+        reduce_recording(tmp_path / "parts.txt", KnownContext(plan=six, by="session"))
 
 
 @pytest.mark.parametrize(
     ("more", "words"),
     [
         (["# gravity_ms2: 981"], "means.csv: comment gravity_ms2: '981' is not a gravity in m/s^2"),
-        (["# gravity_ms2: 9,81"], "means.csv: comment gravity_ms2: '9,81' has a decimal comma; write 9.81"),
         (["e,0,45,1e9,0,1"], "means.csv:row 5, column ax_g: 1e+09 g is not a possible reading"),
     ],
 )

@@ -8,7 +8,6 @@ import polars as pl
 import pytest
 
 from tumblecal.capture.recordings.options import KnownContext, RecordingOptions
-from tumblecal.capture.still import blocks
 from tumblecal.capture.thermal.read_thermal import thermal_reading
 from tumblecal.capture.thermal.thermal_table import ThermalTable
 from tumblecal.data.files import write_positions
@@ -98,30 +97,29 @@ def test_attitudes_in_one_file_by_the_direction_of_gravity(tmp_path: Path):
     assert (np.diff(table.time_s) > 0).all()
 
 
-def test_attitudes_that_columns_of_the_recording_state(tmp_path: Path):
+@pytest.mark.parametrize("by", ["columns", "a plan", "a table of files"])
+def test_attitudes_and_angles_are_stated_by(tmp_path: Path, by: str):
     stay = int(30 * RATE)
     gravity = np.concatenate([np.tile(UP, (stay, 1)), turned(UP, RIGHT, 40), np.tile(RIGHT, (stay, 1))])
-    frame = recording(np.linspace(0, 40, len(gravity)), gravity)
-    turn = np.arange(len(gravity)) < stay + 20
-    frame = frame.with_columns(position=pl.Series(np.where(turn, "top", "side")), alpha_deg=np.where(turn, 0.0, 90.0))
-    table = read_thermal([written(tmp_path, frame.with_columns(beta_deg=0.0))])
-    assert table.attitudes == ("top", "side")
-    assert table.alpha_deg is not None
-    np.testing.assert_array_equal(table.alpha_deg, np.where(np.array(table.attitude) == "top", 0.0, 90.0))
-
-
-def test_attitudes_of_a_plan(tmp_path: Path):
-    stay = int(30 * RATE)
-    parts = [np.tile(UP, (stay, 1)), turned(UP, RIGHT, 40), np.tile(RIGHT, (stay, 1))]
-    gravity = np.concatenate([*parts, turned(RIGHT, UP, 40), *parts])
-    plan = tmp_path / "plan.toml"
-    plan.write_text("[positions]\nalpha_deg = [0, 90]\nbeta_deg = [0]\n")
-    path = written(tmp_path, recording(np.linspace(0, 40, len(gravity)), gravity))
-    table = read_thermal([path], KnownContext(plan=plan))
-    assert len(table.attitudes) == 2
-    assert table.alpha_deg is not None
-    expected = np.where(np.abs(table.readings[:, 2]) > 0.5, 0.0, 90.0)
-    np.testing.assert_array_equal(table.alpha_deg, expected)
+    if by == "a plan":
+        gravity = np.concatenate([gravity, turned(RIGHT, UP, 40), gravity])
+    frame, context = recording(np.linspace(0, 40, len(gravity)), gravity), KnownContext()
+    files = [tmp_path / "one.csv", tmp_path / "two.csv"]
+    if by == "a table of files":
+        (tmp_path / "files.csv").write_text("file,position,alpha_deg,beta_deg\none.csv,up,0,0\ntwo.csv,right,90,0\n")
+        context = KnownContext(table=tmp_path / "files.csv")
+        written(tmp_path, frame[:stay], "one.csv")
+        written(tmp_path, frame[-stay:], "two.csv")
+    elif by == "a plan":
+        (tmp_path / "plan.toml").write_text("[positions]\nalpha_deg = [0, 90]\nbeta_deg = [0]\n")
+        files, context = [written(tmp_path, frame)], KnownContext(plan=tmp_path / "plan.toml")
+    else:
+        right = np.arange(len(gravity)) >= stay + 20
+        frame = frame.with_columns(position=pl.Series(np.where(right, "right", "up")), alpha_deg=90.0 * right)
+        files = [written(tmp_path, frame.with_columns(beta_deg=0.0))]
+    table = read_thermal(files, context)
+    assert len(table.attitudes) == 2 and (by == "a plan" or table.attitudes == ("up", "right"))
+    np.testing.assert_array_equal(table.alpha_deg, np.where(np.abs(table.readings[:, 2]) > 0.5, 0.0, 90.0))
 
 
 def test_files_with_one_direction_are_one_attitude_only_if_stated(tmp_path: Path):
@@ -138,20 +136,6 @@ def test_files_with_one_direction_are_one_attitude_only_if_stated(tmp_path: Path
     np.testing.assert_allclose(np.median(np.diff(together.temperature_degc)), 1.0, rtol=0.1)
 
 
-def test_angles_of_a_table_of_files(tmp_path: Path):
-    files = [
-        written(tmp_path, recording(ramp(0, 20, 2), UP), "one.csv"),
-        written(tmp_path, recording(ramp(0, 20, 2), RIGHT), "two.csv"),
-    ]
-    listed = tmp_path / "files.csv"
-    listed.write_text("file,position,alpha_deg,beta_deg,mount\none.csv,up,0,0,A\ntwo.csv,right,90,0,A\n")
-    table = read_thermal(files, KnownContext(table=listed))
-    assert table.attitudes == ("up", "right")
-    assert table.alpha_deg is not None
-    assert set(table.alpha_deg.tolist()) == {0.0, 90.0}
-    assert set(table.mount or ()) == {"A"}
-
-
 def test_restart_of_the_clock_gives_two_clocks_and_a_gap_one(tmp_path: Path):
     first, second = recording(ramp(0, 20, 2), UP, begin_s=100.0), recording(ramp(20, 40, 2), UP, seed=2, begin_s=20.0)
     table = read_thermal([written(tmp_path, pl.concat([first, second]))])
@@ -161,17 +145,6 @@ def test_restart_of_the_clock_gives_two_clocks_and_a_gap_one(tmp_path: Path):
     table = read_thermal([written(tmp_path, gap)])
     assert set(table.clock) == {"ramp"}
     assert set(table.branch) == {"ramp:1 up"}
-
-
-def test_very_long_recordings_have_a_bounded_number_of_blocks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    degc = np.concatenate([ramp(-10, 50, 4), ramp(50, -10, 4)])
-    path = written(tmp_path, recording(degc, UP))
-    monkeypatch.setattr(blocks, "_MOST_BLOCKS", 1000)
-    table = read_thermal([path])
-    # 10 samples a block instead of 4.
-    assert set(table.n % 10) == {0}
-    assert set(table.branch) == {"ramp:1 up", "ramp:2 down"}
-    assert np.sqrt(np.mean(scores(table, UP) ** 2)) < 1.3
 
 
 @pytest.mark.parametrize(
@@ -238,17 +211,6 @@ def test_position_file_is_a_table_of_soaks(tmp_path: Path):
     np.testing.assert_array_equal(table.sd, 1e-5)
 
 
-def test_positions_of_a_scattering_thermometer_are_soaks(tmp_path: Path):
-    """Uniform within 1 degC at each of five soaks, as of a chamber with a two-point controller."""
-    data = positions([0, 15, 30, 15, 0])
-    scatter = np.random.default_rng(4).uniform(-1, 1, len(data))
-    path = tmp_path / "positions.csv"
-    write_positions(path, replace(data, temperature_degc=data.temperature_degc + scatter))
-    table = read_thermal([path])
-    assert table.soak.all()
-    assert table.reached_by.tolist() == [0] * 6 + [1] * 12 + [-1] * 12
-
-
 def test_noise_of_position_files_can_be_stated_and_that_of_samples_not(tmp_path: Path):
     path = tmp_path / "positions.csv"
     write_positions(path, replace(positions([0, 20]), sd=None, n=None))
@@ -278,36 +240,12 @@ _RAMP = recording(ramp(0, 40, 1), UP)
             {},
             "column temperature_degc has no values; write the temperature of",
         ),
-        (
-            _RAMP.rename({"temperature_degc": "temp_degf"}),
-            {},
-            "column temp_degf is in kelvin or Fahrenheit by its name",
-        ),
         (_RAMP.rename({"temperature_degc": "TempF"}), {}, "column TempF is in kelvin or Fahrenheit by its name"),
         (recording(np.full(2400, 25.0), UP), {}, r"the temperature is constant \(.*within its resolution and noise\)"),
-        (_RAMP.with_columns(temperature_degc=25.0), {}, r"the temperature is constant \(25 degC throughout\)"),
         (_RAMP.with_columns(pl.col("temperature_degc") + 273.15), {}, "are in kelvin; write degC"),
         (_RAMP.with_columns(pl.col("temperature_degc") * 340), {}, "not a possible temperature of a triad"),
-        (
-            _RAMP.rename({"temperature_degc": "temp_F"}),
-            {"columns": "temperature=temp_F"},
-            "temp_F is in kelvin or Fahr",
-        ),
         (recording(ramp(0, 40, 1), UP, sd=0.3), {}, "no interval at rest"),
         (_RAMP.head(20), {}, "too few to find intervals"),
-    ],
-    ids=[
-        "missing",
-        "empty",
-        "degf",
-        "camel",
-        "noise",
-        "constant",
-        "kelvin",
-        "counts",
-        "fahrenheit",
-        "moving",
-        "few",
     ],
 )
 def test_bad_recordings_have_one_clear_line(tmp_path: Path, frame: pl.DataFrame, options: dict, fault: str):
@@ -321,15 +259,6 @@ def slow(gravity: np.ndarray, sd: float = 3e-3) -> pl.DataFrame:
     """A log at 0.25 Hz with the temperature up and down."""
     degc = np.concatenate([np.linspace(20, 60, len(gravity) // 2), np.linspace(60, 20, len(gravity) // 2)])
     return recording(degc, gravity, sd=sd).with_columns(pl.col("time_s") * 4 * RATE)
-
-
-def test_a_slow_log_of_one_attitude_is_taken_as_still(tmp_path: Path):
-    reading = thermal_reading([written(tmp_path, slow(np.tile(UP, (800, 1))))])
-    table = reading.table
-    assert table.attitudes == ("a1",) and set(table.branch) == {"ramp:1 up", "ramp:2 down"}
-    assert len(table) >= 36
-    assert np.sqrt(np.mean(scores(table, UP) ** 2)) < 1.25
-    assert any("0.25 Hz cannot show movements; taken as still" in line for line in reading.warnings[0][1])
 
 
 def test_a_slow_log_of_several_attitudes_needs_the_statement_that_it_was_still(tmp_path: Path):
@@ -358,20 +287,3 @@ def test_temperatures_above_those_of_sensors_are_reported(tmp_path: Path):
     fahrenheit = _RAMP.with_columns(pl.col("temperature_degc") * 1.8 + 60)
     ((_, lines), *more) = [one for one in thermal_reading([written(tmp_path, fahrenheit)]).warnings if one[1]]
     assert not more and len(lines) == 1 and "if these are counts or degrees Fahrenheit, write degC" in lines[0]
-
-
-def test_bad_positions_have_one_clear_line(tmp_path: Path):
-    path = tmp_path / "positions.csv"
-    write_positions(path, replace(positions([0, 40]), temperature_degc=None))
-    with pytest.raises(InputError, match="column temperature_degc is missing"):
-        read_thermal([path])
-    write_positions(path, replace(positions([20]), temperature_degc=np.full(6, 20.0)))
-    with pytest.raises(InputError, match="temperature is constant"):
-        read_thermal([path])
-
-
-def test_width_of_bins_can_be_stated_and_must_be_above_zero(tmp_path: Path):
-    path = written(tmp_path, recording(ramp(0, 40, 2), UP))
-    assert 3 <= len(read_thermal([path], bin_degc=10.0)) <= 5
-    with pytest.raises(InputError, match="it must be above 0"):
-        read_thermal([path], bin_degc=0.0)

@@ -16,7 +16,6 @@ from tumblecal.capture.decoding.losses import Rates, losses_from_time
 from tumblecal.capture.port.live import LiveStream
 from tumblecal.capture.port.recording import Recording
 from tumblecal.capture.protocols import protocol
-from tumblecal.capture.reduction.reduce import _rate_of
 from tumblecal.capture.run.dwell import losses_of
 from tumblecal.capture.run.meeting import meet
 
@@ -43,9 +42,8 @@ class Board:
         self._writer.join()
 
 
-@pytest.mark.parametrize("backlog_s", [0.0, 6.0])
-def test_a_backlog_does_not_change_the_rate(tmp_path: Path, backlog_s: float) -> None:
-    board = Board(backlog_s)
+def test_a_backlog_does_not_change_the_rate(tmp_path: Path) -> None:
+    board = Board(6.0)
     content = {"url": board.port, "protocol": "text", "columns": "counter,-,ax,ay,az", "unit": "g"}
     plan = CapturePlan.model_validate(
         {"port": content, "positions": {"listed": [{"alpha_deg": 0, "beta_deg": 0}]}, "dwell": {"seconds": 5}}
@@ -80,17 +78,6 @@ def test_a_rate_that_differs_from_the_stated_one_is_a_warning_and_an_equal_one_i
         assert float(rates.words(303.0).split()[3]) == pytest.approx(100, rel=0.005)
         assert "but 50 are expected" in rates.words(50.0) and "baud" not in rates.words(50.0)
     assert Rates.of(np.array([3]), np.array([0.1])).words(100.0) == ""
-
-
-def test_the_reduction_uses_the_rate_of_the_dwells_if_they_contradict_that_of_the_contact() -> None:
-    class Attempt:
-        def __init__(self, rate_hz: float | None):
-            self.summary = {"rate_hz": rate_hz}
-
-    of = lambda *rates: [Attempt(rate) for rate in rates]  # noqa: E731
-    assert _rate_of(of(100.02, 99.98, 101.0), 303.0, 1.0) == pytest.approx(100.02)
-    assert _rate_of(of(2000.4, 1999.0), 100.0, 20.0) == 100.0
-    assert _rate_of(of(None), 100.0, 1.0) == 100.0
 
 
 @pytest.mark.parametrize("unit", [1.0, 1e3, 1e6])

@@ -31,7 +31,7 @@ def entries_of(folder: Path) -> list[str]:
     return [r.content()["entry"] for r in read_log(path)] if path.exists() else []
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("number", [signal.SIGTERM, pytest.param(signal.SIGHUP, marks=pytest.mark.long)])
 def test_a_signal_restores_the_terminal_and_is_written_down(tmp_path: Path, number: signal.Signals) -> None:
     (tmp_path / "plan.toml").write_text(PLAN)
     with Emulator(tmp_path, "") as emulator:
@@ -66,7 +66,7 @@ def test_a_closed_terminal_ends_the_run_in_order(tmp_path: Path) -> None:
     assert read_journal(tmp_path / "run")[-1]["why"] == "SIGHUP"
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_the_virtual_port_goes_with_its_emulator(tmp_path: Path, number: signal.Signals) -> None:
     with Emulator(tmp_path, "", speed=1.0) as emulator:
         assert emulator.port.is_symlink()

@@ -3,6 +3,7 @@
 import contextlib
 import math
 import os
+import select
 import threading
 import time
 import tty
@@ -17,14 +18,10 @@ import pytest
 from tumblecal.capture.capture_plan import CapturePlan
 from tumblecal.capture.chamber.chamber import ChamberThread
 from tumblecal.capture.chamber.chamber_tables import ChamberTable, SoakTable
-from tumblecal.capture.chamber.soak_order import order_warning, soak_numbers
+from tumblecal.capture.chamber.soak_order import order_warning
 from tumblecal.capture.chamber.stability import Stability
 from tumblecal.capture.chamber.text_chamber import TextChamber
 from tumblecal.capture.decoding.samples import blank
-from tumblecal.capture.emulator.climate import ThermalErrors, VirtualChamber
-from tumblecal.capture.emulator.config import Emulation
-from tumblecal.capture.emulator.device import VirtualDevice
-from tumblecal.capture.emulator.operator import Follower
 from tumblecal.capture.journal import Journal, RunState, replayed
 from tumblecal.capture.port.live import Arrived, Tally
 from tumblecal.capture.protocols import protocol
@@ -58,7 +55,6 @@ def test_a_lagging_die_is_stable_when_rate_and_distance_have_been_small_for_long
     [
         (lambda t: 40.5 + 0.02 * np.sin(t), True),
         (lambda t: 40.0 + 0.15 * t - 4.5, False),  # a ramp through the target
-        (lambda t: 41.5 + 0 * t, False),  # steady at a wrong temperature
         (lambda t: 40 + 0.5 * np.sin(2 * np.pi * t / 5), False),  # a whole period in the time of the criterion
         (lambda t: np.round(40 + 0.2 * np.random.default_rng(1).normal(size=len(t))), True),  # steps of 1 degC, and noise
     ],
@@ -76,42 +72,24 @@ def test_ramps_oscillations_and_other_temperatures_are_not_stable(
 
 
 def test_the_order_of_a_plan_and_what_a_costly_one_costs() -> None:
-    assert soak_numbers([25, 25, 40, 40, 25]) == [0, 0, 1, 1, 2]
     assert order_warning([None, None], 10) == "" and order_warning([0, 20, 20, 40, 20, 0], 10) == ""
     # 25 up to 40, down to 25, and up to 40 again: the last soak could be the second one.
     costly = order_warning([25, 40, 40, 25, 40], 10)
     assert "3 times for 3 soaks: 1 changes too many cost at least 10 min of waiting and 15 degC of ramps" in costly
-    plan = CapturePlan.model_validate(
-        {"positions": {"beta_deg": [0, 90], "alpha_deg": [0, 180], "temperature_degc": [25, 60, 25]}}
-    )
-    assert [step.temperature_degc for step in plan.steps] == [25] * 4 + [60] * 4 + [25] * 4
-    assert [(s.alpha_deg, s.beta_deg) for s in plan.steps[4:8]] == [(0, 0), (180, 0), (0, 90), (180, 90)]
+    angles = {"beta_deg": [0, 90], "alpha_deg": [0, 180]}
+    plan = CapturePlan.model_validate({"positions": angles | {"temperature_degc": [25, 60, 25]}})
     assert plan.soaks == [0] * 4 + [1] * 4 + [2] * 4 and [s.name for s in plan.steps] == [str(k) for k in range(1, 13)]
-    listed = [{"alpha_deg": a, "beta_deg": 0, "name": f"p{a}", "temperature_degc": 30} for a in (0, 90)]
-    named = CapturePlan.model_validate({"positions": {"listed": [{**p, "temperature_degc": None} for p in listed]}})
-    assert not named.over_temperature and named.soaks == [0, 0]
-    both = {
-        "listed": [{k: v for k, v in p.items() if k != "temperature_degc"} for p in listed],
-        "temperature_degc": [0, 9],
-    }
-    assert [s.name for s in CapturePlan.model_validate({"positions": both}).steps] == ["p0", "p90", "p0 (2)", "p90 (2)"]
-    for wrong in (
-        {"listed": listed, "temperature_degc": [1]},
-        {"listed": [listed[0], {"alpha_deg": 1, "beta_deg": 0}]},
-    ):
-        with pytest.raises(ValueError, match="temperature_degc"):
-            CapturePlan.model_validate({"positions": wrong})
+    assert [(s.alpha_deg, s.beta_deg) for s in plan.steps[4:8]] == [(0, 0), (180, 0), (0, 90), (180, 90)]
+    listed = {"listed": [{"alpha_deg": a, "beta_deg": 0, "name": f"p{a}"} for a in (0, 90)], "temperature_degc": [0, 9]}
+    named = CapturePlan.model_validate({"positions": listed})
+    assert [s.name for s in named.steps] == ["p0", "p90", "p0 (2)", "p90 (2)"]
+    listed["listed"][0]["temperature_degc"] = 30
+    with pytest.raises(ValueError, match="temperature_degc"):
+        CapturePlan.model_validate({"positions": listed})
     with pytest.raises(InputError, match="requests no temperature"):
-        ChamberOptions(soak_rate=0.1).applied(named)
+        ChamberOptions(soak_rate=0.1).applied(CapturePlan.model_validate({"positions": angles}))
     applied = ChamberOptions(chamber="oven", soak_minutes=3.0).applied(plan)
     assert applied.chamber.url == "oven" and applied.soak.stable_min == 3.0 and applied.soaks == plan.soaks
-
-
-def test_a_resumed_run_has_the_options_about_temperatures() -> None:
-    first = {"entry": "temperature_options", "options": {"chamber": "oven", "soak_minutes": 3.0}}
-    state = replayed([{"entry": "session"}, first, {"entry": "temperature_options", "options": {"soak_minutes": 4.0}}])
-    assert state.temperature_options == {"chamber": "oven", "soak_minutes": 4.0}
-    assert set(state.temperature_options) <= set(vars(ChamberOptions()))
 
 
 def test_a_soak_is_finished_before_the_next_one_begins() -> None:
@@ -266,14 +244,11 @@ def test_a_soak_is_waited_for_once_and_again_only_when_the_temperature_left(
 @pytest.mark.parametrize(
     ("soak", "degc", "chamber", "words"),
     [
-        ({"offset_degc": 1.0}, lambda t: 22.0 + 1e-3 * (t % 2), 22.0, "4.0 degC below 26: check the set point, or state self"),
         ({}, lambda t: 77.0 + 1e-3 * (t % 2), 25.0, "is it in Fahrenheit?"),
-        ({}, lambda t: 2513.0, 25.0, "is this a number of counts?"),
         ({}, lambda t: 21.0, 25.0, "has not changed at all: is the chamber set, or is the thermometer stuck?"),
         ({}, lambda t: 15.0 - 0.3 * t / 60, None, "the chamber does not reach 25 +- 1 degC"),
         ({}, lambda t: 25 + 0.9 * np.sin(t / 20), None, "changes by less than 0.2 degC/min are needed for 2 min"),
         ({}, lambda t: np.nan, None, "neither instrument nor chamber state a temperature, so Enter must be pressed"),
-        ({}, lambda t: np.nan, 21.0, "(no temperature from the instrument, +0.000 degC/min, chamber 21.00 degC)"),
     ],
 )  # fmt: skip
 def test_a_temperature_that_is_never_stable_ends_the_run_with_its_reason(
@@ -295,13 +270,13 @@ def test_a_temperature_that_is_never_stable_ends_the_run_with_its_reason(
     )
 
 
-def test_without_a_thermometer_in_the_instrument_that_of_the_chamber_or_the_operator_decides(
+def test_without_a_thermometer_in_the_instrument_the_operator_decides(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     chamber = FakeChamber(25.2)
     bench = Bench(tmp_path, monkeypatch, chamber)
     bench.until(Phase.RECORDING, np.nan)
-    # A chamber that fails during a dwell is reported; one that fails during a soak ends the run.
+    # A chamber that fails during a dwell is reported.
     chamber.answer = "chamber fake: no answer"
     bench.feed(np.nan, 3)
     assert view_of(bench.guide).alarm == "chamber fake: no answer" and len(bench.entries("warned")) == 1
@@ -318,13 +293,6 @@ def test_without_a_thermometer_in_the_instrument_that_of_the_chamber_or_the_oper
     bench.feed(np.nan)
     assert bench.guide.phase == Phase.TURN
     bench.close()
-    failing = tmp_path / "failing"
-    failing.mkdir()
-    bench = Bench(failing, monkeypatch, FakeChamber())
-    bench.soaking._chamber._chamber.answer = "chamber fake: no answer"  # type: ignore[union-attr]
-    with pytest.raises(InputError, match="chamber fake: no answer"):
-        bench.feed(25.0, 2)
-    bench.close()
 
 
 @contextlib.contextmanager
@@ -335,21 +303,29 @@ def scripted(path: Path, answers: Callable[[str], bytes]) -> Iterator[tuple[list
     path.symlink_to(os.ttyname(slave))
     heard: list[str] = []
 
+    ended = threading.Event()
+
     def serve() -> None:
         rest = b""
-        with contextlib.suppress(OSError):  # closed
-            while True:
+        while not ended.is_set():
+            if not select.select([master], [], [], 0.02)[0]:
+                continue
+            try:
                 rest += os.read(master, 100)
-                *lines, rest = rest.replace(b"\r", b"\n").split(b"\n")
-                for line in filter(None, lines):
-                    heard.append(line.decode())
-                    os.write(master, answers(line.decode()))
+            except OSError:  # nobody has the line open
+                continue
+            *lines, rest = rest.replace(b"\r", b"\n").split(b"\n")
+            for line in filter(None, lines):
+                heard.append(line.decode())
+                os.write(master, answers(line.decode()))
 
     thread = threading.Thread(target=serve, daemon=True)
     thread.start()
     try:
         yield heard, master
     finally:
+        ended.set()
+        thread.join()
         for descriptor in (slave, master):
             os.close(descriptor)
 
@@ -368,7 +344,7 @@ def test_dialects_of_chambers_on_a_serial_line(tmp_path: Path) -> None:
             case ["TEMP?"]:
                 return f"-40.1,{sets['TEMP']},150.0,-70.0\r\n".encode()
             case [":SOURCE:CLOOP1:PVALUE?"]:
-                return b":SOURCE:CLOOP1:PVALUE?\r\n" + b"24.9\r\n"
+                return b":SOURCE:CLOOP1:PVALUE?\r\n24.9\r\n"
             case ["T?"]:
                 return b"25.0 C"
         return b""
@@ -395,8 +371,6 @@ def test_dialects_of_chambers_on_a_serial_line(tmp_path: Path) -> None:
         (b"", "'MEAS:TEMP?', asked 3 times: no answer in 0.05 s; check cable, baud rate (9600) and terminator"),
         (b"NA: CMD ERR-1\r\n", "the answer 'NA: CMD ERR-1' has no temperature in degC at field 1"),
         (b"104.0 F\r\n", "the answer '104.0 F' has no temperature in degC at field 1; set the controller to degC"),
-        (b"\x00\xff23\xfe.5\r\n", "has no temperature in degC"),
-        (b"9.9E37\r\n", "the answer '9.9E37' has no temperature"),
     ],
 )
 def test_a_chamber_that_does_not_answer_or_answers_rubbish_is_one_line(
@@ -410,22 +384,17 @@ def test_a_chamber_that_does_not_answer_or_answers_rubbish_is_one_line(
         chamber.close()
 
 
-def test_a_set_point_that_is_not_accepted_and_a_line_that_is_cut(tmp_path: Path) -> None:
-    table = ChamberTable(url=str(tmp_path / "oven"), timeout_s=0.2, set_query="SOUR:TEMP:SPO?")
-    with scripted(tmp_path / "oven", lambda command: b"180.0\n" if command.endswith("SPO?") else b"") as (_, _master):
-        chamber = TextChamber(table)
-        with pytest.raises(
-            InputError, match=r"the set point is 180 degC after 'SOUR:TEMP:SPO 200.0': correct its limits"
-        ):
-            chamber.set_temperature(200)
+def test_a_line_to_the_chamber_that_was_cut_is_opened_again(tmp_path: Path) -> None:
+    with scripted(tmp_path / "oven", lambda command: b"20.0\n"):
+        chamber = TextChamber(ChamberTable(url=str(tmp_path / "oven"), timeout_s=0.2, set_query="SOUR:TEMP:SPO?"))
+        assert chamber.temperature() == 20.0
     with pytest.raises(InputError, match="oven: the line is interrupted"):
         chamber.set_temperature(20)
     (tmp_path / "oven").unlink()
     with pytest.raises(InputError, match=r"chamber: port .*oven: there is no such device"):
         chamber.temperature()
-    # Connected again: the same chamber answers.
-    with scripted(tmp_path / "oven", lambda command: b"20.0\n"):
-        assert chamber.temperature() == 20.0
+    with scripted(tmp_path / "oven", lambda command: b"21.0\n"):
+        assert chamber.temperature() == 21.0
         chamber.close()
 
 
@@ -448,84 +417,3 @@ def test_a_slow_chamber_does_not_delay_the_capture() -> None:
     assert thread.reading_degc == 30.0 and not thread.look()
     thread.close()
     assert chamber.set == [55.0, math.inf]
-
-
-def emulation(**tables: object) -> Emulation:
-    return Emulation.model_validate({"instrument": {"start_up_s": 0.0}, **tables})
-
-
-def test_lags_of_die_and_thermometer_behind_a_ramp() -> None:
-    """A first-order lag follows a ramp of rate r late by r tau, and a step by 1 - exp(-t/tau)."""
-    thermal = {"die_lag_s": 60.0, "thermometer_lag_s": 20.0, "self_heating_degc": 4.0}
-    profile = [
-        {"to_degc": 65, "degc_per_min": 3.0, "hold_min": 5},
-        {"to_degc": 25, "degc_per_min": 600.0, "hold_min": 60},
-    ]
-    chamber = VirtualChamber(emulation(temperature=thermal, chamber={"profile": profile}))
-    for _ in range(6000):
-        chamber.advance(0.1)
-    lag_degc = 3.0 / 60 * np.array([60.0, 80.0])
-    assert chamber.air_degc == pytest.approx(25 + 3.0 * 10)
-    np.testing.assert_allclose([chamber.die_degc, chamber.thermometer_degc], 59 - lag_degc, atol=0.02)
-    for _ in range(round((200 + 300 + 4 + 120) / 0.1)):
-        chamber.advance(0.1)
-    assert chamber.air_degc == 25
-    assert chamber.die_degc - 29 == pytest.approx(
-        40 * np.exp(-122 / 60), rel=0.02
-    )  # the ramp's middle is 2 s before its end
-    chamber.set_temperature(500)
-    assert chamber.set_point_degc == 180
-
-
-def test_polynomials_and_hysteresis_of_the_virtual_instrument() -> None:
-    polynomials = {
-        "reference_degc": 20.0,
-        "bias_mg": {"x": [0.1, -2e-3, 3e-5], "z": [0, 0, 0, 0, 1e-7]},
-        "scale_mg_per_g": {"x": [0.02], "y": [0.01, 1e-3]},
-        "hysteresis_mg": [0.4, 0.0, -0.2],
-        "hysteresis_degc": 8.0,
-    }
-    errors = ThermalErrors(emulation(temperature=polynomials), 20.0)
-    reading, branches = np.array([0.5, -0.8, 0.3]), {}
-    for name, path in (("up", np.arange(20, 60.1, 0.5)), ("down", np.arange(60, 19.9, -0.5))):
-        branches[name] = {float(t): errors.applied(reading, t) for t in path}
-    for t in (30.0, 45.0, 50.0):
-        d = t - 20.0
-        bias = 1e-3 * np.array([0.1 * d - 2e-3 * d**2 + 3e-5 * d**3, 0.0, 1e-7 * d**5])
-        scale = 1e-3 * np.array([0.02 * d, 0.01 * d + 1e-3 * d**2, 0.0])
-        middle = (branches["up"][t] + branches["down"][t]) / 2
-        np.testing.assert_allclose(middle, reading * (1 + scale) + bias, atol=1e-12)
-        np.testing.assert_allclose(branches["up"][t] - branches["down"][t], [0.8e-3, 0, -0.4e-3], atol=1e-12)
-
-
-def test_what_a_device_in_a_chamber_sends() -> None:
-    """Readings follow the die, not its thermometer; a STIM300 without temperatures sends none."""
-    from test_emulator import sent
-
-    config = emulation(
-        chamber={"profile": [{"to_degc": 45, "degc_per_min": 60.0, "hold_min": 60}]},
-        temperature={"bias_mg": {"z": [0.5]}, "thermometer_lag_s": 30.0},
-        noise={"white_g_per_rthz": 0.0},
-    )
-    device = VirtualDevice(config)
-    found = sent(device, 60.0).samples
-    np.testing.assert_allclose(found.force[-250:, 2].mean(), 1 + 0.5e-3 * 20, atol=2e-6)
-    seconds = np.arange(len(found)) / 125.0
-    ramped = np.interp(45.0, seconds, found.temperature)
-    # 25 degC + ramp of 20 s, then 25 s, through a lag of 30 s.
-    expected = 45 - 30 * 1.0 * (1 - np.exp(-20 / 30)) * np.exp(-25 / 30)
-    assert ramped == pytest.approx(expected, abs=0.1)
-    silent = VirtualDevice(emulation(chamber={}, instrument={"temperatures": False}))
-    assert np.isnan(sent(silent, 1.0).samples.temperature).all()
-
-
-def test_the_follower_sets_the_chamber_of_an_operator(tmp_path: Path) -> None:
-    config = Emulation.model_validate({"head": {"reaction_s": 0.0}})
-    device, follower, journal = VirtualDevice(config), Follower(tmp_path, config), Journal(tmp_path)
-    journal.write("session")
-    for chamber, expected in (("operator", 60.0), ("/dev/ttyUSB1", 60.0)):
-        journal.write("soak", chamber=chamber, requested_degc=expected if chamber == "operator" else 10.0)
-        assert follower(device) and device.chamber.set_point_degc == expected
-    journal.close()
-    assert follower._reader is not None
-    follower._reader.close()

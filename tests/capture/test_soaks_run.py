@@ -84,6 +84,7 @@ def test_a_run_over_soaks_is_interrupted_resumed_and_reduced(tmp_path: Path) -> 
     np.testing.assert_allclose(data.readings[2:, 1], 5e-4 * np.array([1, 1, -1, -1]), atol=1e-4)
 
 
+@pytest.mark.long
 def test_without_temperatures_in_the_stream_those_of_the_chamber_are_written(tmp_path: Path) -> None:
     """One attitude at two temperatures, so the head is not turned; each soak has its pitch settings."""
     plan = PLAN.replace("[0, 180]", "[0]").replace("[25, 40, 25]", "[30, 45]")

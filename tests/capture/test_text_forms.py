@@ -12,7 +12,6 @@ from tumblecal.capture.recordings.damage import Damage
 from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.capture.rows.sample_file import write_samples
 from tumblecal.data.text_layout import ROW
-from tumblecal.ground.errors import InputError
 
 
 ROWS = 60
@@ -37,58 +36,35 @@ AXES, RATES = "ax ay az", "gx gy gz"
 # Lines before the rows; a row: k is its number, t its time, f and w its force and rate, c its clock; the names of the columns.
 FORMS = {
     "pipes": ("t|ax|ay|az", "{t}|{f[0]}|{f[1]}|{f[2]}", f"t {AXES}"),
-    "a table in Markdown": (
-        "| t | ax | ay | az |\n|---|---|---|---|",
-        "| {t} | {f[0]} | {f[1]} | {f[2]} |",
-        f"1 t {AXES}",
-    ),
     "the Arduino monitor": ("", "{c} -> {f[0]},{f[1]},{f[2]}", "time 2 3 4"),
-    "the Arduino monitor, names": ("{c} -> ax,ay,az", "{c} -> {f[0]},{f[1]},{f[2]}", f"time {AXES}"),
-    "the Arduino monitor, names without it": ("ax,ay,az", "{c} -> {f[0]},{f[1]},{f[2]}", f"time {AXES}"),
     "the Arduino monitor, times": (
         "{c} -> millis\tax\tay\taz",
         "{c} -> {t}\t{f[0]}\t{f[1]}\t{f[2]}",
         f"monitor millis {AXES}",
     ),
-    "the Arduino monitor, labels": ("", "{c} -> ax:{f[0]}\tay:{f[1]}\taz:{f[2]}", f"time {AXES}"),
     "a monitor with brackets": ("", "[{c}] {f[0]} {f[1]} {f[2]}", "time 2 3 4"),
-    "a clock and a blank": ("", "2026-03-01 {c} {f[0]},{f[1]},{f[2]}", "time 2 3 4"),
-    "Serial Plotter, commas": ("", "ax:{f[0]},ay:{f[1]},az:{f[2]}", AXES),
-    "Serial Plotter, tabs": (
-        "",
-        "ax:{f[0]}\tay:{f[1]}\taz:{f[2]}\tgx:{w[0]}\tgy:{w[1]}\tgz:{w[2]}",
-        f"{AXES} {RATES}",
-    ),
+    "Serial Plotter, tabs": ("", "ax:{f[0]}\tay:{f[1]}\taz:{f[2]}\tgx:{w[0]}\tgy:{w[1]}\tgz:{w[2]}", f"{AXES} {RATES}"),
     "labels of three": (
         "",
         "N:{k}, Gyr: {w[0]}, {w[1]}, {w[2]}, Acc: {f[0]}, {f[1]}, {f[2]},",
         "N Gyr.x Gyr.y Gyr.z Acc.x Acc.y Acc.z",
     ),
-    "labels with a unit": ("", "X: {f[0]}  Y: {f[1]}  Z: {f[2]}  g ", "X Y Z"),
     "records of three lines": (
         "",
         "Acc X: {f[0]}, Y: {f[1]}, Z: {f[2]} g\nRotation X: {w[0]}, Y: {w[1]}, Z: {w[2]} dps\nTemp: 25.5 degC\n",
         "Acc_X Acc_Y Acc_Z_[g]",
-    ),
-    "equals signs": (
-        "",
-        "aX = {f[0]} | aY = {f[1]} | aZ = {f[2]} | gX = {w[0]} | gY = {w[1]} | gZ = {w[2]}",
-        "aX aY aZ gX gY gZ",
     ),
     "a word for three": (
         "",
         "Accel: X={f[0]} Y={f[1]} Z={f[2]} Gyro: X={w[0]} Y={w[1]} Z={w[2]}",
         "Accel_X Accel_Y Accel_Z Gyro_X Gyro_Y Gyro_Z",
     ),
-    "a word at the beginning": ("", "IMU: ax={f[0]}, ay={f[1]}, az={f[2]}", AXES),
     "units after labels": (
         "",
         "Scaled. Acc (mg) [ {f[0]:08.4f}, {f[1]:08.4f}, {f[2]:08.4f} ], Gyr (DPS) [ {w[0]}, {w[1]}, {w[2]} ]",
         "Scaled._Acc.x_[mg] Scaled._Acc.y_[mg] Scaled._Acc.z_[mg] Gyr.x_[DPS] Gyr.y_[DPS] Gyr.z_[DPS]",
     ),
-    "a label and blanks": ("", "DATA: {f[0]} {f[1]} {f[2]}", "DATA.x DATA.y DATA.z"),
     "labels and blanks": ("", "ax {f[0]} ay {f[1]} az {f[2]}", AXES),
-    "brackets": ("", "[{f[0]}, {f[1]}, {f[2]}]", "1 2 3"),
     "a unit at each number": ("", "{f[0]} g, {f[1]} g, {f[2]} g", "1_[g] 2_[g] 3_[g]"),
 }
 
@@ -108,25 +84,6 @@ def test_numbers_between_words_are_those_written(tmp_path, name):
         cells = frame[column].to_list()
         cells = [cell.removeprefix("2026-03-01 ") for cell in cells] if kind == "c" else cells
         assert cells == (CLOCK if kind == "c" else truth[kind][:, int(axis or 0)].tolist()), column
-
-
-def test_a_labelled_recording_is_imported(tmp_path):
-    """The names that labels give are those of quantities; the clock of the monitor is the time."""
-    rows = [f"{CLOCK[k]} -> ax:{f[0]} ay:{f[1]} az:{f[2]}" for k, f in enumerate(FORCE)]
-    frame, contents = imported(tmp_path / "log.txt", "\n".join(rows) + "\n", RecordingOptions(unit="g"))
-    np.testing.assert_array_equal(of_axes(frame, "a"), FORCE)
-    np.testing.assert_allclose(frame["time_s"], np.arange(ROWS) / HZ, atol=1e-9)
-    assert not contents.unreadable
-
-
-def test_a_number_that_lost_its_blank_is_not_two(tmp_path):
-    lines = [f"[{f[0]} {f[1]} {f[2]}]" for f in FORCE]
-    lines[20] = lines[20].replace(" ", "", 1)
-    (tmp_path / "log.txt").write_text("\n".join(lines) + "\n")
-    _, (table,) = source_tables(tmp_path / "log.txt")
-    frame = pl.concat(table.pieces(table.columns))
-    assert frame["2"][20] is None
-    np.testing.assert_array_equal(frame.drop_nulls().select("1", "2", "3").to_numpy(), np.delete(FORCE, 20, axis=0))
 
 
 def test_torn_lines_are_counted_and_lines_of_another_order_are_none_of_these(tmp_path):
@@ -172,13 +129,6 @@ def test_json(tmp_path, name):
         np.testing.assert_array_equal(of_axes(frame, "g"), RATE[-len(truth) :])
 
 
-def test_json_without_samples_is_a_line(tmp_path):
-    with pytest.raises(InputError, match="JSON without samples; samples are read from one object a line"):
-        imported(tmp_path / "log.json", '{"a": {"b": 1}, "c": [\n]}')
-    with pytest.raises(InputError, match="not a complete JSON file"):
-        imported(tmp_path / "log.json", '[{"a": 1,\n "b"')
-
-
 XSENS = "// Start Time: Unknown\n// Update Rate: 100.0Hz\n// Firmware Version: 4.0.2\n"
 DOT = "DeviceTag:,A1\nOutputRate:,100Hz\n\n"
 
@@ -197,14 +147,6 @@ def test_xsens_exports(tmp_path, separator, counted):
     frame, contents = imported(tmp_path / "log.txt", text + "\n", RecordingOptions())
     assert contents.rate_hz == pytest.approx(HZ, abs=1e-6) and ("time_s" in frame.columns) is counted
     np.testing.assert_allclose(of_axes(frame, "a"), 9.80665 * FORCE, rtol=1e-15)
-
-
-@pytest.mark.parametrize("encoding", ["utf-8", "cp1252"])
-def test_decimal_commas_and_other_letters_between_words(tmp_path, encoding):
-    rows = ["; ".join(f"{axis}: {own} °" for axis, own in zip("XYZ", f, strict=True)).replace(".", ",") for f in FORCE]
-    (tmp_path / "log.txt").write_bytes("\r\n".join([*rows, ""]).encode(encoding))
-    _, (table,) = source_tables(tmp_path / "log.txt")
-    np.testing.assert_array_equal(pl.concat(table.pieces(table.columns)).select("X", "Y", "Z").to_numpy(), FORCE)
 
 
 @pytest.mark.parametrize("instances", [0, 2])
@@ -226,22 +168,6 @@ def test_dataflash_logs_as_text(tmp_path, instances):
     np.testing.assert_allclose(frame.select("ax_ms2", "ay_ms2", "az_ms2").to_numpy(), 9.80665 * FORCE, rtol=1e-14)
     np.testing.assert_array_equal(frame.select("gx_rads", "gy_rads", "gz_rads").to_numpy(), RATE)
     np.testing.assert_array_equal(frame["temperature_degc"], 30 + np.arange(ROWS) % 3)
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("hello world\nno table\n", "its first line 'hello world' has 2 cells separated by spaces, 0 of them numbers"),
-        (
-            "t,ax\n1,2\n2,3\n",
-            "its first line 't,ax' has 2 cells separated by commas, 0 of them numbers: write the three",
-        ),
-        ("<html><body>x</body></html>\n", "this is HTML or XML, not a table"),
-    ],
-)
-def test_what_is_no_table_is_told_by_its_first_line(tmp_path, text, words):
-    with pytest.raises(InputError, match=words):
-        imported(tmp_path / "log.txt", text)
 
 
 _ODD = {

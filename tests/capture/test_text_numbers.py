@@ -63,91 +63,6 @@ def test_every_number_is_what_was_written(tmp_path, separator, decimal, group, q
     np.testing.assert_array_equal(frame.select(pl.col(f"^a[xyz]_{'counts' if counts else 'ms2'}$")).to_numpy(), values)
 
 
-@pytest.mark.parametrize(("separator", "group"), [("\t", ","), (";", "."), (";", ",")])
-def test_thousands_of_whole_numbers_are_no_decimals(tmp_path, separator, group):
-    columns = [[written(v, 0, "?", group) for v in values] for values in (TIME_MS, *COUNTS.T)]
-    (tmp_path / "log.txt").write_text(
-        separator.join(["time_ms", "ax", "ay", "az"]) + "\n" + lines_of(columns, separator)
-    )
-    frame = imported(tmp_path / "log.txt")
-    np.testing.assert_array_equal(frame["ax_counts"], COUNTS[:, 0])
-    np.testing.assert_allclose(frame["time_s"], TIME_MS / 1000, atol=1e-12)
-
-
-def test_thousands_behind_the_first_lines_are_read_as_such(tmp_path):
-    """Time reaches 1.000 ms far behind what the layout is learned from, in a file with a decimal comma."""
-    n = 30000
-    time, force = np.arange(n) / 20, np.round(np.tile(FORCE, (n // 400, 1)), 5)
-    columns = [[written(v, 2, ",", ".") for v in time], *([written(v, 5, ",") for v in force[:, k]] for k in range(3))]
-    (tmp_path / "log.csv").write_text("time_s;ax_g;ay_g;az_g\n" + lines_of(columns, ";"))
-    frame = imported(tmp_path / "log.csv")
-    np.testing.assert_allclose(frame["time_s"], time, atol=1e-9)
-
-
-def test_what_may_be_thousands_or_decimals_is_refused_with_its_place(tmp_path, tumblecal):
-    rows = "".join(f"{10 * k}\t-5,599\t8,86{1 + k % 9}\t7,051\n" for k in range(40))
-    (tmp_path / "log.txt").write_text("time_ms\tax\tay\taz\n" + rows)
-    outcome = tumblecal("import", tmp_path / "log.txt", "--out", tmp_path / "out.csv")
-    (line,) = outcome.lines
-    assert (
-        "log.txt:line 2, column ax: '-5,599' is -5599, or -5.599: the mark may separate thousands or decimals" in line
-    )
-    assert not (tmp_path / "out.csv").exists()
-
-
-def test_a_decimal_comma_in_the_time_alone_is_read(tmp_path):
-    rows = "".join(f"{written(k / 100, 3, ',')};{64 - k};-714;-729\n" for k in range(40))
-    (tmp_path / "log.csv").write_text("time_s;ax_mg;ay_mg;az_mg\n" + rows)
-    frame = imported(tmp_path / "log.csv")
-    np.testing.assert_allclose(frame["time_s"], np.arange(40) / 100, atol=1e-12)
-    np.testing.assert_array_equal(frame["ax_mg"], 64 - np.arange(40))
-
-
-def test_a_decimal_comma_in_the_temperature_alone_is_read(tmp_path):
-    rows = "".join(f"{10 * k};{64 - k};-714;-729;23,{k % 10}\n" for k in range(40))
-    (tmp_path / "log.csv").write_text("time_ms;ax_mg;ay_mg;az_mg;temperature_degc\n" + rows)
-    frame = imported(tmp_path / "log.csv")
-    np.testing.assert_allclose(frame["temperature_degc"], 23 + np.arange(40) % 10 / 10)
-    np.testing.assert_array_equal(frame["ax_mg"], 64 - np.arange(40))
-
-
-def test_separators_and_marks_within_quotation_marks_are_part_of_the_cell(tmp_path):
-    rows = "".join(f'{k / 100},0.1,0.2,"0.97","face ""{k % 2}"", up"\n' for k in range(40))
-    (tmp_path / "log.csv").write_text('"time","ax","ay","az","position"\n' + rows)
-    frame = imported(tmp_path / "log.csv")
-    assert frame["position"].unique(maintain_order=True).to_list() == ['face "0", up', 'face "1", up']
-    assert frame["az_g"].to_list() == [0.97] * 40
-
-
-def test_a_quotation_mark_too_many_costs_its_own_line_alone(tmp_path):
-    rows = [f'"{written(k / 100, 2, ",")}","0,10","0,20","0,97"' for k in range(400)]
-    rows[200] = rows[200][:-9]
-    (tmp_path / "log.csv").write_text("time,ax,ay,az\n" + "\n".join(rows) + "\n")
-    frame = imported(tmp_path / "log.csv")
-    assert len(frame) == 399 and set(frame["az_g"]) == {0.97}
-
-
-@pytest.mark.parametrize(
-    ("header", "row", "said"),
-    [
-        (
-            "time,ax,ay,az",
-            "0,{k:02d},0,10,0,20,0,97",
-            "line 1: names 4 columns, but the rows have 8 cells; commas between",
-        ),
-        (
-            "ax,ay,az,temp",
-            "{k},0.1,0.2,0.97,25.0",
-            "line 1: names 4 columns, but the rows have 5 cells; correct the header",
-        ),
-    ],
-)
-def test_a_header_of_another_width_is_refused(tmp_path, header, row, said):
-    (tmp_path / "log.csv").write_text(header + "\n" + "".join(row.format(k=k) + "\n" for k in range(40)))
-    with pytest.raises(InputError, match=said):
-        imported(tmp_path / "log.csv")
-
-
 @given(
     st.lists(st.integers(-2_000_000, 2_000_000), min_size=8, max_size=60),
     st.sampled_from([0, 1, 2, 3, 4]),
@@ -164,15 +79,6 @@ def test_marks_of_one_column_are_never_the_wrong_ones(values, digits, marks, shr
     only_groups_of_points = group == "." and not digits and not any(-1000 < value < 1000 and value for value in numbers)
     if found is not None and not only_groups_of_points:
         assert found[0] == decimal
-
-
-def test_decimal_commas_between_commas_are_refused_without_names_too(tmp_path):
-    rows = "".join(",".join(written(v, 4, ",") for v in (k / 100, *FORCE[k])) + "\n" for k in range(400))
-    (tmp_path / "log.csv").write_text(rows)
-    with pytest.raises(
-        InputError, match="line 1: '0,0000,1,0000,0,0000,0,0000': commas between cells are indistinguishable"
-    ):
-        imported(tmp_path / "log.csv")
 
 
 def test_marks_far_behind_whole_numbers_are_not_taken_for_decimals(tmp_path):
@@ -192,11 +98,3 @@ def test_every_encoding_and_end_of_lines(tmp_path, end, encoding):
     path.write_bytes(end.join(["time_s;ax_g;ay_g;az_g;Wärme", *rows, "", ""]).encode(encoding))
     frame = imported(path)
     np.testing.assert_allclose(frame["ax_g"], np.arange(300) % 7 / 10)
-
-
-def test_letters_of_other_alphabets_are_text(tmp_path):
-    path = tmp_path / "log.csv"
-    path.write_text(
-        "\n".join(["время,ax_g,ay_g,az_g,примечание", *(f"{k},0.1,0.2,0.97,примечание" for k in range(60))])
-    )
-    assert len(imported(path, RecordingOptions(rate=100.0))) == 60

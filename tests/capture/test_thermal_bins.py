@@ -1,53 +1,22 @@
 """Bins over temperature from arrays: smoothing, branches, soaks, sums in pieces, means with uncertainties, rounding."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
-from tumblecal.capture.still.blocks import SignalBlocks
-from tumblecal.capture.thermal.bins import binned, course_of, default_width, row_of_blocks
-from tumblecal.capture.thermal.block_temperature import (
-    BlockTemperatures,
-    stuck_readings,
-    temperatures_of,
-    without_short_gaps,
-)
+from tumblecal.capture.thermal.bins import binned, course_of, default_width
+from tumblecal.capture.thermal.block_temperature import stuck_readings
 from tumblecal.capture.thermal.branches import branches_of
 from tumblecal.capture.thermal.rounding import rounding_sd
 from tumblecal.capture.thermal.series import Attitude, ThermalSeries
 from tumblecal.capture.thermal.smoothed_temperature import resolution_of, temperature_course
-from tumblecal.ground.errors import InputError
 
 
 def _triangle(time_s: np.ndarray, low: float, high: float) -> np.ndarray:
     """Up to the middle of the time, and down."""
     share = time_s / time_s[-1]
     return low + (high - low) * (1 - np.abs(2 * share - 1))
-
-
-@pytest.mark.parametrize(("resolution", "noise"), [(0.5, 0.3), (0.5, 0.0), (1 / 512, 0.05), (1 / 512, 0.0)])
-def test_triangle_has_two_branches_and_its_temperature(resolution: float, noise: float):
-    rng = np.random.default_rng(1)
-    time = np.arange(0, 3600, 0.5)
-    true = _triangle(time, -10, 50)
-    read = np.round((true + noise * rng.standard_normal(len(time))) / resolution) * resolution
-    course = temperature_course(time, read, resolution_of(read))
-    width = 1.5
-    branches = branches_of(course, width)
-    assert branches.sign.tolist() == [1, -1]
-    assert (branches.soak < 0).all()
-    turn = float(course.time_s[np.argmax(branches.stretch)])
-    assert abs(turn - time[-1] / 2) < 40
-    smooth, rate = course.at(time)
-    inner = (np.abs(time - time[-1] / 2) > 90) & (time > 90) & (time < time[-1] - 90)
-    assert np.abs(smooth - true)[inner].max() < 0.25 * width
-    assert np.sqrt(np.mean((smooth - true)[inner] ** 2)) < 0.08 * width
-    # 60 degC in half an hour, up and then down.
-    np.testing.assert_allclose(np.abs(rate[inner]).mean(), 120 / 3600, rtol=0.05)
 
 
 def test_staircase_has_its_soaks_on_their_stretches():
@@ -72,74 +41,6 @@ def test_staircase_has_its_soaks_on_their_stretches():
         assert (branches.direction[cells] == 0).all()
         reached = 0 if k == 0 else 1 if k <= 4 else -1
         assert (branches.reached_by[cells] == reached).all()
-
-
-def test_overshoot_of_a_chamber_is_no_branch():
-    time = np.arange(0, 3600, 1.0)
-    true = np.where(time < 1200, time / 20, 60 + 3 * np.exp(-(time - 1200) / 90) * np.sin((time - 1200) / 60))
-    branches = branches_of(temperature_course(time, true, resolution_of(true)), 1.5)
-    assert branches.sign.tolist() == [1]
-    assert branches.soak.max() == 0
-
-
-_DEGC = np.random.default_rng(3).normal(25, 3, 400)
-_DEGC[::7] = np.nan
-_ROWS = np.array([0, 10, 20, 37, 47, 200, 210, 385])
-
-
-@settings(max_examples=30, deadline=None)
-@given(st.lists(st.integers(1, 399), max_size=12, unique=True).map(sorted))
-def test_sums_over_pieces_equal_the_whole(cuts: list[int]):
-    whole = BlockTemperatures(_ROWS, 10)
-    for piece, start in zip(np.split(_DEGC, cuts), [0, *cuts], strict=True):
-        whole.add(start, piece)
-    expected = [_DEGC[row : row + 10][np.isfinite(_DEGC[row : row + 10])] for row in _ROWS]
-    np.testing.assert_array_equal(whole.known, [len(one) for one in expected])
-    np.testing.assert_allclose(whole.mean, [one.mean() for one in expected], rtol=1e-12)
-    np.testing.assert_array_equal(whole.first, _DEGC[_ROWS])
-
-
-def test_short_gaps_of_the_temperature_are_interpolated():
-    time = np.arange(0.0, 300.0, 10.0)
-    degc = 20 + time / 10
-    lacking = degc.copy()
-    lacking[[0, 3, 4]] = np.nan
-    lacking[10:25] = np.nan
-    filled = without_short_gaps(time, lacking)
-    np.testing.assert_allclose(filled[1:10], degc[1:10])
-    assert np.isnan(filled[0])
-    assert np.isnan(filled[10:25]).all()
-
-
-def _blocks(count: int) -> SignalBlocks:
-    nothing = np.zeros((count, 3))
-    rows, cuts = 10 * np.arange(count), np.array([10 * count])
-    start, broken = rows / 100, np.zeros(count, bool)
-    ends, at_ends = np.zeros((2, count, 3)), np.zeros((2, count, 3), int)
-    return SignalBlocks(
-        10, 100.0, 10 * count, nothing, nothing, rows, start, broken, cuts, np.zeros(3), cuts[:0], ends, at_ends, "g"
-    )
-
-
-@pytest.mark.parametrize(
-    ("degc", "fault"),
-    [
-        (np.full(200, np.nan), "no temperature is a number"),
-        (np.full(200, 300.0), "in kelvin"),
-        (np.full(200, 1234.0), "not a possible temperature"),
-    ],
-)
-def test_impossible_temperatures_are_rejected(degc: np.ndarray, fault: str):
-    with pytest.raises(InputError, match=fault):
-        temperatures_of(Path("a.csv"), _blocks(20), [degc])
-
-
-def test_single_dropouts_of_the_thermometer_are_replaced():
-    rng = np.random.default_rng(6)
-    degc = np.round((25 + 0.05 * rng.standard_normal(2000)) * 16) / 16
-    degc[1200:1205] = 0.0
-    mean, _ = temperatures_of(Path("a.csv"), _blocks(200), np.split(degc, 4))
-    assert np.abs(mean - 25).max() < 0.1
 
 
 def test_a_stuck_thermometer_is_found_only_if_its_noise_stops():
@@ -243,34 +144,6 @@ def test_the_resolution_of_the_thermometer_is_part_of_the_uncertainty():
     assert np.abs(errors[:, 2]).max() > 0.5
 
 
-def test_weight_is_over_temperature_and_not_over_time():
-    # Nine tenths of the time near the low end: as many rows in each half of the range.
-    time = np.arange(0, 2000, 0.5)
-    degc = np.where(time < 1800, 10 + time / 180, 20 + (time - 1800) / 5)
-    rng = np.random.default_rng(5)
-    series = _series(time, _bias(degc) + 1e-4 * rng.standard_normal((len(time), 3)), degc, 10, 3e-4)
-    table, _ = binned(series, course_of(series), 1.0, "f")
-    low = table.temperature_degc < 35
-    assert abs(int(low.sum()) - int((~low).sum())) <= 2
-    assert table.n[low].sum() > 5 * table.n[~low].sum()
-
-
-def test_bins_of_two_stays_are_separate_and_fragments_join():
-    degc = np.concatenate([np.linspace(0, 2.1, 210), np.linspace(2.1, 4, 190)])
-    visit = np.repeat([0, 1], [210, 190])
-    nothing = np.zeros(400, int)
-    row = row_of_blocks(visit, nothing, nothing - 1, degc, 1.0)
-    # The fragments 2.0 to 2.1 and 4.0 belong to their neighbours; a stay has its own rows.
-    assert [int(n) for n in np.bincount(row)] == [100, 110, 90, 100]
-    assert set(row[:210]).isdisjoint(row[210:])
-
-
-def test_a_stay_of_few_blocks_has_no_row():
-    row = row_of_blocks(np.array([0] * 20 + [1] * 5), np.zeros(25, int), np.full(25, -1), np.full(25, 3.0), 1.0)
-    assert (row[:20] == 0).all()
-    assert (row[20:] == -1).all()
-
-
 @pytest.mark.parametrize("ratio", [0.0, 0.1, 0.3, 0.5])
 def test_rounding_error_is_that_of_means_of_rounded_readings(ratio: float):
     step = 2e-3
@@ -284,12 +157,3 @@ def test_rounding_error_is_that_of_means_of_rounded_readings(ratio: float):
     np.testing.assert_allclose(
         rounding_sd(np.array([step]), np.array([ratio * step]))[0], expected, rtol=0.02, atol=2e-7
     )
-
-
-def test_coarse_steps_without_noise_leave_their_uncertainty():
-    time = np.arange(0, 1200, 0.5)
-    degc = 20 + time / 30
-    force = np.round(_bias(degc) / 4e-3) * 4e-3
-    series = replace(_series(time, force, degc, 10, 0.0), quantum=np.full(3, 4e-3))
-    table, _ = binned(series, course_of(series), 1.0, "f")
-    assert (table.sd >= 4e-3 / np.sqrt(12) * 0.99).all()

@@ -13,7 +13,7 @@ from tumblecal.check.drift import NONE, noise_of_history, stated_noise
 from tumblecal.check.gravity import local_size
 from tumblecal.check.result import Model, check
 from tumblecal.check.update import updated
-from tumblecal.data.calibration import Calibration, read_calibration, write_calibration
+from tumblecal.data.calibration import Calibration
 from tumblecal.data.calibration_use import Use
 from tumblecal.data.positions import PositionSet, attitudes_of
 from tumblecal.data.sensor_parameters import SENSOR, SensorParameters, correction_slope
@@ -142,22 +142,6 @@ def test_attitude_that_was_not_at_rest_is_named_and_the_others_decide():
     assert result.use.answer == "yes" and "p10" in result.use.reason
 
 
-def test_few_attitudes_name_what_they_cannot_see():
-    one = UP[4:5]
-    result = check(calibration(), FILE, by_hand(VALUES, up=one))
-    assert result.test.dof == 1
-    assert {"dK_x", "dK_y", "gamma_21", "gamma_31"} <= set(result.sensitivity.invisible)
-    assert np.isfinite(result.sensitivity.limits[[2, 5]]).all()
-    changed = check(calibration(), FILE, by_hand(VALUES + 3e-3 * np.eye(9)[5], up=one))
-    assert changed.test.rejected and changed.moved is not None and changed.moved.named is None
-    assert {"bias_z", "dK_z"} <= {name for each in changed.moved.possible for name in each.parameters}
-    # A cancelling change: the size in this attitude stays.
-    for row in result.sensitivity.hidden:
-        from tumblecal.check.usual_changes import USUAL
-
-        assert abs(sizes(by_hand(VALUES, up=one), VALUES)[1][0] @ (row * USUAL)) < 2e-4
-
-
 def test_known_angles_show_all_parameters_but_not_the_mount():
     alpha, beta = np.array([0.0, 90, 180, 270, 45, 135, 225, 315, 0, 90]), np.array([0.0] * 8 + [90.0, 45.0])
     a, b = np.radians(alpha), np.radians(beta)
@@ -233,23 +217,6 @@ def test_update_is_that_of_bayes():
     np.testing.assert_allclose(made.calibration.matrix @ triad(sensor.values), np.eye(3), atol=1e-12)
     record = made.calibration.provenance["update"]
     assert record["process_noise"]["months"] == 6.0 and record["freed"] == []
-
-
-def test_matrix_in_another_frame_is_updated_in_that_frame(tmp_path):
-    turn = np.radians(20.0)
-    turned = np.array([[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1.0]])
-    whole = np.eye(12)
-    whole[:9, :9] = np.kron(turned, np.eye(3))
-    plain = calibration()
-    other = replace(plain, matrix=turned @ plain.matrix, covariance=whole @ plain.covariance @ whole.T, parameters=None)
-    data = by_hand(VALUES, noise(1))
-    results = [updated(check(each, FILE, data).test, NONE, (), {}).calibration for each in (plain, other)]
-    np.testing.assert_allclose(
-        results[1].corrected(data.readings), results[0].corrected(data.readings) @ turned.T, atol=1e-8
-    )
-    np.testing.assert_allclose(results[1].sensor.covariance, results[0].sensor.covariance, atol=1e-12)
-    write_calibration(tmp_path / "turned.json", results[1])
-    read_calibration(tmp_path / "turned.json")
 
 
 def test_changed_sensor_is_not_updated_unless_its_parameter_is_free():

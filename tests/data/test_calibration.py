@@ -12,7 +12,6 @@ import pytest
 
 from tumblecal import InputError
 from tumblecal.data.calibration import Calibration, read_calibration, write_calibration
-from tumblecal.data.raw import read_raw
 from tumblecal.data.sensor_parameters import SENSOR, SensorParameters, triad_of
 from tumblecal.ground.atomic import output_folders, writable_folder, write_text, write_texts, written_aside
 
@@ -68,25 +67,6 @@ def test_what_is_not_determined_is_kept(tmp_path, fitted):
     assert back.of(["dK_x"]).undetermined == ()
 
 
-@pytest.mark.parametrize(
-    ("determined", "words"),
-    [
-        ([True], "true or false for each name"),
-        ([True, 1], r"\.1: must be true or false"),
-        ("yes", "a list"),
-        (None, "a list"),
-    ],
-)
-def test_what_is_determined_must_be_said_of_each_parameter(tmp_path, fitted, determined, words):
-    path = tmp_path / "calibration.json"
-    write_calibration(path, fitted)
-    content = json.loads(path.read_text())
-    content["parameters"]["determined"] = determined
-    path.write_text(json.dumps(content))
-    with pytest.raises(InputError, match=f"determined.*{words}"):
-        read_calibration(path)
-
-
 def changed(path, calibration, *keys, to):
     """A calibration file with one of its numbers changed by hand."""
     write_calibration(path, calibration)
@@ -105,32 +85,17 @@ def changed(path, calibration, *keys, to):
         (("bias", 1), 0.5, r"bias\.1: 0\.5 g, but parameters say"),
         (("parameters", "values", 5), -0.5, r"bias\.2: .* g, but parameters say -0\.5"),
         (("matrix", 0, 0), 1.1, r"matrix: its inverse has .* in row 1, column 1, but dK and gamma in parameters make"),
-        (("matrix", 0, 2), 1e-3, "matrix: its inverse has .* in row 1, column 3"),
         (("parameters", "values", 8), 0.2, "matrix: its inverse has .* in row 3, column 2, .* parameters make"),
-        (
-            ("parameters", "values", 0),
-            -1.0,
-            "matrix: its inverse has .* parameters make 0: the file contradicts itself",
-        ),
+        (("parameters", "values", 0), -1.0, "matrix: its inverse has .* make 0: the file contradicts itself"),
         (("parameters", "names", 2), "foo", r"parameters\.names\.2: no parameter of a triad .*got 'foo'"),
         (("parameters", "names"), ["dK_x"], r"parameters: names: dK_y, .* missing"),
-        (
-            ("parameters", "covariance", 3, 3),
-            -1e-15,
-            "parameters.covariance: no variance of a covariance may be negative",
-        ),
-        (
-            ("parameters", "covariance", 3, 3),
-            -1e-3,
-            "parameters.covariance: no variance of a covariance may be negative",
-        ),
+        (("parameters", "covariance", 3, 3), -1e-15, "parameters.covariance: no variance of a covariance may be neg"),
         (("parameters", "covariance", 0, 1), 1e-3, "parameters.covariance: a covariance must be symmetric"),
-        (("parameters", "values", 0), "0", r"parameters\.values\.0: must be a number \(got '0'\)"),
-        (("matrix", 0, 1), "0", r"matrix\.0\.1: must be a number \(got '0'\)"),
+        (("parameters", "determined"), [True], "parameters: determined must be true or false for each"),
         (("matrix", 1, 1), True, r"matrix\.1\.1: must be a number \(got true\)"),
-        (("alignment", 2, 0), False, r"alignment\.2\.0: must be a number \(got false\)"),
-        (("covariance", 0, 0), None, r"covariance\.0\.0: must be a number \(got None\)"),
-        (("matrix", 0), [[[1.0]], 0.0, 0.0], r"matrix\.0\.0: must be a number"),
+        (("matrix",), [[0.0] * 3] * 3, "matrix: a matrix with scales from 0 to 0 is not that of a triad"),
+        (("bias", 2), 10**4000, r"bias\.2: must be a number \(got 1000"),
+        (("units", "A"), "mg", "units: differs from the value that calibrate writes"),
     ],
 )
 def test_what_was_changed_by_hand_is_refused(tmp_path, fitted, keys, to, words):
@@ -152,52 +117,6 @@ def test_rounding_to_float32_is_no_contradiction(tmp_path, fitted, scale):
     assert read_calibration(tmp_path / "c.json").sensor.values.tobytes() == values.tobytes()
 
 
-def test_a_key_that_stands_twice_is_refused(tmp_path, calibration):
-    path = tmp_path / "calibration.json"
-    write_calibration(path, calibration)
-    path.write_text(path.read_text().replace('"bias": [', '"bias": [0, 0, 0], "bias": [', 1))
-    with pytest.raises(InputError, match=r"calibration\.json: the key 'bias' is given twice in one object"):
-        read_calibration(path)
-
-
-def test_correction_is_matrix_times_reading_less_bias(calibration):
-    readings = RNG.normal(size=(5, 3))
-    expected = [calibration.matrix @ (row - calibration.bias) for row in readings]
-    np.testing.assert_allclose(calibration.corrected(readings), expected, rtol=1e-15, atol=1e-15)
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({"schema": "tumblecal.result/1"}, "schema is 'tumblecal.result/1'"),
-        ({"matrix": [[1, 0], [0, 1]]}, r"matrix\.0: must have 3 or more entries, not 2"),
-        ({"bias": [0, 0, "x"]}, r"bias\.2: must be a number \(got 'x'\)"),
-        ({"covariance": None}, "covariance"),
-        ({"bias": [0, 0, float("nan")]}, r"bias\.2: must be a finite number \(got nan\)"),
-        ({"matrix": [[0.0] * 3] * 3}, "matrix: a matrix with scales from 0 to 0 is not that of a triad"),
-        ({"matrix": [[1e308, 0, 0], [0, 1, 0], [0, 0, 1]]}, r"matrix\.0\.0: must be 1e\+12 or less"),
-        ({"matrix": [[1, 0, 0], [0, 1, 0], [1, 1, 0]]}, "matrix: a matrix with scales from 0 to"),
-        ({"bias": [0, 0, 10**4000]}, r"bias\.2: must be a number \(got 1000"),
-        (
-            {"covariance": [[-1e-12 * (row == column) for column in range(12)] for row in range(12)]},
-            "no variance of a covariance may be negative",
-        ),
-        ({"covariance": [[1e-12 * (row <= column) for column in range(12)] for row in range(12)]}, "symmetric"),
-        ({"units": {"A": "mg"}}, "units: differs from the value that calibrate writes"),
-        ({"serial_number": 7}, r"serial_number: must be a text in quotation marks \(got 7\)"),
-        ({"temperature_degc": [20]}, "temperature_degc"),
-        ({"provenance": 3}, "provenance: must be an object"),
-        ({"gravity": {"value_ms2": 98.1, "source": "x"}}, r"gravity\.value_ms2: must be below 9.9 \(got 98.1\)"),
-    ],
-)
-def test_bad_calibration_files(tmp_path, calibration, change, words):
-    path = tmp_path / "calibration.json"
-    write_calibration(path, calibration)
-    path.write_text(json.dumps(json.loads(path.read_text()) | change))
-    with pytest.raises(InputError, match=words):
-        read_calibration(path)
-
-
 def test_calibration_that_is_not_json(tmp_path):
     (tmp_path / "a.json").write_text('{"schema":\n nothing}')
     with pytest.raises(InputError, match=r"a\.json:line 2, column 2: not JSON"):
@@ -205,21 +124,6 @@ def test_calibration_that_is_not_json(tmp_path):
     (tmp_path / "b.json").write_text("[1]")
     with pytest.raises(InputError, match="schema is None"):
         read_calibration(tmp_path / "b.json")
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("ax_g,ay_g\n0,0\n", "columns ax_g, ay_g, az_g .* are missing"),
-        ("ax_g,ay_g,az_g,ax_mg\n0,0,1,0\n", "the readings are in two units"),
-        ("# k: v\nax_g,ay_g,az_g\n0,0,1\n0,zero,1\n", r":line 4, column ay_g: 'zero' is not a finite number"),
-        ("ax_g,ay_g,az_g\n0,0,nan\n", r":line 2, column az_g: 'nan' is not a finite number"),
-    ],
-)
-def test_bad_raw_tables(tmp_path, text, words):
-    (tmp_path / "raw.csv").write_text(text)
-    with pytest.raises(InputError, match=words):
-        read_raw(tmp_path / "raw.csv")
 
 
 def test_an_interrupted_file_is_absent_and_an_older_one_stays(tmp_path):
@@ -258,11 +162,7 @@ def test_a_folder_that_cannot_be_written(tmp_path):
 
 @pytest.mark.parametrize(
     ("text", "words"),
-    [
-        ('{"schema": ' + "7" * 5000 + "}", "not JSON: Exceeds the limit"),
-        ("[" * 100_000, "nested too deeply"),
-        ('{"schema": "' + "x" * 100_000 + '"}', "schema is 'xxx"),
-    ],
+    [('{"schema": ' + "7" * 5000 + "}", "not JSON: Exceeds the limit"), ("[" * 100_000, "nested too deeply")],
 )
 def test_files_that_python_itself_refuses(tmp_path, text, words):
     path = tmp_path / "calibration.json"
@@ -299,11 +199,3 @@ def test_of_several_files_none_takes_its_name_before_all_are_whole(tmp_path):
     with pytest.raises(InputError, match="there: cannot be written"):
         write_texts(tmp_path, {"a": "new", "not/there": "x"})
     assert [own.name for own in tmp_path.iterdir()] == ["a"] and (tmp_path / "a").read_text() == "old"
-
-
-def test_a_file_has_the_rights_of_any_new_file(tmp_path):
-    (tmp_path / "plain").touch()
-    write_text(tmp_path / "text", "x")
-    with written_aside(tmp_path / "aside") as aside:
-        aside.write_bytes(b"x")
-    assert len({own.stat().st_mode for own in tmp_path.iterdir()}) == 1

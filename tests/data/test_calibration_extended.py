@@ -41,61 +41,22 @@ def calibration(terms):
 def test_inverse_is_exact():
     rng = np.random.default_rng(2)
     force, temperature = rng.uniform(-2, 2, (50, 3)), rng.uniform(-20, 60, 50)
-    back = calibration(TERMS).corrected(forward(force, temperature), temperature)
-    np.testing.assert_allclose(back, force, rtol=0, atol=1e-13)
-
-
-def test_one_temperature_for_all_rows():
-    force = np.random.default_rng(3).uniform(-1, 1, (20, 3))
     own = calibration(TERMS)
-    for one in (31.5, 31, np.float64(31.5)):
-        np.testing.assert_allclose(own.corrected(forward(force, one), one), force, rtol=0, atol=1e-13)
-    drift = {**TERMS[3], "per_degc": False, "per_hour": True, "reference_s": 0.0}
-    np.testing.assert_array_equal(
-        calibration([drift]).corrected(force, time_s=60.0),
-        calibration([drift]).corrected(force, time_s=np.full(20, 60.0)),
-    )
-
-
-def test_without_terms_it_is_the_linear_correction():
-    plain = calibration([])
-    readings = np.random.default_rng(3).normal(size=(5, 3))
-    np.testing.assert_array_equal(plain.corrected(readings), (readings - plain.bias) @ plain.matrix.T)
-
-
-@pytest.mark.parametrize(
-    ("terms", "message"),
-    [
-        (TERMS, "need a column temperature_degc"),
-        (
-            [{"axis": "w", "powers": [1, 0, 0], "coefficient": 1.0}],
-            r"terms\.0\.axis: must be one of x, y, z \(got 'w'\)",
-        ),
-        ([{"axis": "x", "powers": [3, 0, 0], "coefficient": 5.0}], "cannot be inverted"),
-    ],
-)
-def test_what_cannot_be_applied_is_refused(terms, message):
-    with pytest.raises(InputError, match=message):
-        calibration(terms).corrected(np.ones((4, 3)))
+    np.testing.assert_allclose(own.corrected(forward(force, temperature), temperature), force, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(own.corrected(forward(force, 31.5), 31.5), force, rtol=0, atol=1e-13)
+    with pytest.raises(InputError, match="need a column temperature_degc"):
+        own.corrected(np.ones((4, 3)))
+    with pytest.raises(InputError, match="cannot be inverted"):
+        calibration([{"axis": "x", "powers": [3, 0, 0], "coefficient": 5.0}]).corrected(np.ones((4, 3)))
 
 
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"axis": None}, r"terms\.1\.axis: must be a text"),
-        ({"coefficient": "1e-3"}, r"terms\.1\.coefficient: must be a number \(got '1e-3'\)"),
+        ({"axis": "w"}, r"terms\.1\.axis: must be one of x, y, z \(got 'w'\)"),
         ({"powers": [1, 0]}, r"terms\.1\.powers\.2: is missing"),
-        ({"kind": "cube"}, r"terms\.1\.kind: must be one of product, abs, sign"),
-        ({"per_degc": "no", "reference_degc": 25}, r"terms\.1\.per_degc: unknown key"),
         ({"per_degc": True}, r"terms\.1: reference_degc is missing"),
-        ({"per_hour": True, "reference_s": []}, r"terms\.1\.reference_s: must be a number \(got \[\]\)"),
-        ({"degc_power": 2}, r"terms\.1: reference_degc is missing"),
-        (
-            {"degc_power": 2.5, "reference_degc": 25},
-            r"terms\.1\.degc_power: must be a whole number \(got 2\.5\)",
-        ),
         ({"per_degc": True, "degc_power": 2, "reference_degc": 25}, r"terms\.1: degc_power contradicts per_degc"),
-        ({"per_degree": True}, r"terms\.1\.per_degree: unknown key"),
     ],
 )
 def test_a_fault_of_a_term_names_the_file_the_key_and_what_is_allowed(tmp_path, change, words):

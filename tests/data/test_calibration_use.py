@@ -66,15 +66,10 @@ def test_a_file_of_an_earlier_version_states_no_use(tmp_path):
 WRONG = [
     ("yes", "use: must be an object"),
     ({"answer": "maybe"}, "use.answer: must be 'yes', 'within', 'only', 'not tested' or 'no' (got 'maybe')"),
-    ({"answer": ["no"]}, "use.answer: must be 'yes'"),
-    ({"answer": "no", "reason": 3}, "use.reason: must be a text in quotation marks (got 3)"),
     ({"answer": "within"}, "temperature_degc must be stated with 'within'"),
     ({"answer": "yes", "temperature_degc": [1, 2]}, "not with 'yes'"),
     ({"answer": "within", "temperature_degc": [30, 20]}, "the lowest temperature must come first"),
-    ({"answer": "within", "temperature_degc": [30, None]}, "use.temperature_degc.1: must be a number (got None)"),
     ({"answer": "only"}, "parameters must be listed with 'only'"),
-    ({"answer": "only", "parameters": ["dK_q"]}, "use.parameters.0: must be one of dK_x"),
-    ({"answer": "only", "parameters": "dK_x"}, "use.parameters: "),
     ({"answer": "no", "expanded_g": -1}, "use.expanded_g: must be above 0 (got -1)"),
 ]  # fmt: skip
 
@@ -109,9 +104,3 @@ def test_the_strictest_of_several_findings_decides():
     assert combined([some, untested, warm]).answer == "not tested"
     assert combined([warm, some, untested, no]).answer == "no" and combined([warm, no]).reason == "exchanged rows"
     assert combined([warm, Use("within", "other", (40.0, 50.0))]).answer == "no"
-
-
-def test_a_systematic_error_of_an_earlier_version_is_no():
-    stated = {"answer": "yes", "reason": "chi2/dof 5", "size_g": 2e-4}
-    use = validated(stated, StatedUse, "c.json", "use")
-    assert use.refused and use.reason.startswith("chi2/dof 5; an earlier version stated a systematic error")

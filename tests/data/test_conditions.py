@@ -40,12 +40,9 @@ def test_temperatures_of_ovens_and_kelvin_are_read(tmp_path, usual):
     ("times", "told"),
     [
         (45000 + STEPS * 120 / 86400, "these look like days, as a spreadsheet counts dates; write seconds"),
-        (np.round(45000 + STEPS * 600 / 86400, 1), "these look like days, as a spreadsheet counts dates"),
         (0.4 + STEPS * 120 / 86400, "a head cannot be set in 0.0014 s, so these look like hours or days"),
         (STEPS * 120 / 3600, "a head cannot be set in 0.033 s, so these look like hours or days; write seconds"),
         (1.7e12 + 120e3 * STEPS, "1.7e+12 s, and so on: these look like milliseconds since 1970; write seconds"),
-        (1.7e15 + 120e6 * STEPS, "look like microseconds since 1970"),
-        (1.7e18 + 120e9 * STEPS, "look like nanoseconds since 1970"),
     ],
 )
 def test_times_in_another_unit_are_told(tmp_path, times, told):
@@ -55,27 +52,7 @@ def test_times_in_another_unit_are_told(tmp_path, times, told):
 
 
 @pytest.mark.parametrize(
-    "times",
-    [
-        0.5 * STEPS,
-        43200 + 0.5 * STEPS,
-        1.7e9 + 0.5 * STEPS,
-        1.7e9 + 120 * STEPS,
-        86400 * STEPS,
-        0 * STEPS,
-        0.5 * (STEPS % 6),
-        0.5 * STEPS[::-1],
-    ],
-    ids=[
-        "fast head",
-        "seconds of the day",
-        "since 1970, fast",
-        "since 1970",
-        "a day each",
-        "none",
-        "restarts",
-        "backwards",
-    ],
+    "times", [0.5 * STEPS, 1.7e9 + 0.5 * STEPS, 86400 * STEPS, 0 * STEPS, 0.5 * (STEPS % 6), 0.5 * STEPS[::-1]]
 )
 def test_seconds_are_read(tmp_path, times):
     np.testing.assert_array_equal(read_positions(file_with(tmp_path, "time_s", times)).time_s, times)

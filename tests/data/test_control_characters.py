@@ -3,7 +3,6 @@
 import json
 import re
 import unicodedata
-import warnings
 import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 from pathlib import Path
@@ -37,7 +36,7 @@ def is_control(letter):
 CONTROLS = [chr(code) for code in range(0x10000) if is_control(chr(code))]
 TEXTS = st.text(st.characters(exclude_categories=("Cs",)), max_size=8)
 HOSTILE = st.tuples(TEXTS, st.sampled_from(CONTROLS), TEXTS).map("".join)
-SETTINGS = settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
+SETTINGS = settings(max_examples=12, suppress_health_check=[HealthCheck.function_scoped_fixture])
 READERS = {
     "comment": lambda path, text: read_positions(csv(path, comment=text)),
     "key of a comment": lambda path, text: read_positions(csv(path, key=text)),
@@ -109,18 +108,6 @@ def test_whatever_is_written_as_text_has_none_and_xml_parses(tmp_path, text):
     write_text(tmp_path / "dcc.xml", ElementTree.tostring(root, encoding="unicode"))
     content = (tmp_path / "dcc.xml").read_text(encoding="utf-8")
     assert not any(map(is_control, content)) and ElementTree.parse(tmp_path / "dcc.xml").getroot().tag == "dcc"
-
-
-def test_figures_of_texts_with_control_characters_are_xml(tmp_path):
-    from tumblecal.report.drawing import new_figure, save
-
-    figure = new_figure()
-    figure.suptitle("A\x1b[31m\x85\u202e--> \x01")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # no glyphs for them
-        save(figure, tmp_path / "figure.svg")
-    assert not any(map(is_control, (tmp_path / "figure.svg").read_text(encoding="utf-8")))
-    ElementTree.parse(tmp_path / "figure.svg")
 
 
 def test_a_serial_number_that_a_terminal_would_obey_is_refused_before_anything_is_written(tumblecal, tmp_path, table1):

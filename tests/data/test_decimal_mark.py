@@ -31,9 +31,7 @@ def written(path, *more, readings=READINGS, mark=",", separator=";"):
         (".", ("time_s", "0", "600", '"1,200"'), [0, 600, 1200]),
         (",", ("time_s", "0,500", "600,250", "1.200,750"), [0.5, 600.25, 1200.75]),
         (",", ("time_s", "1.200", "1.000.000", "2.400"), [1200, 1e6, 2400]),
-        (".", ("time_s", "1.200", "2.400", "3.600"), [1.2, 2.4, 3.6]),
         (",", ("time_s", "1,200", "2,400", "3,6e1"), [1.2, 2.4, 36]),
-        (",", ("n", "12.000", "1.000", "1.000"), [12000, 1000, 1000]),
     ],
 )
 def test_one_mark_for_a_whole_file(tmp_path, mark, column, values):
@@ -61,16 +59,6 @@ def test_one_mark_for_a_whole_file(tmp_path, mark, column, values):
             "line 3, column temperature_degc: '20.5' has a decimal point, but",
         ),
         (
-            ",",
-            [("time_s", "0.123.456", "0", "1")],
-            "line 2, column time_s: '0.123.456' is not a number",
-        ),
-        (
-            ",",
-            [("temperature_degc", "20", "20.125", "21")],
-            "column temperature_degc: '20.125' has a decimal point, but",
-        ),
-        (
             ".",
             [("temperature_degc", "20", "20,5", "21")],
             "'20,5' has a decimal comma, but '0.001' (line 2, column ax_g)",
@@ -81,19 +69,6 @@ def test_what_may_be_either_is_refused_with_its_place(tmp_path, mark, columns, w
     with pytest.raises(InputError) as refused:
         read_positions(written(tmp_path / "a.csv", *columns, mark=mark))
     assert any(words in fault for fault in refused.value.faults), refused.value.faults
-
-
-def test_thousands_of_whole_numbers_alone(tmp_path):
-    """Where no cell tells the mark: 1.001 stands beside 707."""
-    path = written(tmp_path / "a.csv", readings=(("0", "0", "1.001"), ("0", "1.002", "3"), ("-707", "2", "707")))
-    path.write_text(path.read_text().replace("_g", "_mg").replace("1,00", "1.00"))
-    np.testing.assert_allclose(read_positions(path).readings[:2], [[0, 0, 1.001], [0, 1.002, 0.003]], rtol=1e-15)
-
-
-def test_a_name_is_no_number(tmp_path):
-    path = written(tmp_path / "a.csv")
-    path.write_text(path.read_text().replace("p0", "1,5").replace("p1", "1.500"))
-    assert read_positions(path).names == ("1,5", "1.500", "p2")
 
 
 TENTHS = st.integers(-5_000_000, 50_000_000)
@@ -130,20 +105,16 @@ def test_a_spreadsheets_numbers_are_read_or_refused(tmp_path_factory, times, pla
     ("cell", "words"),
     [
         ("-1,000.6675", "the comma is a thousands separator; write -1000.6675"),
-        ("1,000,000", "the comma is a thousands separator; write 1000000"),
         ("1.000,5", "the point is a thousands separator; write 1000.5"),
         ("1,200", "if the comma is a thousands separator, write 1200; if it is a decimal mark, 1.200"),
         ("1,25", "use a decimal point"),
-        ("10_00", "write it without underscores"),
-        ("ten", "write one"),
     ],
 )
-@pytest.mark.parametrize("column", ["time_s", "ax_g"])
-def test_words_for_what_is_no_number_between_commas(tmp_path, cell, words, column):
+def test_words_for_what_is_no_number_between_commas(tmp_path, cell, words):
     header = [*HEADER, "time_s"]
     rows = [[f"p{k}", "0", "45", *row, "0"] for k, row in enumerate(READINGS)]
-    rows[1][header.index(column)] = f'"{cell}"'
+    rows[1][header.index("time_s")] = f'"{cell}"'
     (tmp_path / "a.csv").write_text("\n".join(",".join(row) for row in (header, *rows)))
     with pytest.raises(InputError) as refused:
         read_positions(tmp_path / "a.csv")
-    assert refused.value.faults == (f"{tmp_path}/a.csv:line 3, column {column}: {cell!r} is not a number; {words}",)
+    assert refused.value.faults == (f"{tmp_path}/a.csv:line 3, column time_s: {cell!r} is not a number; {words}",)

@@ -27,13 +27,6 @@ def test_where_positions_agree_all_have_one_sd(samples):
     np.testing.assert_allclose(np.sqrt(np.mean(told**2)), np.sqrt(np.mean(own**2)), rtol=0.15)
 
 
-def test_where_positions_differ_each_keeps_most_of_its_own():
-    truth = 1e-4 * np.repeat([1.0, 10.0], 12)[:, None] * np.ones(3)
-    told = moderated(drawn(truth, 20), np.full(24, 20.0)) * np.sqrt(20)
-    np.testing.assert_allclose(told / truth, 1, atol=0.6)
-    assert np.median(told[12:]) > 5 * np.median(told[:12])
-
-
 def test_few_samples_do_not_contradict_the_model(table1):
     """The paper's positions with noise of 0.1 mg as five samples show it: taken as they stand three of four such sets were said
     to scatter by more than their sd columns say."""
@@ -47,10 +40,3 @@ def test_few_samples_do_not_contradict_the_model(table1):
         floors += calibrated.floor is not None
     assert floors <= 2
     assert calibrated.floor is not None or "sd columns of 5 samples a position" in noise_words(calibrated.exact)
-
-
-def test_many_samples_and_stated_sds_stand_as_they_are(table1):
-    sd = np.full((24, 3), 1e-4) * RNG.uniform(0.5, 2, (24, 3))
-    columns = (table1.names, table1.alpha_deg, table1.beta_deg, table1.readings)
-    for n in (None, np.full(24, 1000.0), np.ones(24)):
-        assert PositionSet(*columns, sd=sd, n=n).weighing_sd is sd

