@@ -9,7 +9,6 @@ import pytest
 
 from tumblecal.data.calibration import calibration_text
 from tumblecal.diagnosis.causes.cause import NO_SLOT
-from tumblecal.diagnosis.findings.model_average import remaining_explanations
 from tumblecal.report.diagnosis_calibration import _reference
 
 
@@ -55,14 +54,6 @@ def test_calibration_is_the_average(ambiguous):
     for term in content["terms"]:
         whole = [own.fit.value(name) for own in weighed for name in own.fit.names if name.startswith(term["effect"])]
         assert abs(term["coefficient"]) < max(map(abs, whole))
-
-
-def test_the_fit_that_was_made_is_that_of_the_leading_explanation(ambiguous):
-    diagnosis, _ = ambiguous
-    again, refitted = (remaining_explanations(diagnosis.screened, fit) for fit in (diagnosis.extended, None))
-    assert any(own.fit is diagnosis.extended for own in again)
-    for own, other in zip(again, refitted, strict=True):
-        np.testing.assert_array_equal(own.fit.values, other.fit.values)
 
 
 def test_one_explanation_is_not_averaged(diagnoser, hidden):

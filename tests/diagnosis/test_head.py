@@ -14,7 +14,7 @@ from tumblecal.diagnosis.units import joint_diagnosis
 from tumblecal.estimation.plausibility import implausible_head
 from tumblecal.report.head_amounts import shown_in, spread_sizes
 from tumblecal.report.head_files import write_units
-from tumblecal.report.head_words import _spreads, units_text
+from tumblecal.report.head_words import units_text
 
 
 LEVEL = 0.3e-3
@@ -94,62 +94,6 @@ def test_a_unit_is_told_what_the_others_measured(units, found):
         assert 0.85 * sd < head.sd[0] < 1.15 * sd
 
 
-def test_nothing_is_said_of_one_unit_or_of_a_head_without_error(units, diagnoser):
-    setups, sets = units
-    rng = np.random.default_rng(3)
-    plain = []
-    for setup, positions in zip(setups, sets, strict=True):
-        clean = blind.readings(setup, setup.nominal, {})
-        readings = clean + blind.SIGMA * rng.normal(size=clean.shape)
-        plain.append(PositionSet(**{**vars(positions), "readings": readings}))
-    screened = [diagnoser.begun(positions).screened for positions in plain]
-    found = joint_diagnosis(screened, ["a", "b", "c", "d"])
-    assert found.joint.verdict == "adequate" and not found.joint.detected and found.fit.head is None
-    assert found.joint.p_value > 0.05 and found.known_to(0) is None and found.outlying == ()
-    with pytest.raises(Exception, match="at least two units"):
-        joint_diagnosis(screened[:1], ["a"])
-
-
-@pytest.mark.parametrize("seed", [6, 8])
-def test_a_warm_up_of_every_unit_by_an_amount_of_its_own_is_not_the_heads(diagnoser, seed):
-    """Though an error of the index, which grows from one angle to the next, makes much of the same signal."""
-    rng, sets = np.random.default_rng(seed), []
-    setups = [blind.random_setup(rng, 3, 8) for _ in range(8)]
-    drawn = blind.sized(setups[0], blind.unreachable(setups[0]), "warm_up", 4.5, rng)
-    assert drawn is not None
-    *amplitudes, tau = drawn[0]
-    for setup in setups:
-        own = [*rng.uniform(0.5, 1.5) * np.array(amplitudes), tau]
-        readings = blind.readings(setup, setup.nominal, {"warm_up": own})
-        sets.append(
-            blind_noise.position_set(setup, readings + blind.SIGMA * rng.normal(size=readings.shape), known=True)
-        )
-    screened = [diagnoser.begun(positions).screened for positions in sets]
-    found = joint_diagnosis(screened, [f"unit{k}" for k in range(8)])
-    assert not any(signal.of_head for signal in found.shared) and found.joint.best.shared.labels == ()
-    assert found.joint.by_unit_probability("warm_up") > 0.5
-    (sizes,) = (own for id, own in spread_sizes(found, diagnoser.entries).items() if id == "warm_up")
-    assert len(sizes) == 3 and not any("tau" in name for name in sizes)
-
-
-@pytest.mark.parametrize("level", [0.0, LEVEL])
-def test_strong_warm_ups_each_with_a_time_constant_of_its_own_hide_no_head_and_make_none(diagnoser, level):
-    """Of 100 sigma, where a time constant that is only near leaves more than an error of the head makes."""
-    rng, sets = np.random.default_rng(12), []
-    for _ in range(6):
-        setup = blind.random_setup(rng, 3, 8)
-        drawn = blind.sized(setup, blind.unreachable(setup), "warm_up", 100.0 * rng.uniform(0.5, 1.5), rng)
-        assert drawn is not None
-        readings = blind.readings(setup, setup.nominal, {"warm_up": drawn[0], "base_levelling": np.array([level])})
-        readings = readings + blind.SIGMA * rng.normal(size=readings.shape)
-        sets.append(blind_noise.position_set(setup, readings, known=True))
-    told = joint_diagnosis(
-        [diagnoser.begun(positions).screened for positions in sets], [f"unit{k}" for k in range(6)]
-    ).joint
-    assert told.by_unit_probability("warm_up") > 0.5
-    assert told.best.shared.labels == (("base_levelling",) if level else ())
-
-
 @pytest.mark.parametrize("mean", [0.0, 1e-3])
 def test_what_each_unit_has_by_an_amount_of_its_own_is_fitted_beside_the_heads_errors(diagnoser, mean):
     """A nonlinearity of another size in each, about zero or about a mean, is partly what an eccentric index makes: the head's
@@ -166,61 +110,6 @@ def test_what_each_unit_has_by_an_amount_of_its_own_is_fitted_beside_the_heads_e
     head = found.fit.head
     assert head is not None and np.all(np.abs(head.values - eccentricity) < 3.5 * head.sd) and np.all(head.sd < 4e-5)
     assert found.outlying == ()
-
-
-def test_an_index_that_stands_wrong_at_one_hole_is_shared_and_without_a_name(diagnoser):
-    """In each unit it looks like the same positions off, or like something of its own, and was told as that alone."""
-    rng, sets = np.random.default_rng(22), []
-    for _ in range(4):
-        setup = blind.random_setup(rng, 3, 8)
-        clean = blind.readings(setup, setup.nominal, {})
-        setup.alpha = setup.alpha + 1e-3 * np.isclose(setup.alpha, np.radians(90))
-        wrong = blind.readings(setup, setup.nominal, {})
-        setup.alpha = np.tile(np.arange(8) * np.pi / 4, 3)
-        assert np.count_nonzero(np.any(wrong != clean, axis=1)) == 3
-        readings = wrong + blind.SIGMA * rng.normal(size=wrong.shape)
-        sets.append(blind_noise.position_set(setup, readings, known=True))
-    found = joint_diagnosis([diagnoser.begun(positions).screened for positions in sets], [f"unit{k}" for k in range(4)])
-    assert found.joint.verdict == "unexplained" and found.joint.p_value < 1e-6 and not found.shared
-    assert found.unexplained == ("index angle: at 90 deg alone",) and found.outlying == ()
-    # It is every unit's that is diagnosed by itself, and was listed again as each one's own.
-    text = units_text(found, rows(4, "unexplained"), diagnoser.entries)
-    assert "u0, u1, u2, u3 show the same error of the head" in text and "Errors of individual units" not in text
-
-
-def test_of_a_mean_the_combinations_that_no_unit_shows_are_not_told(diagnoser):
-    """A wobble of one turn is in part a mount's angle: that combination had means of half a radian."""
-    rng, sets = np.random.default_rng(71), []
-    for _ in range(6):
-        setup = blind.random_setup(rng, 4, 12)
-        own = rng.normal([1.5e-3, 0.4e-3, 1.0e-3, 1.5e-3], 0.1e-3)
-        readings = blind.readings(setup, setup.nominal, {"spindle_wobble_1": own})
-        readings = readings + blind.SIGMA * rng.normal(size=readings.shape)
-        sets.append(blind_noise.position_set(setup, readings, known=True))
-    found = joint_diagnosis([diagnoser.begun(positions).screened for positions in sets], [f"unit{k}" for k in range(6)])
-    sizes = spread_sizes(found, diagnoser.entries)["spindle_wobble_1"]
-    means = [size["mean"] for size in sizes.values()]
-    assert None in means and all(abs(mean) < 5.0 for mean in means if mean is not None)
-    assert "undetermined" in "\n".join(_spreads(found, [("", {})] * 6, diagnoser.entries))
-
-
-def test_a_unit_with_wrong_labels_is_left_out_of_what_is_said_of_the_head(diagnoser):
-    """Its index at one setting, off by 45 degrees, became an index_zero of 46 degrees that all shared, and its pitch errors an
-    axis that is set anew each time."""
-    rng, sets, hidden = np.random.default_rng(4), [], {"index_eccentricity": np.array([4e-4, -3e-4])}
-    for number in range(6):
-        setup = blind.random_setup(rng, 3, 8)
-        setup.nominal["dbeta"] = np.array([1.2e-3, -2.1e-3, 0.8e-3])
-        clean = blind.readings(setup, setup.nominal, hidden)
-        if number == 2:
-            setup.alpha = setup.alpha + np.radians(45) * (setup.beta > np.radians(80))
-        sets.append(blind_noise.position_set(setup, clean + blind.SIGMA * rng.normal(size=clean.shape), known=True))
-    found = joint_diagnosis([diagnoser.begun(positions).screened for positions in sets], [f"unit{k}" for k in range(6)])
-    assert found.joint.best.shared.labels == ("index_eccentricity",) and found.joint.best.by_unit == ()
-    assert found.outlying == (2,) and found.known_to(2) is None
-    head, truth = found.fit.head, [4e-4, -3e-4, 1.2e-3, -2.1e-3, 0.8e-3]
-    assert head is not None and "unit2" not in head.made_of and found.fit.pitch.common
-    assert np.all(np.abs(head.values - truth) < 4 * head.sd) and found.implausible == ()
 
 
 def test_a_head_such_as_none_is_goes_into_no_file(found, diagnoser, tmp_path):
@@ -282,15 +171,6 @@ def test_pitch_settings_that_changed_once_are_not_set_anew_each_time(diagnoser):
     found = joint_diagnosis([diagnoser.begun(positions).screened for positions in sets], ["u"] * 5)
     assert found.fit.pitch.changed == 3 and not found.fit.pitch.common and found.fit.head is None
     assert "from u3 on" in units_text(found, rows(5), diagnoser.entries)
-
-
-def test_levels_in_no_order_are_not_two(diagnoser):
-    sizes = np.array([1.0, -0.8, 0.4, -1.2, 0.7, -0.3]) * LEVEL
-    screened = [diagnoser.begun(own).screened for own in units_with([{"base_levelling": size} for size in sizes], 32)]
-    found = joint_diagnosis(screened, ["u"] * 6)
-    assert found.levels == () and found.verdict != "adequate" and found.joint.best.head_by_unit == ("base_levelling",)
-    said = "the head is not the same for all units: base_levelling differs between units"
-    assert said in units_text(found, rows(6), diagnoser.entries)
 
 
 def test_an_effect_of_half_of_the_units_is_said_to_be_in_those_with_the_mean_of_all(diagnoser):

@@ -10,7 +10,6 @@ from blind_noise import position_set
 from tumblecal.diagnosis.findings.location import located
 from tumblecal.planning import next_plan
 from tumblecal.report.diagnosis_files import record
-from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
 
 
 def diagnosed(diagnoser, seed, part, known):
@@ -29,19 +28,6 @@ def test_most_effects_are_found_in_their_part(diagnoser, known):
     # Seven of ten are (benchmarks/located.py); fewer than four of ten once in a hundred runs.
     assert judged.count("right") >= 4
     assert judged.count("wrong and sure") <= 3
-
-
-@pytest.mark.parametrize("number", [19, 34])
-def test_effect_in_a_part_is_named_beside_what_else_follows_no_entry(diagnoser, number):
-    setup, readings, name = study.case(
-        np.random.default_rng([31, number]), "3x8" if number == 19 else "4x12", "one setting", 15.0
-    )
-    diagnosis = diagnoser(position_set(setup, readings, True))
-    assert diagnosis.best.labels == ("unexplained",) and not diagnosis.best.members
-    assert diagnosis.located[0].effect == name
-    words = verdict_of_diagnosis(diagnosis).words()
-    assert "no catalogued effect that acts on all positions explains the data" in words
-    assert f"{name} at pitch 0 deg alone (" in words and "against an unnamed effect at all positions: " in words
 
 
 def test_what_acts_everywhere_is_not_cut(diagnoser):

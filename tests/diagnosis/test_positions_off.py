@@ -65,11 +65,6 @@ def test_noise_alone_comes_below_a_bound_no_more_often_than_it_says(plan):
         assert 0.3 * bound < share < bound + 3 * np.sqrt(bound / len(values))
 
 
-def test_what_is_nothing_at_all_has_no_positions_off(plan):
-    assert positions_off(plan[2], np.zeros(DOF)) == 1.0
-    assert positions_off(plan[2].only(np.arange(0)), np.ones(DOF)) == 1.0
-
-
 @pytest.fixture(scope="module")
 def with_effects(plan):
     """The same with three effects: their signals in the readings, and the pool."""
@@ -114,12 +109,6 @@ def test_noise_alone_comes_below_the_bound_beside_effects_no_more_often_than_it_
     values = np.array([positions_off(with_effects[1], rng.normal(size=DOF)) for _ in range(3000)])
     for bound in (0.01, 0.05):
         assert 0.2 * bound < np.mean(values < bound) < bound + 3 * np.sqrt(bound / len(values))
-
-
-def test_of_two_positions_there_are_no_three(plan):
-    _, space, pool = plan
-    two = pool.only(np.array([k for k, label in enumerate(pool.labels) if label.endswith((":0", ":1"))]))
-    assert 0 < positions_off(two, space @ np.ones(3 * POSITIONS)) <= 1
 
 
 @pytest.mark.parametrize("known", [True, False])

@@ -51,20 +51,6 @@ def test_a_product_of_y_and_z_is_a_sine_of_twice_alpha_on_y(diagnosis):
     assert max(abs(part.in_sd or 0.0) for part in after) < 4
 
 
-def test_positions_left_out_and_settings_with_few_angles_have_no_part(diagnosis):
-    mask = np.ones(24, bool)
-    mask[:6] = False  # two angles are left at the first setting
-    rows = np.repeat(mask, 3)
-    fit = replace(
-        diagnosis.nominal,
-        problem=diagnosis.nominal.problem.without(tuple(range(6))),
-        rows=diagnosis.nominal.rows * rows,
-        jacobian=diagnosis.nominal.jacobian * rows[:, None],
-    )
-    assert {part.pitch for part in discrepancies(fit, 1.0)} == {1, 2}
-    assert len(normal_quantiles(fit).measured) == 54
-
-
 def test_one_percent_of_a_right_model_lies_outside_the_envelope(diagnosis):
     shares = [np.mean(normal_quantiles(of_a_right_model(diagnosis, seed)).outside) for seed in range(40)]
     assert 0.002 < np.mean(shares) < 0.025

@@ -11,7 +11,6 @@ from blind_sized import sized_to
 from blind_unlisted import LATER, UNLISTED
 from blind_unseen import LATEST, UNSEEN
 from tumblecal.diagnosis.lack_of_fit.one_curve import best_curve, one_curve
-from tumblecal.diagnosis.model.full_model import FullModel
 from tumblecal.diagnosis.priors import LACK_OF_FIT_TEST_WEIGHT
 from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
 
@@ -41,14 +40,6 @@ def test_the_processes_share_one_prior_weight(diagnoser, hidden):
     assert len(many) == 27 + 7
     np.testing.assert_allclose(many, max(others) / 3)
     np.testing.assert_allclose(others, max(others))
-
-
-def test_a_process_that_an_entry_describes_is_no_rival_of_it(diagnoser, hidden):
-    """With one value of an input for each pitch setting, a function of it is a bias by pitch setting."""
-    screened = diagnoser(hidden(5, {})).screened
-    assert any(cause.label == "bias_by_pitch.z" for cause in screened.pool.causes)
-    words = screened.alternatives.lack.words
-    assert "output z: a function of input x" not in words and "output z: a function of input y" in words
 
 
 def of_one_curve(signals, z, known):
@@ -136,17 +127,6 @@ def test_how_it_changes_is_said(diagnoser, name, words):
     assert len(told) >= 2 and all(own.endswith(words) for own in told), told
 
 
-def test_a_listed_set_leads_in_place_of_a_function_of_the_temperature(diagnoser):
-    """A knee may be a bias with a slope and a curvature (`named_first.py`): both are in the class."""
-    told = [diagnoser(unlisted("knee in temperature", seed)) for seed in range(3)]
-    assert all(own.verdict in {"ambiguous", "unexplained"} for own in told)
-    assert all(("unexplained",) in (own.best.labels, *own.best.equivalents) for own in told)
-    unnamed = [cause.words for own in told for cause in own.members if not cause.named]
-    assert unnamed and all(words.endswith("a function of the temperature") for words in unnamed), unnamed
-    listed = [own.labels for own in told if own.verdict == "ambiguous"]
-    assert all(label.startswith("bias_temperature") for labels in listed for label in labels), listed
-
-
 def test_a_noise_that_lack_of_fit_would_explain_as_well_is_ambiguous(diagnoser):
     diagnosis = diagnoser(unlisted("heater cycles", 1))
     assert diagnosis.noise_wrong["noise_unequal"].alternative == "unexplained" and not diagnosis.best.labels
@@ -154,19 +134,3 @@ def test_a_noise_that_lack_of_fit_would_explain_as_well_is_ambiguous(diagnoser):
     words = verdict_of_diagnosis(diagnosis).words()
     assert "or an effect without an entry is present" in words.partition("\n")[0]
     assert "an effect that is not in the catalogue would explain it about as well" in words
-
-
-@pytest.mark.parametrize("name", ["bump of the index", "knee of an output", "pump beats"])
-def test_a_strong_cause_of_no_entry_is_told_with_little_search_of_signs(diagnoser, monkeypatch, name):
-    """Seconds of a file went into jumps beside what no jump had made: the plan was computed anew up to a thousand times."""
-    times, evaluate = 0, FullModel.evaluate
-
-    def counted(model, *arguments):
-        nonlocal times
-        times += 1
-        return evaluate(model, *arguments)
-
-    monkeypatch.setattr(FullModel, "evaluate", counted)
-    for seed in range(2):
-        assert diagnoser(unlisted(name, seed, d=40.0)).labels == ("unexplained",)
-    assert times < 450

@@ -3,11 +3,9 @@
 import numpy as np
 import pytest
 
-import blind_instrument as blind
 from blind_conditions import CONDITIONS, drawn, write
 from blind_judge import Case, judged
 from blind_stress import answer_of_record
-from blind_study import chosen
 from tumblecal.data import read_positions
 
 
@@ -90,22 +88,3 @@ def test_the_judge(condition, accepted, record, right, strict, wrong):
 def test_a_traceback_is_no_refusal():
     verdict = judged(case_of("mistake: dead axis"), answer_of_record(None, "crash (1): LinAlgError"))
     assert verdict.crashed and not verdict.right
-
-
-@pytest.mark.parametrize(
-    ("text", "asked"), [("unlisted", True), ("unlisted*d = 10", True), ("unlisted*d = 1", False), ("d = 100", False)]
-)
-def test_conditions_are_asked_for_by_a_part_or_a_pattern(text, asked):
-    assert chosen("unlisted: cable pull, d = 10", text) is asked
-
-
-def test_sized_causes_have_their_size():
-    """What is hidden is d sigma long where the nominal model cannot reach."""
-    rng = np.random.default_rng(1)
-    setup = blind.random_setup(rng, 3, 8)
-    projector = blind.unreachable(setup)
-    for d in (8.0, 1000.0):
-        coefficients, *_ = blind.sized(setup, projector, "second_order.y", d, rng)
-        hidden = blind.readings(setup, setup.nominal, {"second_order.y": coefficients})
-        signal = projector @ (hidden - blind.readings(setup, setup.nominal, {})).ravel() / blind.SIGMA
-        assert np.linalg.norm(signal) == pytest.approx(d, rel=0.02)

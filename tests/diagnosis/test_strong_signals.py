@@ -17,7 +17,6 @@ from blind_conditions import CONDITIONS, drawn, positions_of
 from blind_judge import right as is_right
 from blind_noise import position_set
 from tumblecal.data import read_positions
-from tumblecal.diagnosis.refine.insert import fit_with
 from tumblecal.effects.catalogue import read_rig_with_effects
 from tumblecal.estimation.setup_correction import correct_setup_errors
 from tumblecal.simulation.position_means import simulated
@@ -66,18 +65,6 @@ def test_a_large_jump_is_found_beside_another_large_effect(bench, names):
     assert count == 3
 
 
-@pytest.mark.parametrize(("other", "seed"), [("third_order.z", 14)])
-def test_a_large_jump_is_found_beside_another_large_effect_at_few_positions(bench, other, seed):
-    """With wrong signs neither leads: what no entry describes, or three causes in place of two, led in these."""
-
-    def names(rng):
-        return f"bias_asymmetry.{rng.choice(list('xyz'))}", other
-
-    case = study.hidden(np.random.default_rng([20, seed]), "3x4", names, (300, 300), most_cosine=0.5)
-    screened, noise = bench(case, True)
-    assert is_right(screened.best, case.truth, noise)
-
-
 @pytest.mark.parametrize("plan", ["3x8", "4x12"])
 def test_two_errors_that_every_head_has_are_no_index_off_by_radians(bench, plan):
     """Where the spindle points up an index off by any angle explains anything: it was named, surely, in each of these."""
@@ -100,25 +87,6 @@ def test_large_effects_that_do_not_jump_are_named(bench):
         )
         screened, noise = bench(case, bool(seed % 2))
         assert is_right(screened.best, case.truth, noise)
-
-
-def test_an_outlier_position_is_named_with_a_large_effect(bench):
-    for seed in range(CASES):
-        rng = np.random.default_rng([12, seed])
-        case = study.hidden(rng, "4x12", lambda _: ["third_order.y"], (300,))
-        position = int(rng.integers(len(case.measured)))
-        case.measured[position] += [30 * blind.SIGMA, 0.0, -20 * blind.SIGMA]
-        screened, _ = bench(case, bool(seed % 2))
-        outlier = f"outlier_position:{case.setup.names[position]}"
-        assert set(screened.best.labels) == {"third_order.y", outlier}
-
-
-def test_an_explanation_whose_exact_fit_leaves_what_the_screen_explains_is_contradicted(bench):
-    case = study.hidden(np.random.default_rng(3), "3x8", lambda _: ["index_gain"], (100,))
-    screened, _ = bench(case, True)
-    assert screened.settled and not screened.contradicted
-    spoilt = replace(screened, fit=fit_with(screened.at, []))
-    assert spoilt.contradicted and not spoilt.settled and spoilt.top < screened.top - 1000
 
 
 def with_outliers(outliers, effects, plan="3x8", size=12):
@@ -151,14 +119,6 @@ def test_at_few_positions_gross_ones_do_not_hide_anything_in_unknown_noise(bench
     assert detected >= least(0.72, cases)
 
 
-def test_an_effect_on_all_axes_of_unknown_noise(bench):
-    def draw(rng):
-        names = tuple(f"bias_drift.{axis}" for axis in blind.AXES)
-        return study.hidden(rng, "3x8", lambda _: names, (7, 7, 7))
-
-    assert named(bench, False, draw) == CASES
-
-
 @pytest.mark.parametrize("name", ["scale_drift.x", "third_order.x", "scale_temperature.x"])
 def test_an_effect_of_tenths_of_a_g_is_no_mislabelled_setting(name):
     """It looked like one, which explained a third of it, and the data were put wrong."""
@@ -166,34 +126,6 @@ def test_an_effect_of_tenths_of_a_g_is_no_mislabelled_setting(name):
         case = study.hidden(np.random.default_rng([9, seed]), "4x12", lambda _: (name,), (1000,))
         mended, setup_errors = correct_setup_errors(position_set(case.setup, case.measured, known=True))
         assert not setup_errors and np.array_equal(mended.beta_deg, np.degrees(case.setup.beta))
-
-
-@pytest.mark.parametrize("axis", ["y", "z"])
-def test_a_kink_at_zero_of_a_hundred_millig(diagnoser, axis):
-    """The linear screen, far from the solution, left 60 sigma of it: another effect and something without a name led."""
-    rng, name = np.random.default_rng([44, 1]), f"scale_asymmetry.{axis}"
-    for number in range(2):
-        setup = blind.random_setup(rng, 4, 12)
-        drawn_size = blind.sized(setup, blind.unreachable(setup), name, 1000, rng)
-        assert drawn_size is not None
-        clean = blind.readings(setup, setup.nominal, {name: drawn_size[0]})
-        readings = clean + blind.SIGMA * rng.normal(size=clean.shape)
-        diagnosis = diagnoser(position_set(setup, readings, known=bool(number % 2)))
-        assert diagnosis.verdict == "identified" and diagnosis.labels == (name,)
-
-
-def test_a_bias_by_pitch_is_no_mislabelled_setting(diagnoser):
-    """80 mg at one setting looked like a setting 11 deg off, with which a slip of the mount was named."""
-    rng = np.random.default_rng([4, 3, 8, 80])
-    for _ in range(9):
-        setup, sizes = blind.random_setup(rng, 3, 8), rng.normal(size=2)
-        sizes *= 0.08 / np.max(np.abs(sizes))
-        clean = blind.readings(setup, setup.nominal, {"bias_by_pitch.x": sizes})
-        readings = clean + blind.SIGMA * rng.normal(size=clean.shape)
-    data = position_set(setup, readings, known=False)
-    assert [slip.label for slip in correct_setup_errors(data)[1]] == ["mislabelled_setting"]
-    diagnosis = diagnoser(data)
-    assert not diagnosis.setup_errors and diagnosis.labels == ("bias_by_pitch.x",)
 
 
 def test_a_mislabelled_setting_stays_one_beside_what_is_not_named(diagnoser):
@@ -265,52 +197,6 @@ def test_a_run_in_a_chamber_may_have_nine_coefficients(diagnoser):
     a noise that had been corrected for what was left, they were not looked at under the noise as stated."""
     condition = "bias, its square and scale factor in a chamber, d = 100 each"
     assert told_right(diagnoser, condition, 1) == 1
-
-
-@pytest.mark.usefixtures("on_one_plan")
-@pytest.mark.parametrize(
-    "condition",
-    [
-        "10 deg mount, the position before, d = 100",
-        "10 deg mount, the position before, d = 1000",
-        "remounted, one met less often, d = 8",
-    ],
-)
-def test_what_was_before_is_found_however_the_triad_stands(diagnoser, condition):
-    """The position before counted as commanded: with a mount of degrees it was another, and with a turned triad none."""
-    assert told_right(diagnoser, condition, CASES) == CASES
-
-
-STRONG = ("slip ring is sooty", "particle in the cavity", "auto zero droops")
-
-
-@pytest.mark.usefixtures("on_one_plan")
-@pytest.mark.parametrize("words", STRONG)
-def test_a_strong_cause_without_a_name_gets_none(diagnoser, words):
-    """What is rough in it looked like noise of one axis, and its steps like as many jumps of a bias, each surely so."""
-    rng, name = np.random.default_rng(851), f"independent: {words}, d = 100"
-    diagnosis = diagnoser(positions_of(drawn(name, rng).data))
-    classes = (diagnosis.labels, *diagnosis.best.equivalents)
-    alternatives = [fault.alternative for fault in diagnosis.noise_wrong.values()]
-    assert any("unexplained" in labels for labels in classes) or "unexplained" in alternatives
-    assert diagnosis.verdict != "identified" or diagnosis.best.probability < 0.9 or "unexplained" in diagnosis.labels
-
-
-def test_an_effect_that_jumps_is_found_beside_another(hidden, diagnoser):
-    """At the nominal fit the inputs near zero have other signs than at the true parameters: these positions looked faulty."""
-    effects = {"bias_asymmetry.x": [4e-3], "cross_coupling.z.yz": [2e-2]}
-    best = diagnoser(hidden(0, effects)).best
-    assert tuple(sorted(effects)) in (best.labels, *best.equivalents)
-
-
-@pytest.mark.parametrize(("seed", "number"), [(106, 2)])
-def test_a_noise_that_large_effects_seem_to_need_is_not_told(diagnoser, seed, number):
-    """Two effects of 100 sigma in noise as it was stated, which looked like another one: around the nominal fit; beside causes
-    that are nearly collinear; with the signs of an effect that jumps wrong."""
-    rng = np.random.default_rng([seed, zlib.crc32(b"two, d = 100")])
-    case = [drawn("two, d = 100", rng) for _ in range(number + 1)][-1]
-    diagnosis = diagnoser(positions_of(case.data))
-    assert case.known and diagnosis.labels == case.accepted[0] and not diagnosis.noise_wrong
 
 
 @pytest.mark.parametrize("seed", range(2))

@@ -7,13 +7,9 @@ import tumblecal
 from tumblecal.chain import settings
 from tumblecal.data import PositionSet
 from tumblecal.diagnosis import Diagnoser
-from tumblecal.diagnosis.causes.identities import one_function_at_1_g
-from tumblecal.diagnosis.model.full_model import model_of, settings_key
-from tumblecal.diagnosis.sets.classes import other_orders
+from tumblecal.diagnosis.model.full_model import settings_key
 from tumblecal.effects import catalogue
 from tumblecal.effects.temperature import reached_from
-from tumblecal.estimation import problem_of
-from tumblecal.planning.temperature_notes import temperature_notes
 from tumblecal.report.cause_words import order_sizes, temperature_orders
 from tumblecal.report.diagnosis_calibration import extended_calibration
 
@@ -115,12 +111,6 @@ def test_a_lag_between_thermometer_and_sensor_has_its_name():
         assert abs(fit.values[k] - value) < 4 * fit.sd[k]
 
 
-def test_next_measurement_states_a_further_soak_and_the_reverse_order(diagnosis):
-    notes = " ".join(temperature_notes(diagnosis))
-    assert "A further soak at 16.0 degC" in notes or "A further soak at -1.0 degC" in notes or "34.0 degC" in notes
-    assert "reverse order: a hysteresis changes its sign with the direction" in notes
-
-
 def test_direction_of_the_last_change_by_each_clock():
     degc = [0.0, 0.4, 25.0, 24.5, 25.3, 60.0, 59.2, 25.0, 0.0]
     where = settings([0.0] * 9, [0.0] * 9, time_s=list(range(9)), temperature_degc=degc)
@@ -137,27 +127,3 @@ def test_the_soaks_limit_the_order(degc, orders):
     entries = [entry for id, entry in catalogue().items() if id.startswith("scale_temperature") and id.endswith(".x")]
     assert {len(entry.forms) for entry in entries if not entry.lacking(where)} == {1, *orders}
     assert settings_key(where)[-1] == (0 if not orders else len(degc))
-
-
-def test_a_ramp_has_no_orders():
-    degc = np.linspace(0.0, 60.0, 24)
-    where = settings(np.zeros(24), np.zeros(24), temperature_degc=degc)
-    assert where.soaks == 0
-    assert "separate temperatures" in catalogue()["bias_temperature_cubic.x"].lacking(where)
-    assert not catalogue()["bias_temperature.x"].lacking(where)
-
-
-def test_orders_of_one_parameter_are_one_explanation(data):
-    problem = problem_of(data, noise_sd=SD)
-    slots = model_of(problem.chain, problem.where, catalogue()).slots
-    of = {slot.id: number for number, slot in enumerate(slots)}
-    cubic, quartic = of["bias_temperature_cubic.x"], of["bias_temperature_quartic.x"]
-    pair = [of["bias_temperature.x"], of["bias_temperature_square.x"]]
-    scale = of["scale_temperature_cubic.x"]
-    linear, square = pair
-    rows = [[cubic], [quartic], pair, [linear], [square], [scale], [cubic, scale]]
-    sets = np.array([row + [-1] * (3 - len(row)) for row in rows])
-    same = other_orders(slots, sets)
-    assert np.flatnonzero(same[0]).tolist() == [1, 2, 3, 4]
-    assert np.flatnonzero(same[3]).tolist() == [0, 1]  # one power and another alone are two causes
-    assert not one_function_at_1_g([slots[cubic]], [slots[quartic]])

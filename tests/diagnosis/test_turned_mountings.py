@@ -1,7 +1,5 @@
 """The diagnosis of a triad that was remounted turned: the turn is no fault, and faults are found beside it."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from remounted import blind, two
@@ -36,11 +34,3 @@ def test_one_diagnoser_keeps_turned_and_unturned_apart(diagnoser):
     again = diagnoser(plain, noise_sd=blind.SIGMA)
     assert again.screened.detection.p_value == first.screened.detection.p_value
     np.testing.assert_array_equal(again.nominal.vector, first.nominal.vector)
-
-
-def test_mixed_up_columns_beside_a_turn(diagnoser):
-    """All files with z reversed: that is said of the columns, the turn of the mounting."""
-    data, *_ = two(1, NONE, (0.0, 90.0, 0.0))
-    diagnosis = diagnoser(replace(data, readings=data.readings * [1.0, 1.0, -1.0]), noise_sd=blind.SIGMA)
-    assert diagnosis.labels == ("axis_map",) and diagnosis.mountings["B"] == (0.0, 90.0, 0.0)
-    assert "column z is -z" in diagnosis.setup_errors[0].words

@@ -282,19 +282,6 @@ def test_mistakes_are_one_line(tumblecal, tmp_path):
         assert outcome.code == 2 and len(outcome.lines) == 1 and words in outcome.lines[0] and not outcome.out
 
 
-def test_ten_thousand_are_listed_at_once(tmp_path):
-    """The list itself; benchmarks/history_file.py times the whole command."""
-    path = tmp_path / "lab.db"
-    entry = results(1)[0]
-    add(path, entry)
-    with sqlite3.connect(path) as database:
-        columns = "kind, serial, date_utc, source, sha256, outcome, rms_g, p_value"
-        numbers = "WITH RECURSIVE n(k) AS (SELECT 1 UNION ALL SELECT k + 1 FROM n WHERE k < 9999)"
-        database.execute(f"{numbers} INSERT INTO entry (key, {columns}) SELECT k, {columns} FROM entry, n")
-    database.close()
-    begun = time.process_time()  # other processes may keep the cores busy
-    assert len(listed(path)) == 10_000
-    assert time.process_time() - begun < 0.5
 
 
 def test_kills_and_two_writers_lose_nothing():
