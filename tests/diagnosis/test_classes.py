@@ -65,10 +65,8 @@ def test_outlier_positions_that_are_neighbours_may_be_one_thing(hidden, diagnose
 def test_what_jumps_with_a_change_of_setting_may_be_another_bias_by_setting(hidden, diagnoser, by_setting):
     """Of 3 x 8 positions: a jump at the first of a setting is a bias by setting of two values; both are hidden, and are one."""
     name, begins = "bias_by_pitch.y", 8
-    if by_setting:
-        data = hidden(5, {name: [3e-3, 3e-3]})
-    else:
-        data = added(hidden(5, {}), np.arange(24) >= begins, [0.0, 3e-3, 0.0])
+    data = hidden(5, {name: [3e-3, 3e-3]} if by_setting else {})
+    data = data if by_setting else added(data, np.arange(24) >= begins, [0.0, 3e-3, 0.0])
     diagnosis = diagnoser(data)
     assert diagnosis.verdict == "ambiguous" and {(f"bias_jump:{data.names[begins]}",), (name,)} <= classes(diagnosis)
     # Of the further axes of the family none is needed.
