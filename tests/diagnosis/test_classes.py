@@ -73,27 +73,6 @@ def test_what_jumps_with_a_change_of_setting_may_be_another_bias_by_setting(hidd
     assert not any(len(labels) > 1 and name in labels for labels in classes(diagnosis))
 
 
-@pytest.mark.long
-def test_what_jumps_with_a_new_run_may_be_another_bias_in_each(hidden, diagnoser):
-    """The turn-on between two runs of 3 x 8 positions, of one axis."""
-    first, second = hidden(5, {}), hidden(5, {})
-    late = second.readings + np.random.default_rng(9).normal(0, blind.SIGMA, (24, 3)) + [0.0, 3e-3, 0.0]
-    data = replace(
-        first,
-        names=(*(f"a{name}" for name in first.names), *(f"b{name}" for name in second.names)),
-        alpha_deg=np.tile(first.alpha_deg, 2),
-        beta_deg=np.tile(first.beta_deg, 2),
-        readings=np.concatenate([first.readings, late]),
-        sd=np.full((48, 3), blind.SIGMA * np.sqrt(2)),
-        run=("1",) * 24 + ("2",) * 24,
-        time_s=np.concatenate([first.time_s, second.time_s + 2 * first.time_s[-1]]),
-        temperature_degc=np.tile(first.temperature_degc, 2),
-        approach=np.tile(first.approach, 2),
-    )
-    diagnosis = diagnoser(data)
-    assert {("bias_jump:b0-1",), ("bias_repeatability",)} <= classes(diagnosis) and diagnosis.verdict == "ambiguous"
-
-
 @pytest.mark.parametrize(("seed", "setting"), [(1, 1), pytest.param(2, 0, marks=pytest.mark.long)])
 def test_a_fixture_that_moves_at_one_pitch_setting(hidden, diagnoser, seed, setting):
     """The angles of the mount at one of three settings: it was an index_zero, a slip or unexplained. At the first and the last

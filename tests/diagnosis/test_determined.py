@@ -8,7 +8,6 @@ import pytest
 
 import blind_catalogue as study
 import blind_instrument as blind
-from tumblecal.diagnosis.findings.determined import combinations, says_something
 from tumblecal.diagnosis.refine.insert import fit_with
 from tumblecal.planning import next_plan
 from tumblecal.report.cause_words import size_words
@@ -82,17 +81,7 @@ def test_text_and_page_print_no_interval_of_an_undetermined_coefficient(said, fi
     assert all(kind == "combination" and cause.label in words for kind, words in size_words(diagnosis, cause))
 
 
-def test_a_coefficient_of_which_the_exact_fit_says_nothing_is_not_determined(hidden, diagnoser):
-    """`-0.08 +- 1.1e+10 mrad` was stated: the screen shows it, the exact fit beside other causes does not."""
-    diagnosis = diagnoser(hidden(2, {"index_eccentricity": [8e-4, 5e-4]}))
-    (cause,), fit = diagnosis.members, diagnosis.extended
-    blind_to = replace(fit, covariance=1e30 * fit.covariance)
-    assert len(combinations(fit, cause, diagnosis.model.scales)) == 2
-    assert combinations(blind_to, cause, diagnosis.model.scales) == []
-    nominal = diagnosis.model.nominal
-    assert says_something(fit, nominal) and not says_something(blind_to, nominal)
-
-
+@pytest.mark.long
 def test_intervals_of_all_effects_hold_the_truth():
     rng, bench, inside = np.random.default_rng(12), study.Bench(), {}
     setup = blind.random_setup(rng, 3, 8)

@@ -24,7 +24,3 @@ def test_its_chain_is_the_one_that_was_fitted(diagnoser, hidden, tmp_path):
     assert rig.noise_sd_g == pytest.approx(diagnosis.sigma_g)
     np.testing.assert_allclose(rig.plan.time_s, diagnosis.data.time_s)
     np.testing.assert_allclose(diagnosis.data.readings - readings, diagnosis.extended.residuals, atol=1e-12)
-
-
-def test_without_named_effects_it_is_the_nominal_model(diagnoser, hidden):
-    assert "effects = []" in extended_rig_text(diagnoser(hidden(1, {})))

@@ -5,11 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from made import measured
 
 import blind_instrument as blind
-import blind_noise
 from tumblecal.chain.head_file import MeasuredHead
-from tumblecal.data import PositionSet
 from tumblecal.diagnosis.units import joint_diagnosis
 from tumblecal.estimation.plausibility import implausible_head
 from tumblecal.report.head_amounts import shown_in, spread_sizes
@@ -25,28 +24,18 @@ def units():
     """Four units of one head, rolled by `LEVEL`, pitch errors their own."""
     rng = np.random.default_rng(8)
     setups = [blind.random_setup(rng, 3, 8) for _ in range(4)]
-    sets = []
-    for setup in setups:
-        clean = blind.readings(setup, setup.nominal, {"base_levelling": [LEVEL]})
-        sets.append(
-            PositionSet(
-                tuple(setup.names),
-                np.degrees(setup.alpha),
-                np.degrees(setup.beta),
-                clean + blind.SIGMA * rng.normal(size=clean.shape),
-                sd=np.full(clean.shape, blind.SIGMA),
-                time_s=setup.time_s,
-                temperature_degc=setup.temperature_degc,
-                approach=setup.approach,
-            )
-        )
-    return setups, sets
+    return setups, [measured(setup, {"base_levelling": [LEVEL]}, rng) for setup in setups]
+
+
+def joint(diagnoser, sets):
+    """The joint diagnosis of units."""
+    sets = list(sets)
+    return joint_diagnosis([diagnoser.begun(own).screened for own in sets], [f"unit{k}" for k in range(len(sets))])
 
 
 @pytest.fixture(scope="module")
 def found(units, diagnoser):
-    screened = [diagnoser.begun(positions).screened for positions in units[1]]
-    return joint_diagnosis(screened, [f"unit{k}" for k in range(4)])
+    return joint(diagnoser, units[1])
 
 
 def stacked(setups, sets) -> tuple[float, float]:
@@ -94,18 +83,14 @@ def test_a_unit_is_told_what_the_others_measured(units, found):
         assert 0.85 * sd < head.sd[0] < 1.15 * sd
 
 
-@pytest.mark.parametrize("mean", [0.0, 1e-3])
-def test_what_each_unit_has_by_an_amount_of_its_own_is_fitted_beside_the_heads_errors(diagnoser, mean):
-    """A nonlinearity of another size in each, about zero or about a mean, is partly what an eccentric index makes: the head's
-    error was off by 20 sd, and units that show it stood out."""
+@pytest.mark.long
+def test_an_effect_of_a_different_size_in_each_unit_is_fitted_with_the_heads_errors(diagnoser):
+    """A nonlinearity is partly what an eccentric index makes: the head's error was wrong by 20 sd, and units stood out."""
     rng, sets, eccentricity = np.random.default_rng(21), [], [-0.12e-3, 0.58e-3]
-    for size in mean + np.array([-0.2, 0.8, 1.7, 1.8]) * 1e-3 * (1.0 if not mean else 0.1):
+    for size in np.array([-0.2, 0.8, 1.7, 1.8]) * 1e-3:
         setup = blind.random_setup(rng, 4, 12)
-        hidden = {"index_eccentricity": np.array(eccentricity), "second_order.y": np.array([size])}
-        readings = blind.readings(setup, setup.nominal, hidden)
-        readings = readings + blind.SIGMA * rng.normal(size=readings.shape)
-        sets.append(blind_noise.position_set(setup, readings, known=True))
-    found = joint_diagnosis([diagnoser.begun(positions).screened for positions in sets], [f"unit{k}" for k in range(4)])
+        sets.append(measured(setup, {"index_eccentricity": eccentricity, "second_order.y": [size]}, rng))
+    found = joint(diagnoser, sets)
     assert found.joint.best.shared.labels == ("index_eccentricity",) and found.joint.best.by_unit == ("second_order.y",)
     head = found.fit.head
     assert head is not None and np.all(np.abs(head.values - eccentricity) < 3.5 * head.sd) and np.all(head.sd < 4e-5)
@@ -135,19 +120,19 @@ def units_with(hidden, seed, pitch=None):
     for number, effects in enumerate(hidden):
         setup = blind.random_setup(rng, 3, 8)
         setup.nominal["dbeta"] = pitch[number] if pitch else setup.nominal["dbeta"]
-        readings = blind.readings(setup, setup.nominal, {id: np.atleast_1d(size) for id, size in effects.items()})
-        yield blind_noise.position_set(setup, readings + blind.SIGMA * rng.normal(size=readings.shape), known=True)
+        yield measured(setup, {id: np.atleast_1d(size) for id, size in effects.items()}, rng)
 
 
 def rows(count, causes=""):
     return [(f"u{k}", {"file": f"u{k}", "causes": causes, "verdict": "", "probability": 0.9}) for k in range(count)]
 
 
-@pytest.mark.parametrize("levels", [(LEVEL, -LEVEL), (0.1e-3, 0.6e-3)])
-def test_a_head_that_was_levelled_anew_has_two_levels(diagnoser, tmp_path, levels):
+@pytest.mark.long
+def test_a_head_that_was_levelled_again_has_two_levels(diagnoser, tmp_path):
     """It was ADEQUATE, with p = 1e-15, and of another size in each unit."""
+    levels = (LEVEL, -LEVEL)
     hidden = [{"base_levelling": levels[0]}] * 3 + [{"base_levelling": levels[1]}] * 3
-    found = joint_diagnosis([diagnoser.begun(positions).screened for positions in units_with(hidden, 31)], ["u"] * 6)
+    found = joint(diagnoser, units_with(hidden, 31))
     assert found.verdict in ("identified", "ambiguous") and [own.first for own in found.levels] == [3]
     # By itself a unit may call it a spindle out of square; the last has something of its own too.
     write_units(tmp_path, found, [*rows(5, "axis_perpendicularity"), *rows(6, "base_levelling")[5:]], diagnoser.entries)
@@ -165,19 +150,19 @@ def test_a_head_that_was_levelled_anew_has_two_levels(diagnoser, tmp_path, level
     assert "Two levels of the head" in (tmp_path / "diagnosis.html").read_text()
 
 
-def test_pitch_settings_that_changed_once_are_not_set_anew_each_time(diagnoser):
+@pytest.mark.long
+def test_pitch_settings_that_changed_once_are_not_set_again_each_time(diagnoser):
     pitch = [np.array([1.2e-3, -2.1e-3, 0.8e-3]), np.array([-0.3e-3, 0.9e-3, -1.4e-3])]
-    sets = list(units_with([{}] * 5, 34, [pitch[number > 2] for number in range(5)]))
-    found = joint_diagnosis([diagnoser.begun(positions).screened for positions in sets], ["u"] * 5)
+    found = joint(diagnoser, units_with([{}] * 5, 34, [pitch[number > 2] for number in range(5)]))
     assert found.fit.pitch.changed == 3 and not found.fit.pitch.common and found.fit.head is None
     assert "from u3 on" in units_text(found, rows(5), diagnoser.entries)
 
 
+@pytest.mark.long
 def test_an_effect_of_half_of_the_units_is_said_to_be_in_those_with_the_mean_of_all(diagnoser):
     """It was in all units, 0 on average."""
     sizes = np.array([1.2, 0.0, 1.5, 0.0, 1.3, 0.0, 1.4, 0.0]) * 1e-3
-    screened = [diagnoser.begun(own).screened for own in units_with([{"second_order.z": size} for size in sizes], 33)]
-    found = joint_diagnosis(screened, ["u"] * 8)
+    found = joint(diagnoser, units_with([{"second_order.z": size} for size in sizes], 33))
     size = spread_sizes(found, diagnoser.entries)["second_order.z"]["second_order.z"]
     assert size["mean_sd"] < 0.1 and abs(size["mean"] - 1e3 * np.mean(sizes)) < 4 * size["mean_sd"]
     assert 0.4 < size["sd_between_units"] < 1.1 and size["unit"] == "mg/g^2"

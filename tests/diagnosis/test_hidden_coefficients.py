@@ -83,6 +83,7 @@ def test_what_is_hidden_changes_no_reading_at_the_positions_measured(hidden, dia
     assert np.linalg.norm(together) < 0.03 * np.linalg.norm(alone)
 
 
+@pytest.mark.long
 def test_intervals_of_the_sensor_hold_the_truth_whatever_effect_is_fitted():
     """95 % intervals of dK, bias and gamma beside effects of 30 to 300 sigma with coefficients that do not show."""
     rng, bench, inside, undetermined = np.random.default_rng(41), study.Bench(), [], []

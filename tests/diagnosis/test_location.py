@@ -12,6 +12,9 @@ from tumblecal.planning import next_plan
 from tumblecal.report.diagnosis_files import record
 
 
+pytestmark = pytest.mark.long
+
+
 def diagnosed(diagnoser, seed, part, known):
     rng = np.random.default_rng([8, seed])
     setup, readings, name = study.case(rng, "3x8", part, 15.0)

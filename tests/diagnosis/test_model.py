@@ -54,16 +54,6 @@ def test_jacobian_is_that_of_the_prediction(where, by, entries):
     assert "_by_position" in model.programs.evaluate.__qualname__
 
 
-def test_a_column_with_one_label_is_not_called_missing():
-    alpha = np.linspace(0, 6, 12)
-    one_run = settings(alpha, np.zeros(12), run=["A"] * 12)
-    entries = {id: catalogue()[id] for id in ("bias_repeatability", "run_drift.x", "bias_by_pitch.x", "second_order.x")}
-    reasons = model_of(nominal_chain(one_run), one_run, entries).not_testable
-    assert reasons["bias_repeatability"] == "the data have only one run"
-    assert reasons["run_drift.x"] == "the data have no column time_s and only one run"
-    assert reasons["bias_by_pitch.x"] == "the data have only one pitch setting"
-
-
 def test_an_effect_that_mixes_positions_is_differentiated_all_the_same(where):
     effect = output_effect(
         "shared_supply.x",

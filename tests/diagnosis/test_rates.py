@@ -14,6 +14,9 @@ from blind_judge import right as is_right
 from blind_judge import stated
 
 
+pytestmark = pytest.mark.long
+
+
 CASES = 8
 
 

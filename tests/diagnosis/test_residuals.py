@@ -31,16 +31,6 @@ def test_harmonics_are_counted_in_the_sd_that_they_have(diagnosis):
     assert abs(np.mean(sizes**2) - 1) < 0.03
 
 
-def test_the_nominal_model_takes_the_means_of_x_and_no_second_harmonic(diagnosis):
-    """Mean of x at a pitch setting: its dbeta takes it up (DESIGN section 2); order two is in no parameter's reach."""
-    parts = discrepancies(diagnosis.nominal, 1.0)
-    assert {part.axis for part in parts if part.in_sd is None} == {"x"}
-    assert all(part.in_sd is None and part.seen < 0.03 for part in parts if part.axis == "x" and part.order == 0)
-    assert all(part.seen > 0.999 for part in parts if part.order >= 2)
-    # Eight angles: sin(4 alpha) is zero at all of them.
-    assert {(part.order, part.wave) for part in parts if part.order == 4} == {(4, "cos")}
-
-
 def test_a_product_of_y_and_z_is_a_sine_of_twice_alpha_on_y(diagnosis):
     """u_y u_z = cos(beta)^2 sin(2 alpha) / 2: largest at beta 0, gone after the extension."""
     parts = discrepancies(diagnosis.nominal, 1.0)

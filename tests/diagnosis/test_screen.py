@@ -10,8 +10,6 @@ from scipy.spatial.transform import Rotation
 from tumblecal.diagnosis import Diagnoser
 from tumblecal.diagnosis.detection import detect
 from tumblecal.diagnosis.detection.detect import SIZE, null_distribution, statistics
-from tumblecal.diagnosis.detection.reference import References
-from tumblecal.estimation import problem_of
 from tumblecal.ground.program_cache import ProgramCache
 from tumblecal.planning import NextPlan
 from tumblecal.report.diagnosis_files import record
@@ -39,21 +37,7 @@ def leaves(value):
     return ([], [float(value)]) if isinstance(value, int | float) else ([str(value)], [])
 
 
-def test_one_reference_serves_files_with_sds_of_their_own(diagnoser, hidden):
-    """Every unit's file has measured sd columns: each would draw a null distribution of its own, for most of a second."""
-    plain, references, rng = hidden(38, {}), References(), np.random.default_rng(3)
-    model = diagnoser._model(None, plain, lambda: problem_of(plain))
-
-    def reference(factors):
-        return references.of(model, problem_of(replace(plain, sd=factors * plain.sd), model.nominal_chain))
-
-    shape = plain.sd.shape
-    even = [level * np.exp(rng.uniform(-0.3, 0.3, 3) + 0.1 * rng.normal(size=shape)) for level in (0.1, 1.0, 8.0)]
-    first, *others = map(reference, even)
-    assert np.ptp(first.problem.sd) == 0 and all(other is first for other in others)
-    assert np.ptp(reference(np.where(np.arange(3) > 1, 6.0, np.ones(shape))).problem.sd) > 0
-
-
+@pytest.mark.long
 @pytest.mark.parametrize(("columns", "level"), [(True, 0.02), (False, 5.0)])
 def test_the_null_distribution_is_that_of_sds_within_a_factor(hidden, columns, level):
     """At the thresholds that decide, to within what 6000 draws leave uncertain: 0.0085 +- 0.0017 by two quantiles."""
@@ -67,6 +51,7 @@ def test_the_null_distribution_is_that_of_sds_within_a_factor(hidden, columns, l
     assert np.mean(own > np.quantile(reference.null, 0.95)) == pytest.approx(0.05, abs=0.015)
 
 
+@pytest.mark.long
 def test_the_reference_stands_for_data_that_differ_by_small_angles_alone(diagnoser, hidden):
     """Their own null distribution is not drawn, however close the decision: it passes the plan's quantile as often."""
     plain = hidden(36, {}, columns=False)
@@ -86,6 +71,7 @@ def test_the_reference_stands_for_data_that_differ_by_small_angles_alone(diagnos
         assert not diagnoser.references.of(screened.at.model, screened.problem).serves(screened.at)
 
 
+@pytest.mark.long
 def test_p_values_are_uniform_when_nothing_is_wrong(diagnoser, hidden):
     diagnosis = diagnoser(hidden(36, {}))
     null = diagnoser.references.of(diagnosis.model, diagnosis.problem).null

@@ -13,7 +13,6 @@ from tumblecal.diagnosis.causes.pool import Pool
 from tumblecal.diagnosis.evidence import LARGEST, SMALLEST, gain
 from tumblecal.diagnosis.priors import EFFECT_WEIGHT, FAULT_WEIGHTS, OF_ORDERS, ON_AXES, SIZE_PRIOR
 from tumblecal.diagnosis.sets.cause_sets import rows_of
-from tumblecal.diagnosis.sets.classes import further_powers
 from tumblecal.diagnosis.sets.prior import SetPriors, log_prior
 from tumblecal.diagnosis.sets.search import Search
 
@@ -127,19 +126,6 @@ def test_several_axes_of_a_family_count_as_one_cause(axes):
     assert ranked.log_posterior[0] == pytest.approx(score(pool, z, hidden) + one_cause - separate, abs=1.0)
 
 
-def test_a_family_and_another_cause_are_two_causes():
-    rng = np.random.default_rng(6)
-    labels = [f"{family}.{axis}" for family in ("drift", "square", "cube") for axis in "xyz"]
-    pool = pool_of(rng, labels=labels)
-    z = sum(9 * pool.causes[k].block[:, 0] for k in (0, 1, 5)) + rng.normal(size=DOF)
-    ranked = Search(pool, z, known=True).run()
-    assert ranked.set_at(0) == (0, 1, 5)
-    family = np.log(EFFECT_WEIGHT * ON_AXES[2] / 9)
-    prior = np.log(SIZE_PRIOR[2] * 2) + family + np.log(EFFECT_WEIGHT / 9)
-    plain = np.log(SIZE_PRIOR[3] * 6) + 3 * np.log(EFFECT_WEIGHT / 9)
-    assert ranked.log_posterior[0] == pytest.approx(score(pool, z, (0, 1, 5)) + prior - plain, abs=1.5)
-
-
 # Bias against temperature on two axes, first and second order; an input's second, third and fifth power.
 POWERS = {
     "slope.x": (("x", "degc"), 1), "bend.x": (("x", "degc"), 2), "slope.y": (("y", "degc"), 1), "bend.y": (("y", "degc"), 2),
@@ -173,25 +159,3 @@ def test_powers_of_one_variable_on_one_output_count_as_one_cause(labels, causes,
     for k in members:
         less = tuple(other for other in members if other != k)
         assert SetPriors.of(pool, rows_of([less])).with_each()[0, k] == pytest.approx(expected)
-
-
-def test_how_many_powers_a_polynomial_has_is_no_other_cause():
-    pool = pool_of(np.random.default_rng(0), labels=LABELS, powers=POWERS)
-
-    def numbers(labels):
-        return tuple(sorted(LABELS.index(label) for label in labels.split()))
-
-    for first, second, powers in (
-        ("slope.x", "slope.x bend.x", True),
-        ("bend.x other", "slope.x bend.x other", True),
-        ("slope.x", "bend.x", False),
-        ("slope.x bend.x", "slope.x bend.x other", False),
-        ("slope.x", "slope.x bend.y", False),
-        ("slope.x bend.x", "other bend.x", False),
-        ("slope.x bend.x", "other another", False),
-        ("slope.x other", "slope.x another", False),
-    ):
-        assert further_powers(pool.together, rows_of([numbers(first), numbers(second)])).tolist() == [
-            [False, powers],
-            [powers, False],
-        ]

@@ -28,20 +28,6 @@ def unlisted(name, seed, d=12.0):
             return blind_noise.position_set(setup, readings, known=seed % 2 == 0)
 
 
-def test_the_processes_share_one_prior_weight(diagnoser, hidden):
-    """Whatever they are and however many: three counts of swings, or three kinds of steps, weigh as much as one other; those
-    of three fields weigh once more with one curve for all."""
-    lack = diagnoser(hidden(5, {})).screened.alternatives.lack
-    shares = dict(zip(lack.words, np.exp(lack.log_shares), strict=True))
-    of_three = [process.words for process in lack.visible if process.width == 3]
-    assert len(shares) > 60 and sum(shares.values()) + sum(map(shares.get, of_three)) == pytest.approx(1.0)
-    many = [shares[words] for words in shares if words.endswith((" swings", ", in steps"))]
-    others = [shares[words] for words in shares if not words.endswith((" swings", ", in steps"))]
-    assert len(many) == 27 + 7
-    np.testing.assert_allclose(many, max(others) / 3)
-    np.testing.assert_allclose(others, max(others))
-
-
 def of_one_curve(signals, z, known):
     """A process of three fields with one curve for all."""
     # The signals of each component together.
@@ -51,6 +37,7 @@ def of_one_curve(signals, z, known):
     return one_curve(products.reshape(-1, 3, len(inner) // 3, 3), inner.reshape(-1, 3), size, z, known)
 
 
+@pytest.mark.long
 def test_one_curve_for_all_outputs_explains_better_than_three(diagnoser):
     """One thing that goes wrong moves all outputs by one curve: its direction comes out, and fewer coefficients are fitted."""
     rng = np.random.default_rng(3)
@@ -74,13 +61,7 @@ def test_one_curve_for_all_outputs_explains_better_than_three(diagnoser):
     assert cause.words.endswith("all by one curve") and len(cause.terms) < 12
 
 
-@pytest.mark.parametrize("known", [True, False])
-def test_where_nothing_is_left_there_is_no_curve(known):
-    signals = np.random.default_rng(1).normal(size=(20, 12))
-    together = of_one_curve(signals, np.zeros(20), known)
-    assert np.all(np.isfinite(together.log_evidence)) and np.linalg.norm(together.direction) == pytest.approx(1.0)
-
-
+@pytest.mark.long
 @pytest.mark.parametrize("name", UNLISTED)
 def test_a_cause_of_a_shape_of_its_own_is_unexplained(diagnoser, name):
     told = [diagnoser(unlisted(name, seed)) for seed in range(3)]
@@ -104,6 +85,7 @@ def test_what_it_depends_on_is_said_and_fitted(diagnoser):
     assert gain.cv_same_causes is None and gain.cv_rms_after_g == gain.cv_rms_kept_g < gain.cv_rms_before_g
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "words"),
     [

@@ -9,7 +9,6 @@ from tumblecal.data import PositionSet
 from tumblecal.diagnosis import Diagnoser
 from tumblecal.diagnosis.model.full_model import settings_key
 from tumblecal.effects import catalogue
-from tumblecal.effects.temperature import reached_from
 from tumblecal.report.cause_words import order_sizes, temperature_orders
 from tumblecal.report.diagnosis_calibration import extended_calibration
 
@@ -56,6 +55,7 @@ def diagnosis(data):
     return tumblecal.diagnose(data, noise_sd=SD)
 
 
+@pytest.mark.long
 def test_a_cubic_bias_is_one_cause_per_axis_and_hysteresis_has_its_name(diagnosis):
     cubic = tuple(f"bias_temperature_cubic.{axis}" for axis in "xyz")
     assert diagnosis.verdict == "identified"
@@ -73,6 +73,7 @@ def test_a_cubic_bias_is_one_cause_per_axis_and_hysteresis_has_its_name(diagnosi
     assert words.endswith(" ug/degC^3 about 25 degC") and words.count("+-") == 3
 
 
+@pytest.mark.long
 def test_the_calibration_corrects_left_out_temperatures_to_the_noise(diagnosis):
     calibration = extended_calibration(diagnosis)
     assert calibration is not None
@@ -84,6 +85,7 @@ def test_the_calibration_corrects_left_out_temperatures_to_the_noise(diagnosis):
     assert "direction in which the temperature was reached" in loss.reason
 
 
+@pytest.mark.long
 def test_a_lag_between_thermometer_and_sensor_has_its_name():
     """Ramps up and down at 0.9 degC a minute; the sensor follows with 15 minutes (steps of a second, numpy)."""
     rng, count, tau = np.random.default_rng(5), 108, 900.0
@@ -109,14 +111,6 @@ def test_a_lag_between_thermometer_and_sensor_has_its_name():
     for name, value in true.items():
         k = fit.names.index(name)
         assert abs(fit.values[k] - value) < 4 * fit.sd[k]
-
-
-def test_direction_of_the_last_change_by_each_clock():
-    degc = [0.0, 0.4, 25.0, 24.5, 25.3, 60.0, 59.2, 25.0, 0.0]
-    where = settings([0.0] * 9, [0.0] * 9, time_s=list(range(9)), temperature_degc=degc)
-    assert reached_from(where).tolist() == [0, 0, 1, 1, 1, 1, 1, -1, -1]
-    once = settings([0.0] * 9, [0.0] * 9, time_s=list(range(9)), temperature_degc=sorted(degc))
-    assert not np.any(reached_from(once))
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,5 @@
 """What no entry explains: where it is, and the closed form that it has; errors added to numpy's instrument by their formula."""
 
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -18,7 +17,7 @@ from tumblecal.effects.catalogue import extended
 from tumblecal.effects.users_file import Source
 from tumblecal.planning.proposals import Allowed
 from tumblecal.planning.sampling import samples
-from tumblecal.report.unnamed_words import command_for_law, suggested_effect_text, unnamed_findings
+from tumblecal.report.unnamed_words import suggested_effect_text
 
 
 class Instrument:
@@ -164,17 +163,3 @@ def test_the_next_positions_are_between_the_measured_ones_where_the_error_is(ins
     assert np.allclose([own.in_sd for own in listed], [4, 8, 8, 4] * 2)
     allowed = samples(diagnosis, Allowed(alpha_deg=(10.0, 200.0), beta_deg=(30.0,)), 12)
     assert [(own.alpha_deg, round(own.beta_deg)) for own in allowed] == [(200.0, 30)]
-
-
-def test_findings_state_region_size_and_law(instrument):
-    form = next(form for form in forms(instrument.where) if form.words == ("u_x u_y^2",))
-    law = Law((Term(form, "z", (5.2e-4,), (6e-5,)),), np.zeros((48, 3)), 2.1e-4, 1.1e-4, 1.0)
-    found = Excess("", np.ones(48, bool), (Range("z", -8e-4, 7e-4),), np.zeros((48, 3)))
-    diagnosis = of_instrument(instrument, found, law)
-    assert [own.sentence for own in unnamed_findings(diagnosis)] == [
-        "Excess at all angles and times: z -0.8 to +0.7 mg",
-        "Candidate law: output z: (0.520 +- 0.060) mg/g^3 u_x u_y^2: held-out error 0.210 -> 0.110 mg; suggested_effect.py",
-    ]
-    assert "tumblecal diagnose m.csv --effects out/suggested_effect.py --out with_law" in command_for_law(
-        diagnosis, Path("out")
-    )

@@ -1,42 +1,14 @@
-"""The stress study of benchmarks/: its cases are what they say, and its judge is fair. The study itself is run by hand."""
+"""The simulators of benchmarks/ are what they say, and their judge is fair; the studies themselves are run by hand."""
 
 import numpy as np
 import pytest
 
-from blind_conditions import CONDITIONS, drawn, write
+import in_use_instrument as listed
+import second_check as check
+import second_head as head
 from blind_judge import Case, judged
 from blind_stress import answer_of_record
-from tumblecal.data import read_positions
-
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        "one, d = 1000",
-        "two, d = 8",
-        "0.2 g bias, one d = 8",
-        "soak at 85 degC, thermal d = 8",
-        "2 outlier(s), one d = 8",
-        "swap",
-        "plan twice in two runs, u_x u_y^2",
-        "unlisted: knee of an output, d = 10",
-        "mistake: settings exchanged",
-    ],
-)
-def test_conditions_are_what_they_say(tmp_path, name):
-    condition, rng = CONDITIONS[name], np.random.default_rng(7)
-    for _ in range(2):
-        case = drawn(name, rng)
-        write(tmp_path / "unit.csv", case.data)
-        data = read_positions(tmp_path / "unit.csv", check_size=False)
-        assert (data.sd is not None) == case.known and len(data.runs) == 1 + ("two runs" in name)
-        unlisted, slip = condition.unlisted is not None, bool(condition.mistake)
-        assert len(case.accepted[0]) == len(condition.sizes) + condition.outliers + condition.swap + slip
-        assert (case.accepted[0] == ("unexplained",)) == unlisted
-        if "85" in name:
-            assert abs(np.mean(data.temperature_degc) - 85) < 5
-        if "bias" in name:
-            assert 0.05 < np.max(np.abs(np.linalg.norm(data.readings, axis=1) - 1)) < 0.4
+from second_instrument import KINDS, UNLISTED
 
 
 def case_of(condition, *accepted):
@@ -88,3 +60,31 @@ def test_the_judge(condition, accepted, record, right, strict, wrong):
 def test_a_traceback_is_no_refusal():
     verdict = judged(case_of("mistake: dead axis"), answer_of_record(None, "crash (1): LinAlgError"))
     assert verdict.crashed and not verdict.right
+
+
+@pytest.mark.parametrize("name", head.PLANS)
+def test_frames_are_those_of_the_other_benchmarks(name):
+    rng = np.random.default_rng(3)
+    plan = head.schedule(name, rng)
+    own = head.instrument(plan, rng)
+    other = listed.Instrument(own.scale, own.bias, own.gamma, own.mounts, own.turns, own.pitch_errors, {})
+    np.testing.assert_allclose(head.readings(own, plan), listed.readings(other, plan), atol=1e-14)
+
+
+def test_stated_truths_describe_their_mechanisms_and_nothing_listed_the_others():
+    rng = np.random.default_rng(8)
+    plan = head.schedule("4x12 tilted", rng)
+    own = head.instrument(plan, rng)
+    projector, plain = head.unreachable(own, plan), head.readings(own, plan)
+    ids = check.columns(own, plan, projector)
+    for name, kind in KINDS.items():
+        truth, mechanism = kind(plan, rng)
+        signal = projector @ (head.readings(mechanism(own, 1e-3), plan) - plain).ravel()
+        if truth in ((), ("noise_coloured",)):
+            assert not np.any(signal)
+            continue
+        signal /= np.linalg.norm(signal)
+        if truth == UNLISTED:
+            assert min(check.left(signal, basis) for basis in ids.values()) > 0.3, name
+        else:
+            assert check.left(signal, *(ids[id] for id in truth)) < 0.05, name
