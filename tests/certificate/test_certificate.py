@@ -210,16 +210,6 @@ def test_a_budget_made_with_another_noise_gives_its_inputs_alone(tumblecal, tmp_
     assert outcome.code == 0 and not outcome.lines
 
 
-def test_estimated_noise_of_a_diagnosis_is_covered_by_student_s_t(tumblecal, tmp_path, table1_file):
-    from scipy.stats import t
-
-    assert tumblecal("diagnose", table1_file, "--no-figures", "--out", tmp_path / "d").code == 0
-    dof = read_calibration(tmp_path / "d" / "calibration.json").provenance["dof"]
-    assert 50 <= dof <= 57 and results_of(tmp_path / "d", None, {}).tables[0].results[0].k == pytest.approx(
-        t.ppf(0.975, dof)
-    )
-
-
 def test_a_budget_of_another_model_is_refused(tumblecal, tmp_path, calibrated, admin, configs):
     given = ["budget", tmp_path / "positions.csv", configs / "considered_lab.toml", "--fix", "dbeta"]
     assert tumblecal(*given, "--out", tmp_path / "b").code == 0

@@ -103,11 +103,6 @@ def test_a_room_temperature_that_the_item_contradicts_is_stated(room, item_degc,
     assert (differs in said) if differs else said == ""
 
 
-def test_a_good_judgement_adds_nothing(tumblecal, calibrated, admin):
-    assert tumblecal("certificate", calibrated, "--admin", admin).code == 0
-    assert "Judgement" not in (calibrated / "certificate.html").read_text() + (calibrated / "dcc.xml").read_text()
-
-
 HEAD = """schema = "tumblecal.head/1"
 made_of = ["A.csv"]
 effects = ["index_gain"]

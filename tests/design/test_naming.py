@@ -103,19 +103,3 @@ def test_effects_that_cannot_be_forecast(plan):
         forecast_of(plan, {"second_ordr.x": 1.0})
     with pytest.raises(InputError, match="a size above 0"):
         forecast_of(plan, {EFFECT: 0.0})
-
-
-def test_programs_that_are_checked_for_a_different_plan_give_the_same_columns():
-    rig = tumblecal.read_rig("remount")
-    few = {
-        id: effect for id, effect in catalogue().items() if id in ("second_order.z", "bias_drift.x", "gravity_value")
-    }
-    kept = slice(3, None)
-    columns = {name: getattr(rig.plan, name)[kept] for name in ("names", "alpha_deg", "beta_deg", "mounts", "runs")}
-    shorter = replace(rig, plan=replace(rig.plan, **columns, time_s=tuple(60.0 * k for k in range(len(rig.plan) - 3))))
-    checked = effects_of_plan(shorter, few)
-    like = effects_of_plan(
-        shorter, few, effects_of_plan(replace(shorter, plan=replace(rig.plan, time_s=None)), few).model
-    )
-    assert checked.ids == like.ids and "bias_drift.x" in like.ids
-    np.testing.assert_array_equal(checked.at.jacobian, like.at.jacobian)

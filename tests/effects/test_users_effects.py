@@ -10,7 +10,6 @@ import blind_instrument as blind
 import independent
 from tumblecal.chain import nominal_chain, settings
 from tumblecal.effects import angle_effect, catalogue
-from tumblecal.effects.users_file import fault_in_users_file
 from tumblecal.ground.errors import InputError
 
 
@@ -48,11 +47,6 @@ def perfect(alpha, beta):
 def test_the_documents_examples_work(written, text):
     entries = catalogue(written(text))
     assert len(entries) == len(catalogue()) + 1
-
-
-def test_the_documents_examples_show_all_three_kinds():
-    together = "".join(EXAMPLES)
-    assert all(word in together for word in ("output_effect(", "angle_effect(", "(Link)"))
 
 
 def test_an_output_effect_does_what_it_says(written):
@@ -191,16 +185,3 @@ def test_files_that_are_no_python_files(written, tmp_path):
     (tmp_path / "folder.py").mkdir()
     with pytest.raises(InputError, match="cannot be read"):
         catalogue(tmp_path / "folder.py")
-
-
-def test_an_error_that_comes_later_is_told_by_its_line(written):
-    """A term that only fails for some data: its line is found in the error."""
-    path = written(
-        GOOD.replace("    return", "    if len(where.alpha) == 4:\n        raise KeyError('four')\n    return")
-    )
-    (link,) = catalogue(path)["fifth.y"].make(settings([0.0], [0.0]))
-    where = settings(np.zeros(4), np.zeros(4))
-    with pytest.raises(KeyError) as caught:
-        (nominal_chain(where) + link)(where)
-    assert fault_in_users_file(caught.value) == f"{path}:line 7: KeyError: 'four'"
-    assert fault_in_users_file(ValueError("another")) is None

@@ -198,38 +198,6 @@ def test_a_rig_of_ones_own(planner, tmp_path):
     assert any("[mounts] entry" in note for note in plan.notes) == any(turn.mount for turn in plan.together)
 
 
-@pytest.mark.parametrize(
-    ("leaf", "words"),
-    [
-        (
-            '[chain]\nlinks = ["base", "pitch_axis", "spindle", "small_angle_mount", "triad", "output"]',
-            "no free, exact mount",
-        ),
-        ("[chain.leaves.dtheta]\nfree = false", "no free, exact mount"),
-        ('[chain.leaves.dtheta]\nby = "run"', "one dtheta for each run, not for each mounting"),
-    ],
-)
-def test_a_rig_that_cannot_say_how_the_triad_is_turned(planner, tmp_path, leaf, words):
-    (tmp_path / "rig.toml").write_text(RIG.split("[chain", 1)[0] + leaf)
-    data = measured(*plan12(2), seed=4)
-    plan = next_plan(planner(data, chain=read_rig(tmp_path / "rig.toml").chain(where_of(data))))
-    assert plan.singles and not any(proposed.mount for proposed in (*plan.singles, *plan.together))
-    assert any(words in note for note in plan.notes)
-
-
-def test_correlated_noise_has_next_positions_too(planner):
-    alpha, beta, _, mount = plan12(4)
-    data = measured(alpha, beta, ("1",) * 48, mount, seed=1, dbeta=np.zeros(48), sd=1e-6)
-    rng, noise = np.random.default_rng(10), np.zeros((48, 3))
-    for k in range(1, 48):
-        noise[k] = 0.9 * noise[k - 1] + 4e-4 * rng.normal(size=3)
-    diagnosis = planner(PositionSet(data.names, alpha, beta, data.readings + noise))
-    assert "noise_coloured" in diagnosis.labels and diagnosis.problem.correlated
-    plan = next_plan(diagnosis)
-    assert plan.together and 0 < plan.value < 1
-    assert any("correlated" in note for note in plan.notes)
-
-
 def extended(setup, cells, rng):
     """The blind instrument with more positions, none of them with the triad turned."""
     assert not any(side for _, _, side in cells)
@@ -254,6 +222,7 @@ def log_odds(diagnosis, first, second):
     return scores[first] - scores.get(second, min(scores.values()))
 
 
+@pytest.mark.long
 def test_the_proposed_positions_separate_the_explanations(planner):
     """A quadratic z axis looks like a scale asymmetry; measured where proposed, the odds move as was said."""
     allowed = Allowed(beta_deg=(0.0, 45.0, 90.0), remount=False)

@@ -5,7 +5,6 @@ import polars as pl
 import pytest
 from reading_html import Cells, words_of
 
-from tumblecal.cli.study.running import COMPILE_SECONDS, Running, _cost
 from tumblecal.report.study_answers import answer_of
 from tumblecal.report.study_figures import draw
 from tumblecal.report.study_page import write_study_page
@@ -87,15 +86,3 @@ def test_labels_of_a_figure_stand_beside_what_they_name(tmp_path, monkeypatch):
     covered = drawn["coverage"].axes[2]
     legend, panel = covered.get_legend().get_window_extent(), covered.get_window_extent()
     assert legend.y0 >= panel.y1 - 1
-
-
-def test_the_time_told_counts_compiling(configs):
-    """A sweep of a second of arithmetic compiles a program for each of its points."""
-
-    class Sweep:
-        trials, chunks, chunk_bytes, seconds, programs = 240_000, 12, 4000, 0.7, 12
-
-    words, _ = _cost(Sweep(), configs / "study_sweep.toml", Running(configs))
-    assert f"plus about {12 * COMPILE_SECONDS / 60:.0f} min to compile" in words
-    _, too_much = _cost(Sweep(), configs / "study_sweep.toml", Running(configs, max_hours=0.01))
-    assert too_much

@@ -1,6 +1,5 @@
 """Figures and pages supplement results: an error in one is a warning, and costs neither the results nor the other figures."""
 
-import ast
 import json
 import os
 import subprocess
@@ -11,7 +10,7 @@ import pytest
 
 import tumblecal
 from tumblecal.ground.errors import SupplementWarning
-from tumblecal.report.page import Section, page, write_page
+from tumblecal.report.page import Section, write_page
 from tumblecal.report.verdict import Finding, Verdict
 
 
@@ -78,31 +77,3 @@ def test_a_page_keeps_what_was_made_before_an_error(tmp_path):
     assert ["ZeroDivisionError" in str(caught[0].message), "no row" in str(caught[1].message)] == [True, True]
     text = (tmp_path / "p.html").read_text(encoding="utf-8")
     assert "A finding" in text and "<h2>First</h2>" in text and text.rstrip().endswith("</html>")
-
-
-@pytest.mark.filterwarnings("default::tumblecal.ground.errors.SupplementWarning")
-def test_a_page_that_fails_is_not_listed(tmp_path):
-    @page
-    def writer(path, fails):
-        path.write_text("begun")
-        if fails:
-            raise KeyError("x")
-
-    assert writer(tmp_path / "p.html", False) == ["p.html"]
-    with pytest.warns(SupplementWarning):
-        assert writer(tmp_path / "p.html", True) == []
-
-
-def test_figures_and_pages_are_written_in_one_place():
-    """Every caller of `write_page` is a `page`, and figures are saved by `draw_each` alone."""
-    for path in (*SOURCE.glob("report/*.py"), *SOURCE.glob("cli/**/*.py")):
-        tree = ast.parse(path.read_text(encoding="utf-8"))
-        for function in (node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)):
-            called = {
-                node.func.id
-                for node in ast.walk(function)
-                if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
-            }
-            marks = {mark.id for mark in function.decorator_list if isinstance(mark, ast.Name)}
-            assert "write_page" not in called or "page" in marks, f"{path.name}: {function.name}"
-            assert "save" not in called, f"{path.name}: {function.name}"
