@@ -20,16 +20,6 @@ def added(data: PositionSet, rows, change) -> PositionSet:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("seed", "axis"), [(1, "y"), (2, "z")])
-def test_a_gain_that_steps_between_settings_is_not_identified_as_scale_by_pitch(hidden, diagnoser, seed, axis):
-    """Half-way through 4 x 12 positions the pitch setting changes; the generic step was no candidate beside the entry."""
-    name, setup = f"?gain_step_half_way.{axis}", blind.random_setup(np.random.default_rng(seed), 4, 12)
-    diagnosis = diagnoser(hidden(seed, {name: of_size(setup, name, [1.0], 10)}, plan=(4, 12)))
-    assert {("unexplained",), (f"scale_by_pitch.{axis}",)} <= classes(diagnosis)
-    assert diagnosis.verdict == "ambiguous"
-
-
-@pytest.mark.long
 def test_along_the_spindle_bias_and_scale_factor_by_setting_are_one_class(hidden, diagnoser):
     """The input of x is the same all through a setting; around the exact fit of the one the other had fewer directions."""
     name, setup = "scale_by_pitch.x", blind.random_setup(np.random.default_rng(1), 4, 12)
@@ -163,31 +153,6 @@ def test_a_long_warm_up_is_a_drift_and_one_as_long_as_the_measurement_is_not(dia
         if verdict:
             drift = tuple(f"bias_drift.{axis}" for axis in blind.AXES)
             assert drift in classes(diagnosis) and diagnosis.verdict == verdict
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(
-    ("names", "known"),
-    [(("bias_drift.y", "bias_temperature.y"), True), (("scale_drift.x", "scale_temperature.x"), False)],
-)
-def test_two_strong_effects_with_nearly_the_same_signal_are_both_named(diagnoser, names, known):
-    """The part of the second that is left beside the first decides, not its share: with less than 14 % left one of them alone
-    was named, and the rest was taken for noise, stated or not."""
-    for seed in range(2):
-        rng = np.random.default_rng([14, seed])
-        setup = blind.random_setup(rng, 3, 8)
-        hours = (setup.time_s - setup.time_s.mean()) / 3600.0
-        setup.temperature_degc = 25.0 + 2.0 * hours + 0.08 * np.std(hours) * rng.normal(size=24)
-        units = {name: of_size(setup, name, np.ones(blind.COEFFICIENTS[name]), 1.0) for name in names}
-        plain, projector = blind.readings(setup, setup.nominal, {}), blind.unreachable(setup)
-        first, second = (
-            projector @ (blind.readings(setup, setup.nominal, {name: unit}) - plain).ravel() / blind.SIGMA
-            for name, unit in units.items()
-        )
-        left = np.sqrt(1.0 - (first @ second) ** 2)
-        assert 0.02 < left < 0.14
-        effects = {name: 20.0 / left * unit for name, unit in units.items()}
-        assert {*diagnoser(measured(setup, effects, rng, known=known)).labels} == {*names}
 
 
 @pytest.mark.long

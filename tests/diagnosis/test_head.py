@@ -11,7 +11,6 @@ import blind_instrument as blind
 from tumblecal.chain.head_file import MeasuredHead
 from tumblecal.diagnosis.units import joint_diagnosis
 from tumblecal.estimation.plausibility import implausible_head
-from tumblecal.report.head_amounts import shown_in, spread_sizes
 from tumblecal.report.head_files import write_units
 from tumblecal.report.head_words import units_text
 
@@ -156,19 +155,3 @@ def test_pitch_settings_that_changed_once_are_not_set_again_each_time(diagnoser)
     found = joint(diagnoser, units_with([{}] * 5, 34, [pitch[number > 2] for number in range(5)]))
     assert found.fit.pitch.changed == 3 and not found.fit.pitch.common and found.fit.head is None
     assert "from u3 on" in units_text(found, rows(5), diagnoser.entries)
-
-
-@pytest.mark.long
-def test_an_effect_of_half_of_the_units_is_said_to_be_in_those_with_the_mean_of_all(diagnoser):
-    """It was in all units, 0 on average."""
-    sizes = np.array([1.2, 0.0, 1.5, 0.0, 1.3, 0.0, 1.4, 0.0]) * 1e-3
-    found = joint(diagnoser, units_with([{"second_order.z": size} for size in sizes], 33))
-    size = spread_sizes(found, diagnoser.entries)["second_order.z"]["second_order.z"]
-    assert size["mean_sd"] < 0.1 and abs(size["mean"] - 1e3 * np.mean(sizes)) < 4 * size["mean_sd"]
-    assert 0.4 < size["sd_between_units"] < 1.1 and size["unit"] == "mg/g^2"
-    text = units_text(found, rows(8), diagnoser.entries)
-    assert (
-        "second_order.z: in 4 of 8 units (u0, u2, u4, u6), with a different size in each" in text
-        and "in all" not in text
-    )
-    assert shown_in(found) == {"second_order.z": (0, 2, 4, 6)}

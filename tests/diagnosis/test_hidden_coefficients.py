@@ -8,7 +8,6 @@ import pytest
 
 import blind_catalogue as study
 import blind_instrument as blind
-from tumblecal.certificate.results import results_of
 from tumblecal.data.calibration import read_calibration
 from tumblecal.data.sensor_parameters import SENSOR
 from tumblecal.diagnosis.refine.insert import fit_with
@@ -46,22 +45,6 @@ def test_the_written_calibration_holds_the_truth_of_what_is_not_determined(folde
     # So does the matrix that a device applies: of what it makes of x in y.
     sd = np.sqrt(np.diag(own.covariance)[:9].reshape(3, 3))
     assert sd[1, 0] > 5e-3 > 5e-4 > sd[0, 0]
-
-
-def test_who_takes_the_calibration_is_told(tumblecal, folder, tmp_path):
-    readings = tmp_path / "readings.csv"
-    readings.write_text("ax_g,ay_g,az_g\n0,0.1,0.99\n")
-    own = folder / "calibration.json"
-    applied = tumblecal("apply", own, readings, "--out", tmp_path / "corrected.csv")
-    # With gamma_21 the mean bias of all settings is open.
-    told = " ".join(applied.lines)
-    assert applied.code == 0 and "the data did not determine bias_y (sd" in told and "gamma_21 (sd 1" in told
-    exported = tumblecal("export", own, "--to", "px4", "--out", tmp_path / "unit.params")
-    assert exported.code == 0 and "the data did not determine bias_y" in exported.out
-    compared = tumblecal("compare", own, own)
-    assert compared.out.count("; its data did not determine ") == compared.out.count("gamma_21 (sd 1") == 2
-    words = results_of(folder, None, {}).uncertainty_words
-    assert "The data do not determine bias_y, gamma_21" in words
 
 
 def test_what_is_hidden_changes_no_reading_at_the_positions_measured(hidden, diagnoser):

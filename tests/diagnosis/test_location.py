@@ -12,15 +12,13 @@ from tumblecal.planning import next_plan
 from tumblecal.report.diagnosis_files import record
 
 
-pytestmark = pytest.mark.long
-
-
 def diagnosed(diagnoser, seed, part, known):
     rng = np.random.default_rng([8, seed])
     setup, readings, name = study.case(rng, "3x8", part, 15.0)
     return diagnoser(position_set(setup, readings, known)), name
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("known", [True, False])
 def test_most_effects_are_found_in_their_part(diagnoser, known):
     judged = [
@@ -33,6 +31,7 @@ def test_most_effects_are_found_in_their_part(diagnoser, known):
     assert judged.count("wrong and sure") <= 3
 
 
+@pytest.mark.long
 def test_what_acts_everywhere_is_not_cut(diagnoser):
     judged = [study.judged(*diagnosed(diagnoser, seed, "everywhere", True), "everywhere") for seed in range(6)]
     assert "wrong part" not in judged

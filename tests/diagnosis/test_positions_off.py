@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 from scipy import stats
 
-import blind_instrument as blind
-import blind_noise
 from tumblecal.diagnosis.causes.cause import EFFECT, Cause
 from tumblecal.diagnosis.causes.faults import outlier
 from tumblecal.diagnosis.causes.pool import Pool
@@ -103,19 +101,3 @@ def test_the_bound_is_that_of_f_tests_without_a_position_beside_an_effect(plan, 
         alone = min(bounded(design, readings, number) for number in (2, 3))
         expected = min(1.0, 2 * min(alone, bounded_beside(design, signals, readings)))
         np.testing.assert_allclose(positions_off(pool, space @ readings), expected, rtol=5e-3)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("known", [True, False])
-def test_three_positions_far_off_at_one_setting_are_found_though_no_single_one_leads_to_them(diagnoser, known):
-    """Every third of a turn, all by the same: a wave with the spindle angle, it was said, that no entry describes."""
-    off = (1, 4, 7)
-    for seed in (20, 36):
-        rng = np.random.default_rng(seed)
-        setup = blind.random_setup(rng, 3, 8)
-        readings = blind.readings(setup, setup.nominal, {})
-        readings = readings + blind.SIGMA * rng.normal(size=readings.shape)
-        direction = rng.normal(size=3)
-        readings[list(off)] += 100 * blind.SIGMA * direction / np.linalg.norm(direction)
-        diagnosis = diagnoser(blind_noise.position_set(setup, readings, known))
-        assert diagnosis.labels == tuple(f"outlier_position:{setup.names[k]}" for k in off)

@@ -101,15 +101,6 @@ def test_the_stronger_the_signal_the_surer_the_set(size, count, seed):
     assert ranked.set_at(0) == hidden
 
 
-def test_parts_of_the_best_set_are_scored():
-    rng = np.random.default_rng(2)
-    pool = pool_of(rng)
-    search = Search(pool, 60 * pool.causes[3].block[:, 0] + 50 * pool.causes[7].block[:, 0], known=True)
-    search.run()
-    for part in ((3,), (7,), (3, 7)):
-        assert search.posterior(part) == pytest.approx(score(pool, search.z, part), abs=1.0)
-
-
 @pytest.mark.parametrize("axes", [2, 3])
 def test_several_axes_of_a_family_count_as_one_cause(axes):
     rng = np.random.default_rng(5)

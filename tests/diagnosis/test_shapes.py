@@ -10,8 +10,6 @@ import blind_noise
 from blind_sized import sized_to
 from blind_unlisted import LATER, UNLISTED
 from blind_unseen import LATEST, UNSEEN
-from tumblecal.diagnosis.lack_of_fit.one_curve import best_curve, one_curve
-from tumblecal.diagnosis.priors import LACK_OF_FIT_TEST_WEIGHT
 from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
 
 
@@ -26,39 +24,6 @@ def unlisted(name, seed, d=12.0):
             readings = sized(scaled[0])
             readings = readings + blind.SIGMA * rng.normal(size=readings.shape)
             return blind_noise.position_set(setup, readings, known=seed % 2 == 0)
-
-
-def of_one_curve(signals, z, known):
-    """A process of three fields with one curve for all."""
-    # The signals of each component together.
-    signals = signals.reshape(len(signals), 3, -1).swapaxes(1, 2).reshape(len(signals), -1)
-    products, inner = signals.T @ signals, z @ signals
-    size = best_curve(products, inner, z, known).size
-    return one_curve(products.reshape(-1, 3, len(inner) // 3, 3), inner.reshape(-1, 3), size, z, known)
-
-
-@pytest.mark.long
-def test_one_curve_for_all_outputs_explains_better_than_three(diagnoser):
-    """One thing that goes wrong moves all outputs by one curve: its direction comes out, and fewer coefficients are fitted."""
-    rng = np.random.default_rng(3)
-    setup = blind.random_setup(rng, 4, 12)
-    time = (setup.time_s - setup.time_s[0]) / np.ptp(setup.time_s)
-    direction = np.array([0.6, -0.64, 0.48])
-    curve = np.exp(-0.5 * ((time - 0.55) / 0.08) ** 2)
-    readings = blind.readings(setup, setup.nominal, {}) + 14 * blind.SIGMA * curve[
-        :, None
-    ] * direction / np.linalg.norm(curve)
-    readings = readings + blind.SIGMA * rng.normal(size=readings.shape)
-    at = diagnoser(blind_noise.position_set(setup, readings, known=True)).screened
-    number = at.alternatives.lack.words.index("the outputs: functions of the time, quickly changing")
-    rows = at.problem.rows(at.alternatives.lack.visible[number].signals)
-    together = of_one_curve(at.at.basis.T @ rows, at.at.z, known=True)
-    assert abs(together.direction @ direction) > 0.97
-    lack = at.alternatives.lack
-    apart = lack.test_log_evidence(lack.by_size(at.at.z[None], True))[0, number] - np.log(LACK_OF_FIT_TEST_WEIGHT)
-    assert together.log_evidence > apart - lack.log_shares[number] + 3.0
-    (cause,) = at.members
-    assert cause.words.endswith("all by one curve") and len(cause.terms) < 12
 
 
 @pytest.mark.long

@@ -11,7 +11,7 @@ from test_history import covariance, results
 from few_dof import ALL, BIASES, told
 from tumblecal import InputError
 from tumblecal.data import write_positions
-from tumblecal.data.calibration import Calibration, read_calibration, write_calibration
+from tumblecal.data.calibration import read_calibration
 from tumblecal.history.database import add, of_unit
 from tumblecal.history.few_dof import joint_dof, no_change
 from tumblecal.history.repeatability import PAPER_LIMITS, unit_history
@@ -86,8 +86,6 @@ def test_the_file_states_the_degrees_of_freedom_and_compare_takes_them(tumblecal
         files["estimated"].write_text(json.dumps(content | {"provenance": {"dof": wrong}}))
         with pytest.raises(InputError, match="dof: "):
             read_calibration(files["estimated"])
-
-
 
 
 def test_a_history_takes_the_degrees_of_freedom_of_its_files(tmp_path):

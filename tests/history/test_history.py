@@ -6,7 +6,6 @@ import re
 import sqlite3
 import subprocess
 import sys
-import time
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -207,20 +206,6 @@ def test_the_dates_of_a_chart_do_not_overlap(days):
     assert len(boxes) >= 2 and all(left.x1 < right.x0 for left, right in pairwise(boxes))
 
 
-def test_a_result_beyond_its_control_limits_is_red_and_a_finding_only_if_it_deviates():
-    entries = results(10, own=np.diag(SD**2))
-    entries[6].parameters.values[3] += 1e-3
-    judged = unit_history(entries, PAPER_LIMITS)
-    outside = {trend.name: np.flatnonzero(trend.outside).tolist() for trend in judged.trends if trend.outside.any()}
-    assert outside["bias_x"] == [6]
-    (found,) = statements(judged)
-    assert found.words.startswith("bias_x differs by ") and " mg only in 2020-07-01 (result 7)" in found.words
-    # One of 12 charts of 20 results has a red result in every second stable unit.
-    stable = [unit_history(results(20), PAPER_LIMITS) for _ in range(12)]
-    assert sum(any(trend.outside.any() for trend in judged.trends) for judged in stable) > 2
-    assert sum(bool(statements(judged)) for judged in stable) <= 2
-
-
 def test_a_standard_measured_every_day_is_reported_on_a_screen():
     """300 results of one unit: 3588 E_n, of which 180 are beyond 1 by chance alone. No few changes describe the last 100."""
     entries = results(300, days=1.0)
@@ -280,8 +265,6 @@ def test_mistakes_are_one_line(tumblecal, tmp_path):
     ):
         outcome = tumblecal("history", path, *arguments)
         assert outcome.code == 2 and len(outcome.lines) == 1 and words in outcome.lines[0] and not outcome.out
-
-
 
 
 def test_kills_and_two_writers_lose_nothing():

@@ -74,14 +74,6 @@ def test_page_stands_alone(page):
     assert not re.search(r"\bnan\b|\binf\b|None|\{\{|Candidate\(", re.sub(r"<svg.*?</svg>", "", text, flags=re.S))
 
 
-def test_predictions_that_became_worse_are_said_to_be(diagnosis, monkeypatch):
-    """They stood in a row of numbers, and nothing was said."""
-    assert "WORSE" not in verdict_of_diagnosis(diagnosis).words()
-    worse = replace(diagnosis.gain, cv_rms_after_g=2.0 * diagnosis.gain.cv_rms_before_g)
-    monkeypatch.setitem(vars(diagnosis), "gain", worse)
-    assert "predicts held-out positions WORSE" in verdict_of_diagnosis(diagnosis).words()
-
-
 def test_tables_hold_the_numbers_of_the_json(page, folder, diagnosis):
     record = json.loads((folder / "diagnosis.json").read_text(encoding="utf-8"))
     cells = rows(page)

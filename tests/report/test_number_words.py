@@ -3,7 +3,7 @@
 import pytest
 
 from tumblecal.diagnosis.priors import SURE
-from tumblecal.ground.numbers_shown import capped, changed, p_words, rounded_together
+from tumblecal.ground.numbers_shown import capped, p_words, rounded_together
 from tumblecal.report.cause_words import ambiguity
 
 
@@ -30,17 +30,6 @@ def test_equally_well_is_said_of_equals_alone(probability, alike):
 def test_uncertainties_have_two_digits_and_values_the_same_decimal(value, u, words):
     """GUM 7.2.6."""
     assert rounded_together(value, u) == words
-
-
-@pytest.mark.parametrize(
-    ("before", "after", "u", "words"),
-    [
-        (0.2, 0.102, 0.014, "0.200 -> 0.102"), (0.2, 0.102, None, "0.200 -> 0.102"), (172.4, 128.1, 30.0, "172 -> 128"),
-        (12.3, 0.0456, None, "12.3000 -> 0.0456"),
-    ],
-)  # fmt: skip
-def test_a_change_has_equal_decimals(before, after, u, words):
-    assert changed(before, after, u) == words
 
 
 def test_no_number_pretends_precision():

@@ -8,7 +8,6 @@ import pytest
 
 from tumblecal.diagnosis.causes.cause import EFFECT, NO_SLOT, Cause
 from tumblecal.effects import catalogue
-from tumblecal.report.cause_words import by_finding
 from tumblecal.report.diagnosis_verdict import _finding
 
 
@@ -40,16 +39,6 @@ def diagnosis(values, covariance):
         determined={id: [SimpleNamespace(weights={id: 1.0})] for id in ids},
         in_use=SimpleNamespace(names=()),
     )
-
-
-def test_powers_of_one_variable_on_one_output_are_one_finding():
-    ids = ["bias_temperature_square.x", "second_order.x", "bias_temperature.x", "third_order.y", "second_order.y"]
-    found = [tuple(own.label for own in finding) for finding in by_finding([cause(id) for id in ids])]
-    assert found == [
-        ("bias_temperature.x", "bias_temperature_square.x"),
-        ("second_order.x",),
-        ("second_order.y", "third_order.y"),
-    ]
 
 
 @pytest.mark.parametrize(

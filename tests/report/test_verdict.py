@@ -3,7 +3,6 @@
 from types import SimpleNamespace
 
 import numpy as np
-import pytest
 
 from tumblecal.diagnosis.findings.factors import Factor, Reason
 from tumblecal.diagnosis.screening.noise_change import NoiseFault
@@ -55,16 +54,6 @@ def test_at_most_25_lines_stand_above_the_rule_and_nothing_is_lost():
     # A heading is printed once, for whatever number of entries, at every width.
     for width in (60, 100):
         assert sum("NEXT, continued" in line for line in verdict_lines(many, width)) == 1
-
-
-@pytest.mark.parametrize("width", [60, 80])
-def test_a_narrow_terminal_has_the_same_words_and_whole_commands(width):
-    lines = verdict_lines(TWO, width)
-    assert all(len(line) <= width or COMMAND in line for line in lines)
-    assert sum(line.strip() == COMMAND for line in lines) == 1
-    joined = " ".join(" ".join(lines).split())
-    for words in ("0.532 +- 0.062 mg/g^2", "(r = 1.00)", "the data have no column approach: index_backlash."):
-        assert words in joined
 
 
 def test_alternatives_of_one_reason_are_one_line():
