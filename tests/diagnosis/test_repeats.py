@@ -88,6 +88,7 @@ def test_what_does_not_repeat_is_refused_with_its_cost_or_done_where_allowed():
         in_bounds(passes(42), None, sampled=True)
 
 
+@pytest.mark.long
 def test_two_thousand_rows_are_diagnosed_as_means(diagnoser, monkeypatch):
     monkeypatch.setattr(repeats, "MEANS", 48)
     diagnosis = diagnoser(in_bounds(passes(42, effect=2e-4), SIGMA).data)
