@@ -4,11 +4,8 @@ import numpy as np
 import pytest
 
 import tumblecal
-from tumblecal.chain import settings
 from tumblecal.data import PositionSet
 from tumblecal.diagnosis import Diagnoser
-from tumblecal.diagnosis.model.full_model import settings_key
-from tumblecal.effects import catalogue
 from tumblecal.report.cause_words import order_sizes, temperature_orders
 from tumblecal.report.diagnosis_calibration import extended_calibration
 
@@ -111,13 +108,3 @@ def test_a_lag_between_thermometer_and_sensor_has_its_name():
     for name, value in true.items():
         k = fit.names.index(name)
         assert abs(fit.values[k] - value) < 4 * fit.sd[k]
-
-
-@pytest.mark.parametrize(
-    ("degc", "orders"), [([0, 30, 60], {2}), ([0, 15, 30, 60], {2, 3}), ([0, 2, 4, 6, 8], set()), (UP, {2, 3, 4})]
-)
-def test_the_soaks_limit_the_order(degc, orders):
-    where = settings([0.0] * 3 * len(degc), [0.0] * 3 * len(degc), temperature_degc=np.repeat(degc, 3).astype(float))
-    entries = [entry for id, entry in catalogue().items() if id.startswith("scale_temperature") and id.endswith(".x")]
-    assert {len(entry.forms) for entry in entries if not entry.lacking(where)} == {1, *orders}
-    assert settings_key(where)[-1] == (0 if not orders else len(degc))

@@ -52,6 +52,7 @@ def test_what_the_residuals_say_decides_the_headline(table1, calibrated):
     assert all_methods(problem_of(table1, noise_sd=SIGMA_G / 2)).use.refused
 
 
+@pytest.mark.long
 def test_no_degree_of_freedom_judges_nothing_and_says_why(tumblecal, tmp_path, table1):
     """Five positions at three pitch settings: 15 readings for 15 parameters. It was a traceback, or sd nan."""
     data = table1.chosen([0, 2, 9, 11, 19])

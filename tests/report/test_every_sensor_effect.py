@@ -205,15 +205,17 @@ def simulated(id):
 
 
 @pytest.fixture(scope="module")
-def model():
-    """The chain with every effect of the plan, compiled once, and a problem whose readings are to be replaced."""
+def model(request):
+    """The chain with every effect that this session tests, compiled once, and a problem whose readings are to be replaced."""
+    here = [item for item in request.session.items if item.path == request.path and hasattr(item, "callspec")]
+    entries = {id: ENTRIES[id] for id in SENSOR if id in {item.callspec.params["id"] for item in here}}
     readings = linear_readings(np.radians(PLAN.alpha), np.radians(PLAN.beta), TRUE, PLAN.turn)
     data = PositionSet(
         tuple(f"p{k}" for k in range(len(readings))), PLAN.alpha, PLAN.beta, readings,
         run=tuple(PLAN.run), mount=tuple(PLAN.run), time_s=PLAN.time, temperature_degc=PLAN.degc,
     )  # fmt: skip
     problem = problem_of(data, noise_sd=1e-4)
-    return model_of(problem.chain, problem.where, ENTRIES), problem, data
+    return model_of(problem.chain, problem.where, entries), problem, data
 
 
 def fitted(model, id, readings):
