@@ -1,4 +1,4 @@
-"""Texts, tables and assumptions of a designed plan, from records made by hand."""
+"""Texts and tables of a designed plan, from records made by hand."""
 
 from dataclasses import replace
 
@@ -20,7 +20,6 @@ from tumblecal.design.order.best_order import Ordered
 from tumblecal.design.plan import DesignedPlan
 from tumblecal.design.positions.bounds import Bounds
 from tumblecal.design.wanted import Wanted
-from tumblecal.report.plan_assumptions import assumptions
 from tumblecal.report.plan_files import capture_files
 from tumblecal.report.plan_tables import named_table, practice_table, uncertainty_table
 from tumblecal.report.plan_words import plan_lines
@@ -81,14 +80,13 @@ def plan():
     )
 
 
-def test_lines_tables_and_assumptions_of_a_plan(plan, snapshot):
+def test_lines_and_tables_of_a_plan(plan, snapshot):
     added = replace(plan, measured=2, forecast=None, bounds=None, after=replace(plan.after, effects=()))
     tables = uncertainty_table(plan), practice_table(plan, short=True), named_table(plan)
     texts = {
         "plan": "\n".join(plan_lines(plan)),
         "measured positions, no forecast": "\n".join(plan_lines(added)),
         "tables": "\n\n".join("\n".join(" | ".join(row) for row in [own.header, *own.rows]) for own in tables),
-        "assumptions": "\n".join(f"{own.words} ({own.override})" for own in assumptions(plan)),
     }
     snapshot("plan", texts)
     assert capture_files(added) == {"plan_A.toml": [2], "plan_B.toml": [3]}

@@ -76,6 +76,7 @@ def test_the_page_is_complete_in_a_browser(example, chromium):
     assert not re.search(r"\bnan\b|\binf\b|None|\{\{", text)
 
 
+@pytest.mark.long
 def test_the_other_commands_of_the_page_run(example, tumblecal):
     for line in "".join(blocks("sh")[1:]).splitlines():
         outcome = tumblecal(*shlex.split(line)[1:])
