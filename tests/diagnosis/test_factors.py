@@ -105,9 +105,23 @@ def test_factors_verdicts_and_probabilities(snapshot):
     snapshot("factors", texts | {"README, columns not correlated": words(README, NOT_CORRELATED)})
 
 
-def test_a_doubt_about_the_noise_is_one_about_the_verdict():
-    effect = told("index_gain", "index_third", own=0.9, shares=[0.05]).times(0.6)
-    assert effect.class_probability == pytest.approx(0.57) and verdict_of(effect, True, False, False) == "ambiguous"
+@pytest.mark.parametrize(
+    ("labels", "noise", "implausible", "doubtful", "verdict"),
+    [
+        ("index_gain", False, False, False, "identified"),
+        ("index_gain", False, True, False, "ambiguous"),
+        ("index_gain", False, False, True, "ambiguous"),
+        ("", False, False, False, "adequate"),
+        ("", False, True, False, "unexplained"),
+        ("", True, False, False, "identified"),
+    ],
+)
+def test_doubts_decide_the_verdict(labels, noise, implausible, doubtful, verdict):
+    best = told(labels, own=0.97, shares=[])
+    assert verdict_of(best, noise, implausible, doubtful) == verdict
+    # A probability below that of a sure set is a doubt as well.
+    if noise:
+        assert verdict_of(best.times(0.75), noise, implausible, doubtful) == "ambiguous"
 
 
 def test_faults_found_before_count_as_causes():
