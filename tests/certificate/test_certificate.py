@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 from dcc_schema import schema_of_dcc
 
-from few_effects import few_entries
 from tumblecal import read_rig, simulate
 from tumblecal.certificate.results import VERDICTS, Result, results_of
 from tumblecal.data.calibration import read_calibration, write_calibration
@@ -44,7 +43,7 @@ HIDDEN = {"adequate": {}, "identified": {"axis_perpendicularity": (5e-4,)}}
 @pytest.fixture(scope="module")
 def folder_of(tmp_path_factory, configs):
     """Results as the commands write them, of simulated instruments of the rigs that come with the program."""
-    diagnose, root = Diagnoser(few_entries(), nested=False), tmp_path_factory.mktemp("results")
+    diagnose, root = Diagnoser(nested=False), tmp_path_factory.mktemp("results")
 
     @cache
     def made(case: str) -> Path:
