@@ -45,8 +45,8 @@ def test_no_order_is_better_than_the_bound_of_several_visits(unsteady):
         several = bounds(one_visit(responses, visits=most_visits(limits)), criterion, limits, found.cells).white
         # Each relaxation ends at a duality gap of 1e-3 (`relaxed`).
         assert several < 1.001 * once
-        orders = [rng.choice(80, count, replace=False) for _ in range(200)]
-        for _ in range(50):
+        orders = [rng.choice(80, count, replace=False) for _ in range(100)]
+        for _ in range(25):
             half = np.array_split(rng.permutation(found.cells), 2)
             orders += [
                 np.stack([half[0], half[1]], axis=1).ravel(),
