@@ -119,6 +119,16 @@ def test_implausible_parameters_speak_up_before_the_verdict(diagnoser, hidden, t
         diagnoser(hidden(9, {}, change=lambda readings, rng: readings[:, [0, 1, 0]] * [1, 1, -1]))
 
 
+def test_folds_of_a_held_out_run(hidden):
+    both = replace(hidden(11, {}), run=("1",) * 12 + ("2",) * 12)
+    numbers, words = folds(both, ("run", "2"))
+    assert words == "run 2 left out"
+    np.testing.assert_array_equal(numbers, np.repeat([-1, 0], 12))
+    for wrong, said in ((("run", "9"), "name one of several"), (("mount", "A"), "no column mount")):
+        with pytest.raises(InputError, match=said):
+            folds(both, wrong)
+
+
 @pytest.mark.long
 def test_held_out_run(diagnoser, hidden, monkeypatch):
     parts = [hidden(11, {"third_order.y": [2e-3]}) for _ in range(2)]

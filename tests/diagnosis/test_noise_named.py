@@ -33,7 +33,6 @@ def test_sd_columns_that_the_scatter_contradicts(diagnoser, hidden):
     assert level(diagnoser(hidden(22, {}, noise=blind.SIGMA / 8))) == pytest.approx(1 / 8, rel=0.25)
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("kind", blind_noise.NOISES)
 def test_an_effect_in_noise_that_is_not_as_assumed(diagnoser, kind):
     named, noise_named = 0, 0
