@@ -21,8 +21,6 @@ def test_a_limit_of_one_parameter_goes_before_that_of_its_group(tmp_path):
     ("dates", "faults"),
     [
         ({"begin": "25", "end": "21"}, ["performance.end: 2026-11-21 is before performance.begin 2026-11-25"]),
-        ({"received": "21"}, ["performance.begin: 2026-11-20 is before performance.received 2026-11-21"]),
-        ({"issued": "20"}, ["issued: 2026-11-20 is before performance.end 2026-11-21"]),
         ({"received": "29", "issued": "01"}, ["performance.begin: ", "issued: 2026-11-01 is before"]),
         ({"received": None, "issued": "21"}, []),
         ({"received": "20", "begin": "20", "end": "20", "issued": "20"}, []),
@@ -49,11 +47,8 @@ def test_data_of_another_date_are_told(tumblecal, calibrated, admin):
     path = calibrated / "calibration.json"
     content = json.loads(path.read_text())
     for stated, told in (
-        ("2026-11-20", False),
-        ("2026-11-19", True),
         ("2026-11-22T09:00:00Z", False),  # still the 21st west of Greenwich
         ("2026-11-22T13:00:00Z", True),
-        ("2026-11-19T09:00:00Z", True),
         ("2025-11-20T09:00:00+01:00", True),
     ):
         content["provenance"]["measured_utc"] = stated
@@ -79,8 +74,6 @@ def test_mistakes_are_one_line(tumblecal, tmp_path, calibrated, admin, configs):
             text.replace('country = "AT"', 'country = "Austria"'),
             "country: must be the country code of two capital letters",
         ),
-        (re.sub("issued = .*", "issued = 2026-11-22T10:00:00", text), "issued: must be a day such as 2026-11-22"),
-        (text.replace('city = "', 'city = " '), "city: must be a text without leading and trailing blanks"),
         (text.replace("begin =", "begins ="), "performance.begins: unknown key; did you mean begin?"),
         (text.replace('"A-17"', '"B-2"'), "is of unit A-17"),
         (text.replace("traceability", "trace"), "traceability: is missing"),

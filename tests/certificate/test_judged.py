@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from dcc_schema import schema_of_dcc
 
-from tumblecal.certificate.admin import Condition, item_elsewhere
 from tumblecal.data import write_positions
 
 
@@ -90,22 +89,6 @@ def test_nor_of_one_that_nothing_could_test(tumblecal, tmp_path, table1, admin):
     assert outcome.code == 2 and "use: not tested: 15 readings for 15 parameters leave no" in outcome.lines[0]
     assert tumblecal("certificate", folder, "--admin", admin, "--use-anyway").code == 0
     assert "Use of the calibration: not tested: 15 readings" in (folder / "certificate.html").read_text()
-
-
-@pytest.mark.parametrize(("room", "item_degc", "differs"), [
-    ("23.0 degC +/- 0.5 degC", 31.2, "+8.2 degC"), ("(23.0 ± 0.5) °C", 15.0, "-8 degC"), ("23,5 °C", 24.0, ""),
-    ("50 %", 31.2, ""), ("23 °C", None, ""),
-])  # fmt: skip
-def test_a_room_temperature_that_the_item_contradicts_is_stated(room, item_degc, differs):
-    said = item_elsewhere(
-        [Condition(name="humidity", value="5 %"), Condition(name="room temperature", value=room)], item_degc
-    )
-    assert (differs in said) if differs else said == ""
-
-
-def test_a_good_judgement_adds_nothing(tumblecal, calibrated, admin):
-    assert tumblecal("certificate", calibrated, "--admin", admin).code == 0
-    assert "Judgement" not in (calibrated / "certificate.html").read_text() + (calibrated / "dcc.xml").read_text()
 
 
 HEAD = """schema = "tumblecal.head/1"

@@ -13,7 +13,6 @@ from tumblecal.design.criteria.weighted import Weighted
 from tumblecal.design.model.limits import in_order, limits_of
 from tumblecal.design.model.one_visit import one_visit
 from tumblecal.design.model.schedule import schedule
-from tumblecal.design.positions.bounded_search import best_plan
 from tumblecal.design.positions.bounds import bounds
 
 
@@ -38,9 +37,7 @@ def plans(cells, ability, most_minutes, sizes):
                 yield plan
 
 
-@pytest.mark.parametrize(
-    ("build", "minutes"), [(worst, None), (mean, None), (volume, None), ("both", None), (worst, 16.0), (volume, 16.0)]
-)
+@pytest.mark.parametrize(("build", "minutes"), [(worst, None), (mean, None), ("both", None), (volume, 16.0)])
 def test_no_plan_is_better_than_its_bound(head, candidates, model, build, minutes):
     times = Times(dwell_s=60, settle_s=0, turn_s=10, pitch_change_s=100, remount_s=150)
     ability, cells = replace(head.ability, times=times), candidates.cells
@@ -88,28 +85,3 @@ def test_the_bound_of_a_number_of_positions_is_the_least_of_its_relaxation(candi
     assert np.log(found.white) == pytest.approx(expected.fun, abs=3e-3)
     assert np.log(found.white) <= expected.fun + 1e-6
     assert found.fractions.sum() == pytest.approx(7)
-
-
-def test_a_plan_is_close_to_its_bound(head, candidates, model):
-    limits = limits_of(candidates.cells, head.ability, minutes=70.0)
-    found = best_plan(model, worst(candidates), limits, restarts=1)
-    assert found.chosen.value == pytest.approx(found.bounds.value) and found.chosen.minutes <= 70.0
-    assert found.bounds.efficiency > 0.95 and not found.bounds.reason
-
-
-def test_the_reason_for_a_distance_to_the_bound(head, candidates, model):
-    """Three positions in one mounting do not determine nine parameters; two settings are far from the best ones."""
-    limits = limits_of(candidates.cells, head.ability, count=3, minutes=None)
-    assert bounds(model, worst(candidates), limits, [8, 10, 16]).reason.startswith(
-        "too few positions: 3 positions at 2 pitch settings in 1 mounting do not determine dK_"
-    )
-    limits = limits_of(candidates.cells, head.ability, count=16, minutes=None)
-    poor = bounds(model, mean(candidates), limits, np.r_[8:24])
-    assert poor.efficiency < 0.95
-    assert poor.reason.startswith(
-        "whole settings: the bound is that of plans with 16 positions at 10 pitch settings in 2 mountings"
-    )
-    assert (
-        "for 16 positions at 2 pitch settings in 1 mounting, the settings of the plan, it is 100.0% of the value"
-        in poor.reason
-    )

@@ -69,7 +69,7 @@ def fitted(rig):
     ("content", "wanted"),
     [
         (TWO, Wanted(positions=12, restarts=1)),
-        (RIG, Wanted(positions=8, restarts=1, order="keep", measured=MEASURED)),
+        pytest.param(RIG, Wanted(positions=8, restarts=1, order="keep", measured=MEASURED), marks=pytest.mark.long),
     ],
     ids=["mountings", "augmented"],
 )

@@ -11,7 +11,6 @@ from tumblecal.design.model.cells import cells_of
 from tumblecal.design.model.evaluation import uncertainties
 from tumblecal.design.model.responses import responses_of
 from tumblecal.design.model.schedule import schedule
-from tumblecal.ground.errors import InputError
 
 
 @pytest.fixture(scope="module")
@@ -82,8 +81,3 @@ def test_visits_and_slow_noise_are_a_covariance_of_the_readings(rig, responses):
     columns = np.concatenate([responses.columns[order], mount], axis=2).reshape(3 * n, -1)
     expected = np.linalg.inv(columns.T @ np.linalg.solve(total, columns))[:9, :9]
     assert np.sqrt(np.diag(found)) == pytest.approx(np.sqrt(np.diag(expected)), rel=2e-3)
-
-
-def test_a_rig_without_noise_is_rejected(rig):
-    with pytest.raises(InputError, match="noise of a dwell is needed"):
-        responses_of(replace(rig, noise_sd_g=None), cells_of(rig.ability))

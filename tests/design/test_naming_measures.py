@@ -111,15 +111,6 @@ def test_steps_are_those_of_new_measures(head, cells, kind):
     assert measure.value == pytest.approx(made(measure.cells).value, rel=1e-8)
 
 
-@pytest.mark.parametrize("measures", [naming_measures, alias_measures])
-def test_positions_that_are_measured_already_show_effects_too(head, cells, measures):
-    """This head's settings are exact: positions measured before count as much as others."""
-    effects = {"second_order.z": 1.0}
-    new = measures(*head[:2], cells[:9], effects, head[3])(cells[9:])
-    assert new.cells == tuple(cells[9:])
-    assert new.value == pytest.approx(measures(*head[:3], effects, head[3])(cells).value, rel=1e-6)
-
-
 def test_effects_that_positions_cannot_show(head):
     assert hidden_on_head(head[0], ("gravity_value", "second_order.z"), head[3]) == ("gravity_value",)
     with pytest.raises(InputError, match="gravity_value: no positions of this head show it"):

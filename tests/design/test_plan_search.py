@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from tumblecal.chain.head_ability import Times
 from tumblecal.design.criteria.criterion import Criterion, determined, mean, volume, worst
 from tumblecal.design.criteria.measure import measures
-from tumblecal.design.criteria.weighted import Weighted
 from tumblecal.design.model.evaluation import uncertainties
 from tumblecal.design.model.limits import Occupied, in_order, limits_of
 from tumblecal.design.model.one_visit import one_visit
@@ -47,7 +46,7 @@ def test_the_model_of_a_search_gives_the_covariance_of_its_schedule(head, candid
     assert np.sqrt(np.diag(model.covariance(taken))) == pytest.approx(np.sqrt(np.diag(exact)), rel=1e-4)
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(6))
 def test_updates_are_direct_inverses(candidates, model, seed):
     rng = np.random.default_rng(seed)
     cells, more = rng.integers(80, size=rng.integers(1, 30)), int(rng.integers(80))
@@ -90,12 +89,6 @@ def test_the_best_plan_in_a_time_is_found(head, candidates, model):
     assert found.minutes <= 11.0
 
 
-def test_the_same_seed_gives_the_same_plan(head, candidates, model):
-    limits, factory = limits_of(candidates.cells, head.ability, minutes=40.0), measures(model, worst(candidates))
-    one, two = (exchange(limits, factory, restarts=1, seed=3) for _ in "ab")
-    assert one.cells.tolist() == two.cells.tolist() and one.value == two.value
-
-
 @given(st.lists(st.integers(0, 79), min_size=1, max_size=25))
 @settings(max_examples=30, deadline=None)
 def test_a_plan_takes_at_most_the_time_of_its_settings(head, candidates, cells):
@@ -109,27 +102,6 @@ def test_a_plan_takes_at_most_the_time_of_its_settings(head, candidates, cells):
     assert 0 <= occupied.seconds - planned.end_s <= head.ability.times.turn_s * groups + 1e-6
 
 
-def test_measured_positions_have_settings_of_their_own(head, candidates, model):
-    """In numpy: the errors of the settings of measured positions are other draws around the same common part."""
-    kept, taken = [40, 42, 45, 50], [40, 41, 43, 56, 60, 2, 5, 11, 13, 20]
-    found = one_visit(candidates, kept).covariance(taken)
-    cells, sd = candidates.cells, candidates.sd
-    both = np.array([*kept, *taken])
-    group = np.concatenate([-1 - cells.group[kept], cells.group[taken]])
-    mount = np.concatenate([-1 - cells.mounting[kept], cells.mounting[taken]])
-    total = np.eye(3 * len(both))
-    for setting, label, visit, common in (
-        (candidates.pitch, cells.pitch[both], group, candidates.pitch.common),
-        (candidates.mount, cells.mounting[both], mount, 1e4),
-    ):
-        columns = setting.columns[both] / sd
-        of = common**2 * (label[:, None] == label) + setting.again**2 * (visit[:, None] == visit)
-        total += np.einsum("ikc,jlc,ij->ikjl", columns, columns, of).reshape(total.shape)
-    shared = (candidates.columns[both] / sd).reshape(len(total), -1)
-    exact = np.linalg.inv(shared.T @ np.linalg.solve(total, shared))
-    assert np.sqrt(np.diag(found)) == pytest.approx(np.sqrt(np.diag(exact)), rel=1e-3)
-
-
 def test_a_parameter_that_no_plan_determines_is_named_and_left_out(candidates, model):
     """With the spindle level gravity never acts along x in the first mounting."""
     few = np.flatnonzero((candidates.cells.beta_deg == 0) & (np.array(candidates.cells.mounts) == "A"))
@@ -140,23 +112,3 @@ def test_a_parameter_that_no_plan_determines_is_named_and_left_out(candidates, m
     assert sure.of(level.covariance(range(8))) < 1.0 < worst(candidates).of(level.covariance(range(8)))
     with pytest.raises(InputError, match="no plan on this head determines dK_x, gamma_21, gamma_31"):
         determined(Criterion("one", np.eye(9)[:1], "largest"), level)
-
-
-def test_a_weighted_set_is_the_sum_of_relative_values(candidates, model):
-    one, two = worst(candidates), volume(candidates)
-    both = Weighted((one, two), (1.0, 3.0), (2.0, 0.5))
-    taken = np.arange(0, 80, 3)
-    covariance = model.covariance(taken)
-    expected = 0.25 * one.of(covariance) / 2 + 0.75 * two.of(covariance) / 0.5
-    measure = measures(model, both)(taken)
-    assert [both.of(covariance), measure.value] == pytest.approx([expected] * 2)
-    assert measure.if_added()[4] == pytest.approx(both.of(model.covariance([*taken, 4])))
-    with pytest.raises(InputError, match="above 0"):
-        Weighted((one,), (0.0,), (1.0,))
-
-
-def test_limits_that_no_position_fits_are_rejected(head, candidates):
-    with pytest.raises(InputError, match=r"no position fits; one takes 1\.17 min"):
-        limits_of(candidates.cells, head.ability, count=None, minutes=1.0)
-    with pytest.raises(InputError, match="a number of positions or a duration"):
-        limits_of(candidates.cells, head.ability, count=None, minutes=None)

@@ -1,13 +1,9 @@
 """The covariance of dwells under slow noise of a head, against means of many drawn or sampled signals in numpy."""
 
-import tomllib
-from dataclasses import fields
-
 import numpy as np
 import pytest
-from pydantic import ValidationError
 
-from tumblecal.chain.head_ability import HeadAbilityTable, SlowNoise, Times
+from tumblecal.chain.head_ability import SlowNoise, Times
 from tumblecal.noise.of_head import slow_covariance, tabulated_covariance
 
 
@@ -28,21 +24,3 @@ def test_the_tabulated_covariance_is_the_exact_one():
     stated = SlowNoise(1e-5, 2e-7, 3e-5, 700.0, 1e-4, 1e-3, 2000.0)
     exact = slow_covariance(stated, TIMES, START)
     assert tabulated_covariance(stated, TIMES, 9000.0)(START) == pytest.approx(exact[0], rel=2e-6)
-
-
-def test_the_table_of_slow_noise_is_read_with_its_units():
-    text = """
-    bias_instability = "10 ug"
-    random_walk_g_per_rts = 2e-7
-    markov_sd = "30 ug"
-    markov_time_s = 700
-    drift = "0.1 mg/h"
-    warm_up = "1 mg"
-    warm_up_time_s = 2000
-    """
-    stated = HeadAbilityTable(noise=tomllib.loads(text)).ability((0.0,), ("1",)).slow_noise
-    found = [getattr(stated, field.name) for field in fields(SlowNoise)]
-    assert found == pytest.approx([1e-5, 2e-7, 3e-5, 700.0, 1e-4, 1e-3, 2000.0])
-    assert SlowNoise(drift_g_per_h=1e-5).any and SlowNoise(warm_up_g=1e-5).any and not SlowNoise().any
-    with pytest.raises(ValidationError, match="g/h"):
-        HeadAbilityTable(noise={"drift": "0.1 mg"})

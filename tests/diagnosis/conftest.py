@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import blind_instrument as blind
+from snapshot_texts import snapshot as snapshot
 from tumblecal.data import PositionSet
 from tumblecal.diagnosis import Diagnoser
 

@@ -1,16 +1,11 @@
 """Where several explanations are left, their mean is written; coverage is measured by benchmarks/blind use --effects one."""
 
 import json
-from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from tumblecal.data.calibration import calibration_text
-from tumblecal.diagnosis.causes.cause import NO_SLOT
-from tumblecal.diagnosis.findings.model_average import remaining_explanations
-from tumblecal.report.diagnosis_calibration import _reference
 
 
 @pytest.fixture(scope="module")
@@ -57,40 +52,7 @@ def test_calibration_is_the_average(ambiguous):
         assert abs(term["coefficient"]) < max(map(abs, whole))
 
 
-def test_the_fit_that_was_made_is_that_of_the_leading_explanation(ambiguous):
-    diagnosis, _ = ambiguous
-    again, refitted = (remaining_explanations(diagnosis.screened, fit) for fit in (diagnosis.extended, None))
-    assert any(own.fit is diagnosis.extended for own in again)
-    for own, other in zip(again, refitted, strict=True):
-        np.testing.assert_array_equal(own.fit.values, other.fit.values)
-
-
 def test_one_explanation_is_not_averaged(diagnoser, hidden):
     diagnosis = diagnoser(hidden(1, {"index_eccentricity": [1e-3, 0.0]}))
     assert diagnosis.verdict == "identified"
     assert "averaged_over" not in diagnosis.calibration.provenance
-
-
-def test_the_reference_is_a_time_only_where_the_parameters_are_those_of_one():
-    """A drift of 2 per hour has its mean at the mean time; a parabola over 0 to 2 h has the mean 4/3, not the 1 of 1 h."""
-    hours = np.linspace(0.0, 2.0, 25)
-    assert np.polyval([2.0, 0.0], hours.mean()) == pytest.approx(np.mean(2.0 * hours))
-    assert np.mean(hours**2) > 1.3 > hours.mean() ** 2
-
-    def stated(*slots, value=0.0):
-        causes = [SimpleNamespace(slot=slot) for slot in slots]
-        fit = SimpleNamespace(value=lambda name: value)
-        return _reference(
-            SimpleNamespace(
-                data=SimpleNamespace(time_s=3600.0 * hours, clock=None, temperature_degc=None),
-                entries={},
-                in_use=SimpleNamespace(weighed=[SimpleNamespace(members=causes, fit=fit)]),
-            ), (), (),
-        )  # fmt: skip
-
-    slot = replace(NO_SLOT, needs=("time_s",), columns=(0,), names=("a",))
-    drift, bend = replace(slot, order=1), replace(slot, order=2)
-    decay = replace(slot, id="warm_up", shape=(1,), names=("a", "tau"))
-    at, over = {"time_s": 3600.0}, {"mean_over_s": [0.0, 7200.0]}
-    assert stated() == stated(drift) == at and stated(bend) == stated(drift, bend) == over
-    assert stated(decay, value=7201.0) == over and stated(decay, value=600.0) == at | {"without": ["warm_up"]}

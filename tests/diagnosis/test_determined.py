@@ -8,9 +8,6 @@ import pytest
 
 import blind_instrument as blind
 from blind import catalogue as study
-from blind_noise import position_set
-from tumblecal.diagnosis.causes.effects import seen_effects
-from tumblecal.diagnosis.findings.determined import combinations, says_something
 from tumblecal.diagnosis.refine.insert import fit_with
 from tumblecal.planning import next_plan
 from tumblecal.report.cause_words import size_words
@@ -84,41 +81,7 @@ def test_text_and_page_print_no_interval_of_an_undetermined_coefficient(said, fi
     assert all(kind == "combination" and cause.label in words for kind, words in size_words(diagnosis, cause))
 
 
-def test_terms_of_a_calibration_say_whether_they_are_determined(said, files):
-    id, _ = said
-    content = json.loads((files / "calibration.json").read_text())
-    assert [term["determined"] for term in content.get("terms", [])] == ([False, False] if "square" in id else [])
-
-
-def test_a_determined_coefficient_stands_by_itself(hidden, diagnoser):
-    diagnosis = diagnoser(hidden(2, {"index_eccentricity": [8e-4, 5e-4]}))
-    (cause,) = diagnosis.members
-    assert [kind for kind, _ in size_words(diagnosis, cause)] == ["coefficient", "coefficient"]
-
-
-def test_a_coefficient_of_which_the_exact_fit_says_nothing_is_not_determined(hidden, diagnoser):
-    """`-0.08 +- 1.1e+10 mrad` was stated: the screen shows it, the exact fit beside other causes does not."""
-    diagnosis = diagnoser(hidden(2, {"index_eccentricity": [8e-4, 5e-4]}))
-    (cause,), fit = diagnosis.members, diagnosis.extended
-    blind_to = replace(fit, covariance=1e30 * fit.covariance)
-    assert len(combinations(fit, cause, diagnosis.model.scales)) == 2
-    assert combinations(blind_to, cause, diagnosis.model.scales) == []
-    nominal = diagnosis.model.nominal
-    assert says_something(fit, nominal) and not says_something(blind_to, nominal)
-
-
-def test_a_cause_beside_what_no_instrument_has_is_not_identified(diagnoser):
-    rng = np.random.default_rng(7)
-    setup = blind.random_setup(rng, 3, 8)
-    setup.nominal["bias"] = np.array([0.0, 0.8, 0.0])
-    readings = blind.readings(setup, setup.nominal, {"index_eccentricity": np.array([8e-4, 5e-4])})
-    diagnosis = diagnoser(position_set(setup, readings + blind.SIGMA * rng.normal(size=(24, 3)), known=True))
-    assert diagnosis.labels == ("index_eccentricity",) and [own.parameter for own in diagnosis.implausible] == [
-        "bias_y"
-    ]
-    assert diagnosis.verdict == "ambiguous"
-
-
+@pytest.mark.long
 def test_intervals_of_all_effects_hold_the_truth():
     rng, bench, inside = np.random.default_rng(12), study.Bench(), {}
     setup = blind.random_setup(rng, 3, 8)
@@ -142,15 +105,3 @@ def test_intervals_of_all_effects_hold_the_truth():
     # 95 %, less or more than these once in 1000 runs each.
     assert 0.905 < np.mean(every) < 0.985
     assert min(np.mean(own) for own in inside.values()) > 0.3
-
-
-def test_a_direction_without_a_signal_is_not_visible(bare):
-    """Second harmonics at every 90 degrees: the sines are zero but for rounding."""
-    seen = {own.slot.id: own for own in seen_effects(bare)}["spindle_wobble_2"]
-    assert seen.block.shape[1] == 2
-    assert not np.any(np.abs(seen.directions[[1, 3]]) > 1e-6)
-
-
-@pytest.fixture
-def bare(hidden, diagnoser):
-    return diagnoser(hidden(2, {}, plan=(3, 4))).screened.at

@@ -97,10 +97,3 @@ def test_an_unlikely_explanation_with_a_huge_coefficient_is_not_followed():
     ours, others = np.sqrt(np.mean(squares, axis=0))
     assert ours < 0.2 * others
     assert np.mean(held) > 0.9
-
-
-def test_noise_is_found_from_the_residual_where_it_is_unknown(case):
-    signals, shown, always, candidates, rng = case
-    z = signals @ np.array([3.0, 1.0, 0, 0, 0, 0, 0]) + rng.normal(size=20)
-    found = effect_posterior(signals, z, shown, always, candidates, dof=len(z), known=False)
-    np.testing.assert_allclose(found.mean[:2], [3.0, 1.0], atol=0.5)

@@ -81,26 +81,3 @@ def test_no_evidence_exceeds_its_bound(known, size):
         np.testing.assert_array_equal(evidence[~bound], bounds[~bound])
         # To within what the table of `gain` leaves between its nodes.
         assert np.all(evidence[bound] <= bounds[bound] + 1e-3)
-
-
-def test_only_what_is_asked_for_is_settled():
-    rng = np.random.default_rng(4)
-    pool = pool_of(rng)
-    z = 5 * rng.normal(size=DOF)
-    enlarged, whole = (Enlarged(pool, True, partial_sets(pool, z, SETS)) for _ in range(2))
-    here = rng.random(enlarged.open.shape) < 0.3
-    before = enlarged.open.copy()
-    enlarged.settle(here)
-    np.testing.assert_array_equal(enlarged.open, before & ~here)
-    np.testing.assert_allclose(enlarged.evidence[here], whole.settled()[here])
-
-
-def test_a_set_alone_has_no_rows_of_zeros():
-    pool = pool_of(np.random.default_rng(5))
-    z = np.arange(float(DOF))
-    base = partial_sets(pool, z, [(7, 9, 0, 11)]).only(0)
-    assert base.q.shape[1] == sum(base.segments) and np.linalg.matrix_rank(base.q) == base.q.shape[1]
-    np.testing.assert_allclose(base.q.T @ base.q, np.eye(base.q.shape[1]), atol=1e-12)
-    np.testing.assert_allclose(base.z, z - pool.causes[11].offset)
-    left = base.z - base.q @ (base.q.T @ base.z)
-    assert base.left == pytest.approx(left @ left)

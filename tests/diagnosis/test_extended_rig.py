@@ -6,7 +6,6 @@ import pytest
 from tumblecal.chain.rig_file import read_rig
 from tumblecal.effects import catalogue
 from tumblecal.effects.catalogue import links_and_units
-from tumblecal.ground.errors import InputError
 from tumblecal.report.rig_files import extended_rig_text
 
 
@@ -25,32 +24,3 @@ def test_its_chain_is_the_one_that_was_fitted(diagnoser, hidden, tmp_path):
     assert rig.noise_sd_g == pytest.approx(diagnosis.sigma_g)
     np.testing.assert_allclose(rig.plan.time_s, diagnosis.data.time_s)
     np.testing.assert_allclose(diagnosis.data.readings - readings, diagnosis.extended.residuals, atol=1e-12)
-
-
-def test_what_it_simulates_passes_the_check_that_the_nominal_model_fails(diagnoser, hidden, tmp_path):
-    """Posterior predictive: the residuals of the data about each model beside those of data that the rig makes."""
-    diagnosis = diagnoser(hidden(5, {"index_eccentricity": [6e-4, -3e-4]}))
-    rig, readings = predicted("extended_rig.toml", tmp_path, extended_rig_text(diagnosis))
-    rng = np.random.default_rng(11)
-    made = [np.std(rig.noise_sd_g * rng.normal(size=readings.shape)) for _ in range(200)]
-    low, high = np.quantile(made, [0.005, 0.995])
-    assert low * 0.9 < np.std(diagnosis.data.readings - readings) < high < diagnosis.nominal.rms
-
-
-def test_without_named_effects_it_is_the_nominal_model(diagnoser, hidden):
-    assert "effects = []" in extended_rig_text(diagnoser(hidden(1, {})))
-
-
-@pytest.mark.parametrize(
-    ("line", "words"),
-    [
-        ("time_s = 10.0\n[[plan.positions]]\nalpha_deg = 0\nbeta_deg = 90", "time_s is stated for 1 of 2"),
-        ("time_s = 10.0\n[plan]\ninterval_s = 5", "time_s is stated for the plan and for its positions"),
-    ],
-)
-def test_conditions_of_positions_are_checked(tmp_path, line, words):
-    plan, _, table = line.partition("\n[plan]\n")
-    text = f'schema = "tumblecal.rig/1"\n[plan]\n{table}\n[[plan.positions]]\nalpha_deg = 0\nbeta_deg = 0\n{plan}\n'
-    (tmp_path / "rig.toml").write_text(text)
-    with pytest.raises(InputError, match=words):
-        read_rig(tmp_path / "rig.toml")

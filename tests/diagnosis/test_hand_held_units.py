@@ -41,6 +41,7 @@ def sensors(units: int, k2: float) -> list[PositionSet]:
     return sets
 
 
+@pytest.mark.long
 def test_sensors_of_one_session(diagnoser):
     """An IndexError in sets/prior.py: without a head no cause is there that all could share."""
     sets = sensors(3, K2)

@@ -5,16 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from made import measured
 
 import blind_instrument as blind
-import blind_noise
 from tumblecal.chain.head_file import MeasuredHead
-from tumblecal.data import PositionSet
 from tumblecal.diagnosis.units import joint_diagnosis
 from tumblecal.estimation.plausibility import implausible_head
-from tumblecal.report.head_amounts import shown_in, spread_sizes
 from tumblecal.report.head_files import write_units
-from tumblecal.report.head_words import _spreads, units_text
+from tumblecal.report.head_words import units_text
 
 
 LEVEL = 0.3e-3
@@ -25,28 +23,18 @@ def units():
     """Four units of one head, rolled by `LEVEL`, pitch errors their own."""
     rng = np.random.default_rng(8)
     setups = [blind.random_setup(rng, 3, 8) for _ in range(4)]
-    sets = []
-    for setup in setups:
-        clean = blind.readings(setup, setup.nominal, {"base_levelling": [LEVEL]})
-        sets.append(
-            PositionSet(
-                tuple(setup.names),
-                np.degrees(setup.alpha),
-                np.degrees(setup.beta),
-                clean + blind.SIGMA * rng.normal(size=clean.shape),
-                sd=np.full(clean.shape, blind.SIGMA),
-                time_s=setup.time_s,
-                temperature_degc=setup.temperature_degc,
-                approach=setup.approach,
-            )
-        )
-    return setups, sets
+    return setups, [measured(setup, {"base_levelling": [LEVEL]}, rng) for setup in setups]
+
+
+def joint(diagnoser, sets):
+    """The joint diagnosis of units."""
+    sets = list(sets)
+    return joint_diagnosis([diagnoser.begun(own).screened for own in sets], [f"unit{k}" for k in range(len(sets))])
 
 
 @pytest.fixture(scope="module")
 def found(units, diagnoser):
-    screened = [diagnoser.begun(positions).screened for positions in units[1]]
-    return joint_diagnosis(screened, [f"unit{k}" for k in range(4)])
+    return joint(diagnoser, units[1])
 
 
 def stacked(setups, sets) -> tuple[float, float]:
@@ -94,133 +82,18 @@ def test_a_unit_is_told_what_the_others_measured(units, found):
         assert 0.85 * sd < head.sd[0] < 1.15 * sd
 
 
-def test_nothing_is_said_of_one_unit_or_of_a_head_without_error(units, diagnoser):
-    setups, sets = units
-    rng = np.random.default_rng(3)
-    plain = []
-    for setup, positions in zip(setups, sets, strict=True):
-        clean = blind.readings(setup, setup.nominal, {})
-        readings = clean + blind.SIGMA * rng.normal(size=clean.shape)
-        plain.append(PositionSet(**{**vars(positions), "readings": readings}))
-    screened = [diagnoser.begun(positions).screened for positions in plain]
-    found = joint_diagnosis(screened, ["a", "b", "c", "d"])
-    assert found.joint.verdict == "adequate" and not found.joint.detected and found.fit.head is None
-    assert found.joint.p_value > 0.05 and found.known_to(0) is None and found.outlying == ()
-    with pytest.raises(Exception, match="at least two units"):
-        joint_diagnosis(screened[:1], ["a"])
-
-
-@pytest.mark.parametrize("seed", [6, 8])
-def test_a_warm_up_of_every_unit_by_an_amount_of_its_own_is_not_the_heads(diagnoser, seed):
-    """Though an error of the index, which grows from one angle to the next, makes much of the same signal."""
-    rng, sets = np.random.default_rng(seed), []
-    setups = [blind.random_setup(rng, 3, 8) for _ in range(8)]
-    drawn = blind.sized(setups[0], blind.unreachable(setups[0]), "warm_up", 4.5, rng)
-    assert drawn is not None
-    *amplitudes, tau = drawn[0]
-    for setup in setups:
-        own = [*rng.uniform(0.5, 1.5) * np.array(amplitudes), tau]
-        readings = blind.readings(setup, setup.nominal, {"warm_up": own})
-        sets.append(
-            blind_noise.position_set(setup, readings + blind.SIGMA * rng.normal(size=readings.shape), known=True)
-        )
-    screened = [diagnoser.begun(positions).screened for positions in sets]
-    found = joint_diagnosis(screened, [f"unit{k}" for k in range(8)])
-    assert not any(signal.of_head for signal in found.shared) and found.joint.best.shared.labels == ()
-    assert found.joint.by_unit_probability("warm_up") > 0.5
-    (sizes,) = (own for id, own in spread_sizes(found, diagnoser.entries).items() if id == "warm_up")
-    assert len(sizes) == 3 and not any("tau" in name for name in sizes)
-
-
-@pytest.mark.parametrize("level", [0.0, LEVEL])
-def test_strong_warm_ups_each_with_a_time_constant_of_its_own_hide_no_head_and_make_none(diagnoser, level):
-    """Of 100 sigma, where a time constant that is only near leaves more than an error of the head makes."""
-    rng, sets = np.random.default_rng(12), []
-    for _ in range(6):
-        setup = blind.random_setup(rng, 3, 8)
-        drawn = blind.sized(setup, blind.unreachable(setup), "warm_up", 100.0 * rng.uniform(0.5, 1.5), rng)
-        assert drawn is not None
-        readings = blind.readings(setup, setup.nominal, {"warm_up": drawn[0], "base_levelling": np.array([level])})
-        readings = readings + blind.SIGMA * rng.normal(size=readings.shape)
-        sets.append(blind_noise.position_set(setup, readings, known=True))
-    told = joint_diagnosis(
-        [diagnoser.begun(positions).screened for positions in sets], [f"unit{k}" for k in range(6)]
-    ).joint
-    assert told.by_unit_probability("warm_up") > 0.5
-    assert told.best.shared.labels == (("base_levelling",) if level else ())
-
-
-@pytest.mark.parametrize("mean", [0.0, 1e-3])
-def test_what_each_unit_has_by_an_amount_of_its_own_is_fitted_beside_the_heads_errors(diagnoser, mean):
-    """A nonlinearity of another size in each, about zero or about a mean, is partly what an eccentric index makes: the head's
-    error was off by 20 sd, and units that show it stood out."""
+@pytest.mark.long
+def test_an_effect_of_a_different_size_in_each_unit_is_fitted_with_the_heads_errors(diagnoser):
+    """A nonlinearity is partly what an eccentric index makes: the head's error was wrong by 20 sd, and units stood out."""
     rng, sets, eccentricity = np.random.default_rng(21), [], [-0.12e-3, 0.58e-3]
-    for size in mean + np.array([-0.2, 0.8, 1.7, 1.8]) * 1e-3 * (1.0 if not mean else 0.1):
+    for size in np.array([-0.2, 0.8, 1.7, 1.8]) * 1e-3:
         setup = blind.random_setup(rng, 4, 12)
-        hidden = {"index_eccentricity": np.array(eccentricity), "second_order.y": np.array([size])}
-        readings = blind.readings(setup, setup.nominal, hidden)
-        readings = readings + blind.SIGMA * rng.normal(size=readings.shape)
-        sets.append(blind_noise.position_set(setup, readings, known=True))
-    found = joint_diagnosis([diagnoser.begun(positions).screened for positions in sets], [f"unit{k}" for k in range(4)])
+        sets.append(measured(setup, {"index_eccentricity": eccentricity, "second_order.y": [size]}, rng))
+    found = joint(diagnoser, sets)
     assert found.joint.best.shared.labels == ("index_eccentricity",) and found.joint.best.by_unit == ("second_order.y",)
     head = found.fit.head
     assert head is not None and np.all(np.abs(head.values - eccentricity) < 3.5 * head.sd) and np.all(head.sd < 4e-5)
     assert found.outlying == ()
-
-
-def test_an_index_that_stands_wrong_at_one_hole_is_shared_and_without_a_name(diagnoser):
-    """In each unit it looks like the same positions off, or like something of its own, and was told as that alone."""
-    rng, sets = np.random.default_rng(22), []
-    for _ in range(4):
-        setup = blind.random_setup(rng, 3, 8)
-        clean = blind.readings(setup, setup.nominal, {})
-        setup.alpha = setup.alpha + 1e-3 * np.isclose(setup.alpha, np.radians(90))
-        wrong = blind.readings(setup, setup.nominal, {})
-        setup.alpha = np.tile(np.arange(8) * np.pi / 4, 3)
-        assert np.count_nonzero(np.any(wrong != clean, axis=1)) == 3
-        readings = wrong + blind.SIGMA * rng.normal(size=wrong.shape)
-        sets.append(blind_noise.position_set(setup, readings, known=True))
-    found = joint_diagnosis([diagnoser.begun(positions).screened for positions in sets], [f"unit{k}" for k in range(4)])
-    assert found.joint.verdict == "unexplained" and found.joint.p_value < 1e-6 and not found.shared
-    assert found.unexplained == ("index angle: at 90 deg alone",) and found.outlying == ()
-    # It is every unit's that is diagnosed by itself, and was listed again as each one's own.
-    text = units_text(found, rows(4, "unexplained"), diagnoser.entries)
-    assert "u0, u1, u2, u3 show the same error of the head" in text and "Errors of individual units" not in text
-
-
-def test_of_a_mean_the_combinations_that_no_unit_shows_are_not_told(diagnoser):
-    """A wobble of one turn is in part a mount's angle: that combination had means of half a radian."""
-    rng, sets = np.random.default_rng(71), []
-    for _ in range(6):
-        setup = blind.random_setup(rng, 4, 12)
-        own = rng.normal([1.5e-3, 0.4e-3, 1.0e-3, 1.5e-3], 0.1e-3)
-        readings = blind.readings(setup, setup.nominal, {"spindle_wobble_1": own})
-        readings = readings + blind.SIGMA * rng.normal(size=readings.shape)
-        sets.append(blind_noise.position_set(setup, readings, known=True))
-    found = joint_diagnosis([diagnoser.begun(positions).screened for positions in sets], [f"unit{k}" for k in range(6)])
-    sizes = spread_sizes(found, diagnoser.entries)["spindle_wobble_1"]
-    means = [size["mean"] for size in sizes.values()]
-    assert None in means and all(abs(mean) < 5.0 for mean in means if mean is not None)
-    assert "undetermined" in "\n".join(_spreads(found, [("", {})] * 6, diagnoser.entries))
-
-
-def test_a_unit_with_wrong_labels_is_left_out_of_what_is_said_of_the_head(diagnoser):
-    """Its index at one setting, off by 45 degrees, became an index_zero of 46 degrees that all shared, and its pitch errors an
-    axis that is set anew each time."""
-    rng, sets, hidden = np.random.default_rng(4), [], {"index_eccentricity": np.array([4e-4, -3e-4])}
-    for number in range(6):
-        setup = blind.random_setup(rng, 3, 8)
-        setup.nominal["dbeta"] = np.array([1.2e-3, -2.1e-3, 0.8e-3])
-        clean = blind.readings(setup, setup.nominal, hidden)
-        if number == 2:
-            setup.alpha = setup.alpha + np.radians(45) * (setup.beta > np.radians(80))
-        sets.append(blind_noise.position_set(setup, clean + blind.SIGMA * rng.normal(size=clean.shape), known=True))
-    found = joint_diagnosis([diagnoser.begun(positions).screened for positions in sets], [f"unit{k}" for k in range(6)])
-    assert found.joint.best.shared.labels == ("index_eccentricity",) and found.joint.best.by_unit == ()
-    assert found.outlying == (2,) and found.known_to(2) is None
-    head, truth = found.fit.head, [4e-4, -3e-4, 1.2e-3, -2.1e-3, 0.8e-3]
-    assert head is not None and "unit2" not in head.made_of and found.fit.pitch.common
-    assert np.all(np.abs(head.values - truth) < 4 * head.sd) and found.implausible == ()
 
 
 def test_a_head_such_as_none_is_goes_into_no_file(found, diagnoser, tmp_path):
@@ -246,19 +119,19 @@ def units_with(hidden, seed, pitch=None):
     for number, effects in enumerate(hidden):
         setup = blind.random_setup(rng, 3, 8)
         setup.nominal["dbeta"] = pitch[number] if pitch else setup.nominal["dbeta"]
-        readings = blind.readings(setup, setup.nominal, {id: np.atleast_1d(size) for id, size in effects.items()})
-        yield blind_noise.position_set(setup, readings + blind.SIGMA * rng.normal(size=readings.shape), known=True)
+        yield measured(setup, {id: np.atleast_1d(size) for id, size in effects.items()}, rng)
 
 
 def rows(count, causes=""):
     return [(f"u{k}", {"file": f"u{k}", "causes": causes, "verdict": "", "probability": 0.9}) for k in range(count)]
 
 
-@pytest.mark.parametrize("levels", [(LEVEL, -LEVEL), (0.1e-3, 0.6e-3)])
-def test_a_head_that_was_levelled_anew_has_two_levels(diagnoser, tmp_path, levels):
+@pytest.mark.long
+def test_a_head_that_was_levelled_again_has_two_levels(diagnoser, tmp_path):
     """It was ADEQUATE, with p = 1e-15, and of another size in each unit."""
+    levels = (LEVEL, -LEVEL)
     hidden = [{"base_levelling": levels[0]}] * 3 + [{"base_levelling": levels[1]}] * 3
-    found = joint_diagnosis([diagnoser.begun(positions).screened for positions in units_with(hidden, 31)], ["u"] * 6)
+    found = joint(diagnoser, units_with(hidden, 31))
     assert found.verdict in ("identified", "ambiguous") and [own.first for own in found.levels] == [3]
     # By itself a unit may call it a spindle out of square; the last has something of its own too.
     write_units(tmp_path, found, [*rows(5, "axis_perpendicularity"), *rows(6, "base_levelling")[5:]], diagnoser.entries)
@@ -276,34 +149,9 @@ def test_a_head_that_was_levelled_anew_has_two_levels(diagnoser, tmp_path, level
     assert "Two levels of the head" in (tmp_path / "diagnosis.html").read_text()
 
 
-def test_pitch_settings_that_changed_once_are_not_set_anew_each_time(diagnoser):
+@pytest.mark.long
+def test_pitch_settings_that_changed_once_are_not_set_again_each_time(diagnoser):
     pitch = [np.array([1.2e-3, -2.1e-3, 0.8e-3]), np.array([-0.3e-3, 0.9e-3, -1.4e-3])]
-    sets = list(units_with([{}] * 5, 34, [pitch[number > 2] for number in range(5)]))
-    found = joint_diagnosis([diagnoser.begun(positions).screened for positions in sets], ["u"] * 5)
+    found = joint(diagnoser, units_with([{}] * 5, 34, [pitch[number > 2] for number in range(5)]))
     assert found.fit.pitch.changed == 3 and not found.fit.pitch.common and found.fit.head is None
     assert "from u3 on" in units_text(found, rows(5), diagnoser.entries)
-
-
-def test_levels_in_no_order_are_not_two(diagnoser):
-    sizes = np.array([1.0, -0.8, 0.4, -1.2, 0.7, -0.3]) * LEVEL
-    screened = [diagnoser.begun(own).screened for own in units_with([{"base_levelling": size} for size in sizes], 32)]
-    found = joint_diagnosis(screened, ["u"] * 6)
-    assert found.levels == () and found.verdict != "adequate" and found.joint.best.head_by_unit == ("base_levelling",)
-    said = "the head is not the same for all units: base_levelling differs between units"
-    assert said in units_text(found, rows(6), diagnoser.entries)
-
-
-def test_an_effect_of_half_of_the_units_is_said_to_be_in_those_with_the_mean_of_all(diagnoser):
-    """It was in all units, 0 on average."""
-    sizes = np.array([1.2, 0.0, 1.5, 0.0, 1.3, 0.0, 1.4, 0.0]) * 1e-3
-    screened = [diagnoser.begun(own).screened for own in units_with([{"second_order.z": size} for size in sizes], 33)]
-    found = joint_diagnosis(screened, ["u"] * 8)
-    size = spread_sizes(found, diagnoser.entries)["second_order.z"]["second_order.z"]
-    assert size["mean_sd"] < 0.1 and abs(size["mean"] - 1e3 * np.mean(sizes)) < 4 * size["mean_sd"]
-    assert 0.4 < size["sd_between_units"] < 1.1 and size["unit"] == "mg/g^2"
-    text = units_text(found, rows(8), diagnoser.entries)
-    assert (
-        "second_order.z: in 4 of 8 units (u0, u2, u4, u6), with a different size in each" in text
-        and "in all" not in text
-    )
-    assert shown_in(found) == {"second_order.z": (0, 2, 4, 6)}

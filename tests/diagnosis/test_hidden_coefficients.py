@@ -8,12 +8,10 @@ import pytest
 
 import blind_instrument as blind
 from blind import catalogue as study
-from tumblecal.certificate.results import results_of
 from tumblecal.data.calibration import read_calibration
 from tumblecal.data.sensor_parameters import SENSOR
 from tumblecal.diagnosis.refine.insert import fit_with
 from tumblecal.planning import next_plan
-from tumblecal.report.diagnosis_details import shifts
 from tumblecal.report.diagnosis_files import write_diagnosis
 from tumblecal.report.diagnosis_page import write_diagnosis_page
 
@@ -49,38 +47,6 @@ def test_the_written_calibration_holds_the_truth_of_what_is_not_determined(folde
     assert sd[1, 0] > 5e-3 > 5e-4 > sd[0, 0]
 
 
-def test_text_page_and_numbers_say_what_is_not_determined(folder):
-    moved = json.loads((folder / "diagnosis.json").read_text())["shifts"]
-    assert not moved["gamma_21"]["determined"] and moved["dK_x"]["determined"]
-    for name in ("verdict.txt", "diagnosis.html"):
-        text = " ".join((folder / name).read_text().split())
-        marker = "Not determined together with the causes found: "
-        (line,) = {line.partition(marker)[2] for line in text.split(".") if marker in line}
-        assert "gamma_21" in line and "bias_x" not in line
-
-
-def test_who_takes_the_calibration_is_told(tumblecal, folder, tmp_path):
-    readings = tmp_path / "readings.csv"
-    readings.write_text("ax_g,ay_g,az_g\n0,0.1,0.99\n")
-    own = folder / "calibration.json"
-    applied = tumblecal("apply", own, readings, "--out", tmp_path / "corrected.csv")
-    # With gamma_21 the mean bias of all settings is open.
-    told = " ".join(applied.lines)
-    assert applied.code == 0 and "the data did not determine bias_y (sd" in told and "gamma_21 (sd 1" in told
-    exported = tumblecal("export", own, "--to", "px4", "--out", tmp_path / "unit.params")
-    assert exported.code == 0 and "the data did not determine bias_y" in exported.out
-    compared = tumblecal("compare", own, own)
-    assert compared.out.count("; its data did not determine ") == compared.out.count("gamma_21 (sd 1") == 2
-    words = results_of(folder, None, {}).uncertainty_words
-    assert "The data do not determine bias_y, gamma_21" in words
-
-
-def test_nothing_is_said_where_all_is_determined(hidden, diagnoser):
-    diagnosis = diagnoser(hidden(2, {"index_eccentricity": [8e-4, 5e-4]}))
-    assert diagnosis.extended.undetermined == () and diagnosis.extended.unidentifiable.size == 0
-    assert all(shift["determined"] for shift in shifts(diagnosis).values())
-
-
 def test_what_is_hidden_changes_no_reading_at_the_positions_measured(hidden, diagnoser):
     """The shifts of parameters and coefficients together, in the blind instrument: none of the readings moves."""
     fit = diagnoser(hidden(3, BY_PITCH)).extended
@@ -100,6 +66,7 @@ def test_what_is_hidden_changes_no_reading_at_the_positions_measured(hidden, dia
     assert np.linalg.norm(together) < 0.03 * np.linalg.norm(alone)
 
 
+@pytest.mark.long
 def test_intervals_of_the_sensor_hold_the_truth_whatever_effect_is_fitted():
     """95 % intervals of dK, bias and gamma beside effects of 30 to 300 sigma with coefficients that do not show."""
     rng, bench, inside, undetermined = np.random.default_rng(41), study.Bench(), [], []

@@ -10,7 +10,6 @@ from blind_noise import position_set
 from tumblecal.diagnosis.findings.location import located
 from tumblecal.planning import next_plan
 from tumblecal.report.diagnosis_files import record
-from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
 
 
 def diagnosed(diagnoser, seed, part, known):
@@ -19,6 +18,7 @@ def diagnosed(diagnoser, seed, part, known):
     return diagnoser(position_set(setup, readings, known)), name
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("known", [True, False])
 def test_most_effects_are_found_in_their_part(diagnoser, known):
     judged = [
@@ -31,19 +31,7 @@ def test_most_effects_are_found_in_their_part(diagnoser, known):
     assert judged.count("wrong and sure") <= 3
 
 
-@pytest.mark.parametrize("number", [19, 34])
-def test_effect_in_a_part_is_named_beside_what_else_follows_no_entry(diagnoser, number):
-    setup, readings, name = study.case(
-        np.random.default_rng([31, number]), "3x8" if number == 19 else "4x12", "one setting", 15.0
-    )
-    diagnosis = diagnoser(position_set(setup, readings, True))
-    assert diagnosis.best.labels == ("unexplained",) and not diagnosis.best.members
-    assert diagnosis.located[0].effect == name
-    words = verdict_of_diagnosis(diagnosis).words()
-    assert "no catalogued effect that acts on all positions explains the data" in words
-    assert f"{name} at pitch 0 deg alone (" in words and "against an unnamed effect at all positions: " in words
-
-
+@pytest.mark.long
 def test_what_acts_everywhere_is_not_cut(diagnoser):
     judged = [study.judged(*diagnosed(diagnoser, seed, "everywhere", True), "everywhere") for seed in range(6)]
     assert "wrong part" not in judged

@@ -1,7 +1,5 @@
 """The chain with every effect in it: derivatives against differences, also for links that mix positions."""
 
-from dataclasses import replace
-
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -10,7 +8,6 @@ from few_effects import few_entries
 from tumblecal.chain import nominal_chain, settings
 from tumblecal.diagnosis.model.full_model import model_of
 from tumblecal.effects import catalogue, output_effect
-from tumblecal.simulation.inject import injected_links
 
 
 @pytest.fixture(scope="module")
@@ -57,16 +54,6 @@ def test_jacobian_is_that_of_the_prediction(where, by, entries):
     assert "_by_position" in model.programs.evaluate.__qualname__
 
 
-def test_a_column_with_one_label_is_not_called_missing():
-    alpha = np.linspace(0, 6, 12)
-    one_run = settings(alpha, np.zeros(12), run=["A"] * 12)
-    entries = {id: catalogue()[id] for id in ("bias_repeatability", "run_drift.x", "bias_by_pitch.x", "second_order.x")}
-    reasons = model_of(nominal_chain(one_run), one_run, entries).not_testable
-    assert reasons["bias_repeatability"] == "the data have only one run"
-    assert reasons["run_drift.x"] == "the data have no column time_s and only one run"
-    assert reasons["bias_by_pitch.x"] == "the data have only one pitch setting"
-
-
 def test_an_effect_that_mixes_positions_is_differentiated_all_the_same(where):
     effect = output_effect(
         "shared_supply.x",
@@ -80,27 +67,3 @@ def test_an_effect_that_mixes_positions_is_differentiated_all_the_same(where):
     model = model_of(nominal_chain(where), where, {"shared_supply.x": effect})
     vector = somewhere(model)
     np.testing.assert_allclose(model.evaluate(where, vector).jacobian, by_differences(model, where, vector), atol=2e-10)
-
-
-def test_settings_of_the_same_kind_need_no_new_program(where):
-    model = model_of(nominal_chain(where), where, catalogue())
-    first = model.evaluate(where, model.start).predicted
-    other = replace(where, alpha=np.asarray(where.alpha) + 0.5)
-    second = model.evaluate(other, model.start).predicted
-    assert np.max(np.abs(first - second)) > 0.1
-    np.testing.assert_array_equal(model.evaluate(where, model.start).predicted, first)
-
-
-def test_the_start_of_another_temperature_is_another_where_the_nominal_chain_has_one(where):
-    """A rig's chain may have an effect of the temperature as nominal; else the angles alone decide the start."""
-    warm = replace(where, temperature_degc=np.asarray(where.temperature_degc) + 10.0)
-    (link,) = injected_links({"bias_temperature.x": [1e-5]}, where, catalogue())
-    plain = model_of(nominal_chain(where), where, {})
-    thermal = model_of(nominal_chain(where) + link, where, {})
-    for model in (plain, thermal):
-        for settings_there in (where, warm):
-            expected = model.evaluate(settings_there, model.start)
-            at_start = model.at_start(settings_there)
-            np.testing.assert_array_equal(at_start.predicted, expected.predicted)
-            np.testing.assert_array_equal(at_start.jacobian, expected.jacobian[:, :, : model.nominal])
-    assert plain.at_start(where) is plain.at_start(warm)

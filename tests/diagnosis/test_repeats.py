@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tumblecal.data import PositionSet, repeats
-from tumblecal.data.repeats import MEANS, MOST_ROWS, in_bounds
+from tumblecal.data.repeats import MEANS, in_bounds
 from tumblecal.ground.errors import InputError
 
 
@@ -24,13 +24,6 @@ def passes(count, effect=0.0, seed=1):
     count = len(alpha)
     columns = {"temperature_degc": np.full(count, 25.0), "approach": np.ones(count)}
     return PositionSet(names, alpha, beta, readings, time_s=60.0 * np.arange(count), **columns)
-
-
-def test_small_sets_are_taken_as_they_are():
-    data = passes(8)
-    assert len(data) <= MOST_ROWS
-    bounded = in_bounds(data, 1e-4)
-    assert bounded.data is data and bounded.noise_sd == 1e-4 and not bounded.words
 
 
 @pytest.mark.parametrize("noise", ["unknown", "option", "columns"])
@@ -58,15 +51,6 @@ def test_means_are_those_of_their_repeats(noise):
         else:
             expected = weights.sum(axis=0) ** -0.5 * (1 if noise == "columns" else SIGMA)
             np.testing.assert_allclose(means.sd[k], expected)
-
-
-def test_a_recordings_noise_is_set_aside_in_words():
-    """What its dwells have in common does not average down as the sd columns would."""
-    data = passes(42)
-    stated = replace(data, sd=np.full_like(data.readings, SIGMA), recorded_noise=("{}",) * len(data))
-    bounded = in_bounds(stated, None)
-    assert bounded.data.sd is None and bounded.data.recorded_noise is None
-    assert "noise model of the recording" in bounded.words and "recording" not in in_bounds(data, None).words
 
 
 def test_faulty_rows_stay_by_themselves():
@@ -104,6 +88,7 @@ def test_what_does_not_repeat_is_refused_with_its_cost_or_done_where_allowed():
         in_bounds(passes(42), None, sampled=True)
 
 
+@pytest.mark.long
 def test_two_thousand_rows_are_diagnosed_as_means(diagnoser, monkeypatch):
     monkeypatch.setattr(repeats, "MEANS", 48)
     diagnosis = diagnoser(in_bounds(passes(42, effect=2e-4), SIGMA).data)
@@ -111,10 +96,3 @@ def test_two_thousand_rows_are_diagnosed_as_means(diagnoser, monkeypatch):
     fit = diagnosis.extended
     assert abs(fit.value("second_order.z") - 2e-4) < 4 * fit.sd[fit.names.index("second_order.z")]
     assert diagnoser(in_bounds(passes(42), SIGMA).data).verdict == "adequate"
-
-
-def test_positions_of_one_time_are_diagnosed(diagnoser):
-    data = passes(1)
-    time = data.time_s.copy()
-    time[7] = time[6]
-    assert diagnoser(replace(data, time_s=time), noise_sd=SIGMA).verdict == "adequate"

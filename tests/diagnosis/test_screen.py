@@ -1,7 +1,5 @@
 """What a plan alone decides; the answer for one file does not depend on the files before it."""
 
-import os
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -12,8 +10,6 @@ from scipy.spatial.transform import Rotation
 from tumblecal.diagnosis import Diagnoser
 from tumblecal.diagnosis.detection import detect
 from tumblecal.diagnosis.detection.detect import SIZE, null_distribution, statistics
-from tumblecal.diagnosis.detection.reference import References
-from tumblecal.estimation import problem_of
 from tumblecal.ground.program_cache import ProgramCache
 from tumblecal.planning import NextPlan
 from tumblecal.report.diagnosis_files import record
@@ -41,75 +37,7 @@ def leaves(value):
     return ([], [float(value)]) if isinstance(value, int | float) else ([str(value)], [])
 
 
-def test_one_reference_serves_all_data_of_a_plan(hidden):
-    diagnoser = Diagnoser(nested=False)
-    diagnoser(hidden(33, {}))
-    diagnoser(hidden(34, {}))
-    assert len(diagnoser.references._made) == 1
-    diagnoser(hidden(34, {}, sd=False))
-    assert len(diagnoser.references._made) == 2
-
-
-def test_what_grows_with_the_square_of_the_positions_is_stored_once(diagnoser, hidden):
-    """Of 1,000 positions the signals of the causes need half a GiB: a screen has them once, what is remembered not at all."""
-    screened = diagnoser.begun(hidden(33, {})).screened
-    pool, variables = screened.pool, screened.alternatives.lack.listed.variables
-    assert all(np.shares_memory(table.rows, pool.stacked) for table in pool.tables if table.fitted)
-    for k in pool.blocks.tolist():
-        own = slice(pool.first_columns[k], pool.first_columns[k] + pool.ranks[k])
-        np.testing.assert_array_equal(pool.causes[k].block, pool.stacked[:, own])
-    assert all(variable.components.base is None for variable in variables)
-    for reference in diagnoser.references._made.values():
-        assert {*vars(reference)} <= {"model", "problem", "_of_plan", "null_of_unknown"}
-        assert sum(np.asarray(value).nbytes for value in reference._of_plan) < 100_000
-
-
-def test_what_is_remembered_of_a_kind_of_plan_goes_with_its_programs(hidden, monkeypatch):
-    monkeypatch.setattr(sys.modules[Diagnoser.__module__], "_MOST_MODELS", 1)
-    diagnoser = Diagnoser(nested=False)
-    for plan, rows in {(3, 8): 24, (3, 4): 12}.items():
-        diagnoser(hidden(33, {}, plan=plan))
-        assert [made.problem.readings.shape for made in diagnoser.references._made.values()] == [(rows, 3)]
-
-
-def test_one_reference_serves_files_with_sds_of_their_own(diagnoser, hidden):
-    """Every unit's file has measured sd columns: each would draw a null distribution of its own, for most of a second."""
-    plain, references, rng = hidden(38, {}), References(), np.random.default_rng(3)
-    model = diagnoser._model(None, plain, lambda: problem_of(plain))
-
-    def reference(factors):
-        return references.of(model, problem_of(replace(plain, sd=factors * plain.sd), model.nominal_chain))
-
-    shape = plain.sd.shape
-    even = [level * np.exp(rng.uniform(-0.3, 0.3, 3) + 0.1 * rng.normal(size=shape)) for level in (0.1, 1.0, 8.0)]
-    first, *others = map(reference, even)
-    assert np.ptp(first.problem.sd) == 0 and all(other is first for other in others)
-    assert np.ptp(reference(np.where(np.arange(3) > 1, 6.0, np.ones(shape))).problem.sd) > 0
-
-
-@pytest.mark.parametrize(("columns", "level"), [(True, 0.02), (False, 5.0)])
-def test_the_null_distribution_is_that_of_sds_within_a_factor(hidden, columns, level):
-    """At the thresholds that decide, to within what 6000 draws leave uncertain: 0.0085 +- 0.0017 by two quantiles."""
-    plain, rng = hidden(39, {}, columns=columns), np.random.default_rng(4)
-    diagnoser = Diagnoser(nested=False)
-    sd = level * plain.sd * np.exp(rng.uniform(-0.6, 0.6, 3)) * np.exp(0.1 * rng.normal(size=plain.sd.shape))
-    diagnosis = diagnoser(replace(plain, sd=sd))
-    reference = diagnoser.references.of(diagnosis.model, diagnosis.problem)
-    own = null_distribution(diagnosis.screened.pool, diagnosis.screened.alternatives, True)
-    assert np.mean(own > np.quantile(reference.null, 1 - SIZE)) == pytest.approx(SIZE, abs=0.005)
-    assert np.mean(own > np.quantile(reference.null, 0.95)) == pytest.approx(0.05, abs=0.015)
-
-
-def test_the_reference_stands_for_the_data_sets_own(diagnoser, hidden):
-    """The plan's null distribution and that of data of the plan are the same to within what 3000 draws can tell."""
-    diagnosis = diagnoser(hidden(35, {}))
-    reference = diagnoser.references.of(diagnosis.model, diagnosis.problem)
-    own = null_distribution(diagnosis.screened.pool, diagnosis.screened.alternatives, True)
-    assert stats.ks_2samp(own, reference.null).pvalue > 1e-3
-    high = np.quantile(own, 0.95)
-    assert 0.03 < np.mean(reference.null > high) < 0.075
-
-
+@pytest.mark.long
 def test_the_reference_stands_for_data_that_differ_by_small_angles_alone(diagnoser, hidden):
     """Their own null distribution is not drawn, however close the decision: it passes the plan's quantile as often."""
     plain = hidden(36, {}, columns=False)
@@ -129,6 +57,7 @@ def test_the_reference_stands_for_data_that_differ_by_small_angles_alone(diagnos
         assert not diagnoser.references.of(screened.at.model, screened.problem).serves(screened.at)
 
 
+@pytest.mark.long
 def test_p_values_are_uniform_when_nothing_is_wrong(diagnoser, hidden):
     diagnosis = diagnoser(hidden(36, {}))
     null = diagnoser.references.of(diagnosis.model, diagnosis.problem).null
@@ -167,13 +96,3 @@ def test_a_null_distribution_is_drawn_once_for_a_plan(diagnoser, hidden, monkeyp
         path.write_bytes(path.read_bytes()[:-8] + bytes(8))
     np.testing.assert_array_equal(detect.kept_null(pool, beside, False), first)
     assert len(drawn) == 5
-
-
-def test_the_newest_null_distributions_are_kept(tmp_path):
-    cache = ProgramCache(tmp_path)
-    for number in range(5):
-        cache.put(f"null-{number}", b"")
-        os.utime(tmp_path / f"null-{number}", (number, number))
-    cache.put("program", b"")
-    cache.keep_newest("null-", 2)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["null-3", "null-4", "program"]

@@ -9,9 +9,6 @@ import blind_instrument as blind
 import blind_noise
 from blind.acting import sized_to
 from blind.unlisted import LATER, LATEST, UNLISTED, UNSEEN
-from tumblecal.diagnosis.lack_of_fit.one_curve import best_curve, one_curve
-from tumblecal.diagnosis.model.full_model import FullModel
-from tumblecal.diagnosis.priors import LACK_OF_FIT_TEST_WEIGHT
 from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
 
 
@@ -28,67 +25,7 @@ def unlisted(name, seed, d=12.0):
             return blind_noise.position_set(setup, readings, known=seed % 2 == 0)
 
 
-def test_the_processes_share_one_prior_weight(diagnoser, hidden):
-    """Whatever they are and however many: three counts of swings, or three kinds of steps, weigh as much as one other; those
-    of three fields weigh once more with one curve for all."""
-    lack = diagnoser(hidden(5, {})).screened.alternatives.lack
-    shares = dict(zip(lack.words, np.exp(lack.log_shares), strict=True))
-    of_three = [process.words for process in lack.visible if process.width == 3]
-    assert len(shares) > 60 and sum(shares.values()) + sum(map(shares.get, of_three)) == pytest.approx(1.0)
-    many = [shares[words] for words in shares if words.endswith((" swings", ", in steps"))]
-    others = [shares[words] for words in shares if not words.endswith((" swings", ", in steps"))]
-    assert len(many) == 27 + 7
-    np.testing.assert_allclose(many, max(others) / 3)
-    np.testing.assert_allclose(others, max(others))
-
-
-def test_a_process_that_an_entry_describes_is_no_rival_of_it(diagnoser, hidden):
-    """With one value of an input for each pitch setting, a function of it is a bias by pitch setting."""
-    screened = diagnoser(hidden(5, {})).screened
-    assert any(cause.label == "bias_by_pitch.z" for cause in screened.pool.causes)
-    words = screened.alternatives.lack.words
-    assert "output z: a function of input x" not in words and "output z: a function of input y" in words
-
-
-def of_one_curve(signals, z, known):
-    """A process of three fields with one curve for all."""
-    # The signals of each component together.
-    signals = signals.reshape(len(signals), 3, -1).swapaxes(1, 2).reshape(len(signals), -1)
-    products, inner = signals.T @ signals, z @ signals
-    size = best_curve(products, inner, z, known).size
-    return one_curve(products.reshape(-1, 3, len(inner) // 3, 3), inner.reshape(-1, 3), size, z, known)
-
-
-def test_one_curve_for_all_outputs_explains_better_than_three(diagnoser):
-    """One thing that goes wrong moves all outputs by one curve: its direction comes out, and fewer coefficients are fitted."""
-    rng = np.random.default_rng(3)
-    setup = blind.random_setup(rng, 4, 12)
-    time = (setup.time_s - setup.time_s[0]) / np.ptp(setup.time_s)
-    direction = np.array([0.6, -0.64, 0.48])
-    curve = np.exp(-0.5 * ((time - 0.55) / 0.08) ** 2)
-    readings = blind.readings(setup, setup.nominal, {}) + 14 * blind.SIGMA * curve[
-        :, None
-    ] * direction / np.linalg.norm(curve)
-    readings = readings + blind.SIGMA * rng.normal(size=readings.shape)
-    at = diagnoser(blind_noise.position_set(setup, readings, known=True)).screened
-    number = at.alternatives.lack.words.index("the outputs: functions of the time, quickly changing")
-    rows = at.problem.rows(at.alternatives.lack.visible[number].signals)
-    together = of_one_curve(at.at.basis.T @ rows, at.at.z, known=True)
-    assert abs(together.direction @ direction) > 0.97
-    lack = at.alternatives.lack
-    apart = lack.test_log_evidence(lack.by_size(at.at.z[None], True))[0, number] - np.log(LACK_OF_FIT_TEST_WEIGHT)
-    assert together.log_evidence > apart - lack.log_shares[number] + 3.0
-    (cause,) = at.members
-    assert cause.words.endswith("all by one curve") and len(cause.terms) < 12
-
-
-@pytest.mark.parametrize("known", [True, False])
-def test_where_nothing_is_left_there_is_no_curve(known):
-    signals = np.random.default_rng(1).normal(size=(20, 12))
-    together = of_one_curve(signals, np.zeros(20), known)
-    assert np.all(np.isfinite(together.log_evidence)) and np.linalg.norm(together.direction) == pytest.approx(1.0)
-
-
+@pytest.mark.long
 @pytest.mark.parametrize("name", UNLISTED)
 def test_a_cause_of_a_shape_of_its_own_is_unexplained(diagnoser, name):
     told = [diagnoser(unlisted(name, seed)) for seed in range(3)]
@@ -112,6 +49,7 @@ def test_what_it_depends_on_is_said_and_fitted(diagnoser):
     assert gain.cv_same_causes is None and gain.cv_rms_after_g == gain.cv_rms_kept_g < gain.cv_rms_before_g
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "words"),
     [
@@ -135,17 +73,6 @@ def test_how_it_changes_is_said(diagnoser, name, words):
     assert len(told) >= 2 and all(own.endswith(words) for own in told), told
 
 
-def test_a_listed_set_leads_in_place_of_a_function_of_the_temperature(diagnoser):
-    """A knee may be a bias with a slope and a curvature (`named_first.py`): both are in the class."""
-    told = [diagnoser(unlisted("knee in temperature", seed)) for seed in range(3)]
-    assert all(own.verdict in {"ambiguous", "unexplained"} for own in told)
-    assert all(("unexplained",) in (own.best.labels, *own.best.equivalents) for own in told)
-    unnamed = [cause.words for own in told for cause in own.members if not cause.named]
-    assert unnamed and all(words.endswith("a function of the temperature") for words in unnamed), unnamed
-    listed = [own.labels for own in told if own.verdict == "ambiguous"]
-    assert all(label.startswith("bias_temperature") for labels in listed for label in labels), listed
-
-
 def test_a_noise_that_lack_of_fit_would_explain_as_well_is_ambiguous(diagnoser):
     diagnosis = diagnoser(unlisted("heater cycles", 1))
     assert diagnosis.noise_wrong["noise_unequal"].alternative == "unexplained" and not diagnosis.best.labels
@@ -153,19 +80,3 @@ def test_a_noise_that_lack_of_fit_would_explain_as_well_is_ambiguous(diagnoser):
     words = verdict_of_diagnosis(diagnosis).words()
     assert "or an effect without an entry is present" in words.partition("\n")[0]
     assert "an effect that is not in the catalogue would explain it about as well" in words
-
-
-@pytest.mark.parametrize("name", ["bump of the index", "knee of an output", "pump beats"])
-def test_a_strong_cause_of_no_entry_is_told_with_little_search_of_signs(diagnoser, monkeypatch, name):
-    """Seconds of a file went into jumps beside what no jump had made: the plan was computed anew up to a thousand times."""
-    times, evaluate = 0, FullModel.evaluate
-
-    def counted(model, *arguments):
-        nonlocal times
-        times += 1
-        return evaluate(model, *arguments)
-
-    monkeypatch.setattr(FullModel, "evaluate", counted)
-    for seed in range(2):
-        assert diagnoser(unlisted(name, seed, d=40.0)).labels == ("unexplained",)
-    assert times < 450

@@ -9,7 +9,7 @@ import blind_instrument as blind
 from tumblecal.diagnosis.refine.insert import fit_with
 
 
-IDS = ("bias_temperature.x", "bias_temperature.z", "scale_temperature.y")
+IDS = ("bias_temperature.x", "scale_temperature.y")
 SEED = 3
 
 
@@ -21,7 +21,7 @@ def size(id):
     return sized[0]
 
 
-@pytest.mark.parametrize("degc", [85.0, -40.0])
+@pytest.mark.parametrize("degc", [85.0, pytest.param(-40.0, marks=pytest.mark.long)])
 @pytest.mark.parametrize("id", IDS)
 def test_temperature_effects_are_named_at_any_soak(hidden, diagnoser, id, degc):
     said, room = (diagnoser(hidden(SEED, {id: size(id)}, degc=where)) for where in (degc, 25.0))
@@ -37,14 +37,7 @@ def test_temperature_effects_are_named_at_any_soak(hidden, diagnoser, id, degc):
     assert abs(said.extended.values[k] - size(id)[0]) < 4 * said.extended.sd[k]
 
 
-def test_a_temperature_that_does_not_vary_shows_no_temperature_effect(hidden, diagnoser):
-    data = hidden(SEED, {}, degc=85.0)
-    data.temperature_degc[:] = 85.0
-    said = diagnoser(data)
-    assert said.verdict == "adequate"
-    assert all(id in said.invisible and id not in said.limits for id in IDS)
-
-
+@pytest.mark.long
 @pytest.mark.parametrize("id", IDS)
 def test_intervals_of_a_temperature_coefficient_hold_the_truth_at_85_degc(hidden, diagnoser, id):
     truth = size(id)
@@ -58,12 +51,3 @@ def test_intervals_of_a_temperature_coefficient_hold_the_truth_at_85_degc(hidden
         inside += abs(fit.values[k] - truth[0]) < 1.96 * fit.sd[k]
     # 95 %: 87 of 100 or fewer once in 700 runs, all 100 once in 170.
     assert 88 <= inside <= 99
-
-
-def test_the_size_of_other_effects_does_not_depend_on_the_temperature(hidden, diagnoser):
-    room, hot = (diagnoser(hidden(SEED, {}, degc=degc)).screened.pool.seen for degc in (25.0, 85.0))
-    assert [seen.slot.id for seen in room] == [seen.slot.id for seen in hot]
-    for here, there in zip(room, hot, strict=True):
-        np.testing.assert_allclose(here.projected, there.projected, rtol=1e-3)
-        if not here.slot.thermal:
-            np.testing.assert_array_equal(here.whole, there.whole)

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from made import classes
 from scipy.spatial.transform import Rotation
 from test_rates import least
 
@@ -17,14 +18,9 @@ from blind.conditions import CONDITIONS, drawn, positions_of
 from blind.judge import right as is_right
 from blind_noise import position_set
 from tumblecal.data import read_positions
-from tumblecal.diagnosis.refine.insert import fit_with
 from tumblecal.effects.catalogue import read_rig_with_effects
 from tumblecal.estimation.setup_correction import correct_setup_errors
 from tumblecal.simulation.position_means import simulated
-
-
-CASES = 2
-WITH_WOBBLE = "bias, scale factor and a wobble"
 
 
 @pytest.fixture(scope="module")
@@ -32,98 +28,21 @@ def bench():
     return study.Bench()
 
 
-def named(bench, known, draw, cases=CASES):
-    """In how many cases the hidden set is the best explanation or one of its equals."""
-    count = 0
-    for seed in range(cases):
-        case = draw(np.random.default_rng([8, seed]))
-        screened, noise = bench(case, known)
-        count += is_right(screened.best, case.truth, noise)
-    return count
+def effects(names, sizes, plan="3x8", most_cosine=None):
+    """Draws an instrument with effects of these sizes in sigma; `names`: of them, or how they are drawn."""
+    names_of = names if callable(names) else lambda rng: names
+    return lambda rng: study.hidden(rng, plan, names_of, sizes, most_cosine=most_cosine)
 
 
-@pytest.mark.parametrize(("sizes", "known"), [((100, 100), True), ((30, 30, 30), True), ((1000,), False)])
-def test_strong_effects_are_the_easiest(bench, sizes, known):
-    names_of = study.several(len(sizes))
-    count = named(bench, known, lambda rng: study.hidden(rng, "3x8", names_of, sizes, most_cosine=0.5))
-    assert count == CASES
+def a_jump(rng):
+    return [f"bias_asymmetry.{rng.choice(list('xyz'))}"]
 
 
-@pytest.mark.parametrize("known", [True, False])
-@pytest.mark.parametrize("plan", ["3x4", "3x8"])
-def test_a_large_jump_at_zero_input_is_found_though_it_spoils_the_signs(bench, known, plan):
-    def jump(rng):
-        return [f"bias_asymmetry.{rng.choice(list('xyz'))}"]
+def with_outliers(outliers, count, plan="3x8", size=12):
+    """Draws so many gross positions beside so many effects."""
 
-    count = named(bench, known, lambda rng: study.hidden(rng, plan, jump, (1000,)))
-    assert count == CASES
-
-
-@pytest.mark.parametrize("names", [("base_levelling", "bias_asymmetry.z"), ("index_gain", "bias_asymmetry.y")])
-def test_a_large_jump_is_found_beside_another_large_effect(bench, names):
-    """Exact fits began without the other effect: inputs near zero took other signs, and positions looked faulty."""
-    count = named(bench, False, lambda rng: study.hidden(rng, "3x8", lambda _: names, (300, 300)), 3)
-    assert count == 3
-
-
-@pytest.mark.parametrize(("other", "seed"), [("third_order.z", 14)])
-def test_a_large_jump_is_found_beside_another_large_effect_at_few_positions(bench, other, seed):
-    """With wrong signs neither leads: what no entry describes, or three causes in place of two, led in these."""
-
-    def names(rng):
-        return f"bias_asymmetry.{rng.choice(list('xyz'))}", other
-
-    case = study.hidden(np.random.default_rng([20, seed]), "3x4", names, (300, 300), most_cosine=0.5)
-    screened, noise = bench(case, True)
-    assert is_right(screened.best, case.truth, noise)
-
-
-@pytest.mark.parametrize("plan", ["3x8", "4x12"])
-def test_two_errors_that_every_head_has_are_no_index_off_by_radians(bench, plan):
-    """Where the spindle points up an index off by any angle explains anything: it was named, surely, in each of these."""
-    names = ("axis_perpendicularity", "base_levelling")
-    right = named(bench, True, lambda rng: study.hidden(rng, plan, lambda _: names, (50, 50), most_cosine=1.0))
-    assert right == CASES
-
-
-def test_an_index_off_by_less_is_named(bench):
     def draw(rng):
-        return study.hidden(rng, "3x8", lambda _: ("index_zero",), (100,))
-
-    assert named(bench, True, draw) == CASES
-
-
-def test_large_effects_that_do_not_jump_are_named(bench):
-    for seed in range(CASES):
-        case = study.hidden(
-            np.random.default_rng([10, seed]), "4x12", lambda _: ["third_order.y", "index_gain"], (300, 20)
-        )
-        screened, noise = bench(case, bool(seed % 2))
-        assert is_right(screened.best, case.truth, noise)
-
-
-def test_an_outlier_position_is_named_with_a_large_effect(bench):
-    for seed in range(CASES):
-        rng = np.random.default_rng([12, seed])
-        case = study.hidden(rng, "4x12", lambda _: ["third_order.y"], (300,))
-        position = int(rng.integers(len(case.measured)))
-        case.measured[position] += [30 * blind.SIGMA, 0.0, -20 * blind.SIGMA]
-        screened, _ = bench(case, bool(seed % 2))
-        outlier = f"outlier_position:{case.setup.names[position]}"
-        assert set(screened.best.labels) == {"third_order.y", outlier}
-
-
-def test_an_explanation_whose_exact_fit_leaves_what_the_screen_explains_is_contradicted(bench):
-    case = study.hidden(np.random.default_rng(3), "3x8", lambda _: ["index_gain"], (100,))
-    screened, _ = bench(case, True)
-    assert screened.settled and not screened.contradicted
-    spoilt = replace(screened, fit=fit_with(screened.at, []))
-    assert spoilt.contradicted and not spoilt.settled and spoilt.top < screened.top - 1000
-
-
-def with_outliers(outliers, effects, plan="3x8", size=12):
-    def draw(rng):
-        case = study.hidden(rng, plan, study.several(effects), (8,) * effects)
+        case = study.hidden(rng, plan, study.several(count), (8,) * count)
         projector, measured = blind.unreachable(case.setup), case.measured.copy()
         positions = rng.choice(len(measured), outliers, replace=False)
         for position in positions:
@@ -134,75 +53,6 @@ def with_outliers(outliers, effects, plan="3x8", size=12):
         return study.Hidden(case.setup, measured, tuple(sorted([*case.truth, *labels])), case.clean, case.effects)
 
     return draw
-
-
-@pytest.mark.parametrize(("outliers", "effects", "known"), [(2, 0, False), (3, 1, True)])
-def test_several_gross_positions_are_named(bench, outliers, effects, known):
-    assert named(bench, known, with_outliers(outliers, effects)) == CASES
-
-
-def test_at_few_positions_gross_ones_do_not_hide_anything_in_unknown_noise(bench):
-    """Each makes the noise look larger: in many of these nothing was detected, though both together leave no doubt."""
-    draw, cases = with_outliers(2, 0, "3x4", size=8), 12
-    detected = 0
-    for seed in range(cases):
-        screened, noise = bench(draw(np.random.default_rng([8, seed])), False)
-        detected += bool(noise) or screened.detection.detected
-    assert detected >= least(0.72, cases)
-
-
-def test_an_effect_on_all_axes_of_unknown_noise(bench):
-    def draw(rng):
-        names = tuple(f"bias_drift.{axis}" for axis in blind.AXES)
-        return study.hidden(rng, "3x8", lambda _: names, (7, 7, 7))
-
-    assert named(bench, False, draw) == CASES
-
-
-@pytest.mark.parametrize("name", ["scale_drift.x", "third_order.x", "scale_temperature.x"])
-def test_an_effect_of_tenths_of_a_g_is_no_mislabelled_setting(name):
-    """It looked like one, which explained a third of it, and the data were put wrong."""
-    for seed in range(CASES):
-        case = study.hidden(np.random.default_rng([9, seed]), "4x12", lambda _: (name,), (1000,))
-        mended, setup_errors = correct_setup_errors(position_set(case.setup, case.measured, known=True))
-        assert not setup_errors and np.array_equal(mended.beta_deg, np.degrees(case.setup.beta))
-
-
-@pytest.mark.parametrize("axis", ["y", "z"])
-def test_a_kink_at_zero_of_a_hundred_millig(diagnoser, axis):
-    """The linear screen, far from the solution, left 60 sigma of it: another effect and something without a name led."""
-    rng, name = np.random.default_rng([44, 1]), f"scale_asymmetry.{axis}"
-    for number in range(2):
-        setup = blind.random_setup(rng, 4, 12)
-        drawn_size = blind.sized(setup, blind.unreachable(setup), name, 1000, rng)
-        assert drawn_size is not None
-        clean = blind.readings(setup, setup.nominal, {name: drawn_size[0]})
-        readings = clean + blind.SIGMA * rng.normal(size=clean.shape)
-        diagnosis = diagnoser(position_set(setup, readings, known=bool(number % 2)))
-        assert diagnosis.verdict == "identified" and diagnosis.labels == (name,)
-
-
-def test_a_bias_by_pitch_is_no_mislabelled_setting(diagnoser):
-    """80 mg at one setting looked like a setting 11 deg off, with which a slip of the mount was named."""
-    rng = np.random.default_rng([4, 3, 8, 80])
-    for _ in range(9):
-        setup, sizes = blind.random_setup(rng, 3, 8), rng.normal(size=2)
-        sizes *= 0.08 / np.max(np.abs(sizes))
-        clean = blind.readings(setup, setup.nominal, {"bias_by_pitch.x": sizes})
-        readings = clean + blind.SIGMA * rng.normal(size=clean.shape)
-    data = position_set(setup, readings, known=False)
-    assert [slip.label for slip in correct_setup_errors(data)[1]] == ["mislabelled_setting"]
-    diagnosis = diagnoser(data)
-    assert not diagnosis.setup_errors and diagnosis.labels == ("bias_by_pitch.x",)
-
-
-def test_a_mislabelled_setting_stays_one_beside_what_is_not_named(diagnoser):
-    """Weighed against the angles as written, whose pitch error would be what no head has."""
-    for seed in range(CASES):
-        case = study.hidden(np.random.default_rng([11, seed]), "4x12", study.several(2), (30, 30))
-        data = position_set(case.setup, case.measured, known=True)
-        data = replace(data, beta_deg=np.where(np.abs(data.beta_deg - 30) < 1, 42.0, data.beta_deg))
-        assert [slip.label for slip in diagnoser(data).setup_errors] == ["mislabelled_setting"]
 
 
 def swapped_beside(size):
@@ -222,101 +72,99 @@ def swapped_beside(size):
     return draw
 
 
-def test_in_unknown_noise_a_swap_is_found_beside_a_large_effect(bench):
-    """The level of the noise was told from residuals with the effect in them: the swap was lost in it."""
-    assert named(bench, False, swapped_beside(1000)) == CASES
+HEAD = ("axis_perpendicularity", "base_levelling")
+# How it is drawn, whether the noise is stated, and the number of cases.
+STRONG = {
+    "two of 100 sigma": (effects(study.several(2), (100, 100), most_cosine=0.5), True, 2),
+    "three of 30 sigma": (effects(study.several(3), (30, 30, 30), most_cosine=0.5), True, 2),
+    "one of 1000 sigma": (effects(study.several(1), (1000,), most_cosine=0.5), False, 2),
+    # A large jump spoils the signs of inputs near zero, at which positions looked faulty.
+    "a jump": (effects(a_jump, (1000,)), True, 2),
+    "a jump, noise unknown": (effects(a_jump, (1000,)), False, 2),
+    "a jump at few positions": (effects(a_jump, (1000,), "3x4"), True, 2),
+    "a jump and a level": (effects(("base_levelling", "bias_asymmetry.z"), (300, 300)), False, 3),
+    "a jump and a gain of the index": (effects(("index_gain", "bias_asymmetry.y"), (300, 300)), False, 3),
+    "a cubic and a gain of the index": (effects(("third_order.y", "index_gain"), (300, 20), "4x12"), True, 2),
+    # Where the spindle points up an index in error by any angle explains anything.
+    "what every head has": (effects(HEAD, (50, 50), most_cosine=1.0), True, 2),
+    "what every head has, 4x12": (effects(HEAD, (50, 50), "4x12", most_cosine=1.0), True, 2),
+    "an index in error by less": (effects(("index_zero",), (100,)), True, 2),
+    "two gross positions, noise unknown": (with_outliers(2, 0), False, 2),
+    "three gross positions and an effect": (with_outliers(3, 1), True, 2),
+    # The level of the noise was told from residuals with the effect in them.
+    "a swap and an effect of 1000 sigma, noise unknown": (swapped_beside(1000), False, 2),
+}
 
 
-@pytest.fixture
-def on_one_plan(monkeypatch):
-    """The stress study's conditions on 3 x 8 positions alone, which are compiled for other tests as well."""
-    for name, condition in CONDITIONS.items():
-        monkeypatch.setitem(CONDITIONS, name, replace(condition, plans=("3x8",)))
+@pytest.mark.long
+@pytest.mark.parametrize(("draw", "known", "cases"), STRONG.values(), ids=STRONG)
+def test_the_hidden_set_is_in_the_class(bench, draw, known, cases):
+    for seed in range(cases):
+        case = draw(np.random.default_rng([8, seed]))
+        screened, noise = bench(case, known)
+        assert is_right(screened.best, case.truth, noise), (seed, case.truth, screened.best.labels)
 
 
-def told_right(diagnoser, condition, cases):
-    """In how many cases of a condition of the stress study the hidden set is the best explanation or one of its equals."""
-    rng, right = np.random.default_rng([1710, zlib.crc32(condition.encode())]), 0
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("condition", "cases", "right"),
+    [
+        ("swap beside a jump at zero input, d = 1000", 4, 3),
+        # Two causes of three coefficients each, and three of them.
+        ("bias and scale factor in a chamber, d = 10 each", 2, 2),
+        ("bias, scale factor and a wobble in a chamber, d = 100 each", 2, 2),
+        ("bias, its square and scale factor in a chamber, d = 100 each", 1, 1),
+        # The position before is what the triad measured, not what was commanded.
+        ("10 deg mount, the position before, d = 1000", 2, 2),
+        ("remounted, one met less often, d = 8", 2, 2),
+    ],
+)
+def test_conditions_of_the_stress_study(diagnoser, monkeypatch, condition, cases, right):
+    """The hidden set is in the class; on 3 x 8 positions, which are compiled for other tests as well."""
+    monkeypatch.setitem(CONDITIONS, condition, replace(CONDITIONS[condition], plans=("3x8",)))
+    rng, count = np.random.default_rng([1710, zlib.crc32(condition.encode())]), 0
     for _ in range(cases):
         case = drawn(condition, rng)
         diagnosis = diagnoser(positions_of(case.data))
-        told = [diagnosis.labels, *diagnosis.best.equivalents]
-        right += case.accepted[0] in [tuple(sorted(labels)) for labels in told] and not diagnosis.noise_wrong
-    return right
+        told = [tuple(sorted(labels)) for labels in classes(diagnosis)]
+        count += case.accepted[0] in told and not diagnosis.noise_wrong
+    assert count >= right
 
 
-@pytest.mark.usefixtures("on_one_plan")
-def test_a_swap_is_found_beside_a_jump_at_zero_input(diagnoser):
-    """The signs were sought in readings of which two were exchanged: none of them explained these."""
-    condition = "swap beside a jump at zero input, d = 1000"
-    assert told_right(diagnoser, condition, 4) >= 3
+@pytest.mark.long
+def test_at_few_positions_gross_ones_do_not_hide_anything_in_unknown_noise(bench):
+    """Each makes the noise look larger: in many of these nothing was detected, though both together leave no doubt."""
+    draw, cases = with_outliers(2, 0, "3x4", size=8), 12
+    detected = 0
+    for seed in range(cases):
+        screened, noise = bench(draw(np.random.default_rng([8, seed])), False)
+        detected += bool(noise) or screened.detection.detected
+    assert detected >= least(0.72, cases)
 
 
-@pytest.mark.usefixtures("on_one_plan")
-@pytest.mark.parametrize(("words", "size"), [("bias and scale factor", 10), (WITH_WOBBLE, 100)])
-def test_a_run_in_a_chamber_has_six_coefficients(diagnoser, words, size):
-    """Bias and scale factor of all axes follow the temperature: two causes of three coefficients each, more than a set had."""
-    assert told_right(diagnoser, f"{words} in a chamber, d = {size} each", CASES) == CASES
+@pytest.mark.parametrize("name", ["scale_drift.x", "third_order.x"])
+def test_an_effect_of_tenths_of_a_g_is_no_mislabelled_setting(name):
+    """It looked like one, which explained a third of it, and the data were put wrong."""
+    for seed in range(2):
+        case = effects((name,), (1000,), "4x12")(np.random.default_rng([9, seed]))
+        mended, setup_errors = correct_setup_errors(position_set(case.setup, case.measured, known=True))
+        assert not setup_errors and np.array_equal(mended.beta_deg, np.degrees(case.setup.beta))
 
 
-@pytest.mark.usefixtures("on_one_plan")
-def test_a_run_in_a_chamber_may_have_nine_coefficients(diagnoser):
-    """Three causes of three coefficients were not tried where one curve without a name was better than two of them; found under
-    a noise that had been corrected for what was left, they were not looked at under the noise as stated."""
-    condition = "bias, its square and scale factor in a chamber, d = 100 each"
-    assert told_right(diagnoser, condition, 1) == 1
+@pytest.mark.long
+def test_a_mislabelled_setting_stays_one_beside_what_is_not_named(diagnoser):
+    """Weighed against the angles as written, whose pitch error would be what no head has."""
+    for seed in range(2):
+        case = effects(study.several(2), (30, 30), "4x12")(np.random.default_rng([11, seed]))
+        data = position_set(case.setup, case.measured, known=True)
+        data = replace(data, beta_deg=np.where(np.abs(data.beta_deg - 30) < 1, 42.0, data.beta_deg))
+        assert [slip.label for slip in diagnoser(data).setup_errors] == ["mislabelled_setting"]
 
 
-@pytest.mark.usefixtures("on_one_plan")
-@pytest.mark.parametrize(
-    "condition",
-    [
-        "10 deg mount, the position before, d = 100",
-        "10 deg mount, the position before, d = 1000",
-        "remounted, one met less often, d = 8",
-    ],
-)
-def test_what_was_before_is_found_however_the_triad_stands(diagnoser, condition):
-    """The position before counted as commanded: with a mount of degrees it was another, and with a turned triad none."""
-    assert told_right(diagnoser, condition, CASES) == CASES
-
-
-STRONG = ("slip ring is sooty", "particle in the cavity", "auto zero droops")
-
-
-@pytest.mark.usefixtures("on_one_plan")
-@pytest.mark.parametrize("words", STRONG)
-def test_a_strong_cause_without_a_name_gets_none(diagnoser, words):
-    """What is rough in it looked like noise of one axis, and its steps like as many jumps of a bias, each surely so."""
-    rng, name = np.random.default_rng(851), f"independent: {words}, d = 100"
-    diagnosis = diagnoser(positions_of(drawn(name, rng).data))
-    classes = (diagnosis.labels, *diagnosis.best.equivalents)
-    alternatives = [fault.alternative for fault in diagnosis.noise_wrong.values()]
-    assert any("unexplained" in labels for labels in classes) or "unexplained" in alternatives
-    assert diagnosis.verdict != "identified" or diagnosis.best.probability < 0.9 or "unexplained" in diagnosis.labels
-
-
-def test_an_effect_that_jumps_is_found_beside_another(hidden, diagnoser):
-    """At the nominal fit the inputs near zero have other signs than at the true parameters: these positions looked faulty."""
-    effects = {"bias_asymmetry.x": [4e-3], "cross_coupling.z.yz": [2e-2]}
-    best = diagnoser(hidden(0, effects)).best
-    assert tuple(sorted(effects)) in (best.labels, *best.equivalents)
-
-
-@pytest.mark.parametrize(("seed", "number"), [(106, 2)])
-def test_a_noise_that_large_effects_seem_to_need_is_not_told(diagnoser, seed, number):
-    """Two effects of 100 sigma in noise as it was stated, which looked like another one: around the nominal fit; beside causes
-    that are nearly collinear; with the signs of an effect that jumps wrong."""
-    rng = np.random.default_rng([seed, zlib.crc32(b"two, d = 100")])
-    case = [drawn("two, d = 100", rng) for _ in range(number + 1)][-1]
-    diagnosis = diagnoser(positions_of(case.data))
-    assert case.known and diagnosis.labels == case.accepted[0] and not diagnosis.noise_wrong
-
-
-@pytest.mark.parametrize("seed", range(2))
-def test_attitudes_unknown_an_effect_as_large_as_the_inputs_stops_nothing(diagnoser, tmp_path, seed):
+@pytest.mark.long
+def test_attitudes_unknown_an_effect_as_large_as_the_inputs_stops_nothing(diagnoser, tmp_path):
     """The robust start ran away there, and the model was said to be singular."""
-    rng = np.random.default_rng([87, seed])
+    rng = np.random.default_rng([87, 0])
     f = Rotation.random(24, random_state=rng).apply([0.0, 0.0, 1.0])
     readings = f + np.abs(f) * [0.0, rng.uniform(1.0, 2.5), 0.0] + 1e-4 * rng.normal(size=f.shape)
     rows = [",".join([f"p{k}", *map(repr, row)]) for k, row in enumerate(readings.tolist())]
@@ -325,12 +173,11 @@ def test_attitudes_unknown_an_effect_as_large_as_the_inputs_stops_nothing(diagno
     assert diagnosis.verdict in ("identified", "ambiguous", "unexplained")
 
 
-@pytest.mark.parametrize("noise_sd_g", [1e-10])
-def test_noise_a_million_times_smaller_than_the_effects_is_told_from_them(diagnoser, configs, noise_sd_g):
+@pytest.mark.long
+def test_noise_a_million_times_smaller_than_the_effects_is_told_from_them(diagnoser, configs):
     """What was left counted as rounding there, and its random pattern as coloured noise. A simulation of the chain itself: of
     another simulator the second order would show."""
-    data = simulated(read_rig_with_effects(configs / "hidden_effect.toml"), 0, noise_sd_g)
+    data = simulated(read_rig_with_effects(configs / "hidden_effect.toml"), 0, 1e-10)
     diagnosis = diagnoser(data)
-    told = [diagnosis.best.labels, *diagnosis.best.equivalents]
-    assert ("bias_drift.x", "second_order.z") in [tuple(sorted(labels)) for labels in told]
-    assert not diagnosis.noise_wrong and diagnosis.sigma_g == pytest.approx(noise_sd_g, rel=0.3)
+    assert ("bias_drift.x", "second_order.z") in [tuple(sorted(labels)) for labels in classes(diagnosis)]
+    assert not diagnosis.noise_wrong and diagnosis.sigma_g == pytest.approx(1e-10, rel=0.3)

@@ -4,16 +4,13 @@ import numpy as np
 import pytest
 
 import tumblecal
-from tumblecal.chain import settings
 from tumblecal.data import PositionSet
 from tumblecal.diagnosis import Diagnoser
 from tumblecal.diagnosis.causes.identities import one_function_at_1_g
-from tumblecal.diagnosis.model.full_model import model_of, settings_key
+from tumblecal.diagnosis.model.full_model import model_of
 from tumblecal.diagnosis.sets.classes import other_orders
 from tumblecal.effects import catalogue
-from tumblecal.effects.temperature import reached_from
 from tumblecal.estimation import problem_of
-from tumblecal.planning.temperature_notes import temperature_notes
 from tumblecal.report.cause_words import order_sizes, temperature_orders
 from tumblecal.report.diagnosis_calibration import extended_calibration
 
@@ -60,6 +57,7 @@ def diagnosis(data):
     return tumblecal.diagnose(data, noise_sd=SD)
 
 
+@pytest.mark.long
 def test_a_cubic_bias_is_one_cause_per_axis_and_hysteresis_has_its_name(diagnosis):
     cubic = tuple(f"bias_temperature_cubic.{axis}" for axis in "xyz")
     assert diagnosis.verdict == "identified"
@@ -77,6 +75,7 @@ def test_a_cubic_bias_is_one_cause_per_axis_and_hysteresis_has_its_name(diagnosi
     assert words.endswith(" ug/degC^3 about 25 degC") and words.count("+-") == 3
 
 
+@pytest.mark.long
 def test_the_calibration_corrects_left_out_temperatures_to_the_noise(diagnosis):
     calibration = extended_calibration(diagnosis)
     assert calibration is not None
@@ -88,6 +87,7 @@ def test_the_calibration_corrects_left_out_temperatures_to_the_noise(diagnosis):
     assert "direction in which the temperature was reached" in loss.reason
 
 
+@pytest.mark.long
 def test_a_lag_between_thermometer_and_sensor_has_its_name():
     """Ramps up and down at 0.9 degC a minute; the sensor follows with 15 minutes (steps of a second, numpy)."""
     rng, count, tau = np.random.default_rng(5), 108, 900.0
@@ -113,38 +113,6 @@ def test_a_lag_between_thermometer_and_sensor_has_its_name():
     for name, value in true.items():
         k = fit.names.index(name)
         assert abs(fit.values[k] - value) < 4 * fit.sd[k]
-
-
-def test_next_measurement_states_a_further_soak_and_the_reverse_order(diagnosis):
-    notes = " ".join(temperature_notes(diagnosis))
-    assert "A further soak at 16.0 degC" in notes or "A further soak at -1.0 degC" in notes or "34.0 degC" in notes
-    assert "reverse order: a hysteresis changes its sign with the direction" in notes
-
-
-def test_direction_of_the_last_change_by_each_clock():
-    degc = [0.0, 0.4, 25.0, 24.5, 25.3, 60.0, 59.2, 25.0, 0.0]
-    where = settings([0.0] * 9, [0.0] * 9, time_s=list(range(9)), temperature_degc=degc)
-    assert reached_from(where).tolist() == [0, 0, 1, 1, 1, 1, 1, -1, -1]
-    once = settings([0.0] * 9, [0.0] * 9, time_s=list(range(9)), temperature_degc=sorted(degc))
-    assert not np.any(reached_from(once))
-
-
-@pytest.mark.parametrize(
-    ("degc", "orders"), [([0, 30, 60], {2}), ([0, 15, 30, 60], {2, 3}), ([0, 2, 4, 6, 8], set()), (UP, {2, 3, 4})]
-)
-def test_the_soaks_limit_the_order(degc, orders):
-    where = settings([0.0] * 3 * len(degc), [0.0] * 3 * len(degc), temperature_degc=np.repeat(degc, 3).astype(float))
-    entries = [entry for id, entry in catalogue().items() if id.startswith("scale_temperature") and id.endswith(".x")]
-    assert {len(entry.forms) for entry in entries if not entry.lacking(where)} == {1, *orders}
-    assert settings_key(where)[-1] == (0 if not orders else len(degc))
-
-
-def test_a_ramp_has_no_orders():
-    degc = np.linspace(0.0, 60.0, 24)
-    where = settings(np.zeros(24), np.zeros(24), temperature_degc=degc)
-    assert where.soaks == 0
-    assert "separate temperatures" in catalogue()["bias_temperature_cubic.x"].lacking(where)
-    assert not catalogue()["bias_temperature.x"].lacking(where)
 
 
 def test_orders_of_one_parameter_are_one_explanation(data):

@@ -1,10 +1,12 @@
 """The diagnosis of a triad that was remounted turned: the turn is no fault, and faults are found beside it."""
 
-from dataclasses import replace
-
 import numpy as np
+import pytest
 
 from remounted import blind, two
+
+
+pytestmark = pytest.mark.long
 
 
 NONE = (0.0, 0.0, 0.0)
@@ -24,23 +26,3 @@ def test_a_turn_is_no_fault_and_an_effect_is_found_beside_it(diagnoser):
     for label, truth in (("A", first), ("B", second)):
         columns = [diagnosis.model.names.index(f"dtheta_{axis}@mount={label}") for axis in "xyz"]
         np.testing.assert_allclose(diagnosis.extended.vector[columns], truth["dtheta"], atol=3e-4)
-
-
-def test_one_diagnoser_keeps_turned_and_unturned_apart(diagnoser):
-    """The same labels and angles, another turn: another model. What is not turned is diagnosed as ever."""
-    plain, *_ = two(1, NONE, NONE)
-    first = diagnoser(plain, noise_sd=blind.SIGMA)
-    assert first.mountings == {} and first.verdict == "adequate"
-    turned, *_ = two(1, NONE, (0.0, 90.0, 0.0))
-    assert diagnoser(turned, noise_sd=blind.SIGMA).verdict == "adequate"
-    again = diagnoser(plain, noise_sd=blind.SIGMA)
-    assert again.screened.detection.p_value == first.screened.detection.p_value
-    np.testing.assert_array_equal(again.nominal.vector, first.nominal.vector)
-
-
-def test_mixed_up_columns_beside_a_turn(diagnoser):
-    """All files with z reversed: that is said of the columns, the turn of the mounting."""
-    data, *_ = two(1, NONE, (0.0, 90.0, 0.0))
-    diagnosis = diagnoser(replace(data, readings=data.readings * [1.0, 1.0, -1.0]), noise_sd=blind.SIGMA)
-    assert diagnosis.labels == ("axis_map",) and diagnosis.mountings["B"] == (0.0, 90.0, 0.0)
-    assert "column z is -z" in diagnosis.setup_errors[0].words

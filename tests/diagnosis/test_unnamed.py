@@ -1,6 +1,5 @@
 """What no entry explains: where it is, and the closed form that it has; errors added to numpy's instrument by their formula."""
 
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,7 +9,7 @@ import blind_instrument as blind
 from blind.acting import inputs
 from tumblecal.chain import settings
 from tumblecal.diagnosis.findings.candidate_law import Law, Term, candidate_law
-from tumblecal.diagnosis.findings.law_shapes import forms, nonzero_functions, values_of
+from tumblecal.diagnosis.findings.law_shapes import forms, values_of
 from tumblecal.diagnosis.findings.residual_space import ResidualSpace
 from tumblecal.diagnosis.findings.unexplained import Excess, Range, Unnamed, excess
 from tumblecal.effects import catalogue
@@ -18,7 +17,7 @@ from tumblecal.effects.catalogue import extended
 from tumblecal.effects.users_file import Source
 from tumblecal.planning.proposals import Allowed
 from tumblecal.planning.sampling import samples
-from tumblecal.report.unnamed_words import command_for_law, suggested_effect_text, term_words, unnamed_findings
+from tumblecal.report.unnamed_words import suggested_effect_text
 
 
 class Instrument:
@@ -98,44 +97,8 @@ def test_a_product_of_inputs_is_found_with_its_size(instrument):
     assert law.before_g > 1.5 * law.after_g and law.same == 1.0
 
 
-def test_a_decay_with_a_harmonic_is_found(instrument):
-    alpha, tau = instrument.setup.alpha, 0.25 * instrument.t[-1]
-    added = on(0, 1.2e-3 * np.exp(-instrument.t / tau) * np.cos(3 * alpha - 1.0))
-    law = instrument.law(instrument.left(added)[0])
-    (term,) = law.terms
-    assert term.acts_on == "x" and all("3 alpha" in own and "exp(-t/" in own for own in term.form.words)
-    # sin and cos of 3 alpha have the amplitudes sin(1) and cos(1) of it.
-    assert np.allclose(term.sizes, 1.2e-3 * np.array([np.sin(1.0), np.cos(1.0)]), atol=3e-4)
-    assert np.max(np.abs(law.signal - added)) < 4e-4
-
-
-def test_an_error_of_the_index_is_one_of_the_head(instrument):
-    added = 2e-4 * np.cos(4 * instrument.setup.alpha)[:, None] * instrument.head[:, :, 0]
-    (term,) = instrument.law(instrument.left(5 * added)[0]).terms
-    assert (term.acts_on, term.unit) == ("alpha", "mrad") and np.allclose(term.sizes, [0.0, 1e-3], atol=2e-4)
-
-
-def test_a_position_that_the_fit_left_out_is_not_predicted(instrument):
-    whole, _ = instrument.left(on(1, 2.5e-3 * instrument.u[:, 1] * instrument.u[:, 2] ** 2))
-    whole.responses[:, 17] = 0.0
-    values, sd = whole.predicted_errors(np.arange(48) == 17)
-    assert np.all(values == 0) and np.all(np.isinf(sd))
-    law = instrument.law(whole)
-    assert law.terms[0].form.words == ("u_y u_z^2",) and law.after_g < law.before_g < 1e-3
-
-
 def test_noise_has_no_law(instrument):
     assert all(instrument.law(instrument.left(np.zeros((48, 3)), known)[0]) is None for known in (True, False))
-
-
-def test_a_function_that_is_zero_at_every_angle_has_no_coefficient():
-    """At multiples of 45 deg sin(4 alpha) is zero: the law stated -5e-15 mg for it, with an uncertainty of 6e-17 mg."""
-    alpha, beta = (own.ravel() for own in np.meshgrid(np.radians(np.arange(0, 360, 45)), np.radians([0, 45, 90])))
-    where = settings(alpha, beta)
-    kept, values = nonzero_functions(forms(where), where, np.random.default_rng(0).uniform(-1, 1, (24, 3)))
-    assert values.shape[1] == sum(len(form.code) for form in kept) and np.all(np.max(np.abs(values), axis=0) > 1e-3)
-    words = [words for form in kept for words in form.words]
-    assert "cos(4 alpha)" in words and "sin(4 alpha)" not in words
 
 
 def test_the_file_has_the_law_as_it_was_fitted():
@@ -200,24 +163,3 @@ def test_the_next_positions_are_between_the_measured_ones_where_the_error_is(ins
     assert np.allclose([own.in_sd for own in listed], [4, 8, 8, 4] * 2)
     allowed = samples(diagnosis, Allowed(alpha_deg=(10.0, 200.0), beta_deg=(30.0,)), 12)
     assert [(own.alpha_deg, round(own.beta_deg)) for own in allowed] == [(200.0, 30)]
-
-
-def test_findings_state_region_size_and_law(instrument):
-    form = next(form for form in forms(instrument.where) if form.words == ("u_x u_y^2",))
-    law = Law((Term(form, "z", (5.2e-4,), (6e-5,)),), np.zeros((48, 3)), 2.1e-4, 1.1e-4, 1.0)
-    found = Excess("", np.ones(48, bool), (Range("z", -8e-4, 7e-4),), np.zeros((48, 3)))
-    diagnosis = of_instrument(instrument, found, law)
-    assert [own.sentence for own in unnamed_findings(diagnosis)] == [
-        "Excess at all angles and times: z -0.8 to +0.7 mg",
-        "Candidate law: output z: (0.520 +- 0.060) mg/g^3 u_x u_y^2: held-out error 0.210 -> 0.110 mg; suggested_effect.py",
-    ]
-    assert "tumblecal diagnose m.csv --effects out/suggested_effect.py --out with_law" in command_for_law(
-        diagnosis, Path("out")
-    )
-
-
-def test_sizes_in_words():
-    assert Range("z", -1e-4, 8e-4).words == "z up to +0.8 mg" and Range("x", -5e-4, 0.0).words == "x down to -0.5 mg"
-    assert Range("y", -1.25e-3, 1.1e-3).words == "y -1.2 to +1.1 mg"
-    form = next(form for form in forms(settings([0.0, 1.0], [0.0, 0.5])) if form.words == ("u_x u_y^2",))
-    assert term_words(Term(form, "z", (5.2e-4,), (6e-5,))) == "output z: (0.520 +- 0.060) mg/g^3 u_x u_y^2"

@@ -6,7 +6,9 @@ import pytest
 import blind_instrument as blind
 from tumblecal.diagnosis import Diagnoser
 from tumblecal.effects import catalogue
-from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
+
+
+pytestmark = pytest.mark.long
 
 
 # Typical sizes of the catalogue in g, s and degC, written down a second time.
@@ -69,17 +71,3 @@ def test_the_uncertainty_that_is_written_holds_the_truth_and_is_the_narrower_one
     off, ratio = errors
     assert 0.91 < np.mean(np.abs(off[..., 2]) < 2) < 0.99
     assert 1.0 < np.median(ratio) < 3.0
-
-
-def test_of_an_effect_that_was_named_nothing_is_left_to_be_seen(hidden, diagnoser):
-    own = diagnoser(hidden(3, {"second_order.z": [3e-3]}))
-    assert own.labels == ("second_order.z",)
-    for name, known in own.unseen.items():
-        assert known.sd_with_unseen >= known.sd == pytest.approx(own.extended.sd[own.extended.names.index(name)])
-        assert not set(known.effects) & set(own.labels)
-
-
-def test_what_cannot_be_seen_at_all_is_not_held(hidden):
-    own = Diagnoser({"gravity_value": catalogue()["gravity_value"]}, nested=False)(hidden(1, {}))
-    assert "gravity_value" in own.invisible and "undetected" not in verdict_of_diagnosis(own).words()
-    assert own.unseen and all(known.sd_with_unseen == known.sd and not known.effects for known in own.unseen.values())

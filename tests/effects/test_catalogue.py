@@ -8,12 +8,11 @@ import blind_instrument as blind
 from blind.plans import remounted
 from tumblecal.chain import nominal_chain, settings
 from tumblecal.diagnosis.model.full_model import model_of
-from tumblecal.effects import catalogue, entry
+from tumblecal.effects import catalogue
 from tumblecal.effects.added_terms import base_unit
 from tumblecal.effects.catalogue import belongs_to
 from tumblecal.effects.temperature import ENTRIES as OVER_TEMPERATURE
 from tumblecal.estimation.mountings import nominal_rotations
-from tumblecal.ground.errors import InputError
 
 
 # The blind instrument measures one run at nearly one temperature: what differs between runs is tested below, and effects over a
@@ -174,11 +173,6 @@ def test_the_readout_is_simulated_and_not_sought(id, setup):
 )
 def test_units(unit, base, scale):
     assert base_unit(unit) == (base, pytest.approx(scale, rel=1e-12))
-
-
-def test_unknown_id_names_near_ones():
-    with pytest.raises(InputError, match=r"did you mean .*second_order"):
-        entry(catalogue(), "secondorder.x")
 
 
 def test_every_entry_belongs_to_the_head_or_to_the_sensor():

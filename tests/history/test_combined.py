@@ -68,30 +68,21 @@ def test_a_budget_of_other_data_is_not_taken(tumblecal, tmp_path, folder):
     assert outcome.code == 2 and "budget.json: schema is None, not 'tumblecal.budget_result/1'" in outcome.lines[0]
 
 
+def test_kinds_of_uncertainties_are_stated(tmp_path, snapshot):
+    """`calibration.json` of a diagnosis lists its contributions; a budget in the same folder adds its inputs."""
+    diagnosed = {"calibration.json": json.dumps({"provenance": {"uncertainty_parts": {}}})}
+    budget, texts = {"budget.json": "{}"}, {}
+    for title, documents in {"budget": ({}, budget, {}), "diagnosis": ({}, diagnosed, diagnosed | budget)}.items():
+        for entry, beside in zip(results(3), documents, strict=True):
+            add(tmp_path / f"{title}.db", replace(entry, documents=beside))
+        judged = unit_history(of_unit(tmp_path / f"{title}.db", "A-17"), PAPER_LIMITS)
+        texts[title] = uncertainty_words(judged)
+    snapshot("uncertainties", texts)
+
+
 def test_a_budget_of_another_model_is_not_taken(tumblecal, tmp_path, configs, folder):
     lab = configs / "considered_lab.toml"
     options = ["--noise-sd", "0.1mg", "--fix", "dbeta", "--out", folder]
     assert tumblecal("budget", tmp_path / "data.csv", lab, *options).code == 0
     outcome = tumblecal("compare", folder / "calibration.json", folder / "calibration.json")
     assert outcome.code == 0 and "combined" not in outcome.out
-
-
-def test_results_with_and_without_a_budget_are_told_apart(tmp_path):
-    entries = results(3)
-    for entry in (entries[0], replace(entries[1], documents={"budget.json": "{}"}), entries[2]):
-        add(tmp_path / "lab.db", entry)
-    judged = unit_history(of_unit(tmp_path / "lab.db", "A-17"), PAPER_LIMITS)
-    said = "uncertainties: 2: combined (noise and budget); 1, 3: of the noise alone (type A)"
-    assert uncertainty_words(judged) == said
-
-
-def test_the_uncertainty_of_a_diagnosis_is_not_called_that_of_the_noise(tmp_path):
-    """`calibration.json` of a diagnosis lists its contributions; a budget in the same folder adds its inputs."""
-    diagnosed = {"calibration.json": json.dumps({"provenance": {"uncertainty_parts": {}}})}
-    for entry, beside in zip(results(3), ({}, diagnosed, diagnosed | {"budget.json": "{}"}), strict=True):
-        add(tmp_path / "lab.db", replace(entry, documents=beside))
-    judged = unit_history(of_unit(tmp_path / "lab.db", "A-17"), PAPER_LIMITS)
-    assert uncertainty_words(judged) == (
-        "uncertainties: 3: combined (noise, other explanations, undetected effects and budget); "
-        "2: of the noise, of other explanations and of undetected effects; 1: of the noise alone (type A)"
-    )

@@ -5,15 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.special import fdtrc, gammaincc, stdtr, stdtrit
+from scipy.special import fdtrc, gammaincc, stdtrit
 from test_history import covariance, results
 
 from few_dof import ALL, BIASES, told
 from tumblecal import InputError
 from tumblecal.data import write_positions
-from tumblecal.data.calibration import Calibration, read_calibration, write_calibration
-from tumblecal.data.sensor_parameters import SENSOR, SensorParameters
-from tumblecal.history.comparison import compare
+from tumblecal.data.calibration import read_calibration
 from tumblecal.history.database import add, of_unit
 from tumblecal.history.few_dof import joint_dof, no_change
 from tumblecal.history.repeatability import PAPER_LIMITS, unit_history
@@ -51,7 +49,7 @@ def test_the_behrens_fisher_law_is_that_of_two_student_distributions():
         assert tail == pytest.approx(share, abs=4 * np.sqrt(share / 400_000))
 
 
-@pytest.mark.parametrize("sets", [(12, 12), (15, 15), (20, 20), (30, 30), (12, 30)])
+@pytest.mark.parametrize("sets", [(12, 12), (30, 30), (12, 30)])
 def test_unmoved_pairs_are_told_to_have_moved_as_seldom_as_they_should(sets):
     for chosen in (ALL, BIASES):
         tails, plain = told(250, chosen, sets)
@@ -90,21 +88,6 @@ def test_the_file_states_the_degrees_of_freedom_and_compare_takes_them(tumblecal
             read_calibration(files["estimated"])
 
 
-def test_what_is_certain_by_chi_square_is_not_with_three_degrees_of_freedom(tumblecal, tmp_path):
-    """The outside metrologist's case: p = 5e-11 of a unit that had not moved."""
-    error = np.array([6.7e-4, -1e-4, 3e-4])
-    old = Calibration(np.eye(3), np.zeros(3), 1e-8 * np.diag([1.0, 0, 0, 1, 1, 0, 1, 1, 1, 1, 1, 1]))
-    outcomes = {}
-    for dof in (3, None):
-        for name, bias in (("old", 0 * error), ("new", error)):
-            write_calibration(tmp_path / f"{name}.json", replace(old, bias=bias, provenance={"dof": dof}))
-        lines = tumblecal("compare", tmp_path / "old.json", tmp_path / "new.json").out.splitlines()
-        row = next(line for line in lines if line.startswith("biases")).split()
-        outcomes[dof] = float(row[5]), row[6]
-    assert outcomes[None][0] < 1e-5 and outcomes[None][1] == "yes"
-    assert outcomes[3][0] > 0.01 and outcomes[3][1] == "no"
-
-
 def test_a_history_takes_the_degrees_of_freedom_of_its_files(tmp_path):
     first, second, third = results(3)
     noise = {"names": list(first.parameters.names), "covariance": (first.parameters.covariance / 4).tolist()}
@@ -133,27 +116,3 @@ def test_e_n_takes_student_s_k():
     between = unit_history(entries, PAPER_LIMITS).repeats[0].between
     together = np.hypot(k * np.hypot(*trend.sd[:2]), 2 * np.sqrt(2) * between)
     assert trend.en[0] == pytest.approx(np.diff(trend.values)[0] / together, rel=1e-3)
-
-
-def test_drift_that_is_none_is_seldom_found_with_three_degrees_of_freedom():
-    rng, own, beyond = np.random.default_rng(8), np.diag(np.full(9, 1e-8)), []
-    for _ in range(20):
-        entries = results(6, own=np.eye(12) * 1e-8)
-        for k, entry in enumerate(entries):
-            scaled = own * rng.chisquare(3) / 3
-            parameters = SensorParameters(
-                SENSOR, entry.parameters.values[:9] * 0 + 1e-4 * rng.normal(size=9), scaled, dof=3.0
-            )
-            entries[k] = replace(entry, parameters=parameters)
-        trends = unit_history(entries, PAPER_LIMITS).trends
-        beyond += [2 * stdtr(t.dof, -abs(t.drift / t.drift_sd)) for t in trends]
-    assert np.mean(np.array(beyond) < 0.05) < 0.09 and min(beyond) > 1e-5
-
-
-def test_compare_allows_for_few_degrees_of_freedom_of_either_side():
-    own = covariance()
-    old = SensorParameters(results(1)[0].parameters.names, np.zeros(12), own)
-    new = replace(old, values=np.r_[np.zeros(3), 3.5 * old.sd[3:6], np.zeros(6)])
-    few = [replace(part, dof=3.0) for part in (old, new)]
-    tails = [compare(*pair).joint[3].p_value for pair in ((old, new), (few[0], new), (old, few[1]), few)]
-    assert tails[0] < min(tails[1:3]) and tails[1] == pytest.approx(tails[2], rel=1e-6)

@@ -6,7 +6,6 @@ import re
 import sqlite3
 import subprocess
 import sys
-import time
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -23,7 +22,7 @@ from tumblecal.history.database import add, documents, listed, of_unit
 from tumblecal.history.entry import Entry
 from tumblecal.history.repeatability import PAPER_LIMITS, unit_history
 from tumblecal.report import history_page
-from tumblecal.report.history_words import en_table, history_text, statements, trend_row, uncertainty_words
+from tumblecal.report.history_words import history_text, statements
 
 
 RNG = np.random.default_rng(2)
@@ -178,17 +177,6 @@ def test_drift_its_sd_and_the_interval():
     assert jumpy.repeats[0].sd == pytest.approx(1e-3, rel=0.4) and jumpy.repeats[0].beyond_limit
 
 
-def test_a_shock_is_no_drift():
-    """With the step between the fifth and the sixth result, the interval is that of a unit without it."""
-    entries = results(10, own=np.diag(SD**2))
-    for entry in entries[5:]:
-        entry.parameters.values[3] += 1.2e-3
-    judged = unit_history(entries, PAPER_LIMITS)
-    trend = next(trend for trend in judged.trends if trend.name == "bias_x")
-    assert trend.changes[0].kind == "step" and abs(trend.drift) < 3 * trend.drift_sd < 3e-4
-    assert judged.interval(0.05)[0] > 6.0
-
-
 def test_a_drift_and_its_uncertainty_are_those_of_weighted_least_squares():
     """A drift of 0.2 mg a month: slope by the closed form, u by the dispersion of all biases."""
     rng, entries = np.random.default_rng(1), results(12, own=1e-8 * np.eye(12))
@@ -218,20 +206,6 @@ def test_the_dates_of_a_chart_do_not_overlap(days):
     assert len(boxes) >= 2 and all(left.x1 < right.x0 for left, right in pairwise(boxes))
 
 
-def test_a_result_beyond_its_control_limits_is_red_and_a_finding_only_if_it_deviates():
-    entries = results(10, own=np.diag(SD**2))
-    entries[6].parameters.values[3] += 1e-3
-    judged = unit_history(entries, PAPER_LIMITS)
-    outside = {trend.name: np.flatnonzero(trend.outside).tolist() for trend in judged.trends if trend.outside.any()}
-    assert outside["bias_x"] == [6]
-    (found,) = statements(judged)
-    assert found.words.startswith("bias_x differs by ") and " mg only in 2020-07-01 (result 7)" in found.words
-    # One of 12 charts of 20 results has a red result in every second stable unit.
-    stable = [unit_history(results(20), PAPER_LIMITS) for _ in range(12)]
-    assert sum(any(trend.outside.any() for trend in judged.trends) for judged in stable) > 2
-    assert sum(bool(statements(judged)) for judged in stable) <= 2
-
-
 def test_a_standard_measured_every_day_is_reported_on_a_screen():
     """300 results of one unit: 3588 E_n, of which 180 are beyond 1 by chance alone. No few changes describe the last 100."""
     entries = results(300, days=1.0)
@@ -241,21 +215,6 @@ def test_a_standard_measured_every_day_is_reported_on_a_screen():
     assert len(text.splitlines()) < 15 and max(map(len, text.splitlines())) < 400
     assert text.startswith("A-17: bias_x changed by ") and "(result 200) and" in text.splitlines()[0]
     assert "NEXT: " in text and text.count("Use no calibration from before") == 1
-
-
-def test_numbers_in_a_row_are_told_as_ranges():
-    entries = [
-        replace(entry, parameters=replace(entry.parameters, dof=dof))
-        for entry, dof in zip(results(12), (5, 5, 5, 9, 5, 5, 9, 9, 9, 9, 9, 5), strict=True)
-    ]
-    assert "by result: 1 to 3, 5, 6, 12: 5; 4, 7 to 11: 9" in uncertainty_words(unit_history(entries, PAPER_LIMITS))
-
-
-def test_a_difference_beyond_what_is_allowed_says_whether_uncertainties_explain_it():
-    judged = unit_history(results(5), PAPER_LIMITS | {"bias": 1e-6})
-    (found,) = statements(judged)
-    assert found.words.startswith("biases of two results differ by ") and "more than the limit" in found.words
-    assert ("but agree within their uncertainties" in found.words) == (judged.repeats[1].between == 0)
 
 
 @pytest.mark.parametrize(
@@ -308,21 +267,6 @@ def test_mistakes_are_one_line(tumblecal, tmp_path):
         assert outcome.code == 2 and len(outcome.lines) == 1 and words in outcome.lines[0] and not outcome.out
 
 
-def test_ten_thousand_are_listed_at_once(tmp_path):
-    """The list itself; benchmarks/history_file.py times the whole command."""
-    path = tmp_path / "lab.db"
-    entry = results(1)[0]
-    add(path, entry)
-    with sqlite3.connect(path) as database:
-        columns = "kind, serial, date_utc, source, sha256, outcome, rms_g, p_value"
-        numbers = "WITH RECURSIVE n(k) AS (SELECT 1 UNION ALL SELECT k + 1 FROM n WHERE k < 9999)"
-        database.execute(f"{numbers} INSERT INTO entry (key, {columns}) SELECT k, {columns} FROM entry, n")
-    database.close()
-    begun = time.process_time()  # other processes may keep the cores busy
-    assert len(listed(path)) == 10_000
-    assert time.process_time() - begun < 0.5
-
-
 def test_kills_and_two_writers_lose_nothing():
     """The short version of benchmarks/history_file.py."""
     script = Path(__file__).parents[2] / "benchmarks" / "history_file.py"
@@ -330,13 +274,6 @@ def test_kills_and_two_writers_lose_nothing():
     done = subprocess.run([sys.executable, script, *counts], capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "2 kills; lost or torn: 0" in done.stdout and "at once; refused or lost: 0" in done.stdout
-
-
-@pytest.mark.parametrize(("en", "shown"), [(1.004, "1.004"), (-1.0002, "-1.0002"), (0.996, "0.996")])
-def test_e_n_close_to_its_limit_is_not_rounded_to_it(en, shown):
-    history = unit_history(results(2), PAPER_LIMITS)
-    trend = replace(history.trends[0], en=np.array([en]))
-    assert shown in trend_row(trend) and shown in en_table(replace(history, trends=(trend,))).rows[0]
 
 
 def three_kept(path):

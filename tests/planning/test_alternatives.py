@@ -8,13 +8,11 @@ import pytest
 import blind_instrument as blind
 from blind_noise import position_set
 from tumblecal.diagnosis import Diagnoser
-from tumblecal.diagnosis.causes.cause import EFFECT, Cause
 from tumblecal.effects import catalogue
-from tumblecal.planning.alternatives import _identical_at_1_g, _rows_under, competition
+from tumblecal.planning.alternatives import _rows_under, competition
 from tumblecal.planning.new_rows import rows_of
 from tumblecal.planning.next_plan import SEPARATE, next_plan
 from tumblecal.planning.proposals import Allowed, Proposal, proposals
-from tumblecal.planning.value import Separation
 
 
 HIDDEN, OFF = "cross_coupling.x.xz", ("outlier_position:1-1", "outlier_position:1-3")
@@ -64,46 +62,6 @@ def test_positions_that_a_rival_takes_for_off_tell_it_nothing(diagnosed):
     assert alternative.by.labels == OFF == tuple(f"outlier_position:{name}" for name in off)
 
 
-def test_what_is_told_apart_by_thousands_of_sd_stays_finite(diagnosed):
-    predicted = [one._replace(rows=replace(one.rows, shown=1e4 * one.rows.shown)) for one in present(diagnosed)]
-    rows, value = predicted[0].rows, Separation(predicted)
-    for cells in rows.cells[:3]:
-        expected = value.total + value.of([cells])[0]
-        value.take(cells)
-        np.testing.assert_allclose(value.total, expected, rtol=1e-12)
-    assert 1e4 < value.total < np.inf and np.all(np.isfinite(value.of(rows.cells)))
-
-
-def test_what_has_changed_for_good_is_so_at_new_positions(diagnosed):
-    """A mount that slipped at the sixth position: three angles more from there on, and at every new one."""
-    rows, label = present(diagnosed)[0].rows, f"mount_slip:{diagnosed.data.names[5]}"
-    slip = next(cause for cause in diagnosed.screened.pool.causes if cause.label == label)
-    slipped = _rows_under([slip], diagnosed, rows)
-    own = [diagnosed.model.names.index(f"dtheta_{axis}") for axis in "xyz"]
-    added = slice(rows.old.shape[1], None)
-    np.testing.assert_allclose(slipped.new[:, :, added], rows.new[:, :, own])
-    after = slipped.old[: 3 * len(diagnosed.data), added]
-    assert not np.any(after[:15]) and np.any(after[15:18])
-    np.testing.assert_allclose(after[15:], rows.old[15 : 3 * len(diagnosed.data), own])
-
-
-def test_what_is_measured_with_the_triad_turned_tells_how_it_stands(diagnosed):
-    """With the spindle upright alone no reading depends on the mounting's angle about it: such data would be refused."""
-    side, turn = "turned 90 deg about z", (0.0, 90.0, 180.0, 270.0)
-    turns = [Proposal(turn, beta, side) for beta in (0.0, 90.0)]
-    rows = rows_of(diagnosed, turns, diagnosed.extended.vector)
-    level, upright = rows.cells
-    assert rows.determine_group_parameters(level) and not rows.determine_group_parameters(upright)
-    assert rows.determine_group_parameters(np.concatenate([level, upright]))
-
-
-def test_two_variants_of_one_effect_are_compared_by_their_label(diagnosed):
-    """Their signals are arrays: a comparison of the causes themselves had no truth value, and the command ended there."""
-    slot = diagnosed.members[0].slot
-    variants = [Cause(EFFECT, HIDDEN, 0.0, 0.0, np.full((4, 1), size), slot=slot) for size in (1.0, 2.0)]
-    assert not _identical_at_1_g(variants[:1], variants[1:])
-
-
 @pytest.fixture(scope="module")
 def of_settings():
     """An offset of z from the second of three settings on: a jump, or a bias by setting."""
@@ -129,3 +87,26 @@ def test_what_has_a_value_for_each_pitch_setting_predicts_none_for_another(of_se
     plan = next_plan(of_settings)
     assert plan.purpose == SEPARATE and {one.beta_deg for one in plan.together} <= {0.0, 45.0, 90.0}
     assert any("pitch setting" in note for note in plan.notes)
+
+
+def test_what_has_changed_for_good_is_so_at_new_positions(diagnosed):
+    """A mount that slipped at the sixth position: three angles more from there on, and at every new one."""
+    rows, label = present(diagnosed)[0].rows, f"mount_slip:{diagnosed.data.names[5]}"
+    slip = next(cause for cause in diagnosed.screened.pool.causes if cause.label == label)
+    slipped = _rows_under([slip], diagnosed, rows)
+    own = [diagnosed.model.names.index(f"dtheta_{axis}") for axis in "xyz"]
+    added = slice(rows.old.shape[1], None)
+    np.testing.assert_allclose(slipped.new[:, :, added], rows.new[:, :, own])
+    after = slipped.old[: 3 * len(diagnosed.data), added]
+    assert not np.any(after[:15]) and np.any(after[15:18])
+    np.testing.assert_allclose(after[15:], rows.old[15 : 3 * len(diagnosed.data), own])
+
+
+def test_what_is_measured_with_the_triad_turned_tells_how_it_stands(diagnosed):
+    """With the spindle upright alone no reading depends on the mounting's angle about it: such data would be refused."""
+    side, turn = "turned 90 deg about z", (0.0, 90.0, 180.0, 270.0)
+    turns = [Proposal(turn, beta, side) for beta in (0.0, 90.0)]
+    rows = rows_of(diagnosed, turns, diagnosed.extended.vector)
+    level, upright = rows.cells
+    assert rows.determine_group_parameters(level) and not rows.determine_group_parameters(upright)
+    assert rows.determine_group_parameters(np.concatenate([level, upright]))

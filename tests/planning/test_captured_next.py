@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from tumblecal.capture.capture_plan import CaptureSetup, DwellTable, read_plan
+from tumblecal.capture.capture_plan import CaptureSetup, read_plan
 from tumblecal.data import write_positions
 from tumblecal.planning.proposals import SIDES
 from tumblecal.report.next_plan_files import LABELS
@@ -61,8 +61,3 @@ def test_a_plan_takes_over_how_the_first_was_captured(tumblecal, tmp_path, table
         assert "--port" not in path.read_text()
         turned = next((side for side, label in LABELS.items() if label == plan.session.mount), None)
         assert plan.positions.mount_rotation_deg == (list(SIDES[turned]) if turned else [0, 0, 90])
-
-
-def test_a_comment_that_somebody_changed_is_as_none(tumblecal, tmp_path, table1):
-    for path, plan in plans_after(tumblecal, tmp_path, table1, '{"dwell": {"seconds": -1}}').items():
-        assert plan.dwell == DwellTable() and "correct them first" in path.read_text()

@@ -7,16 +7,11 @@ import pytest
 from scipy.stats import norm
 
 from tumblecal.data import PositionSet
-from tumblecal.diagnosis.findings.factors import Factor, Reason
-from tumblecal.planning import separating
 from tumblecal.planning.alternatives import Competing, Predicted
-from tumblecal.planning.conditions import Conditions, candidates, continued
+from tumblecal.planning.conditions import candidates, continued
 from tumblecal.planning.new_rows import Rows
-from tumblecal.planning.promise import Promise, promise_of
-from tumblecal.planning.proposals import Allowed, reversed_run
+from tumblecal.planning.promise import promise_of
 from tumblecal.planning.value import Separation
-from tumblecal.report.next_plan_files import conditions_words
-from tumblecal.report.next_plan_words import not_worth_words, settled_numbers
 
 
 def measured(time=True, temperature=None):
@@ -108,47 +103,3 @@ def test_a_promise_allows_for_what_is_not_among_the_explanations():
     # What has no name predicts nothing, and remains.
     unnamed = promise_of(separation(8.0), others(unnamed=[("unexplained",)]))
     assert unnamed.excluded == (("b",),) and unnamed.remaining == (("unexplained",),)
-
-
-def test_words_of_conditions_and_of_what_is_not_worth_measuring():
-    assert conditions_words(Conditions(300.0, 1.0, 300.0, 26.4, 26.2, "1")) == (
-        ", directly after this measurement, at about 26.4 degC, as at the end"
-    )
-    assert conditions_words(Conditions(7050.0, 1.0, 300.0, 24.0, 26.5, "1")) == (
-        ", 2 h after the last position, at 24.0 degC (last position: 26.5 degC)"
-    )
-    assert conditions_words(Conditions(None, None, 0.0, None, None, "1")) == ""
-    promise = Promise(0.1, 0.1, 3.2, (("b",),), ())
-    assert not promise.worth_measuring
-    assert not_worth_words(promise, [2]).startswith(
-        "Not worth measuring to settle 2: expected odds 3.2 to 1, below 10 to 1. More repeats"
-    )
-
-
-def test_the_findings_that_a_plan_settles_are_those_that_every_remaining_explanation_has():
-    drift = Factor((("bias_drift.x",), ("warm_up",)), (Reason("range", ("time_s",)),))
-    square = Factor((("second_order.z",), ("cross_axis_square.z",)), (Reason("identity"),))
-    numbers = {"bias_drift.x": 2, "second_order.z": 1}
-    every = Promise(0.99, 0.99, 1e6, (("second_order.z", "warm_up"),), ())
-    none = Promise(0.99, 0.99, 1e6, (("x", "second_order.z"),), (("second_order.z", "warm_up"),))
-    assert settled_numbers([drift, square], every, numbers) == [2]
-    assert settled_numbers([drift, square], none, numbers) == []
-
-
-def test_the_last_run_in_the_reverse_order_is_judged_as_a_whole(monkeypatch):
-    """Six positions that each show the signal by one sd: 6 * 1/2 in log odds, as `separation` has it, in the order reversed."""
-    data = PositionSet(
-        tuple("abcd"), np.array([0.0, 90.0, 0.0, 90.0]), np.array([0.0, 30.0, 30.0, 0.0]), np.tile([0.0, 0.0, 1.0], (4, 1)),
-        run=("1", "2", "2", "2"),
-    )  # fmt: skip
-    again = reversed_run(data, Allowed())
-    assert [(one.alpha_deg, one.beta_deg) for one in again] == [((90.0,), 0.0), ((0.0,), 30.0), ((90.0,), 30.0)]
-    assert reversed_run(data, Allowed(beta_deg=(0.0, 30.0))) == again and not reversed_run(
-        data, Allowed(alpha_deg=(0.0,))
-    )
-
-    six = competing(1.0, positions=6)
-    given = SimpleNamespace(at=lambda *_, in_order: six, **vars(others()))
-    found = separating._measured(given, again, continued(data), six)
-    assert found.ordered is again and found.promise == promise_of(Separation(six), others())
-    assert found.gains == pytest.approx([0.5] * 6, abs=0.01)

@@ -20,7 +20,6 @@ from tumblecal.ground.atomic import write_texts
 from tumblecal.planning.next_plan import SEPARATE, SHARPEN, next_plan
 from tumblecal.planning.proposals import SIDES, Allowed
 from tumblecal.report.next_plan_files import LABELS, next_commands, next_plan_texts
-from tumblecal.report.next_plan_words import next_words
 
 
 SIGMA = 1e-4
@@ -149,8 +148,14 @@ KINDS = {
 }
 
 
-@pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
+def of_job(name):
+    """Kinds with runs or mountings have programs of their own, and are tested in the long job."""
+    return pytest.param(name, marks=pytest.mark.long) if name in ("two runs", "two mountings") else name
+
+
+@pytest.mark.parametrize("kind", [of_job(name) for name in KINDS])
 def test_the_worst_sd_falls_as_promised(planner, kind):
+    kind = KINDS[kind]
     allowed = kind.get("allowed", Allowed())
     data = measured(*plan12(kind.get("runs", 1), mounts=kind.get("mounts", ("1",))), seed=3)
     plan = next_plan(planner(data, priors=kind.get("priors")), allowed)
@@ -198,38 +203,6 @@ def test_a_rig_of_ones_own(planner, tmp_path):
     assert any("[mounts] entry" in note for note in plan.notes) == any(turn.mount for turn in plan.together)
 
 
-@pytest.mark.parametrize(
-    ("leaf", "words"),
-    [
-        (
-            '[chain]\nlinks = ["base", "pitch_axis", "spindle", "small_angle_mount", "triad", "output"]',
-            "no free, exact mount",
-        ),
-        ("[chain.leaves.dtheta]\nfree = false", "no free, exact mount"),
-        ('[chain.leaves.dtheta]\nby = "run"', "one dtheta for each run, not for each mounting"),
-    ],
-)
-def test_a_rig_that_cannot_say_how_the_triad_is_turned(planner, tmp_path, leaf, words):
-    (tmp_path / "rig.toml").write_text(RIG.split("[chain", 1)[0] + leaf)
-    data = measured(*plan12(2), seed=4)
-    plan = next_plan(planner(data, chain=read_rig(tmp_path / "rig.toml").chain(where_of(data))))
-    assert plan.singles and not any(proposed.mount for proposed in (*plan.singles, *plan.together))
-    assert any(words in note for note in plan.notes)
-
-
-def test_correlated_noise_has_next_positions_too(planner):
-    alpha, beta, _, mount = plan12(4)
-    data = measured(alpha, beta, ("1",) * 48, mount, seed=1, dbeta=np.zeros(48), sd=1e-6)
-    rng, noise = np.random.default_rng(10), np.zeros((48, 3))
-    for k in range(1, 48):
-        noise[k] = 0.9 * noise[k - 1] + 4e-4 * rng.normal(size=3)
-    diagnosis = planner(PositionSet(data.names, alpha, beta, data.readings + noise))
-    assert "noise_coloured" in diagnosis.labels and diagnosis.problem.correlated
-    plan = next_plan(diagnosis)
-    assert plan.together and 0 < plan.value < 1
-    assert any("correlated" in note for note in plan.notes)
-
-
 def extended(setup, cells, rng):
     """The blind instrument with more positions, none of them with the triad turned."""
     assert not any(side for _, _, side in cells)
@@ -254,6 +227,7 @@ def log_odds(diagnosis, first, second):
     return scores[first] - scores.get(second, min(scores.values()))
 
 
+@pytest.mark.long
 def test_the_proposed_positions_separate_the_explanations(planner):
     """A quadratic z axis looks like a scale asymmetry; measured where proposed, the odds move as was said."""
     allowed = Allowed(beta_deg=(0.0, 45.0, 90.0), remount=False)
@@ -318,11 +292,7 @@ def test_plans_for_capture(planner, tmp_path):
     assert after.code.good and fall == pytest.approx(proposed.value, abs=0.02)
     assert fall > 0.6
 
-    # Of data that do not say how they were captured, what capture takes by default is in the plan, and said to be that.
-    text = (tmp_path / names[0]).read_text()
-    assert "correct them first" in text and "[dwell]\nseconds = 1200.0\nsettle_s = 30.0\nguard_s = 0.0\n" in text
-
-    # Where they state times, a position takes as long as in the data; one command diagnoses all files.
+    # Where the data state times, a position takes as long as in them; one command diagnoses all files.
     files = ("m.csv", "next/positions.csv")
     timed = replace(diagnosis.screened.problem.measured_data, time_s=150.0 * np.arange(12), files=files)
     again = planner(timed)
@@ -336,9 +306,5 @@ def test_plans_for_capture(planner, tmp_path):
     assert measured_in[0] == "next_2" and len({*measured_in}) == len(texts)
     positions = [f"{folder}/positions.csv" for folder in measured_in]
     assert commands[-1].split()[1:] == ["diagnose", "--join", "--same-run", *files, *positions]
-    words = " ".join(next_words(again, plan, tmp_path))
-    minutes = round(150.0 * plan.positions / 60)
-    assert f"({plan.positions} positions, {minutes} min in all)" in words
-
     there = next_plan(diagnosis, Allowed(remount=False))
     assert [*next_plan_texts(diagnosis, there, tmp_path)] == ["next_positions.toml"]

@@ -12,6 +12,7 @@ import pytest
 
 import independent
 from few_effects import few_entries
+from snapshot_texts import snapshot as snapshot
 from tumblecal.data import PositionSet
 from tumblecal.diagnosis import Diagnoser
 

@@ -3,14 +3,9 @@
 from itertools import pairwise
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
 
-from tumblecal.budget.budget import budget_of
-from tumblecal.budget.budget_file import read_considered
 from tumblecal.effects.catalogue import catalogue
-from tumblecal.estimation import exact, problem_of
-from tumblecal.report import budget_report
 from tumblecal.report.evidence_figures import limits_figure
 
 
@@ -28,16 +23,3 @@ def test_ticks_of_the_detection_limits_do_not_touch(largest):
     for left, right in pairwise(boxes):
         # Text of an SVG is set in the viewer's own font, which may be wider.
         assert right.x0 - left.x1 > 0.25 * right.width, [label.get_text() for label in labels]
-
-
-def test_bars_of_the_budget_lie_over_the_grid(table1, configs, tmp_path, monkeypatch):
-    kept = []
-    save = budget_report.save
-    monkeypatch.setattr(budget_report, "save", lambda figure, path: kept.append(figure) or save(figure, path))
-    inputs = read_considered(configs / "considered_lab.toml")
-    budget_report.write_budget(
-        tmp_path, budget_of(exact.fit(problem_of(table1)), inputs, catalogue(), "lab.toml", level=0.95), None
-    )
-    (axes,) = kept[0].axes
-    assert axes.get_axisbelow() is True and not any(line.get_visible() for line in axes.get_ygridlines())
-    assert np.isclose(axes.get_xlim(), (0, 100)).all()

@@ -8,7 +8,6 @@ import pytest
 
 from tumblecal.diagnosis.causes.cause import EFFECT, NO_SLOT, Cause
 from tumblecal.effects import catalogue
-from tumblecal.report.cause_words import by_finding
 from tumblecal.report.diagnosis_verdict import _finding
 
 
@@ -40,16 +39,6 @@ def diagnosis(values, covariance):
         determined={id: [SimpleNamespace(weights={id: 1.0})] for id in ids},
         in_use=SimpleNamespace(names=()),
     )
-
-
-def test_powers_of_one_variable_on_one_output_are_one_finding():
-    ids = ["bias_temperature_square.x", "second_order.x", "bias_temperature.x", "third_order.y", "second_order.y"]
-    found = [tuple(own.label for own in finding) for finding in by_finding([cause(id) for id in ids])]
-    assert found == [
-        ("bias_temperature.x", "bias_temperature_square.x"),
-        ("second_order.x",),
-        ("second_order.y", "third_order.y"),
-    ]
 
 
 @pytest.mark.parametrize(
@@ -89,13 +78,3 @@ def test_coefficients_are_about_one_reference(values, unit, words, about, offset
         assert float(number) == pytest.approx(value, abs=0.06 * own_sd)
         assert float(rest.split()[0]) == pytest.approx(own_sd, rel=0.06)
     assert said.words == words and said.size.endswith(about) and said.id == " + ".join(values)
-
-
-def test_powers_of_an_input_keep_their_coefficients():
-    said = _finding(
-        diagnosis({"second_order.z": 4e-4, "third_order.z": -3e-4}, np.diag([1e-5, 2e-5]) ** 2),
-        [cause("second_order.z"), cause("third_order.z")],
-    )
-    assert said.words == "Nonlinear response of the z axis, second and third order"
-    assert said.size == "second_order.z = 0.400 +- 0.010 mg/g^2; third_order.z = -0.300 +- 0.020 mg/g^3"
-    assert said.id == "second_order.z + third_order.z"

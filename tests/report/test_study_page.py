@@ -5,7 +5,6 @@ import polars as pl
 import pytest
 from reading_html import Cells, words_of
 
-from tumblecal.cli.study.running import COMPILE_SECONDS, Running, _cost
 from tumblecal.report.study_answers import answer_of
 from tumblecal.report.study_figures import draw
 from tumblecal.report.study_page import write_study_page
@@ -67,35 +66,3 @@ def test_linearization_is_a_table_and_a_page(tmp_path):
 def test_the_headline_follows_the_coverage(covered, tone):
     answer = answer_of("coverage", *coverage(covered))
     assert answer.tone == tone and ("Do not trust" in answer.headline) == (tone == "bad")
-
-
-def test_labels_of_a_figure_stand_beside_what_they_name(tmp_path, monkeypatch):
-    """Coverage's legend is off the data; no label of linearization is struck through by its line."""
-    drawn = {}
-    monkeypatch.setattr("tumblecal.report.study_figures.save", lambda figure, path: drawn.setdefault(path.stem, figure))
-    draw("linearization", *linearization(), tmp_path)
-    draw("coverage", *coverage(0.95), tmp_path)
-    for figure in drawn.values():
-        figure.canvas.draw()
-    for axes in drawn["linearization"].axes:
-        heights = [
-            axes.transData.transform((1, line.get_ydata()[0]))[1] for line in axes.lines if len(line.get_xdata()) == 2
-        ]
-        for label in axes.texts:
-            box = label.get_window_extent()
-            assert not any(box.y0 < height < box.y1 for height in heights), label.get_text()
-    covered = drawn["coverage"].axes[2]
-    legend, panel = covered.get_legend().get_window_extent(), covered.get_window_extent()
-    assert legend.y0 >= panel.y1 - 1
-
-
-def test_the_time_told_counts_compiling(configs):
-    """A sweep of a second of arithmetic compiles a program for each of its points."""
-
-    class Sweep:
-        trials, chunks, chunk_bytes, seconds, programs = 240_000, 12, 4000, 0.7, 12
-
-    words, _ = _cost(Sweep(), configs / "study_sweep.toml", Running(configs))
-    assert f"plus about {12 * COMPILE_SECONDS / 60:.0f} min to compile" in words
-    _, too_much = _cost(Sweep(), configs / "study_sweep.toml", Running(configs, max_hours=0.01))
-    assert too_much

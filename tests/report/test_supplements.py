@@ -1,6 +1,5 @@
 """Figures and pages supplement results: an error in one is a warning, and costs neither the results nor the other figures."""
 
-import ast
 import json
 import os
 import subprocess
@@ -11,7 +10,7 @@ import pytest
 
 import tumblecal
 from tumblecal.ground.errors import SupplementWarning
-from tumblecal.report.page import Section, page, write_page
+from tumblecal.report.page import Section, write_page
 from tumblecal.report.verdict import Finding, Verdict
 
 
@@ -30,34 +29,27 @@ main()
 """
 
 
-def test_a_broken_figure_card_and_table_are_a_line_each(tmp_path, table1_file):
+def test_a_broken_figure_card_and_table_are_a_line_each(tumblecal, tmp_path, table1_file):
     """In a process as users start it: exit code and results are those of a run without figures."""
     out, bare = tmp_path / "out", tmp_path / "bare"
     environment = os.environ | {"PYTHONPATH": str(SOURCE.parent)}
-    arguments = [str(table1_file), "--noise-sd", "0.5mg"]
-    done = [
-        subprocess.run(
-            [sys.executable, "-c", BROKEN, "calibrate", *arguments, "--out", folder, *more],
-            capture_output=True,
-            text=True,
-            env=environment,
-            timeout=600,
-        )
-        for folder, more in ((out, []), (bare, ["--no-figures"]))
-    ]
-    assert [each.returncode for each in done] == [0, 0], done[0].stderr
-    lines = done[0].stderr.splitlines()
+    arguments = ["calibrate", str(table1_file), "--noise-sd", "0.5mg"]
+    command = [sys.executable, "-c", BROKEN, *arguments, "--out", out]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=600)
+    assert done.returncode == 0, done.stderr
+    lines = done.stderr.splitlines()
     assert [line.split(" is ")[0] for line in lines] == [
         f"WARNING: {out}/{name}" for name in ("methods.svg", "calibration.html/card 1", "calibration.html")
     ]
     assert all("ValueError: zero-size array" in line and line.endswith("; the results are complete") for line in lines)
-    assert not done[1].stderr
+    without = tumblecal(*arguments, "--out", bare, "--no-figures")
+    assert without.code == 0 and not without.lines
     for name in ("result.json", "calibration.json"):
         one, other = (json.loads((folder / name).read_text()) for folder in (out, bare))
         assert one.keys() == other.keys() and one.get("parameters") == other.get("parameters")
     text = (out / "calibration.html").read_text(encoding="utf-8")
     assert "Residuals" in text and text.count("<figure") == 1 and not (out / "methods.svg").exists()
-    assert "written:" in done[0].stdout and "methods.svg" not in done[0].stdout.splitlines()[-1]
+    assert "written:" in done.stdout and "methods.svg" not in done.stdout.splitlines()[-1]
 
 
 def test_an_error_in_a_figure_is_an_error_in_tests(tumblecal, tmp_path, table1_file, monkeypatch):
@@ -78,31 +70,3 @@ def test_a_page_keeps_what_was_made_before_an_error(tmp_path):
     assert ["ZeroDivisionError" in str(caught[0].message), "no row" in str(caught[1].message)] == [True, True]
     text = (tmp_path / "p.html").read_text(encoding="utf-8")
     assert "A finding" in text and "<h2>First</h2>" in text and text.rstrip().endswith("</html>")
-
-
-@pytest.mark.filterwarnings("default::tumblecal.ground.errors.SupplementWarning")
-def test_a_page_that_fails_is_not_listed(tmp_path):
-    @page
-    def writer(path, fails):
-        path.write_text("begun")
-        if fails:
-            raise KeyError("x")
-
-    assert writer(tmp_path / "p.html", False) == ["p.html"]
-    with pytest.warns(SupplementWarning):
-        assert writer(tmp_path / "p.html", True) == []
-
-
-def test_figures_and_pages_are_written_in_one_place():
-    """Every caller of `write_page` is a `page`, and figures are saved by `draw_each` alone."""
-    for path in (*SOURCE.glob("report/*.py"), *SOURCE.glob("cli/**/*.py")):
-        tree = ast.parse(path.read_text(encoding="utf-8"))
-        for function in (node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)):
-            called = {
-                node.func.id
-                for node in ast.walk(function)
-                if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
-            }
-            marks = {mark.id for mark in function.decorator_list if isinstance(mark, ast.Name)}
-            assert "write_page" not in called or "page" in marks, f"{path.name}: {function.name}"
-            assert "save" not in called, f"{path.name}: {function.name}"

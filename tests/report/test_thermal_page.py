@@ -1,19 +1,15 @@
 """`tumblecal thermal` on the example of docs/thermal.md, run as the page states it: output, files, page, rejected options."""
 
 import hashlib
-import html
 import json
 import re
 import shlex
-import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tumblecal.capture.thermal.thermal_table import table_of
 from tumblecal.data.calibration import read_calibration
-from tumblecal.report.thermal_words import drift_lines
 
 
 ROOT = Path(__file__).parents[2]
@@ -80,6 +76,7 @@ def test_the_page_is_complete_in_a_browser(example, chromium):
     assert not re.search(r"\bnan\b|\binf\b|None|\{\{", text)
 
 
+@pytest.mark.long
 def test_the_other_commands_of_the_page_run(example, tumblecal):
     for line in "".join(blocks("sh")[1:]).splitlines():
         outcome = tumblecal(*shlex.split(line)[1:])
@@ -91,19 +88,6 @@ def test_the_other_commands_of_the_page_run(example, tumblecal):
         and record["not_determined"]["combinations"]
     )
     assert "bias_x - " in record["not_determined"]["combinations"][0]
-
-
-def test_the_commands_of_the_made_page_run(example, tumblecal):
-    page = (example / "unit17" / "thermal.html").read_text(encoding="utf-8")
-    texts = [html.unescape(re.sub("<[^>]*>", "", line)) for line in re.findall("<span>(<kbd>.*?)</span>", page)]
-    commands = [text for text in texts if text.startswith("tumblecal ")]
-    assert [shlex.split(line)[1] for line in commands] == ["apply", "export", "certificate"]
-    lines = Path("x_up.csv").read_text(encoding="utf-8").splitlines()
-    Path("log.csv").write_text("\n".join([*lines[:2], *lines[100:1000], ""]), encoding="utf-8")
-    shutil.copy(ROOT / "configs" / "certificate_lab.toml", "lab.toml")
-    for line in commands:
-        outcome = tumblecal(*shlex.split(line)[1:])
-        assert outcome.code == 0, (line, outcome.lines)
 
 
 def test_one_attitude_without_a_calibration_has_exit_code_3_and_a_record(example, tumblecal):
@@ -139,11 +123,3 @@ def test_inputs_are_not_overwritten(example, tumblecal):
     outcome = tumblecal("thermal", "unit17/bins.csv", "--out", "unit17")
     assert outcome.code == 2 and len(outcome.lines) == 1 and "bins.csv" in outcome.lines[0]
     assert Path("unit17/bins.csv").read_bytes() == before
-
-
-def test_drift_is_named_if_no_recording_returns_to_a_temperature():
-    rising = table_of(["a"] * 3, np.zeros((3, 3)), 1e-4, [0.0, 20.0, 40.0], reached_by=1)
-    (drift,) = drift_lines(rising)
-    assert drift.startswith("Drift cannot be separated from the dependence on temperature: no recording returns")
-    cycle = table_of(["a"] * 3, np.zeros((3, 3)), 1e-4, [0.0, 20.0, 0.0], reached_by=[1, 1, -1], branch=["u", "u", "d"])
-    assert not list(drift_lines(cycle))

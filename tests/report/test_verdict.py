@@ -1,15 +1,12 @@
 """The one layout of a verdict, from records made by hand: order of the blocks, number of lines, whole commands and sizes."""
 
-import textwrap
 from types import SimpleNamespace
 
 import numpy as np
-import pytest
 
 from tumblecal.diagnosis.findings.factors import Factor, Reason
 from tumblecal.diagnosis.screening.noise_change import NoiseFault
-from tumblecal.report.diagnosis_tables import class_tables
-from tumblecal.report.diagnosis_verdict import alternatives, headline, reason_words, title
+from tumblecal.report.diagnosis_verdict import alternatives, headline, reason_words
 from tumblecal.report.verdict import Finding, Unresolved, Verdict, verdict_lines
 
 
@@ -37,30 +34,6 @@ def labels(lines) -> list[str]:
     return [line.split()[0] for line in lines if line[:1].strip()]
 
 
-def test_the_layout():
-    rule = "-" * 100
-    expected = f"""\
-        AMBIGUOUS   Two errors found; the cause of one is not resolved.                         measured.csv
-        USE         calibration.json: yes, from 24 to 26.5 degC only.
-
-        FOUND       1. Second-order nonlinearity of the z axis  0.532 +- 0.062 mg/g^2  second_order.z
-                    2. The bias of the x axis drifts            0.297 +- 0.054 mg/h    bias_drift.x
-        UNRESOLVED  2. bias_drift.x or bias_temperature.x: time and temperature correlate (r = 1.00)
-        EVIDENCE    Nominal model rejected, p = 3.2e-13.
-                    Held-out error 0.141 -> 0.103 mg.
-        NEXT        Measure next: alpha 0, 225 at beta 0.
-                      {COMMAND}
-        {rule}
-        Not testable                  the data have no column approach: index_backlash.
-                                      the data have only one run: bias_repeatability."""
-    assert "\n".join(verdict_lines(TWO)) == textwrap.dedent(expected)
-
-
-def test_blocks_without_an_entry_are_left_out():
-    lines = verdict_lines(Verdict("adequate", "No error found.", "a.csv", "yes", evidence=("p = 0.6.",)))
-    assert labels(lines) == ["ADEQUATE", "USE", "EVIDENCE"]
-
-
 def test_at_most_25_lines_stand_above_the_rule_and_nothing_is_lost():
     words = [
         f"word{k} " + "of an entry that is longer than a line of this layout is at its hundred columns " * 2
@@ -83,23 +56,6 @@ def test_at_most_25_lines_stand_above_the_rule_and_nothing_is_lost():
         assert sum("NEXT, continued" in line for line in verdict_lines(many, width)) == 1
 
 
-@pytest.mark.parametrize("width", [60, 80])
-def test_a_narrow_terminal_has_the_same_words_and_whole_commands(width):
-    lines = verdict_lines(TWO, width)
-    assert all(len(line) <= width or COMMAND in line for line in lines)
-    assert sum(line.strip() == COMMAND for line in lines) == 1
-    joined = " ".join(" ".join(lines).split())
-    for words in ("0.532 +- 0.062 mg/g^2", "(r = 1.00)", "the data have no column approach: index_backlash."):
-        assert words in joined
-
-
-def test_words_without_layout_have_all_of_it_too():
-    said = TWO.words()
-    assert said.startswith("AMBIGUOUS: Two errors found") and COMMAND in said.splitlines()
-    assert "\nUse of calibration.json: yes, from 24" in said and "0.297 +- 0.054 mg/h (bias_drift.x)" in said
-    assert "Not testable" in said and "Not testable" not in TWO.words(lists=False)
-
-
 def test_alternatives_of_one_reason_are_one_line():
     clocks, identity = Reason("columns", ("time_s", "temperature_degc"), 0.9999), Reason("identity")
     members = (("bias_drift.x",), ("bias_temperature.x",), ("warm_up",), ("bias_temperature_square.x",))
@@ -118,41 +74,6 @@ def test_alternatives_of_one_reason_are_one_line():
     assert reason_words(Reason("range", ("temperature_degc",))) == "temperature does not vary enough in these data"
 
 
-def test_members_of_a_class_are_a_matrix_of_two_findings():
-    first = Factor((("bias_drift.x",), ("bias_temperature.x",), ("warm_up",)), (Reason("angles"),) * 2)
-    second = Factor((("second_order.z",), ("cross_axis_square.z",)), (Reason("identity"),))
-    third = Factor((("slip:p3",), ("outlier:p3",)), (Reason("size"),))
-    best = SimpleNamespace(
-        labels=("bias_drift.x", "second_order.z", "slip:p3"),
-        equivalents=(
-            ("bias_temperature.x", "second_order.z", "slip:p3"),
-            ("cross_axis_square.z", "slip:p3", "warm_up"),
-        ),
-        identical=(("bias_drift.x", "cross_axis_square.z", "slip:p3"),),
-    )
-    matrix, others = class_tables((second, first, third), best)
-    assert matrix.header == ["", "second_order.z", "cross_axis_square.z"]
-    assert matrix.rows == [
-        ["bias_drift.x", "leading", "identical at 1 g"],
-        ["bias_temperature.x", "indistinguishable", "not supported"],
-        ["warm_up", "not supported", "indistinguishable"],
-    ]
-    assert others.rows == [["slip at p3", "leading"], ["outlier at p3", reason_words(Reason("size"))]]
-    assert class_tables((third._replace(members=third.members[:1]),), best) == []
-
-
-@pytest.mark.parametrize(
-    ("cause", "words"),
-    [
-        ("Cross-coupling: output x depends on the product.", "Cross-coupling: output x depends on the product"),
-        ("Nonlinearity of the z axis: output bends.", "Nonlinearity of the z axis"),
-        ("The spindle stops at another place (backlash, wind-up).", "The spindle stops at another place"),
-    ],
-)
-def test_titles_are_causes_without_their_explanation(cause, words):
-    assert title(cause) == words
-
-
 DOUBTED = {"noise_level": NoiseFault("every sd times 3", "unexplained")}
 
 
@@ -166,36 +87,22 @@ def diagnosed(verdict="ambiguous", labels=("bias_drift.x", "second_order.z"), pr
     return SimpleNamespace(verdict=verdict, best=best, screened=screened, problem=problem, **given | changed)
 
 
-@pytest.mark.parametrize(
-    ("diagnosis", "found", "open_causes", "words"),
-    [
-        (diagnosed("adequate", ()), 0, 0, "No error found that 24 positions with 0.1 mg noise can show (p = 3e-13)."),
-        (diagnosed("identified", ("a.x",)), 1, 0, "One error found and identified (probability 0.97)."),
-        (diagnosed(), 2, 1, "Two errors found; the cause of one is not resolved."),
-        (diagnosed(), 2, 2, "Two errors found; the causes of 2 are not resolved."),
-        (diagnosed(labels=("a.x",)), 1, 1, "One error found; its cause is not resolved."),
-        (
-            diagnosed("unexplained"), 1, 0,
-            "The nominal model is rejected (p = 3e-13); no catalogued effect explains the data.",
-        ),
-        (
-            diagnosed("identified", (), noise_labels=("noise_unequal",)), 1, 0,
-            "The noise is not as assumed; otherwise the data are consistent with the nominal model.",
-        ),
-        (
-            diagnosed("ambiguous", (), noise_labels=("noise_level",), noise_wrong={}, probability=0.6), 1, 0,
-            "The noise is not as assumed (probability 0.60); otherwise the data are consistent with the nominal model.",
-        ),
-        (
-            diagnosed("ambiguous", (), noise_labels=("noise_level",), noise_wrong=DOUBTED), 1, 0,
-            "The noise is not as assumed, or an effect without an entry is present; otherwise the data are consistent with "
-            "the nominal model.",
-        ),
-        (
-            diagnosed("unexplained", (), implausible=(SimpleNamespace(stated=None),)), 1, 0,
-            "Implausible parameter values: the nominal model fits only with them. Check the set-up first.",
-        ),
-    ],
-)  # fmt: skip
-def test_headlines_state_the_consequence(diagnosis, found, open_causes, words):
-    assert headline(diagnosis, found, open_causes) == words
+HEADLINES = {
+    "adequate": (diagnosed("adequate", ()), 0, 0),
+    "identified": (diagnosed("identified", ("a.x",)), 1, 0),
+    "one of two open": (diagnosed(), 2, 1),
+    "both open": (diagnosed(), 2, 2),
+    "one and open": (diagnosed(labels=("a.x",)), 1, 1),
+    "unexplained": (diagnosed("unexplained"), 1, 0),
+    "noise": (diagnosed("identified", (), noise_labels=("noise_unequal",)), 1, 0),
+    "noise, not sure": (
+        diagnosed("ambiguous", (), noise_labels=("noise_level",), noise_wrong={}, probability=0.6), 1, 0,
+    ),
+    "noise or no entry": (diagnosed("ambiguous", (), noise_labels=("noise_level",), noise_wrong=DOUBTED), 1, 0),
+    "implausible": (diagnosed("unexplained", (), implausible=(SimpleNamespace(stated=None),)), 1, 0),
+}  # fmt: skip
+
+
+def test_layout_and_headlines(snapshot):
+    texts = {"layout": "\n".join(verdict_lines(TWO)), "without layout": TWO.words()}
+    snapshot("verdict", texts | {title: headline(*own) for title, own in HEADLINES.items()})

@@ -1,43 +1,12 @@
-"""The stress study of benchmarks/: its cases are what they say, and its judge is fair. The study itself is run by hand."""
+"""The simulators of benchmarks/ are what they say, and their judge is fair; the studies themselves are run by hand."""
 
 import numpy as np
 import pytest
 
-import blind_instrument as blind
-from blind.conditions import CONDITIONS, drawn, write
+import second_check as check
+import second_head as head
 from blind.judge import Case, answer_of_record, judged
-from blind.study import chosen
-from tumblecal.data import read_positions
-
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        "one, d = 1000",
-        "two, d = 8",
-        "0.2 g bias, one d = 8",
-        "soak at 85 degC, thermal d = 8",
-        "2 outlier(s), one d = 8",
-        "swap",
-        "plan twice in two runs, u_x u_y^2",
-        "unlisted: knee of an output, d = 10",
-        "mistake: settings exchanged",
-    ],
-)
-def test_conditions_are_what_they_say(tmp_path, name):
-    condition, rng = CONDITIONS[name], np.random.default_rng(7)
-    for _ in range(2):
-        case = drawn(name, rng)
-        write(tmp_path / "unit.csv", case.data)
-        data = read_positions(tmp_path / "unit.csv", check_size=False)
-        assert (data.sd is not None) == case.known and len(data.runs) == 1 + ("two runs" in name)
-        unlisted, slip = condition.unlisted is not None, bool(condition.mistake)
-        assert len(case.accepted[0]) == len(condition.sizes) + condition.outliers + condition.swap + slip
-        assert (case.accepted[0] == ("unexplained",)) == unlisted
-        if "85" in name:
-            assert abs(np.mean(data.temperature_degc) - 85) < 5
-        if "bias" in name:
-            assert 0.05 < np.max(np.abs(np.linalg.norm(data.readings, axis=1) - 1)) < 0.4
+from second_instrument import KINDS, UNLISTED
 
 
 def case_of(condition, *accepted):
@@ -91,20 +60,20 @@ def test_a_traceback_is_no_refusal():
     assert verdict.crashed and not verdict.right
 
 
-@pytest.mark.parametrize(
-    ("text", "asked"), [("unlisted", True), ("unlisted*d = 10", True), ("unlisted*d = 1", False), ("d = 100", False)]
-)
-def test_conditions_are_asked_for_by_a_part_or_a_pattern(text, asked):
-    assert chosen("unlisted: cable pull, d = 10", text) is asked
-
-
-def test_sized_causes_have_their_size():
-    """What is hidden is d sigma long where the nominal model cannot reach."""
-    rng = np.random.default_rng(1)
-    setup = blind.random_setup(rng, 3, 8)
-    projector = blind.unreachable(setup)
-    for d in (8.0, 1000.0):
-        coefficients, *_ = blind.sized(setup, projector, "second_order.y", d, rng)
-        hidden = blind.readings(setup, setup.nominal, {"second_order.y": coefficients})
-        signal = projector @ (hidden - blind.readings(setup, setup.nominal, {})).ravel() / blind.SIGMA
-        assert np.linalg.norm(signal) == pytest.approx(d, rel=0.02)
+def test_stated_truths_describe_their_mechanisms_and_nothing_listed_the_others():
+    rng = np.random.default_rng(8)
+    plan = head.schedule("4x12 tilted", rng)
+    own = head.instrument(plan, rng)
+    projector, plain = head.unreachable(own, plan), head.readings(own, plan)
+    ids = check.columns(own, plan, projector)
+    for name, kind in KINDS.items():
+        truth, mechanism = kind(plan, rng)
+        signal = projector @ (head.readings(mechanism(own, 1e-3), plan) - plain).ravel()
+        if truth in ((), ("noise_coloured",)):
+            assert not np.any(signal)
+            continue
+        signal /= np.linalg.norm(signal)
+        if truth == UNLISTED:
+            assert min(check.left(signal, basis) for basis in ids.values()) > 0.3, name
+        else:
+            assert check.left(signal, *(ids[id] for id in truth)) < 0.05, name

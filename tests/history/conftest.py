@@ -1,0 +1,3 @@
+"""Stored texts."""
+
+from snapshot_texts import snapshot as snapshot
