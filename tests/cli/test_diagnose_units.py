@@ -147,20 +147,6 @@ def test_units_of_different_plans_and_columns(tumblecal, tmp_path):
     assert abs(value["value"] - 2e3 * LEVEL) < 4 * value["sd"] and value["unit"] == "mrad"
 
 
-BAD = {
-    "units and join": (["SECOND", "--join"], "--units treats each file as a different triad, --join treats all as one"),
-    "units and head": (["SECOND", "--head", "HEAD"], "--units measures the errors of the head"),
-}
-
-
-@pytest.mark.parametrize(("options", "words"), BAD.values(), ids=BAD)
-def test_what_cannot_be_together(tumblecal, tmp_path, table1_file, options, words):
-    given = [{"SECOND": table1_file, "HEAD": tmp_path / "head.toml"}.get(option, option) for option in options]
-    outcome = tumblecal("diagnose", "--units", table1_file, *given, "--out", tmp_path / "out")
-    assert outcome.code == 2 and len(outcome.lines) == 1 and words in outcome.lines[0]
-    assert not (tmp_path / "out").exists()
-
-
 HEAD = {
     "schema": '"tumblecal.head/1"',
     "made_of": "[]",
@@ -171,54 +157,32 @@ HEAD = {
     "sd": "[0.01, 0.1]",
     "covariance": "[[1e-4, 0.0], [0.0, 1e-2]]",
 }
-BAD_HEADS = {
-    "no such effect": ({"effects": '["index_gian"]'}, "effects: unknown effect 'index_gian'"),
-    "no parameter of a head": ({"parameters": '["index_gain", "spin"]'}, "parameters: no parameter 'spin' of a head"),
-    "a unit of another kind": ({"units": '["mrad/rad", "mg"]'}, "units.1: 'mg' cannot be converted to 'rad'"),
-    "too few values": ({"values": "[0.1]"}, "values: 1 entries for 2 parameters"),
-    "a row too short": ({"covariance": "[[1e-4, 0.0], [0.0]]"}, "covariance.1: 1 entries for 2 parameters"),
-    "not positive": ({"covariance": "[[1e-4, 1.0], [1.0, 1e-2]]"}, "covariance: not symmetric and positive definite"),
-    "twice": ({"parameters": '["index_gain", "index_gain"]'}, "parameters: a name is repeated"),
-    "too few sds": ({"sd": "[0.01]"}, "sd: 1 entries for 2 parameters"),
-    "no pitch setting": ({"parameters": '["index_gain", "dbeta@x"]'}, "parameters: 'dbeta@x' is not the name"),
-    "a setting by number": ({"parameters": '["index_gain", "dbeta_1"]'}, "'dbeta_1' is not the name of a pitch"),
-    "an angle spelt otherwise": ({"parameters": '["index_gain", "dbeta@45.0"]'}, "'dbeta@45.0' is not the name"),
-    "another sd": ({"sd": "[0.01, 2.5]"}, "sd.1: 2.5, but the covariance gives 0.1; correct the wrong one"),
-    "not finite": ({"values": "[nan, 1.0]"}, "values.0: "),
-    # It was taken for none, and the head said to have been counted with.
-    "no such coefficient": (
-        {
-            "effects": '["index_eccentricity"]',
-            "parameters": '["index_eccentricity_c", "dbeta@45"]',
-            "units": '["mrad", "mrad"]',
-        },
-        "index_eccentricity has no parameter 'index_eccentricity_c'; give index_eccentricity_cos, index_eccentricity_sin",
-    ),
-    "an effect without one": ({"effects": '["index_gain", "base_levelling"]'}, "base_levelling is missing"),
-}
+BAD_HEADS = [
+    ({"effects": '["index_gian"]'}, "effects: unknown effect 'index_gian'"),
+    ({"parameters": '["index_gain", "spin"]'}, "parameters: no parameter 'spin' of a head"),
+    ({"units": '["mrad/rad", "mg"]'}, "units.1: 'mg' cannot be converted to 'rad'"),
+    ({"values": "[0.1]"}, "values: 1 entries for 2 parameters"),
+    ({"covariance": "[[1e-4, 0.0], [0.0]]"}, "covariance.1: 1 entries for 2 parameters"),
+    ({"covariance": "[[1e-4, 1.0], [1.0, 1e-2]]"}, "covariance: not symmetric and positive definite"),
+    ({"parameters": '["index_gain", "index_gain"]'}, "parameters: a name is repeated"),
+    ({"parameters": '["index_gain", "dbeta_1"]'}, "'dbeta_1' is not the name of a pitch"),
+    ({"parameters": '["index_gain", "dbeta@45.0"]'}, "'dbeta@45.0' is not the name"),
+    ({"sd": "[0.01, 2.5]"}, "sd.1: 2.5, but the covariance gives 0.1; correct the wrong one"),
+    ({"values": "[nan, 1.0]"}, "values.0: "),
+    ({"effects": '["index_eccentricity"]', "parameters": '["index_eccentricity_c", "dbeta@45"]',
+      "units": '["mrad", "mrad"]'}, "index_eccentricity has no parameter 'index_eccentricity_c'; give"),
+    ({"effects": '["index_gain", "base_levelling"]'}, "base_levelling is missing"),
+]  # fmt: skip
 
 
-@pytest.mark.parametrize("command", ["calibrate", "diagnose"])
-@pytest.mark.parametrize(("changed", "words"), BAD_HEADS.values(), ids=BAD_HEADS)
-def test_a_bad_head_file_is_one_line(tumblecal, tmp_path, table1_file, command, changed, words):
+@pytest.mark.parametrize(("changed", "words"), BAD_HEADS)
+def test_a_bad_head_file_is_one_line(tumblecal, tmp_path, table1_file, changed, words):
     head = tmp_path / "head.toml"
     head.write_text("\n".join(f"{key} = {value}" for key, value in (HEAD | changed).items()))
-    outcome = tumblecal(command, table1_file, "--head", head, "--noise-sd", "0.1mg", "--out", tmp_path / "out")
+    outcome = tumblecal("calibrate", table1_file, "--head", head, "--noise-sd", "0.1mg", "--out", tmp_path / "out")
     assert outcome.code == 2 and len(outcome.lines) == 1
     assert str(head) in outcome.lines[0] and words in outcome.lines[0]
     assert not (tmp_path / "out").exists()
-
-
-def test_a_folder_for_a_head_is_told_its_file(tumblecal, tmp_path, table1_file):
-    given = ["calibrate", table1_file, "--head", tmp_path, "--out", tmp_path / "out"]
-    outcome = tumblecal(*given)
-    assert (
-        outcome.code == 2
-        and "a folder without head.toml; give the file that diagnose --units wrote" in outcome.lines[0]
-    )
-    (tmp_path / "head.toml").write_text("\n".join(f"{key} = {value}" for key, value in HEAD.items()))
-    outcome = tumblecal(*given)
-    assert outcome.code == 2 and f"{tmp_path}: a folder; give the file, {tmp_path / 'head.toml'}" in outcome.lines[0]
 
 
 def test_the_head_in_the_docs_is_one(tumblecal, tmp_path, table1_file):

@@ -115,35 +115,18 @@ def test_studies_of_a_rig_that_has_it(tumblecal, tmp_path, mine):
     assert outcome.code == 2 and "chain.effects: unknown effect 'index_third'" in outcome.lines[0]
 
 
-@pytest.mark.parametrize("command", ["diagnose", "calibrate", "simulate", "effects", "emulate", "study power"])
+@pytest.mark.parametrize("command", ["diagnose", "simulate", "effects", "study power"])
 def test_a_faulty_file_is_told_in_one_line(tumblecal, tmp_path, table1_file, mine, command):
     mine.write_text("EFFECTS = [\n")
     other = {"simulate": tmp_path / "rig.toml", "effects": "index_third"}.get(command, table1_file)
-    if command == "emulate":
-        other = tmp_path / "emulator.toml"
-        other.write_text('rig = "rig.toml"\n')
     if command == "study power":
         other = tmp_path / "power.toml"
         other.write_text(
             'schema = "tumblecal.study.power/1"\nrig = "rig.toml"\nruns = 2\neffects = {index_third=[1]}\n'
         )
-    out = [] if command in ("effects", "emulate") else ["--out", tmp_path / "out.csv"]
+    out = [] if command == "effects" else ["--out", tmp_path / "out.csv"]
     before = sorted(tmp_path.rglob("*"))
     outcome = tumblecal(*command.split(), other, "--effects", mine, *out)
     assert outcome.code == 2
     assert outcome.lines == [f"tumblecal: {mine}:line 1: not Python: '[' was never closed"]
     assert sorted(tmp_path.rglob("*")) == before
-
-
-@pytest.mark.parametrize("option", ["--effects", "--rig", "--noise-sd", "--prior"])
-def test_an_option_reads_alike_in_every_command(tumblecal, option):
-    """The text beside an option is the same wherever it stands."""
-    texts = set()
-    for command in ("diagnose", "calibrate", "simulate", "effects", "emulate", "study power", "study sweep"):
-        if option == "--noise-sd" and command == "simulate":
-            continue  # there it is what is simulated
-        words = " ".join(tumblecal(*command.split(), "--help").out.replace("│", " ").split())
-        if f"{option} " in words:
-            after = words.split(f" {option} ", 1)[1] + " --end"
-            texts.add(re.split(r" --[a-z]| ╰| \* ", after, maxsplit=1)[0])
-    assert len(texts) == 1, texts

@@ -2,14 +2,11 @@
 
 import pytest
 
-from tumblecal.data.file_kinds import kind_of
-
 
 FILES = {
     "calibration.json": '{"schema": "tumblecal.calibration/1"}',
     "plan.json": '{\n "schema": "tumblecal.plan/1"}',
     "rig.toml": 'schema = "tumblecal.rig/1"',
-    "plan_A.toml": "[session]",
     "log.json": '{"ax": [1, 2]}',
     "positions.csv": "position,alpha_deg\n1,0",
 }
@@ -31,18 +28,10 @@ def files(tmp_path, monkeypatch):
             "run: tumblecal check calibration.json positions.csv",
         ),
         (("calibration.json", "calibration.json"), "calibration.json: this is a calibration, not a recording; give"),
-        (("calibration.json", "plan.json"), "plan.json: this is a plan, not a recording; give"),
         (("calibration.json", "rig.toml"), "rig.toml: this is a rig file, not a recording; give"),
-        (("calibration.json", "plan_A.toml"), "plan_A.toml: this is a TOML file, not a recording; give"),
         (("plan.json", "positions.csv"), "plan.json: this is a plan, not a calibration; give the calibration.json"),
-        (("rig.toml", "positions.csv"), "rig.toml: this is a rig file, not a calibration; give the calibration.json"),
     ],
 )
 def test_files_in_the_wrong_place(tumblecal, arguments, fault):
     outcome = tumblecal("check", *arguments)
     assert outcome.code == 2 and len(outcome.lines) == 1 and fault in outcome.lines[0]
-
-
-def test_recordings_are_of_no_kind(tmp_path):
-    assert [kind_of(tmp_path / name) for name in ("log.json", "positions.csv", "missing.csv")] == ["", "", ""]
-    assert kind_of(tmp_path) == ""

@@ -43,10 +43,13 @@ FILES = {
 }
 
 
-@pytest.mark.parametrize("link", LINKS.values(), ids=LINKS)
-@pytest.mark.parametrize(("arguments", "name"), FILES.values(), ids=FILES)
-def test_an_output_that_is_an_input(tumblecal, inputs, arguments, name, link):
-    out = link(inputs / name, inputs / f"other{Path(name).suffix}")
+@pytest.mark.parametrize(
+    ("command", "link"),
+    [*((command, "symbolic link") for command in FILES), *(("apply to the data", link) for link in LINKS)],
+)
+def test_an_output_that_is_an_input(tumblecal, inputs, command, link):
+    arguments, name = FILES[command]
+    out = LINKS[link](inputs / name, inputs / f"other{Path(name).suffix}")
     before = {path: path.read_bytes() for path in inputs.iterdir()}
     outcome = tumblecal(*(argument.format(tmp=inputs) for argument in arguments), out)
     assert outcome.code == 2
@@ -84,9 +87,13 @@ def test_a_folder_of_results_that_holds_an_input(tumblecal, inputs, arguments, s
     assert {path: path.read_bytes() for path in folder.iterdir()} == before
 
 
-@pytest.mark.parametrize("seed", ["99999999999999999999", "-1", "1" + "0" * 4000])
 @pytest.mark.parametrize(
-    "command", [["simulate", "paper24.toml"], ["study", "coverage", "study_coverage.toml"], ["reproduce"]]
+    ("command", "seed"),
+    [
+        (["simulate", "paper24.toml"], "99999999999999999999"),
+        (["study", "coverage", "study_coverage.toml"], "-1"),
+        (["reproduce"], "1" + "0" * 4000),
+    ],
 )
 def test_seeds_beyond_64_bits(tumblecal, inputs, monkeypatch, command, seed):
     monkeypatch.chdir(inputs)
@@ -112,6 +119,7 @@ def test_names_with_line_breaks(tumblecal, tmp_path, table1):
     assert read_positions(tmp_path / "comment.csv").comments["operator"] == r"one\nposition,alpha_deg"
 
 
+@pytest.mark.long
 def test_damaged_files_of_every_kind():
     """A short run of the benchmark: no traceback, and nothing missing or changed without a line where the format shows it."""
     script = Path(__file__).parents[2] / "benchmarks" / "damaged_files.py"

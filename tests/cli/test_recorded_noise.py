@@ -56,13 +56,6 @@ def test_diagnose_uses_it_without_an_option(tumblecal, tmp_path, means):
     assert found["samples"]["source"] == str(means)
 
 
-def test_a_device_without_a_serial_number_has_no_such_line(tumblecal, tmp_path):
-    readings = np.tile([0.0, 0.0, 1.0], (24, 1))
-    write_capture(tmp_path / "run", readings, white_g=3e-4, wander_g=8e-5, wander_s=60.0, serial=None)
-    assert tumblecal("reduce", tmp_path / "run").code == 0
-    assert "serial" not in (tmp_path / "run" / "positions.csv").read_text()
-
-
 def test_reduction_states_quantisation_and_how_well_the_model_fits(means):
     axes = json.loads(means.with_name("reduction.json").read_text())["axes"]
     for axis in "xyz":
@@ -100,13 +93,6 @@ def test_small_residuals_are_not_blamed_on_who_stated_nothing(means):
     assert said.startswith("noise: of the recording; chi2/dof 0.0") and "stated" not in said
     assert "slow noise that such short dwells cannot exclude is included in full" in said
     assert "the stated sd is too large" in noise_words(exact.fit(problem_of(small, noise_sd=1e-3)))
-
-
-def test_calibrate_says_what_each_method_assumes(tumblecal, tmp_path, means):
-    outcome = tumblecal("calibrate", means, "--no-figures", "--out", tmp_path / "out")
-    assert outcome.code == 0 and "the noise model of the recording" in " ".join(outcome.out.split())
-    stated = tumblecal("calibrate", means, "--noise-sd", "0.05mg", "--no-figures", "--out", tmp_path / "stated")
-    assert "the noise model of the recording" not in " ".join(stated.out.split())
 
 
 def test_joined_recordings_are_independent_of_each_other(means, tmp_path):

@@ -34,16 +34,6 @@ def test_noise_at_its_limits_is_weighed(tumblecal, tmp_path, table1_file, sd):
     assert outcome.code == (3 if sd == "1e-12 g" else 0) and "The residuals contradict the stated noise" in outcome.out
 
 
-def test_a_config_with_several_faults(tumblecal, tmp_path):
-    path = tmp_path / "rig.toml"
-    path.write_text('schema = "tumblecal.rig/1"\n[plan]\nalpha_deg = ["x"]\nbeta_deg = [0]\n[noise]\nsd = 1\n[chian]\n')
-    outcome = tumblecal("simulate", path, "--out", tmp_path / "x.csv")
-    assert outcome.code == 2
-    places = sorted(line.removeprefix(f"tumblecal: {path}:line ").rpartition(": ")[0] for line in outcome.lines)
-    assert places == ["3: plan.alpha_deg.0", "6: noise.sd", "7: chian"]
-    assert list(tmp_path.iterdir()) == [path]
-
-
 def test_one_bad_file_among_several_stops_none_of_the_others(tumblecal, tmp_path, table1_file):
     bad = tmp_path / "bad.csv"
     bad.write_text(with_row(2, "x,180,0,0,0,?"))
@@ -55,22 +45,3 @@ def test_one_bad_file_among_several_stops_none_of_the_others(tumblecal, tmp_path
     summary = pl.read_csv(tmp_path / "out" / "summary.csv")
     assert summary["serial_number"].to_list() == [None, "A17"] and summary["fault"].to_list() == [fault, None]
     assert summary["judgement"][0] == "refused" and summary["dK_x"][1] == pytest.approx(0.3536e-3, abs=1e-7)
-
-
-@pytest.mark.parametrize(
-    "arguments", [["apply", "{calibration}", "{data}", "--out", "{folder}"], ["simulate", "{rig}", "--out", "{folder}"]]
-)
-def test_an_output_that_is_a_folder(tumblecal, tmp_path, configs, table1_file, arguments):
-    assert tumblecal("calibrate", table1_file, "--no-figures", "--out", tmp_path / "out").code == 0
-    folder = tmp_path / "folder"
-    folder.mkdir()
-    names = {
-        "calibration": tmp_path / "out" / "calibration.json",
-        "data": table1_file,
-        "folder": folder,
-        "rig": configs / "paper24.toml",
-    }
-    before = sorted(tmp_path.rglob("*"))
-    outcome = tumblecal(*(argument.format(**names) for argument in arguments))
-    assert outcome.code == 2 and len(outcome.lines) == 1 and str(folder) in outcome.lines[0]
-    assert sorted(tmp_path.rglob("*")) == before

@@ -148,14 +148,6 @@ def test_an_effect_so_large_that_no_instrument_has_it_is_implausible(tumblecal, 
     assert "mg/g^2 (at most 300 mg/g^2 is usual)" in record["findings"][0]["words"]
 
 
-def test_what_is_stated_and_contradicted_is_said_beside_what_the_data_say(tumblecal, table1_file, tmp_path):
-    command = ("calibrate", table1_file, "--no-figures", "--out", tmp_path, "--noise-sd", "0.1mg")
-    words = " ".join(tumblecal(*command, "--prior", "bias=0.05 mg").out.split())
-    assert "IMPLAUSIBLE: bias_" in words and "from the data, but 0 +- 0.05 mg as stated by --prior bias: " in words
-    entry = json.loads((tmp_path / "result.json").read_text())["implausible"][0]
-    assert (entry["stated"], entry["stated_sd"], entry["usual"]) == pytest.approx((0, 0.05, 0.25))
-
-
 HEAD = """schema = "tumblecal.head/1"
 made_of = ["a.csv", "b.csv"]
 effects = []

@@ -16,7 +16,7 @@ from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.cli.commands import app
 from tumblecal.cli.model_options import StatedModel
 from tumblecal.cli.options import ModelOptions
-from tumblecal.data import read_positions, write_positions
+from tumblecal.data import write_positions
 from tumblecal.data.files import _folder_words
 from tumblecal.data.positions import joined_arguments
 from tumblecal.estimation.methods import all_methods, checked
@@ -148,14 +148,6 @@ def test_the_texts_of_a_calibration_end_in_a_command_that_is_understood(invoked,
     assert words(_folder_words(tmp_path)) == ["reduce", str(tmp_path)]
 
 
-def test_joined_files_are_words_of_their_own(invoked, table1):
-    whole = replace(table1, source="a.csv, b c.csv", files=("a.csv", "b c.csv"))
-    invoked("diagnose", "--join", "a.csv", "b c.csv")
-    assert suggested("diagnose", *whole.as_arguments) == "tumblecal diagnose --join a.csv 'b c.csv'"
-    invoked("diagnose", "--join", "--same-run", "a.csv", "b c.csv")
-    assert suggested("diagnose", *whole.as_arguments) == "tumblecal diagnose --join --same-run a.csv 'b c.csv'"
-
-
 def test_a_suggested_diagnosis_reads_the_user_s_own_columns(tumblecal, tmp_path, monkeypatch, table1):
     """With a file's own column names, semicolons and blanks in names; and the same joined with the program's own file."""
     monkeypatch.chdir(tmp_path)
@@ -183,18 +175,3 @@ def test_a_suggested_diagnosis_reads_the_user_s_own_columns(tumblecal, tmp_path,
     own, new = model.read_each([Path("my data.csv"), Path("positions.csv")], together=True)
     np.testing.assert_array_equal(own.readings, new.readings)
     assert own.names == new.names
-
-
-def test_samples_given_for_positions(tumblecal, tmp_path, monkeypatch):
-    """The suggested reduction runs, with the columns that the user named."""
-    monkeypatch.chdir(tmp_path)
-    rng, rows = np.random.default_rng(3), ["p,a,b,X,Y,Z,t"]
-    for k in range(60):
-        x, y, z = np.array([0, k >= 30, k < 30]) + 1e-4 * rng.normal(size=3)
-        rows.append(f"p{k // 30},{90 * (k // 30)},0,{x},{y},{z},{k / 100}")
-    Path("log.csv").write_text("\n".join(rows) + "\n")
-    columns = "position=p,alpha_deg=a,beta_deg=b,ax_g=X,ay_g=Y,az_g=Z,time_s=t"
-    (said,) = tumblecal("calibrate", "log.csv", "--columns", columns).lines
-    assert "so these look like raw samples. Reduce them first, then give reduced/positions.csv: tumblecal " in said
-    assert tumblecal(*words(said)).code == 0
-    assert read_positions("reduced/positions.csv").names == ("p0", "p1")

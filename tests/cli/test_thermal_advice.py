@@ -54,16 +54,6 @@ def test_a_slow_log_of_six_faces_with_the_statement_that_it_was_at_rest(tumbleca
     assert tumblecal("thermal", *parts, "--out", "b").code == 0
 
 
-def test_samples_without_times_with_the_rate(tumblecal):
-    pl.read_csv(sampled("timed.csv", RAMP)).drop("time_s").write_csv("log.csv")
-    refused = tumblecal("thermal", "log.csv", "--out", "a")
-    assert refused.code == 2
-    advice = pasted(refused, r"give (--rate 100) \(Hz\)")
-    # One attitude determines changes only.
-    assert tumblecal("thermal", "log.csv", "--out", "a", *advice).code == 3
-    assert json.loads(Path("a/thermal.json").read_text())["orders"]["bias"] == 1
-
-
 def test_soaks_of_one_face_with_the_statement_that_it_did_not_move(tumblecal):
     files = [sampled(f"at{degc}.csv", Programme(degc, (), soak_min=3.0)) for degc in (10, 20, 40)]
     refused = tumblecal("thermal", *files, "--out", "a")
