@@ -53,16 +53,6 @@ def test_simulate_calibrate_apply_gives_the_specific_force_back(tumblecal, tmp_p
     assert np.max(np.abs(positions.readings - v)) > 1e-3  # there was something to correct
 
 
-@pytest.mark.parametrize(("name", "parameters"), [("grid48", 16), ("remount", 21)])
-def test_rig_with_priors_and_two_mountings(tumblecal, tmp_path, configs, name, parameters):
-    data, out, rig = tmp_path / "data.csv", tmp_path / "out", configs / f"{name}.toml"
-    assert tumblecal("simulate", rig, "--out", data, "--seed", 1).code == 0
-    assert tumblecal("calibrate", data, "--rig", rig, "--no-figures", "--out", out).code == 0
-    content = json.loads((out / "result.json").read_text())
-    assert content["noise"]["kind"] == "stated" and content["noise"]["chi2_p_value"] > 1e-3
-    assert len(content["model"]["parameters"]) == parameters
-
-
 def test_several_files_have_a_subfolder_each(tumblecal, tmp_path, table1_file):
     (tmp_path / "other").mkdir()
     other = tmp_path / "other" / "table1.csv"

@@ -13,7 +13,6 @@ import damaged_written as written
 from tumblecal.capture.journal import JOURNAL_NAME, PLAN_NAME
 from tumblecal.capture.run.run_folder import plan_of_run, resume
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.last_line import may_be_cut
 
 
 CUT_AT = 20_000
@@ -114,24 +113,6 @@ def test_a_flipped_bit_of_a_parquet_file_of_ours_is_refused(tmp_path, tumblecal)
 def _checksum(content: bytes) -> bytes:
     at = content.rindex(b"crc32=")
     return content[at : at + 14]
-
-
-@pytest.mark.parametrize(
-    ("cell", "others", "cut"),
-    [
-        ("6.92452", ["6.924525", "6.931111"], True),
-        ("6.931112", ["6.924525", "6.931111"], False),
-        ("-1.5e-0", ["-1.25e-05", "2.5e-04"], True),
-        ("163", ["16384", "16391"], True),
-        ("16390", ["16384", "16391"], False),
-        ("B", ["A", "B"], False),
-        ("up", ["A", "upside"], True),
-        ("6.9", [], False),
-        ("0,12", ["0,125", "0,250"], True),
-    ],
-)
-def test_which_last_cells_may_be_cut(cell, others, cut):
-    assert may_be_cut(cell, others) is cut
 
 
 def test_a_position_file_cut_in_its_last_number_is_refused(tmp_path, tumblecal):

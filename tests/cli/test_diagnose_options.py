@@ -27,21 +27,11 @@ def test_angles(texts, expected):
     assert angles("--allow-alpha", texts) == expected
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("45deg", "--allow-beta 45deg: '45deg' is not an angle; write degrees such as 45, 0,45,90 or 0:360:15"),
-        ("0,,90", "'' is not an angle"),
-        ("nan", "angles are in degrees, from -360 to 360"),
-        ("0:90", "write a range as START:END:STEP"),
-        ("90:0:5", "END above START"),
-        ("0:360:0.001", "give at most 720"),
-    ],
-)
-def test_what_is_no_angle(text, words):
+@pytest.mark.parametrize("text", ["45deg", "0,,90", "nan", "0:90", "90:0:5", "0:360:0.001"])
+def test_what_is_no_angle(text):
     with pytest.raises(InputError) as caught:
         angles("--allow-beta", (text,))
-    assert words in caught.value.faults[0] and caught.value.faults[0].startswith(f"--allow-beta {text}")
+    assert caught.value.faults[0].startswith(f"--allow-beta {text}: ")
 
 
 def test_next_positions_stay_on_the_allowed_angles(tumblecal, tmp_path, table1_file):
@@ -99,17 +89,6 @@ def two_files(tmp_path_factory, configs):
         files.append(folder / f"{name}.csv")
         write_positions(files[-1], simulate(read_rig(lab), seed))
     return files
-
-
-@pytest.mark.usefixtures("few_effects")
-def test_positions_of_joined_files_are_held_out_by_their_names(tumblecal, tmp_path, two_files):
-    own = [*two_files, "--join", "--no-figures", "--out", tmp_path / "out", "--holdout"]
-    outcome = tumblecal("diagnose", *own, "position=2-8")
-    assert outcome.code == 2 and "has position a:2-8, b:2-8, " in outcome.lines[-1]
-    outcome = tumblecal("diagnose", *own, "position=b:2-8")
-    assert outcome.code == 0
-    gain = json.loads((tmp_path / "out" / "diagnosis.json").read_text())["gain"]
-    assert gain["cv_rms_before_g"] > 0
 
 
 @pytest.mark.usefixtures("few_effects")

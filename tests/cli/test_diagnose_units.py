@@ -1,9 +1,7 @@
 """`tumblecal diagnose --units`: errors of the head told from those of each sensor, and head.toml in later calibrations."""
 
 import json
-import re
 import tomllib
-from pathlib import Path
 
 import numpy as np
 import polars as pl
@@ -183,15 +181,3 @@ def test_a_bad_head_file_is_one_line(tumblecal, tmp_path, table1_file, changed, 
     assert outcome.code == 2 and len(outcome.lines) == 1
     assert str(head) in outcome.lines[0] and words in outcome.lines[0]
     assert not (tmp_path / "out").exists()
-
-
-def test_the_head_in_the_docs_is_one(tumblecal, tmp_path, table1_file):
-    page = (Path(__file__).parents[2] / "docs" / "units.md").read_text(encoding="utf-8")
-    blocks = re.findall(r"^```toml\n(.*?)^```", page, re.S | re.M)
-    (block,) = (text for text in blocks if "tumblecal.head/1" in text)
-    (tmp_path / "head.toml").write_text(block)
-    given = ["calibrate", table1_file, "--head", tmp_path / "head.toml", "--noise-sd", "0.1mg", "--no-figures"]
-    outcome = tumblecal(*given, "--out", tmp_path / "out")
-    assert outcome.code == 3, outcome.lines  # Table 1 contradicts it: it is of another head
-    head = json.loads((tmp_path / "out" / "calibration.json").read_text())["provenance"]["head"]
-    assert head["parameters"][0] == "base_levelling" and head["made_of"] == ["A.csv", "B.csv", "C.csv"]

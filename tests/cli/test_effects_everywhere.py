@@ -9,8 +9,6 @@ import polars as pl
 import pytest
 
 import independent
-from tumblecal.studies.study_tables import read_study, rig_of_study
-from tumblecal.studies.sweep import points_of
 
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "own_effects.md"
@@ -68,18 +66,6 @@ def test_effects_lists_and_explains_it(tumblecal, mine):
     assert tumblecal("effects", "index_third").code == 2
 
 
-def test_the_virtual_instrument_has_it(tmp_path, mine):
-    from tumblecal.cli.emulate import exact_truth
-
-    truth = exact_truth(tmp_path / "rig.toml", {}, (mine,))
-    error = 0.8e-3 * np.cos(3 * 0.5) - 0.6e-3 * np.sin(3 * 0.5)
-    expected = independent.specific_force(np.array([0.5 + error]), np.array([0.2]))[0]
-    np.testing.assert_allclose(truth(np.degrees(0.5), np.degrees(0.2), 0.0, 25.0), expected, atol=1e-12)
-    (tmp_path / "plain.toml").write_text(RIG.replace('effects = ["index_third"]', "").split("[truth]")[0])
-    added = exact_truth(tmp_path / "plain.toml", {"index_third": [0.8, -0.6]}, (mine,))
-    np.testing.assert_allclose(added(np.degrees(0.5), np.degrees(0.2), 0.0, 25.0), expected, atol=1e-12)
-
-
 @pytest.mark.usefixtures("few_effects")
 def test_studies_know_it(tumblecal, tmp_path, mine):
     power = tmp_path / "power.toml"
@@ -98,21 +84,6 @@ def test_studies_know_it(tumblecal, tmp_path, mine):
     assert other.code == 2 and "another study" in other.lines[0]
     outcome = tumblecal("study", "power", power, "--out", tmp_path / "none")
     assert outcome.code == 2 and "no effect 'index_third'" in outcome.lines[0]
-
-
-def test_studies_of_a_rig_that_has_it(tumblecal, tmp_path, mine):
-    """Its rig and its grid are made with the effect; what a worker gets holds the effect's text."""
-    sweep = tmp_path / "sweep.toml"
-    sweep.write_text(
-        'schema = "tumblecal.study.sweep/1"\nrig = "rig.toml"\ntrials = 64\n[grid]\n"study.inject.index_ellipticity" = [0, 1]\n'
-    )
-    tables = read_study(sweep, "sweep", effects=[mine])
-    mine.unlink()
-    for _, point in points_of(json.loads(json.dumps(tables))):
-        rig = rig_of_study(point)
-        assert rig.true_chain(rig.where).names[-2:] == ("index_third_cos", "index_third_sin")
-    outcome = tumblecal("study", "sweep", sweep, "--out", tmp_path / "none", "--dry-run")
-    assert outcome.code == 2 and "chain.effects: unknown effect 'index_third'" in outcome.lines[0]
 
 
 @pytest.mark.parametrize("command", ["diagnose", "simulate", "effects", "study power"])

@@ -95,14 +95,6 @@ def test_an_outlier_of_a_hand_held_set_costs_no_calibration(tumblecal, few_effec
     assert np.allclose(calibration["bias"], [1e-3, -2e-3, 3e-3], atol=5e-4)
 
 
-def test_a_run_whose_rest_determines_nothing_is_not_left_out(tumblecal, few_effects, tmp_path):
-    """Unknown noise: without the first run a single position remains, from which no model can be selected."""
-    data, file, out = measured("run", 1), tmp_path / "data.csv", tmp_path / "out"
-    write_positions(file, data)
-    content = checked(tumblecal("diagnose", file, "--fix", "dbeta", "--out", out), out, data.names[24:])
-    assert content["gain"]["cv_kind"].endswith("because the positions that are not held out are too few for a fit")
-
-
 def test_units_with_an_excluded_setting(tumblecal, few_effects, tmp_path):
     files = [tmp_path / f"u{number}.csv" for number in range(3)]
     for number, file in enumerate(files):
@@ -111,15 +103,3 @@ def test_units_with_an_excluded_setting(tumblecal, few_effects, tmp_path):
     assert outcome.code == 0 and not outcome.lines, outcome
     assert all((tmp_path / "out" / f"u{number}" / "residual_harmonics.svg").is_file() for number in range(3))
     assert (tmp_path / "out" / "diagnosis.html").is_file()
-
-
-def test_joined_files_of_which_the_second_is_excluded(tumblecal, few_effects, tmp_path):
-    data, first, second, out = measured("run", 1), tmp_path / "first.csv", tmp_path / "second.csv", tmp_path / "out"
-    for file, rows in ((first, slice(0, 24)), (second, slice(24, 25))):
-        part = PositionSet(
-            data.names[rows], data.alpha_deg[rows], data.beta_deg[rows], data.readings[rows], time_s=data.time_s[rows]
-        )
-        write_positions(file, part)
-    for more in ([], ["--same-run"]):
-        outcome = tumblecal("diagnose", first, second, "--join", *more, *PRIORS, "--out", out)
-        checked(outcome, out, ["p24"])

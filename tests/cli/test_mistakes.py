@@ -49,6 +49,7 @@ FILES = {
     "unspoken.toml": '[port]\nprotocol = "stim"\nurl = "imu"\n[positions]\nalpha_deg = [0]\nbeta_deg = [0]\n',
     "nobody.toml": '[instrument]\nprotocol = "stim"\n',
     "crowded.toml": f'rig = "{RIGS / "paper24.toml"}"\n[effects]\n"second_order.y" = [0.4, 1.0]\n',
+    "head.toml": (RIGS / "plan_head.toml").read_text(),
     "good.csv": "\n".join((HEADER, *ROWS)) + "\n",
     "result.json": "\n".join((HEADER, *ROWS)) + "\n",
     "sheet.xlsx": b"PK\x03\x04\x14\x00\x06\x00\x08",
@@ -185,6 +186,23 @@ MISTAKES = {
         "--units treats each file as a different",
     ),
     "units and a head": ("diagnose good.csv result.json --units --head x", "--units measures the errors of the head"),
+    "a seed beyond 64 bits": ("reproduce --out study --seed 99999999999999999999", "seed"),
+    "a seed below zero": ("simulate few.csv --out x.csv --seed -1", "seed"),
+    "no criterion of that name": (
+        "plan head.toml --criterion best --out x",
+        "no criterion 'best'; criteria: worst, mean",
+    ),
+    "a weight below zero": ("plan head.toml --criterion worst=-1 --out x", "a weight must be above 0"),
+    "a criterion of no effects": ("plan head.toml --criterion naming --out x", "no effect is stated; add for example"),
+    "a plan with an unknown mounting": (
+        "plan head.toml --allow-mount A,C --out x",
+        "--allow-mount: no mounting 'C'; add [mounts.C]",
+    ),
+    "a plan at angles beyond the head": ("plan head.toml --allow-beta 0,120 --out x", "--allow-beta: 120 deg"),
+    "a plan for an effect of nobody": (
+        "plan head.toml --effects second_ordr.z=1mg/g^2 --out x",
+        "did you mean second_order.z",
+    ),
     "fixed all": (
         "diagnose good.csv --fix dK --fix bias --fix gamma --fix dtheta --fix dbeta",
         "every parameter is fixed",
@@ -273,23 +291,23 @@ def test_a_mistake_is_one_line(tumblecal, tmp_path, monkeypatch, command, words)
     assert outcome.out == "" and sorted(tmp_path.rglob("*")) == before
 
 
-@pytest.mark.parametrize(
-    ("command", "words"),
-    {
-        "calibrate run": "run: the folder of a capture; give run/positions.csv of this command: tumblecal reduce run",
-        "reduce run --static": "For its position means, run: tumblecal reduce run",
-        "import run --out x.csv": "For its samples, give run/raw.log",
-        "decode run": "run: a folder; give a file of bytes, run/raw.log",
-        "diagnose reduced": "reduced: a folder; give the file, reduced/positions.csv",
-    }.items(),
-)
-def test_a_folder_says_which_of_its_files_to_give(tumblecal, tmp_path, monkeypatch, command, words):
+FOLDERS = {
+    "calibrate run": "run: the folder of a capture; give run/positions.csv of this command: tumblecal reduce run",
+    "reduce run --static": "For its position means, run: tumblecal reduce run",
+    "import run --out x.csv": "For its samples, give run/raw.log",
+    "decode run": "run: a folder; give a file of bytes, run/raw.log",
+    "diagnose reduced": "reduced: a folder; give the file, reduced/positions.csv",
+}
+
+
+def test_a_folder_says_which_of_its_files_to_give(tumblecal, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name in ("run/journal.log", "run/raw.log", "reduced/positions.csv"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text(FILES["good.csv"])
-    outcome = tumblecal(*command.split())
-    assert outcome.code == 2 and len(outcome.lines) == 1 and words in outcome.lines[0], outcome
+    for command, words in FOLDERS.items():
+        outcome = tumblecal(*command.split())
+        assert outcome.code == 2 and len(outcome.lines) == 1 and words in outcome.lines[0], outcome
 
 
 def test_there_are_a_hundred():

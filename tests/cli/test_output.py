@@ -151,17 +151,3 @@ def test_a_full_standard_output_is_named(tmp_path):
         f"{sys.executable} -m tumblecal ports > /dev/full", shell=True, capture_output=True, text=True
     )
     assert done.returncode == 2 and done.stderr == "tumblecal: standard output: No space left on device\n"
-
-
-def test_a_home_that_cannot_be_written_adds_no_lines(tmp_path):
-    command = [sys.executable, "-c", "import tumblecal.report.drawing"]
-    environment = {name: value for name, value in os.environ.items() if name != "MPLCONFIGDIR"} | {"HOME": "/proc/none"}
-    done = subprocess.run(command, env=environment, capture_output=True, text=True)
-    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
-
-
-def test_a_column_of_nan_is_not_called_an_empty_cell(tumblecal, tmp_path):
-    rows = "".join(f"{k / 100},nan,0,1\n" for k in range(200))
-    (tmp_path / "log.csv").write_text(f"time_s,ax_g,ay_g,az_g\n{rows}")
-    outcome = tumblecal("import", tmp_path / "log.csv", "--out", tmp_path / "out.csv")
-    assert outcome.code == 2 and "column ax_g: every cell is empty or NaN" in outcome.lines[0]

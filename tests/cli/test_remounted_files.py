@@ -64,17 +64,3 @@ def test_calibrate_says_it_too(tumblecal, tmp_path, remounted):
     np.testing.assert_allclose(
         [found[f"dtheta_{axis}@mount=B"] for axis in "xyz"], [-0.4e-3, 0.3e-3, 0.5e-3], atol=3e-4
     )
-
-
-def test_a_mirrored_axis_is_refused(tumblecal, tmp_path, remounted):
-    path = tmp_path / "mirrored.csv"
-    lines = (remounted / "whole.csv").read_text().splitlines()
-    header = next(line for line in lines if line.startswith("position"))
-    az, mount = (header.split(",").index(name) for name in ("az_g", "mount"))
-    rows = [line.split(",") for line in lines[lines.index(header) + 1 :]]
-    for row in rows:
-        row[az] = repr(-float(row[az])) if row[mount] == "B" else row[az]
-    path.write_text("\n".join([header, *(",".join(row) for row in rows), ""]))
-    outcome = tumblecal("diagnose", path, "--out", tmp_path / "out")
-    assert outcome.code == 2 and len(outcome.lines) == 1
-    assert "in mount B the axes are mirrored" in outcome.lines[0] and not (tmp_path / "out").exists()

@@ -54,14 +54,6 @@ def test_a_slow_log_of_six_faces_with_the_statement_that_it_was_at_rest(tumbleca
     assert tumblecal("thermal", *parts, "--out", "b").code == 0
 
 
-def test_soaks_of_one_face_with_the_statement_that_it_did_not_move(tumblecal):
-    files = [sampled(f"at{degc}.csv", Programme(degc, (), soak_min=3.0)) for degc in (10, 20, 40)]
-    refused = tumblecal("thermal", *files, "--out", "a")
-    assert refused.code == 2
-    assert tumblecal("thermal", *files, "--out", "a", *pasted(refused, "give (--same-attitude) if")).code == 3
-    assert json.loads(Path("a/thermal.json").read_text())["orders"]["bias"] >= 1
-
-
 def soaks(name: str, *levels: float, faces=FACES, square: float = 0.0) -> list[str]:
     """Tables of means of faces, one for each soak, which are set again for each; the names of their files."""
     columns = soak_means(np.random.default_rng(6), unit(), faces, levels, noise_mg=0.1)
@@ -76,22 +68,6 @@ def soaks(name: str, *levels: float, faces=FACES, square: float = 0.0) -> list[s
 
 
 OF_MEANS = ("--means", "--noise-sd", "0.1mg")
-
-
-def test_two_soaks_are_not_tested_and_a_third_or_more_faces_test_them(tumblecal):
-    cases = {
-        "two": soaks("two", 10, 40),
-        "three": soaks("three", 10, 25, 40),
-        "more": soaks("more", 10, 40, faces=np.concatenate([FACES, EDGES])),
-    }
-    uses = {}
-    for name, files in cases.items():
-        outcome = tumblecal("thermal", *files, *OF_MEANS, "--out", name)
-        assert outcome.code == 0, outcome.lines
-        uses[name] = json.loads(Path(name, "thermal.json").read_text())["use"]
-    assert uses["two"]["answer"] == "not tested"
-    assert uses["two"]["reason"].endswith("add attitudes or temperatures")
-    assert uses["three"]["answer"] == uses["more"]["answer"] == "within"
 
 
 def test_the_cause_of_a_refusal_is_found_by_the_command_that_is_printed(tumblecal):
