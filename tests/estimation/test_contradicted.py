@@ -1,7 +1,5 @@
 """Positions, and stated priors, that the rest of a fit contradicts; and what is then said of the use."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -69,29 +67,3 @@ def test_a_position_in_error_is_reported(noise_sd):
     judged = calibrated.judgements[0]
     assert f"position {data.names[9]}, axis y differs by +" in judged.headline
     assert calibrated.use.refused and judged.tone == "bad"
-
-
-@pytest.mark.parametrize("noise_sd", [None, blind.SIGMA])
-def test_two_exchanged_rows_are_reported(noise_sd):
-    data = measured(4)
-    data.readings[[3, 17]] = data.readings[[17, 3]]
-    calibrated = all_methods(problem_of(data, noise_sd=noise_sd))
-    (found,) = calibrated.contradicted
-    assert found.exchanged and found.positions == (data.names[3], data.names[17])
-    first = calibrated.judgements[0]
-    assert f"positions {data.names[3]} and {data.names[17]} appear exchanged" in first.headline
-    assert calibrated.use.refused and "appear exchanged" in calibrated.use.reason
-    right = exact.fit(problem_of(measured(4), noise_sd=noise_sd))
-    np.testing.assert_allclose(found.fit.values, right.values, atol=1e-3 * right.sd.min())
-
-
-def test_a_stated_noise_that_is_too_large_is_said():
-    calibrated = all_methods(problem_of(measured(2), noise_sd=10 * blind.SIGMA))
-    (judged,) = calibrated.judgements
-    assert judged.tone == "open" and "smaller than the stated noise" in judged.headline and not calibrated.use.refused
-
-
-def test_a_calibration_holds_at_the_temperatures_at_which_it_was_measured():
-    data = replace(measured(2), temperature_degc=np.linspace(24.0, 26.5, 24))
-    use = all_methods(problem_of(data, noise_sd=blind.SIGMA)).use
-    assert (use.answer, use.temperature_degc) == ("within", (24.0, 26.5))
