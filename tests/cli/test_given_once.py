@@ -17,7 +17,7 @@ LINKS = {
 
 @pytest.mark.parametrize(
     ("command", "link"),
-    zip(("calibrate", "diagnose", "diagnose --units", "diagnose --join"), LINKS.values(), strict=True),
+    [*zip(("calibrate", "diagnose", "diagnose --units", "diagnose --join"), LINKS.values(), strict=True)],
 )
 def test_a_file_given_twice_is_refused(tumblecal, tmp_path, table1, table1_file, command, link):
     write_positions(tmp_path / "third.csv", table1.chosen(range(20)))

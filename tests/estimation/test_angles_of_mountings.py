@@ -70,7 +70,7 @@ WIRED_WRONGLY = {
 }
 
 
-@pytest.mark.parametrize(("words", "orientation"), zip(WIRED_WRONGLY, ORIENTATIONS, strict=True))
+@pytest.mark.parametrize(("words", "orientation"), [*zip(WIRED_WRONGLY, ORIENTATIONS, strict=True)])
 def test_columns_of_the_whole_file_are_told_before_slips_of_each_mounting(words, orientation):
     """Slips of the angles, one in each mounting, had been told for one axis of the other sign."""
     data, *_ = two(1, (0.0, 0.0, 0.0), orientation)
