@@ -7,7 +7,7 @@ import pytest
 
 import independent
 from independent import Instrument
-from tumblecal import InputError, Problem, fit, fit_many
+from tumblecal import InputError, Problem, fit
 from tumblecal.chain import followings_of, hand_held_chain, nominal_chain, settings
 from tumblecal.chain.plan import grid
 from tumblecal.ground.temperature_functions import TemperatureFunctions
@@ -103,14 +103,6 @@ def test_a_fit_recovers_the_parameters_within_their_uncertainty(problem):
     assert np.all(np.abs(deviation) < 4 * result.sd)
 
 
-def test_intervals_of_many_fits_contain_the_truth(problem):
-    noise = NOISE * np.random.default_rng(7).standard_normal((200, len(DEGC), 3))
-    many = fit_many(problem, readings() + noise)
-    inside = np.abs(many.values - truth(problem.chain)) < 1.96 * many.sd
-    assert many.converged.all() and abs(inside.mean() - 0.95) < 0.01
-    assert inside.mean(axis=0).min() > 0.89  # 4 standard deviations of a share of 200
-
-
 def test_every_leaf_may_follow_a_spline_and_runs_share_its_change():
     knots = (20.0, 40.0)
     functions = TemperatureFunctions(3, REFERENCE, RANGE, knots)
@@ -162,13 +154,3 @@ def test_a_single_attitude_names_the_combination_of_bias_and_scale_over_temperat
     text = str(raised.value)
     assert "dK_T_z1 - bias_T_z1" in text and "(bias_T and dK_T: bias and dK over temperature)" in text
     assert "Lower the order of bias and dK in [temperature]" in text
-
-
-def test_a_prior_on_the_change_is_one_of_its_orthonormal_coefficients(problem):
-    sd = 1e-6
-    chain = problem.chain
-    stated = Problem.from_arrays(chain, WHERE, problem.readings, noise_sd=NOISE, priors={"bias_T": (0.0, sd)})
-    result = fit(stated)
-    places = [k for k, name in enumerate(chain.names) if name.startswith("bias_T")]
-    assert len(places) == 9 and np.all(result.sd[places] < sd * 1.001)
-    assert np.all(np.abs(result.values[places]) < 0.25 * np.abs(truth(chain)[places]))  # drawn towards zero

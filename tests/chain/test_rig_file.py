@@ -11,19 +11,6 @@ from tumblecal.chain.rig_file import read_rig
 from tumblecal.ground.frames import rotation_matrix
 
 
-@pytest.mark.parametrize(
-    ("name", "positions", "settings", "parameters"),
-    [("paper24", 24, 3, 15), ("grid48", 48, 4, 16), ("remount", 48, 3, 21)],
-)
-def test_configs_of_the_program(configs, name, positions, settings, parameters):
-    rig = read_rig(configs / f"{name}.toml")
-    assert len(rig.plan) == positions
-    assert len(rig.where.names("pitch")) == settings
-    chain = rig.true_chain(rig.where)
-    assert len(chain.names) == parameters
-    assert rig.noise_sd_g in (1e-4, 1.5e-4)
-
-
 def test_paper_plan_and_truth(configs):
     from tumblecal.data import paper
 
@@ -179,42 +166,9 @@ sd = "0.1 furlong"
         assert re.search(rf"{re.escape(str(path))}:line \d+: {re.escape(place)}", text), place
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("schema = [", "not TOML"),
-        ("", "schema: is missing"),
-        ('schema = "tumblecal.rig/1"\n[plan]\nalpha_deg = [0]\n', "give either alpha_deg and beta_deg"),
-    ],
-)
-def test_files_that_are_no_rig(tmp_path, text, words):
-    path = tmp_path / "bad.toml"
-    path.write_text(text)
-    with pytest.raises(InputError, match=words):
-        read_rig(path)
-
-
-def test_missing_and_binary_files(tmp_path):
-    with pytest.raises(InputError, match="no such file"):
-        read_rig(tmp_path / "none.toml")
-    (tmp_path / "bytes.toml").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(InputError, match="not text"):
-        read_rig(tmp_path / "bytes.toml")
-    with pytest.raises(InputError, match="a folder; give a file"):
-        read_rig(tmp_path)
-
-
 def test_truth_of_the_wrong_length_says_what_the_plan_makes(tmp_path, configs):
     path = tmp_path / "rig.toml"
     path.write_text((configs / "paper24.toml").read_text().replace("[1.5, -1.8, -2.1]", "[1.5, -1.8]"))
     rig = read_rig(path)
     with pytest.raises(InputError, match=r"truth\.dbeta: 2 values, but the plan makes 3"):
         rig.true_chain(rig.where)
-
-
-def test_data_with_an_undescribed_mount(configs):
-    from tumblecal.chain import settings
-
-    rig = read_rig(configs / "remount.toml")
-    with pytest.raises(InputError, match=r"no entry for mount C of the data; add \[mounts\.C\]"):
-        rig.chain(settings([0.0, 1.0], [0.0, 0.0], mount=["A", "C"]))

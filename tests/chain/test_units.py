@@ -45,12 +45,6 @@ def test_there_and_back_is_one_or_refused_both_ways(unit, target):
         assert there * factor(target, unit) == pytest.approx(1.0, rel=1e-14)
 
 
-def test_quantities():
-    assert quantity("0.1mg", "g") == 1e-4
-    assert quantity(" 3 arcmin ", "rad") == pytest.approx(3 * math.pi / 10800, rel=1e-15)
-    assert quantity("-2e-4", "1") == -2e-4
-
-
 @pytest.mark.parametrize(
     ("text", "target", "words"),
     [
