@@ -103,6 +103,15 @@ def test_a_fit_recovers_the_parameters_within_their_uncertainty(problem):
     assert np.all(np.abs(deviation) < 4 * result.sd)
 
 
+def test_what_cannot_follow_temperature_is_refused():
+    with pytest.raises(InputError, match="gamma follows temperature, but the data have no column temperature_degc"):
+        nominal_chain(WHERE, temperature=FUNCTIONS)(settings(ALPHA, BETA))
+    with pytest.raises(InputError, match="no leaf scale that could follow temperature"):
+        nominal_chain(WHERE, temperature={"scale": TemperatureFunctions(1, 0.0, RANGE)})
+    with pytest.raises(InputError, match="tilt has a value for each position"):
+        hand_held_chain(WHERE, temperature={"tilt": TemperatureFunctions(1, 0.0, RANGE)})
+
+
 def test_every_leaf_may_follow_a_spline_and_runs_share_its_change():
     knots = (20.0, 40.0)
     functions = TemperatureFunctions(3, REFERENCE, RANGE, knots)
@@ -127,30 +136,3 @@ def test_every_leaf_may_follow_a_spline_and_runs_share_its_change():
         for name, amount in zip(names, np.array([*powers, *cubes]).T[row] @ physical, strict=True):
             moved[name] += amount
         np.testing.assert_allclose(chain.named(values)(where)[row], plain.named(moved)(where)[row], rtol=0, atol=1e-14)
-
-
-def test_faults():
-    without = settings(ALPHA, BETA)
-    with pytest.raises(InputError, match="bias follows temperature, but the data have no column temperature_degc"):
-        nominal_chain(without, temperature={"bias": FUNCTIONS["bias"]})
-    with pytest.raises(InputError, match="gamma follows temperature, but the data have no column temperature_degc"):
-        nominal_chain(WHERE, temperature=FUNCTIONS)(without)
-    with pytest.raises(InputError, match="no leaf scale that could follow temperature"):
-        nominal_chain(WHERE, temperature={"scale": TemperatureFunctions(1, 0.0, RANGE)})
-    with pytest.raises(InputError, match="tilt has a value for each position"):
-        hand_held_chain(WHERE, temperature={"tilt": TemperatureFunctions(1, 0.0, RANGE)})
-    assert "dK_T_z1" in hand_held_chain(WHERE, temperature={"dK": TemperatureFunctions(1, 0.0, RANGE)}).names
-
-
-def test_a_single_attitude_names_the_combination_of_bias_and_scale_over_temperature():
-    degc = np.linspace(0.0, 60.0, 30)
-    where = settings(np.zeros(30), np.zeros(30), temperature_degc=degc)
-    linear = TemperatureFunctions(1, REFERENCE, RANGE)
-    chain = nominal_chain(where, temperature={"bias": linear, "dK": linear})
-    chain = chain.fixed({"dK", "dtheta", "gamma", "dbeta"})
-    problem = Problem.from_arrays(chain, where, np.asarray(chain(where)), noise_sd=NOISE)
-    with pytest.raises(InputError) as raised:
-        fit(problem)
-    text = str(raised.value)
-    assert "dK_T_z1 - bias_T_z1" in text and "(bias_T and dK_T: bias and dK over temperature)" in text
-    assert "Lower the order of bias and dK in [temperature]" in text

@@ -2,7 +2,6 @@
 
 import jax.numpy as jnp
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -42,12 +41,3 @@ def test_signs_are_the_designs():
     np.testing.assert_allclose(frames.rotation_matrix(np.array([third, 0, 0])), [[1, 0, 0], [0, c, s], [0, -s, c]])
     np.testing.assert_allclose(frames.rotation_matrix(np.array([0, third, 0])), [[c, 0, -s], [0, 1, 0], [s, 0, c]])
     np.testing.assert_allclose(frames.rotation_matrix(np.array([0, 0, third])), [[c, s, 0], [-s, c, 0], [0, 0, 1]])
-
-
-@pytest.mark.long
-def test_wrong_shapes_are_caught():
-    """The session checks shapes: a 4-vector of angles does not pass."""
-    from jaxtyping import TypeCheckError
-
-    with pytest.raises(TypeCheckError):
-        frames.rotation_matrix(np.zeros(4))

@@ -112,20 +112,14 @@ PLAN = 'schema = "tumblecal.rig/1"\n[plan]\nalpha_deg = [0]\nbeta_deg = [0]\n'
     ("text", "words"),
     [
         (f'titel = "x"\n{PLAN}', "1: titel: unknown key; did you mean title?"),
-        (f'{PLAN}[nosie]\nsd = "1 mg"\n', "5: nosie: unknown key; did you mean noise?"),
         (f'{PLAN}[considered.a]\nwht = "bias"\nsize = "1 mg"\n', "6: considered.a.wht: unknown key; did you mean what?"),
-        (f"{PLAN}[chain.leaves.dbetta]\nfree = true\n", "5: chain.leaves.dbetta: unknown key; did you mean dbeta?"),
         (PLAN.replace("[0]\nbeta", '"0,45"\nbeta'), "3: plan.alpha_deg: must be a list of numbers such as [0, 45, 90], or {"),
-        (PLAN.replace("[0]\nbeta", "[]\nbeta"), "2: plan: 0 positions; give 1 to 100000"),
         (
             PLAN.replace("[0]\nbeta", "{ start = 0, step = 0, count = 8 }\nbeta"),
             "3: plan.alpha_deg: step is 0, so all 8 positions would be equal",
         ),
         (f'{PLAN}[truth]\nbias = {{ value = [1e300, 0], unit = "mg" }}\n', "6: truth.bias.value.0: must be smaller"),
-        (f'{PLAN}[truth]\nbias = {{ value = "x", unit = "mg" }}\n', "6: truth.bias.value: must be a number (got 'x')"),
-        (f'{PLAN}title = 2026-11-22\n', "5: plan.title: unknown key; "),
         (f'title = 2026-11-22\n{PLAN}', "1: title: must be a text in quotation marks (got 2026-11-22)"),
-        (f'{PLAN}noise = "1 mg"\n', "5: plan.noise: unknown key"),
         (f'noise = "1 mg"\n{PLAN}', "1: noise: must be a table, such as { key = value } (got '1 mg')"),
         (f"{PLAN}[chain]\nlinks = [\n  'base',\n  7]\n", "6: chain.links.1: must be 'base'"),
     ],
@@ -151,10 +145,8 @@ beta_deg = [0]
 effects = ["warp"]
 [truth]
 dK = { value = 1, unit = "mg" }
-dQ = { value = 1, unit = "1" }
 [priors]
 dbeta = "3"
-dZ = "1 mrad"
 [noise]
 sd = "0.1 furlong"
 """
@@ -162,7 +154,7 @@ sd = "0.1 furlong"
     with pytest.raises(InputError) as refused:
         read_rig(path)
     text = str(refused.value)
-    for place in ("chain.effects", "truth.dK.unit", "truth.dQ", "priors.dbeta", "priors.dZ", "noise.sd"):
+    for place in ("chain.effects", "truth.dK.unit", "priors.dbeta", "noise.sd"):
         assert re.search(rf"{re.escape(str(path))}:line \d+: {re.escape(place)}", text), place
 
 

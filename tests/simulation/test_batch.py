@@ -117,18 +117,6 @@ def test_a_lost_lane_is_counted_and_not_averaged_in():
     np.testing.assert_allclose(whole.error - rest.error, one, rtol=0, atol=1e-10)
 
 
-def test_degenerate_readings_are_not_called_converged():
-    uniform = uniform_plan(
-        *(lambda p: (p.alpha, p.beta, np.repeat([0, 1, 2], 8)))(grid(np.arange(8) * 45.0, np.array([0.0, 45.0, 90.0])))
-    )
-    bad = np.zeros((3, 3, 3, 4))
-    bad[..., 1] = np.nan
-    bad[..., 2] = np.inf
-    bad[..., 3] = np.random.default_rng(0).normal(size=(3, 3, 3))
-    fits = quick(lambda h: fit_harmonics(h, uniform.pitch, 8))(jnp.asarray(bad))
-    assert not np.any(fits.converged[:3])
-
-
 def test_statistics_of_many_trials_are_the_theory():
     setup = paper_experiment()
     sums = chunk_sums(setup, 0)(0, 16 * BLOCK)
