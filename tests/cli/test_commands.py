@@ -16,6 +16,9 @@ from tumblecal import __version__
 from tumblecal.data import paper, read_positions
 
 
+pytestmark = pytest.mark.usefixtures("few_effects")
+
+
 def test_calibrate_table1(tumblecal, tmp_path, table1_file, table1_fit):
     """The paper's table as a user's file: its exact fit in result.json, and figures that are drawn."""
     outcome = tumblecal("calibrate", table1_file, "--out", tmp_path / "out")

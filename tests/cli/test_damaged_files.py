@@ -15,6 +15,9 @@ from tumblecal.capture.run.run_folder import plan_of_run, resume
 from tumblecal.ground.errors import InputError
 
 
+pytestmark = pytest.mark.usefixtures("few_effects")
+
+
 CUT_AT = 20_000
 # Of a ULog: header and definitions are before the first message of 37 bytes.
 MESSAGE = 3 + 34

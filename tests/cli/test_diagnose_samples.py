@@ -11,6 +11,9 @@ import blind_instrument as blind
 from tumblecal.capture.reduction.position_samples import read_position_samples
 
 
+pytestmark = pytest.mark.usefixtures("few_effects")
+
+
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory):
     """A quadratic error of y in noise whose slow part is seven times the white noise of a mean."""
@@ -36,7 +39,6 @@ def table(recorded):
     return pl.DataFrame({"position": names, "time_s": recorded.times_s.ravel(), **columns})
 
 
-@pytest.mark.usefixtures("few_effects")
 def test_samples_of_a_capture(tumblecal, tmp_path, recorded, means):
     """The slow noise is seen in the samples and counted; the cause is found through it."""
     outcome = tumblecal("diagnose", means, "--samples", recorded.folder, "--out", tmp_path / "out")

@@ -126,6 +126,7 @@ def test_a_sensors_effect_of_another_size_in_each_unit_is_not_the_heads(tumbleca
     assert not batch["pitch_settings"]["common"] and not (out / "head.toml").exists()
 
 
+@pytest.mark.long
 def test_units_of_different_plans_and_columns(tumblecal, tmp_path):
     """The same error in two plans; one file lacks the optional columns; one is too short and is refused by name."""
     folder, files = tmp_path / "units", []

@@ -11,6 +11,9 @@ import pytest
 import independent
 
 
+pytestmark = pytest.mark.usefixtures("few_effects")
+
+
 DOCUMENT = Path(__file__).parents[2] / "docs" / "own_effects.md"
 RIG = """schema = "tumblecal.rig/1"
 [plan]
@@ -35,7 +38,6 @@ def mine(tmp_path):
     return path
 
 
-@pytest.mark.usefixtures("few_effects")
 def test_simulate_calibrate_diagnose(tumblecal, tmp_path, mine):
     data, rig = tmp_path / "data.csv", tmp_path / "rig.toml"
     assert tumblecal("simulate", rig, "--effects", mine, "--out", data, "--seed", 2).code == 0
@@ -66,7 +68,6 @@ def test_effects_lists_and_explains_it(tumblecal, mine):
     assert tumblecal("effects", "index_third").code == 2
 
 
-@pytest.mark.usefixtures("few_effects")
 def test_studies_know_it(tumblecal, tmp_path, mine):
     power = tmp_path / "power.toml"
     power.write_text(

@@ -10,6 +10,9 @@ import independent
 from independent import Instrument
 
 
+pytestmark = pytest.mark.usefixtures("few_effects")
+
+
 SOAKS, REFERENCE = np.array([-20.0, 0.0, 20.0, 40.0, 60.0]), 20.0
 BIAS = np.array([[2e-3, -1.5e-3, 3e-3], [1e-4, -5e-5, 2e-4], [-2e-6, 3e-6, 1e-6], [8e-8, -6e-8, 8e-8]])
 DK, GAMMA = np.array([5e-4, -3e-4, 8e-4]), np.array([4e-4, -3e-4, 2e-4])

@@ -7,6 +7,9 @@ import pytest
 from tumblecal.data import write_positions
 
 
+pytestmark = pytest.mark.usefixtures("few_effects")
+
+
 LINKS = {
     "same path": lambda path, other: path,
     "spelled otherwise": lambda path, other: f"{path.parent}/../{path.parent.name}/{path.name}",

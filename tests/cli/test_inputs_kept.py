@@ -15,6 +15,9 @@ from tumblecal.data.calibration import Calibration, write_calibration
 from tumblecal.ground.strict_toml import toml_string
 
 
+pytestmark = pytest.mark.usefixtures("few_effects")
+
+
 LINKS = {
     "as it is": lambda path, other: path,
     "dot": lambda path, other: f"{path.parent}/./{path.name}",

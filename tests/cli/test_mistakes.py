@@ -8,6 +8,9 @@ from pathlib import Path
 import pytest
 
 
+pytestmark = pytest.mark.usefixtures("few_effects")
+
+
 HEADER = "position,alpha_deg,beta_deg,ax_g,ay_g,az_g"
 ROWS = [
     f"{k}-{n},{a},{b},{x},{y},{z}"

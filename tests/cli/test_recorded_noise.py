@@ -23,6 +23,9 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 import blind_instrument as blind
 
 
+pytestmark = pytest.mark.usefixtures("few_effects")
+
+
 @pytest.fixture(scope="module")
 def means(tmp_path_factory):
     """A null run in a wander of 80 ug and 60 s, seven times the white noise of a mean; reduced."""
@@ -36,7 +39,6 @@ def means(tmp_path_factory):
     return write_reduction(reduce(folder), folder)[0]
 
 
-@pytest.mark.usefixtures("few_effects")
 def test_diagnose_uses_it_without_an_option(tumblecal, tmp_path, means):
     outcome = tumblecal("diagnose", means, "--no-figures", "--out", tmp_path / "out")
     said = " ".join(outcome.out.split())

@@ -5,6 +5,9 @@ import pytest
 from test_mistakes import HEADER, ROWS, with_row
 
 
+pytestmark = pytest.mark.usefixtures("few_effects")
+
+
 def test_good_rows_are_good(tumblecal, tmp_path):
     """The rows that cases spoil are accepted, and so are repeated positions."""
     path = tmp_path / "data.csv"

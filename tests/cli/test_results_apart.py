@@ -7,6 +7,9 @@ import pytest
 from tumblecal.data import write_positions
 
 
+pytestmark = pytest.mark.usefixtures("few_effects")
+
+
 DOCUMENTS = {"calibrate": "result.json", "diagnose": "diagnosis.json"}
 
 
@@ -22,7 +25,6 @@ def contents(folder):
     return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-@pytest.mark.usefixtures("few_effects")
 @pytest.mark.parametrize(("first", "second"), [("calibrate", "diagnose"), ("diagnose", "calibrate")])
 def test_another_command_s_folder_is_refused_and_one_s_own_replaced(
     tumblecal, tmp_path, table1_file, twin, first, second
@@ -40,7 +42,6 @@ def test_another_command_s_folder_is_refused_and_one_s_own_replaced(
     assert str(twin) in (out / DOCUMENTS[first]).read_text()
 
 
-@pytest.mark.usefixtures("few_effects")
 def test_summaries_and_subfolders_of_several_files_too(tumblecal, tmp_path, table1_file, twin):
     out, others = tmp_path / "out", [tmp_path / "others.csv", tmp_path / "more.csv"]
     assert tumblecal("calibrate", table1_file, twin, "--no-figures", "--out", out).code == 0

@@ -12,6 +12,9 @@ from blind_conditions import columns_of, write
 from blind_mistakes import MISTAKES
 
 
+pytestmark = pytest.mark.usefixtures("few_effects")
+
+
 def measured(seed: int, mistake: str = "", **nominal):
     """Columns of a position file of 3 x 8 positions, stated noise, with a mistake in them."""
     rng = np.random.default_rng(seed)
@@ -163,7 +166,6 @@ def test_what_is_contradicted_is_said_with_what_states_it(tumblecal, table1_file
         assert source.replace(" ", "") in "".join(outcome.out.split())
 
 
-@pytest.mark.usefixtures("few_effects")
 def test_readings_far_from_any_fit_are_no_adequate_set_unless_its_rig_says_so(tumblecal, folder, configs, tmp_path):
     """Their noise unknown, they were: 50 mg from position to position contradict nothing."""
     columns, data, rng = measured(7), tmp_path / "far.csv", np.random.default_rng(7)

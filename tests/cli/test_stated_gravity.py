@@ -10,6 +10,9 @@ from tumblecal.data.calibration import Calibration, write_calibration
 from tumblecal.ground.gravity import Gravity
 
 
+pytestmark = pytest.mark.usefixtures("few_effects")
+
+
 LOCAL, STANDARD = 9.8123, 9.80665
 AXES = ("x", "y", "z")
 
@@ -46,7 +49,6 @@ def test_without_a_gravity_it_is_said_loudly_and_with_one_the_scale_factors_are_
             assert json.loads((tmp_path / name / file).read_text())["gravity"]["value_ms2"] == value
 
 
-@pytest.mark.usefixtures("few_effects")
 def test_a_site_and_a_file_that_says_otherwise(tumblecal, tmp_path, in_ms2):
     """The site's normal gravity (GRS 80: 9.806199 m/s^2 at 45 degrees); the option goes before the file."""
     in_ms2.write_text("# gravity_ms2: 9.7803\n" + in_ms2.read_text())

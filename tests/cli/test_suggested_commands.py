@@ -26,6 +26,9 @@ from tumblecal.report.calibration_words import noise_words, temperature_words
 from tumblecal.report.narrow import folded
 
 
+pytestmark = pytest.mark.usefixtures("few_effects")
+
+
 STATED = {
     "--rig": "my rig.toml",
     "--noise-sd": "0.1 mg",

@@ -12,6 +12,9 @@ import pytest
 from thermal_instrument import Programme, instrument, recording, soak_means, write_recording
 
 
+pytestmark = pytest.mark.usefixtures("few_effects")
+
+
 FACES = np.concatenate([np.eye(3), -np.eye(3)])
 EDGES = np.array([(1, 1, 0), (1, -1, 0), (0, 1, 1), (0, 1, -1), (1, 0, 1), (-1, 0, 1)]) / np.sqrt(2)
 RAMP = Programme(10.0, ((40.0, 6.0),))

@@ -11,6 +11,9 @@ from tumblecal.data.calibration import Calibration, write_calibration
 from tumblecal.data.calibration_use import Use
 
 
+pytestmark = pytest.mark.usefixtures("few_effects")
+
+
 @pytest.fixture(scope="module")
 def exchanged(tmp_path_factory, table1):
     """Table 1 with two rows in each other's place."""

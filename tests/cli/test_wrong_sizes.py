@@ -8,6 +8,9 @@ import pytest
 from tumblecal.data.calibration import Calibration, write_calibration
 
 
+pytestmark = pytest.mark.usefixtures("few_effects")
+
+
 WRONG = {
     "gravity-compensated": (lambda a: a - [0, 0, 1], "1 g was subtracted from axis z"),
     "wrong range": (lambda a: 8 * a, "8 times the force, as with a wrong full-scale range"),

@@ -1,10 +1,13 @@
 """Positions, and stated priors, that the rest of a fit contradicts; and what is then said of the use."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import blind_instrument as blind
 from blind_noise import position_set
+from few_effects import few_entries
 from tumblecal.estimation import exact, problem_of
 from tumblecal.estimation.contradicted import priors_p_value
 from tumblecal.estimation.leave_out import contradicted
@@ -21,6 +24,11 @@ def measured(seed, pitches=3, bias=None):
     setup.nominal["bias"] = SD_BIAS * rng.normal(size=3) if bias is None else np.array(bias)
     readings = blind.readings(setup, setup.nominal, {})
     return position_set(setup, readings + blind.SIGMA * rng.normal(size=readings.shape), known=False)
+
+
+def calibrated_of(problem):
+    """All methods, judged by a catalogue of few effects."""
+    return replace(all_methods(problem), entries=few_entries())
 
 
 def test_p_values_are_uniform_where_nothing_is_wrong():
@@ -41,10 +49,10 @@ def test_a_prior_that_other_parameters_contradict_is_said():
     calibration was called usable."""
     bias = np.array([5.0, 3.4, -3.4]) * SD_BIAS
     data = measured(3, pitches=2, bias=bias)
-    judged = all_methods(problem_of(data, noise_sd=blind.SIGMA, priors={"bias": (0.0, SD_BIAS)})).judgements[0]
+    judged = calibrated_of(problem_of(data, noise_sd=blind.SIGMA, priors={"bias": (0.0, SD_BIAS)})).judgements[0]
     assert judged.tone == "bad" and "contradict each other" in judged.headline
     true = {f"bias_{axis}": (own + 0.5 * SD_BIAS, SD_BIAS) for axis, own in zip("xyz", bias.tolist(), strict=True)}
-    (right,) = all_methods(problem_of(data, noise_sd=blind.SIGMA, priors=true)).judgements
+    (right,) = calibrated_of(problem_of(data, noise_sd=blind.SIGMA, priors=true)).judgements
     assert right.headline == "Usable: the residuals are consistent with the stated noise."
 
 
@@ -54,7 +62,7 @@ def test_a_position_in_error_is_reported(noise_sd):
     data, clean = measured(1), measured(1)
     shift = (300 if noise_sd is None else 6.5) * blind.SIGMA
     data.readings[9, 1] += shift
-    calibrated = all_methods(problem_of(data, noise_sd=noise_sd))
+    calibrated = calibrated_of(problem_of(data, noise_sd=noise_sd))
     (found,) = calibrated.contradicted
     assert found.positions == (data.names[9],) and found.axis == "y" and found.p_value < 1e-3
     assert found.difference_g == pytest.approx(shift, abs=4.5 * blind.SIGMA)

@@ -22,9 +22,8 @@ def seen_of(data):
     return identifiability(jacobian, problem.chain.names, problem.scales)
 
 
-@pytest.mark.parametrize("beta", [0.0, 30.0, 90.0])
-def test_a_single_pitch_setting_is_refused_with_names(beta):
-    data = measured(random_vector(1, 13, 1e-3), np.arange(8) * 45.0, np.full(8, beta), sd=1e-4)
+def test_a_single_pitch_setting_is_refused_with_names():
+    data = measured(random_vector(1, 13, 1e-3), np.arange(8) * 45.0, np.full(8, 30.0), sd=1e-4)
     with pytest.raises(InputError) as refused:
         exact.fit(problem_of(data))
     (line,) = refused.value.faults

@@ -49,16 +49,16 @@ def test_the_correction_undoes_the_sensor(seed):
 
 
 def test_covariances_are_those_of_simulated_calibrations():
-    """The delta method against the scatter of 200 fits; 5 sd of a variance's own scatter."""
+    """The delta method against the scatter of 120 fits; 5 sd of a variance's own scatter."""
     truth = random_vector(3)
     invariants, corrections = [], []
-    for seed in range(200):
+    for seed in range(120):
         data = measured(truth, sd=2e-4, seed=seed)
         result = exact.fit(problem_of(data, noise_sd=2e-4))
         invariants.append(intrinsic(result).values)
         matrix, bias, _ = matrix_and_bias(result)
         corrections.append(np.concatenate([matrix.ravel(), bias]))
-    tolerance = 5 * np.sqrt(2 / 200)
+    tolerance = 5 * np.sqrt(2 / 120)
     stated = np.diag(intrinsic(result).covariance)
     np.testing.assert_allclose(np.var(invariants, axis=0), stated, rtol=tolerance)
     stated = np.diag(matrix_and_bias(result)[2])

@@ -8,7 +8,7 @@ from rigs import PAPER_ALPHA, PAPER_BETA, positions, random_vector
 
 import independent
 from tumblecal.estimation import closed_form, exact, problem_of
-from tumblecal.ground.angle_settings import distinct, setting_angle, setting_index
+from tumblecal.ground.angle_settings import distinct, setting_index
 
 
 SETTING = np.repeat([0, 1, 2], 8)
@@ -58,13 +58,6 @@ def test_a_spindle_read_on_both_sides_of_zero_is_at_one_angle():
     assert index(alpha, held=False) == [0, 1, 2, 3] * 3
     # A turn that ends where it began was commanded so.
     assert index([0, 90, 180, 270, 360] * 3, held=False) == [0, 1, 2, 3, 4] * 3
-
-
-def test_a_setting_is_called_by_what_was_commanded():
-    beta = np.radians(read(beta_deg=REPEATED)[1])
-    np.testing.assert_allclose(np.degrees(setting_angle(beta, SETTING)), REPEATED, rtol=0, atol=1e-12)
-    odd = np.radians(np.repeat([11.2345678, 40.0], 4))
-    np.testing.assert_array_equal(setting_angle(odd, distinct(odd)), odd)
 
 
 def test_each_position_is_fitted_at_the_angle_that_was_read():

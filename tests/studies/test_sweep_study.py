@@ -84,6 +84,7 @@ def test_a_sweep_runs_its_points_in_order(tmp_path, configs):
     assert len(frames["parameters"]) == 30 and (tmp_path / "sweep_parameters.parquet").exists()
 
 
+@pytest.mark.usefixtures("few_effects")
 def test_power_is_nothing_at_size_zero_and_all_at_a_gross_one(configs):
     from tumblecal.studies.power import Power
 
