@@ -12,9 +12,6 @@ from blind_conditions import columns_of, write
 from blind_mistakes import MISTAKES
 
 
-pytestmark = pytest.mark.usefixtures("few_effects")
-
-
 def measured(seed: int, mistake: str = "", **nominal):
     """Columns of a position file of 3 x 8 positions, stated noise, with a mistake in them."""
     rng = np.random.default_rng(seed)
@@ -84,7 +81,10 @@ SAME = {"pitch from the other end": "settings_exchanged", "spindle reversed": "s
 SAME |= {"triad turned in its fixture": "triad_turned"}
 
 
-def test_mistakes_are_named_or_refused_and_stop_no_other_file(tumblecal, folder, tmp_path):
+@pytest.mark.parametrize("catalogue", ["few_effects", pytest.param("tmp_path", marks=pytest.mark.long)])
+def test_mistakes_are_named_or_refused_and_stop_no_other_file(tumblecal, folder, tmp_path, request, catalogue):
+    """Among few effects, and among all."""
+    request.getfixturevalue(catalogue)
     listed = dict.fromkeys((*MISTAKES, *NAMED, *IMPLAUSIBLE, "good"))
     files = [folder / "no table.csv", *(folder / f"{name}.csv" for name in listed)]
     outcome = tumblecal("diagnose", *files, "--out", tmp_path / "out")
@@ -118,6 +118,7 @@ def said(folder) -> str:
     return " ".join((folder / "verdict.txt").read_text().lower().split())
 
 
+@pytest.mark.usefixtures("few_effects")
 def test_calibrate_looks_for_mistakes_before_it_fits(tumblecal, folder, tmp_path):
     """What it depends on is refused in a line, with nothing written; what it does not is said."""
     out = tmp_path / "out"
@@ -132,6 +133,7 @@ def test_calibrate_looks_for_mistakes_before_it_fits(tumblecal, folder, tmp_path
         assert words in outcome.lines[0] or "the readings' norm is about" in outcome.lines[0]
 
 
+@pytest.mark.usefixtures("few_effects")
 def test_calibrate_says_what_is_implausible(tumblecal, folder, tmp_path):
     outcome = tumblecal("calibrate", folder / "bias_y.csv", "--out", tmp_path)
     assert outcome.code == 3 and "IMPLAUSIBLE: bias_y = " in outcome.out
@@ -150,6 +152,7 @@ covariance = [[0.25, 0, 0], [0, 0.25, 0], [0, 0, 0.25]]
 """
 
 
+@pytest.mark.usefixtures("few_effects")
 def test_what_is_contradicted_is_said_with_what_states_it(tumblecal, table1_file, configs, tmp_path):
     rig, head = tmp_path / "rig.toml", tmp_path / "head.toml"
     rig.write_text((configs / "paper24.toml").read_text() + '\n[priors]\nbias = "0.05 mg"\n')
@@ -166,6 +169,7 @@ def test_what_is_contradicted_is_said_with_what_states_it(tumblecal, table1_file
         assert source.replace(" ", "") in "".join(outcome.out.split())
 
 
+@pytest.mark.usefixtures("few_effects")
 def test_readings_far_from_any_fit_are_no_adequate_set_unless_its_rig_says_so(tumblecal, folder, configs, tmp_path):
     """Their noise unknown, they were: 50 mg from position to position contradict nothing."""
     columns, data, rng = measured(7), tmp_path / "far.csv", np.random.default_rng(7)
