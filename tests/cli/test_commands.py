@@ -1,11 +1,9 @@
 """The commands on good input: what they write, and that one undoes the other."""
 
 import json
-import os
 import signal
 import subprocess
 import sys
-import time
 
 import numpy as np
 import polars as pl
@@ -96,32 +94,6 @@ def test_python_runs_the_package_as_the_command():
     assert done.stdout.strip() == __version__
     wrong = subprocess.run([*command, "export", "no.json", "--to", "json"], capture_output=True, text=True, timeout=600)
     assert wrong.returncode == 2 and wrong.stderr.startswith("tumblecal: no.json: no such file")
-
-
-@pytest.mark.long
-def test_an_interrupt_leaves_no_half_written_file(tmp_path):
-    """SIGINT at two moments of a real process (imports, computing): every file that is there is whole."""
-    # A test run in the background ignores SIGINT and its children would too.
-    command = ["env", "--default-signal=INT", sys.executable, "-m", "tumblecal.cli", "reproduce"]
-    command += ["--out", str(tmp_path / "study")]
-    for delay in (0.1, 2.5):
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ)
-        limit = time.monotonic() + 600
-        while not (tmp_path / "study").exists() and time.monotonic() < limit and process.poll() is None:
-            time.sleep(0.01)
-        time.sleep(delay)
-        process.send_signal(signal.SIGINT)
-        try:
-            _, errors = process.communicate(timeout=600)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            raise
-        assert process.returncode == 130, errors
-        assert errors == "tumblecal: interrupted; no file was left half-written\n"
-        for path in tmp_path.rglob("*"):
-            assert not path.name.startswith("."), path
-            if path.suffix == ".json":
-                json.loads(path.read_text())
 
 
 EARLY = """

@@ -181,11 +181,3 @@ def test_a_line_of_a_megabyte_is_no_table(tmp_path, tumblecal):
     path.write_bytes(b"1234567890," * 100_000)
     told = tumblecal("import", path, "--out", tmp_path / "out.parquet")
     assert told.code == 2 and len(told.lines) == 1 and "first line is longer than 64 kB" in told.lines[0]
-
-
-def test_a_counter_of_64_bits_that_is_set_back_is_no_wrap(tmp_path, tumblecal):
-    frames, path = written.byte_log("vectornav"), tmp_path / "log.bin"
-    size = len(frames) // 600
-    path.write_bytes(frames[: 400 * size] + frames[100 * size :])
-    told = tumblecal("decode", path)
-    assert told.code == 0 and told.lines == [] and "900 samples" in told.out

@@ -81,14 +81,6 @@ BAD = {
         lambda t: t.with_columns(pl.col("position") % 24 + 1),
         "position 1: the samples' mean of axis z is",
     ),
-    "standard gravity for local": (
-        lambda t: t.with_columns(pl.col("ax_g", "ay_g", "az_g") * 1.003),
-        "for readings in m/s^2 a comment `# gravity_ms2: 9.8123`",
-    ),
-    "empty names": (
-        lambda t: t.with_columns(position=pl.when(pl.col("position") != 3).then("position")),
-        "column position: 1500 empty cells",
-    ),
     "no noise to be seen": (
         lambda t: t.with_columns(pl.col("az_g").mean().over("position")),
         "axis z: most positions' samples are equal",

@@ -6,11 +6,43 @@ import tomllib
 import numpy as np
 import polars as pl
 import pytest
-from units_on_one_head import setups_on_one_head, write_units
+
+import blind_instrument as blind
+from tumblecal.data import PositionSet, write_positions
 
 
 LEVEL = 0.25e-3  # rad, of base_levelling: 7 sigma in one unit
 SENSOR = ("dK_x", "dK_y", "dK_z", "bias_x", "bias_y", "bias_z", "gamma_21", "gamma_31", "gamma_32")
+
+
+def setups_on_one_head(seed: int, count: int, *, pitch=(1.2e-3, -2.1e-3, 0.8e-3)):
+    """Units that differ in everything; with `pitch` the errors (rad) of the head's settings are those of all."""
+    rng = np.random.default_rng(seed)
+    setups = [blind.random_setup(rng, 3, 8) for _ in range(count)]
+    for setup in setups if pitch else ():
+        setup.nominal["dbeta"] = np.array(pitch)
+    return setups
+
+
+def write_units(folder, setups, effects, seed: int, *, known: bool = True):
+    """One file for each unit; `effects` of each, base units."""
+    rng, files = np.random.default_rng([seed, 1]), []
+    folder.mkdir(exist_ok=True)
+    for number, (setup, hidden) in enumerate(zip(setups, effects, strict=True)):
+        clean = blind.readings(setup, setup.nominal, hidden)
+        data = PositionSet(
+            tuple(setup.names),
+            np.degrees(setup.alpha),
+            np.degrees(setup.beta),
+            clean + blind.SIGMA * rng.normal(size=clean.shape),
+            sd=np.full(clean.shape, blind.SIGMA) if known else None,
+            time_s=setup.time_s,
+            temperature_degc=setup.temperature_degc,
+            approach=setup.approach,
+        )
+        files.append(folder / f"unit{number}.csv")
+        write_positions(files[-1], data)
+    return files
 
 
 def told(folder):
@@ -124,26 +156,6 @@ def test_a_sensors_effect_of_another_size_in_each_unit_is_not_the_heads(tumbleca
     assert batch["origins"]["cross_coupling.x.yz"]["by_unit"] > 0.3
     # The pitch axis is set anew for each unit: nothing of this head is known.
     assert not batch["pitch_settings"]["common"] and not (out / "head.toml").exists()
-
-
-@pytest.mark.long
-def test_units_of_different_plans_and_columns(tumblecal, tmp_path):
-    """The same error in two plans; one file lacks the optional columns; one is too short and is refused by name."""
-    folder, files = tmp_path / "units", []
-    for number, (plan, columns) in enumerate((((3, 8), True), ((4, 12), True), ((3, 8), False))):
-        setups = setups_on_one_head(10 + number, 1, plan=plan, pitch=None)
-        own = write_units(folder, setups, [{"base_levelling": [2 * LEVEL]}], number, columns=columns)
-        files.append(own[0].rename(folder / f"plan{number}.csv"))
-    short = folder / "short.csv"
-    short.write_text("".join((folder / "plan0.csv").read_text().splitlines(keepends=True)[:6]))
-    command = ["diagnose", "--units", *files, short, "--out", tmp_path / "out", "--workers", "1", "--no-figures"]
-    outcome = tumblecal(*command)
-    assert outcome.code == 2 and len(outcome.lines) == 1 and "short.csv" in outcome.lines[0]
-    batch = told(tmp_path / "out")
-    assert batch["explanations"][0]["effects"] == ["base_levelling"] and len(batch["units"]) == 3
-    assert not [path for path in (tmp_path / "out").rglob("*") if path.suffix in (".svg", ".html")]
-    value = batch["explanations"][0]["coefficients"]["base_levelling"]
-    assert abs(value["value"] - 2e3 * LEVEL) < 4 * value["sd"] and value["unit"] == "mrad"
 
 
 HEAD = {

@@ -16,11 +16,6 @@ def test_an_example_comes_with_its_rig_and_is_never_written_over_changes(tumblec
     assert (tmp_path / "grid48.toml").read_text() == "# mine\n"
 
 
-def test_an_unknown_name_gets_the_nearest(tumblecal, tmp_path):
-    (line,) = tumblecal("example", "papr24", "--out", tmp_path).lines
-    assert "did you mean paper24?" in line and not list(tmp_path.iterdir())
-
-
 def test_a_rig_is_read_by_its_name_unless_a_file_has_it(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert len(package.read_rig("paper24").plan.alpha_deg) == 24

@@ -104,14 +104,3 @@ def test_an_outlier_of_a_hand_held_set_costs_no_calibration(tumblecal, tmp_path)
     assert content["sigma_g"] == pytest.approx(NOISE, rel=0.5)
     calibration = json.loads((out / "calibration.json").read_text())
     assert np.allclose(calibration["bias"], [1e-3, -2e-3, 3e-3], atol=5e-4)
-
-
-@pytest.mark.long
-def test_units_with_an_excluded_setting(tumblecal, tmp_path):
-    files = [tmp_path / f"u{number}.csv" for number in range(3)]
-    for number, file in enumerate(files):
-        write_positions(file, measured("pitch", 2, number))
-    outcome = tumblecal("diagnose", *files, *PRIORS[:2], "--units", "--figures", "--out", tmp_path / "out")
-    assert outcome.code == 0 and not outcome.lines, outcome
-    assert all((tmp_path / "out" / f"u{number}" / "residual_harmonics.svg").is_file() for number in range(3))
-    assert (tmp_path / "out" / "diagnosis.html").is_file()

@@ -94,24 +94,6 @@ def test_what_must_not_go_unread_is_a_line_each(tumblecal, table1, tmp_path, nam
     assert tumblecal(*command).lines == []
 
 
-def test_reductions_are_quiet_but_for_what_is_unusual(tumblecal, tmp_path, monkeypatch):
-    """A table of samples, one dwell of which has ten outliers; a recording with a line that is no row."""
-    monkeypatch.chdir(tmp_path)
-    rng, rows = np.random.default_rng(5), []
-    for k in range(400):
-        reading = np.array([0, k >= 200, k < 200]) + 1e-4 * rng.normal(size=3) + [0, 0, 0.05 * (k in range(300, 310))]
-        rows.append(",".join(map(str, [f"p{k // 200}", 90 * (k // 200), 0, *reading, k / 100])))
-    Path("log.csv").write_text("\n".join(["position,alpha_deg,beta_deg,ax_g,ay_g,az_g,time_s", *rows]) + "\n")
-    loud, quiet = tumblecal("reduce", "log.csv"), tumblecal("reduce", "log.csv", "-q")
-    assert loud.code == quiet.code == 0 and "2 positions of 400 samples" in loud.out and quiet.out == ""
-    assert len(quiet.lines) == 1 and quiet.lines[0].startswith("WARNING: log.csv: p1: ") and "outlier" in quiet.lines[0]
-    torn = [*(row.split(",", 3)[3] for row in rows), "restarted"]
-    Path("log.txt").write_text("\n".join(["ax_g,ay_g,az_g,time_s", *torn]) + "\n")
-    quiet = tumblecal("import", "log.txt", "-q")
-    assert quiet.code == 0 and quiet.out == "" and Path("log.samples.parquet").exists()
-    assert quiet.lines == ["WARNING: log.txt: 1 line left out, without a whole reading: 402"]
-
-
 def test_work_is_shown_on_a_terminal(table1_file, tmp_path):
     """A real terminal for stderr. And -v says what is done."""
     leader, follower = pty.openpty()

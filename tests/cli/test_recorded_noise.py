@@ -2,7 +2,6 @@
 
 import json
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,6 @@ from tumblecal.estimation.linearised import linearised
 from tumblecal.estimation.position_problem import problem_of
 from tumblecal.noise import Covariance
 from tumblecal.noise.recorded import recorded_covariance
-from tumblecal.report.calibration_words import noise_words
 
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
@@ -66,16 +64,6 @@ def test_calibrate_fits_with_the_covariance_of_the_means(means):
     assert np.linalg.norm(slope) < 1e-5 * size
     sd = np.sqrt(np.diag(np.linalg.inv(normal))) * problem.scales
     np.testing.assert_allclose(fitted.sd, sd, rtol=1e-4)
-
-
-def test_small_residuals_are_not_blamed_on_who_stated_nothing(means):
-    """Slow noise that the dwells cannot rule out is counted; the user stated no sd."""
-    data = read_positions(means)
-    small = replace(data, readings=data.readings - 0.9 * exact.fit(problem_of(data)).residuals)
-    said = noise_words(exact.fit(problem_of(small)))
-    assert said.startswith("noise: of the recording; chi2/dof 0.0") and "stated" not in said
-    assert "slow noise that such short dwells cannot exclude is included in full" in said
-    assert "the stated sd is too large" in noise_words(exact.fit(problem_of(small, noise_sd=1e-3)))
 
 
 def test_joined_recordings_are_independent_of_each_other(means, tmp_path):

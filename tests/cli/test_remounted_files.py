@@ -2,7 +2,6 @@
 
 import json
 
-import numpy as np
 import pytest
 
 from tumblecal.capture.capture_plan import read_plan
@@ -53,15 +52,3 @@ def test_a_turn_in_next_positions(tumblecal, tmp_path, configs):
     new = {path.name: read_plan(path) for path in (tmp_path / "out").glob("next_positions_turned_*.toml")}
     turns = {plan.session.mount: tuple(plan.positions.mount_rotation_deg) for plan in new.values()}
     assert turns and turns.items() <= {"turned_z_2": (0, 0, 90), "turned_y": (0, 90, 0)}.items()
-
-
-def test_calibrate_says_it_too(tumblecal, tmp_path, remounted):
-    options = ("--noise-sd", "0.15mg", "--no-figures", "--out", tmp_path / "out")
-    outcome = tumblecal("calibrate", remounted / "whole.csv", *options)
-    assert outcome.code == 0 and WORDS in " ".join(outcome.out.split())
-    result = json.loads((tmp_path / "out" / "result.json").read_text())
-    assert result["model"]["mountings"]["B"] == {"rotation_deg": [0, 0, 90]}
-    found = {name: one["value"] for name, one in result["methods"]["exact"]["parameters"].items()}
-    np.testing.assert_allclose(
-        [found[f"dtheta_{axis}@mount=B"] for axis in "xyz"], [-0.4e-3, 0.3e-3, 0.5e-3], atol=3e-4
-    )

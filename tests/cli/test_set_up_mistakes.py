@@ -141,34 +141,6 @@ def test_calibrate_says_what_is_implausible(tumblecal, folder, tmp_path):
     assert entry["parameter"] == "bias_y" and entry["usual"] == 600 and entry["unit"] == "mg"
 
 
-HEAD = """schema = "tumblecal.head/1"
-made_of = ["a.csv", "b.csv"]
-effects = []
-parameters = ["dbeta@0", "dbeta@45", "dbeta@90"]
-units = ["mrad", "mrad", "mrad"]
-values = [20.0, 0.0, 0.0]
-sd = [0.5, 0.5, 0.5]
-covariance = [[0.25, 0, 0], [0, 0.25, 0], [0, 0, 0.25]]
-"""
-
-
-@pytest.mark.usefixtures("few_effects")
-def test_what_is_contradicted_is_said_with_what_states_it(tumblecal, table1_file, configs, tmp_path):
-    rig, head = tmp_path / "rig.toml", tmp_path / "head.toml"
-    rig.write_text((configs / "paper24.toml").read_text() + '\n[priors]\nbias = "0.05 mg"\n')
-    head.write_text(HEAD)
-    for options, name, source in (
-        (["--rig", rig], "bias_y", f"{rig} (priors.bias)"),
-        (["--rig", rig, "--prior", "bias_z=0.05 mg"], "bias_z", "--prior bias_z"),
-        (["--head", head], "dbeta_0", f"--head {head}"),
-    ):
-        command = ("calibrate", table1_file, "--noise-sd", "0.1mg", *options, "--no-figures", "--out", tmp_path)
-        outcome = tumblecal(*command)
-        listed = json.loads((tmp_path / "result.json").read_text())["implausible"]
-        assert source in [entry["stated_in"] for entry in listed if entry["parameter"] == name], listed
-        assert source.replace(" ", "") in "".join(outcome.out.split())
-
-
 @pytest.mark.usefixtures("few_effects")
 def test_readings_far_from_any_fit_are_no_adequate_set_unless_its_rig_says_so(tumblecal, folder, configs, tmp_path):
     """Their noise unknown, they were: 50 mg from position to position contradict nothing."""

@@ -1,6 +1,5 @@
 """Commands that texts suggest: what the user stated is stated again, and each runs as pasted."""
 
-import ast
 import re
 import shlex
 import sys
@@ -11,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import tumblecal as package
 from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.cli.commands import app
 from tumblecal.cli.model_options import StatedModel
@@ -107,16 +105,6 @@ def test_what_was_stated_is_stated_again(invoked, command):
     assert given.count("--prior") == (2 if "--prior" in SHARED[command] else 0)
     parsed(given[1:])
     assert shlex.split(suggested(command, Path("-a.csv"), less=EVERY)) == ["tumblecal", command, "./-a.csv"]
-
-
-def test_no_text_composes_a_command_with_a_value_by_itself():
-    """In all of src: a command followed by a value, in an f-string, is `suggested`'s to make."""
-    for file in Path(package.__file__).parent.rglob("*.py"):
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.JoinedStr):
-                for part, value in zip(node.values, node.values[1:], strict=False):
-                    own = isinstance(part, ast.Constant) and re.search(r"tumblecal \w+( --?[\w-]+)* $", str(part.value))
-                    assert not (own and isinstance(value, ast.FormattedValue)), (file, part.lineno)
 
 
 def test_the_texts_of_a_calibration_end_in_a_command_that_is_understood(invoked, table1, tmp_path):
