@@ -1,8 +1,6 @@
 """What people do wrong in the first hour: one line each, exit code 2, nothing written."""
 
-import gzip
 import json
-import re
 from pathlib import Path
 
 import pytest

@@ -69,19 +69,3 @@ def test_every_method_finds_the_truth_within_its_own_sd(study):
     np.testing.assert_allclose(np.std(study.single, axis=0, ddof=1), study.single_sd, rtol=4.5 / np.sqrt(1198))
     np.testing.assert_allclose(np.std(study.exact, axis=0, ddof=1), study.single_sd, rtol=4.5 / np.sqrt(1198))
     np.testing.assert_allclose(study.kalman_sd[-1], sd, rtol=0.1)
-
-
-def test_exact_and_linear_estimates_of_a_set_differ_by_the_linear_bias_alone(study):
-    difference = study.single - study.exact
-    assert np.max(np.abs(difference)) < 1e-5
-    assert np.max(np.abs(difference.mean(axis=0))) == pytest.approx(2.0e-6, rel=0.1)
-
-
-def test_a_prior_buys_a_faster_start_and_a_wrong_one_costs(study):
-    """What the paper calls faster convergence: an informative prior gains after one set, the diffuse one nothing."""
-    error = study.early_error
-    mean, diffuse = error["running mean"], error["Kalman, prior sd 1"]
-    np.testing.assert_allclose(diffuse, mean, rtol=1e-3)
-    np.testing.assert_allclose(mean, 1 / np.sqrt(np.arange(1, 11)), rtol=0.12)
-    assert error["Kalman, prior sd 0.001"][0] < 0.99 * mean[0]
-    assert error["Kalman, prior sd 0.0003"][-1] > mean[-1]

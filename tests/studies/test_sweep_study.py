@@ -7,10 +7,6 @@ from tumblecal.ground.errors import InputError
 from tumblecal.report.study_answers import answer_of
 from tumblecal.report.study_figures import draw
 from tumblecal.report.study_page import write_study_page
-from tumblecal.simulation import coverage
-from tumblecal.simulation.experiment import problem_for
-from tumblecal.studies import study_tables
-from tumblecal.studies.coverage import Coverage
 from tumblecal.studies.run import run
 from tumblecal.studies.study_tables import read_study
 from tumblecal.studies.sweep import Sweep, points_of
@@ -32,17 +28,6 @@ def test_raw_samples_and_drawn_means_agree(tmp_path, configs):
         sds.append(frames["parameters"]["sd"].to_numpy())
     # Two samples of 320: the ratio of their sds has a relative sd of sqrt(1/320); 15 of them, 5 sd.
     assert np.max(np.abs(sds[0] / sds[1] - 1)) < 5 * np.sqrt(1 / 320)
-
-
-def test_a_coverage_study_is_the_public_function_in_chunks(configs):
-    """The same trials, sums and table: the last digit is the same."""
-    study = read_study(configs / "study_coverage.toml", "coverage", {"trials": 2000})
-    study["study"]["truth"] = {}
-    rig = study_tables.rig_of_study(study)
-    stated = problem_for(rig.true_chain(rig.where), rig.where, rig.noise_sd_g)
-    expected = coverage(stated, 2000, seed=study["study"]["seed"]).drop("trials", "failed")
-    made = Coverage(study)
-    assert made.summary([made.compute(0)])[1]["parameters"].equals(expected)
 
 
 def test_sweep_points_are_coverage_studies(tmp_path, configs):
