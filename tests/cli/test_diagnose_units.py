@@ -11,6 +11,9 @@ import blind_instrument as blind
 from tumblecal.data import PositionSet, write_positions
 
 
+pytestmark = pytest.mark.usefixtures("few_effects")
+
+
 LEVEL = 0.25e-3  # rad, of base_levelling: 7 sigma in one unit
 SENSOR = ("dK_x", "dK_y", "dK_z", "bias_x", "bias_y", "bias_z", "gamma_21", "gamma_31", "gamma_32")
 
@@ -60,7 +63,7 @@ def head(tmp_path_factory):
 
 
 @pytest.fixture
-def measured(head, tumblecal):
+def measured(head, tumblecal, few_effects):
     """The folder of results of five units; made once."""
     out = head / "out"
     if not out.exists():
@@ -128,10 +131,9 @@ def test_a_later_calibration_on_that_head_is_better(measured, tumblecal, tmp_pat
     assert ratio[0] < 0.6 and np.exp(np.mean(np.log(ratio))) < 0.8
 
 
-def test_a_diagnosis_knows_the_head(measured, tumblecal, tmp_path, request):
+def test_a_diagnosis_knows_the_head(measured, tumblecal, tmp_path):
     """With the head's file a unit of it is adequate; and the same with unknown noise, where its errors count as exact."""
     head = measured / "head.toml"
-    request.getfixturevalue("few_effects")  # not for the head itself
     for known in (True, False):
         (file,) = write_units(
             tmp_path / f"{known}", setups_on_one_head(5, 1), [{"base_levelling": [LEVEL]}], 5, known=known

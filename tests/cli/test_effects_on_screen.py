@@ -1,11 +1,14 @@
 """`tumblecal effects` in a narrow terminal and in a pipe: ids and texts are whole."""
 
+import re
+
 from tumblecal.effects import catalogue
 
 
 def test_ids_and_words_are_whole_in_a_narrow_terminal(tumblecal, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
-    lines = tumblecal("effects").out.splitlines()
+    monkeypatch.setenv("TTY_COMPATIBLE", "1")  # a terminal
+    lines = re.sub(r"\x1b\[[0-9;]*m", "", tumblecal("effects").out).splitlines()
     assert [line.split()[0] for line in lines[1:] if line[:1].strip()] == list(catalogue())
     assert max(map(len, lines)) <= 80 and not any("…" in line for line in lines)
     # The folded words are all there.

@@ -48,7 +48,7 @@ def checked(outcome, folder, excluded):
     ("column", "count"),
     [
         ("pitch", 2),
-        ("mount", 1),
+        pytest.param("mount", 1, marks=pytest.mark.long),
         pytest.param("pitch", 1, marks=pytest.mark.long),
         pytest.param("run", 2, marks=pytest.mark.long),
     ],

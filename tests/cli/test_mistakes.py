@@ -156,10 +156,6 @@ MISTAKES = {
         "plan head.toml --effects second_ordr.z=1mg/g^2 --out x",
         "did you mean second_order.z",
     ),
-    "fixed all": (
-        "diagnose good.csv --fix dK --fix bias --fix gamma --fix dtheta --fix dbeta",
-        "every parameter is fixed",
-    ),
     "one unit alone": ("diagnose good.csv --units", "at least two units"),
     "angles that are none": ("diagnose good.csv --allow-alpha x", "'x' is not an angle"),
     "half a plan": ("capture plan.toml --out run", "plan.toml: not TOML"),

@@ -30,6 +30,12 @@ def test_noise_of_a_rig_is_refused_by_its_file_and_key(tumblecal, tmp_path, conf
     assert tumblecal("simulate", rig, "--out", tmp_path / "x.csv").code == (0 if sd == "0 mg" else 2)
 
 
+def test_nothing_left_to_fit_is_refused(tumblecal, tmp_path, table1_file):
+    fixed = [word for name in ("dK", "bias", "gamma", "dtheta", "dbeta") for word in ("--fix", name)]
+    outcome = tumblecal("diagnose", table1_file, *fixed, "--out", tmp_path / "out")
+    assert outcome.code == 2 and "every parameter is fixed" in outcome.lines[0] and not (tmp_path / "out").exists()
+
+
 def test_one_bad_file_among_several_stops_none_of_the_others(tumblecal, tmp_path, table1_file):
     bad = tmp_path / "bad.csv"
     bad.write_text(with_row(2, "x,180,0,0,0,?"))
