@@ -11,9 +11,6 @@ import blind_instrument as blind
 from tumblecal.data import PositionSet, write_positions
 
 
-pytestmark = pytest.mark.usefixtures("few_effects")
-
-
 LEVEL = 0.25e-3  # rad, of base_levelling: 7 sigma in one unit
 SENSOR = ("dK_x", "dK_y", "dK_z", "bias_x", "bias_y", "bias_z", "gamma_21", "gamma_31", "gamma_32")
 
@@ -144,6 +141,7 @@ def test_a_diagnosis_knows_the_head(measured, tumblecal, tmp_path):
         assert "base_levelling" in recorded["parameters"] and recorded["exact"] is not known
 
 
+@pytest.mark.usefixtures("few_effects")
 def test_a_sensors_effect_of_another_size_in_each_unit_is_not_the_heads(tumblecal, tmp_path):
     sizes = np.array([0.3, 1.7, 0.9, 1.4, -0.5]) * 1.2e-3
     setups = setups_on_one_head(3, 5, pitch=None)

@@ -71,6 +71,7 @@ def soaks(name: str, *levels: float, faces=FACES, square: float = 0.0) -> list[s
 OF_MEANS = ("--means", "--noise-sd", "0.1mg")
 
 
+@pytest.mark.long
 def test_the_cause_of_a_refusal_is_found_by_the_command_that_is_printed(tumblecal):
     files = soaks("bent", 10, 25, 40, faces=np.concatenate([FACES, EDGES]), square=4e-3)
     outcome = tumblecal("thermal", *files, *OF_MEANS, "--out", "made")

@@ -35,18 +35,6 @@ def test_equations_are_the_designs_table(seed):
     np.testing.assert_allclose(design @ vector + ideal, table(vector, beta), rtol=0, atol=1e-15)
 
 
-def test_equations_are_the_exact_chains_first_order():
-    """Difference of the exact harmonics and the table falls with the square of the errors."""
-    vector = random_vector(4, 15, 1.0)
-
-    def gap(size):
-        data = measured(vector * size)
-        harmonics = harmonic.analyse(problem_of(data))
-        return np.max(np.abs(harmonics.z - harmonics.design @ vector * size))
-
-    assert gap(1e-3) / gap(1e-4) == pytest.approx(100, rel=0.02)
-
-
 @given(SEEDS)
 def test_other_angles_are_a_regression(seed):
     """Random spindle angles with repeats, sd columns: numpy's weighted lstsq over each pitch setting and axis."""
