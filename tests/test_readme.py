@@ -55,17 +55,27 @@ def run_again(folder: Path, tumblecal, shell: str, monkeypatch) -> str:
     return printed
 
 
+def shown_by(printed: str) -> bool:
+    """Whether the README's table of a calibration was printed; the terminal's width breaks its lines."""
+    (shown,) = (block for block in blocks("text") if "diff / sd" in block)
+    words = " ".join(printed.split())
+    return all(" ".join(line.split()) in words for line in shown.splitlines() if line != "...")
+
+
+def test_the_first_block_and_the_readme_s_python(tmp_path, tumblecal, monkeypatch):
+    """The first commands of the next block, and the set-up commands, are run by .ci/run itself."""
+    assert shown_by(run_again(tmp_path, tumblecal, blocks("sh")[0], monkeypatch))
+    exec("".join(blocks("python")), {})
+
+
+@pytest.mark.long
 def test_the_shell_s_blocks_and_then_python_s(folder, tumblecal, monkeypatch):
     whole, again = "".join(blocks("sh")), "".join(blocks("sh", *_LONG))
     assert all(line in whole for block in blocks("sh", page=INDEX) for line in block.splitlines())  # docs/index.md
     assert all(words in whole for words in _LONG) and again.count("tumblecal ") >= 3
     # Compiled as users have it; what runs here and the Python below are compiled quickly, as everywhere in the tests.
     first = run(folder, "bash", "-euo", "pipefail", "-c", whole, without="JAX_DISABLE_MOST_OPTIMIZATIONS")
-    # What the page shows of a calibration is what the commands above it print; the terminal's width breaks its lines.
-    (shown,) = (block for block in blocks("text") if "diff / sd" in block)
-    for printed in (first, run_again(folder, tumblecal, again, monkeypatch)):
-        words = " ".join(printed.split())
-        assert all(" ".join(line.split()) in words for line in shown.splitlines() if line != "...")
+    assert shown_by(first) and shown_by(run_again(folder, tumblecal, again, monkeypatch))
     (captured,) = folder.glob("demo-*")
     assert "second_order.y" in (captured / "diagnosis" / "verdict.txt").read_text(encoding="utf-8")
     assert not (folder / "virtual-imu").is_symlink()  # the virtual instrument ended with its run

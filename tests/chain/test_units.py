@@ -15,19 +15,14 @@ from tumblecal.ground.units import ATOMS, factor, quantity, shown
     ("unit", "target", "expected"),
     [
         ("mg", "g", 1e-3),
-        ("ug", "mg", 1e-3),
         ("mrad", "rad", 1e-3),
         ("arcmin", "rad", math.pi / 10800),
         ("deg", "arcsec", 3600.0),
         ("m/s^2", "g", 1 / 9.80665),
         ("mg/g^2", "1/g", 1e-3),
         ("(mg/g)/h", "1/s", 1e-3 / 3600),
-        ("mg/h", "g/s", 1e-3 / 3600),
-        ("min", "s", 60.0),
         ("%", "1", 0.01),
         ("ppm", "1e-3", 1e-3),
-        ("mrad/g", "rad/g", 1e-3),
-        ("Hz", "1/s", 1.0),
     ],
 )
 def test_factors(unit, target, expected):
@@ -45,27 +40,17 @@ def test_there_and_back_is_one_or_refused_both_ways(unit, target):
         assert there * factor(target, unit) == pytest.approx(1.0, rel=1e-14)
 
 
-def test_quantities():
-    assert quantity("0.1mg", "g") == 1e-4
-    assert quantity(" 3 arcmin ", "rad") == pytest.approx(3 * math.pi / 10800, rel=1e-15)
-    assert quantity("-2e-4", "1") == -2e-4
-
-
 @pytest.mark.parametrize(
     ("text", "target", "words"),
     [
         ("0.1", "g", "'0.1' has no unit; write for example '0.1 mg'"),
         ("3", "rad", "'3' has no unit; write for example '3 mrad'"),
         ("2", "g/s", "'2' has no unit; write for example '2 mg/h'"),
-        ("2", "g/degC", "'2' has no unit; write for example '2 mg/degC'"),
-        ("2", "s", "'2' has no unit; write for example '2 s'"),
         ("two", "1", "is not a number with a unit, such as '1 ppm'"),
         ("mg", "g", "'mg' is not a number with a unit, such as '1 mg'"),
         ("0.1 furlong", "g", "unknown unit 'furlong'"),
         ("3 arcmin", "g", "their dimensions differ"),
-        ("nan mg", "g", "is not a number with a unit"),
         ("1e999 mg", "g", "is not finite"),
-        ("1 g^x", "g", "unknown unit"),
     ],
 )
 def test_bad_quantities_say_why(text, target, words):

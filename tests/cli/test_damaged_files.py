@@ -13,7 +13,9 @@ import damaged_written as written
 from tumblecal.capture.journal import JOURNAL_NAME, PLAN_NAME
 from tumblecal.capture.run.run_folder import plan_of_run, resume
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.last_line import may_be_cut
+
+
+pytestmark = pytest.mark.usefixtures("few_effects")
 
 
 CUT_AT = 20_000
@@ -43,19 +45,12 @@ def test_a_cut_ulog_is_read_to_its_last_whole_message_and_reported(tmp_path, ulo
     assert [(own["kind"], own["action"]) for own in content["damage_records"]] == [("format", "reported")]
 
 
-@pytest.mark.parametrize(("at", "new"), [(5000, b"\0" * 40), (5000, b""), (9000, b"\x07\x00\x7f")])
+@pytest.mark.parametrize(("at", "new"), [(5000, b"\0" * 40), (9000, b"\x07\x00\x7f")])
 def test_a_ulog_that_is_damaged_within_is_reported(tmp_path, ulog, tumblecal, at, new):
     path = tmp_path / "log.ulg"
     path.write_bytes(ulog[:at] + new + ulog[at + 30 :])
     told = tumblecal("import", path, "--out", tmp_path / "out.parquet")
     assert told.code == 0 and len(told.lines) == 1 and told.lines[0].startswith(f"WARNING: {path}: ")
-
-
-def test_a_ulog_of_a_moment_is_a_line(tmp_path, ulog, tumblecal):
-    path = tmp_path / "log.ulg"
-    path.write_bytes(ulog[: len(ulog) - 597 * MESSAGE])
-    told = tumblecal("reduce", path, "--static", "--no-figures", "--out", tmp_path / "r")
-    assert told.code == 2 and len(told.lines) == 1 and "3 samples are too few" in told.lines[0]
 
 
 def _mcap_chunk(content: bytes) -> int:
@@ -106,16 +101,13 @@ def test_a_flipped_bit_of_a_parquet_file_of_ours_is_refused(tmp_path, tumblecal)
     content = path.read_bytes()
     assert zlib.crc32(content.replace(_checksum(content), b"crc32=00000000")) == int(_checksum(content)[6:], 16)
     rng = np.random.default_rng(3)
-    for at, bit in zip(rng.integers(4, len(content), 40), rng.integers(0, 8, 40), strict=True):
+    for at, bit in zip(rng.integers(4, len(content), 8), rng.integers(0, 8, 8), strict=True):
         damaged = bytearray(content)
         damaged[at] ^= 1 << bit
         path.write_bytes(damaged)
         told = tumblecal("import", path, "--out", tmp_path / "again.parquet")
-        assert told.code == 2 and len(told.lines) == 1 and "not a complete Parquet file" in told.lines[0], (
-            at,
-            bit,
-            told,
-        )
+        assert told.code == 2 and len(told.lines) == 1, (at, bit, told)
+        assert "not a complete Parquet file" in told.lines[0]
     # Another program that rewrites the table keeps the metadata: the checksum is no longer that of the file.
     path.write_bytes(content.replace(b"Polars", b"others").replace(b"imported_from", b"edited_by_all"))
     assert tumblecal("import", path, "--out", tmp_path / "again.parquet").code == 0
@@ -126,38 +118,13 @@ def _checksum(content: bytes) -> bytes:
     return content[at : at + 14]
 
 
-@pytest.mark.parametrize(
-    ("cell", "others", "cut"),
-    [
-        ("6.9", ["6.924525", "6.931111"], True),
-        ("6.92452", ["6.924525", "6.931111"], True),
-        ("6.931112", ["6.924525", "6.931111"], False),
-        ("0.25", ["0.5", "-0.125"], False),
-        ("6", ["6.924525"], True),
-        ("-1.5e-0", ["-1.25e-05", "2.5e-04"], True),
-        ("-1.5e-05", ["-1.25e-05", "2.5e-04"], False),
-        ("-1.5", ["-1.25e-05", "2.5e-04"], True),
-        ("163", ["16384", "16391"], True),
-        ("16390", ["16384", "16391"], False),
-        ("1", ["1", "-1"], False),
-        ("B", ["A", "B"], False),
-        ("up", ["A", "upside"], True),
-        ("6.9", [], False),
-        ("0,12", ["0,125", "0,250"], True),
-    ],
-)
-def test_which_last_cells_may_be_cut(cell, others, cut):
-    assert may_be_cut(cell, others) is cut
-
-
 def test_a_position_file_cut_in_its_last_number_is_refused(tmp_path, tumblecal):
     content, path = made.positions(), tmp_path / "p.csv"
     words = ("calibrate", path, "--no-figures", "-q", "--out", tmp_path / "c")
-    for lost in (2, 4, 7, 8):
+    for lost in (2, 8):
         path.write_bytes(content[:-lost])
         told = tumblecal(*words)
         assert told.code == 2 and len(told.lines) == 1 and told.lines[0].startswith(f"tumblecal: {path}:line 25"), told
-        (tmp_path / "p.parquet").unlink(missing_ok=True)
     path.write_bytes(content)
     tumblecal(*words)
     whole = json.loads((tmp_path / "c" / "calibration.json").read_text())["matrix"]
@@ -168,17 +135,13 @@ def test_a_position_file_cut_in_its_last_number_is_refused(tmp_path, tumblecal):
 
 
 def test_a_table_of_samples_cut_in_its_last_number_is_refused(tmp_path, tumblecal):
-    content, path = made.table_of_samples(), tmp_path / "t.csv"
-    path.write_bytes(content[:-3])
-    told = tumblecal("reduce", path, "--no-figures", "--out", tmp_path / "r")
-    assert told.code == 2 and told.lines[0].startswith(
-        f"tumblecal: {path}:line 385, column az_g: the last line has no line end"
-    )
-    path.write_bytes(content[:-1])
-    assert tumblecal("reduce", path, "--no-figures", "--out", tmp_path / "r").code == 0
+    path = tmp_path / "t.csv"
+    path.write_bytes(made.table_of_samples()[:-3])
+    (line,) = tumblecal("reduce", path, "--no-figures", "--out", tmp_path / "r").lines
+    assert line.startswith(f"tumblecal: {path}:line 385, column az_g: the last line has no line end")
 
 
-@pytest.mark.parametrize("lost", [2, 5, 9, 12])
+@pytest.mark.parametrize("lost", [2, 9])
 def test_the_cut_last_line_of_a_recording_is_left_out_and_reported(tmp_path, tumblecal, lost):
     content, path = made.text(), tmp_path / "log.csv"
     path.write_bytes(content[:-lost])
@@ -218,11 +181,3 @@ def test_a_line_of_a_megabyte_is_no_table(tmp_path, tumblecal):
     path.write_bytes(b"1234567890," * 100_000)
     told = tumblecal("import", path, "--out", tmp_path / "out.parquet")
     assert told.code == 2 and len(told.lines) == 1 and "first line is longer than 64 kB" in told.lines[0]
-
-
-def test_a_counter_of_64_bits_that_is_set_back_is_no_wrap(tmp_path, tumblecal):
-    frames, path = written.byte_log("vectornav"), tmp_path / "log.bin"
-    size = len(frames) // 600
-    path.write_bytes(frames[: 400 * size] + frames[100 * size :])
-    told = tumblecal("decode", path)
-    assert told.code == 0 and told.lines == [] and "900 samples" in told.out

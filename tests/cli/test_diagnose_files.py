@@ -26,26 +26,16 @@ def files(tmp_path_factory, table1):
 
 
 @pytest.fixture(scope="module")
-def kept() -> dict:
-    """What the command printed for all files."""
-    return {}
+def diagnosed(files):
+    """The folder of the results of all files by one process, and what the command printed; made once."""
+    return {"out": files[0].parent / "out"}
 
 
 @pytest.fixture
-def diagnosed(tumblecal, files, kept):
-    """All files by one process, done once, and the folder of the results."""
-    out = files[0].parent / "out"
-    if not kept:
-        kept["one process"] = tumblecal("diagnose", *files, "--out", out, "--workers", "1")
-    return kept["one process"], out
-
-
-def test_one_file_gets_the_page_and_the_figures(tumblecal, tmp_path, table1_file):
-    outcome = tumblecal("diagnose", table1_file, "--out", tmp_path / "out")
-    assert outcome.code == 0 and outcome.out.startswith("ADEQUATE")
-    names = {path.name for path in (tmp_path / "out").iterdir()}
-    assert names >= PAGE | {"diagnosis.json", "verdict.txt", "calibration.json"}
-    assert "summary.csv" not in names
+def one_process(diagnosed, tumblecal, files):
+    if "outcome" not in diagnosed:
+        diagnosed["outcome"] = tumblecal("diagnose", *files, "--out", diagnosed["out"], "--workers", "1")
+    return diagnosed["outcome"], diagnosed["out"]
 
 
 @pytest.mark.usefixtures("few_effects")
@@ -68,8 +58,8 @@ def test_an_effect_without_any_noise_is_no_measurement(tumblecal, tmp_path, conf
     assert diagnoser(read_positions(exact), noise_sd=1e-4).verdict == "adequate"
 
 
-def test_several_files_get_a_summary_and_progress(diagnosed, files):
-    outcome, out = diagnosed
+def test_several_files_get_a_summary_and_progress(one_process, files):
+    outcome, out = one_process
     assert outcome.code == 2  # one could not be diagnosed
     assert len(outcome.lines) == 1 and "short.csv" in outcome.lines[0]
     *lines, written = outcome.out.splitlines()
@@ -91,19 +81,6 @@ def test_several_files_get_a_summary_and_progress(diagnosed, files):
     assert "short.csv" in refused["fault"] and refused["p_value"] is None
 
 
-def test_files_of_one_name_get_numbered_folders(tumblecal, tmp_path, table1_file):
-    """As `reduce` writes them: positions.csv in the folder of each capture."""
-    captured = [tmp_path / name / "positions.csv" for name in ("run1", "run2")]
-    for path in captured:
-        path.parent.mkdir()
-        path.write_bytes(table1_file.read_bytes())
-    outcome = tumblecal("diagnose", *captured, "--out", tmp_path / "out")
-    assert outcome.code == 0, outcome.lines
-    folders = sorted(path.name for path in (tmp_path / "out").iterdir())
-    assert folders == ["positions", "positions-2", "summary.csv"]
-    assert (tmp_path / "out" / "positions-2" / "diagnosis.json").is_file()
-
-
 def test_an_interrupted_batch_leaves_the_lines_of_what_was_finished(tumblecal, tmp_path, files, monkeypatch):
     whole, count = Diagnoser.__call__, []
 
@@ -118,20 +95,11 @@ def test_an_interrupted_batch_leaves_the_lines_of_what_was_finished(tumblecal, t
     assert pl.read_csv(tmp_path / "out" / "summary.csv")["verdict"].to_list() == ["adequate"]
 
 
-def test_two_processes_find_the_same(diagnosed, tumblecal, tmp_path, files):
+def test_two_processes_find_the_same(one_process, tumblecal, tmp_path, files):
     outcome = tumblecal("diagnose", *files, "--out", tmp_path, "--workers", "2")
     assert outcome.code == 2 and len(outcome.lines) == 1
-    one, two = (pl.read_csv(folder / "summary.csv") for folder in (diagnosed[1], tmp_path))
-    assert one.drop("p_value", "probability", "cv_gain_g", "sigma_g").equals(
-        two.drop("p_value", "probability", "cv_gain_g", "sigma_g")
-    )
+    one, two = (pl.read_csv(folder / "summary.csv") for folder in (one_process[1], tmp_path))
+    numbers = ("p_value", "probability", "cv_gain_g", "sigma_g")
+    assert one.drop(numbers).equals(two.drop(numbers))
     first, second = (each["p_value"].fill_null(-1.0).to_list() for each in (one, two))
     assert second == pytest.approx(first, rel=1e-9)
-    folders = (diagnosed[1] / "knocked", tmp_path / "knocked")
-    first, second = (sorted(path.name for path in folder.iterdir()) for folder in folders)
-    assert first == second
-
-
-def test_workers_must_be_some(tumblecal, tmp_path, files):
-    outcome = tumblecal("diagnose", *files, "--out", tmp_path / "out", "--workers", "0")
-    assert outcome.code == 2 and "at least 1" in outcome.lines[0] and not (tmp_path / "out").exists()

@@ -13,65 +13,28 @@ from tumblecal.data import write_positions
 from tumblecal.ground.errors import InputError
 
 
+pytestmark = pytest.mark.usefixtures("few_effects")
+
+
 @pytest.mark.parametrize(
     ("texts", "expected"),
     [
         ((), None),
-        (("45",), (45.0,)),
         (("0", "90", "-30"), (0.0, 90.0, -30.0)),
-        (("0,45, 90",), (0.0, 45.0, 90.0)),
-        (("0:360:120",), (0.0, 120.0, 240.0)),
         (("0:90:30",), (0.0, 30.0, 60.0, 90.0)),
         (("-30:30:20", "5,10"), (-30.0, -10.0, 10.0, 30.0, 5.0)),
         (("0:1:0.1",), tuple(round(0.1 * k, 9) for k in range(11))),
-        (("45:45:5",), (45.0,)),
     ],
 )
 def test_angles(texts, expected):
     assert angles("--allow-alpha", texts) == expected
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("45deg", "--allow-beta 45deg: '45deg' is not an angle; write degrees such as 45, 0,45,90 or 0:360:15"),
-        ("0,,90", "'' is not an angle"),
-        ("nan", "angles are in degrees, from -360 to 360"),
-        ("0:400:5", "from -360 to 360"),
-        ("0:90", "write a range as START:END:STEP"),
-        ("0:90:0", "STEP above 0"),
-        ("90:0:5", "END above START"),
-        ("0:1:2:3", "write a range"),
-        ("0:360:0.001", "give at most 720"),
-    ],
-)
-def test_what_is_no_angle(text, words):
+@pytest.mark.parametrize("text", ["45deg", "0,,90", "nan", "0:90", "90:0:5", "0:360:0.001"])
+def test_what_is_no_angle(text):
     with pytest.raises(InputError) as caught:
         angles("--allow-beta", (text,))
-    assert words in caught.value.faults[0] and caught.value.faults[0].startswith(f"--allow-beta {text}")
-
-
-BAD = {
-    "nothing left free": (
-        [part for name in ("dK", "bias", "gamma", "dtheta", "dbeta") for part in ("--fix", name)],
-        "every parameter is fixed",
-    ),
-    "holdout of a column that is not there": (["--holdout", "run=3"], "has no column run; use run, mount or position"),
-    "holdout of no column": (["--holdout", "colour=red"], "has no column colour; use run, mount or position"),
-    "holdout of a position that is not there": (["--holdout", "position=9-9"], "has position 0-1, 0-2"),
-}
-
-
-@pytest.mark.usefixtures("few_effects")
-@pytest.mark.parametrize(("options", "words"), BAD.values(), ids=BAD)
-def test_bad_options(tumblecal, tmp_path, table1_file, options, words):
-    outcome = tumblecal("diagnose", table1_file, "--out", tmp_path / "out", *options)
-    assert outcome.code == 2 and len(outcome.lines) == 1 and words in outcome.lines[0]
-    assert list(tmp_path.iterdir()) == [table1_file]
-
-
-def test_a_mounting_that_can_only_be_none_or_turns(tumblecal, table1_file):
-    assert tumblecal("diagnose", table1_file, "--allow-mount", "sideways").code != 0
+    assert caught.value.faults[0].startswith(f"--allow-beta {text}: ")
 
 
 def test_next_positions_stay_on_the_allowed_angles(tumblecal, tmp_path, table1_file):
@@ -86,14 +49,11 @@ def test_next_positions_stay_on_the_allowed_angles(tumblecal, tmp_path, table1_f
         assert one["alpha_deg"] in (0, 90, 180, 270) and one["beta_deg"] in (0, 20, 70) and one["mount"] == ""
     text = (tmp_path / "out" / "next_positions.toml").read_text()
     capture, reduce, join = (shlex.split(line[2:]) for line in text.splitlines() if line.startswith("# tumblecal "))
-    assert capture[1:3] == ["capture", str(tmp_path / "out" / "next_positions.toml")]
-    assert reduce[1:] == ["reduce", "next"] and join[1:6] == [
-        "diagnose",
-        "--join",
-        "--same-run",
-        str(table1_file),
-        "next/positions.csv",
+    assert capture[1:3] == ["capture", str(tmp_path / "out" / "next_positions.toml")] and reduce[1:] == [
+        "reduce",
+        "next",
     ]
+    assert join[1:6] == ["diagnose", "--join", "--same-run", str(table1_file), "next/positions.csv"]
     _, bound, _ = app.parse_args(join[1:], print_error=False, exit_on_error=False)
     assert bound.arguments["following"].allow_alpha == ("0:360:90",)
     plan = read_plan(tmp_path / "out" / "next_positions.toml")
@@ -101,7 +61,6 @@ def test_next_positions_stay_on_the_allowed_angles(tumblecal, tmp_path, table1_f
     assert sorted(path.name for path in (tmp_path / "out").glob("next_*")) == ["next_positions.toml"]
 
 
-@pytest.mark.usefixtures("few_effects")
 def test_two_mountings_joined_and_one_held_out(tumblecal, tmp_path, configs):
     """The two mountings of configs/remount.toml in two files: together they are the whole; mounting B is predicted."""
     whole, rig = tmp_path / "whole.csv", configs / "remount.toml"
@@ -109,18 +68,17 @@ def test_two_mountings_joined_and_one_held_out(tumblecal, tmp_path, configs):
     lines = [line for line in whole.read_text().splitlines() if not line.startswith("#")]
     for name in "AB":
         rows = [line for line in lines[1:] if f",{name}" in line]
-        assert len(rows) == 24
         (tmp_path / f"{name}.csv").write_text("\n".join([lines[0], *rows, ""]))
-    files = [tmp_path / "A.csv", tmp_path / "B.csv"]
-    options = ["--rig", rig, "--no-figures", "--holdout", "mount=B", "--out"]
-    assert tumblecal("diagnose", "--join", *files, *options, tmp_path / "joined").code == 0
-    assert tumblecal("diagnose", whole, *options, tmp_path / "whole").code == 0
+    options = ["--rig", rig, "--no-figures", "--holdout"]
+    joined = ["--join", tmp_path / "A.csv", tmp_path / "B.csv"]
+    assert tumblecal("diagnose", *joined, *options, "mount=B", "--out", tmp_path / "joined").code == 0
+    assert tumblecal("diagnose", whole, *options, "mount=B", "--out", tmp_path / "whole").code == 0
     one, other = (json.loads((tmp_path / name / "diagnosis.json").read_text()) for name in ("joined", "whole"))
     assert one["gain"]["cv_kind"] == other["gain"]["cv_kind"] == "mount B left out"
     assert one["gain"] == other["gain"] and one["verdict"] == other["verdict"] == "adequate"
-    outcome = tumblecal("diagnose", whole, *options[:-3], "--holdout", "mount=C", "--out", tmp_path / "none")
-    assert outcome.code == 2 and "has mount A, B; name one of several" in outcome.lines[0]
-    assert not (tmp_path / "none").exists()
+    for held_out, words in (("mount=C", "has mount A, B; name one of several"), ("colour=red", "has no column colour")):
+        outcome = tumblecal("diagnose", whole, *options, held_out, "--out", tmp_path / "none")
+        assert outcome.code == 2 and words in outcome.lines[0] and not (tmp_path / "none").exists()
 
 
 @pytest.fixture(scope="module")
@@ -135,18 +93,6 @@ def two_files(tmp_path_factory, configs):
     return files
 
 
-@pytest.mark.usefixtures("few_effects")
-def test_positions_of_joined_files_are_held_out_by_their_names(tumblecal, tmp_path, two_files):
-    own = [*two_files, "--join", "--no-figures", "--out", tmp_path / "out", "--holdout"]
-    outcome = tumblecal("diagnose", *own, "position=2-8")
-    assert outcome.code == 2 and "has position a:2-8, b:2-8, " in outcome.lines[-1]
-    outcome = tumblecal("diagnose", *own, "position=b:2-8")
-    assert outcome.code == 0
-    gain = json.loads((tmp_path / "out" / "diagnosis.json").read_text())["gain"]
-    assert gain["cv_rms_before_g"] > 0
-
-
-@pytest.mark.usefixtures("few_effects")
 def test_joined_files_are_runs_of_their_own(tumblecal, tmp_path, two_files):
     """Two files are adequate as two runs, not as one."""
     options = ["--noise-sd", "0.15mg", "--no-figures", "--out", tmp_path / "out"]

@@ -1,18 +1,48 @@
 """`tumblecal diagnose --units`: errors of the head told from those of each sensor, and head.toml in later calibrations."""
 
 import json
-import re
 import tomllib
-from pathlib import Path
 
 import numpy as np
 import polars as pl
 import pytest
-from units_on_one_head import setups_on_one_head, write_units
+
+import blind_instrument as blind
+from tumblecal.data import PositionSet, write_positions
 
 
 LEVEL = 0.25e-3  # rad, of base_levelling: 7 sigma in one unit
 SENSOR = ("dK_x", "dK_y", "dK_z", "bias_x", "bias_y", "bias_z", "gamma_21", "gamma_31", "gamma_32")
+
+
+def setups_on_one_head(seed: int, count: int, *, pitch=(1.2e-3, -2.1e-3, 0.8e-3)):
+    """Units that differ in everything; with `pitch` the errors (rad) of the head's settings are those of all."""
+    rng = np.random.default_rng(seed)
+    setups = [blind.random_setup(rng, 3, 8) for _ in range(count)]
+    for setup in setups if pitch else ():
+        setup.nominal["dbeta"] = np.array(pitch)
+    return setups
+
+
+def write_units(folder, setups, effects, seed: int, *, known: bool = True):
+    """One file for each unit; `effects` of each, base units."""
+    rng, files = np.random.default_rng([seed, 1]), []
+    folder.mkdir(exist_ok=True)
+    for number, (setup, hidden) in enumerate(zip(setups, effects, strict=True)):
+        clean = blind.readings(setup, setup.nominal, hidden)
+        data = PositionSet(
+            tuple(setup.names),
+            np.degrees(setup.alpha),
+            np.degrees(setup.beta),
+            clean + blind.SIGMA * rng.normal(size=clean.shape),
+            sd=np.full(clean.shape, blind.SIGMA) if known else None,
+            time_s=setup.time_s,
+            temperature_degc=setup.temperature_degc,
+            approach=setup.approach,
+        )
+        files.append(folder / f"unit{number}.csv")
+        write_positions(files[-1], data)
+    return files
 
 
 def told(folder):
@@ -30,7 +60,7 @@ def head(tmp_path_factory):
 
 
 @pytest.fixture
-def measured(head, tumblecal):
+def measured(head, tumblecal, few_effects):
     """The folder of results of five units; made once."""
     out = head / "out"
     if not out.exists():
@@ -98,10 +128,9 @@ def test_a_later_calibration_on_that_head_is_better(measured, tumblecal, tmp_pat
     assert ratio[0] < 0.6 and np.exp(np.mean(np.log(ratio))) < 0.8
 
 
-def test_a_diagnosis_knows_the_head(measured, tumblecal, tmp_path, request):
+def test_a_diagnosis_knows_the_head(measured, tumblecal, tmp_path):
     """With the head's file a unit of it is adequate; and the same with unknown noise, where its errors count as exact."""
     head = measured / "head.toml"
-    request.getfixturevalue("few_effects")  # not for the head itself
     for known in (True, False):
         (file,) = write_units(
             tmp_path / f"{known}", setups_on_one_head(5, 1), [{"base_levelling": [LEVEL]}], 5, known=known
@@ -112,6 +141,7 @@ def test_a_diagnosis_knows_the_head(measured, tumblecal, tmp_path, request):
         assert "base_levelling" in recorded["parameters"] and recorded["exact"] is not known
 
 
+@pytest.mark.usefixtures("few_effects")
 def test_a_sensors_effect_of_another_size_in_each_unit_is_not_the_heads(tumblecal, tmp_path):
     sizes = np.array([0.3, 1.7, 0.9, 1.4, -0.5]) * 1.2e-3
     setups = setups_on_one_head(3, 5, pitch=None)
@@ -128,39 +158,6 @@ def test_a_sensors_effect_of_another_size_in_each_unit_is_not_the_heads(tumbleca
     assert not batch["pitch_settings"]["common"] and not (out / "head.toml").exists()
 
 
-def test_units_of_different_plans_and_columns(tumblecal, tmp_path):
-    """The same error in two plans; one file lacks the optional columns; one is too short and is refused by name."""
-    folder, files = tmp_path / "units", []
-    for number, (plan, columns) in enumerate((((3, 8), True), ((4, 12), True), ((3, 8), False))):
-        setups = setups_on_one_head(10 + number, 1, plan=plan, pitch=None)
-        own = write_units(folder, setups, [{"base_levelling": [2 * LEVEL]}], number, columns=columns)
-        files.append(own[0].rename(folder / f"plan{number}.csv"))
-    short = folder / "short.csv"
-    short.write_text("".join((folder / "plan0.csv").read_text().splitlines(keepends=True)[:6]))
-    command = ["diagnose", "--units", *files, short, "--out", tmp_path / "out", "--workers", "1", "--no-figures"]
-    outcome = tumblecal(*command)
-    assert outcome.code == 2 and len(outcome.lines) == 1 and "short.csv" in outcome.lines[0]
-    batch = told(tmp_path / "out")
-    assert batch["explanations"][0]["effects"] == ["base_levelling"] and len(batch["units"]) == 3
-    assert not [path for path in (tmp_path / "out").rglob("*") if path.suffix in (".svg", ".html")]
-    value = batch["explanations"][0]["coefficients"]["base_levelling"]
-    assert abs(value["value"] - 2e3 * LEVEL) < 4 * value["sd"] and value["unit"] == "mrad"
-
-
-BAD = {
-    "units and join": (["SECOND", "--join"], "--units treats each file as a different triad, --join treats all as one"),
-    "units and head": (["SECOND", "--head", "HEAD"], "--units measures the errors of the head"),
-}
-
-
-@pytest.mark.parametrize(("options", "words"), BAD.values(), ids=BAD)
-def test_what_cannot_be_together(tumblecal, tmp_path, table1_file, options, words):
-    given = [{"SECOND": table1_file, "HEAD": tmp_path / "head.toml"}.get(option, option) for option in options]
-    outcome = tumblecal("diagnose", "--units", table1_file, *given, "--out", tmp_path / "out")
-    assert outcome.code == 2 and len(outcome.lines) == 1 and words in outcome.lines[0]
-    assert not (tmp_path / "out").exists()
-
-
 HEAD = {
     "schema": '"tumblecal.head/1"',
     "made_of": "[]",
@@ -171,63 +168,29 @@ HEAD = {
     "sd": "[0.01, 0.1]",
     "covariance": "[[1e-4, 0.0], [0.0, 1e-2]]",
 }
-BAD_HEADS = {
-    "no such effect": ({"effects": '["index_gian"]'}, "effects: unknown effect 'index_gian'"),
-    "no parameter of a head": ({"parameters": '["index_gain", "spin"]'}, "parameters: no parameter 'spin' of a head"),
-    "a unit of another kind": ({"units": '["mrad/rad", "mg"]'}, "units.1: 'mg' cannot be converted to 'rad'"),
-    "too few values": ({"values": "[0.1]"}, "values: 1 entries for 2 parameters"),
-    "a row too short": ({"covariance": "[[1e-4, 0.0], [0.0]]"}, "covariance.1: 1 entries for 2 parameters"),
-    "not positive": ({"covariance": "[[1e-4, 1.0], [1.0, 1e-2]]"}, "covariance: not symmetric and positive definite"),
-    "twice": ({"parameters": '["index_gain", "index_gain"]'}, "parameters: a name is repeated"),
-    "too few sds": ({"sd": "[0.01]"}, "sd: 1 entries for 2 parameters"),
-    "no pitch setting": ({"parameters": '["index_gain", "dbeta@x"]'}, "parameters: 'dbeta@x' is not the name"),
-    "a setting by number": ({"parameters": '["index_gain", "dbeta_1"]'}, "'dbeta_1' is not the name of a pitch"),
-    "an angle spelt otherwise": ({"parameters": '["index_gain", "dbeta@45.0"]'}, "'dbeta@45.0' is not the name"),
-    "another sd": ({"sd": "[0.01, 2.5]"}, "sd.1: 2.5, but the covariance gives 0.1; correct the wrong one"),
-    "not finite": ({"values": "[nan, 1.0]"}, "values.0: "),
-    # It was taken for none, and the head said to have been counted with.
-    "no such coefficient": (
-        {
-            "effects": '["index_eccentricity"]',
-            "parameters": '["index_eccentricity_c", "dbeta@45"]',
-            "units": '["mrad", "mrad"]',
-        },
-        "index_eccentricity has no parameter 'index_eccentricity_c'; give index_eccentricity_cos, index_eccentricity_sin",
-    ),
-    "an effect without one": ({"effects": '["index_gain", "base_levelling"]'}, "base_levelling is missing"),
-}
+BAD_HEADS = [
+    ({"effects": '["index_gian"]'}, "effects: unknown effect 'index_gian'"),
+    ({"parameters": '["index_gain", "spin"]'}, "parameters: no parameter 'spin' of a head"),
+    ({"units": '["mrad/rad", "mg"]'}, "units.1: 'mg' cannot be converted to 'rad'"),
+    ({"values": "[0.1]"}, "values: 1 entries for 2 parameters"),
+    ({"covariance": "[[1e-4, 0.0], [0.0]]"}, "covariance.1: 1 entries for 2 parameters"),
+    ({"covariance": "[[1e-4, 1.0], [1.0, 1e-2]]"}, "covariance: not symmetric and positive definite"),
+    ({"parameters": '["index_gain", "index_gain"]'}, "parameters: a name is repeated"),
+    ({"parameters": '["index_gain", "dbeta_1"]'}, "'dbeta_1' is not the name of a pitch"),
+    ({"parameters": '["index_gain", "dbeta@45.0"]'}, "'dbeta@45.0' is not the name"),
+    ({"sd": "[0.01, 2.5]"}, "sd.1: 2.5, but the covariance gives 0.1; correct the wrong one"),
+    ({"values": "[nan, 1.0]"}, "values.0: "),
+    ({"effects": '["index_eccentricity"]', "parameters": '["index_eccentricity_c", "dbeta@45"]',
+      "units": '["mrad", "mrad"]'}, "index_eccentricity has no parameter 'index_eccentricity_c'; give"),
+    ({"effects": '["index_gain", "base_levelling"]'}, "base_levelling is missing"),
+]  # fmt: skip
 
 
-@pytest.mark.parametrize("command", ["calibrate", "diagnose"])
-@pytest.mark.parametrize(("changed", "words"), BAD_HEADS.values(), ids=BAD_HEADS)
-def test_a_bad_head_file_is_one_line(tumblecal, tmp_path, table1_file, command, changed, words):
+@pytest.mark.parametrize(("changed", "words"), BAD_HEADS)
+def test_a_bad_head_file_is_one_line(tumblecal, tmp_path, table1_file, changed, words):
     head = tmp_path / "head.toml"
     head.write_text("\n".join(f"{key} = {value}" for key, value in (HEAD | changed).items()))
-    outcome = tumblecal(command, table1_file, "--head", head, "--noise-sd", "0.1mg", "--out", tmp_path / "out")
+    outcome = tumblecal("calibrate", table1_file, "--head", head, "--noise-sd", "0.1mg", "--out", tmp_path / "out")
     assert outcome.code == 2 and len(outcome.lines) == 1
     assert str(head) in outcome.lines[0] and words in outcome.lines[0]
     assert not (tmp_path / "out").exists()
-
-
-def test_a_folder_for_a_head_is_told_its_file(tumblecal, tmp_path, table1_file):
-    given = ["calibrate", table1_file, "--head", tmp_path, "--out", tmp_path / "out"]
-    outcome = tumblecal(*given)
-    assert (
-        outcome.code == 2
-        and "a folder without head.toml; give the file that diagnose --units wrote" in outcome.lines[0]
-    )
-    (tmp_path / "head.toml").write_text("\n".join(f"{key} = {value}" for key, value in HEAD.items()))
-    outcome = tumblecal(*given)
-    assert outcome.code == 2 and f"{tmp_path}: a folder; give the file, {tmp_path / 'head.toml'}" in outcome.lines[0]
-
-
-def test_the_head_in_the_docs_is_one(tumblecal, tmp_path, table1_file):
-    page = (Path(__file__).parents[2] / "docs" / "units.md").read_text(encoding="utf-8")
-    blocks = re.findall(r"^```toml\n(.*?)^```", page, re.S | re.M)
-    (block,) = (text for text in blocks if "tumblecal.head/1" in text)
-    (tmp_path / "head.toml").write_text(block)
-    given = ["calibrate", table1_file, "--head", tmp_path / "head.toml", "--noise-sd", "0.1mg", "--no-figures"]
-    outcome = tumblecal(*given, "--out", tmp_path / "out")
-    assert outcome.code == 3, outcome.lines  # Table 1 contradicts it: it is of another head
-    head = json.loads((tmp_path / "out" / "calibration.json").read_text())["provenance"]["head"]
-    assert head["parameters"][0] == "base_levelling" and head["made_of"] == ["A.csv", "B.csv", "C.csv"]

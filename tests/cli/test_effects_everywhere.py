@@ -9,8 +9,9 @@ import polars as pl
 import pytest
 
 import independent
-from tumblecal.studies.study_tables import read_study, rig_of_study
-from tumblecal.studies.sweep import points_of
+
+
+pytestmark = pytest.mark.usefixtures("few_effects")
 
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "own_effects.md"
@@ -37,7 +38,6 @@ def mine(tmp_path):
     return path
 
 
-@pytest.mark.usefixtures("few_effects")
 def test_simulate_calibrate_diagnose(tumblecal, tmp_path, mine):
     data, rig = tmp_path / "data.csv", tmp_path / "rig.toml"
     assert tumblecal("simulate", rig, "--effects", mine, "--out", data, "--seed", 2).code == 0
@@ -68,19 +68,6 @@ def test_effects_lists_and_explains_it(tumblecal, mine):
     assert tumblecal("effects", "index_third").code == 2
 
 
-def test_the_virtual_instrument_has_it(tmp_path, mine):
-    from tumblecal.cli.emulate import exact_truth
-
-    truth = exact_truth(tmp_path / "rig.toml", {}, (mine,))
-    error = 0.8e-3 * np.cos(3 * 0.5) - 0.6e-3 * np.sin(3 * 0.5)
-    expected = independent.specific_force(np.array([0.5 + error]), np.array([0.2]))[0]
-    np.testing.assert_allclose(truth(np.degrees(0.5), np.degrees(0.2), 0.0, 25.0), expected, atol=1e-12)
-    (tmp_path / "plain.toml").write_text(RIG.replace('effects = ["index_third"]', "").split("[truth]")[0])
-    added = exact_truth(tmp_path / "plain.toml", {"index_third": [0.8, -0.6]}, (mine,))
-    np.testing.assert_allclose(added(np.degrees(0.5), np.degrees(0.2), 0.0, 25.0), expected, atol=1e-12)
-
-
-@pytest.mark.usefixtures("few_effects")
 def test_studies_know_it(tumblecal, tmp_path, mine):
     power = tmp_path / "power.toml"
     power.write_text(
@@ -100,50 +87,18 @@ def test_studies_know_it(tumblecal, tmp_path, mine):
     assert outcome.code == 2 and "no effect 'index_third'" in outcome.lines[0]
 
 
-def test_studies_of_a_rig_that_has_it(tumblecal, tmp_path, mine):
-    """Its rig and its grid are made with the effect; what a worker gets holds the effect's text."""
-    sweep = tmp_path / "sweep.toml"
-    sweep.write_text(
-        'schema = "tumblecal.study.sweep/1"\nrig = "rig.toml"\ntrials = 64\n[grid]\n"study.inject.index_ellipticity" = [0, 1]\n'
-    )
-    tables = read_study(sweep, "sweep", effects=[mine])
-    mine.unlink()
-    for _, point in points_of(json.loads(json.dumps(tables))):
-        rig = rig_of_study(point)
-        assert rig.true_chain(rig.where).names[-2:] == ("index_third_cos", "index_third_sin")
-    outcome = tumblecal("study", "sweep", sweep, "--out", tmp_path / "none", "--dry-run")
-    assert outcome.code == 2 and "chain.effects: unknown effect 'index_third'" in outcome.lines[0]
-
-
-@pytest.mark.parametrize("command", ["diagnose", "calibrate", "simulate", "effects", "emulate", "study power"])
+@pytest.mark.parametrize("command", ["diagnose", "simulate", "effects", "study power"])
 def test_a_faulty_file_is_told_in_one_line(tumblecal, tmp_path, table1_file, mine, command):
     mine.write_text("EFFECTS = [\n")
     other = {"simulate": tmp_path / "rig.toml", "effects": "index_third"}.get(command, table1_file)
-    if command == "emulate":
-        other = tmp_path / "emulator.toml"
-        other.write_text('rig = "rig.toml"\n')
     if command == "study power":
         other = tmp_path / "power.toml"
         other.write_text(
             'schema = "tumblecal.study.power/1"\nrig = "rig.toml"\nruns = 2\neffects = {index_third=[1]}\n'
         )
-    out = [] if command in ("effects", "emulate") else ["--out", tmp_path / "out.csv"]
+    out = [] if command == "effects" else ["--out", tmp_path / "out.csv"]
     before = sorted(tmp_path.rglob("*"))
     outcome = tumblecal(*command.split(), other, "--effects", mine, *out)
     assert outcome.code == 2
     assert outcome.lines == [f"tumblecal: {mine}:line 1: not Python: '[' was never closed"]
     assert sorted(tmp_path.rglob("*")) == before
-
-
-@pytest.mark.parametrize("option", ["--effects", "--rig", "--noise-sd", "--prior"])
-def test_an_option_reads_alike_in_every_command(tumblecal, option):
-    """The text beside an option is the same wherever it stands."""
-    texts = set()
-    for command in ("diagnose", "calibrate", "simulate", "effects", "emulate", "study power", "study sweep"):
-        if option == "--noise-sd" and command == "simulate":
-            continue  # there it is what is simulated
-        words = " ".join(tumblecal(*command.split(), "--help").out.replace("│", " ").split())
-        if f"{option} " in words:
-            after = words.split(f" {option} ", 1)[1] + " --end"
-            texts.add(re.split(r" --[a-z]| ╰| \* ", after, maxsplit=1)[0])
-    assert len(texts) == 1, texts

@@ -5,12 +5,6 @@ import pytest
 import tumblecal as package
 
 
-def test_examples_are_listed_with_one_line_each(tumblecal, configs):
-    lines = tumblecal("example").out.splitlines()
-    assert [line.split()[0] for line in lines] == sorted(path.stem for path in configs.glob("*.toml"))
-    assert all(len(line.split(maxsplit=1)[1]) > 20 for line in lines)
-
-
 def test_an_example_comes_with_its_rig_and_is_never_written_over_changes(tumblecal, tmp_path, configs):
     assert tumblecal("example", "study_power", "--out", tmp_path).code == 0
     for name in ("study_power.toml", "grid48.toml"):
@@ -20,11 +14,6 @@ def test_an_example_comes_with_its_rig_and_is_never_written_over_changes(tumblec
     refused = tumblecal("example", "study_power", "--out", tmp_path)
     assert refused.code == 2 and "grid48.toml: exists and differs" in refused.lines[0]
     assert (tmp_path / "grid48.toml").read_text() == "# mine\n"
-
-
-def test_an_unknown_name_gets_the_nearest(tumblecal, tmp_path):
-    (line,) = tumblecal("example", "papr24", "--out", tmp_path).lines
-    assert "did you mean paper24?" in line and not list(tmp_path.iterdir())
 
 
 def test_a_rig_is_read_by_its_name_unless_a_file_has_it(tmp_path, monkeypatch):

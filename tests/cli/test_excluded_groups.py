@@ -9,6 +9,9 @@ from tumblecal.data import PositionSet, write_positions
 from tumblecal.ground.frames import gravity_in_head
 
 
+pytestmark = pytest.mark.usefixtures("few_effects")
+
+
 NOISE = 1e-4
 # 24 positions, and a group of two.
 ALPHA = np.append(np.tile(np.arange(0.0, 360.0, 45.0), 3), [30.0, 200.0])
@@ -41,8 +44,16 @@ def checked(outcome, folder, excluded):
     return content
 
 
-@pytest.mark.parametrize(("column", "count"), [("pitch", 1), ("pitch", 2), ("mount", 1), ("run", 2)])
-def test_a_group_without_positions_in_the_fit(tumblecal, few_effects, tmp_path, column, count):
+@pytest.mark.parametrize(
+    ("column", "count"),
+    [
+        ("pitch", 2),
+        pytest.param("mount", 1, marks=pytest.mark.long),
+        pytest.param("pitch", 1, marks=pytest.mark.long),
+        pytest.param("run", 2, marks=pytest.mark.long),
+    ],
+)
+def test_a_group_without_positions_in_the_fit(tumblecal, tmp_path, column, count):
     data, file, out = measured(column, count), tmp_path / "data.csv", tmp_path / "out"
     write_positions(file, data)
     excluded = data.names[24:]
@@ -61,7 +72,7 @@ def test_a_group_without_positions_in_the_fit(tumblecal, few_effects, tmp_path, 
     assert tumblecal("calibrate", file, *PRIORS, "--out", tmp_path / "calibrated").code in (0, 3)
 
 
-def test_a_parameter_of_excluded_positions_alone_is_not_determined(tumblecal, few_effects, tmp_path):
+def test_a_parameter_of_excluded_positions_alone_is_not_determined(tumblecal, tmp_path):
     """The pitch error of the setting in the second run has no value. It costs neither the calibration nor its page."""
     data, file, out = measured("run", 1), tmp_path / "data.csv", tmp_path / "out"
     write_positions(file, data)
@@ -77,7 +88,7 @@ def test_a_parameter_of_excluded_positions_alone_is_not_determined(tumblecal, fe
     assert np.allclose(bias, [1e-3, -2e-3, 3e-3], atol=5e-4)
 
 
-def test_an_outlier_of_a_hand_held_set_costs_no_calibration(tumblecal, few_effects, tmp_path):
+def test_an_outlier_of_a_hand_held_set_costs_no_calibration(tumblecal, tmp_path):
     """Nor do its tilts count as parameters: two, for three readings that are excluded."""
     random, file, out = np.random.default_rng(5), tmp_path / "data.csv", tmp_path / "out"
     force = random.normal(size=(26, 3))
@@ -93,33 +104,3 @@ def test_an_outlier_of_a_hand_held_set_costs_no_calibration(tumblecal, few_effec
     assert content["sigma_g"] == pytest.approx(NOISE, rel=0.5)
     calibration = json.loads((out / "calibration.json").read_text())
     assert np.allclose(calibration["bias"], [1e-3, -2e-3, 3e-3], atol=5e-4)
-
-
-def test_a_run_whose_rest_determines_nothing_is_not_left_out(tumblecal, few_effects, tmp_path):
-    """Unknown noise: without the first run a single position remains, from which no model can be selected."""
-    data, file, out = measured("run", 1), tmp_path / "data.csv", tmp_path / "out"
-    write_positions(file, data)
-    content = checked(tumblecal("diagnose", file, "--fix", "dbeta", "--out", out), out, data.names[24:])
-    assert content["gain"]["cv_kind"].endswith("because the positions that are not held out are too few for a fit")
-
-
-def test_units_with_an_excluded_setting(tumblecal, few_effects, tmp_path):
-    files = [tmp_path / f"u{number}.csv" for number in range(3)]
-    for number, file in enumerate(files):
-        write_positions(file, measured("pitch", 2, number))
-    outcome = tumblecal("diagnose", *files, *PRIORS[:2], "--units", "--figures", "--out", tmp_path / "out")
-    assert outcome.code == 0 and not outcome.lines, outcome
-    assert all((tmp_path / "out" / f"u{number}" / "residual_harmonics.svg").is_file() for number in range(3))
-    assert (tmp_path / "out" / "diagnosis.html").is_file()
-
-
-def test_joined_files_of_which_the_second_is_excluded(tumblecal, few_effects, tmp_path):
-    data, first, second, out = measured("run", 1), tmp_path / "first.csv", tmp_path / "second.csv", tmp_path / "out"
-    for file, rows in ((first, slice(0, 24)), (second, slice(24, 25))):
-        part = PositionSet(
-            data.names[rows], data.alpha_deg[rows], data.beta_deg[rows], data.readings[rows], time_s=data.time_s[rows]
-        )
-        write_positions(file, part)
-    for more in ([], ["--same-run"]):
-        outcome = tumblecal("diagnose", first, second, "--join", *more, *PRIORS, "--out", out)
-        checked(outcome, out, ["p24"])

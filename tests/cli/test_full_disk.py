@@ -8,6 +8,9 @@ import pytest
 from tumblecal.data import write_positions
 
 
+pytestmark = pytest.mark.usefixtures("few_effects")
+
+
 # More bytes than this no file may have; less than any result.
 ROOM = 100
 

@@ -7,6 +7,9 @@ import pytest
 from tumblecal.data import write_positions
 
 
+pytestmark = pytest.mark.usefixtures("few_effects")
+
+
 LINKS = {
     "same path": lambda path, other: path,
     "spelled otherwise": lambda path, other: f"{path.parent}/../{path.parent.name}/{path.name}",
@@ -15,14 +18,14 @@ LINKS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("link", LINKS.values(), ids=LINKS)
 @pytest.mark.parametrize(
-    "command", [["calibrate"], ["diagnose"], ["diagnose", "--units"], ["diagnose", "--join"]], ids=" ".join
+    ("command", "link"),
+    [*zip(("calibrate", "diagnose", "diagnose --units", "diagnose --join"), LINKS.values(), strict=True)],
 )
 def test_a_file_given_twice_is_refused(tumblecal, tmp_path, table1, table1_file, command, link):
     write_positions(tmp_path / "third.csv", table1.chosen(range(20)))
     again = link(table1_file, tmp_path / "again.csv")
-    name, *options = command
+    name, *options = command.split()
     outcome = tumblecal(name, table1_file, tmp_path / "third.csv", again, *options, "--out", tmp_path / "out")
     assert outcome.code == 2 and len(outcome.lines) == 1
     assert outcome.lines[0].startswith("tumblecal: ") and ": given twice" in outcome.lines[0]

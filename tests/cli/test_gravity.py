@@ -1,7 +1,5 @@
 """One file, one gravity: every command reads units and `# gravity_ms2` alike, from CSV and Parquet."""
 
-import json
-
 import numpy as np
 import polars as pl
 import pytest
@@ -10,9 +8,7 @@ from capture_folder import PLAN, write_capture
 from tumblecal.capture.reduction.position_samples import read_position_samples
 from tumblecal.capture.reduction.reduce import reduce
 from tumblecal.data import read_positions
-from tumblecal.data.calibration import Calibration, read_calibration, write_calibration
 from tumblecal.data.raw import read_raw
-from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import Gravity
 
 
@@ -62,44 +58,3 @@ def test_four_commands_read_one_file_alike(tmp_path, suffix):
     for name, values in read.items():
         np.testing.assert_allclose(values, readings, atol=2e-5, err_msg=name)
     assert read_positions(means).gravity == Gravity(LOCAL, "stated") and reduced.gravity == Gravity(LOCAL, "given")
-
-
-@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
-def test_a_calibration_says_its_gravity_and_apply_uses_it(tumblecal, tmp_path, table1, suffix):
-    """A log from another site is corrected by the g of the calibration: bias in m/s^2 is the device's, not the site's."""
-    bias, matrix = np.array([0.01, -0.02, 0.03]), np.diag([1.001, 0.999, 1.002])
-    write_calibration(
-        tmp_path / "cal.json", Calibration(matrix, bias, np.eye(12) * 1e-12, gravity=Gravity(LOCAL, "given"))
-    )
-    assert json.loads((tmp_path / "cal.json").read_text())["gravity"] == {"value_ms2": LOCAL, "source": "given"}
-    assert read_calibration(tmp_path / "cal.json").gravity == Gravity(LOCAL, "given")
-    raw = np.array([[0.1, 0.2, 9.8], [9.7, -0.3, 0.1]])
-    for stated in ({}, {"gravity_ms2": "9.7803", "gravity_source": "the equator"}):
-        log = written(tmp_path / f"log{suffix}", dict(zip(COLUMNS, raw.T, strict=True)), **stated)
-        outcome = tumblecal("apply", tmp_path / "cal.json", log, "--out", tmp_path / f"out{suffix}")
-        assert outcome.code == 0 and f"one g is {LOCAL:.6g} m/s^2 (given), as in the calibration" in outcome.out
-        out = tmp_path / f"out{suffix}"
-        frame = pl.read_parquet(out) if suffix == ".parquet" else pl.read_csv(out, comment_prefix="#")
-        np.testing.assert_allclose(
-            frame.select(COLUMNS).to_numpy(), LOCAL * (raw / LOCAL - bias) @ matrix.T, rtol=1e-12
-        )
-
-
-def test_calibrate_states_the_gravity(tumblecal, tmp_path, table1):
-    rows = {"position": table1.names, "alpha_deg": table1.alpha_deg, "beta_deg": table1.beta_deg}
-    readings = dict(zip(COLUMNS, (table1.readings * LOCAL).T, strict=True))
-    told = {}
-    for name, comments in {"stated": {"gravity_ms2": str(LOCAL), "gravity_source": "measured"}, "not": {}}.items():
-        data = written(tmp_path / f"{name}.csv", rows | readings, **comments)
-        assert tumblecal("calibrate", data, "--no-figures", "--out", tmp_path / name).code == 0
-        told[name] = json.loads((tmp_path / name / "calibration.json").read_text())["gravity"]
-    assert told["stated"] == {"value_ms2": LOCAL, "source": "measured"}
-    assert told["not"] == {"value_ms2": STANDARD, "source": "standard gravity, none stated"}
-
-
-def test_a_gravity_of_another_planet(tmp_path):
-    for path in (tmp_path / "a.csv", tmp_path / "a.parquet"):
-        positions(path, np.array([[0.0, 0.0, 9.8]]), gravity_ms2="3.71")
-        for read in (read_positions, read_raw, read_position_samples):
-            with pytest.raises(InputError, match=r"comment gravity_ms2: '3\.71' is not a gravity"):
-                read(path)

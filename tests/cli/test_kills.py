@@ -5,7 +5,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 
+
+@pytest.mark.long
 def test_kills_lose_nothing_and_leave_nothing_half_written() -> None:
     script = Path(__file__).parents[2] / "benchmarks" / "kills.py"
     kinds = "recorder,guide,reduce,study,simulate"

@@ -8,6 +8,9 @@ from tumblecal.cli.output import Output
 from tumblecal.data import write_positions
 
 
+pytestmark = pytest.mark.usefixtures("few_effects")
+
+
 @pytest.fixture(scope="module")
 def long_names(tmp_path_factory):
     """Two mountings of long names and a long serial number, the second mounting another one: parameters have long names."""

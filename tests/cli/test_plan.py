@@ -13,17 +13,18 @@ import pytest
 from tumblecal.capture.capture_plan import read_plan
 from tumblecal.cli.model_options import StatedModel
 from tumblecal.cli.options import ModelOptions
-from tumblecal.cli.plan import PlanOptions, _allowed, _criteria, _positions, _sizes
+from tumblecal.cli.plan import PlanOptions, _allowed
 from tumblecal.effects.catalogue import catalogue, read_rig_with_effects
 from tumblecal.estimation.exact import fit
-from tumblecal.ground.errors import InputError
 from tumblecal.simulation.position_means import simulated
+
+
+pytestmark = pytest.mark.usefixtures("few_effects")
 
 
 PAGE = (Path(__file__).parents[2] / "docs" / "plan.md").read_text(encoding="utf-8")
 
 
-@pytest.mark.usefixtures("few_effects")
 def test_the_commands_of_the_page_and_the_uncertainties_of_their_calibration(tumblecal, tmp_path, monkeypatch):
     """plan.md: the commands, without the forecast."""
     monkeypatch.chdir(tmp_path)
@@ -88,44 +89,6 @@ def test_the_commands_of_the_page_and_the_uncertainties_of_their_calibration(tum
         f"run_{mount}/positions.csv" for mount in dict.fromkeys(each["mount"] for each in record["positions"])
     )
     assert runs.count("run_") == 2 and f"calibrate --join {runs} --rig plan/rig.toml" in suggestion
-
-
-@pytest.mark.parametrize(
-    ("options", "fault"),
-    [
-        ({"criterion": "best"}, "no criterion 'best'; criteria: worst, mean"),
-        ({"criterion": "worst=1,worst=2"}, "worst is stated twice"),
-        ({"criterion": "worst=-1"}, "a weight must be above 0"),
-        ({"criterion": "worst=much"}, "write a weight"),
-        ({"criterion": "naming"}, "no effect is stated; add for example --effects"),
-        ({"criterion": "alias", "effects": ("mine.py",)}, "no effect is stated"),
-        ({"criterion": "in_use", "parameters": "dK"}, "contradict each other"),
-    ],
-)
-def test_contradictory_criteria_are_rejected(options, fault):
-    with pytest.raises(InputError, match=re.escape(fault)):
-        _criteria(PlanOptions(**options))
-
-
-def test_unknown_mountings_effects_and_files_are_rejected(configs, tmp_path):
-    entries = catalogue()
-    rig = read_rig_with_effects(configs / "plan_head.toml", entries)
-    with pytest.raises(InputError, match=r"--allow-mount: no mounting 'C'; add \[mounts.C\] .*\(mountings: A, B\)"):
-        _allowed(rig, PlanOptions(allow_mount="A,C"))
-    with pytest.raises(InputError, match="--allow-beta: 120 deg"):
-        _allowed(rig, PlanOptions(allow_beta=("0,120",)))
-    assert dict(_sizes(("second_order.z=200 ug/g^2", "my.py"), entries)) == pytest.approx({"second_order.z": 0.2})
-    for text, fault in (
-        ("second_ordr.z=1 mg/g^2", "did you mean second_order.z"),
-        ("second_order.z=1 mg", "converted"),
-        ("second_order.z=0 mg/g^2", "above 0"),
-    ):
-        with pytest.raises(InputError, match=fault):
-            list(_sizes((text,), entries))
-    other = tmp_path / "other.csv"
-    other.write_text("position,alpha_deg,beta_deg,ax_g,ay_g,az_g,mount\n1,0,0,0,0,1,A\n2,90,0,0,1,0,X\n")
-    with pytest.raises(InputError, match=r"other.csv: mounting 'X' is not in .*\(mountings: A, B\)"):
-        _positions(other, rig)
 
 
 def test_a_rig_without_a_head_gets_settings_that_are_printed_as_assumed(configs):

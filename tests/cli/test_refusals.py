@@ -5,6 +5,9 @@ import pytest
 from test_mistakes import HEADER, ROWS, with_row
 
 
+pytestmark = pytest.mark.usefixtures("few_effects")
+
+
 def test_good_rows_are_good(tumblecal, tmp_path):
     """The rows that cases spoil are accepted, and so are repeated positions."""
     path = tmp_path / "data.csv"
@@ -27,21 +30,10 @@ def test_noise_of_a_rig_is_refused_by_its_file_and_key(tumblecal, tmp_path, conf
     assert tumblecal("simulate", rig, "--out", tmp_path / "x.csv").code == (0 if sd == "0 mg" else 2)
 
 
-@pytest.mark.parametrize("sd", ["1e-12 g", "1e6 g"])
-def test_noise_at_its_limits_is_weighed(tumblecal, tmp_path, table1_file, sd):
-    outcome = tumblecal("calibrate", table1_file, "--noise-sd", sd, "--no-figures", "--out", tmp_path / "out")
-    # Residuals of many times the stated noise: not to be used.
-    assert outcome.code == (3 if sd == "1e-12 g" else 0) and "The residuals contradict the stated noise" in outcome.out
-
-
-def test_a_config_with_several_faults(tumblecal, tmp_path):
-    path = tmp_path / "rig.toml"
-    path.write_text('schema = "tumblecal.rig/1"\n[plan]\nalpha_deg = ["x"]\nbeta_deg = [0]\n[noise]\nsd = 1\n[chian]\n')
-    outcome = tumblecal("simulate", path, "--out", tmp_path / "x.csv")
-    assert outcome.code == 2
-    places = sorted(line.removeprefix(f"tumblecal: {path}:line ").rpartition(": ")[0] for line in outcome.lines)
-    assert places == ["3: plan.alpha_deg.0", "6: noise.sd", "7: chian"]
-    assert list(tmp_path.iterdir()) == [path]
+def test_nothing_left_to_fit_is_refused(tumblecal, tmp_path, table1_file):
+    fixed = [word for name in ("dK", "bias", "gamma", "dtheta", "dbeta") for word in ("--fix", name)]
+    outcome = tumblecal("diagnose", table1_file, *fixed, "--out", tmp_path / "out")
+    assert outcome.code == 2 and "every parameter is fixed" in outcome.lines[0] and not (tmp_path / "out").exists()
 
 
 def test_one_bad_file_among_several_stops_none_of_the_others(tumblecal, tmp_path, table1_file):
@@ -55,22 +47,3 @@ def test_one_bad_file_among_several_stops_none_of_the_others(tumblecal, tmp_path
     summary = pl.read_csv(tmp_path / "out" / "summary.csv")
     assert summary["serial_number"].to_list() == [None, "A17"] and summary["fault"].to_list() == [fault, None]
     assert summary["judgement"][0] == "refused" and summary["dK_x"][1] == pytest.approx(0.3536e-3, abs=1e-7)
-
-
-@pytest.mark.parametrize(
-    "arguments", [["apply", "{calibration}", "{data}", "--out", "{folder}"], ["simulate", "{rig}", "--out", "{folder}"]]
-)
-def test_an_output_that_is_a_folder(tumblecal, tmp_path, configs, table1_file, arguments):
-    assert tumblecal("calibrate", table1_file, "--no-figures", "--out", tmp_path / "out").code == 0
-    folder = tmp_path / "folder"
-    folder.mkdir()
-    names = {
-        "calibration": tmp_path / "out" / "calibration.json",
-        "data": table1_file,
-        "folder": folder,
-        "rig": configs / "paper24.toml",
-    }
-    before = sorted(tmp_path.rglob("*"))
-    outcome = tumblecal(*(argument.format(**names) for argument in arguments))
-    assert outcome.code == 2 and len(outcome.lines) == 1 and str(folder) in outcome.lines[0]
-    assert sorted(tmp_path.rglob("*")) == before

@@ -2,10 +2,12 @@
 
 import json
 
-import numpy as np
 import pytest
 
 from tumblecal.capture.capture_plan import read_plan
+
+
+pytestmark = pytest.mark.usefixtures("few_effects")
 
 
 @pytest.fixture(scope="module")
@@ -28,26 +30,17 @@ def remounted(tmp_path_factory, configs):
 WORDS = "Assumed: the triad is turned 90 deg about z in mounting B; dtheta is relative to this."
 
 
-@pytest.mark.usefixtures("few_effects")
-def test_without_a_rig(tumblecal, tmp_path, remounted):
+def test_a_column_of_mounts_and_joined_files_without_one(tumblecal, tmp_path, remounted):
     options = ["--noise-sd", "0.15mg", "--no-figures", "--out", tmp_path / "out"]
-    outcome = tumblecal("diagnose", remounted / "whole.csv", *options)
-    assert outcome.code == 0 and outcome.out.startswith("ADEQUATE") and WORDS in " ".join(outcome.out.split())
-    found = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
-    assert found["mountings"] == {"A": {"rotation_deg": [0, 0, 0]}, "B": {"rotation_deg": [0, 0, 90]}}
+    for files in ([remounted / "whole.csv"], ["--join", remounted / "A.csv", remounted / "B.csv"]):
+        outcome = tumblecal("diagnose", *files, *options)
+        assert outcome.code == 0 and outcome.out.startswith("ADEQUATE") and WORDS in " ".join(outcome.out.split())
+        found = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
+        first = "A" if len(files) == 1 else "1"
+        assert found["mountings"] == {first: {"rotation_deg": [0, 0, 0]}, "B": {"rotation_deg": [0, 0, 90]}}
+        assert {f"dtheta_z@mount={first}", "dtheta_z@mount=B", "dbeta_2@mount=B"} <= set(found["shifts"])
 
 
-@pytest.mark.usefixtures("few_effects")
-def test_joined_files_without_a_mount_column(tumblecal, tmp_path, remounted):
-    files = [remounted / "A.csv", remounted / "B.csv"]
-    options = ["--noise-sd", "0.15mg", "--no-figures", "--out", tmp_path / "out"]
-    outcome = tumblecal("diagnose", "--join", *files, *options)
-    assert outcome.code == 0 and outcome.out.startswith("ADEQUATE") and WORDS in " ".join(outcome.out.split())
-    found = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
-    assert {"dtheta_z@mount=1", "dtheta_z@mount=B", "dbeta_2@mount=B"} <= set(found["shifts"])
-
-
-@pytest.mark.usefixtures("few_effects")
 def test_a_turn_in_next_positions(tumblecal, tmp_path, configs):
     """Turned about the spindle the x axis stays weak: another mounting is proposed, under a label that is still free."""
     text = (configs / "remount.toml").read_text().replace("[0, 0, 90]", "[90, 0, 0]")
@@ -59,31 +52,3 @@ def test_a_turn_in_next_positions(tumblecal, tmp_path, configs):
     new = {path.name: read_plan(path) for path in (tmp_path / "out").glob("next_positions_turned_*.toml")}
     turns = {plan.session.mount: tuple(plan.positions.mount_rotation_deg) for plan in new.values()}
     assert turns and turns.items() <= {"turned_z_2": (0, 0, 90), "turned_y": (0, 90, 0)}.items()
-
-
-def test_calibrate_says_it_too(tumblecal, tmp_path, remounted):
-    outcome = tumblecal(
-        "calibrate", remounted / "whole.csv", "--noise-sd", "0.15mg", "--no-figures", "--out", tmp_path / "out"
-    )
-    assert outcome.code == 0 and WORDS in " ".join(outcome.out.split())
-    result = json.loads((tmp_path / "out" / "result.json").read_text())
-    assert result["model"]["mountings"]["B"] == {"rotation_deg": [0, 0, 90]}
-    found = {name: one["value"] for name, one in result["methods"]["exact"]["parameters"].items()}
-    np.testing.assert_allclose(
-        [found[f"dtheta_{axis}@mount=B"] for axis in "xyz"], [-0.4e-3, 0.3e-3, 0.5e-3], atol=3e-4
-    )
-
-
-def test_a_mirrored_axis_is_refused_by_both(tumblecal, tmp_path, remounted):
-    path = tmp_path / "mirrored.csv"
-    lines = (remounted / "whole.csv").read_text().splitlines()
-    header = next(line for line in lines if line.startswith("position"))
-    az, mount = (header.split(",").index(name) for name in ("az_g", "mount"))
-    rows = [line.split(",") for line in lines[lines.index(header) + 1 :]]
-    for row in rows:
-        row[az] = repr(-float(row[az])) if row[mount] == "B" else row[az]
-    path.write_text("\n".join([header, *(",".join(row) for row in rows), ""]))
-    for command in ("diagnose", "calibrate"):
-        outcome = tumblecal(command, path, "--out", tmp_path / "out")
-        assert outcome.code == 2 and len(outcome.lines) == 1
-        assert "in mount B the axes are mirrored" in outcome.lines[0] and not (tmp_path / "out").exists()

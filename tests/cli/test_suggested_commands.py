@@ -1,6 +1,5 @@
 """Commands that texts suggest: what the user stated is stated again, and each runs as pasted."""
 
-import ast
 import re
 import shlex
 import sys
@@ -11,12 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import tumblecal as package
 from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.cli.commands import app
 from tumblecal.cli.model_options import StatedModel
 from tumblecal.cli.options import ModelOptions
-from tumblecal.data import read_positions, write_positions
+from tumblecal.data import write_positions
 from tumblecal.data.files import _folder_words
 from tumblecal.data.positions import joined_arguments
 from tumblecal.estimation.methods import all_methods, checked
@@ -24,6 +22,9 @@ from tumblecal.ground.errors import InputError
 from tumblecal.ground.suggested_command import EVERY, SHARED, suggested
 from tumblecal.report.calibration_words import noise_words, temperature_words
 from tumblecal.report.narrow import folded
+
+
+pytestmark = pytest.mark.usefixtures("few_effects")
 
 
 STATED = {
@@ -83,10 +84,13 @@ def test_every_shared_option_is_one_of_the_command_and_none_is_forgotten():
     assert all(names <= set(SHARED[command]) | {"--gravity"} for command in ("reduce", "import", "apply", "check"))
 
 
-@pytest.mark.parametrize("written", ["apart", "by ="])
 @pytest.mark.parametrize("command", SHARED)
-def test_what_was_stated_is_stated_again(invoked, command, written):
-    options = [[f"{k}={v}"] if written == "by =" or v[0] == "-" else [k, v] for k, v in STATED.items()]
+def test_what_was_stated_is_stated_again(invoked, command):
+    """Every second option is written with `=`."""
+    options = [
+        [f"{name}={value}"] if number % 2 or value[0] == "-" else [name, value]
+        for number, (name, value) in enumerate(STATED.items())
+    ]
     invoked("calibrate", "a.csv", "--out", "o", *chain(*options), "--prior", "bias=1 mg")
     two = command in ("apply", "check")
     file = "cal.json" if two else "my file.csv"
@@ -103,39 +107,18 @@ def test_what_was_stated_is_stated_again(invoked, command, written):
     assert shlex.split(suggested(command, Path("-a.csv"), less=EVERY)) == ["tumblecal", command, "./-a.csv"]
 
 
-def test_another_program_s_words_are_no_options_of_the_user(monkeypatch):
-    monkeypatch.setattr(sys, "argv", ["study.py", "--rig", "x.toml"])
-    assert suggested("diagnose", "a b.csv") == "tumblecal diagnose 'a b.csv'"
-
-
-def test_no_text_composes_a_command_with_a_value_by_itself():
-    """In all of src: a command followed by a value, in an f-string, is `suggested`'s to make."""
-    for file in Path(package.__file__).parent.rglob("*.py"):
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.JoinedStr):
-                for part, value in zip(node.values, node.values[1:], strict=False):
-                    own = isinstance(part, ast.Constant) and re.search(r"tumblecal \w+( --?[\w-]+)* $", str(part.value))
-                    assert not (own and isinstance(value, ast.FormattedValue)), (file, part.lineno)
-
-
-@pytest.fixture
-def texts(table1, tmp_path):
+def test_the_texts_of_a_calibration_end_in_a_command_that_is_understood(invoked, table1, tmp_path):
     """What a calibration with residuals beyond the stated noise says, under the command line that runs."""
-
-    def said() -> list[str]:
-        data = replace(table1, temperature_degc=np.linspace(20, 26, 24), source="my data.csv")
-        calibrated = all_methods(StatedModel(noise_sd=1e-5).problem(data))
-        judged = calibrated.judgements[0]
-        exact = calibrated.exact
-        return [judged.advice, noise_words(exact, calibrated.level), temperature_words(exact, calibrated.entries)]
-
-    return said
-
-
-def test_the_texts_of_a_calibration_end_in_a_command_that_is_understood(invoked, texts, table1, tmp_path):
     invoked("calibrate", "my data.csv", "--noise-sd", "0.01 mg", "--columns", "ax_g=AccX,position=pos", "-q")
     expected = ["diagnose", "my data.csv", "--noise-sd", "0.01 mg", "--columns", "ax_g=AccX,position=pos"]
-    for text in texts():
+    data = replace(table1, temperature_degc=np.linspace(20, 26, 24), source="my data.csv")
+    made = all_methods(StatedModel(noise_sd=1e-5).problem(data))
+    texts = (
+        made.judgements[0].advice,
+        noise_words(made.exact, made.level),
+        temperature_words(made.exact, made.entries),
+    )
+    for text in texts:
         assert words(text) == expected
         assert parsed(words(text))["model"].noise_sd == "0.01 mg"
         # On a narrow terminal the command is on a line of its own, whole.
@@ -148,14 +131,6 @@ def test_the_texts_of_a_calibration_end_in_a_command_that_is_understood(invoked,
     assert words(_folder_words(tmp_path)) == ["reduce", str(tmp_path)]
 
 
-def test_joined_files_are_words_of_their_own(invoked, table1):
-    whole = replace(table1, source="a.csv, b c.csv", files=("a.csv", "b c.csv"))
-    invoked("diagnose", "--join", "a.csv", "b c.csv")
-    assert suggested("diagnose", *whole.as_arguments) == "tumblecal diagnose --join a.csv 'b c.csv'"
-    invoked("diagnose", "--join", "--same-run", "a.csv", "b c.csv")
-    assert suggested("diagnose", *whole.as_arguments) == "tumblecal diagnose --join --same-run a.csv 'b c.csv'"
-
-
 def test_a_suggested_diagnosis_reads_the_user_s_own_columns(tumblecal, tmp_path, monkeypatch, table1):
     """With a file's own column names, semicolons and blanks in names; and the same joined with the program's own file."""
     monkeypatch.chdir(tmp_path)
@@ -164,14 +139,8 @@ def test_a_suggested_diagnosis_reads_the_user_s_own_columns(tumblecal, tmp_path,
     rows = zip(table1.names, table1.alpha_deg, table1.beta_deg, *table1.readings.T, strict=True)
     lines = [";".join(map(str, row)).replace(".", ",") for row in [names, *rows]]
     Path("my data.csv").write_text("\n".join(lines) + "\n")
-    options = [
-        "--columns",
-        ",".join(f"{name}={own}" for name, own in columns),
-        "--gravity",
-        "9.8123",
-        "--noise-sd",
-        "0.01 mg",
-    ]
+    named = ",".join(f"{name}={own}" for name, own in columns)
+    options = ["--columns", named, "--gravity", "9.8123", "--noise-sd", "0.01 mg"]
     outcome = tumblecal("calibrate", "my data.csv", *options, "-q")
     (said,) = [line for line in outcome.lines if "Run: tumblecal" in line]
     assert words(said)[:2] == ["diagnose", "my data.csv"] and parsed(words(said))["model"].gravity == "9.8123"
@@ -183,18 +152,3 @@ def test_a_suggested_diagnosis_reads_the_user_s_own_columns(tumblecal, tmp_path,
     own, new = model.read_each([Path("my data.csv"), Path("positions.csv")], together=True)
     np.testing.assert_array_equal(own.readings, new.readings)
     assert own.names == new.names
-
-
-def test_samples_given_for_positions(tumblecal, tmp_path, monkeypatch):
-    """The suggested reduction runs, with the columns that the user named."""
-    monkeypatch.chdir(tmp_path)
-    rng, rows = np.random.default_rng(3), ["p,a,b,X,Y,Z,t"]
-    for k in range(60):
-        x, y, z = np.array([0, k >= 30, k < 30]) + 1e-4 * rng.normal(size=3)
-        rows.append(f"p{k // 30},{90 * (k // 30)},0,{x},{y},{z},{k / 100}")
-    Path("log.csv").write_text("\n".join(rows) + "\n")
-    columns = "position=p,alpha_deg=a,beta_deg=b,ax_g=X,ay_g=Y,az_g=Z,time_s=t"
-    (said,) = tumblecal("calibrate", "log.csv", "--columns", columns).lines
-    assert "so these look like raw samples. Reduce them first, then give reduced/positions.csv: tumblecal " in said
-    assert tumblecal(*words(said)).code == 0
-    assert read_positions("reduced/positions.csv").names == ("p0", "p1")

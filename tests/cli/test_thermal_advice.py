@@ -12,6 +12,9 @@ import pytest
 from thermal_instrument import Programme, instrument, recording, soak_means, write_recording
 
 
+pytestmark = pytest.mark.usefixtures("few_effects")
+
+
 FACES = np.concatenate([np.eye(3), -np.eye(3)])
 EDGES = np.array([(1, 1, 0), (1, -1, 0), (0, 1, 1), (0, 1, -1), (1, 0, 1), (-1, 0, 1)]) / np.sqrt(2)
 RAMP = Programme(10.0, ((40.0, 6.0),))
@@ -49,27 +52,7 @@ def test_a_slow_log_of_six_faces_with_the_statement_that_it_was_at_rest(tumbleca
     assert outcome.code == 0, outcome.lines
     record = json.loads(Path("a/thermal.json").read_text())
     assert record["use"]["answer"] == "within" and record["orders"]["bias"] == 1
-    # Or a file for each attitude.
     assert "write a file for each attitude" in " ".join(refused.lines)
-    assert tumblecal("thermal", *parts, "--out", "b").code == 0
-
-
-def test_samples_without_times_with_the_rate(tumblecal):
-    pl.read_csv(sampled("timed.csv", RAMP)).drop("time_s").write_csv("log.csv")
-    refused = tumblecal("thermal", "log.csv", "--out", "a")
-    assert refused.code == 2
-    advice = pasted(refused, r"give (--rate 100) \(Hz\)")
-    # One attitude determines changes only.
-    assert tumblecal("thermal", "log.csv", "--out", "a", *advice).code == 3
-    assert json.loads(Path("a/thermal.json").read_text())["orders"]["bias"] == 1
-
-
-def test_soaks_of_one_face_with_the_statement_that_it_did_not_move(tumblecal):
-    files = [sampled(f"at{degc}.csv", Programme(degc, (), soak_min=3.0)) for degc in (10, 20, 40)]
-    refused = tumblecal("thermal", *files, "--out", "a")
-    assert refused.code == 2
-    assert tumblecal("thermal", *files, "--out", "a", *pasted(refused, "give (--same-attitude) if")).code == 3
-    assert json.loads(Path("a/thermal.json").read_text())["orders"]["bias"] >= 1
 
 
 def soaks(name: str, *levels: float, faces=FACES, square: float = 0.0) -> list[str]:
@@ -88,22 +71,7 @@ def soaks(name: str, *levels: float, faces=FACES, square: float = 0.0) -> list[s
 OF_MEANS = ("--means", "--noise-sd", "0.1mg")
 
 
-def test_two_soaks_are_not_tested_and_a_third_or_more_faces_test_them(tumblecal):
-    cases = {
-        "two": soaks("two", 10, 40),
-        "three": soaks("three", 10, 25, 40),
-        "more": soaks("more", 10, 40, faces=np.concatenate([FACES, EDGES])),
-    }
-    uses = {}
-    for name, files in cases.items():
-        outcome = tumblecal("thermal", *files, *OF_MEANS, "--out", name)
-        assert outcome.code == 0, outcome.lines
-        uses[name] = json.loads(Path(name, "thermal.json").read_text())["use"]
-    assert uses["two"]["answer"] == "not tested"
-    assert uses["two"]["reason"].endswith("add attitudes or temperatures")
-    assert uses["three"]["answer"] == uses["more"]["answer"] == "within"
-
-
+@pytest.mark.long
 def test_the_cause_of_a_refusal_is_found_by_the_command_that_is_printed(tumblecal):
     files = soaks("bent", 10, 25, 40, faces=np.concatenate([FACES, EDGES]), square=4e-3)
     outcome = tumblecal("thermal", *files, *OF_MEANS, "--out", "made")

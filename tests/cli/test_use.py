@@ -11,6 +11,9 @@ from tumblecal.data.calibration import Calibration, write_calibration
 from tumblecal.data.calibration_use import Use
 
 
+pytestmark = pytest.mark.usefixtures("few_effects")
+
+
 @pytest.fixture(scope="module")
 def exchanged(tmp_path_factory, table1):
     """Table 1 with two rows in each other's place."""
@@ -69,14 +72,6 @@ def test_what_must_not_be_used_is_rejected(tumblecal, tmp_path, refused, command
         assert "use: no: two rows exchanged" in (tmp_path / "out.csv").read_text()
 
 
-def test_compare_reports_the_use_of_both(tumblecal, tmp_path, refused):
-    write_calibration(tmp_path / "old.json", of_unit(Use()))
-    outcome = tumblecal("compare", tmp_path / "old.json", refused)
-    assert outcome.code == 0 and f"{refused}: use: no: " in outcome.out
-    assert "old.json: use: not stated" in outcome.out
-    assert any("WARNING" in line and "use: no" in line for line in outcome.lines)
-
-
 def test_rows_outside_the_temperatures_are_counted(tumblecal, tmp_path):
     """Though the calibration has no thermal term, and cells that are no temperatures do not matter."""
     use = Use("within", "a dependence on temperature outside this range was not measured", (24.0, 26.5))
@@ -91,13 +86,3 @@ def test_rows_outside_the_temperatures_are_counted(tumblecal, tmp_path):
     # Without such a column nothing is counted.
     (tmp_path / "log.csv").write_text("ax_g,ay_g,az_g\n0,0,1\n")
     assert tumblecal("apply", tmp_path / "cal.json", tmp_path / "log.csv").lines == []
-
-
-def test_rows_far_from_the_one_temperature_of_the_data_are_counted(tumblecal, tmp_path):
-    one = of_unit(Use("yes", "measured at about 25 degC"), provenance={"temperature_range_degc": [25.0, 25.0]})
-    write_calibration(tmp_path / "cal.json", one)
-    (tmp_path / "log.csv").write_text("temperature_degc,ax_g,ay_g,az_g\n25.9,0,0,1\n26.1,0,0,1\n-5,0,0,1\n")
-    (said,) = [
-        line for line in tumblecal("apply", tmp_path / "cal.json", tmp_path / "log.csv").lines if "WARNING" in line
-    ]
-    assert "temperatures in 2 of 3 rows (the first: line 3) are beyond the 25 degC of the calibration" in said

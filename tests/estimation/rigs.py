@@ -8,10 +8,6 @@ from tumblecal.data import PositionSet
 
 PAPER_ALPHA = np.tile(np.arange(8) * 45.0, 3)
 PAPER_BETA = np.repeat([0.0, 45.0, 90.0], 8)
-NOMINAL_NAMES = (
-    *(f"{leaf}_{axis}" for leaf in ("dK", "bias", "dtheta") for axis in "xyz"),
-    *("gamma_21", "gamma_31", "gamma_32"),
-)
 
 
 def positions(alpha_deg, beta_deg, readings, **columns) -> PositionSet:

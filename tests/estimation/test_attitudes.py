@@ -104,11 +104,3 @@ def test_both_commands_propose_directions(tumblecal, tmp_path, one_sided):
     assert not list((tmp_path / "out").glob("next_positions*"))
     outcome = tumblecal("calibrate", one_sided, "--noise-sd", "0.1mg", "--no-figures", "--out", tmp_path / "cal")
     assert directions[0] in " ".join(outcome.out.split())
-
-
-def test_too_few_attitudes_are_told_which(tumblecal, tmp_path, one_sided):
-    few = tmp_path / "few.csv"
-    few.write_text("\n".join(one_sided.read_text().splitlines()[:8]) + "\n")
-    outcome = tumblecal("calibrate", few, "--out", tmp_path / "out")
-    assert outcome.code == 2 and len(outcome.lines) == 1
-    assert re.search(r"Next: place it on the .*; .*", outcome.lines[0])

@@ -10,7 +10,6 @@ import blind_instrument as blind
 from tumblecal.data import PositionSet
 from tumblecal.estimation import exact, problem_of
 from tumblecal.estimation.between_position_sd import between_position_sd
-from tumblecal.noise import Covariance
 
 
 def measured(seed, floor_g):
@@ -53,22 +52,6 @@ def test_the_floor_is_the_same_however_small_the_stated_sd(stated):
 def test_none_is_taken_where_the_stated_sd_is_right():
     taken = [between_position_sd(exact.fit(measured(seed, 0.0)[1])) is not None for seed in range(40)]
     assert sum(taken) <= 3  # 1 %: 4 of 40 once in 1600 runs
-
-
-def test_correlated_noise_has_one_too():
-    """The same noise, written as a full matrix, gives the same floor."""
-    _, problem = measured(3, 1e-4)
-    alone = between_position_sd(exact.fit(problem))
-    full = Covariance(problem.noise.matrix, "full")
-    together = between_position_sd(exact.fit(problem.with_noise(full, known=True)))
-    assert together.floor_g == pytest.approx(alone.floor_g, rel=1e-3)
-    applied = together.applied(problem.with_noise(full, known=True))
-    np.testing.assert_allclose(np.sqrt(np.diag(applied.noise.matrix)), alone.applied(problem).sd.ravel(), rtol=1e-3)
-
-
-def test_unknown_noise_has_none():
-    _, problem = measured(1, 1e-4)
-    assert between_position_sd(exact.fit(replace(problem, known=False))) is None
 
 
 def twice(seed, error_g, scatter_g):

@@ -60,7 +60,7 @@ def test_estimated_noise_intervals_use_students_t():
     alpha, beta = [0.0, 120.0, 240.0, 30.0, 200.0, 90.0, 310.0], [0.0, 0.0, 0.0, 45.0, 45.0, 90.0, 90.0]
     truth = random_vector(6, spread=3e-3)
     inside, normal = [], []
-    for seed in range(500):
+    for seed in range(300):
         data = measured(truth, alpha, beta, sd=2e-4, seed=seed)
         result = exact.fit(problem_of(data))
         low, high = result.interval(0.95).T

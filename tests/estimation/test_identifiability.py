@@ -22,9 +22,8 @@ def seen_of(data):
     return identifiability(jacobian, problem.chain.names, problem.scales)
 
 
-@pytest.mark.parametrize("beta", [0.0, 30.0, 90.0])
-def test_a_single_pitch_setting_is_refused_with_names(beta):
-    data = measured(random_vector(1, 13, 1e-3), np.arange(8) * 45.0, np.full(8, beta), sd=1e-4)
+def test_a_single_pitch_setting_is_refused_with_names():
+    data = measured(random_vector(1, 13, 1e-3), np.arange(8) * 45.0, np.full(8, 30.0), sd=1e-4)
     with pytest.raises(InputError) as refused:
         exact.fit(problem_of(data))
     (line,) = refused.value.faults
@@ -69,16 +68,6 @@ def test_fixing_or_a_prior_cures_it_and_the_rest_is_estimated():
     assert known.sd[known.names.index("dbeta_0")] == pytest.approx(1e-5, rel=0.05)
 
 
-def test_fewer_rows_than_parameters():
-    data = measured(random_vector(3, spread=1e-3), [0.0, 90.0, 0.0, 90.0], [0.0, 0.0, 45.0, 90.0], sd=1e-4)
-    with pytest.raises(InputError) as refused:
-        exact.fit(problem_of(data))
-    seen = seen_of(data)
-    assert seen.rank <= 12 < seen.free == 15
-    assert "15 parameters" in str(refused.value)
-    assert all(name in str(refused.value) for name in seen.undetermined)
-
-
 def test_a_turned_mounting_cures_the_weak_axis():
     """DESIGN 7: the triad turned 90 degrees about z in a second mounting; bias_x becomes as good as the others."""
     from tumblecal.chain import nominal_chain
@@ -99,12 +88,3 @@ def test_a_turned_mounting_cures_the_weak_axis():
     one = replace(data.chosen(range(24)), mount=None)
     assert sd_ratio(problem_of(one)) > 5
     assert sd_ratio(problem_of(data, chain)) < 2
-
-
-def test_words_of_a_direction():
-    jacobian = np.array([[1.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
-    seen = identifiability(jacobian, ("a", "b", "c"), np.ones(3))
-    assert seen.rank == 2 and seen.undetermined == ("a", "b")
-    assert seen.unobservable[0].words in ("a - b", "b - a", "-a + b")
-    with pytest.raises(InputError, match=r"x\.csv: these positions cannot determine a, b: 3 parameters, but rank 2"):
-        seen.require_full_rank("x.csv")

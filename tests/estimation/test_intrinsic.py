@@ -34,31 +34,17 @@ def test_any_rotation_leaves_them_unchanged(seed):
         np.testing.assert_allclose(own.values, expected, rtol=0, atol=1e-9)
 
 
-@settings(max_examples=5)
-@given(st.integers(0, 2**32 - 1))
-def test_the_correction_undoes_the_sensor(seed):
-    """matrix (A - bias) is the specific force in the triad's frame: norm 1 g whatever the mounting."""
-    truth = random_vector(seed)
-    data = measured(truth)
-    matrix, bias, covariance = matrix_and_bias(exact.fit(problem_of(data, noise_sd=1e-4)))
-    f = (data.readings - bias) @ matrix.T
-    np.testing.assert_allclose(np.linalg.norm(f, axis=1), 1.0, rtol=0, atol=1e-12)
-    v = independent.specific_force(data.alpha, data.beta + np.repeat(truth[12:], 8))
-    np.testing.assert_allclose(f, independent.mount(truth[6:9]).apply(v), rtol=0, atol=1e-12)
-    assert covariance.shape == (12, 12)
-
-
 def test_covariances_are_those_of_simulated_calibrations():
-    """The delta method against the scatter of 200 fits; 5 sd of a variance's own scatter."""
+    """The delta method against the scatter of 120 fits; 5 sd of a variance's own scatter."""
     truth = random_vector(3)
     invariants, corrections = [], []
-    for seed in range(200):
+    for seed in range(120):
         data = measured(truth, sd=2e-4, seed=seed)
         result = exact.fit(problem_of(data, noise_sd=2e-4))
         invariants.append(intrinsic(result).values)
         matrix, bias, _ = matrix_and_bias(result)
         corrections.append(np.concatenate([matrix.ravel(), bias]))
-    tolerance = 5 * np.sqrt(2 / 200)
+    tolerance = 5 * np.sqrt(2 / 120)
     stated = np.diag(intrinsic(result).covariance)
     np.testing.assert_allclose(np.var(invariants, axis=0), stated, rtol=tolerance)
     stated = np.diag(matrix_and_bias(result)[2])

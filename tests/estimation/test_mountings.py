@@ -11,9 +11,8 @@ from tumblecal.chain.nominal import Mount
 from tumblecal.data.joined import joined
 from tumblecal.estimation import default_chain, exact, problem_of
 from tumblecal.estimation.mountings import turned_mountings, with_distinct_mounts
-from tumblecal.estimation.quarter_turns import quarter_turns, turn_of
+from tumblecal.estimation.quarter_turns import quarter_turns
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.frames import rotation_matrix
 
 
 TURNS = [turn.angles_deg for turn in quarter_turns()]
@@ -21,30 +20,14 @@ NONE = TURNS[0]
 Z90, Y90, X90 = (0.0, 0.0, 90.0), (0.0, 90.0, 0.0), (90.0, 0.0, 0.0)
 
 
-def test_the_turns_are_the_rotation_group_of_the_cube():
-    assert len(TURNS) == 24 and NONE == (0.0, 0.0, 0.0)
-    matrices = [passive(turn) for turn in TURNS]
-    for turn, matrix in zip(TURNS, matrices, strict=True):
-        assert np.linalg.det(matrix) == pytest.approx(1) and np.allclose(np.abs(matrix).sum(0), 1)
-        np.testing.assert_allclose(matrix, rotation_matrix(np.radians(turn)), atol=1e-15)
-        assert turn_of(matrix) is None if np.max(np.abs(matrix - np.round(matrix))) > 1e-9 else turn_of(matrix) == turn
-    assert len({np.round(matrix).astype(int).tobytes() for matrix in matrices}) == 24
-    assert turn_of(passive((0, 0, 89.9))) is None
-
-
-@pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("turn", TURNS[1:], ids=str)
-def test_every_turn_is_recognised(seed, turn):
+def test_every_turn_is_recognised(turn):
+    seed = TURNS.index(turn)
     data, *_ = two(seed, NONE, turn)
     assert turned_mountings(data) == {"A": NONE, "B": turn}
-    data, *_ = two(seed, turn, NONE)
-    assert turned_mountings(data) == {"A": turn, "B": NONE}
-
-
-@pytest.mark.parametrize(("first", "second"), [(Z90, Y90), (X90, (180.0, 0.0, 0.0)), ((0.0, 180.0, 0.0), Z90)], ids=str)
-def test_both_turned(first, second):
-    data, *_ = two(5, first, second)
-    assert turned_mountings(data) == {"A": first, "B": second}
+    other = Z90 if turn == Y90 else Y90
+    data, *_ = two(seed, turn, other)
+    assert turned_mountings(data) == {"A": turn, "B": other}
 
 
 def _small(seed, degrees):
@@ -60,7 +43,7 @@ def _small(seed, degrees):
     return joined(parts)
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(6))
 def test_small_mounts_are_left_as_they_are(seed):
     data = _small(seed, 5.0)
     swapped = data.readings.copy()
@@ -81,37 +64,11 @@ def test_positions_that_say_nothing_of_a_turn_leave_it_as_it_is():
     assert turned_mountings(data.chosen(range(29))) == {"A": NONE, "B": X90}
 
 
-def test_axes_exchanged_throughout_are_no_matter_of_the_mounting():
-    data, *_ = two(2, Z90, Z90)
-    assert turned_mountings(data) == {}
-    data, *_ = two(2, NONE, Z90)
-    flipped = replace(data, readings=data.readings * [1, 1, -1])
-    # Mirrored alike in all: the turn between the mountings is seen all the same.
-    assert turned_mountings(flipped) == {"A": NONE, "B": Z90}
-
-
 def test_a_column_of_another_sign_in_one_mounting_is_refused():
     data, *_ = two(3, NONE, Z90)
-    readings = data.readings.copy()
-    readings[24:, 1] *= -1
+    readings = data.readings * np.where(np.arange(48)[:, None] < 24, 1, [1, -1, 1])
     with pytest.raises(InputError, match=r"in mount B the axes are mirrored .* correct these columns"):
         turned_mountings(replace(data, readings=readings))
-
-
-def test_a_turn_that_cannot_be_told_is_refused_with_what_to_write():
-    data, *_ = two(4, NONE, Z90)
-    rows = [row for row in range(48) if data.mount and (data.mount[row] == "A" or data.beta_deg[row] == 90)]
-    with pytest.raises(InputError, match=r'mount B: .* --rig FILE, .* \[mounts."A"\] rotation_deg = \[0, 0, 0\]'):
-        turned_mountings(data.chosen(rows))
-
-
-def test_a_turn_within_a_mounting_is_refused():
-    data, *_ = two(6, NONE, Z90)
-    data = replace(data, mount=None, run=data.mount)
-    with pytest.raises(
-        InputError, match=r"in run A aligned with the head; in run B turned 90 deg about z\); .* column mount"
-    ):
-        default_chain(data)
 
 
 def test_the_fit_of_a_turned_mounting_finds_the_truth():
@@ -141,17 +98,7 @@ def test_files_of_several_turns_are_told_apart():
     assert set(with_distinct_mounts(named)[1].mount or ()) == {"A of b"}
 
 
-def test_a_file_of_the_opposite_sign_is_refused_when_joined():
-    rng = np.random.default_rng(8)
-    setup = blind.random_setup(rng, 3, 8)
-    one = measured(setup, setup.nominal, NONE, rng, source="a.csv")
-    other = measured(setup, setup.nominal, NONE, rng, source="b.csv")
-    whole = joined(with_distinct_mounts([one, replace(other, readings=-other.readings)]))
-    with pytest.raises(InputError, match="in mount b the axes are mirrored"):
-        turned_mountings(whole)
-
-
-@pytest.mark.parametrize("turn", [(0.0, 0.0, 30.0), (0.0, 0.0, 135.0), (60.0, 60.0, 60.0), (180.0, 45.0, 0.0)], ids=str)
+@pytest.mark.parametrize("turn", [(0.0, 0.0, 135.0), (60.0, 60.0, 60.0)], ids=str)
 def test_between_two_turns_any_near_one_will_do(turn):
     """The fit takes the rest, up to some 60 degrees, as dtheta."""
     data, *_ = two(1, NONE, turn)

@@ -3,7 +3,6 @@
 from dataclasses import replace
 from typing import ClassVar
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -11,7 +10,7 @@ from rigs import PAPER_ALPHA, PAPER_BETA, measured, positions, random_vector, se
 
 import independent
 from tumblecal.chain import Link, Parameter, Place, State, Where, coefficients
-from tumblecal.estimation import exact, harmonic, problem_of
+from tumblecal.estimation import exact, problem_of
 from tumblecal.ground.errors import InputError
 from tumblecal.noise.covariance import Covariance
 
@@ -68,45 +67,6 @@ def test_positions_left_out_add_up_and_leave_the_problem_as_it_was(problem):
     assert fewer.readings is problem.readings and fewer.noise is problem.noise
 
 
-def test_a_noise_gives_whitening_and_sd(problem):
-    matrix = full_covariance(1)
-    correlated = problem.with_noise(Covariance(matrix, "full"), known=False)
-    assert correlated.correlated and not correlated.known and not problem.correlated
-    np.testing.assert_allclose(correlated.sd.ravel(), np.sqrt(np.diag(matrix)), rtol=1e-12)
-    whitening = np.asarray(correlated.whitening)
-    np.testing.assert_allclose(whitening @ matrix @ whitening.T, np.eye(72), atol=1e-10)
-    stated = problem.with_noise(Covariance(matrix, "full"), known=True, sd=np.full((24, 3), 3e-4))
-    assert stated.known and np.all(stated.sd == 3e-4)
-    white = problem.with_noise(Covariance.of_sd(np.full((24, 3), 4e-4)), known=True)
-    np.testing.assert_allclose(white.whitening, 1 / 4e-4, rtol=1e-12)
-    vector = jnp.zeros(15)
-    np.testing.assert_allclose(white.residual(vector)[:72], np.asarray(problem.residual(vector))[:72] / 2, rtol=1e-12)
-
-
-@pytest.mark.parametrize("correlated", [False, True])
-def test_rows_and_unwhitened_undo_each_other(problem, correlated):
-    if correlated:
-        problem = problem.with_noise(Covariance(full_covariance(2), "full"), known=True)
-    values = np.random.default_rng(3).normal(size=(24, 3))
-    rows = problem.rows(values)
-    whitening = np.asarray(problem.whitening)
-    dense = whitening if correlated else np.diag(whitening)
-    np.testing.assert_allclose(rows, dense @ values.ravel(), rtol=1e-12)
-    np.testing.assert_allclose(problem.unwhitened(rows), values, rtol=1e-9, atol=1e-12)
-    columns = np.random.default_rng(4).normal(size=(24, 3, 5))
-    np.testing.assert_allclose(problem.rows(columns), dense @ columns.reshape(72, 5), rtol=1e-9, atol=1e-9)
-
-
-def test_compiled_programs_see_the_numbers_and_not_the_names(problem):
-    leaves, structure = jax.tree.flatten(problem.bare)
-    back = jax.tree.unflatten(structure, leaves)
-    assert back.data is None and back.retained is None and back.known and back.with_prior
-    np.testing.assert_array_equal(back.readings, problem.readings)
-    with pytest.raises(ValueError, match="without a position set"):
-        back.measured_data  # noqa: B018
-    assert jax.tree.structure(replace(problem, data=None, sd=problem.sd / 2).bare) == structure
-
-
 def test_exact_fit_under_a_full_covariance_is_generalised_least_squares():
     """Gauss-Newton in plain numpy: (J' K^-1 J)^-1 J' K^-1 (y - f), its derivatives by differences."""
     covariance = full_covariance(5)
@@ -155,20 +115,6 @@ def test_positions_left_out_take_no_part_in_the_exact_fit():
         np.testing.assert_allclose(fit.residuals[others], fewer.residuals, rtol=0, atol=1e-12)
         expected = independent.nominal(fewer.values, data.alpha, data.beta, setting(PAPER_BETA))
         np.testing.assert_allclose(fit.residuals[7], (data.readings - expected)[7], rtol=0, atol=1e-12)
-
-
-def test_harmonic_and_exact_fit_agree_for_a_small_instrument():
-    """Errors of 0.1 mrad: the linear equations are right to their squares, sd and residuals to the same share."""
-    data = measured(random_vector(8, spread=1e-4), sd=1e-5, seed=2)
-    for options in ({"noise_sd": 1e-5}, {}):
-        problem = problem_of(data, **options)
-        linear, fit = harmonic.fit(problem), exact.fit(problem)
-        assert linear.names == fit.names and linear.noise == fit.noise and linear.dof == fit.dof
-        assert np.max(np.abs(linear.values - fit.values) / fit.sd) < 0.02
-        np.testing.assert_allclose(linear.sd, fit.sd, rtol=1e-3)
-        np.testing.assert_allclose(linear.residuals, fit.residuals, rtol=0, atol=1e-7)
-        assert linear.chi2 == pytest.approx(fit.chi2, rel=1e-3)
-        assert linear.sigma == pytest.approx(fit.sigma, rel=1e-3)
 
 
 def test_what_is_known_together_adds_to_what_is_stated_of_one():

@@ -94,16 +94,6 @@ def test_an_entry_is_whole_and_of_its_name_or_none(tmp_path):
     assert cache.get("a") == payload
 
 
-def test_an_entry_that_verifies_but_does_not_run_is_made_again(filled):
-    folder, _, first = filled
-    cache = ProgramCache(folder / "programs")
-    for path in cache.folder.glob("*.stablehlo"):
-        cache.put(path.name, b"no program")
-    exports, again = run_in(folder)
-    assert exports > 0 and again == first
-    assert run_in(folder) == (0, first)
-
-
 @pytest.mark.skipif(os.name != "posix", reason="file modes of POSIX")
 def test_the_folder_is_private_or_not_used(filled):
     cache, *_ = filled
@@ -121,25 +111,6 @@ def test_the_folder_is_private_or_not_used(filled):
     folder.chmod(0o700)
     assert done.returncode == 0 and "other users can write it" in done.stderr and len(done.stderr.splitlines()) == 1
     assert done.stdout.split()[0] == "0"
-
-
-def test_programs_of_one_kind_are_compiled_once_a_process():
-    import jax
-
-    from tumblecal.estimation.programs import cached_program
-
-    traced = []
-
-    def scaled(factor):
-        return cached_program(lambda x: (traced.append(factor), factor * x)[1], factor)
-
-    for _ in range(2):
-        assert float(scaled(2.0)(np.ones(()))) == 2.0 and float(scaled(3.0)(np.ones(()))) == 3.0
-    assert traced == [2.0, 3.0]
-    own = [
-        cached_program(lambda x: (traced.append(None), x)[1], object()) for _ in range(2)
-    ]  # what cannot be told apart
-    assert [float(program(jax.numpy.ones(()))) for program in own] == [1.0, 1.0] and traced[2:] == [None, None]
 
 
 def test_programs_of_many_kinds_of_files_do_not_stay():

@@ -57,7 +57,7 @@ def test_the_estimate_is_that_of_scipy(chain, loss, name, threshold):
     assert fit.method.startswith(f"exact, {name.capitalize()} loss")
 
 
-@pytest.mark.parametrize(("known", "sets"), [(True, 25), (False, 6)])
+@pytest.mark.parametrize(("known", "sets"), [(True, 25), pytest.param(False, 6, marks=pytest.mark.long)])
 def test_intervals_contain_the_truth_where_some_readings_are_wrong(chain, known, sets):
     rng, contained, plain = np.random.default_rng(3), [], []
     for _ in range(sets):
@@ -68,12 +68,3 @@ def test_intervals_contain_the_truth_where_some_readings_are_wrong(chain, known,
     # 400 or 96 intervals, those of one data set correlated.
     assert 0.95 - (0.06 if known else 0.12) < np.mean(contained) < 0.995
     assert np.mean(plain) < 0.6 if known else True
-
-
-def test_a_gross_error_hardly_moves_a_robust_estimate(chain):
-    noise = np.random.default_rng(4).normal(scale=SD, size=(48, 3))
-    clean = tumblecal.fit(problem_of_noise(chain, noise))
-    noise[5, 1] += 100 * SD
-    moved = [np.max(np.abs(tumblecal.fit(problem_of_noise(chain, noise), loss=loss).values - clean.values) / clean.sd)
-             for loss in (None, huber(), cauchy())]  # fmt: skip
-    assert moved[0] > 10 and moved[1] < 1.5 and moved[2] < 1.0

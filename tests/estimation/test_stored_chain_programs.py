@@ -4,7 +4,6 @@ import importlib.util
 import os
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -15,7 +14,6 @@ from tumblecal.effects import catalogue
 from tumblecal.estimation import programs as programs_module
 from tumblecal.estimation.chain_programs import programs_of
 from tumblecal.estimation.program_key import described
-from tumblecal.estimation.programs import cached_program
 from tumblecal.ground.program_cache import keep_programs_in
 
 
@@ -65,23 +63,6 @@ def test_the_next_process_traces_nothing_and_gives_the_same_bits(exports):
     assert all(np.array_equal(*both) for both in zip(first, again, strict=True))
     other = evaluated(chain_with("third"))
     assert len(exports) > count and not np.array_equal(other[1], first[1])
-
-
-def test_what_a_program_closes_over_tells_it_from_another(exports):
-    def scaled(factor):
-        return cached_program(lambda x: factor * x, factor)
-
-    assert float(scaled(2.0)(jnp.ones(()))) == 2.0
-    for _ in range(2):
-        assert float(scaled(3.0)(jnp.ones(()))) == 3.0 and len(exports) == 2
-        programs_module._from_disk.cache_clear()
-
-
-def test_what_cannot_be_described_is_not_kept(exports, caplog):
-    program = cached_program(lambda x: x + 1.0, object())
-    with caplog.at_level("DEBUG", logger="tumblecal"):
-        assert float(program(jnp.ones(()))) == 2.0 and not exports
-    assert "is not stored" in caplog.text
 
 
 def test_a_function_is_its_code_its_file_and_what_it_closes_over(tmp_path):

@@ -24,8 +24,3 @@ def test_a_slip_is_taken_back_where_the_pitch_error_undoes_it(stood_deg, expecte
     written = measured(stood_deg)
     correct_setup_errors = replace(written, beta_deg=np.where(written.beta_deg == 0.0, -5.0, written.beta_deg))
     assert undone_by_fit(written, exact.fit(problem_of(correct_setup_errors))) == expected
-
-
-def test_without_a_slip_nothing_is_taken_back():
-    written = measured(0.0)
-    assert not undone_by_fit(written, exact.fit(problem_of(written)))

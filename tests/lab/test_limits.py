@@ -94,11 +94,6 @@ def test_a_change_within_dwells_is_in_the_uncertainty(fit):
     assert use(fit, comments={"within_dwells": "x"}).answer == "not tested"
 
 
-def test_an_unconfirmed_identity_is_in_the_reason(fit):
-    own = use(fit, comments={"identity_not_confirmed": "position p3: no serial number stated"})
-    assert own.words == "yes: identity of the instrument not confirmed: position p3: no serial number stated"
-
-
 @pytest.mark.parametrize(("degc", "words"), [
     ([25.0], "yes: measured at about 25 degC; a dependence on temperature was not measured"),
     ([24.9, 25.2], "yes: measured at about 25.05 degC; a dependence on temperature was not measured"),
@@ -106,16 +101,6 @@ def test_an_unconfirmed_identity_is_in_the_reason(fit):
 ])  # fmt: skip
 def test_one_temperature_is_no_range(fit, degc, words):
     assert use(fit, degc=degc).words == words
-
-
-def test_the_strictest_of_judgements_and_limits_reaches_the_file(table1):
-    """The reading of one position in error by 80 sd is `no`, whatever the limits."""
-    comments = {"within_dwells_time_mg": "4"}
-    own = calibrate(replace(table1, comments=comments)).use
-    assert own.answer == "yes" and own.expanded_g > 4e-3
-    readings = table1.readings.copy()
-    readings[7, 1] += 0.05
-    assert calibrate(replace(table1, readings=readings, comments=comments)).use.answer == "no"
 
 
 def explained(bias_x, K2):

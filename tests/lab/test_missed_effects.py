@@ -44,17 +44,20 @@ def calibrated(data, noise_sd=SIGMA):
     return calibrate(data, noise_sd=noise_sd, entries=few_entries())
 
 
-@pytest.mark.parametrize("noise_sd", [SIGMA, None], ids=["stated noise", "unknown noise"])
-def test_adequate_data_may_be_used_and_an_effect_of_eight_sigma_not(noise_sd):
+@pytest.mark.parametrize(
+    ("noise_sd", "files"),
+    [(SIGMA, 10), pytest.param(SIGMA, 40, marks=pytest.mark.long), pytest.param(None, 25, marks=pytest.mark.long)],
+)
+def test_adequate_data_may_be_used_and_an_effect_of_eight_sigma_not(noise_sd, files):
     """The bound on the p-value is valid; of 25 files 0.1 false alarms are expected."""
     p_values, refused = [], 0
-    for seed in range(25):
+    for seed in range(files):
         _, _, data, _ = measured(seed)
         fitted = calibrated(data, noise_sd)
         p_values.append(missed_effects(fitted.exact, few_entries()).p_value)
         refused += fitted.use.answer not in ("yes", "within")
     assert refused <= 1 and min(p_values) > 0.0025 and np.mean(np.array(p_values) < 0.05) <= 0.16
-    for seed in range(6):
+    for seed in range(files // 4):
         use = calibrated(measured(seed, effects=["second_order"])[2], noise_sd).use
         assert use.refused and use.reason.startswith("the data contradict the model (p ") and not use.expanded_words
 

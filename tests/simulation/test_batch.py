@@ -13,7 +13,7 @@ from tumblecal.estimation import closed_form, problem_of
 from tumblecal.estimation.programs import compiler_options
 from tumblecal.simulation.chain_fit import expansion, fit_chain
 from tumblecal.simulation.experiment import BLOCK, experiment
-from tumblecal.simulation.harmonic_fit import fit_harmonics, nominal_harmonics
+from tumblecal.simulation.harmonic_fit import fit_harmonics
 from tumblecal.simulation.inject import injected_links
 from tumblecal.simulation.sums import chunk_sums, sums_of
 from tumblecal.simulation.uniform import harmonic_path, uniform_plan
@@ -80,18 +80,6 @@ def test_harmonic_fits_are_the_closed_form(betas, angles, size):
         np.testing.assert_allclose(fits.values[:, lane], expected, rtol=0, atol=1e-12)
 
 
-def test_nominal_harmonics_are_those_of_the_chain():
-    plan = grid(np.arange(8) * 45.0, np.array([0.0, 45.0, 90.0]))
-    where = settings(plan.alpha, plan.beta)
-    chain = nominal_chain(where)
-    truth = np.random.default_rng(0).normal(size=(15, 5)) * 0.2
-    exact = quick(jax.vmap(lambda vector: chain.at(vector)(where), in_axes=1, out_axes=2))(jnp.asarray(truth))
-    uniform = uniform_plan(where.alpha, where.beta, where.index("pitch"))
-    found = nominal_harmonics(jnp.asarray(truth), uniform.pitch)
-    np.testing.assert_allclose(found, uniform.harmonics(exact), rtol=0, atol=1e-14)
-    np.testing.assert_allclose(uniform.synthesis(found), exact, rtol=0, atol=1e-14)
-
-
 def test_both_paths_and_optimistix_agree():
     plan = grid(np.arange(8) * 45.0, np.array([0.0, 45.0, 90.0]))
     where = settings(plan.alpha, plan.beta)
@@ -107,20 +95,6 @@ def test_both_paths_and_optimistix_agree():
     np.testing.assert_allclose(general.values[good], other[good], rtol=0, atol=1e-10)
     # A lane without readings neither delays nor changes the others.
     assert np.all(fast.converged) and np.array_equal(general.converged, good)
-
-
-@pytest.mark.parametrize("size", [0.15])
-def test_general_path_is_optimistix_on_a_plan_without_harmonics(size):
-    generator = np.random.default_rng(5)
-    alpha, beta = generator.uniform(0, 360, 30), np.repeat([0.0, 40.0, 80.0], 10)
-    where = settings(np.radians(alpha), np.radians(beta))
-    chain = nominal_chain(where)
-    _, readings = readings_of(chain, where, size, seed=3)
-    problem = problem_of(data_of(alpha, beta, np.zeros((30, 3))), chain, noise_sd=SD)
-    assert "equally spaced" in harmonic_path(problem)
-    fits = by_chain(problem, readings)
-    assert np.all(fits.converged)
-    np.testing.assert_allclose(fits.values, by_optimistix(chain, where, readings), rtol=0, atol=1e-10)
 
 
 def paper_experiment(**options):
@@ -141,31 +115,6 @@ def test_a_lost_lane_is_counted_and_not_averaged_in():
     assert float(rest.failed) == 1 and float(rest.trials) == BLOCK
     one = (np.asarray(trials.values - trials.truth)[:, 7]) / np.sqrt(np.diag(setup.covariance))
     np.testing.assert_allclose(whole.error - rest.error, one, rtol=0, atol=1e-10)
-
-
-def test_degenerate_readings_are_not_called_converged():
-    uniform = uniform_plan(
-        *(lambda p: (p.alpha, p.beta, np.repeat([0, 1, 2], 8)))(grid(np.arange(8) * 45.0, np.array([0.0, 45.0, 90.0])))
-    )
-    bad = np.zeros((3, 3, 3, 4))
-    bad[..., 1] = np.nan
-    bad[..., 2] = np.inf
-    bad[..., 3] = np.random.default_rng(0).normal(size=(3, 3, 3))
-    fits = quick(lambda h: fit_harmonics(h, uniform.pitch, 8))(jnp.asarray(bad))
-    assert not np.any(fits.converged[:3])
-
-
-def test_sums_are_those_of_plain_numpy():
-    setup = paper_experiment(spread={"dK": 1e-3, "dbeta": 2e-3})
-    trials = quick(lambda b: setup.trials(3, b))(5)
-    sums = quick(lambda t: sums_of(t, setup))(trials)
-    error = np.asarray(trials.values - trials.truth)
-    scaled = error / np.sqrt(np.diag(setup.covariance))[:, None]
-    np.testing.assert_allclose(sums.error, scaled.sum(axis=1), atol=1e-9)
-    np.testing.assert_allclose(sums.products, scaled @ scaled.T, atol=1e-9)
-    nees = np.einsum("il,ij,jl->l", error, np.linalg.inv(setup.covariance), error)
-    np.testing.assert_allclose(sums.nees, nees.sum(), rtol=1e-9)
-    np.testing.assert_allclose(sums.covered[0, 1], np.sum(np.abs(scaled) <= 1.959963984540054, axis=1))
 
 
 def test_statistics_of_many_trials_are_the_theory():

@@ -11,7 +11,7 @@ from tumblecal import InputError, Problem
 from tumblecal.chain import nominal_chain, settings
 from tumblecal.estimation import programs
 from tumblecal.noise import Covariance
-from tumblecal.simulation import blocks, coverage, linearisation_error, monte_carlo, sweep
+from tumblecal.simulation import blocks, coverage, linearisation_error, monte_carlo
 from tumblecal.simulation.experiment import experiment_of
 
 
@@ -49,12 +49,6 @@ def test_each_fit_is_the_single_fit(problem, readings, path):
         assert many.sd[number] == pytest.approx(fit.sd, rel=0.02)
 
 
-def test_unknown_noise_is_estimated_for_each_fit(problem, readings):
-    unknown = Problem.from_arrays(problem.chain, problem.where, problem.readings)
-    many, fit = tumblecal.fit_many(unknown, readings[:3]), single(problem, readings[2])
-    assert many.sd[2] == pytest.approx(fit.sd, rel=0.02) and many.covariances.shape == (3, 15, 15)
-
-
 def test_parts_from_a_generator_are_one_batch_and_priors_count(problem, readings, monkeypatch):
     stated = Problem.from_arrays(
         problem.chain, problem.where, problem.readings, noise_sd=SD, priors={"dbeta": (0.0, 1e-4)}
@@ -78,11 +72,6 @@ def test_excluded_positions_have_no_part_in_many_fits(problem, readings):
     assert many.dof == fit.dof == 51 and np.max(np.abs(many.values[1] - fit.values)) < 1e-11
 
 
-def test_readings_of_another_plan_are_one_message(problem):
-    with pytest.raises(InputError, match=r"shape \(5, 20, 3\); 24 positions need \(fits, 24, 3\)"):
-        tumblecal.fit_many(problem, np.zeros((5, 20, 3)))
-
-
 def heavy(key):
     return 1e-3 * jax.random.t(key, 4.0, (15,))
 
@@ -99,11 +88,6 @@ def test_intervals_contain_the_drawn_truth(problem, path):
     runs = monte_carlo(problem, 4096, seed=1, truth=heavy, path=path)
     assert runs.converged.all() and np.all(np.abs(runs.coverage(0.95) - 0.95) < 0.016)
     assert runs.truth.std(axis=0) == pytest.approx(1e-3 * np.sqrt(2), rel=0.15)  # Student's t with 4 degrees of freedom
-
-
-def test_the_user_s_noise_is_what_is_fitted(problem):
-    runs = monte_carlo(problem, 4096, seed=2, noise=lambda key: SD * jax.random.laplace(key, (24, 3)))
-    assert (runs.values - runs.truth).std(axis=0) == pytest.approx(np.sqrt(2) * runs.sd[0], rel=0.06)
 
 
 @pytest.mark.parametrize("known", [True, False])
@@ -159,18 +143,6 @@ def test_an_effect_in_the_readings_alone_biases_the_fits(problem):
     runs = monte_carlo(problem, 2048, seed=3, simulated=simulated)
     expected = single(problem, np.asarray(simulated(problem.where)), noise_sd=SD).values
     assert np.max(np.abs(runs.values.mean(axis=0) - expected) / runs.sd[0]) < 0.1
-
-
-def test_noise_that_nobody_stated_is_one_message(problem):
-    with pytest.raises(InputError, match="the noise is unknown"):
-        monte_carlo(Problem.from_arrays(problem.chain, problem.where, problem.readings), 10)
-
-
-def test_a_sweep_has_a_row_for_each_problem_and_parameter(problem):
-    noisier = problem.with_noise(Covariance.of_sd(np.full((24, 3), 2 * SD)), known=True)
-    table = sweep({"quiet": problem, "noisy": noisier}, 1024, seed=1)
-    quiet, noisy = (table.filter(table["problem"] == name)["sd"].to_numpy() for name in ("quiet", "noisy"))
-    assert len(table) == 30 and noisy == pytest.approx(2 * quiet, rel=1e-3)
 
 
 def test_the_linear_fit_s_error_grows_with_the_square_of_the_size(problem):

@@ -9,8 +9,6 @@ import independent
 from tumblecal import InputError
 from tumblecal.capture.capture_plan import CapturePlan, PositionsTable, Session, read_plan
 from tumblecal.chain import nominal_chain, settings
-from tumblecal.chain.plan import grid
-from tumblecal.chain.rig import Rig
 from tumblecal.chain.rig_file import read_rig
 from tumblecal.data import paper
 from tumblecal.effects import catalogue
@@ -65,32 +63,9 @@ def test_a_second_measurement_continues_the_first_one_s_drift_at_its_own_tempera
         simulated_after(rig, unknown, tmp_path / "next.toml", 0)
 
 
-def test_noise_by_axis():
-    where = settings(np.zeros(5000), np.zeros(5000))
-    chain = nominal_chain(where)
-    sd = np.tile([1e-4, 2e-4, 4e-4], (5000, 1))
-    noise = position_means(chain, where, jax.numpy.asarray(sd), jax.random.key(2)) - chain(where)
-    np.testing.assert_allclose(np.std(noise, axis=0), sd[0], rtol=4 / np.sqrt(10000))
-
-
 def test_same_seed_same_bits_other_seed_other_noise(configs):
     rig = read_rig(configs / "grid48.toml")
     first, again, other = simulated(rig, 7), simulated(rig, 7), simulated(rig, 8)
     assert first.readings.tobytes() == again.readings.tobytes()
     assert np.mean(first.readings == other.readings) < 0.01
     assert first.comments["seed"] == "7" and first.comments["noise_sd_g"] == "0.0001"
-
-
-def test_labels_of_mounts_and_runs_are_written_only_where_there_are_several(configs):
-    assert simulated(read_rig(configs / "paper24.toml"), 0).mount is None
-    two = simulated(read_rig(configs / "remount.toml"), 0)
-    assert two.mount == ("A",) * 24 + ("B",) * 24 and two.run is None
-    rig = Rig("two runs", grid([0.0, 90.0], [0.0, 45.0], runs=2), noise_sd_g=1e-4)
-    assert simulated(rig, 0).run == ("1",) * 4 + ("2",) * 4
-
-
-def test_a_rig_without_noise_needs_it_stated():
-    rig = Rig("quiet", grid([0.0, 90.0], [0.0, 45.0]))
-    with pytest.raises(InputError, match="noise"):
-        simulated(rig, 0)
-    assert len(simulated(rig, 0, noise_sd=1e-4)) == 4

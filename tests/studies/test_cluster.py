@@ -1,4 +1,4 @@
-"""Studies on a dask cluster: real schedulers and workers, foreign ones among them."""
+"""Studies on a dask cluster; real schedulers and workers, foreign ones among them, in the long job."""
 
 import importlib
 import json
@@ -13,15 +13,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
 
-import numpy as np
-import polars as pl
 import pytest
+from test_chunks import Squares
 
 import tumblecal
 from tumblecal.ground.errors import InputError
 from tumblecal.studies import cluster as cluster_module
 from tumblecal.studies import worker_watch
-from tumblecal.studies.chunk import maker, statement, study_hash, unpacked
+from tumblecal.studies.chunk import maker
 from tumblecal.studies.cluster import cluster
 from tumblecal.studies.run import run
 from tumblecal.studies.study_tables import read_study
@@ -73,15 +72,6 @@ def study(configs):
     return read_study(configs / "study_coverage.toml", "coverage")
 
 
-@pytest.fixture
-def cheap(tmp_path, monkeypatch):
-    """A folder with a module whose `compute` is a chunk's work done in no time, and that function."""
-    text = "import numpy\ndef compute(text, chunk):\n    return {'chunk': numpy.array([float(chunk)])}\n"
-    (tmp_path / "cheap_work.py").write_text(text)
-    monkeypatch.syspath_prepend(tmp_path)
-    return tmp_path, importlib.import_module("cheap_work").compute
-
-
 @pytest.fixture(scope="module")
 def changed(tmp_path_factory) -> Path:
     """A copy of this tumblecal whose noise is doubled."""
@@ -109,6 +99,7 @@ def without(tmp_path_factory) -> Path:
     return folder
 
 
+@pytest.mark.long
 def test_foreign_workers_are_refused_by_name(tmp_path, study, changed, without):
     with (
         scheduler(tmp_path) as (address, _),
@@ -139,38 +130,10 @@ def test_a_worker_that_ends_while_it_is_compared_is_no_foreign_one(study):
         compared()
 
 
-def test_a_chunk_of_a_foreign_worker_that_came_later_is_refused(tmp_path, study, cheap, changed):
-    folder, compute = cheap
-    with scheduler(tmp_path) as (address, _), cluster(study, scheduler=address, compute=compute) as computed:
-        with worker(address, "own", folder):
-            wait_for(address, 1)
-            chunks = computed([0, 1, 2, 3])
-            chunk, content, _ = next(chunks)
-            assert unpacked(content, statement(study_hash(study), chunk))["chunk"] == chunk
-        with (
-            worker(address, "changed", changed, folder),
-            pytest.raises(InputError, match=r"worker tcp://\S+ rejected: chunk \d: tumblecal \S+ against "),
-        ):
-            list(chunks)
+class Thirty(Squares):
+    """A study of thirty chunks."""
 
-
-class Numbers:
-    """A study of chunks of 10 trials, each computed in no time."""
-
-    def __init__(self, chunks: int):
-        self.chunks, self.trials = chunks, 10 * chunks
-
-    def trials_of(self, chunk):
-        return 10
-
-    def trials_in(self, arrays):
-        return arrays["trials"]
-
-    def compute(self, chunk):
-        return {"trials": np.array(10.0), "sum": np.array(float(chunk))}
-
-    def summary(self, chunks):
-        return {"sum": float(sum(chunk["sum"] for chunk in chunks))}, {"none": pl.DataFrame({"a": [0]})}
+    chunks = trials = 30
 
 
 def work(folder: Path, name: str, lines: str) -> Callable:
@@ -180,34 +143,12 @@ def work(folder: Path, name: str, lines: str) -> Callable:
     return importlib.import_module(name).compute
 
 
-def test_a_worker_that_returns_one_and_a_half_times_the_sums_is_refused_by_name(tmp_path, study, monkeypatch):
-    """First with the count of trials, then with the sums alone, which only computing a chunk again shows."""
-    monkeypatch.syspath_prepend(tmp_path)
-    text = "    return {'trials': numpy.array(FACTOR * 10.0), 'sum': numpy.array(1.5 * chunk)}\n"
-    with scheduler(tmp_path) as (address, _), worker(address, "bad", tmp_path):
-        wait_for(address, 1)
-        for factor, fault in (
-            ("1.5", r"rejected: chunk \d: it counts 15 trials, 10 were"),
-            ("1.0", r": chunk \d, computed"),
-        ):
-            compute = work(tmp_path, f"bad_work_{factor[0]}{factor[2]}", text.replace("FACTOR", factor))
-            out = tmp_path / factor
-            with (
-                pytest.raises(InputError, match=rf"worker tcp://\S+ ?{fault}"),
-                cluster(study, scheduler=address, compute=compute) as computed,
-            ):
-                run(study, out, study=Numbers(4), computed=computed)
-            assert not list((out / "chunks").glob("*.npz")) and not (out / "coverage.json").exists()
-
-
+@pytest.mark.long
 def test_a_stopped_and_a_killed_worker_are_told_and_the_study_ends(tmp_path, study, monkeypatch):
     monkeypatch.setattr(worker_watch, "SILENT_S", 3.0)
     monkeypatch.syspath_prepend(tmp_path)
-    compute = work(
-        tmp_path,
-        "slow_work",
-        "    time.sleep(0.2)\n    return {'trials': numpy.array(10.0), 'sum': numpy.array(float(chunk))}\n",
-    )
+    slow = "    time.sleep(0.2)\n    return {'trials': numpy.array(1.0), 'square': numpy.array([float(chunk)])}\n"
+    compute = work(tmp_path, "slow_work", slow)
     told, done = [], []
     with (
         scheduler(tmp_path) as (address, _),
@@ -230,7 +171,7 @@ def test_a_stopped_and_a_killed_worker_are_told_and_the_study_ends(tmp_path, stu
 
         with cluster(study, scheduler=address, compute=compute) as computed:
             content, _ = run(
-                study, tmp_path / "out", study=Numbers(30), computed=computed, progress=progress, tell=tell
+                study, tmp_path / "out", study=Thirty(study), computed=computed, progress=progress, tell=tell
             )
     assert content["sum"] == sum(range(30))
     # On a busy machine the steady worker may be silent for a while too.
@@ -246,27 +187,18 @@ def test_processes_started_here_listen_to_this_machine_alone():
     assert all(address.startswith("tcp://127.0.0.1:") for address in addresses)
 
 
-def test_no_workers_and_a_scheduler_that_dies_are_told(tmp_path, study, cheap, monkeypatch):
+@pytest.mark.long
+def test_no_workers_and_a_scheduler_that_dies_are_told(tmp_path, study, monkeypatch):
     monkeypatch.setattr(cluster_module, "PATIENCE", 2.0)
-    folder, compute = cheap
+    monkeypatch.syspath_prepend(tmp_path)
+    compute = work(tmp_path, "cheap_work", "    return {'chunk': numpy.array([float(chunk)])}\n")
     with scheduler(tmp_path) as (address, child):
         with pytest.raises(InputError, match="no worker is connected"), cluster(study, scheduler=address) as computed:
             next(computed([0]))
-        with worker(address, "own", folder), cluster(study, scheduler=address, compute=compute) as computed:
+        with worker(address, "own", tmp_path), cluster(study, scheduler=address, compute=compute) as computed:
             wait_for(address, 1)
             chunks = computed(list(range(10)))
             next(chunks)
             child.kill()
             with pytest.raises(InputError, match="the scheduler is gone"):
                 list(chunks)
-
-
-def test_a_scheduler_without_tumblecal_is_told(tmp_path, study, without):
-    with (
-        scheduler(tmp_path, without) as (address, _),
-        worker(address, "own"),
-        cluster(study, scheduler=address) as computed,
-        pytest.raises(InputError, match="the scheduler needs tumblecal"),
-    ):
-        wait_for(address, 1)
-        next(computed([0]))

@@ -6,7 +6,6 @@ import pytest
 
 from tumblecal.estimation import kalman
 from tumblecal.estimation.programs import compiler_options
-from tumblecal.ground.errors import InputError
 from tumblecal.studies.convergence import CHUNK, Convergence
 from tumblecal.studies.study_tables import read_study
 
@@ -75,10 +74,3 @@ def test_correlated_means_from_dwell_to_dwell_have_the_exact_covariance():
         values = np.asarray(means)[:, axis]
         scale = np.sqrt(np.outer(np.diag(expected[axis]), np.diag(expected[axis])))
         assert np.max(np.abs(values @ values.T / lanes - expected[axis]) / scale) < 5 * np.sqrt(2 / lanes)
-
-
-def test_a_rig_that_follows_temperature_is_rejected_with_the_reason(configs, tmp_path):
-    text = (configs / "study_convergence.toml").read_text().replace("paper24.toml", str(configs / "thermal_soaks.toml"))
-    (tmp_path / "study.toml").write_text(text)
-    with pytest.raises(InputError, match=r"linear equations, in which parameters are constant; remove \[temperature\]"):
-        Convergence(read_study(tmp_path / "study.toml", "convergence"))

@@ -5,7 +5,7 @@ import polars as pl
 import pytest
 
 from tumblecal.estimation import harmonic, problem_of
-from tumblecal.studies.linearization import Linearization, crossing
+from tumblecal.studies.linearization import Linearization
 from tumblecal.studies.study_tables import read_study
 
 
@@ -50,10 +50,3 @@ def test_linear_bias_of_one_instrument(configs):
         data = PositionSet(plan.names, np.array(plan.alpha_deg), np.array(plan.beta_deg), readings)
         biases.append(harmonic.fit(problem_of(data)).values - column)
     np.testing.assert_allclose(found["bias"][0], np.sum(biases, axis=0), rtol=0, atol=1e-13)
-
-
-def test_crossing_is_found_on_logarithmic_axes():
-    sizes = np.geomspace(1e-3, 1e-1, 9)
-    assert crossing(sizes, 3 * sizes**2, 3e-4) == pytest.approx(1e-2, rel=1e-9)
-    assert crossing(sizes, 3 * sizes**2, 1.0) is None
-    assert crossing(sizes, 3 * sizes**2, 1e-9) == sizes[0]

@@ -7,7 +7,6 @@ from scipy import stats
 import independent
 from tumblecal.data import paper
 from tumblecal.studies.paper_audit import audit
-from tumblecal.studies.paper_study import paper_study
 
 
 @pytest.fixture(scope="module")
@@ -53,16 +52,6 @@ def test_noise_is_far_below_what_is_stated(audited):
     assert noise.p_value < 1e-6
 
 
-def test_numbers_are_g_and_not_metres_per_second_squared(audited):
-    assert audited.norm_g == pytest.approx(1.0, abs=3e-3)
-    assert audited.norm_if_ms2_g == pytest.approx(0.102, abs=1e-3)
-
-
-def test_600_sets_and_the_papers_truth(study):
-    assert study.single.shape == study.exact.shape == (600, 15)
-    np.testing.assert_array_equal(study.truth, list(paper.SIMULATION_TRUTH.values()))
-
-
 def test_diffuse_filter_is_the_running_mean(study):
     count = np.arange(1, 601)[:, None]
     off = np.abs(study.diffuse - np.cumsum(study.single, axis=0) / count) * np.sqrt(count) / study.single_sd
@@ -80,31 +69,3 @@ def test_every_method_finds_the_truth_within_its_own_sd(study):
     np.testing.assert_allclose(np.std(study.single, axis=0, ddof=1), study.single_sd, rtol=4.5 / np.sqrt(1198))
     np.testing.assert_allclose(np.std(study.exact, axis=0, ddof=1), study.single_sd, rtol=4.5 / np.sqrt(1198))
     np.testing.assert_allclose(study.kalman_sd[-1], sd, rtol=0.1)
-
-
-def test_exact_and_linear_estimates_of_a_set_differ_by_the_linear_bias_alone(study):
-    difference = study.single - study.exact
-    assert np.max(np.abs(difference)) < 1e-5
-    assert np.max(np.abs(difference.mean(axis=0))) == pytest.approx(2.0e-6, rel=0.1)
-
-
-def test_a_prior_buys_a_faster_start_and_a_wrong_one_costs(study):
-    """What the paper calls faster convergence: an informative prior gains after one set, the diffuse one nothing."""
-    error = study.early_error
-    mean, diffuse = error["running mean"], error["Kalman, prior sd 1"]
-    np.testing.assert_allclose(diffuse, mean, rtol=1e-3)
-    np.testing.assert_allclose(mean, 1 / np.sqrt(np.arange(1, 11)), rtol=0.12)
-    assert error["Kalman, prior sd 0.001"][0] < 0.99 * mean[0]
-    assert error["Kalman, prior sd 0.0003"][-1] > mean[-1]
-
-
-def test_settled_counts_sets(study):
-    wrong = np.tile(study.truth, (10, 1))
-    wrong[:4, 3] += study.single_sd[3]
-    assert study.settled(wrong).tolist() == [1, 1, 1, 5] + [1] * 11
-
-
-def test_same_seed_same_bits(study):
-    again = paper_study(study.seed)
-    for name in ("single", "kalman", "diffuse", "exact", "exact_mean"):
-        assert getattr(again, name).tobytes() == getattr(study, name).tobytes()

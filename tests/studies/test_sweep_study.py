@@ -7,11 +7,6 @@ from tumblecal.ground.errors import InputError
 from tumblecal.report.study_answers import answer_of
 from tumblecal.report.study_figures import draw
 from tumblecal.report.study_page import write_study_page
-from tumblecal.simulation import coverage
-from tumblecal.simulation.experiment import problem_for
-from tumblecal.studies import study_tables
-from tumblecal.studies.coverage import Coverage
-from tumblecal.studies.injected_units import injected_units
 from tumblecal.studies.run import run
 from tumblecal.studies.study_tables import read_study
 from tumblecal.studies.sweep import Sweep, points_of
@@ -35,48 +30,26 @@ def test_raw_samples_and_drawn_means_agree(tmp_path, configs):
     assert np.max(np.abs(sds[0] / sds[1] - 1)) < 5 * np.sqrt(1 / 320)
 
 
-def test_a_coverage_study_is_the_public_function_in_chunks(configs):
-    """The same trials, sums and table: the last digit is the same."""
-    study = read_study(configs / "study_coverage.toml", "coverage", {"trials": 2000})
-    study["study"]["truth"] = {}
-    rig = study_tables.rig_of_study(study)
-    stated = problem_for(rig.true_chain(rig.where), rig.where, rig.noise_sd_g)
-    expected = coverage(stated, 2000, seed=study["study"]["seed"]).drop("trials", "failed")
-    made = Coverage(study)
-    assert made.summary([made.compute(0)])[1]["parameters"].equals(expected)
-
-
 def test_sweep_points_are_coverage_studies(tmp_path, configs):
     study = read_study(configs / "study_sweep.toml", "sweep", {"trials": 2000})
     points = points_of(study)
     assert len(points) == 12 and points[1][0] == {"rig.noise.sd": "0.05 mg", "study.inject.second_order.y": 0.1}
     assert points[1][1]["study"]["inject"] == {"second_order.y": 0.1}
-    study["study"]["grid"] = {"rig.noise.sd": ["0.1 mg", "oops"], "rig.plan.gamma_deg": [1], "beta": [2]}
+    study["study"]["grid"] = {
+        "rig.noise.sd": ["0.1 mg", "oops"],
+        "rig.plan.gamma_deg": [1],
+        "beta": [2],
+        "study.noise.sd": ["0 mg"],
+    }
     with pytest.raises(InputError) as caught:
         points_of(study)
     here = configs / "study_sweep.toml"
     assert caught.value.faults == (
         f"{here}: grid.rig.plan.gamma_deg = 1: plan.gamma_deg: unknown key; did you mean alpha_deg?",
         f"{here}: grid.beta = 2: a path starts with rig. or study., such as rig.noise.sd",
+        f"{here}: grid.study.noise.sd = '0 mg': noise.sd: '0 mg': a standard deviation must be above 0",
         f"{here}: grid.rig.noise.sd = 'oops': noise.sd: 'oops' is not a number with a unit, such as '1 mg'",
     )
-
-
-def test_a_grid_is_blamed_for_what_it_puts_into_the_rig(tumblecal, tmp_path, configs):
-    path, text = tmp_path / "sweep.toml", (configs / "study_sweep.toml").read_text()
-    text = text.replace("paper24.toml", str(configs / "paper24.toml"))
-    grid = '"rig.noise.sd" = ["0.05 mg"'
-    assert grid in text
-    for there, words in {
-        '"rig.nose.sd" = ["0.05 mg"': "grid.rig.nose.sd = '0.05 mg': nose: unknown key; did you mean noise?",
-        '"rig.noise.sd" = ["0.05 mrad"': "grid.rig.noise.sd = '0.05 mrad': noise.sd: 'mrad' cannot be converted",
-        '"rig.noise.sd" = ["0 mg"': "grid.rig.noise.sd = '0 mg': noise.sd: a study needs some, and the rig's is 0",
-        '"study.noise.sd" = ["0 mg"': "grid.study.noise.sd = '0 mg': noise.sd: '0 mg': a standard deviation must be above 0",
-    }.items():
-        path.write_text(text.replace(grid, there))
-        outcome = tumblecal("study", "sweep", path, "--out", tmp_path / "out")
-        assert outcome.code == 2 and outcome.lines[0].startswith(f"tumblecal: {path}: {words}"), outcome.lines
-        assert not (tmp_path / "out").exists()
 
 
 def test_a_sweep_runs_its_points_in_order(tmp_path, configs):
@@ -96,15 +69,7 @@ def test_a_sweep_runs_its_points_in_order(tmp_path, configs):
     assert len(frames["parameters"]) == 30 and (tmp_path / "sweep_parameters.parquet").exists()
 
 
-def test_units_of_what_is_injected(configs):
-    study = read_study(configs / "study_coverage.toml", "coverage", {})
-    study["study"]["inject"] = {"second_order.y": 0.3, "bias_drift.x": [1]}
-    assert injected_units(study) == {"study.inject.second_order.y": "mg/g^2", "study.inject.bias_drift.x": "mg/h"}
-    study = read_study(configs / "study_power.toml", "power", {})
-    study["study"]["effects"] = {"second_order.z": [0, 5.0]}
-    assert injected_units(study) == {"study.effects.second_order.z": "mg/g^2"}
-
-
+@pytest.mark.usefixtures("few_effects")
 def test_power_is_nothing_at_size_zero_and_all_at_a_gross_one(configs):
     from tumblecal.studies.power import Power
 
@@ -127,21 +92,3 @@ def test_too_large_a_study_is_refused_before_it_starts(tumblecal, tmp_path, conf
     assert (
         dry.code == 0 and "240000 trials in 12 chunks" in " ".join(dry.out.split()) and not (tmp_path / "out").exists()
     )
-
-
-def test_an_interrupted_study_says_that_the_same_command_goes_on(tumblecal, tmp_path, configs, monkeypatch):
-    def interrupted(*_, **__):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("tumblecal.studies.run.run", interrupted)
-    outcome = tumblecal("study", "sweep", configs / "study_sweep.toml", "--out", tmp_path / "out")
-    assert outcome.code == 130
-    kept = "the finished chunks are stored; the same command continues from there"
-    assert outcome.lines == [f"tumblecal: interrupted; {tmp_path / 'out'}: {kept}"]
-
-
-def test_where_to_compute_is_said_once(tumblecal, tmp_path, configs):
-    command = ("study", "sweep", configs / "study_sweep.toml", "--out", tmp_path / "out")
-    assert tumblecal(*command, "--workers", 0).lines[0].startswith("tumblecal: --workers 0: at least 1")
-    both = tumblecal(*command, "--workers", 2, "--scheduler", "tcp://127.0.0.1:1")
-    assert both.code == 2 and "contradict each other; give only one of them" in both.lines[0]
