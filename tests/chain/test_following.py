@@ -136,3 +136,17 @@ def test_every_leaf_may_follow_a_spline_and_runs_share_its_change():
         for name, amount in zip(names, np.array([*powers, *cubes]).T[row] @ physical, strict=True):
             moved[name] += amount
         np.testing.assert_allclose(chain.named(values)(where)[row], plain.named(moved)(where)[row], rtol=0, atol=1e-14)
+
+
+def test_a_single_attitude_names_the_combination_of_bias_and_scale_over_temperature():
+    degc = np.linspace(0.0, 60.0, 30)
+    where = settings(np.zeros(30), np.zeros(30), temperature_degc=degc)
+    linear = TemperatureFunctions(1, REFERENCE, RANGE)
+    chain = nominal_chain(where, temperature={"bias": linear, "dK": linear})
+    chain = chain.fixed({"dK", "dtheta", "gamma", "dbeta"})
+    problem = Problem.from_arrays(chain, where, np.asarray(chain(where)), noise_sd=NOISE)
+    with pytest.raises(InputError) as raised:
+        fit(problem)
+    text = str(raised.value)
+    assert "dK_T_z1 - bias_T_z1" in text and "(bias_T and dK_T: bias and dK over temperature)" in text
+    assert "Lower the order of bias and dK in [temperature]" in text

@@ -164,3 +164,26 @@ def test_truth_of_the_wrong_length_says_what_the_plan_makes(tmp_path, configs):
     rig = read_rig(path)
     with pytest.raises(InputError, match=r"truth\.dbeta: 2 values, but the plan makes 3"):
         rig.true_chain(rig.where)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("schema = [", "not TOML"),
+        ("", "schema: is missing"),
+        ('schema = "tumblecal.rig/1"\n[plan]\nalpha_deg = [0]\n', "give either alpha_deg and beta_deg"),
+    ],
+)
+def test_files_that_are_no_rig(tmp_path, text, words):
+    path = tmp_path / "bad.toml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=words):
+        read_rig(path)
+
+
+def test_data_with_an_undescribed_mount(configs):
+    from tumblecal.chain import settings
+
+    rig = read_rig(configs / "remount.toml")
+    with pytest.raises(InputError, match=r"no entry for mount C of the data; add \[mounts\.C\]"):
+        rig.chain(settings([0.0, 1.0], [0.0, 0.0], mount=["A", "C"]))

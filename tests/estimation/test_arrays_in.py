@@ -128,3 +128,9 @@ def test_the_fit_is_the_maximum_of_the_density(problem):
     best = tumblecal.fit(problem)
     slope = jax.grad(problem.log_density)(jnp.asarray(best.values))
     assert np.max(np.abs(slope * best.sd)) < 1e-5
+
+
+def test_a_traced_fit_says_what_to_use(plan):
+    chain, where, readings = plan
+    with pytest.raises(TypeError, match="cannot trace it"):
+        jax.jit(lambda values: tumblecal.fit(Problem.from_arrays(chain, where, values, noise_sd=SD)).values)(readings)

@@ -122,3 +122,10 @@ def test_order_of_rows_does_not_matter(table1, table1_fit, order):
     result = exact.fit(problem_of(shuffled))
     np.testing.assert_allclose(result.values, table1_fit.values, rtol=0, atol=1e-13)
     np.testing.assert_allclose(result.residuals, table1_fit.residuals[list(order)], rtol=0, atol=1e-13)
+
+
+def test_not_finite_data_are_reported_by_name(table1):
+    broken = replace(table1, readings=np.where(np.eye(24, 3) > 0, 1e308, table1.readings))
+    result = exact.fit(problem_of(broken))
+    assert not result.code.good
+    assert "not converged" in result.message

@@ -108,3 +108,19 @@ def test_between_two_turns_any_near_one_will_do(turn):
     problem = problem_of(data, noise_sd=blind.SIGMA)
     result = exact.fit(problem)
     assert result.code.good and result.chi2 < 1.6 * result.dof
+
+
+def test_a_turn_that_cannot_be_told_is_refused_with_what_to_write():
+    data, *_ = two(4, NONE, Z90)
+    rows = [row for row in range(48) if data.mount and (data.mount[row] == "A" or data.beta_deg[row] == 90)]
+    with pytest.raises(InputError, match=r'mount B: .* --rig FILE, .* \[mounts."A"\] rotation_deg = \[0, 0, 0\]'):
+        turned_mountings(data.chosen(rows))
+
+
+def test_a_turn_within_a_mounting_is_refused():
+    data, *_ = two(6, NONE, Z90)
+    data = replace(data, mount=None, run=data.mount)
+    with pytest.raises(
+        InputError, match=r"in run A aligned with the head; in run B turned 90 deg about z\); .* column mount"
+    ):
+        default_chain(data)

@@ -154,3 +154,13 @@ def test_the_linear_fit_s_error_grows_with_the_square_of_the_size(problem):
     jacobian = tumblecal.fit(problem).jacobian / problem.scales * SD
     linear = np.linalg.lstsq(jacobian, moved.reshape(100, -1).T, rcond=None)[0].T
     assert np.sqrt(np.mean((linear - truth) ** 2, axis=0)) == pytest.approx(large, rel=0.5)
+
+
+def test_readings_of_another_plan_are_one_message(problem):
+    with pytest.raises(InputError, match=r"shape \(5, 20, 3\); 24 positions need \(fits, 24, 3\)"):
+        tumblecal.fit_many(problem, np.zeros((5, 20, 3)))
+
+
+def test_noise_that_nobody_stated_is_one_message(problem):
+    with pytest.raises(InputError, match="the noise is unknown"):
+        monte_carlo(Problem.from_arrays(problem.chain, problem.where, problem.readings), 10)

@@ -100,6 +100,9 @@ def test_a_folder_of_another_study_says_what_differs_and_nothing_else(tmp_path, 
     manifest.write_text(json.dumps(content), encoding="utf-8")
     with pytest.raises(InputError, match=r"\(different: jax 0\.0\.1 against [\d.]+\)"):
         outcome(tables(1), tmp_path)
+    manifest.write_text("[1]")
+    with pytest.raises(InputError, match="remove this file"):
+        outcome(tables(1), tmp_path)
 
 
 @pytest.mark.parametrize("part", ["tumblecal", "device"])

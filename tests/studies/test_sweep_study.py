@@ -47,7 +47,7 @@ def test_sweep_points_are_coverage_studies(tmp_path, configs):
     assert caught.value.faults == (
         f"{here}: grid.rig.plan.gamma_deg = 1: plan.gamma_deg: unknown key; did you mean alpha_deg?",
         f"{here}: grid.beta = 2: a path starts with rig. or study., such as rig.noise.sd",
-        f"{here}: grid.study.noise.sd = '0 mg': noise.sd: '0 mg': a standard deviation must be above 0",
+        f"{here}: grid.study.noise.sd = '0 mg': noise.sd: '0 mg': a standard deviation must be above 0 (1e-12 to 1e6 g)",
         f"{here}: grid.rig.noise.sd = 'oops': noise.sd: 'oops' is not a number with a unit, such as '1 mg'",
     )
 
