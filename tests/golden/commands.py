@@ -31,8 +31,8 @@ def run(line: str) -> int:
     """Exit code of a command line."""
     from tumblecal.cli.commands import run as run_command_line
 
+    said, before = io.StringIO(), sys.argv
     sys.argv = ["tumblecal", *shlex.split(line)]
-    said = io.StringIO()
     with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said), warnings.catch_warnings():
         # That the arguments are read from sys.argv is wanted here.
         warnings.filterwarnings("ignore", message="Cyclopts application invoked without tokens")
@@ -40,6 +40,8 @@ def run(line: str) -> int:
             return run_command_line()
         except SystemExit as end:
             return int(end.code or 0)
+        finally:
+            sys.argv = before
 
 
 def answer_of(case: Case, folder: Path) -> dict[str, Any]:
