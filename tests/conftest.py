@@ -51,7 +51,9 @@ settings.load_profile("tumblecal")
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
-        "--update-golden", action="store_true", help="write tests/golden/answers again; print what changed"
+        "--update-golden",
+        action="store_true",
+        help="write tests/golden/answers and the snapshots/ again; print what changed",
     )
 
 
@@ -69,39 +71,25 @@ def pytest_configure() -> None:
 # Files that take longest, so that with `--dist loadfile` none of them is begun last and waited for by all; two that compile
 # the same are not begun together.
 LONGEST = (
-    "tests/test_readme",
-    "diagnosis/test_rates",
-    "capture/test_guided_run",
+    "golden/test_golden",
     "studies/test_resumed_studies",
-    "diagnosis/test_noise_change",
-    "report/test_page",
-    "cli/test_diagnose_units",
     "capture/test_recorder",
-    "cli/test_commands",
-    "simulation/test_batch",
-    "diagnosis/test_strong_signals",
-    "report/test_diagnosis_page",
-    "estimation/test_programs",
-    "cli/test_effects_everywhere",
-    "diagnosis/test_pure_error",
-    "studies/test_cluster",
-    "cli/test_output",
-    "planning/test_next_plan",
-    "diagnosis/test_diagnose",
-    "budget/test_budget",
-    "cli/test_diagnose_files",
-    "studies/test_sweep_study",
-    "studies/test_convergence_study",
-    "diagnosis/test_repeats",
-    "simulation/test_bits_of_trials",
-    "tests/test_notebook",
-    "history/test_history",
-    "estimation/test_exact",
-    "cli/test_diagnose_samples",
     "certificate/test_certificate",
     "capture/test_run_folder",
+    "capture/test_recordings",
+    "diagnosis/test_rates",
+    "cli/test_set_up_mistakes",
+    "tests/test_docs",
+    "tests/test_readme",
+    "thermal/test_thermal_calibration",
+    "history/test_changes",
+    "simulation/test_many_fits",
+    "estimation/test_attitude_scatter",
+    "simulation/test_batch",
+    "report/test_page",
     "capture/test_bad_input",
-    "cli/test_kills",
+    "capture/test_signals",
+    "cli/test_output",
 )
 
 

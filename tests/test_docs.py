@@ -51,7 +51,12 @@ def public_objects(folder: str) -> dict[str, object]:
     return {name: thing for name, thing in listed.items() if all(thing is not other for other in elsewhere)}
 
 
-@pytest.mark.parametrize("folder", ["", *PUBLIC])
+_COMPILED = ("diagnosis", "simulation")  # their examples compile for seconds
+
+
+@pytest.mark.parametrize(
+    "folder", ["", *(pytest.param(name, marks=pytest.mark.long) if name in _COMPILED else name for name in PUBLIC)]
+)
 def test_every_public_name_has_an_example_that_runs(folder, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     finder, runner = doctest.DocTestFinder(exclude_empty=False), doctest.DocTestRunner()

@@ -15,6 +15,7 @@ import tumblecal
 from tumblecal.ground.errors import InputError
 
 
+pytestmark = pytest.mark.long
 ROOT = Path(__file__).parents[1]
 SHOWN = ("rig", "positions", "calibrated", "exact", "diagnosis", "calibration")
 DRAWN = ("residuals", "columns", "harmonics", "explanations", "predictive", "limits")

@@ -7,10 +7,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 
 SCRIPTS = Path(__file__).parent / "typed"
 
 
+@pytest.mark.long
 def test_results_of_a_script_with_an_effect_of_its_own_come_back_from_bytes(tmp_path):
     assert len(list(SCRIPTS.glob("*.py"))) == 9
     run = "import runpy, sys, tumblecal; tumblecal.keep_programs(); runpy.run_path(sys.argv[1], run_name='__main__')"

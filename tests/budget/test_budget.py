@@ -135,6 +135,7 @@ def test_standard_uncertainties_of_distributions(distribution, standard):
     assert own.standard == pytest.approx(standard)
 
 
+@pytest.mark.long
 def test_expanded_intervals_hold_the_truth_as_often_as_they_say(lab, table1):
     """2000 calibrations with noise and all inputs drawn: 95 %, stated noise and estimated."""
     for made in (lab, budget_of(exact.fit(problem_of(table1)), considered(), ENTRIES, "x")):

@@ -119,6 +119,7 @@ def test_what_is_no_table_of_samples(tmp_path, white, change, words):
         reduce_table(written(tmp_path / "log.csv", told))
 
 
+@pytest.mark.long
 def test_the_command_writes_what_calibrate_takes(tumblecal, tmp_path, monkeypatch, white):
     """`calibrate` of raw samples says what to do; done, it fits."""
     path = written(tmp_path / "log.csv", columns(*white))

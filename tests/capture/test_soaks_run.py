@@ -49,6 +49,7 @@ hysteresis_mg = [0.0, 0.5, 0.0]
 """
 
 
+@pytest.mark.long
 def test_a_run_over_soaks_is_interrupted_resumed_and_reduced(tmp_path: Path) -> None:
     """The chamber does not accept 40 degC: two positions are stored, and the run goes on with a chamber that does."""
     (tmp_path / "plan.toml").write_text(PLAN)

@@ -206,6 +206,7 @@ def test_a_budget_made_with_another_noise_gives_its_inputs_alone(tumblecal, tmp_
     assert outcome.code == 0 and not outcome.lines
 
 
+@pytest.mark.long
 def test_a_budget_of_another_model_is_refused(tumblecal, tmp_path, calibrated, admin, configs):
     given = ["budget", tmp_path / "positions.csv", configs / "considered_lab.toml", "--fix", "dbeta"]
     assert tumblecal(*given, "--out", tmp_path / "b").code == 0

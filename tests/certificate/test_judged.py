@@ -77,6 +77,7 @@ def test_no_certificate_is_made_of_data_that_contradict_the_model(tumblecal, cal
         assert "Use of the calibration: no: the data contradict the model" in text and "corrected reading" not in text
 
 
+@pytest.mark.long
 def test_nor_of_one_that_nothing_could_test(tumblecal, tmp_path, table1, admin):
     write_positions(
         tmp_path / "five.csv", replace(table1, comments={"serial_number": "A-17"}).chosen([0, 2, 9, 11, 19])
@@ -102,6 +103,7 @@ covariance = [[1e-4, 0.0, 0.0], [0.0, 1e2, 0.0], [0.0, 0.0, 1e-2]]
 """
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("noise", "said"),
     [

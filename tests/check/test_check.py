@@ -99,6 +99,7 @@ def test_statistic_is_that_of_the_size_of_gravity():
     assert not result.test.rejected and result.use.answer == "yes"
 
 
+@pytest.mark.long
 def test_false_alarms_and_power_are_those_promised():
     p_values, _ = of_units(np.zeros(9), 120)
     assert np.mean(p_values < 0.1) == pytest.approx(0.1, abs=0.07)

@@ -11,6 +11,7 @@ from tumblecal.data.calibration import read_calibration
 from tumblecal.data.sensor_parameters import SENSOR
 
 
+pytestmark = pytest.mark.long
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "check.md").read_text(encoding="utf-8")
 

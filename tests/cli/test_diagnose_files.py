@@ -38,6 +38,7 @@ def one_process(diagnosed, tumblecal, files):
     return diagnosed["outcome"], diagnosed["out"]
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("few_effects")
 @pytest.mark.filterwarnings("error")
 def test_an_effect_without_any_noise_is_no_measurement(tumblecal, tmp_path, configs):
@@ -95,6 +96,7 @@ def test_an_interrupted_batch_leaves_the_lines_of_what_was_finished(tumblecal, t
     assert pl.read_csv(tmp_path / "out" / "summary.csv")["verdict"].to_list() == ["adequate"]
 
 
+@pytest.mark.long
 def test_two_processes_find_the_same(one_process, tumblecal, tmp_path, files):
     outcome = tumblecal("diagnose", *files, "--out", tmp_path, "--workers", "2")
     assert outcome.code == 2 and len(outcome.lines) == 1

@@ -61,6 +61,7 @@ def test_next_positions_stay_on_the_allowed_angles(tumblecal, tmp_path, table1_f
     assert sorted(path.name for path in (tmp_path / "out").glob("next_*")) == ["next_positions.toml"]
 
 
+@pytest.mark.long
 def test_two_mountings_joined_and_one_held_out(tumblecal, tmp_path, configs):
     """The two mountings of configs/remount.toml in two files: together they are the whole; mounting B is predicted."""
     whole, rig = tmp_path / "whole.csv", configs / "remount.toml"
@@ -93,6 +94,7 @@ def two_files(tmp_path_factory, configs):
     return files
 
 
+@pytest.mark.long
 def test_joined_files_are_runs_of_their_own(tumblecal, tmp_path, two_files):
     """Two files are adequate as two runs, not as one."""
     options = ["--noise-sd", "0.15mg", "--no-figures", "--out", tmp_path / "out"]

@@ -44,6 +44,7 @@ def checked(outcome, folder, excluded):
     return content
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("column", "count"),
     [

@@ -49,6 +49,7 @@ def measured(tmp_path_factory):
     return folder
 
 
+@pytest.mark.long
 def test_a_cubic_bias_is_corrected_as_well_as_by_plain_least_squares(tumblecal, measured, tmp_path):
     """The nominal model left 4.8 mg, the linear terms of a diagnosis more than 1 mg."""
     out = tmp_path / "out"

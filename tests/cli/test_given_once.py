@@ -33,6 +33,7 @@ def test_a_file_given_twice_is_refused(tumblecal, tmp_path, table1, table1_file,
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.long
 def test_a_copy_under_another_name_is_told(tumblecal, tmp_path, table1, table1_file):
     copy, other = tmp_path / "copy.csv", tmp_path / "other.csv"
     copy.write_bytes(table1_file.read_bytes())

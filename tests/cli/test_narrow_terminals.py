@@ -31,6 +31,7 @@ def long_names(tmp_path_factory):
     return path, rig
 
 
+@pytest.mark.long
 def test_calibrate_s_names_and_words_are_whole(tumblecal, long_names, tmp_path, monkeypatch):
     path, rig = long_names
     command = ("calibrate", path, "--rig", rig, "--no-figures", "--out", tmp_path)

@@ -25,6 +25,7 @@ pytestmark = pytest.mark.usefixtures("few_effects")
 PAGE = (Path(__file__).parents[2] / "docs" / "plan.md").read_text(encoding="utf-8")
 
 
+@pytest.mark.long
 def test_the_commands_of_the_page_and_the_uncertainties_of_their_calibration(tumblecal, tmp_path, monkeypatch):
     """plan.md: the commands, without the forecast."""
     monkeypatch.chdir(tmp_path)

@@ -37,6 +37,7 @@ def means(tmp_path_factory):
     return write_reduction(reduce(folder), folder)[0]
 
 
+@pytest.mark.long
 def test_diagnose_uses_it_without_an_option(tumblecal, tmp_path, means):
     outcome = tumblecal("diagnose", means, "--no-figures", "--out", tmp_path / "out")
     said = " ".join(outcome.out.split())

@@ -30,6 +30,7 @@ def remounted(tmp_path_factory, configs):
 WORDS = "Assumed: the triad is turned 90 deg about z in mounting B; dtheta is relative to this."
 
 
+@pytest.mark.long
 def test_a_column_of_mounts_and_joined_files_without_one(tumblecal, tmp_path, remounted):
     options = ["--noise-sd", "0.15mg", "--no-figures", "--out", tmp_path / "out"]
     for files in ([remounted / "whole.csv"], ["--join", remounted / "A.csv", remounted / "B.csv"]):
@@ -41,6 +42,7 @@ def test_a_column_of_mounts_and_joined_files_without_one(tumblecal, tmp_path, re
         assert {f"dtheta_z@mount={first}", "dtheta_z@mount=B", "dbeta_2@mount=B"} <= set(found["shifts"])
 
 
+@pytest.mark.long
 def test_a_turn_in_next_positions(tumblecal, tmp_path, configs):
     """Turned about the spindle the x axis stays weak: another mounting is proposed, under a label that is still free."""
     text = (configs / "remount.toml").read_text().replace("[0, 0, 90]", "[90, 0, 0]")

@@ -81,6 +81,7 @@ SAME = {"pitch from the other end": "settings_exchanged", "spindle reversed": "s
 SAME |= {"triad turned in its fixture": "triad_turned"}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("catalogue", ["few_effects", pytest.param("tmp_path", marks=pytest.mark.long)])
 def test_mistakes_are_named_or_refused_and_stop_no_other_file(tumblecal, folder, tmp_path, request, catalogue):
     """Among few effects, and among all."""
@@ -141,6 +142,7 @@ def test_calibrate_says_what_is_implausible(tumblecal, folder, tmp_path):
     assert entry["parameter"] == "bias_y" and entry["usual"] == 600 and entry["unit"] == "mg"
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("few_effects")
 def test_readings_far_from_any_fit_are_no_adequate_set_unless_its_rig_says_so(tumblecal, folder, configs, tmp_path):
     """Their noise unknown, they were: 50 mg from position to position contradict nothing."""

@@ -107,6 +107,7 @@ def test_what_is_unlikely_is_said(tumblecal, tmp_path):
         assert len(said) == len(words) and all("WARNING" in line and words[0] in line for line in said)
 
 
+@pytest.mark.long
 def test_a_row_that_was_copied_is_named(tumblecal, tmp_path, table1_file):
     text = table1_file.read_text()
     row = next(line for line in text.splitlines() if line.startswith("0-1,"))

@@ -42,6 +42,7 @@ def pasted(outcome, pattern: str) -> list[str]:
     return shlex.split(advice)
 
 
+@pytest.mark.long
 def test_a_slow_log_of_six_faces_with_the_statement_that_it_was_at_rest(tumblecal):
     parts = [sampled(f"{k}.csv", RAMP, face, 0.25) for k, face in enumerate(FACES)]
     log = pl.concat([pl.read_csv(part).with_columns(pl.col("time_s") + 400 * k) for k, part in enumerate(parts)])

@@ -65,6 +65,7 @@ def fitted(rig):
     return dict(zip(found.names, found.sd, strict=True))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("content", "wanted"),
     [

@@ -65,6 +65,7 @@ def _nominal(u):
     return np.column_stack([np.ones(len(u)), u])
 
 
+@pytest.mark.long
 def test_smallest_size_that_is_named(head, cells):
     """second_order.z: the largest of what detection and each separation need."""
     measure = naming_measures(*head[:3], {"second_order.z": 0.5}, head[3])(cells)

@@ -115,6 +115,7 @@ def test_the_search_finds_the_best_of_all_orders(slow, trend, walk):
     assert worst_sd(responses, ability, found.schedule.cells.tolist(), trend, walk)[0] == pytest.approx(best, rel=3e-3)
 
 
+@pytest.mark.long
 def test_changes_of_settings_are_paid_for():
     ability = head(SlowNoise())
     responses = responses_to(ability)

@@ -46,6 +46,7 @@ def planned(text, order=ORDER):
     return responses, plan, rig, planned_rig(rig, responses, plan, rig.ability, names)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "stated",
     [

@@ -115,6 +115,7 @@ def test_a_lag_between_thermometer_and_sensor_has_its_name():
         assert abs(fit.values[k] - value) < 4 * fit.sd[k]
 
 
+@pytest.mark.long
 def test_orders_of_one_parameter_are_one_explanation(data):
     problem = problem_of(data, noise_sd=SD)
     slots = model_of(problem.chain, problem.where, catalogue()).slots

@@ -122,6 +122,7 @@ def test_noise_that_the_positions_do_not_show_is_assumed_and_said_so():
     assert calibrated.use.answer == "not tested" and "harmonic" in calibrated.skipped
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("few_effects")
 def test_diagnose_names_tilts_rather_than_outlier_positions(tumblecal, tmp_path):
     """Without tilts two outlier positions are the most probable cause here."""

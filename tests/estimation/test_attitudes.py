@@ -90,6 +90,7 @@ def one_sided(tmp_path):
     return tmp_path / "hand.csv"
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("few_effects")
 def test_both_commands_propose_directions(tumblecal, tmp_path, one_sided):
     outcome = tumblecal("diagnose", one_sided, "--noise-sd", "0.1mg", "--out", tmp_path / "out")

@@ -59,6 +59,7 @@ def damaged(content: bytes, chance: random.Random) -> bytes:
     return content[:place] + bytes([content[place] ^ (1 << chance.randrange(8))]) + content[place + 1 :]
 
 
+@pytest.mark.long
 def test_second_process_exports_nothing_and_damaged_entries_are_made_again(filled, table1_fit):
     cache, exports, first = filled
     folder = cache / "programs"
@@ -113,6 +114,7 @@ def test_the_folder_is_private_or_not_used(filled):
     assert done.stdout.split()[0] == "0"
 
 
+@pytest.mark.long
 def test_programs_of_many_kinds_of_files_do_not_stay():
     """A row of files of as many lengths, in one process: each length is another program, of 5 to 20 MB."""
     import jax

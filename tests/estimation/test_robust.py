@@ -57,6 +57,7 @@ def test_the_estimate_is_that_of_scipy(chain, loss, name, threshold):
     assert fit.method.startswith(f"exact, {name.capitalize()} loss")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("known", "sets"), [(True, 25), pytest.param(False, 6, marks=pytest.mark.long)])
 def test_intervals_contain_the_truth_where_some_readings_are_wrong(chain, known, sets):
     rng, contained, plain = np.random.default_rng(3), [], []

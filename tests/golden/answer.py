@@ -19,6 +19,8 @@ _OF_THE_RUN = {
     "provenance",
     "sha256",
     "raw_sha256",
+    "recording",
+    "hash",
     "created",
     "version",
     "versions",

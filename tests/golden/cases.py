@@ -135,7 +135,6 @@ OF_RESULTS = {
 
 THERMAL = {
     "two soaks": Case(lambda folder: inputs.write_soaks(folder, (14, 38), 1), ("thermal . --out t",)),
-    "three soaks": Case(lambda folder: inputs.write_soaks(folder, (0, 20, 40), 2), ("thermal . --out t",)),
     "ramps": Case(lambda folder: inputs.write_ramps(folder, 3), ("thermal . --out t",)),
 }
 

@@ -9,6 +9,7 @@ from tumblecal.history.repeatability import PAPER_LIMITS, unit_history
 from tumblecal.report.history_words import history_text, statements
 
 
+@pytest.mark.long
 def test_stable_units_have_no_change_in_95_percent():
     """Repeatability from that of the noise alone to ten times that, 4 to 12 dates; equal or not for the parameters of a kind,
     noise stated or estimated; the mount is clamped for each date."""
@@ -22,6 +23,7 @@ def test_stable_units_have_no_change_in_95_percent():
     assert len(flagged) <= 0.05 * count, flagged
 
 
+@pytest.mark.long
 def test_an_estimated_uncertainty_that_is_small_by_chance_is_no_change():
     """Five degrees of freedom: as weights without a lower bound these uncertainties give 8 %."""
     rng = np.random.default_rng(14)

@@ -27,6 +27,7 @@ def folder(tumblecal, tmp_path, table1, configs):
     return tmp_path / "c"
 
 
+@pytest.mark.long
 def test_which_uncertainties_were_used_is_said_and_they_are_the_budget_s(tumblecal, tmp_path, folder):
     path, budget = tmp_path / "lab.db", json.loads((folder / "budget.json").read_text())
 

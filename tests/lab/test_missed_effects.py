@@ -62,6 +62,7 @@ def test_adequate_data_may_be_used_and_an_effect_of_eight_sigma_not(noise_sd, fi
         assert use.refused and use.reason.startswith("the data contradict the model (p ") and not use.expanded_words
 
 
+@pytest.mark.long
 def test_u_covers_effects_that_the_data_did_not_show():
     """Effects of two sigma in the readings are several times as large in the parameters. The uncertainty of the noise alone
     covers fewer errors."""

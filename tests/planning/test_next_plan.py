@@ -256,6 +256,7 @@ def test_the_proposed_positions_separate_the_explanations(planner):
     assert np.mean(got) == pytest.approx(np.mean(said), abs=2.5 * np.sqrt(2 * np.mean(said) / len(said)))
 
 
+@pytest.mark.long
 def test_plans_for_capture(planner, tmp_path):
     """The files are good as they are: what they ask for is measured, and the sd fall as was said."""
     data = measured(*plan12(), seed=5)

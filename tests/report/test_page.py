@@ -38,6 +38,7 @@ def page(reproduced) -> Path:
     return reproduced / "page.html"
 
 
+@pytest.mark.long
 def test_reproduce_writes_everything(reproduced, page):
     names = sorted(path.name for path in reproduced.iterdir())
     assert {"page.html", "study.json", "findings.txt"} <= set(names)

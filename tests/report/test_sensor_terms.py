@@ -84,6 +84,7 @@ def size_of_force_mg(tumblecal, calibration, data):
     return 1e3 * float(np.sqrt(np.mean((np.linalg.norm(force, axis=1) - 1) ** 2))), applied.out
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("few_effects")
 @pytest.mark.parametrize("command", ["calibrate", pytest.param("diagnose", marks=pytest.mark.long)])
 def test_what_a_rig_has_fitted_is_applied(tumblecal, tmp_path, measured, command):

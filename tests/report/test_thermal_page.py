@@ -40,6 +40,7 @@ def example(folder, tumblecal, monkeypatch):
     return folder
 
 
+@pytest.mark.long
 def test_the_page_s_example_prints_its_lines_and_finds_the_bias(example):
     printed = (example / "printed").read_text(encoding="utf-8")
     (text,) = blocks("text")
@@ -90,6 +91,7 @@ def test_the_other_commands_of_the_page_run(example, tumblecal):
     assert "bias_x - " in record["not_determined"]["combinations"][0]
 
 
+@pytest.mark.long
 def test_one_attitude_without_a_calibration_has_exit_code_3_and_a_record(example, tumblecal):
     outcome = tumblecal("thermal", "z_up.csv", "--order", "bias=1", "--json", "--out", "changes")
     assert outcome.code == 3

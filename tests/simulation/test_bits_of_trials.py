@@ -25,6 +25,7 @@ def values_of_blocks(trials_of_block):
     return jax.jit(lambda blocks: jax.lax.map(lambda block: trials_of_block(block).values, blocks))
 
 
+@pytest.mark.long
 @given(blocks=st.lists(st.integers(0, 10**6), min_size=5, max_size=5))
 def test_a_trial_has_the_same_bits_whatever_is_asked_beside_it(trials_of_block, values_of_blocks, blocks):
     together = np.asarray(values_of_blocks(jnp.asarray(blocks)))

@@ -49,6 +49,7 @@ def test_each_fit_is_the_single_fit(problem, readings, path):
         assert many.sd[number] == pytest.approx(fit.sd, rel=0.02)
 
 
+@pytest.mark.long
 def test_parts_from_a_generator_are_one_batch_and_priors_count(problem, readings, monkeypatch):
     stated = Problem.from_arrays(
         problem.chain, problem.where, problem.readings, noise_sd=SD, priors={"dbeta": (0.0, 1e-4)}
@@ -90,6 +91,7 @@ def test_intervals_contain_the_drawn_truth(problem, path):
     assert runs.truth.std(axis=0) == pytest.approx(1e-3 * np.sqrt(2), rel=0.15)  # Student's t with 4 degrees of freedom
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("known", [True, False])
 def test_coverage_is_that_of_the_same_trials(problem, known):
     """Stated noise: normal quantiles; unknown: Student's t, and the noise's own sd is the predicted one."""

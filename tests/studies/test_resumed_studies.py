@@ -44,6 +44,7 @@ def same_bytes(one, other) -> None:
         assert (one / name).read_bytes() == (other / name).read_bytes(), name
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.long)])
 def test_one_core_all_cores_and_workers_of_which_one_is_killed_give_the_same_bytes(
     one_core, tmp_path, configs, workers

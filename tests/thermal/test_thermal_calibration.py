@@ -60,6 +60,7 @@ def test_ten_attitudes_determine_all_parameters_and_a_corrected_reading_is_exact
     assert np.sqrt(np.mean((size - 1) ** 2)) < 1.15 * 0.03e-3
 
 
+@pytest.mark.long
 def test_one_attitude_determines_changes_only_and_names_their_combination():
     unit, _, data = table(5, 1, bias_order=3, scale_order=0)
     result = thermal_calibration(data)
@@ -92,6 +93,7 @@ def test_hysteresis_is_found_stated_and_part_of_the_uncertainty():
 EIGHT_SOAKS = Programme(-10.0, tuple((degc, 2.0) for degc in [*range(0, 61, 10), *range(50, -11, -10)]), soak_min=20.0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("width", "programme"),
     [(20.0, CYCLE), pytest.param(0.0, EIGHT_SOAKS, marks=pytest.mark.long)],
@@ -181,6 +183,7 @@ def errors(unit, result, low=14.5, high=37.5):
     return raw - force, result.calibration.corrected(raw, degc) - force
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("faces", "soaks", "answer"),
     [
@@ -207,6 +210,7 @@ def test_faces_at_soaks_in_files_of_their_own(faces, soaks, answer):
         assert np.max(np.abs(corrected)) < use.expanded_g < 12e-3
 
 
+@pytest.mark.long
 def test_data_that_contradict_the_model_are_not_for_use():
     rng = np.random.default_rng(9)
     unit = replace(instrument(rng, bias_order=1, scale_order=0), square=np.array([1e-3, -1e-3, 0.5e-3]))
