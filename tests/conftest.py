@@ -1,4 +1,4 @@
-"""Strict test session: float64, no silent rank promotion, shapes of signatures checked at run time."""
+"""Strict test session: float64, no silent rank promotion; in the long job, shapes of signatures checked at run time."""
 
 import gc
 import importlib

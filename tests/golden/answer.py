@@ -1,11 +1,13 @@
 """The answer of a command as numbers, verdicts and labels: what a redesign must not change. Texts are not part of it.
 
 An answer has the exit codes and the files of a case. Of a JSON or TOML file it has all entries except texts and those that
-differ from run to run; of a table the number of rows, and mean and root mean square of each column.
+differ from run to run; of a table the number of rows, and mean and root mean square of each column; of an exported file the
+numbers outside its comments.
 """
 
 import json
 import math
+import re
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
@@ -33,6 +35,9 @@ _OF_THE_RUN = {
 _OF_DIAGNOSES = ("schema", "verdict", "use", "causes", "set_up", "explanations", "located", "unexplained", "sigma_g",
                  "assumed_noise_p_value", "mountings", "parameters")  # fmt: skip
 _LONGEST_LIST = 40
+# Of exported files: what begins a comment, and numbers that are no part of a name or of a checksum (*57).
+_COMMENTS = ("#", "//", "/*", "*", "%", '"comment"')
+_NUMBER = re.compile(r"(?<![\w.*])[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?(?![\w.])")
 # Differences up to which numbers are equal: relative, absolute, in units of a stated uncertainty, of probabilities.
 RELATIVE, ABSOLUTE, OF_U, PROBABILITY = 2e-3, 1e-9, 0.05, 0.02
 
@@ -57,7 +62,10 @@ def _content(path: Path) -> Any:
             return _table(pl.read_csv(path, comment_prefix="#", infer_schema_length=None, truncate_ragged_lines=True))
         case ".parquet":
             return _table(pl.read_parquet(path))
-    return None
+        case ".html" | ".svg" | ".xml" | ".txt" | ".db":
+            return None
+    lines = [line for line in path.read_text(encoding="utf-8").splitlines() if not line.lstrip().startswith(_COMMENTS)]
+    return reduced([float(number) for line in lines for number in _NUMBER.findall(line)])
 
 
 def _table(table: pl.DataFrame) -> dict[str, Any]:
