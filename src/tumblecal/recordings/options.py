@@ -1,4 +1,4 @@
-"""Options of recordings: columns and units, positions, and the criterion for intervals at rest."""
+"""Options of recordings: what a file does not state, positions, and the criterion for intervals at rest."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,24 +11,32 @@ class RecordingOptions:
     Parameters
     ----------
     columns
-        Column of each quantity, by its name or its number from 1. Default: recognised by names and values. Example:
+        Column of each quantity, by its name or its number from 1. Default: recognised by names. Example:
         --columns ax=AccX,ay=AccY,az=AccZ,gx=GyrX,time=t,temperature=T,position=part.
+    rows
+        Rows of one sensor, by the value of a column. Default: all rows. Example: --rows sensor=1.
     unit
-        Unit of the accelerations: g, mg, m/s2, or counts for one g. Default: guessed from their size, and reported.
-        Example: --unit 16384/g.
+        Unit of the accelerations: g, mg, m/s2, or counts for one g. Default: as the file states it, otherwise guessed from
+        their size, and reported. Example: --unit 16384/g.
     gyro_unit
         Unit of the angular rates: dps, rad/s, or counts for one dps. Default: as the file names it. Example: --gyro-unit
         131/dps.
     time_unit
-        Unit of the times: s, ms, us or ns. Default: guessed from the sample rate. Example: --time-unit us.
+        Unit of the times: s, ms, us or ns. Default: as the file states it, otherwise by the sample rate. Example:
+        --time-unit us.
     scale
         Factor of the readings after subtraction of --offset, one for all axes or one for each. Default: 1. Example:
         --scale ax=0.061,ay=0.060,az=0.061.
     offset
         Offset in the unit of the file, subtracted from the readings, one for all axes or one for each. Default: 0. Example:
         --offset 32768.
+    signed
+        Bits of the numbers, if negative ones are written as unsigned ones. Default: none. Example: --signed 16.
+    decimal
+        Decimal mark of a text, point or comma. Default: a comma if the cells are separated by semicolons or tabs and have
+        commas, otherwise a point. Example: --decimal comma.
     rate
-        Sample rate in Hz, for a recording without times. Default: none. Example: --rate 100.
+        Sample rate in Hz, for a recording without times. Default: as the file states it. Example: --rate 100.
     topic
         Name of the table, if the recording has several: a topic, a sheet or a variable. Default: the recognised one.
         Example: --topic /imu/data.
@@ -44,11 +52,14 @@ class RecordingOptions:
     """
 
     columns: str = ""
+    rows: str = ""
     unit: str = ""
     gyro_unit: str = ""
     time_unit: str = ""
     scale: str = ""
     offset: str = ""
+    signed: int | None = None
+    decimal: str = ""
     rate: float | None = None
     topic: str = ""
     protocol: str | None = None
