@@ -6,15 +6,15 @@ from typing import Any
 
 from tumblecal.capture.capture_plan import read_plan
 from tumblecal.capture.journal import JOURNAL_NAME, sha256_of
-from tumblecal.capture.recordings.options import Criterion, KnownContext, RecordingOptions
-from tumblecal.capture.reduction.file_positions import positions_by_names, positions_by_table
-from tumblecal.capture.reduction.reduce import reduce
-from tumblecal.capture.reduction.reduce_files import reduce_files
-from tumblecal.capture.reduction.reduce_recording import means_of, reduce_recording
-from tumblecal.capture.reduction.reduce_table import reduce_table
-from tumblecal.capture.rows.contents import Contents
-from tumblecal.capture.still.stillness import Stillness
-from tumblecal.capture.thermal.attitudes import grouped
+from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptions
+from tumblecal.recordings.reduction.file_positions import positions_by_names, positions_by_table
+from tumblecal.recordings.reduction.reduce import reduce
+from tumblecal.recordings.reduction.reduce_files import reduce_files
+from tumblecal.recordings.reduction.reduce_recording import means_of, reduce_recording
+from tumblecal.recordings.reduction.reduce_table import reduce_table
+from tumblecal.recordings.recording import Recording
+from tumblecal.recordings.still.stillness import Stillness
+from tumblecal.recordings.thermal.attitudes import grouped
 from tumblecal.data.conditions import are_kelvin, temperature_faults
 from tumblecal.data.files import read_positions
 from tumblecal.data.measured import MEASURED
@@ -41,7 +41,7 @@ class StillAttitudes:
 
     data: PositionSet
     files: tuple[Path, ...]
-    read: tuple[tuple[str, Contents], ...] = ()
+    read: tuple[tuple[str, Recording], ...] = ()
     warnings: tuple[tuple[str, list[str]], ...] = ()
     still_s: float | None = None
     stillness: Stillness | None = None

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from tumblecal.capture.recordings.options import Criterion, KnownContext, RecordingOptions
+from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptions
 from tumblecal.cli.calibrate import NOT_USABLE
 from tumblecal.cli.check_options import ConditionOptions, UpdateOptions
 from tumblecal.cli.options import ResultOptions
@@ -62,7 +62,7 @@ def check(
 
     output.begin()
     start()
-    from tumblecal.capture.reduction.file_names import recording_files
+    from tumblecal.recordings.reduction.file_names import recording_files
     from tumblecal.check.attitudes import still_attitudes
     from tumblecal.check.drift import by_parameter
     from tumblecal.check.result import check as checked

@@ -17,7 +17,7 @@ from tumblecal.ground.errors import InputError
 
 
 if TYPE_CHECKING:
-    from tumblecal.capture.reduction.position_samples import PositionSamples
+    from tumblecal.recordings.reduction.position_samples import PositionSamples
     from tumblecal.data import PositionSet
 
 
@@ -97,7 +97,7 @@ class InputOptions:
                 f"--samples {self.samples}: samples of one position file, but {len(data)} files are given; diagnose each file "
                 "separately"
             )
-        from tumblecal.capture.reduction.position_samples import read_position_samples
+        from tumblecal.recordings.reduction.position_samples import read_position_samples
 
         return read_position_samples(self.samples)
 

@@ -13,7 +13,7 @@ from tumblecal.ground.errors import InputError
 
 
 if TYPE_CHECKING:
-    from tumblecal.capture.reduction.position_samples import PositionSamples
+    from tumblecal.recordings.reduction.position_samples import PositionSamples
     from tumblecal.chain.head_file import MeasuredHead
     from tumblecal.chain.rig import Rig
     from tumblecal.cli.options import ModelOptions, ResultOptions

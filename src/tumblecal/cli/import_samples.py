@@ -6,7 +6,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from tumblecal.capture.recordings.options import RecordingOptions
+from tumblecal.recordings.options import RecordingOptions
 from tumblecal.cli.output import Output, warn
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
@@ -33,7 +33,7 @@ def import_samples(
     out
         Table of samples (.parquet or .csv). Default: SOURCE.samples.parquet in the current folder. Example: --out log.csv.
     """
-    from tumblecal.capture.rows.sample_file import write_samples
+    from tumblecal.recordings.recording import read_recording
     from tumblecal.data.overwriting import protect_inputs
     from tumblecal.report.recording_words import import_document, import_lines, left_out_words
 
@@ -43,7 +43,7 @@ def import_samples(
     if path.suffix not in (".csv", ".parquet"):
         raise InputError(f"{path}: must end in .csv or .parquet")
     protect_inputs([source], out=path)
-    contents = write_samples(source, path, options)
+    contents = read_recording(source, path, options)
     warn(source, contents.damage.lines)
     output.say("\n".join([*import_lines(contents), f"{path}: {counted(contents.rows, 'sample')}"]))
     if output.json:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tumblecal.capture.reduction.position_samples import PositionSamples
+from tumblecal.recordings.reduction.position_samples import PositionSamples
 from tumblecal.chain import Chain, Forward
 from tumblecal.chain.head_ability import HeadAbility
 from tumblecal.data import PositionSet

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.capture.reduction.position_samples import PositionSamples, require_samples_of
+from tumblecal.recordings.reduction.position_samples import PositionSamples, require_samples_of
 from tumblecal.data import PositionSet
 from tumblecal.effects import AXES
 from tumblecal.estimation.problem import Problem

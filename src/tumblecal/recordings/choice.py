@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tumblecal.ground.errors import InputError
-from tumblecal.recordings.names import STATES, Name, parsed
+from tumblecal.data.column_names import STATES, Name, parsed
 from tumblecal.recordings.units import may_be_gravity, signed_words, size_of
 
 

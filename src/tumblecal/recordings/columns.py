@@ -1,6 +1,6 @@
 """The columns of a recording with their quantities and units: by option, by the format, or by name."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,7 +14,7 @@ from tumblecal.ground.errors import InputError
 from tumblecal.ground.text_file import shown
 from tumblecal.recordings.choice import chosen
 from tumblecal.recordings.clock import FORMS, TIME_S, form_of, rises, seconds_of, unit_of_times
-from tumblecal.recordings.names import FORCE, NUMBERS, QUANTITIES, RATE, exact_role, parsed, role_of
+from tumblecal.data.column_names import FORCE, NUMBERS, QUANTITIES, RATE, exact_role, parsed, role_of
 from tumblecal.recordings.options import RecordingOptions
 from tumblecal.recordings.table import Table
 from tumblecal.recordings.units import FORCE_UNITS, PER_G, RATE_UNITS, signed_words, size_of, stated_unit, unit_by_size
@@ -87,12 +87,14 @@ class Layout:
         return self.columns["ax"].unit
 
 
-def layout_of(table: Table, first: pl.DataFrame, options: RecordingOptions, path: str) -> Layout:
+def layout_of(
+    table: Table, first: pl.DataFrame, options: RecordingOptions, path: str, only: Collection[str] | None = None
+) -> Layout:
     """The quantities and units of the columns of a table.
 
     **Arguments:**
 
-    - `first`: the first rows.
+    - `first`: the first rows. `only`: the quantities that are needed, if no option names others.
 
     **Raises:** `InputError` if the accelerations, a unit or the clock are not stated, with an option that can be pasted.
     """
@@ -116,6 +118,8 @@ def layout_of(table: Table, first: pl.DataFrame, options: RecordingOptions, path
             f"{path}: {', '.join(lacking)} not found among the columns {shown(', '.join(table.columns))}; name them: "
             "--columns ax=...,ay=...,az=..."
         )
+    if only is not None:
+        columns = {role: column for role, column in columns.items() if role in only or column.why == "option"}
     columns = _readable(table, first, columns, options, path, notes)
     columns = _scaled(columns, options)
     values = np.stack([columns[role].numbers(table, first) for role in FORCE], axis=1)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from tumblecal.ground.atomic import write_text
 from tumblecal.ground.errors import InputError
-from tumblecal.recordings.names import FORCE, RATE
+from tumblecal.data.column_names import FORCE, RATE
 from tumblecal.recordings.options import RecordingOptions
 
 

@@ -1,9 +1,9 @@
 """A recording of any format as one table of samples in SI units, and what the file states about it."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -21,7 +21,7 @@ from tumblecal.recordings.description import described
 from tumblecal.recordings.formats import tables_of
 from tumblecal.recordings.formats.already_corrected import already_corrected
 from tumblecal.recordings.guesses import guessed
-from tumblecal.recordings.names import FORCE, LABELS, parsed
+from tumblecal.data.column_names import FORCE, LABELS, parsed
 from tumblecal.recordings.options import RecordingOptions
 from tumblecal.recordings.rows import Unread, WHOLE, left_out, names_of, retained_frames, sample_frames
 from tumblecal.recordings.table import Reader, Table
@@ -29,11 +29,13 @@ from tumblecal.recordings.table import Reader, Table
 
 # Clocks with more seconds count from 1970; steps of time that are longer are gaps.
 _LEAST_MOMENT_S, LONGEST_STEP_S, _DAY_S = 1e9, 0.5, 86400
+# Share of the steps of a regular clock that are within a quarter of the usual one.
+_REGULAR = 0.8
 _SENSOR_WORDS = frozenset("sensor id device imu node channel unit address addr mac tag name source kind type".split())
 _MOST_SENSORS = 16
 
 
-@dataclass
+@dataclass(frozen=True)
 class Recording:
     """A recording: its samples, and the evidence for their columns.
 
@@ -41,11 +43,15 @@ class Recording:
 
     - `path`: the source. `reader`, `tables`, `table`: its format, its tables, and the one that was read.
     - `options`: as given. `layout`: columns, units, size of gravity, notes. `damage`: missing and suspicious rows.
+    - `unread`: rows without a complete reading. The rest is known after the rows were read:
     - `samples`: the table of samples, a Parquet file: `time_s` from 0, `ax_g` (or `_mg, _ms2, _counts`) .., `gx_dps` ..,
-      `temperature_degc`, `position` .. `unread`: rows without a complete reading.
-    - `begin_s`: the source's clock at time zero, s. `row_share`: share of rows that are samples, for a logger that repeats them.
-
-    `samples`, `unread`, `begin_s` and `row_share` are known after the rows were read.
+      `temperature_degc`, `position` .. `rows`: their number.
+    - `rate_hz`: samples a second, by the times without gaps, as asked for, or as the file states it; None if unknown.
+      `slow_hz`: that of a log most of whose steps are gaps for others; None for others.
+    - `begin_s`: the source's clock at time zero, `last_s`: the last time, s. `gaps`: time and length, s, of steps of more than
+      half a second, or backwards. `equal_times`: samples with the time of the one before. `missing`: samples that a regular
+      clock lacks. `mixed_rates`: lowest and highest rate, if they differ by more than a fifth.
+    - `temperature`: lowest and highest, degC, and the number of samples without one; None without a temperature.
     """
 
     path: Path
@@ -55,79 +61,18 @@ class Recording:
     options: RecordingOptions
     layout: Layout
     damage: Damage
-    samples: Path = Path()
     unread: Unread = field(default_factory=Unread)
+    samples: Path = Path()
+    rows: int = 0
+    rate_hz: float | None = None
+    slow_hz: float | None = None
     begin_s: float = np.nan
-    row_share: float = 1.0
-
-    def frame(self) -> pl.LazyFrame:
-        """The samples, not read yet."""
-        return scan_parquet(self.samples, check=False)[0]
-
-    @cached_property
-    def rows(self) -> int:
-        """Number of samples."""
-        return int(self.frame().select(pl.len()).collect().item())
-
-    @cached_property
-    def _steps(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Times (n,) and their steps (n - 1,), s; empty without times."""
-        if "time" not in self.layout.columns:
-            return np.zeros(0), np.zeros(0)
-        times = self.frame().select("time_s").collect().to_series().to_numpy()
-        return times, np.diff(times)
-
-    @property
-    def last_s(self) -> float:
-        """The last time, s."""
-        return float(self._steps[0][-1]) if len(self._steps[0]) else np.nan
-
-    @cached_property
-    def rate_hz(self) -> float | None:
-        """Samples a second: by the times without gaps, as asked for, or as the file states it."""
-        _, steps = self._steps
-        whole = steps[(steps >= 0) & (steps <= LONGEST_STEP_S)]
-        if whole.sum() > 0:
-            return len(whole) / float(whole.sum())
-        stated = self.options.rate or stated_rate(self.table)
-        return stated and stated * self.row_share
-
-    @property
-    def slow_hz(self) -> float | None:
-        """Samples a second of a log most of whose steps are gaps for others; None for others."""
-        steps = self._steps[1]
-        long = steps[steps > LONGEST_STEP_S]
-        return 1 / float(np.median(long)) if 2 * len(long) > len(steps) else None
-
-    @property
-    def gaps(self) -> list[tuple[float, float]]:
-        """Time and length, s, of steps of more than half a second, or backwards."""
-        times, steps = self._steps
-        return [(float(times[k + 1]), float(steps[k])) for k in np.flatnonzero((steps < 0) | (steps > LONGEST_STEP_S))]
-
-    @property
-    def equal_times(self) -> int:
-        """Number of samples with the time of the one before."""
-        return int(np.count_nonzero(self._steps[1] == 0))
-
-    @cached_property
-    def missing(self) -> int:
-        """Number of missing samples of a regular clock, in all steps of more than 1.5 usual steps."""
-        steps = self._steps[1]
-        ahead = steps[steps > 0]
-        step = float(np.median(ahead)) if len(ahead) else 0.0
-        if not step or np.mean(np.abs(ahead - step) < step / 4) < 0.8:
-            return 0
-        return max(0, int((np.round(steps[steps > 1.5 * step] / step) - 1).sum()) - self.equal_times)
-
-    @property
-    def mixed_rates(self) -> tuple[float, float] | None:
-        """Lowest and highest rate of stretches of a thousand samples, Hz, if they differ by more than a fifth."""
-        steps = self._steps[1]
-        whole = np.where((steps >= 0) & (steps <= LONGEST_STEP_S), steps, np.nan)
-        parts = [part for part in np.array_split(whole, max(1, len(whole) // 1000)) if len(part) >= 500 and np.nansum(part) > 0]
-        rates = [float(1 / np.nanmean(part)) for part in parts]
-        return (min(rates), max(rates)) if rates and max(rates) > 1.2 * min(rates) else None
+    last_s: float = np.nan
+    gaps: tuple[tuple[float, float], ...] = ()
+    equal_times: int = 0
+    missing: int = 0
+    mixed_rates: tuple[float, float] | None = None
+    temperature: tuple[float, float, int] | None = None
 
     @property
     def clock_comments(self) -> dict[str, str]:
@@ -136,15 +81,6 @@ class Recording:
             return {}
         dated = self.begin_s >= _LEAST_MOMENT_S
         return {TIME_ZERO: moment(self.begin_s)} if dated else {TIME_BEGAN: f"{self.begin_s:.6f}"}
-
-    @property
-    def temperature(self) -> tuple[float, float, int] | None:
-        """Lowest and highest temperature, degC, and the number of samples without one; None without a temperature."""
-        if "temperature" not in self.layout.columns:
-            return None
-        degc = self.frame().select("temperature_degc").collect().to_series()
-        known = degc.drop_nulls().drop_nans()
-        return (float(known.min()), float(known.max()), len(degc) - len(known)) if len(known) else None  # type: ignore[arg-type]
 
     @property
     def comments(self) -> dict[str, str]:
@@ -167,13 +103,16 @@ class Recording:
         }
 
 
-def opened(path: Path, options: RecordingOptions, by: str = "", *, in_g: bool = False) -> Recording:
+def opened(
+    path: Path, options: RecordingOptions, by: str = "", *, in_g: bool = False, only: Collection[str] | None = None
+) -> Recording:
     """A recording with its columns, from its first rows; its rows are not read yet.
 
     **Arguments:**
 
     - `path`: the recording, or its description `FILE.recording.toml`, whose entries are defaults of the options.
     - `by`: column that becomes `position`. `in_g`: counts are converted to g, and rejected if their scale is unknown.
+    - `only`: the quantities that are needed; other columns may have any content.
 
     **Raises:** `InputError` for a recording that cannot be read, or that does not state its columns and units.
     """
@@ -191,7 +130,7 @@ def opened(path: Path, options: RecordingOptions, by: str = "", *, in_g: bool = 
         raise InputError(f"{path}: no rows")
     if not options.rows:
         _ask_for_sensor(table, first, path, options)
-    layout = layout_of(table, first, options, str(path))
+    layout = layout_of(table, first, options, str(path), only if table.sheet else None)
     if in_g and layout.unit == "counts":
         with guessed(layout.notes):
             layout = _in_g(layout, path)
@@ -214,28 +153,71 @@ def read_recording(
     **Example:** `read_recording(Path("log.csv"), Path("samples.parquet"), RecordingOptions(unit="m/s2")).rate_hz`
     """
     recording = opened(path, options, by, in_g=in_g)
-    with scratch_folder(path) as folder, guessed(recording.layout.notes):
-        rows, begin = folder / "rows.parquet", list[float]()
-        frames = sample_frames(recording.table, recording.layout, str(recording.path), recording.unread, begin)
-        schema = pl.Schema(
-            {name: pl.String if name in LABELS else pl.Float64 for name in names_of(recording.layout).values()}
-        )
+    table, layout, begin = recording.table, recording.layout, list[float]()
+    schema = pl.Schema({name: pl.String if name in LABELS else pl.Float64 for name in names_of(layout).values()})
+    with scratch_folder(path) as folder, guessed(layout.notes):
+        rows = folder / "rows.parquet"
+        frames = sample_frames(table, layout, str(recording.path), recording.unread, begin)
         write_frames(rows, (frame.filter(WHOLE).select(schema.names()) for frame in frames), schema)
-        recording.samples = rows
-        clock = recording.layout.columns.get("time")
-        if clock and begin:
-            days = clock.offset * _DAY_S if clock.form else clock.offset * clock.scale
-            recording.begin_s = begin[0] + days + recording.table.zero_s()
-        kept, records = (np.ones(0, bool), []) if means else left_out(rows, recording.layout, recording.rate_hz)
+        stated = recording.options.rate or stated_rate(table)
+        kept, records = (np.ones(0, bool), []) if means else left_out(rows, layout, rate_of(rows) or stated)
         for record in records:
             recording.damage.add(record)
-            if record.kind == "repeats":
-                recording.row_share = 1 - (record.rows or 0) / len(kept)
-        pieces = retained_frames(rows, kept) if records else pieces_in_order(scan_parquet(rows, check=False)[0])
-        if records and clock:
-            recording.begin_s += float(recording.frame().select("time_s").slice(int(np.argmax(kept)), 1).collect().item())
+            if record.kind == "repeats" and stated and record.rows:
+                stated *= 1 - record.rows / len(kept)
+        clock, first = layout.columns.get("time"), scan_parquet(rows, check=False)[0]
+        begin_s = np.nan
+        if clock and begin:
+            begin_s = begin[0] + clock.offset * (_DAY_S if clock.form else clock.scale) + table.zero_s()
+            if records:
+                begin_s += float(first.select("time_s").slice(int(np.argmax(kept)), 1).collect().item())
+        facts = facts_of(rows, kept if records else None, stated)
+        recording = replace(recording, samples=out, begin_s=begin_s, **facts)
+        pieces = retained_frames(rows, kept) if records else pieces_in_order(first)
         write_frames(out, pieces, schema, recording.comments)
-    return replace(recording, samples=out)
+    return recording
+
+
+def rate_of(samples: Path) -> float | None:
+    """Samples a second of a table of samples, by its times without gaps; None without times."""
+    return facts_of(samples, None, None)["rate_hz"]
+
+
+def facts_of(samples: Path, kept: NDArray[np.bool_] | None, stated_hz: float | None) -> dict[str, Any]:
+    """The facts about the clock and the temperature of a table of samples, as fields of `Recording`.
+
+    **Arguments:**
+
+    - `kept` (n,): rows to consider; None for all. `stated_hz`: the rate without times.
+    """
+    frame = scan_parquet(samples, check=False)[0]
+    frame = frame.select(name for name in ("time_s", "temperature_degc") if name in frame.collect_schema().names())
+    read = frame.collect() if kept is None else frame.collect().filter(kept)
+    rows = int(scan_parquet(samples, check=False)[1]) if kept is None else int(kept.sum())
+    facts: dict[str, Any] = {"rows": rows, "rate_hz": stated_hz}
+    if "temperature_degc" in read.columns and len(known := read["temperature_degc"].drop_nulls().drop_nans()):
+        facts["temperature"] = (float(known.min()), float(known.max()), rows - len(known))  # type: ignore[arg-type]
+    if "time_s" not in read.columns or not rows:
+        return facts
+    times = read["time_s"].to_numpy()
+    steps = np.diff(times)
+    gap = (steps < 0) | (steps > LONGEST_STEP_S)
+    whole, long, ahead = np.where(gap, np.nan, steps), steps[steps > LONGEST_STEP_S], steps[steps > 0]
+    if (total := float(np.nansum(whole))) > 0:
+        facts["rate_hz"] = float(np.count_nonzero(~gap)) / total
+    step = float(np.median(ahead)) if len(ahead) else 0.0
+    equal = int(np.count_nonzero(steps == 0))
+    if step and np.mean(np.abs(ahead - step) < step / 4) > _REGULAR:
+        facts["missing"] = max(0, int((np.round(steps[steps > 1.5 * step] / step) - 1).sum()) - equal)
+    parts = [part for part in np.array_split(whole, max(1, len(whole) // 1000)) if len(part) >= 500 and np.nansum(part) > 0]
+    rates = [float(1 / np.nanmean(part)) for part in parts]
+    return facts | {
+        "slow_hz": 1 / float(np.median(long)) if 2 * len(long) > len(steps) else None,
+        "last_s": float(times[-1]),
+        "gaps": tuple((float(times[k + 1]), float(steps[k])) for k in np.flatnonzero(gap)),
+        "equal_times": equal,
+        "mixed_rates": (min(rates), max(rates)) if rates and max(rates) > 1.2 * min(rates) else None,
+    }
 
 
 def _selected(table: Table, options: RecordingOptions, path: Path) -> Table:

@@ -18,7 +18,7 @@ from tumblecal.ground.plain_text import CONTROLS
 from tumblecal.ground.text_file import shown
 from tumblecal.recordings.columns import Layout
 from tumblecal.recordings.damage import DamageRecord
-from tumblecal.recordings.names import FORCE, LABELS, NUMBERS, QUANTITIES, RATE
+from tumblecal.data.column_names import FORCE, LABELS, NUMBERS, QUANTITIES, RATE
 from tumblecal.recordings.table import Table
 
 

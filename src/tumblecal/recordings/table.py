@@ -37,6 +37,7 @@ class Table:
     - `per_unit`: counts for one g (`a`) or one deg/s (`g`), if the format defines them.
     - `stated`: other statements of the source, `key: value`. `words`: the table in words.
     - `row_word`: what a row is called in a fault. `header`: the line with the names of the columns, from 1.
+    - `sheet`: whether it is the only table of a file, with named columns; a corrected copy then retains all columns.
     - `decimal`: the decimal mark of cells of text. `zero_s`: the clock of the source, s, at time zero; known after reading.
     """
 
@@ -50,6 +51,7 @@ class Table:
     words: str = ""
     row_word: str = "row"
     header: int | None = None
+    sheet: bool = False
     decimal: str = "."
     zero_s: Callable[[], float] = lambda: 0.0
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
 
-from tumblecal.capture.reduction.reduction import Reduction
+from tumblecal.recordings.reduction.reduction import Reduction
 from tumblecal.data.positions import PositionSet
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.counted import shortened

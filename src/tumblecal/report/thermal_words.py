@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from tumblecal.capture.thermal.thermal_table import ThermalTable
+from tumblecal.recordings.thermal.thermal_table import ThermalTable
 from tumblecal.data.sensor_parameters import SENSOR, leaf_of
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.counted import counted

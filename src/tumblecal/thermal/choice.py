@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from tumblecal.capture.thermal.thermal_table import ThermalTable
+from tumblecal.recordings.thermal.thermal_table import ThermalTable
 from tumblecal.chain.following import CHANGE
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.sensor_parameters import SENSOR, SensorParameters, leaf_of

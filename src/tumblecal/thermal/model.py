@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.capture.thermal.thermal_table import ThermalTable
+from tumblecal.recordings.thermal.thermal_table import ThermalTable
 from tumblecal.chain import Chain, Where, coefficients, settings
 from tumblecal.chain.nominal import HAND_HELD, NOMINAL, Leaf, nominal_link
 from tumblecal.data.positions import PositionSet, attitudes_of

@@ -2,7 +2,7 @@
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NoReturn
 
@@ -15,7 +15,7 @@ from tumblecal.data.text_layout import SEPARATORS, TextLayout
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.text_file import EMPTY_CELLS, comment_in, is_utf16, opened, shown
-from tumblecal.recordings.names import role_of
+from tumblecal.data.column_names import role_of
 from tumblecal.recordings.table import Reader, Source, Table
 
 
@@ -63,7 +63,7 @@ def _read(source: Source) -> list[Table]:
     separator = separator_of(plain or middle)
     clock = clock_form(separator) if plain else None
     if kinds := _kinds_of(middle, separator):
-        return [_table(source, *_of_kind(path, written, kind, separator), name=kind.lstrip("$")) for kind in kinds]
+        return [text_table(source, *_of_kind(path, written, kind, separator), name=kind.lstrip("$")) for kind in kinds]
     lines = [clock.line(line) for line in written] if clock else written
     rows = [[] if comment_in(line) is not None else row_of(line, separator) for line in lines]
     widths = Counter(len(row) for row in rows if numbers_in(row) >= 3)
@@ -75,12 +75,12 @@ def _read(source: Source) -> list[Table]:
         return [table]
     if (not found or (header is None and _labelled(rows, width))) and (forms := word_forms(middle)):
         many = len(forms) > 1
-        return [_table(source, *_of_form(path, written, form), name=name if many else "") for name, form in forms.items()]
+        return [text_table(source, *_of_form(path, written, form), name=name if many else "") for name, form in forms.items()]
     if not found:
         _refuse(path, body, separator)
     layout = TextLayout(path, names, separator, ("",) * width, header, first + 1, clock)
     _check_marks(path, [row for row in rows if len(row) == width and numbers_in(row) >= 3], first, separator)
-    return [_table(source, layout, _statements(written[:first], separator))]
+    return [text_table(source, layout, _statements(written[:first], separator))]
 
 
 def _first_lines(path: Path) -> list[str]:
@@ -94,8 +94,10 @@ def _first_lines(path: Path) -> list[str]:
     return [decoded(raw) for raw in (lines if len(head) < _HEAD else lines[:-1])]
 
 
-def _table(source: Source, layout: TextLayout, statements: dict[str, str], name: str = "") -> Table:
-    """The rows of a text with this layout; all cells are text."""
+def text_table(
+    source: Source, layout: TextLayout, statements: Mapping[str, str], name: str = "", roles: Mapping[str, str] = _ROLES
+) -> Table:
+    """The rows of a text with this layout; all cells are text. `roles`: quantities of some columns."""
 
     def pieces(columns: Sequence[str]) -> Iterator[pl.DataFrame]:
         return layout.frames(
@@ -112,7 +114,8 @@ def _table(source: Source, layout: TextLayout, statements: dict[str, str], name:
         words=layout.words() + (", decimal comma" if with_commas else ""),
         row_word="line",
         header=layout.header_line,
-        roles={name: role for name, role in _ROLES.items() if name in layout.names},
+        sheet=layout.header_line is not None,
+        roles={name: role for name, role in roles.items() if name in layout.names},
         decimal="," if with_commas else ".",
     )
 
