@@ -29,8 +29,8 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import polars as pl
 
-from tumblecal.capture.still.blocks import blocks_of
-from tumblecal.capture.still.stillness import still_intervals
+from tumblecal.recordings.still.blocks import blocks_of
+from tumblecal.recordings.still.stillness import still_intervals
 
 
 _EDGE_S = 0.1

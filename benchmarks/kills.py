@@ -274,8 +274,8 @@ def position_set(seed: int):
 
 def reduce(folder: Path) -> tuple[list[Write], tuple[str, ...]]:
     """positions.csv, positions.parquet and reduction.json of a small run."""
-    from tumblecal.capture.reduction.reduce import reduce as reduced
-    from tumblecal.capture.reduction.reduction import write_reduction
+    from tumblecal.recordings.reduction.reduce import reduce as reduced
+    from tumblecal.recordings.reduction.reduction import write_reduction
 
     run, plan = folder / "run", folder / "plan.toml"
     plan.write_text(PLAN.format(link=folder / "imu", beta=[0], alpha=[0, 90], seconds=4.0))

@@ -41,7 +41,7 @@ from thermal_instrument import (
     truth,
     write_recording,
 )
-from tumblecal.capture.thermal.thermal_table import table_of
+from tumblecal.recordings.thermal.thermal_table import table_of
 from tumblecal.data.calibration import Calibration, read_calibration
 from tumblecal.data.calibration_use import Use
 from tumblecal.data.sensor_parameters import SENSOR, SensorParameters

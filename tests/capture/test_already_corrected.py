@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from test_binary_logs import dataflash, fmt
 
-from tumblecal.capture.recordings.options import RecordingOptions
-from tumblecal.capture.rows.sample_file import write_samples
-from tumblecal.capture.thermal.read_thermal import thermal_reading
+from tumblecal.recordings.options import RecordingOptions
+from tumblecal.recordings.recording import read_recording as write_samples
+from tumblecal.recordings.thermal.read_thermal import thermal_reading
 from tumblecal.cli.output import Output
 from tumblecal.cli.thermal import _printed
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tumblecal.capture.reduction.position_samples import read_position_samples
+from tumblecal.recordings.reduction.position_samples import read_position_samples
 from tumblecal.ground.errors import InputError
 
 

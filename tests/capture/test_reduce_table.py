@@ -8,8 +8,8 @@ import numpy as np
 import polars as pl
 import pytest
 
-from tumblecal.capture.reduction.reduce import reduce
-from tumblecal.capture.reduction.reduce_table import reduce_table
+from tumblecal.recordings.reduction.reduce import reduce
+from tumblecal.recordings.reduction.reduce_table import reduce_table
 from tumblecal.data import read_positions
 from tumblecal.ground.errors import InputError
 

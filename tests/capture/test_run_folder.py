@@ -14,7 +14,7 @@ from test_signals import PLAN, entries_of
 from disk import file_size_limited
 from tumblecal.capture.journal import Journal, read_journal, replayed
 from tumblecal.capture.log import LogWriter
-from tumblecal.capture.reduction.reduce import _wall_s, reduce
+from tumblecal.recordings.reduction.reduce import _wall_s, reduce
 from tumblecal.ground.errors import InputError
 
 

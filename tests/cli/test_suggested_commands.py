@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tumblecal.capture.recordings.options import RecordingOptions
+from tumblecal.recordings.options import RecordingOptions
 from tumblecal.cli.commands import app
 from tumblecal.cli.model_options import StatedModel
 from tumblecal.cli.options import ModelOptions

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from tumblecal.capture.decoding.samples import Event
 from tumblecal.capture.port.transport import Identity
-from tumblecal.capture.recordings.table import SourceTable
+from tumblecal.recordings.table import SourceTable
 from tumblecal.data import read_positions, write_positions
 from tumblecal.data.raw import opened_raw, read_raw
 from tumblecal.ground.atomic import write_text

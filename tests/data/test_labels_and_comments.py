@@ -5,7 +5,7 @@ import pytest
 from position_text import HEADER, ROWS, faults, written
 
 from tumblecal import InputError
-from tumblecal.capture.recordings import source_tables
+from tumblecal.recordings.formats import source_tables
 from tumblecal.cli.model_options import StatedModel
 from tumblecal.cli.options import ModelOptions
 from tumblecal.data import read_positions

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import blind_instrument as blind
-from tumblecal.capture.reduction.position_samples import PositionSamples
+from tumblecal.recordings.reduction.position_samples import PositionSamples
 from tumblecal.data import PositionSet
 from tumblecal.estimation.mean_noise import sample_noises
 from tumblecal.ground.errors import InputError

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tumblecal.ground.errors import InputError
 from tumblecal.data.column_names import STATES, Name, parsed
-from tumblecal.recordings.units import may_be_gravity, signed_words, size_of
+from tumblecal.recordings.units import PER_G, may_be_gravity, signed_words, size_of
 
 
 # Lengths that change less are computed (a unit vector); sizes below this share of gravity have none.
@@ -32,6 +32,11 @@ class Triple:
     def with_gravity(self) -> bool:
         """Whether the readings may have the size of gravity, with offsets and noise."""
         return self.dispersion > _LEAST_NOISE and may_be_gravity(self.size, self.name.unit)
+
+    @property
+    def without_gravity(self) -> bool:
+        """Whether gravity was removed from the readings: they are near zero in their unit, or in any usual unit."""
+        return self.size < _LEAST_GRAVITY * PER_G.get(self.name.unit, 1.0)
 
     def __str__(self) -> str:
         return ", ".join(self.columns)
@@ -73,6 +78,8 @@ def chosen(columns: Sequence[str], readings: Readings, path: str) -> tuple[Tripl
     axes_only = [triple for triple in triples if triple.name.quantity in ("", "letter")]
     candidates = [triple for triple in named or axes_only if triple.with_gravity]
     body = [triple for triple in candidates if triple.name.state not in ("free", "world")]
+    if len(named) == 1 and named[0].name.state in ("raw", "", "processed") and not named[0].without_gravity:
+        body = named
     if len({triple.name.sensor for triple in body}) != 1 or (not named and len(body) > 1):
         _ask(columns, readings, (named, body, axes_only), path)
     force = min(body, key=lambda triple: STATES.index(triple.name.state))

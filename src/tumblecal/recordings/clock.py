@@ -102,4 +102,4 @@ def unit_of_times(times: NDArray[np.float64], name: str, stated: str, rate_hz: f
             f"{path}: column {name}: no unit of the times is stated, and its steps are {step:g}; give "
             f"{shown or '--time-unit, or --rate 100 without the times'}"
         )
-    return found[0], f"time unit: {found[0]} ({rates.get(found[0], np.nan):.4g} samples a second; to change it: --time-unit)"
+    return found[0], f"time unit guessed: {found[0]} ({rates.get(found[0], np.nan):.4g} samples a second; to change it: --time-unit)"

@@ -1,5 +1,6 @@
 """The columns of a recording with their quantities and units: by option, by the format, or by name."""
 
+import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -7,7 +8,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from tumblecal.data.cells import LARGEST_NUMBER
+from tumblecal.data.cells import LARGEST_NUMBER, advice
 from tumblecal.data.table import DIFFERENT_UNITS
 from tumblecal.data.text_layout import ROW
 from tumblecal.ground.errors import InputError
@@ -23,9 +24,9 @@ from tumblecal.recordings.units import FORCE_UNITS, PER_G, RATE_UNITS, signed_wo
 # Keys of statements of the sample rate.
 RATE_KEYS = (
     *("rate_hz", "fs", "fs_hz", "sample_rate", "sampling_rate", "sampling_rate_hz", "sampling_frequency"),
-    *("update_rate", "outputrate", "measurement_frequency"),
+    *("update_rate", "output_rate", "measurement_frequency"),
 )
-_CLOCK_ROWS = 1000
+_CLOCK_ROWS, _EQUAL_STEPS, _DEGC = 1000, 0.8, (-60.0, 150.0)
 
 
 @dataclass(frozen=True)
@@ -111,7 +112,8 @@ def layout_of(
         for roles, triple in ((FORCE, force), (RATE, rate)):
             for role, name in zip(roles, triple.columns if triple else (), strict=False):
                 columns[role] = Column(name, parsed(name).unit, "name")
-    columns |= _others(table, first, columns, free, notes)
+    letters = only is None or bool({"time", "temperature"} & {*only})
+    columns |= _others(table, first, columns, free if letters else [name for name in free if not _is_letter_t(name)], notes, path)
     lacking = [role for role in FORCE if role not in columns]
     if lacking:
         raise InputError(
@@ -119,7 +121,7 @@ def layout_of(
             "--columns ax=...,ay=...,az=..."
         )
     if only is not None:
-        columns = {role: column for role, column in columns.items() if role in only or column.why == "option"}
+        columns = {role: column for role, column in columns.items() if role in only or column.why.startswith("option")}
     columns = _readable(table, first, columns, options, path, notes)
     columns = _scaled(columns, options)
     values = np.stack([columns[role].numbers(table, first) for role in FORCE], axis=1)
@@ -129,7 +131,9 @@ def layout_of(
         raise InputError(f"{path}: no row has a number in each of {there}; give the columns of the accelerations by --columns")
     for roles, known in ((FORCE, FORCE_UNITS), (RATE, RATE_UNITS)):
         _check_one_unit(table, columns, roles, options.unit if known is FORCE_UNITS else options.gyro_unit, path)
-    columns, per_g = _force_unit(table, columns, options, (size, values), path, notes)
+    if words := signed_words([columns[role].name for role in FORCE], values) if not options.signed else "":
+        raise InputError(f"{path}: {words}")
+    columns, per_g = _force_unit(table, columns, options, size, notes)
     columns = _rate_unit(table, columns, options, notes)
     if "time" in columns:
         columns = _clock(table, first, columns, options, path, notes)
@@ -184,7 +188,7 @@ def pairs(text: str, option: str) -> dict[str, str]:
 
 
 def _others(
-    table: Table, first: pl.DataFrame, columns: Mapping[str, Column], free: Sequence[str], notes: list[str]
+    table: Table, first: pl.DataFrame, columns: Mapping[str, Column], free: Sequence[str], notes: list[str], path: str
 ) -> dict[str, Column]:
     """Time, temperature, labels, angles, and single axes by the names of unassigned columns; of several times, the one whose
     name has the fewest other words, if its values can be times."""
@@ -207,18 +211,39 @@ def _others(
             others["time"] = Column((usable or clocks)[0], parsed((usable or clocks)[0]).unit, "name")
         elif dated := [name for name in free if first[name].dtype == pl.String and form_of(_cells(first, name))]:
             others["time"] = Column(dated[0], "", "dates")
-    alone = [name for name in free if name.strip() in ("t", "T") and name not in {column.name for column in others.values()}]
+    alone = [name for name in free if _is_letter_t(name) and name not in {column.name for column in others.values()}]
     both = {"time", "temperature"} & {*columns, *others}
-    for name in sorted(alone, reverse=True):  # t before T
-        values = Column(name).numbers(table, first)
-        role = "time" if "time" not in both and (first[name].dtype == pl.String or rises(values)) else "temperature"
-        if role in both:
-            notes.append(f"column {name} may be the time or the temperature: not used (to use it: --columns temperature={name})")
-            continue
-        both.add(role)
-        others[role] = Column(name, "", "values")
-        notes.append(f"column {name} is the {role}, by its values; to override: --columns {role}=...")
+    for name in sorted(alone, key=lambda name: name.strip()[0], reverse=True):  # t before T
+        role = _time_or_temperature(table, first, name)
+        if role in both or not role:
+            words = f"column {name} may be the time or the temperature"
+            if not both:
+                raise InputError(f"{path}: {words}; give --columns time={name} or --columns temperature={name}")
+            role = "time" if "temperature" in both and "time" not in both else ""
+            notes += [] if role else [f"{words}: not used (to use it: --columns temperature={name})"]
+        if role:
+            both.add(role)
+            others[role] = Column(name, "", "values")
+            notes.append(f"column {name} is the {role}, by its values; to override: --columns {role}=...")
     return others
+
+
+def _time_or_temperature(table: Table, first: pl.DataFrame, name: str) -> str:
+    """Time for dates and numbers that rise in nearly equal steps, temperature for numbers that also fall; empty if unclear."""
+    values = Column(name).numbers(table, first)
+    steps = np.diff(values[np.isfinite(values)])
+    if not len(steps):
+        return "time" if form_of(_cells(first, name)) else ""
+    equal = float(np.mean(np.abs(steps - np.median(steps)) <= 0.5 * abs(np.median(steps)))) >= _EQUAL_STEPS
+    if rises(values):
+        return "time" if equal and len(steps) > 2 else ""
+    return "temperature" if _DEGC[0] < np.nanmin(values) and np.nanmax(values) < _DEGC[1] else ""
+
+
+def _is_letter_t(name: str) -> bool:
+    """Whether a name is a `t` alone, also with the unit degree: the time or the temperature."""
+    meaning = parsed(name)
+    return meaning.stem == ("t",) and not meaning.axis and meaning.quantity in ("", "orientation")
 
 
 def _may_be_times(table: Table, first: pl.DataFrame, name: str) -> bool:
@@ -258,12 +283,15 @@ def _readable(
         column = columns.get(role)
         if column is None or np.isfinite(column.numbers(table, first)).any():
             continue
-        cells = first[column.name].drop_nulls()
-        cell = next((cell for cell in cells.cast(pl.String) if cell.strip()), "") if len(cells) else ""
-        words = f"column {column.name}: {f'{shown(cell)} is not a number' if cell else 'every cell is empty or NaN'}"
-        if role in FORCE or column.why == "option" or (cell and role in NUMBERS):
-            raise InputError(f"{path}: {words}; give the columns by --columns")
-        notes += [f"{words}: ignored as {role}"] * bool(cell)
+        cells = first.filter(pl.col(column.name).cast(pl.String).str.strip_chars().fill_null("") != "").head(1)
+        cell = cells[column.name].cast(pl.String)[0] if len(cells) and not cells[column.name].dtype.is_numeric() else ""
+        row = f"{table.row_word} {cells[ROW][0]}, " if cell and ROW in cells.columns else ""
+        words = f"{row}column {column.name}: {f'{shown(cell)}: no number' if cell else 'every cell is empty or NaN'}"
+        if role in FORCE or column.why.startswith("option") or (cell and role in NUMBERS):
+            comma = re.fullmatch(r"[+-]?\d*,\d+(e[+-]?\d+)?", cell.strip(), re.IGNORECASE)
+            cure = "its comma may be decimal: --decimal comma" if comma else f"{advice(cell, role)}, or give --columns"
+            raise InputError(f"{path}:{words}; {cure}")
+        notes += [f"{words}; ignored as {role}"] * bool(cell)
         columns = {name: other for name, other in columns.items() if name != role}
     return columns
 
@@ -300,46 +328,40 @@ def _check_one_unit(table: Table, columns: Mapping[str, Column], roles: Sequence
         raise InputError(f"{place}: {', '.join(column.name for column in stated)} {DIFFERENT_UNITS}")
 
 
-def _with_unit(columns: Mapping[str, Column], roles: Sequence[str], unit: str, per: float = 1.0) -> dict[str, Column]:
-    changed = {role: replace(columns[role], unit=unit, scale=columns[role].scale / per) for role in roles if role in columns}
+def _with_unit(
+    columns: Mapping[str, Column], roles: Sequence[str], unit: str, why: str, per: float = 1.0
+) -> dict[str, Column]:
+    """The columns with a unit, and the evidence for it."""
+    changed = {
+        role: replace(columns[role], unit=unit, scale=columns[role].scale / per, why=f"{columns[role].why}; unit: {why}")
+        for role in roles if role in columns
+    }  # fmt: skip
     return {**columns, **changed}
 
 
 def _force_unit(
-    table: Table,
-    columns: Mapping[str, Column],
-    options: RecordingOptions,
-    found: tuple[float, NDArray[np.float64]],
-    path: str,
-    notes: list[str],
+    table: Table, columns: Mapping[str, Column], options: RecordingOptions, size: float, notes: list[str]
 ) -> tuple[dict[str, Column], float | None]:
     """The unit of the accelerations: by option, by name or format, or the one in which their size is about one g."""
-    size, values = found
     named = next((columns[role].unit for role in FORCE if columns[role].unit), "")
     if options.unit:
         unit, per_g = stated_unit(options.unit, "--unit", FORCE_UNITS, "g")
-        return _with_unit(columns, FORCE, unit), per_g
+        return _with_unit(columns, FORCE, unit, "option"), per_g
     if named and named != "counts":
         other = unit_by_size(size)
         if not 1 / 3 < size / PER_G[named] < 3 and other and not other.endswith("/g"):
             notes.append(f"unit by name: {named}, but the readings' size is about {size:.5g}, one g in {other}; to change it: --unit")
-        return _with_unit(columns, FORCE, named), None
+        return _with_unit(columns, FORCE, named, "name"), None
     if "a" in table.per_unit and not options.scale:
-        return _with_unit(columns, FORCE, "counts"), table.per_unit["a"]
+        return _with_unit(columns, FORCE, "counts", "format"), table.per_unit["a"]
     if named and "counts_per_g" in table.stated:
-        return _with_unit(columns, FORCE, "counts"), float(table.stated["counts_per_g"])
+        return _with_unit(columns, FORCE, "counts", "file"), float(table.stated["counts_per_g"])
     near = unit_by_size(size)
     if not near or (named and not near.endswith("/g")):
-        _ask_signed(columns, values, path)
-        return _with_unit(columns, FORCE, "counts"), None
+        return _with_unit(columns, FORCE, "counts", "not known"), None
     notes.append(f"unit guessed: {near} (the readings' size is about {size:.5g}; to change it: --unit)")
     unit, per_g = stated_unit(near, "unit", FORCE_UNITS, "g")
-    return _with_unit(columns, FORCE, unit), per_g
-
-
-def _ask_signed(columns: Mapping[str, Column], values: NDArray[np.float64], path: str) -> None:
-    if words := signed_words([columns[role].name for role in FORCE], values):
-        raise InputError(f"{path}: {words}")
+    return _with_unit(columns, FORCE, unit, "size"), per_g
 
 
 def _rate_unit(
@@ -355,9 +377,10 @@ def _rate_unit(
     elif unit == "counts":
         per_dps = table.per_unit.get("g")
     if per_dps:
-        return _with_unit(columns, rates, "dps", per_dps)
+        return _with_unit(columns, rates, "dps", "option" if options.gyro_unit else "format", per_dps)
     notes += [] if unit else ["unit of the angular rates not known: not converted (to set it: --gyro-unit)"]
-    return _with_unit(columns, rates, unit or ("counts" if columns["ax"].unit == "counts" else "raw"))
+    why = "option" if options.gyro_unit else "name" if unit else "not known"
+    return _with_unit(columns, rates, unit or ("counts" if columns["ax"].unit == "counts" else "raw"), why)
 
 
 def stated_rate(table: Table) -> float | None:

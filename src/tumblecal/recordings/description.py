@@ -1,5 +1,7 @@
 """The description of a recording, `FILE.recording.toml`: what was stated or found, item by item, and where it comes from."""
 
+import json
+import os
 import tomllib
 from dataclasses import asdict, fields, replace
 from pathlib import Path
@@ -45,7 +47,11 @@ def described(path: Path, options: RecordingOptions) -> tuple[Path, RecordingOpt
 def items_of(recording: "Recording") -> dict[str, tuple[object, str]]:
     """The options that state all that was found in a recording, and the source of each, in words."""
     layout, options = recording.layout, recording.options
-    columns = {role: column.name for role, column in layout.columns.items()}
+    order = recording.table.columns
+    columns = {
+        role: str(order.index(column.name) + 1) if {",", "="} & {*column.name} else column.name
+        for role, column in layout.columns.items()
+    }
     why = ", ".join(dict.fromkeys(column.why for column in layout.columns.values()))
     items: dict[str, tuple[object, str]] = {"columns": (columns, why)}
     if recording.table.name:
@@ -72,8 +78,8 @@ def items_of(recording: "Recording") -> dict[str, tuple[object, str]]:
 def write_description(recording: "Recording", path: Path) -> None:
     """Write the description of a recording."""
     items = items_of(recording)
-    relative = recording.path.resolve()
-    lines = [f"schema = {_text(_SCHEMA)}", f"file = {_text(str(relative))}"]
+    there = os.path.relpath(recording.path, path.parent)
+    lines = [f"schema = {_text(_SCHEMA)}", f"file = {_text(there)}"]
     for name, (value, _) in items.items():
         shown = "{" + ", ".join(f"{role} = {_text(column)}" for role, column in value.items()) + "}" if isinstance(value, dict) else _text(value)
         lines.append(f"{name} = {shown}")
@@ -82,6 +88,4 @@ def write_description(recording: "Recording", path: Path) -> None:
 
 
 def _text(value: object) -> str:
-    import json
-
     return json.dumps(value, ensure_ascii=False)

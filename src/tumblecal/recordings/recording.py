@@ -25,12 +25,13 @@ from tumblecal.data.column_names import FORCE, LABELS, parsed
 from tumblecal.recordings.options import RecordingOptions
 from tumblecal.recordings.rows import Unread, WHOLE, left_out, names_of, retained_frames, sample_frames
 from tumblecal.recordings.table import Reader, Table
+from tumblecal.recordings.units import signed_words
 
 
 # Clocks with more seconds count from 1970; steps of time that are longer are gaps.
 _LEAST_MOMENT_S, LONGEST_STEP_S, _DAY_S = 1e9, 0.5, 86400
 # Share of the steps of a regular clock that are within a quarter of the usual one.
-_REGULAR = 0.8
+_REGULAR, _CHECKED_ROWS = 0.8, 20_000
 _SENSOR_WORDS = frozenset("sensor id device imu node channel unit address addr mac tag name source kind type".split())
 _MOST_SENSORS = 16
 
@@ -159,6 +160,7 @@ def read_recording(
         rows = folder / "rows.parquet"
         frames = sample_frames(table, layout, str(recording.path), recording.unread, begin)
         write_frames(rows, (frame.filter(WHOLE).select(schema.names()) for frame in frames), schema)
+        _check_signed(rows, recording)
         stated = recording.options.rate or stated_rate(table)
         kept, records = (np.ones(0, bool), []) if means else left_out(rows, layout, rate_of(rows) or stated)
         for record in records:
@@ -178,6 +180,16 @@ def read_recording(
     return recording
 
 
+def _check_signed(samples: Path, recording: Recording) -> None:
+    """Ask about numbers of which only later rows show that negative ones are written as unsigned ones."""
+    columns, named = [recording.layout.columns[role] for role in FORCE], names_of(recording.layout)
+    table, rows, _ = scan_parquet(samples, check=False)
+    readings = table.select(named[role] for role in FORCE).gather_every(max(1, rows // _CHECKED_ROWS)).collect().to_numpy()
+    numbers = np.round(readings / [column.scale for column in columns] + [column.offset for column in columns], 9)
+    if words := signed_words([column.name for column in columns], numbers) if not recording.options.signed else "":
+        raise InputError(f"{recording.path}: {words}")
+
+
 def rate_of(samples: Path) -> float | None:
     """Samples a second of a table of samples, by its times without gaps; None without times."""
     return facts_of(samples, None, None)["rate_hz"]
@@ -190,10 +202,11 @@ def facts_of(samples: Path, kept: NDArray[np.bool_] | None, stated_hz: float | N
 
     - `kept` (n,): rows to consider; None for all. `stated_hz`: the rate without times.
     """
-    frame = scan_parquet(samples, check=False)[0]
-    frame = frame.select(name for name in ("time_s", "temperature_degc") if name in frame.collect_schema().names())
-    read = frame.collect() if kept is None else frame.collect().filter(kept)
-    rows = int(scan_parquet(samples, check=False)[1]) if kept is None else int(kept.sum())
+    frame, rows, _ = scan_parquet(samples, check=False)
+    names = [name for name in ("time_s", "temperature_degc") if name in frame.collect_schema().names()]
+    read = frame.select(names).collect()
+    if kept is not None:
+        read, rows = read.filter(kept) if names else read, int(kept.sum())
     facts: dict[str, Any] = {"rows": rows, "rate_hz": stated_hz}
     if "temperature_degc" in read.columns and len(known := read["temperature_degc"].drop_nulls().drop_nans()):
         facts["temperature"] = (float(known.min()), float(known.max()), rows - len(known))  # type: ignore[arg-type]

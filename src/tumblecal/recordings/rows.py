@@ -28,6 +28,8 @@ WHOLE, SOURCE_COLUMNS = "\x00whole", "\x00source"
 _MOST_UNREADABLE, _SHOWN = 0.2, 5
 # Fewest rows with equal readings that are erased memory; most rows that are late, before the clock goes on.
 _FEWEST_ERASED, _MOST_LATE = 20, 100
+# Share of equal readings among rows with one time that occur twice.
+_ALIKE = 0.7
 # Repeated samples: fewest runs of equal readings, and largest share of single ones.
 _FEWEST_RUNS, _MOST_SINGLE = 50, 0.02
 
@@ -102,8 +104,8 @@ def _label(name: str) -> pl.Expr:
 def _blank(frame: pl.DataFrame, named: dict[str, str], whole: pl.Series) -> bool:
     """Whether rows without a reading have no number at all, as those of erased memory."""
     force = frame.filter(~whole).select(named[role] for role in FORCE)
-    empty = pl.all_horizontal(pl.all().is_null() | pl.all().is_nan()) | pl.all_horizontal(pl.all().abs() >= LARGEST_NUMBER)
-    return bool(force.select(empty.mean()).item() or 0.0 > 1 - _MOST_UNREADABLE)
+    empty = pl.all_horizontal(pl.all().is_nan()) | pl.all_horizontal(pl.all().abs() >= LARGEST_NUMBER)
+    return bool((force.select(empty.mean()).item() or 0.0) > 1 - _MOST_UNREADABLE)
 
 
 def _why(table: Table, layout: Layout, piece: pl.DataFrame, frame: pl.DataFrame, row: int) -> str:
@@ -131,7 +133,7 @@ def left_out(samples: Path, layout: Layout, rate_hz: float | None) -> tuple[NDAr
     facts = scan_parquet(samples, check=False)[0].select(
         pl.all_horizontal(pl.col(name) == pl.col(name).shift(1) for name in channels).fill_null(value=False).alias("same"),
         pl.all_horizontal(force == force.shift(1)).fill_null(value=False).alias("same_force"),
-        ((numbers[0] - numbers[1]).abs() + (numbers[0] - numbers[2]).abs() < 1e-9 * numbers[0].abs()).alias("flat"),
+        ((numbers[0] - numbers[1]).abs() + (numbers[0] - numbers[2]).abs() <= 1e-9 * numbers[0].abs()).alias("flat"),
         (pl.col("time_s") if timed else pl.int_range(pl.len()).cast(pl.Float64)).alias("time"),
     )
     facts = facts.collect()
@@ -140,19 +142,21 @@ def left_out(samples: Path, layout: Layout, rate_hz: float | None) -> tuple[NDAr
     records: list[DamageRecord] = []
     kept = np.ones(len(same), bool)
 
-    def leave(rows: NDArray[np.bool_], kind: str, words: str) -> None:
+    def leave(rows: NDArray[np.bool_], kind: str, words: str, largest: float | None = None, unit: str = "") -> None:
         rows = rows & kept
         if (count := int(rows.sum())) and count < kept.sum():
             first = int(np.argmax(rows)) + 1
             kept[rows] = False
-            records.append(DamageRecord(kind, f"{counted(count, 'row')} {words}, first row {first}: left out", "left out", count, first))
+            words = f"{counted(count, 'row')} {words}, first row {first}: left out"
+            records.append(DamageRecord(kind, words, "left out", count, first, largest, unit))
 
     leave(_long_runs(same & same_time) & _late_or_last(time, same_time) | (_long_runs(same) & flat), "erased", "of erased memory")
     if timed:
         late = np.zeros(len(kept), bool)
         late[kept] = _late(time[kept])
         leave(late, "disorder", "earlier than a row before them")
-        leave(same & same_time, "duplicates", "that occur twice, with the same time and readings")
+        if same_time.any() and np.mean(same[same_time]) > _ALIKE and np.mean(same[~same_time]) < 1 - _ALIKE:
+            leave(same & same_time, "duplicates", "that occur twice, with the same time and readings")
     starts = np.flatnonzero(kept & ~facts["same_force"].to_numpy())
     lengths = np.diff(np.append(starts, len(kept)))
     if len(starts) > _FEWEST_RUNS and np.mean(lengths[1:-1] == 1) <= _MOST_SINGLE:
@@ -162,7 +166,7 @@ def left_out(samples: Path, layout: Layout, rate_hz: float | None) -> tuple[NDAr
         repeats = np.ones(len(kept), bool)
         repeats[np.repeat(starts, samples_of) + (within * ratio).astype(int)] = False
         rate = f" ({rate_hz / ratio:.4g} samples a second in {rate_hz:.4g} rows)" if rate_hz else ""
-        leave(repeats, "repeats", f"that repeat a sample{rate}, each {ratio:.3g} times")
+        leave(repeats, "repeats", f"that repeat a sample{rate}, each {ratio:.3g} times", ratio, "rows a sample")
     return kept, records
 
 

@@ -12,6 +12,7 @@ from tumblecal.data.column_names import FORCE, LABELS
 from tumblecal.data.named_layout import readings_among
 from tumblecal.data.raw import Raw, column_names, header_of, opened_raw
 from tumblecal.data.text_layout import ROW
+from tumblecal.recordings.description import SUFFIX
 from tumblecal.recordings.options import RecordingOptions
 from tumblecal.recordings.recording import Recording, opened
 from tumblecal.recordings.rows import WHOLE, Unread, names_of, sample_frames
@@ -56,7 +57,7 @@ def uncorrected(
 
     **Raises:** `InputError` for a source that cannot be read, has no readings, or has corrected ones.
     """
-    if options == RecordingOptions() and source.is_file():
+    if options == RecordingOptions() and source.is_file() and not source.name.endswith(SUFFIX):
         names = column_names(source)
         if readings_among(names) or not names:
             header, frames = opened_raw(source)

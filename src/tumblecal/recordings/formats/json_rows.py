@@ -36,7 +36,7 @@ def _recognised(path: Path, head: bytes) -> bool:
         return True
     lines = text.splitlines()[:20]
     of_rows = sum(_row(line) is not None for line in lines)
-    return of_rows > _WHOLE_SHARE * (len(lines) - 1) if of_rows else bool(re.match(r'\{\s*"[^"]*"\s*:\s*[\[{]', text))
+    return of_rows > _WHOLE_SHARE * (len(lines) - 1) if of_rows else bool(re.match(r'\{\s*"[^\[{]*[\[{]', text))
 
 
 def _row(line: str) -> Row | None:

@@ -73,14 +73,14 @@ def _read(source: Source) -> list[Table]:
     names, header = _header(source, written[:first], separator, width, clock is not None) if found else ((), None)
     if not found and (table := _of_axes(source, rows, separator)):
         return [table]
-    if (not found or (header is None and _labelled(rows, width))) and (forms := word_forms(middle)):
+    if (not found or (header is None and not clock and _labelled(rows, width))) and (forms := word_forms(middle)):
         many = len(forms) > 1
         return [text_table(source, *_of_form(path, written, form), name=name if many else "") for name, form in forms.items()]
     if not found:
         _refuse(path, body, separator)
     layout = TextLayout(path, names, separator, ("",) * width, header, first + 1, clock)
     _check_marks(path, [row for row in rows if len(row) == width and numbers_in(row) >= 3], first, separator)
-    return [text_table(source, layout, _statements(written[:first], separator))]
+    return [text_table(source, layout, _statements(written[:first], separator) | stated(written))]
 
 
 def _first_lines(path: Path) -> list[str]:
@@ -139,18 +139,19 @@ def _header(source: Source, before: Sequence[str], separator: str, width: int, c
     **Raises:** `InputError` for a line that names more or fewer columns than the rows have, or one of them twice, unless
     the user gives the columns by number.
     """
-    by_number = tuple(map(str, range(1, width + 1)))
+    by_number = (*(("time",) if clock else ()), *map(str, range(1 + clock, width + 1)))
     for line, names in _KNOWN.items():
         if any(text.startswith(line) for text in before) and len(names) == width:
             return names, None
     numbered = [(number, line) for number, line in enumerate(before, start=1) if line.strip()][-2:]
     for number, line in reversed(numbered):
-        text = line.lstrip("#%;/ ") if line.strip()[:1] in "#%;/" else line
+        text = (without_clock([line]) or [line])[0] if clock else line
+        text = text.lstrip("#%;/ ")
         names = row_of(text, separator)
         if len(names) != width and separator == " ":
             names = row_of(text, separator_of([text]))
         if clock and len(names) == width - 1:
-            names = ["time", *names]
+            names = ["monitor" if {"time", "t", "T"} & {role_of(name)[0] or name for name in names} else "time", *names]
         if len(names) == width + 1 and _LABEL.fullmatch(names[0]):
             names = names[1:]
         known = any(role_of(name)[0] for name in names)
