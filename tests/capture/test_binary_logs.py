@@ -6,10 +6,10 @@ import numpy as np
 import polars as pl
 import pytest
 
+from tumblecal.ground.errors import InputError
 from tumblecal.recordings.formats import xbus as xbus_file
 from tumblecal.recordings.options import RecordingOptions
-from tumblecal.recordings.recording import read_recording as write_samples
-from tumblecal.ground.errors import InputError
+from tumblecal.recordings.reading import read_recording as write_samples
 
 
 IMU = "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ,EG,EA,T,GH,AH,GHz,AHz"

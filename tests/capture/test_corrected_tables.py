@@ -65,7 +65,9 @@ TABLES = {
         "Logger;7\nt;AccX;AccY;AccZ;\xb0C\n1;@0;@0;@1;20\n2;@0;@1;@0;20\n", OWN, ["t,\xb0C", "1,20", "2,20"]
     ),
     "decimal commas within quotation marks": (
-        'AccX,AccY,AccZ,n\n"@0,125","@0,2","@1,5","1,5"\n"@0,25","@0,5","@0,25",7\n', [*OWN, "--decimal", "comma"], ["n", "1.5", "7"]
+        'AccX,AccY,AccZ,n\n"@0,125","@0,2","@1,5","1,5"\n"@0,25","@0,5","@0,25",7\n',
+        [*OWN, "--decimal", "comma"],
+        ["n", "1.5", "7"],
     ),
 }  # fmt: skip
 

@@ -8,15 +8,15 @@ import pytest
 from recordings_made import ATTITUDES, G, imu_columns, made, ros1_bag, ros2_bag, text, ulog
 
 import tumblecal.recordings.table as formats
-from tumblecal.recordings.correction.correction import Correction, write_corrected
-from tumblecal.recordings.correction.uncorrected import uncorrected
 from tumblecal.capture.decoding.samples import Settings, blank
 from tumblecal.capture.protocols import protocol
-from tumblecal.recordings.options import KnownContext, RecordingOptions
-from tumblecal.recordings.reduction.reduce_recording import reduce_recording
 from tumblecal.data import read_positions
 from tumblecal.data.calibration import Calibration
 from tumblecal.ground.errors import InputError
+from tumblecal.recordings.correction.correction import Correction, write_corrected
+from tumblecal.recordings.correction.uncorrected import uncorrected
+from tumblecal.recordings.options import KnownContext, RecordingOptions
+from tumblecal.recordings.reduction.reduce_recording import reduce_recording
 
 
 @pytest.fixture(scope="module")

@@ -6,9 +6,9 @@ import numpy as np
 import polars as pl
 import pytest
 
-from tumblecal.recordings.options import RecordingOptions
-from tumblecal.recordings.recording import read_recording as write_samples
 from tumblecal.ground.errors import InputError
+from tumblecal.recordings.options import RecordingOptions
+from tumblecal.recordings.reading import read_recording as write_samples
 
 
 ROWS = 60

@@ -5,9 +5,9 @@ import re
 import polars as pl
 import pytest
 
-from tumblecal.recordings.options import RecordingOptions
-from tumblecal.recordings.recording import read_recording as write_samples
 from tumblecal.ground.errors import InputError
+from tumblecal.recordings.options import RecordingOptions
+from tumblecal.recordings.reading import read_recording as write_samples
 
 
 GOOD = "t,ax,ay,az", "{t},0.1,0.2,0.97"
@@ -23,7 +23,7 @@ FAULTS = [
     (*GOOD, {"offset": "nan"}, "--offset nan: must be finite"),
     (*GOOD, {"topic": "imu7"}, "no topic imu7"),
     ("t,ay,az", "{t},0.2,0.97", {}, "only ay, az among the columns 't, ay, az'; name the three: --columns ax"),
-    ("time,ax,ay,az", "{k}e-12,0.1,0.2,0.97", {}, "column time: no unit of the times is stated, and its steps are 1e-12; give --time-unit"),
+    ("time,ax,ay,az", "{k}e-12,0.1,0.2,0.97", {}, "no unit of the times is stated, and its steps are 1e-12"),
     ("time,ax,ay,az", "{t},0.1,0.2,0.97g", {}, "log.csv:line 2, column az: '0.97g': no number; write 0.97, without the unit"),
     ("warmth,ax,ay,az", "cold,0.1,0.2,0.97", {"columns": "temperature=warmth"}, "line 2, column warmth: 'cold': no number"),
     ("alpha_deg,ax,ay,az", "45:30,0.1,0.2,0.97", {}, "column alpha_deg: '45:30': no number; write degrees with decimals"),

@@ -7,11 +7,11 @@ import numpy as np
 import polars as pl
 import pytest
 
-from tumblecal.recordings.formats import tables_of
-from tumblecal.recordings.damage import Damage
-from tumblecal.recordings.options import RecordingOptions
-from tumblecal.recordings.recording import read_recording as write_samples
 from tumblecal.data.text_layout import ROW
+from tumblecal.recordings.damage import Damage
+from tumblecal.recordings.formats import tables_of
+from tumblecal.recordings.options import RecordingOptions
+from tumblecal.recordings.reading import read_recording as write_samples
 
 
 ROWS = 60

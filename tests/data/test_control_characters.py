@@ -14,13 +14,13 @@ from hypothesis import strategies as st
 
 from tumblecal.capture.decoding.samples import Event
 from tumblecal.capture.port.transport import Identity
-from tumblecal.recordings.table import SourceTable
 from tumblecal.data import read_positions, write_positions
 from tumblecal.data.raw import opened_raw, read_raw
 from tumblecal.ground.atomic import write_text
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.json_file import read_json
 from tumblecal.ground.strict_toml import read_toml
+from tumblecal.recordings.table import SourceTable
 
 
 TURNING = {"LRE", "RLE", "PDF", "LRO", "RLO", "LRI", "RLI", "FSI", "PDI"}  # Unicode TR 9

@@ -5,11 +5,11 @@ import pytest
 from position_text import HEADER, ROWS, faults, written
 
 from tumblecal import InputError
-from tumblecal.recordings.formats import source_tables
 from tumblecal.cli.model_options import StatedModel
 from tumblecal.cli.options import ModelOptions
 from tumblecal.data import read_positions
 from tumblecal.data.raw import opened_raw, read_raw
+from tumblecal.recordings.formats import source_tables
 
 
 def with_labels(path, name, *labels):

@@ -8,7 +8,7 @@ from damaged_rows import AXES, ERASED, RATE_HZ, forces, orders, rows, table, wit
 from tumblecal.data.calibration import Calibration, write_calibration
 from tumblecal.ground.errors import InputError
 from tumblecal.recordings.options import RecordingOptions
-from tumblecal.recordings.recording import read_recording
+from tumblecal.recordings.reading import read_recording
 
 
 NAMES = ("ax", "ay", "az")

@@ -6,10 +6,10 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from tumblecal.recordings.options import RecordingOptions
 from tumblecal.cli.output import Output, warn
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
+from tumblecal.recordings.options import RecordingOptions
 
 
 def import_samples(
@@ -36,9 +36,9 @@ def import_samples(
     out
         Table of samples (.parquet or .csv). Default: SOURCE.samples.parquet in the current folder. Example: --out log.csv.
     """
-    from tumblecal.recordings.description import SUFFIX, write_description
-    from tumblecal.recordings.recording import read_recording
     from tumblecal.data.overwriting import protect_inputs
+    from tumblecal.recordings.description import SUFFIX, write_description
+    from tumblecal.recordings.reading import read_recording
     from tumblecal.report.recording_words import import_document, import_lines, left_out_words
 
     output.begin()
@@ -51,7 +51,8 @@ def import_samples(
     warn(source, contents.damage.lines)
     description = path.with_name(f"{contents.path.name}{SUFFIX}")
     write_description(contents, description)
-    output.say("\n".join([*import_lines(contents), f"{path}: {counted(contents.rows, 'sample')}; {description}: its description"]))
+    output.say("\n".join([*import_lines(contents), f"{path}: {counted(contents.rows, 'sample')}"]))
+    output.say(f"{description}: its description, for reduce, thermal, check and apply")
     if output.json:
         print(json.dumps(import_document(source, path, contents)))
     output.warn(str(source), left_out_words(contents))

@@ -69,7 +69,9 @@ def rises(times: NDArray[np.float64]) -> bool:
     return len(steps) > 0 and bool((steps > 0).any()) and float(np.mean(steps < 0)) <= _MOST_BACK
 
 
-def unit_of_times(times: NDArray[np.float64], name: str, stated: str, rate_hz: float | None, path: str) -> tuple[str, str]:
+def unit_of_times(
+    times: NDArray[np.float64], name: str, stated: str, rate_hz: float | None, path: str
+) -> tuple[str, str]:
     """The unit of times, and a note if it was not stated.
 
     Dates from 1970 have one possible unit, and so has a stated rate. Otherwise it is the first unit in which the rate is one
@@ -102,4 +104,6 @@ def unit_of_times(times: NDArray[np.float64], name: str, stated: str, rate_hz: f
             f"{path}: column {name}: no unit of the times is stated, and its steps are {step:g}; give "
             f"{shown or '--time-unit, or --rate 100 without the times'}"
         )
-    return found[0], f"time unit guessed: {found[0]} ({rates.get(found[0], np.nan):.4g} samples a second; to change it: --time-unit)"
+    return found[
+        0
+    ], f"time unit guessed: {found[0]} ({rates.get(found[0], np.nan):.4g} samples a second; to change it: --time-unit)"

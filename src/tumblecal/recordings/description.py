@@ -7,9 +7,9 @@ from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tumblecal.data.column_names import RATE
 from tumblecal.ground.atomic import write_text
 from tumblecal.ground.errors import InputError
-from tumblecal.data.column_names import FORCE, RATE
 from tumblecal.recordings.options import RecordingOptions
 
 
@@ -29,7 +29,9 @@ def described(path: Path, options: RecordingOptions) -> tuple[Path, RecordingOpt
     try:
         content = tomllib.loads(path.read_text())
     except (OSError, UnicodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"{path}: not a description of a recording ({error}); write it with tumblecal import") from error
+        raise InputError(
+            f"{path}: not a description of a recording ({error}); write it with tumblecal import"
+        ) from error
     if content.get("schema") != _SCHEMA or not isinstance(content.get("file"), str):
         raise InputError(f"{path}: needs schema = {_SCHEMA!r} and file = the recording; write it with tumblecal import")
     known = {field.name: field for field in fields(RecordingOptions)}
@@ -58,7 +60,10 @@ def items_of(recording: "Recording") -> dict[str, tuple[object, str]]:
         items["topic"] = recording.table.name, "option" if options.topic else "accelerations and most rows"
     unit = layout.unit if layout.unit != "counts" else f"{layout.per_g:g}/g" if layout.per_g else ""
     if unit and options.unit != unit:
-        items["unit"] = unit.replace("ms2", "m/s2"), "guessed by the size of gravity" if any("unit guessed" in note for note in layout.notes) else "file"
+        items["unit"] = (
+            unit.replace("ms2", "m/s2"),
+            "guessed by the size of gravity" if any("unit guessed" in note for note in layout.notes) else "file",
+        )
     rates = {layout.columns[role].unit for role in RATE if role in layout.columns} & {"dps", "rads"}
     if rates:
         items["gyro_unit"] = rates.pop().replace("rads", "rad/s"), "option" if options.gyro_unit else "file"
@@ -81,7 +86,11 @@ def write_description(recording: "Recording", path: Path) -> None:
     there = os.path.relpath(recording.path, path.parent)
     lines = [f"schema = {_text(_SCHEMA)}", f"file = {_text(there)}"]
     for name, (value, _) in items.items():
-        shown = "{" + ", ".join(f"{role} = {_text(column)}" for role, column in value.items()) + "}" if isinstance(value, dict) else _text(value)
+        shown = (
+            "{" + ", ".join(f"{role} = {_text(column)}" for role, column in value.items()) + "}"
+            if isinstance(value, dict)
+            else _text(value)
+        )
         lines.append(f"{name} = {shown}")
     lines += ["", "[source]", *(f"{name} = {_text(why)}" for name, (_, why) in items.items())]
     write_text(path, "\n".join(lines) + "\n")

@@ -9,6 +9,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from tumblecal.data.cells import LARGEST_NUMBER
+from tumblecal.data.column_names import FORCE, LABELS, NUMBERS, QUANTITIES, RATE
 from tumblecal.data.parquet import pieces_in_order, scan_parquet
 from tumblecal.data.text_layout import ROW
 from tumblecal.ground.counted import counted
@@ -18,7 +19,6 @@ from tumblecal.ground.plain_text import CONTROLS
 from tumblecal.ground.text_file import shown
 from tumblecal.recordings.columns import Layout
 from tumblecal.recordings.damage import DamageRecord
-from tumblecal.data.column_names import FORCE, LABELS, NUMBERS, QUANTITIES, RATE
 from tumblecal.recordings.table import Table
 
 
@@ -77,13 +77,17 @@ def sample_frames(
                 begin += frame["time_s"].filter(frame["time_s"].abs() < LARGEST_NUMBER).drop_nans().head(1).to_list()
             frame = frame.with_columns(pl.col("time_s") - (begin[0] if begin else np.nan))
         # Numbers too large for any quantity are damage, and would overflow the sums of squares.
-        usual = [pl.col(name).abs().fill_nan(np.inf) < (LARGEST_NUMBER if name != "time_s" else np.inf) for name in needed]
+        usual = [
+            pl.col(name).abs().fill_nan(np.inf) < (LARGEST_NUMBER if name != "time_s" else np.inf) for name in needed
+        ]
         whole = frame.select(pl.all_horizontal(usual).fill_null(value=False)).to_series()
         places = piece[ROW] if ROW in piece.columns else pl.Series(np.arange(seen + 1, seen + len(piece) + 1))
         if not whole.all():
             rows = np.flatnonzero(~whole.to_numpy())
             unread.why = unread.why or _why(table, layout, piece, frame, int(rows[0]))
-            unread.places += places.gather(rows[: _SHOWN - len(unread.places)]).to_list() if len(unread.places) < _SHOWN else []
+            unread.places += (
+                places.gather(rows[: _SHOWN - len(unread.places)]).to_list() if len(unread.places) < _SHOWN else []
+            )
             unread.rows += len(rows)
         seen += len(piece)
         if unread.rows > max(_SHOWN, _MOST_UNREADABLE * seen) and not _blank(frame, named, whole):
@@ -94,7 +98,9 @@ def sample_frames(
         source = [piece.select(more).to_struct(SOURCE_COLUMNS)] if more else []
         yield frame.with_columns(whole.alias(WHOLE), places.alias(ROW), *source)
     if not seen or unread.rows == seen:
-        raise InputError(f"{path}: no rows" + (f" with a complete reading; the first {unread.why}" if unread.rows else ""))
+        raise InputError(
+            f"{path}: no rows" + (f" with a complete reading; the first {unread.why}" if unread.rows else "")
+        )
 
 
 def _label(name: str) -> pl.Expr:
@@ -131,7 +137,9 @@ def left_out(samples: Path, layout: Layout, rate_hz: float | None) -> tuple[NDAr
     force = pl.col(channels[:3])
     numbers = [pl.col(named[role]) / layout.columns[role].scale + layout.columns[role].offset for role in FORCE]
     facts = scan_parquet(samples, check=False)[0].select(
-        pl.all_horizontal(pl.col(name) == pl.col(name).shift(1) for name in channels).fill_null(value=False).alias("same"),
+        pl.all_horizontal(pl.col(name) == pl.col(name).shift(1) for name in channels)
+        .fill_null(value=False)
+        .alias("same"),
         pl.all_horizontal(force == force.shift(1)).fill_null(value=False).alias("same_force"),
         ((numbers[0] - numbers[1]).abs() + (numbers[0] - numbers[2]).abs() <= 1e-9 * numbers[0].abs()).alias("flat"),
         (pl.col("time_s") if timed else pl.int_range(pl.len()).cast(pl.Float64)).alias("time"),
@@ -150,7 +158,11 @@ def left_out(samples: Path, layout: Layout, rate_hz: float | None) -> tuple[NDAr
             words = f"{counted(count, 'row')} {words}, first row {first}: left out"
             records.append(DamageRecord(kind, words, "left out", count, first, largest, unit))
 
-    leave(_long_runs(same & same_time) & _late_or_last(time, same_time) | (_long_runs(same) & flat), "erased", "of erased memory")
+    leave(
+        _long_runs(same & same_time) & (np.mean(same_time) < 0.5) | (_long_runs(same) & flat),
+        "erased",
+        "of erased memory",
+    )
     if timed:
         late = np.zeros(len(kept), bool)
         late[kept] = _late(time[kept])
@@ -175,11 +187,6 @@ def _long_runs(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
     starts = np.flatnonzero(~flags)
     lengths = np.diff(np.append(starts, len(flags)))
     return np.repeat(lengths >= _FEWEST_ERASED, lengths)
-
-
-def _late_or_last(time: NDArray[np.float64], same_time: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Rows whose clock stops although usually each row has a time of its own; packets with one time are usual otherwise."""
-    return np.full(len(time), bool(np.mean(same_time) < 0.5) or bool(np.median(np.diff(time)) > 0))
 
 
 def _late(time: NDArray[np.float64]) -> NDArray[np.bool_]:

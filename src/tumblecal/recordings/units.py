@@ -73,7 +73,9 @@ def signed_words(names: Sequence[str], values: NDArray[np.float64]) -> str:
         others = as_signed[~upper] if (~upper).any() else as_signed
         size = float(np.median(others))
         unit = unit_by_size(size)
-        off, off_signed = (np.median(np.abs(one[upper] / size - 1)) for one in (np.linalg.norm(values, axis=1), as_signed))
+        off, off_signed = (
+            np.median(np.abs(one[upper] / size - 1)) for one in (np.linalg.norm(values, axis=1), as_signed)
+        )
         if (unit or (~upper).any()) and off_signed < _NEAR < off and off > _FAR * off_signed:
             power = 2.0 ** np.round(np.log2(size))
             unit = unit or (f"{power:g}/g" if 0.8 < size / power < 1.25 else f"{size:.0f}/g")
@@ -106,7 +108,11 @@ def size_of(values: NDArray[np.float64]) -> tuple[float, float]:
         found, _, rank, _ = np.linalg.lstsq(matrix, ((means / usual) ** 2).sum(1), rcond=1e-6)
         radii = np.linalg.norm(means / usual - found[:3], axis=1)
         radius, dispersion = float(radii.mean()), float(radii.std() / radii.mean())
-        if rank == len(found) and dispersion < _MOST_DISPERSION and (np.abs(found[:3]) < _LARGEST_OFFSET * radius).all():
+        if (
+            rank == len(found)
+            and dispersion < _MOST_DISPERSION
+            and (np.abs(found[:3]) < _LARGEST_OFFSET * radius).all()
+        ):
             return radius * usual, dispersion
     return usual, float(np.quantile(np.abs(lengths / usual - 1), 0.9)) if usual else np.inf
 

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tumblecal.recordings.formats.already_corrected import ardupilot_correction
-from tumblecal.recordings.table import Reader, Source, Table, of_arrays
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
+from tumblecal.recordings.formats.already_corrected import ardupilot_correction
+from tumblecal.recordings.table import Reader, Source, Table, of_arrays
 
 
 _MARK, _FMT, _HEADER = b"\xa3\x95", 0x80, 3

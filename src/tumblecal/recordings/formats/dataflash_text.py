@@ -6,15 +6,15 @@ milliseconds). A message with an instance `I` is a table for each instance.
 
 import re
 
-from tumblecal.recordings.formats.already_corrected import ardupilot_correction
-from tumblecal.recordings.formats.dataflash import FORCE, ROLES
-from tumblecal.recordings.table import Reader, Source, Table
-from tumblecal.recordings.formats.text import text_table
 from tumblecal.data.line_form import LineForm
 from tumblecal.data.text_cells import pieces_of
 from tumblecal.data.text_layout import TextLayout
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.text_file import shown
+from tumblecal.recordings.formats.already_corrected import ardupilot_correction
+from tumblecal.recordings.formats.dataflash import FORCE, ROLES
+from tumblecal.recordings.formats.text import text_table
+from tumblecal.recordings.table import Reader, Source, Table
 
 
 _FORMAT = re.compile(rb"^FMT, *\d+, *\d+, *(\w+), *\w+, *([\w,]+)", re.MULTILINE)

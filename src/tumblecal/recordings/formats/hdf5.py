@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from tumblecal.recordings.memory import require_size
-from tumblecal.recordings.table import Reader, library, tables_of_arrays
 from tumblecal.ground.decoding import decoding, silenced
 from tumblecal.ground.errors import InputError
+from tumblecal.recordings.memory import require_size
+from tumblecal.recordings.table import Reader, library, tables_of_arrays
 
 
 _EXPORT = "it is damaged, or was not written to its end: export its values again"

@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from tumblecal.recordings.memory import require_size
-from tumblecal.recordings.table import Reader, Source, Table, tables_of_arrays
 from tumblecal.data.parquet import PIECE_ROWS
 from tumblecal.data.text_cells import pieces_of
 from tumblecal.data.text_layout import ROW
 from tumblecal.ground.decoding import damaged
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.text_file import opened
+from tumblecal.recordings.memory import require_size
+from tumblecal.recordings.table import Reader, Source, Table, tables_of_arrays
 
 
 _SEEN = 1000

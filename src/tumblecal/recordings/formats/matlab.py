@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from tumblecal.ground.decoding import decoding, silenced
 from tumblecal.recordings.formats.hdf5 import arrays_of
 from tumblecal.recordings.table import Reader, Source, Table, tables_of_arrays
-from tumblecal.ground.decoding import decoding, silenced
 
 
 _BEGINS = b"MATLAB "

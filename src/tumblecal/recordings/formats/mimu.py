@@ -6,8 +6,8 @@ A frame is AA, a running number (u16), the length of the payload (u8), ticks of 
 
 import numpy as np
 
-from tumblecal.recordings.table import Reader, Source, Table, of_arrays
 from tumblecal.ground.decoding import damaged
+from tumblecal.recordings.table import Reader, Source, Table, of_arrays
 
 
 _TICKS_PER_S = 64e6

@@ -13,10 +13,10 @@ from typing import Any
 
 import polars as pl
 
-from tumblecal.recordings.damage import Damage
-from tumblecal.recordings.table import Reader, Source, Table, library
 from tumblecal.data.parquet import PIECE_ROWS
 from tumblecal.ground.decoding import decoding
+from tumblecal.recordings.damage import Damage
+from tumblecal.recordings.table import Reader, Source, Table, library
 
 
 MCAP_MAGIC, SQLITE_MAGIC = b"\x89MCAP0\r\n", b"SQLite format 3\x00"
@@ -114,9 +114,7 @@ def _read(source: Source) -> list[Table]:
         first_ns = list[int]()
         pieces = _pieces(source.path, (topic, kind, count), warmth[:1], source.damage, first_ns)
         zero_s = partial(_seconds, first_ns)
-        tables.append(
-            Table(topic, columns, pieces, count, roles, words=kind, row_word="message", zero_s=zero_s)
-        )
+        tables.append(Table(topic, columns, pieces, count, roles, words=kind, row_word="message", zero_s=zero_s))
     return tables
 
 

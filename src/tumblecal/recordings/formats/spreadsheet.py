@@ -12,9 +12,9 @@ from pathlib import Path
 
 import polars as pl
 
+from tumblecal.ground.decoding import decoding, silenced
 from tumblecal.recordings.memory import require_size
 from tumblecal.recordings.table import Reader, Source, Table, library, of_arrays
-from tumblecal.ground.decoding import decoding, silenced
 
 
 # The sheets of .xls; where those of .xlsx are.

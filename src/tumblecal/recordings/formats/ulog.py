@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from tumblecal.recordings.formats.already_corrected import PX4_CORRECTED_TOPICS, px4_correction
-from tumblecal.recordings.table import Reader, Source, Table, library, of_arrays
 from tumblecal.ground.counted import counted
 from tumblecal.ground.decoding import decoding, silenced
+from tumblecal.recordings.formats.already_corrected import PX4_CORRECTED_TOPICS, px4_correction
+from tumblecal.recordings.table import Reader, Source, Table, library, of_arrays
 
 
 _HEADER_SIZE = 16

@@ -13,9 +13,9 @@ from tumblecal.capture.decoding.framing import Found, decoded_by_layout
 from tumblecal.capture.decoding.sample_table import columns_of, table_of
 from tumblecal.capture.decoding.samples import Samples, joined
 from tumblecal.capture.protocols.xsens import MTDATA2, layout_of, messages_in, no_force_words, samples_of
-from tumblecal.recordings.table import Reader, Source, Table, of_arrays
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
+from tumblecal.recordings.table import Reader, Source, Table, of_arrays
 
 
 _PREAMBLE, _MASTER = b"\xfa", 0xFF
