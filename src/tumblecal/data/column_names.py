@@ -162,7 +162,7 @@ def _meanings(word: str) -> list[str]:
 
 
 def _kinds(word: str, stem: list[str], axis: str) -> list[str]:
-    """The meanings of a word; a letter beside an axis gives the quantity only if no other word does."""
+    """The meanings of a word; a letter with an axis gives the quantity only if no other word does."""
     if not axis or len(word) > 1 or word not in LETTERS:
         return _meanings(word)
     if any(len(other) > 1 and _meanings(other) and WORDS.get(other) not in ("plain", *STATES) for other in stem):

@@ -61,8 +61,8 @@ def uncorrected(
     if options == RecordingOptions() and source.is_file() and not source.name.endswith(SUFFIX):
         names = column_names(source)
         if readings_among(names) or not names:
-            header, frames = opened_raw(source)
-            return Uncorrected(header, frames, header.frame.schema, header.columns)
+            header, pieces = opened_raw(source)
+            return Uncorrected(header, pieces, header.frame.schema, header.columns)
     needed = () if calibration is None else [name.partition("_")[0] for name in calibration.columns_needed]
     recording = opened(source, options, in_g=True, only=(*FORCE, *needed))
     table, layout = recording.table, recording.layout
