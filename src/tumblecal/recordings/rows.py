@@ -144,7 +144,7 @@ def left_out(samples: Path, layout: Layout, rate_hz: float | None) -> tuple[NDAr
         ((numbers[0] - numbers[1]).abs() + (numbers[0] - numbers[2]).abs() <= 1e-9 * numbers[0].abs()).alias("flat"),
         (pl.col("time_s") if timed else pl.int_range(pl.len()).cast(pl.Float64)).alias("time"),
     )
-    facts = facts.collect()
+    facts = facts.collect(engine="streaming")
     same, flat, time = (facts[name].to_numpy() for name in ("same", "flat", "time"))
     same_time = np.append(False, np.diff(time) == 0) if timed else np.zeros(len(same), bool)
     records: list[DamageRecord] = []
