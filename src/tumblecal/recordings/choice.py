@@ -23,17 +23,18 @@ _OPTION = "--columns ax=...,ay=...,az=..."
 
 @dataclass(frozen=True)
 class Triple:
-    """Three columns for the axes x, y, z, the meaning of their names, and the size and relative dispersion of their lengths."""
+    """Three columns for the axes x, y, z, the meaning of their names, and size, changes and dispersion by `size_of`."""
 
     columns: tuple[str, str, str]
     name: Name
     size: float
+    changes: float
     dispersion: float
 
     @property
     def with_gravity(self) -> bool:
         """Whether the readings may have the size of gravity, with offsets and noise."""
-        return self.dispersion > _LEAST_NOISE and may_be_gravity(self.size, self.name.unit)
+        return self.changes > _LEAST_NOISE and may_be_gravity(self.size, self.name.unit)
 
     @property
     def without_gravity(self) -> bool:

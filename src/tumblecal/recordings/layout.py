@@ -66,7 +66,7 @@ def layout_of(
     columns = _readable(table, first, columns, options, path, notes)
     columns = _scaled(columns, options)
     values = np.stack([columns[role].numbers(table, first) for role in FORCE], axis=1)
-    size, _ = size_of(values)
+    size = size_of(values)[0]
     if not np.isfinite(size):
         there = ", ".join(columns[role].name for role in FORCE)
         raise InputError(
@@ -102,6 +102,8 @@ def _others(
                 others.setdefault(role, Column(name, unit, "name"))
     if "time" not in columns:
         usable = [name for name in clocks if _may_be_times(table, first, name)]
+        # A unit or a date says what a number without one does not.
+        usable.sort(key=lambda name: not (parsed(name).unit or form_of(_cells(first, name))))
         if parted := _parted(table, first, clocks, usable):
             others["time"] = parted
         elif usable or clocks:

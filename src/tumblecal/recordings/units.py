@@ -86,18 +86,20 @@ def signed_words(names: Sequence[str], values: NDArray[np.float64]) -> str:
     return ""
 
 
-def size_of(values: NDArray[np.float64]) -> tuple[float, float]:
-    """The size of gravity in readings (n, 3), and the relative dispersion of the lengths.
+def size_of(values: NDArray[np.float64]) -> tuple[float, float, float]:
+    """The size of gravity in readings (n, 3), the largest relative change of nine tenths of the lengths, and the relative
+    dispersion of the lengths about a bias.
 
-    It is the radius of the sphere through the means at rest if there is one, because a bias changes the median length;
+    The size is the radius of the sphere through the means at rest if there is one, because a bias changes the median length;
     |m|^2 = 2 b.m + r^2 - |b|^2 is linear in the bias b.
     """
     # Equal numbers on all axes are erased memory, or a sensor that does not answer.
     values = values[np.isfinite(values).all(1) & (np.ptp(values, axis=1) > 0)]
     if not len(values):
-        return np.nan, np.nan
+        return np.nan, np.nan, np.inf
     lengths = np.linalg.norm(values, axis=1)
     usual = float(np.median(lengths))
+    changes = float(np.quantile(np.abs(lengths / usual - 1), 0.9)) if usual else np.inf
     rows = int(np.clip(len(values) // _WINDOWS, _FEWEST_ROWS, _MOST_ROWS))
     windows = values[: len(values) // rows * rows].reshape(-1, rows, 3)
     spread = windows.std(1).max(1, initial=0.0)
@@ -113,8 +115,8 @@ def size_of(values: NDArray[np.float64]) -> tuple[float, float]:
             and dispersion < _MOST_DISPERSION
             and (np.abs(found[:3]) < _LARGEST_OFFSET * radius).all()
         ):
-            return radius * usual, dispersion
-    return usual, float(np.quantile(np.abs(lengths / usual - 1), 0.9)) if usual else np.inf
+            return radius * usual, changes, dispersion
+    return usual, changes, changes
 
 
 def _each_once(means: NDArray[np.float64], least: float) -> NDArray[np.float64]:
