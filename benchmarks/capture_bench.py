@@ -1,13 +1,10 @@
-"""The capture: speed of the decoder, damage in a stream, losses, and processor time of a guided run.
+"""The capture: losses of a long recording, and processor time of a guided run.
 
-python benchmarks/capture_bench.py decode    STIM300 frames from a file: this decoder, and the per-byte loop of a script
-python benchmarks/capture_bench.py damage    a million random flips, cuts and insertions: every other frame comes out
 python benchmarks/capture_bench.py losses    half an hour at 2000 Hz with faults: every loss is counted
 python benchmarks/capture_bench.py live      a guided capture at 2000 Hz: processor time of recorder and guide
 """
 
 import argparse
-import binascii
 import contextlib
 import fcntl
 import json
@@ -25,9 +22,9 @@ from pathlib import Path
 
 import numpy as np
 
-from tumblecal.capture.decoding.framing import FrameDecoder, decode_all
+from tumblecal.capture.decoding.framing import FrameDecoder
 from tumblecal.capture.decoding.losses import count_losses
-from tumblecal.capture.decoding.samples import Counts, Settings, blank
+from tumblecal.capture.decoding.samples import Counts, Settings
 from tumblecal.capture.emulator.config import Emulation
 from tumblecal.capture.emulator.device import VirtualDevice
 from tumblecal.capture.emulator.instrument import VirtualInstrument
@@ -35,12 +32,11 @@ from tumblecal.capture.journal import read_journal
 from tumblecal.capture.log import LogReader, RecordKind
 from tumblecal.capture.port.recording import Recording
 from tumblecal.capture.protocols.stim300 import Stim300Framing
-from tumblecal.capture.protocols.stim300_device import encode
 from tumblecal.ground.errors import InputError
 
 
 SETTINGS = Settings((10.0,) * 3, "acceleration", 2000.0)
-RATE_HZ, FRAME, BLOCK = 2000.0, 38, 50_000
+RATE_HZ = 2000.0
 PLAN = """
 [port]
 url = "imu"
@@ -69,97 +65,6 @@ def sequence_of(rates: np.ndarray) -> np.ndarray:
     """The numbers hidden in angular rates."""
     hidden = np.rint(rates[:, :2] * 2**14).astype(np.int64)
     return (hidden[:, 0] + 100) * 65536 + hidden[:, 1]
-
-
-def per_byte_loop(data: bytes, frames: int) -> None:
-    """A state machine over single bytes, with the CRC of the standard library on reversed bits."""
-    reverse = bytes(int(f"{i:08b}"[::-1], 2) for i in range(256))
-    frame, rows = bytearray(), []
-    for byte in data:
-        if not frame and byte != 0x93:
-            continue
-        frame.append(byte)
-        if len(frame) == FRAME:
-            crc = binascii.crc32((bytes(frame[:-4]) + b"\0\0").translate(reverse)) ^ 0xFFFFFFFF
-            if crc.to_bytes(4, "little") == bytes(frame[-4:]).translate(reverse):
-                fields = (frame[11 + 3 * k : 14 + 3 * k] for k in range(3))
-                rows.append([int.from_bytes(field, "big", signed=True) * 2.0**-19 for field in fields])
-            frame.clear()
-    assert len(rows) == frames
-
-
-def decode(asked: argparse.Namespace) -> None:
-    """Best of five runs."""
-    random, samples = np.random.default_rng(0), blank(asked.frames)
-    samples.force[:], samples.rate[:] = random.normal(size=(2, asked.frames, 3))
-    samples.counter[:] = np.arange(asked.frames)
-    data, times = encode(samples, SETTINGS), []
-    for _ in range(5):
-        start = time.perf_counter()
-        found = decode_all(decoder(), data)
-        times.append(time.perf_counter() - start)
-        assert len(found.samples) == asked.frames and found.counts.discarded == 0
-    few = min(60_000, asked.frames)
-    start = time.perf_counter()
-    per_byte_loop(data[: FRAME * few], few)
-    slow = (time.perf_counter() - start) / few
-    print(f"{asked.frames} frames of {FRAME} bytes, CRC checked, scaled: {min(times):.3f} s")
-    print(f"this decoder   {asked.frames / min(times) / 1e6:8.2f} million frames/s")
-    print(f"per-byte loop  {1e-6 / slow:8.2f} million frames/s; ratio {slow * asked.frames / min(times):.1f}")
-
-
-def damaged_block(seed: int) -> tuple[bytes, np.ndarray, int]:
-    """A stretch with damage: its bytes, the numbers of the untouched frames, and the number of events."""
-    random, samples = np.random.default_rng(seed), blank(BLOCK)
-    number = seed * BLOCK + np.arange(BLOCK)
-    samples.force[:], samples.rate[:] = 0.5, sequence_rates(number)
-    rows = np.frombuffer(encode(samples, SETTINGS), np.uint8).reshape(BLOCK, FRAME)
-    # 0: none, 1: a bit flipped, 2: a stretch cut out, 3: random bytes inserted before it.
-    kind = random.choice(4, BLOCK, p=[0.5, 0.2, 0.15, 0.15])
-    kind[-1] = 0
-    where, bit, length = random.integers(0, FRAME, BLOCK), random.integers(0, 8, BLOCK), random.integers(1, 60, BLOCK)
-    flipped, hit = rows.copy(), np.flatnonzero(kind == 1)
-    flipped[hit, where[hit]] ^= (1 << bit[hit]).astype(np.uint8)
-    pieces, starts, at = [], np.zeros(BLOCK, np.int64), 0
-    for k in range(BLOCK):
-        row = flipped[k].tobytes()
-        if kind[k] == 2:
-            row = row[: where[k]] + row[where[k] + min(int(length[k]), FRAME) :]
-        before = random.bytes(int(length[k])) if kind[k] == 3 else b""
-        starts[k] = at + len(before)
-        pieces += [before, row]
-        at = starts[k] + len(row)
-    data, whole = b"".join(pieces), (kind == 0) | (kind == 3)
-    # A cut tail may equal the bytes that follow: then this frame is whole, and the next lost its beginning.
-    for k in np.flatnonzero(kind == 2):
-        if data[starts[k] : starts[k] + FRAME] == rows[k].tobytes():
-            whole[k] = True
-            whole[k + 1] &= starts[k + 1] >= starts[k] + FRAME
-    return data, number[whole], int((kind > 0).sum())
-
-
-def damage(asked: argparse.Namespace) -> None:
-    """Every untouched frame must come out, and nothing else, in random pieces."""
-    random, stream, counts = np.random.default_rng(99), decoder(), Counts()
-    events, blocks, truth, came, spent = 0, 0, [], [], 0.0
-    while events < asked.events:
-        data, whole, hits = damaged_block(blocks)
-        events, blocks, at = events + hits, blocks + 1, 0
-        truth.append(whole)
-        start = time.perf_counter()
-        while at < len(data):
-            size = int(random.integers(1, 20_000))
-            piece = stream.feed(data[at : at + size])
-            counts.add(piece.counts)
-            came.append(piece.samples.rate)
-            at += size
-        spent += time.perf_counter() - start
-    numbers, expected = sequence_of(np.concatenate([*came, stream.finish().samples.rate])), np.concatenate(truth)
-    false = len(np.setdiff1d(numbers, expected)) + len(numbers) - len(np.unique(numbers))
-    print(f"{events} flips, cuts and insertions in {blocks * BLOCK} frames, fed in random pieces")
-    print(f"untouched frames {len(expected)}, missing {len(np.setdiff1d(expected, numbers))}, false or double {false}")
-    print(f"bad checks {counts.check_failures}, resyncs {counts.resyncs}, discarded bytes {counts.discarded}")
-    print(f"{blocks * BLOCK / spent / 1e3:.0f} thousand frames/s")
 
 
 def instrument(link: str, seconds: float, speed: float, faulty: bool) -> None:
@@ -265,11 +170,9 @@ def live(asked: argparse.Namespace) -> None:
 
 
 def main() -> None:
-    """One of the four parts."""
+    """One of the two parts."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("part", choices=("decode", "damage", "losses", "live"))
-    parser.add_argument("--frames", type=int, default=1_500_000)
-    parser.add_argument("--events", type=int, default=1_000_000)
+    parser.add_argument("part", choices=("losses", "live"))
     parser.add_argument("--minutes", type=float, default=30.0)
     parser.add_argument("--speed", type=float, default=2.5)
     parser.add_argument("--seconds", type=float, default=60.0)

@@ -1,12 +1,10 @@
 """Public recordings from their original files to positions and verdicts, against the answers that are known of them.
 
     python benchmarks/recordings.py DATA --imu-tk FOLDER
-    python benchmarks/recordings.py DATA --imu-tk FOLDER --verdicts --only mikoff
 
 DATA contains the folders `mikoff_mpu9150`, `suarez_mpu6050`, `carlsson_mimu4444`, `hassan_lis3dh_30pos`, `imucal_ferraris`
 and `bmi270_thermal` (origins: docs/recordings.md); FOLDER contains imu_tk's `xsens_acc.mat`. The commands of
-docs/recordings.md are run. Each comparison is one line, and the exit code is 1 if one differs. `--verdicts`: for each file
-whether `calibrate` says that its positions can be used, and the first line of `diagnose`.
+docs/recordings.md are run. Each comparison is one line, and the exit code is 1 if one differs.
 """
 
 import argparse
@@ -194,39 +192,14 @@ def imu_tk(folder: Path, out: Path) -> Iterator[Line]:
     yield counted("imu_tk: intervals", len(positions_of(own)), 38)
 
 
-def verdicts(listed: dict[Path, str], out: Path) -> None:
-    """The judging line of `calibrate` and `diagnose` for each file."""
-    for source, options in listed.items():
-        folder = out / f"{source.parent.name}-{source.stem}"
-        code, printed = command("reduce", source, *shlex.split(options), "--out", folder, "--no-figures")
-        print(f"{source.parent.name}/{source.name}: reduce {options}")
-        for name in ("reduce",) if code else ("calibrate", "diagnose"):
-            if not code:
-                # Six faces alone cannot separate the pitch errors of a head from the axes' angles.
-                fixed = ["--fix", "dbeta"] if source.parent.name == "imucal_ferraris" else []
-                out_of = ("--out", folder / name, "--no-figures", *fixed)
-                _, printed = command(name, folder / "positions.csv", *out_of)
-            lines = printed.strip().splitlines() or [""]
-            judging = [line for line in lines if line.startswith(("Usable", "Use it only", "Do not use", "Not tested"))]
-            print(f"    {name}: {[*judging, *lines][0].replace(str(folder), '')[:260]}", flush=True)
-
-
 def main() -> None:
-    """Compare, or print the verdicts."""
+    """Compare."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("data", type=Path)
     parser.add_argument("--imu-tk", type=Path)
-    parser.add_argument("--verdicts", action="store_true")
-    parser.add_argument("--only", default="", help="files of the verdicts with this text in their name")
     asked = parser.parse_args()
     with TemporaryDirectory() as name:
         out = Path(name)
-        if asked.verdicts:
-            (out / "six.toml").write_text(SIX)
-            listed = {asked.data / file: options.format(six=out / "six.toml") for file, options in COMMANDS.items()}
-            listed |= {asked.imu_tk / "xsens_acc.mat": IMU_TK} if asked.imu_tk else {}
-            verdicts({file: options for file, options in listed.items() if asked.only in str(file)}, out)
-            return
         parts = [(part, asked.data) for part in (mikoff, suarez, carlsson, hassan, imucal, bmi270)]
         parts += [(imu_tk, asked.imu_tk)] if asked.imu_tk else []
         differ = 0

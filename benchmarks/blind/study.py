@@ -23,9 +23,7 @@ POPULATIONS = {
     "second": ("blind.second", "KINDS", "cases", "answered"),
     "noise": ("blind.noises", "KINDS", "cases", "answered"),
     "repeats": ("blind.noises", "REPEATED", "repeated", "answered"),
-    "located": ("blind.located", "KINDS", "cases", "answered"),
     "units": ("blind.units", "KINDS", "cases", "answered"),
-    "laws": ("blind.laws", "KINDS", "cases", "answered"),
 }
 COUNTED = ("detected", "right", "strict", "alone", "identified", "wrong")
 HEADS = ("hidden", "instruments", *COUNTED, "right, 95 %")

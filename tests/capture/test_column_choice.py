@@ -5,8 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from recording_headers import HEADERS
-from recordings_as_people_have_them import columns_of, motion, renamed, shuffled
+from recording_headers import HEADERS, columns_of, motion, renamed, shuffled
 from tumblecal.capture.columns.roles import ColumnLayout, layout_of
 from tumblecal.capture.columns.still_size import ellipsoid
 from tumblecal.capture.recordings.options import RecordingOptions
