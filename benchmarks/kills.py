@@ -25,7 +25,6 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from capture_bench import sequence_of, sequence_rates
 from tumblecal.capture.decoding.framing import decode_all
 from tumblecal.capture.decoding.samples import Settings
 from tumblecal.capture.emulator.config import Emulation
@@ -54,6 +53,17 @@ alpha_deg = {alpha}
 seconds = {seconds}
 settle_s = 0.2
 """
+
+
+def sequence_rates(numbers: np.ndarray) -> np.ndarray:
+    """Sample numbers hidden in the angular rates: the truth is in the data."""
+    return np.stack([numbers // 65536 - 100.0, numbers % 65536, 0 * numbers], axis=1) / 2**14
+
+
+def sequence_of(rates: np.ndarray) -> np.ndarray:
+    """The numbers hidden in angular rates."""
+    hidden = np.rint(rates[:, :2] * 2**14).astype(np.int64)
+    return (hidden[:, 0] + 100) * 65536 + hidden[:, 1]
 
 
 def device(link: str, folder: str) -> None:

@@ -21,9 +21,6 @@ POPULATIONS = {
     "catalogue": ("blind.catalogue", "KINDS", "cases", "answered"),
     "stress": ("blind.conditions", "CONDITIONS", "cases", "answered"),
     "second": ("blind.second", "KINDS", "cases", "answered"),
-    "noise": ("blind.noises", "KINDS", "cases", "answered"),
-    "repeats": ("blind.noises", "REPEATED", "repeated", "answered"),
-    "units": ("blind.units", "KINDS", "cases", "answered"),
 }
 COUNTED = ("detected", "right", "strict", "alone", "identified", "wrong")
 HEADS = ("hidden", "instruments", *COUNTED, "right, 95 %")
