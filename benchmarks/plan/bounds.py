@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from plan.rigs import head
+from plan.promises import head
 from tumblecal.chain.head_ability import HeadAbility, Times
 from tumblecal.design.criteria.criterion import attitudes_in_use, in_use, mean, volume, worst
 from tumblecal.design.model.cells import cells_of

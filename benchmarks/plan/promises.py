@@ -4,13 +4,16 @@ Readings are simulated in plain numpy (`blind_instrument.py`), with random error
 settings that are set again.
 """
 
+from collections.abc import Sequence
+from pathlib import Path
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 import blind_instrument as blind
 from blind.acting import direction
-from plan.rigs import TURNS, head
 from tumblecal.chain.rig import Rig
+from tumblecal.chain.rig_file import rig_of
 from tumblecal.data import PositionSet
 from tumblecal.design.criteria.criterion import worst
 from tumblecal.design.criteria.measure import measures
@@ -52,6 +55,32 @@ EFFECTS = [
     *(f"cross_axis_square.{axis}" for axis in "xyz"),
     *("axis_perpendicularity", "index_eccentricity", "index_ellipticity", "spindle_wobble_1", "spindle_wobble_2"),
 ]
+TURNS = {"A": (0, 0, 0), "B": (0, 0, 90), "C": (0, 90, 0)}
+
+
+def head(
+    step_deg: float,
+    beta_deg: Sequence[float],
+    turns: dict[str, Sequence[float]],
+    *extensions,
+    sd_mg: float = 0.15,
+    prior: str = "",
+    **ability: object,
+) -> Rig:
+    """A head with a step of its spindle, pitch settings and orientations of its mountings (Rx Ry Rz, deg).
+
+    `prior`: of the pitch errors. `ability`: further tables of [head]. `extensions`: links and units of effects.
+    """
+    alpha = {"start": 0, "step": step_deg, "count": round(360 / step_deg)}
+    table = {
+        "schema": "tumblecal.rig/1",
+        "plan": {"alpha_deg": alpha, "beta_deg": list(beta_deg), "mounts": list(turns)},
+        "chain": {"leaves": {"dbeta": {"by": "mount.pitch"}, "dtheta": {"by": "mount"}}},
+        "mounts": {name: {"rotation_deg": list(turn)} for name, turn in turns.items()},
+        "noise": {"sd": f"{sd_mg} mg"},
+        "head": {"alpha_deg": alpha, "beta_deg": list(beta_deg), **ability},
+    }
+    return rig_of(table | ({"priors": {"dbeta": prior}} if prior else {}), Path("rig.toml"), *extensions)
 
 
 def rig_with(step: float, beta_deg, mounts: str, **options) -> Rig:
