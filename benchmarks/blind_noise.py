@@ -20,12 +20,7 @@ tumblecal.enable_float64()
 PLANS = {"3x8": (3, 8), "4x12": (4, 12)}
 TAIL = 2.5
 NOISES = ("unequal", "heavy", "coloured", "attitude")
-LABELS = {
-    "unequal": "noise_unequal",
-    "heavy": "noise_heavy_tail",
-    "coloured": "noise_coloured",
-    "attitude": "noise_attitude",
-}
+LABELS = {noise: f"noise_{noise}" for noise in NOISES} | {"heavy": "noise_heavy_tail"}
 
 
 def covariance(kind: str, setup: blind.Setup, rng: np.random.Generator) -> np.ndarray:

@@ -84,9 +84,9 @@ def main(name: str, words: Sequence[str]) -> None:
     parser.add_argument("--detail", action="store_true", help="list the cases that are not right, or not alone")
     parser.add_argument("--json", type=Path, help="file for all outcomes")
     asked, own = parser.parse_args(words), import_module(POPULATIONS[name])
-    kinds = [kind for kind in own.kinds if not asked.only or any(chosen(kind, text) for text in asked.only)]
+    kinds = [kind for kind in own.KINDS if not asked.only or any(chosen(kind, text) for text in asked.only)]
     if asked.list or not kinds:
-        print(*own.kinds, sep="\n")
+        print(*own.KINDS, sep="\n")
         return
     started = time.time()
     jobs = [(name, [kind], asked.instruments, asked.seed) for kind in kinds]

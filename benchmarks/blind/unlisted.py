@@ -30,6 +30,11 @@ def group(listed: dict[str, tuple[str, Shape]]) -> Group:
     return {name: cause(*own) for name, own in listed.items()}
 
 
+def given(value: Any, shape: Callable[[Any], Any]) -> Any:
+    """A shape of a value that is drawn once and used twice."""
+    return shape(value)
+
+
 def of(causes: Group, acts: str) -> Callable[[Shape], Shape]:
     """Add a shape that needs more than a line; its name is that of the function."""
 
@@ -68,9 +73,9 @@ LATER = group({
     # Six to ten swings.
     "pump beats": ("output", lambda s: (s.axis(), np.sin(TURN * (s.between(6, 10) * s.of + s.between())))),
     # Base levelling and pitch differ in each quadrant of the spindle.
-    "wedge under a foot": ("table", lambda s: (
-        quadrant := ((s.alpha - s.phase()) // (np.pi / 2)).astype(int) % 4, s.normal(size=(4, 2))[quadrant].T
-    )[1]),
+    "wedge under a foot": ("table", lambda s: given(
+        ((s.alpha - s.phase()) // (np.pi / 2)).astype(int) % 4, lambda quadrant: s.normal(size=(4, 2))[quadrant].T
+    )),
     # A pull to the nearest of three to five detents.
     "motor cogs": ("index", lambda s: np.abs(np.sin(s.rng.integers(3, 6) * (s.alpha - s.phase()) / 2))),
     # A pulse in time on two outputs.
@@ -87,7 +92,7 @@ LATER = group({
         np.sin(TURN * (s.between(3, 5) * s.share + s.between(0, 1))) > s.between(-0.3, 0.3)
     ).astype(float)),
     # The triad rotates in its glue as gravity pulled it at this position and those before.
-    "glue creeps": ("tilt", lambda s: (pull := s.u @ s.vector(), s.past(1.5, 5.0) @ pull)[1]),
+    "glue creeps": ("tilt", lambda s: given(s.u @ s.vector(), lambda pull: s.past(1.5, 5.0) @ pull)),
     # One output is in error by the part of its input beyond a threshold, on one side only.
     "spring bottoms": ("output", lambda s: (
         axis := s.axis(),
@@ -112,18 +117,18 @@ LATEST = group({
         (1.4 - np.cos(s.alpha - s.phase()) * np.cos(s.beta - s.between(0, np.pi / 2))) ** -s.between(1.5, 3.0)
     )[:, None] * s.normal(size=3)),
     # The index follows the balls of the bearing, whose cage falls back with every step.
-    "cage of the bearing": ("index", lambda s: (
-        cage := s.between(0.36, 0.44) * (s.alpha + s.between(0.5, 2.0) * np.arange(s.count)),
-        np.sin(s.rng.integers(2, 5) * cage + s.phase()),
-    )[1]),
+    "cage of the bearing": ("index", lambda s: given(
+        s.between(0.36, 0.44) * (s.alpha + s.between(0.5, 2.0) * np.arange(s.count)),
+        lambda cage: np.sin(s.rng.integers(2, 5) * cage + s.phase()),
+    )),
     # One bias follows how far the triad was turned to a heater, at this position and before.
-    "heater on one side": ("any output", lambda s: (
-        past := s.past(1.0, 4.0), past @ np.maximum(np.cos(s.alpha - s.phase()), 0.0) / np.sum(past, axis=1)
-    )[1]),
+    "heater on one side": ("any output", lambda s: given(
+        s.past(1.0, 4.0), lambda past: past @ np.maximum(np.cos(s.alpha - s.phase()), 0.0) / np.sum(past, axis=1)
+    )),
     # Every detent of the index has an error, the same at all pitch settings.
-    "worn detents": ("index", lambda s: (
-        own := np.unique(np.round(s.alpha, 6), return_inverse=True), s.normal(size=len(own[0]))[own[1]]
-    )[1]),
+    "worn detents": ("index", lambda s: given(
+        np.unique(np.round(s.alpha, 6), return_inverse=True), lambda own: s.normal(size=len(own[0]))[own[1]]
+    )),
 })  # fmt: skip
 UNSEEN = group({
     # The load pulls the head down in pitch.
@@ -144,27 +149,27 @@ UNSEEN = group({
 })  # fmt: skip
 INDEPENDENT = group({
     # The pin goes into the nearest hole of an index plate whose holes the angles do not divide.
-    "nearest hole of the plate": ("index", lambda s: (
-        wanted := s.alpha * s.rng.choice([18, 19, 20, 21, 27, 29, 30, 42, 43, 46, 54, 58]) / TURN + s.between(0, 1),
-        np.round(wanted) - wanted,
-    )[1]),
+    "nearest hole of the plate": ("index", lambda s: given(
+        s.alpha * s.rng.choice([18, 19, 20, 21, 27, 29, 30, 42, 43, 46, 54, 58]) / TURN + s.between(0, 1),
+        lambda wanted: np.round(wanted) - wanted,
+    )),
     # A bracket twists as it follows, late, the temperature of the room.
-    "bracket of two metals": ("turns", lambda s: (
-        late := s.late(s.degc, s.between(60, 900)), (late - late[0])[:, None] * s.vector()
-    )[1]),
+    "bracket of two metals": ("turns", lambda s: given(
+        s.late(s.degc, s.between(60, 900)), lambda late: (late - late[0])[:, None] * s.vector()
+    )),
     # Three ratiometric sensors share a supply that sags with the current of their outputs.
     "rail sags under the outputs": ("outputs", lambda s: -(
         np.maximum(s.u - s.between(-0.3, 0.3, 3), 0) ** s.between(0.8, 1.6) @ s.between(0.2, 1.0, 3)
     )[:, None] * (s.u + s.between(0, 2.0) * s.between(0.7, 1.3, 3))),
     # The amplifiers zero themselves at regular times; in between the voltage droops.
-    "auto zero droops": ("outputs", lambda s: (period := s.between(170, 800), (
+    "auto zero droops": ("outputs", lambda s: given(s.between(170, 800), lambda period: (
         1 - np.exp(-np.mod(s.time_s + s.between(0, period), period) / (period * s.between(0.4, 3.0)))
-    )[:, None] * s.axes())[1]),
+    )[:, None] * s.axes())),
     # Charge creeps onto the nearer electrode, leaks away over many minutes and pulls the mass.
-    "charge on the dielectric": ("outputs", lambda s: (
-        steep := s.between(0.5, 3.5),
-        s.late(np.sinh(steep * s.u) / np.sinh(steep), s.between(200, 1500), empty=True) * s.axes(),
-    )[1]),
+    "charge on the dielectric": ("outputs", lambda s: given(
+        s.between(0.5, 3.5),
+        lambda steep: s.late(np.sinh(steep * s.u) / np.sinh(steep), s.between(200, 1500), empty=True) * s.axes(),
+    )),
 })  # fmt: skip
 
 
