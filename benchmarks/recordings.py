@@ -36,19 +36,6 @@ MEANS_HASSAN = "--means --columns ax=vx_g,ay=vy_g,az=vz_g"
 STATIC_BMI = "--static --rate 50 --scale 4 --unit g --columns temperature=1,ax=2,ay=3,az=4,gx=5,gy=6,gz=7"
 IMU_TK = "--static --columns time=1,ax=2,ay=3,az=4 --unit 4069/g --offset ax=33124,ay=33275,az=32364"
 PHONE = "hassan_lis3dh_30pos/MobileAccData30orientationRawSample01.mat"
-# Options of `reduce` for each file of the verdicts.
-COMMANDS = {
-    **{f"mikoff_mpu9150/imu{unit}.log": STATIC_MIKOFF for unit in range(5)},
-    "suarez_mpu6050/example_data_calibration.csv": "--static",
-    "suarez_mpu6050/example_data_tinit_calc.csv": "--static",
-    **{f"carlsson_mimu4444/exp_{k}.bin": STATIC_CARLSSON.format(imu="imu1") for k in (1, 7)},
-    **{f"hassan_lis3dh_30pos/tab{count}.csv": MEANS_HASSAN for count in (24, 31, 49)},
-    PHONE: "--static --rate 30",
-    "imucal_ferraris/annotated_session.csv": "--by part --plan {six} --rate 102.4",
-    "imucal_ferraris/example_ferraris_session.csv": "--plan {six} --rate 102.4",
-    "bmi270_thermal/BMI_270_hot_test.csv": STATIC_BMI,
-    "bmi270_thermal/BMI_270_cold_test_.csv": STATIC_BMI,
-}
 # Printed by mikoff/imu-calib for its five units: scale %, misalignment deg (yz, xy, xz), bias m/s^2.
 MIKOFF = [
     ((0.363, 0.315, 0.647), (0.123, 0.02, 0.317), (0.103, 0.097, 0.344)),
@@ -155,7 +142,7 @@ def hassan(data: Path, out: Path) -> Iterator[Line]:
     p = least_squares(residuals, [1, 0, 0, 1, 0, 1, 0, 0, 0], xtol=1e-15, ftol=1e-15, gtol=1e-15).x
     yield near("hassan: bias, g", p[6:], HASSAN_BIAS, 1e-9)
     yield near("hassan: symmetric matrix", p[:6], HASSAN_MATRIX, 1e-9)
-    phone, _ = reduced(data / PHONE, out / "hp", COMMANDS[PHONE])
+    phone, _ = reduced(data / PHONE, out / "hp", "--static --rate 30")
     # 30 orientations; in two of them the phone was moved by 5 degrees.
     yield counted("hassan: intervals of the phone", len(positions_of(phone)), 32)
 
