@@ -20,7 +20,7 @@ from tumblecal.ground.atomic import write_text
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.json_file import read_json
 from tumblecal.ground.strict_toml import read_toml
-from tumblecal.recordings.table import SourceTable
+from tumblecal.recordings.table import Table
 
 
 TURNING = {"LRE", "RLE", "PDF", "LRO", "RLO", "LRI", "RLI", "FSI", "PDI"}  # Unicode TR 9
@@ -91,7 +91,7 @@ def test_what_devices_and_recordings_say_is_kept_with_escapes(text):
         *(Event(0, "reply", {"text": text}).content.values()),
         str(Identity("/dev/ttyUSB0", serial_number=text, description=text).as_dict().get("serial_number")),
     ]
-    table = SourceTable(text, ("ax", text), lambda names: iter(()), comments={text: text}, description=text)
+    table = Table(text, ("ax", text), lambda names: iter(()), comments={text: text}, description=text)
     said += [table.name, *table.columns, *table.comments, *table.comments.values(), table.description]
     for one in said:
         assert not any(map(is_control, one))

@@ -9,7 +9,9 @@ from tumblecal.cli.model_options import StatedModel
 from tumblecal.cli.options import ModelOptions
 from tumblecal.data import read_positions
 from tumblecal.data.raw import opened_raw, read_raw
-from tumblecal.recordings.formats import source_tables
+from tumblecal.recordings.damage import Damage
+from tumblecal.recordings.formats import tables_of
+from tumblecal.recordings.options import RecordingOptions
 
 
 def with_labels(path, name, *labels):
