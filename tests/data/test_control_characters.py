@@ -91,8 +91,8 @@ def test_what_devices_and_recordings_say_is_kept_with_escapes(text):
         *(Event(0, "reply", {"text": text}).content.values()),
         str(Identity("/dev/ttyUSB0", serial_number=text, description=text).as_dict().get("serial_number")),
     ]
-    table = Table(text, ("ax", text), lambda names: iter(()), comments={text: text}, description=text)
-    said += [table.name, *table.columns, *table.comments, *table.comments.values(), table.description]
+    table = Table(text, ("ax", text), lambda names: iter(()), stated={text: text}, words=text).plain()
+    said += [table.name, *table.columns, *table.stated, *table.stated.values(), table.words]
     for one in said:
         assert not any(map(is_control, one))
     if not any(map(is_control, text)) and "\ufeff" not in text and "\ufffe" not in text and "\uffff" not in text:

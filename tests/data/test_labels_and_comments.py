@@ -50,8 +50,8 @@ def test_a_spreadsheets_padding_and_quotation_marks_are_no_part_of_a_comment(tmp
     path = written(tmp_path / "a.csv", comment, "# attitudes: unknown" + 5 * separator, *lines)
     assert read_positions(path).comments == stated | {"attitudes": "unknown"}
     assert opened_raw(path)[0].comments == stated | {"attitudes": "unknown"}
-    _, (table,) = source_tables(path)
-    assert table.comments == stated | {"attitudes": "unknown"}
+    _, (table,) = tables_of(path, RecordingOptions(), Damage())
+    assert table.stated == stated | {"attitudes": "unknown"}
 
 
 def test_contradictory_comments_are_refused(tmp_path):

@@ -108,7 +108,7 @@ def _others(
             others["time"] = parted
         elif usable or clocks:
             others["time"] = Column((usable or clocks)[0], parsed((usable or clocks)[0]).unit, "name")
-        elif dated := [name for name in free if first[name].dtype == pl.String and form_of(_cells(first, name))]:
+        elif dated := [name for name in free if form_of(_cells(first, name))]:
             others["time"] = Column(dated[0], "", "dates")
     alone = [name for name in free if _is_letter_t(name) and name not in {column.name for column in others.values()}]
     both = {"time", "temperature"} & {*columns, *others}
@@ -147,13 +147,14 @@ def _is_letter_t(name: str) -> bool:
 
 def _may_be_times(table: Table, first: pl.DataFrame, name: str) -> bool:
     kind = first[name].dtype
-    if kind == pl.String and form_of(_cells(first, name)):
+    if form_of(_cells(first, name)):
         return True
     return rises(Column(name).numbers(table, first)) if kind == pl.String or kind.is_numeric() else len(first) > 0
 
 
 def _cells(first: pl.DataFrame, name: str) -> list[str]:
-    return first[name].drop_nulls().head(100).to_list()
+    """The first cells of a column of text; none of other columns."""
+    return first[name].drop_nulls().head(100).to_list() if first[name].dtype == pl.String else []
 
 
 def _parted(table: Table, first: pl.DataFrame, clocks: Sequence[str], usable: Sequence[str]) -> Column | None:
