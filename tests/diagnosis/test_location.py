@@ -2,10 +2,10 @@
 
 import json
 
+import cases_in_a_part as study
 import numpy as np
 import pytest
 
-import cases_in_a_part as study
 from blind_noise import position_set
 from tumblecal.diagnosis.findings.location import located
 from tumblecal.planning import next_plan

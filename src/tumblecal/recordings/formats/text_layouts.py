@@ -11,7 +11,7 @@ from tumblecal.data.line_form import FORM_SEPARATOR, LineForm, has_words, withou
 from tumblecal.data.text_cells import numbers_in, row_of, separator_of
 from tumblecal.data.text_layout import TextLayout
 from tumblecal.ground.errors import InputError
-from tumblecal.ground.text_file import EMPTY_CELLS
+from tumblecal.ground.text_file import EMPTY_CELLS, comment_in
 from tumblecal.recordings.table import Source
 
 
@@ -115,10 +115,12 @@ def statements_in(before: Sequence[str], separator: str) -> dict[str, str]:
     """Values that lines before the rows state: comments, lines of a name and a value, and cells of a name and a value."""
     found: dict[str, str] = {}
     for line in before:
-        cells = [cell for cell in row_of(line.lstrip("#%;/ "), separator) if cell]
         if match := _RATE.search(line):
             found["rate_hz"] = match[1]
-        if match := _STATED.fullmatch(line) if not line.startswith(("#", '"#')) else None:
+        if comment_in(line) is not None:
+            continue
+        cells = [cell for cell in row_of(line.lstrip("#%;/ "), separator) if cell]
+        if match := _STATED.fullmatch(line):
             found[_key(match[1])] = match[2].strip(EMPTY_CELLS)
         elif len(cells) in (2, 3) and not numbers_in(cells[:1]):
             found[_key(cells[0])] = cells[1]
