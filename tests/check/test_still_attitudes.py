@@ -7,7 +7,7 @@ import polars as pl
 import pytest
 
 from tumblecal import InputError
-from tumblecal.check.attitudes import still_attitudes
+from tumblecal.check.attitudes import directions_of, still_attitudes
 from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptions
 
 
@@ -37,7 +37,7 @@ def attitudes(files, context=KnownContext(), options=RecordingOptions()):
 
 def test_a_log_has_the_attitudes_of_its_intervals_at_rest(tmp_path):
     found = attitudes([log(tmp_path / "log.csv", samples(FACES))])
-    assert found.directions == 6 and found.data.hand_held
+    assert directions_of(found) == 6 and found.data.hand_held
     np.testing.assert_allclose(found.data.readings, FACES, atol=1e-3)
     assert found.still_s == pytest.approx(24, abs=4) and found.stillness is not None
 
@@ -62,7 +62,7 @@ def test_rows_of_means_are_taken_as_they_are(tmp_path):
     options = RecordingOptions(columns="ax=X,ay=Y,az=Z", unit="g")
     found = attitudes([tmp_path / "means.csv"], KnownContext(means=True), options)
     np.testing.assert_array_equal(found.data.readings, FACES)
-    assert found.data.hand_held and found.still_s is None and not found.absolute
+    assert found.data.hand_held and found.still_s is None and not found.data.in_ms2
 
 
 def test_too_few_attitudes_and_kelvin_are_one_line(tmp_path):

@@ -4,8 +4,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 
 from tumblecal.data.joined_clocks import TIME_BEGAN, TIME_ZERO, moment
+from tumblecal.data.parquet import scan_parquet
 from tumblecal.ground.gravity import comments_of, gravity_of_option
 from tumblecal.recordings.columns import RATE_KEYS, Layout
 from tumblecal.recordings.damage import Damage
@@ -56,6 +58,10 @@ class Recording:
     missing: int = 0
     mixed_rates: tuple[float, float] | None = None
     temperature: tuple[float, float, int] | None = None
+
+    def frame(self) -> pl.LazyFrame:
+        """The samples, not read yet."""
+        return scan_parquet(self.samples, check=False)[0]
 
     @property
     def clock_comments(self) -> dict[str, str]:
