@@ -24,7 +24,16 @@ def read_recording(path: Path | str, **options: Any) -> Recording:
 
     **Raises:** `InputError` for a recording that cannot be read, or that does not state its columns and units.
 
-    **Example:** `tumblecal.read_recording("log.csv").frame().collect()`
+    **Example:**
+
+        >>> import numpy as np
+        >>> import tumblecal
+        >>> force = [0.01, -0.02, 1.0] + 1e-3 * np.random.default_rng(1).normal(size=(100, 3))
+        >>> rows = np.column_stack([np.arange(100) / 50, force])
+        >>> np.savetxt("log.csv", rows, delimiter=",", header="time_s,ax_g,ay_g,az_g", comments="")
+        >>> recording = tumblecal.read_recording("log.csv")
+        >>> recording.rows, round(recording.rate_hz), recording.frame().collect().columns
+        (100, 50, ['time_s', 'ax_g', 'ay_g', 'az_g'])
     """
     folder = Path(tempfile.mkdtemp(prefix="tumblecal-"))
     try:
@@ -57,7 +66,15 @@ def reduce(
 
     **Raises:** `InputError` for a recording that cannot be read, or from which no positions follow.
 
-    **Example:** `tumblecal.calibrate(tumblecal.reduce("log.csv", static=True))`
+    **Example:**
+
+        >>> import numpy as np
+        >>> import tumblecal
+        >>> force = np.repeat(np.eye(3), 50, axis=0) + 1e-3 * np.random.default_rng(1).normal(size=(150, 3))
+        >>> rows = np.column_stack([np.repeat([1, 2, 3], 50), np.arange(150) / 50, force])
+        >>> np.savetxt("faces.csv", rows, "%.6g", ",", header="face,time_s,ax_g,ay_g,az_g", comments="")
+        >>> tumblecal.reduce("faces.csv", by="face", static=True).readings.argmax(1)
+        array([0, 1, 2])
     """
     plan, table = (None if path is None else Path(path) for path in (plan, table))
     context = KnownContext(static, plan, table, by, means, run, mount)
