@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from tumblecal.recordings.memory import require_size
-from tumblecal.recordings.table import Reader, library, tables_of_arrays
 from tumblecal.ground.decoding import decoding, silenced
 from tumblecal.ground.errors import InputError
+from tumblecal.recordings.memory import require_size
+from tumblecal.recordings.table import Reader, library, tables_of_arrays
 
 
 _EXPORT = "it is damaged, or was not written to its end: export its values again"
@@ -24,9 +24,8 @@ def arrays_of(path: Path) -> dict[str, np.ndarray]:
     arrays: dict[str, np.ndarray] = {}
 
     def collect(name: str, item: Any) -> None:
-        if not isinstance(item, h5py.Dataset) or item.ndim not in (1, 2) or name.startswith("#"):
-            return
-        if not (item.dtype.names or item.dtype.kind in "iufb"):
+        with_numbers = isinstance(item, h5py.Dataset) and (item.dtype.names or item.dtype.kind in "iufb")
+        if not with_numbers or item.ndim not in (1, 2) or name.startswith("#"):
             return
         if item.external or item.is_virtual:
             raise InputError(
@@ -35,10 +34,8 @@ def arrays_of(path: Path) -> dict[str, np.ndarray]:
         # Chunks that were never written have no size in the file, but in memory.
         held = item.id.get_num_chunks() * int(np.prod(item.chunks)) if item.chunks else item.size
         require_size(path, f"{name}: {item.size} values", item.nbytes, held * item.dtype.itemsize, _EXPORT)
-        if item.dtype.names:
-            arrays.update({f"{name}/{field}": item[field] for field in item.dtype.names})
-        else:
-            arrays[name] = item[()]
+        values = item[()]
+        arrays.update({f"{name}/{field}": values[field] for field in item.dtype.names or ()} or {name: values})
 
     with decoding(path, "HDF5 file"), silenced(), h5py.File(path, "r") as file:
         file.visititems(collect)
