@@ -25,7 +25,8 @@ def arrays_of(path: Path) -> dict[str, np.ndarray]:
 
     def collect(name: str, item: Any) -> None:
         with_numbers = isinstance(item, h5py.Dataset) and (item.dtype.names or item.dtype.kind in "iufb")
-        if not with_numbers or item.ndim not in (1, 2) or name.startswith("#"):
+        # Objects of MATLAB are references to values in the group #subsystem#.
+        if not with_numbers or item.ndim not in (1, 2) or name.startswith("#") or "MATLAB_object_decode" in item.attrs:
             return
         if item.external or item.is_virtual:
             raise InputError(
