@@ -6,15 +6,6 @@ from typing import Any
 
 from tumblecal.capture.capture_plan import read_plan
 from tumblecal.capture.journal import JOURNAL_NAME, sha256_of
-from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptions
-from tumblecal.recordings.reduction.file_positions import positions_by_names, positions_by_table
-from tumblecal.recordings.reduction.reduce import reduce
-from tumblecal.recordings.reduction.reduce_files import reduce_files
-from tumblecal.recordings.reduction.reduce_recording import means_of, reduce_recording
-from tumblecal.recordings.reduction.reduce_table import reduce_table
-from tumblecal.recordings.recording import Recording
-from tumblecal.recordings.still.stillness import Stillness
-from tumblecal.recordings.thermal.attitudes import grouped
 from tumblecal.data.conditions import are_kelvin, temperature_faults
 from tumblecal.data.files import read_positions
 from tumblecal.data.measured import MEASURED
@@ -22,6 +13,15 @@ from tumblecal.data.positions import PositionSet
 from tumblecal.data.raw import column_names
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
+from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptions
+from tumblecal.recordings.recording import Recording
+from tumblecal.recordings.reduction.file_positions import positions_by_names, positions_by_table
+from tumblecal.recordings.reduction.reduce import reduce
+from tumblecal.recordings.reduction.reduce_files import reduce_files
+from tumblecal.recordings.reduction.reduce_recording import means_of, reduce_recording
+from tumblecal.recordings.reduction.reduce_table import reduce_table
+from tumblecal.recordings.still.stillness import Stillness
+from tumblecal.recordings.thermal.attitudes import grouped
 
 
 # This many consecutive rows of one position are samples of a dwell.

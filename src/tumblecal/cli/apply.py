@@ -7,10 +7,10 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from tumblecal.recordings.guesses import guessed
-from tumblecal.recordings.options import RecordingOptions
 from tumblecal.cli.output import Quiet, warn
 from tumblecal.ground.counted import counted
+from tumblecal.recordings.guesses import guessed
+from tumblecal.recordings.options import RecordingOptions
 
 
 def apply(
@@ -54,8 +54,6 @@ def apply(
     use_anyway
         Use of a calibration with the judgement `use: no`. Default: an error.
     """
-    from tumblecal.recordings.correction.correction import Correction, write_corrected
-    from tumblecal.recordings.correction.uncorrected import uncorrected
     from tumblecal.data.calibration_terms import undetermined_words
     from tumblecal.data.not_applied import losses_words
     from tumblecal.data.overwriting import protect_inputs
@@ -64,6 +62,8 @@ def apply(
     from tumblecal.ground.atomic import writable_file
     from tumblecal.ground.errors import InputError
     from tumblecal.ground.gravity import gravity_of_option
+    from tumblecal.recordings.correction.correction import Correction, write_corrected
+    from tumblecal.recordings.correction.uncorrected import uncorrected
     from tumblecal.report.recording_words import layout_words
 
     local = gravity_of_option(options.gravity) if options.gravity else None

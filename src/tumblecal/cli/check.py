@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptions
 from tumblecal.cli.calibrate import NOT_USABLE
 from tumblecal.cli.check_options import ConditionOptions, UpdateOptions
 from tumblecal.cli.options import ResultOptions
 from tumblecal.cli.output import Output, warn
 from tumblecal.ground.errors import InputError
+from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptions
 
 
 if TYPE_CHECKING:
@@ -62,7 +62,6 @@ def check(
 
     output.begin()
     start()
-    from tumblecal.recordings.reduction.file_names import recording_files
     from tumblecal.check.attitudes import still_attitudes
     from tumblecal.check.drift import by_parameter
     from tumblecal.check.result import check as checked
@@ -70,6 +69,7 @@ def check(
     from tumblecal.data.overwriting import protect_inputs
     from tumblecal.data.result_records import read_checked
     from tumblecal.ground.blas import single_blas_thread
+    from tumblecal.recordings.reduction.file_names import recording_files
 
     require_calibration_and_recording("check", calibration, recording)
     read = read_checked(calibration)

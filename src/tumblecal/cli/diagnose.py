@@ -17,8 +17,8 @@ from tumblecal.ground.errors import InputError
 
 
 if TYPE_CHECKING:
-    from tumblecal.recordings.reduction.position_samples import PositionSamples
     from tumblecal.data import PositionSet
+    from tumblecal.recordings.reduction.position_samples import PositionSamples
 
 
 # Files in the output folders of one file or a batch.

@@ -90,7 +90,9 @@ def parsed(column: str) -> Name:
     if {"specific", "force"} <= {*stem} or {"g", "force"} <= {*stem}:
         kinds = ["acceleration"]
     quantity, implied = _quantity(kinds, unit, axis)
-    states = {implied, *(kind for kind in kinds if kind in STATES)} - ({"linear"} if quantity != "acceleration" else set())
+    states = {implied, *(kind for kind in kinds if kind in STATES)} - (
+        {"linear"} if quantity != "acceleration" else set()
+    )
     written = unit[1] if unit and unit[0] in (quantity, "counts") else ""
     if quantity == "acceleration" and not written and {"gf", "gforce"} & {*stem}:
         written = "g"
@@ -160,7 +162,7 @@ def _meanings(word: str) -> list[str]:
 
 
 def _kinds(word: str, stem: list[str], axis: str) -> list[str]:
-    """The meanings of a word; a letter beside an axis gives the quantity only if no other word does."""
+    """The meanings of a word; a letter with an axis gives the quantity only if no other word does."""
     if not axis or len(word) > 1 or word not in LETTERS:
         return _meanings(word)
     if any(len(other) > 1 and _meanings(other) and WORDS.get(other) not in ("plain", *STATES) for other in stem):
@@ -212,6 +214,10 @@ def exact_role(text: str) -> tuple[str, str] | None:
         return text, ""
     role, _, unit = text.rpartition("_")
     kind = "acceleration" if role in FORCE else "rate" if role in RATE else role
-    if (unit == "raw" and kind == "rate") or unit in UNITS.get(kind, ()) or (unit == "counts" and role in (*FORCE, *RATE)):
+    if (
+        (unit == "raw" and kind == "rate")
+        or unit in UNITS.get(kind, ())
+        or (unit == "counts" and role in (*FORCE, *RATE))
+    ):
         return (role, unit) if role in QUANTITIES and unit else None
     return None

@@ -1,37 +1,45 @@
-"""The columns of accelerations and angular rates, by their names. Values check a choice, and order the proposals of a question."""
+"""The columns of accelerations and angular rates, by their names; values check a choice and order proposals."""
 
 import re
 import shlex
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tumblecal.ground.errors import InputError
 from tumblecal.data.column_names import STATES, Name, parsed
-from tumblecal.recordings.units import may_be_gravity, signed_words, size_of
+from tumblecal.ground.errors import InputError
+from tumblecal.ground.text_file import shown
+from tumblecal.recordings.units import PER_G, may_be_gravity, signed_words, size_of
 
 
 # Lengths that change less are computed (a unit vector); sizes below this share of gravity have none.
 _LEAST_NOISE, _LEAST_GRAVITY = 1e-4, 0.25
 _MOST_SHOWN = 4
 _MOST_COLUMNS = 40
+_OPTION = "--columns ax=...,ay=...,az=..."
 
 
 @dataclass(frozen=True)
 class Triple:
-    """Three columns for the axes x, y, z, the meaning of their names, and the size and relative dispersion of their lengths."""
+    """Three columns for the axes x, y, z, the meaning of their names, and size, changes and dispersion by `size_of`."""
 
     columns: tuple[str, str, str]
     name: Name
     size: float
+    changes: float
     dispersion: float
 
     @property
     def with_gravity(self) -> bool:
         """Whether the readings may have the size of gravity, with offsets and noise."""
-        return self.dispersion > _LEAST_NOISE and may_be_gravity(self.size, self.name.unit)
+        return self.changes > _LEAST_NOISE and may_be_gravity(self.size, self.name.unit)
+
+    @property
+    def without_gravity(self) -> bool:
+        """Whether gravity was removed from the readings: they are near zero in their unit, or in any usual unit."""
+        return self.size < _LEAST_GRAVITY * PER_G.get(self.name.unit, 1.0)
 
     def __str__(self) -> str:
         return ", ".join(self.columns)
@@ -73,21 +81,26 @@ def chosen(columns: Sequence[str], readings: Readings, path: str) -> tuple[Tripl
     axes_only = [triple for triple in triples if triple.name.quantity in ("", "letter")]
     candidates = [triple for triple in named or axes_only if triple.with_gravity]
     body = [triple for triple in candidates if triple.name.state not in ("free", "world")]
+    if len(named) == 1 and named[0].name.state in ("raw", "", "processed") and not named[0].without_gravity:
+        body = named
     if len({triple.name.sensor for triple in body}) != 1 or (not named and len(body) > 1):
         _ask(columns, readings, (named, body, axes_only), path)
     force = min(body, key=lambda triple: STATES.index(triple.name.state))
     notes = []
     if others := [triple for triple in named if triple is not force]:
-        notes.append(f"accelerations: {force}, not {'; '.join(map(str, others[:_MOST_SHOWN]))}; to override: {_option(columns, others[0].columns)}")
+        names = "; ".join(map(str, others[:_MOST_SHOWN]))
+        notes.append(f"accelerations: {force}, not {names}; to override: {_option(columns, others[0].columns)}")
     elif not named:
-        notes.append(f"accelerations: {force}, axes by their names, size {force.size:.5g}; to override: --columns ax=...,ay=...,az=...")
+        notes.append(f"accelerations: {force}, axes by their names, size {force.size:.5g}; to override: {_OPTION}")
     return force, _rate(triples, force), notes
 
 
 def _rate(triples: Sequence[Triple], force: Triple) -> Triple | None:
     """The rates with most words in common with the accelerations, the least processed."""
     rates = [triple for triple in triples if triple.name.quantity == "rate"] or [
-        triple for triple in triples if triple.name.quantity == "letter" and triple.name.stem[:1] == ("g",) and triple is not force
+        triple
+        for triple in triples
+        if triple.name.quantity == "letter" and triple.name.stem[:1] == ("g",) and triple is not force
     ]
     common = {triple: len({*triple.name.stem} & {*force.name.stem}) for triple in rates}
     return min(rates, key=lambda triple: (-common[triple], STATES.index(triple.name.state)), default=None)
@@ -104,23 +117,36 @@ def _ask(
     if named:
         if words := signed_words(named[0].columns, readings(named[0].columns)):
             raise InputError(f"{path}: {words}")
-        worlds = all(triple.name.state == "world" for triple in named)
-        why = "along axes of the Earth, not of the sensor" if worlds else f"without the size of gravity ({named[0].size:.3g})"
-        _raise(columns, path, f"{named[0]} are accelerations {why}: no calibration is possible from them. Record the sensor's own readings, or use these all the same", named)
-    if single := [column for column in columns if parsed(column).quantity == "acceleration"]:
-        if len(single) >= 3:
-            raise InputError(f"{path}: {', '.join(single)} are accelerations, but not of axes x, y, z; assign the axes: {_option(columns, single[:3])}")
-        raise InputError(f"{path}: only {', '.join(single)} among the columns {_shown(columns)}; name the three: --columns ax=...,ay=...,az=...")
+        of_earth = all(triple.name.state == "world" for triple in named)
+        size = f"without the size of gravity ({named[0].size:.3g})"
+        why = "along axes of the Earth, not of the sensor" if of_earth else size
+        remedy = "no calibration is possible from them. Record the sensor's readings, or use these all the same"
+        _raise(columns, path, f"{named[0]} are accelerations {why}: {remedy}", named)
+    single = [column for column in columns if parsed(column).quantity == "acceleration"]
+    if len(single) >= 3:
+        words, option = (
+            f"{', '.join(single)} are accelerations, but not of axes x, y, z; assign",
+            _option(columns, single[:3]),
+        )
+        raise InputError(f"{path}: {words} the axes: {option}")
+    if single:
+        raise InputError(
+            f"{path}: only {', '.join(single)} among the columns {shown(', '.join(columns))}; name the three: {_OPTION}"
+        )
     proposed = axes_only or proposals(columns, readings)
     if not proposed:
-        raise InputError(f"{path}: ax, ay, az not found among the columns {_shown(columns)}; name them: --columns ax=...,ay=...,az=...")
+        raise InputError(
+            f"{path}: ax, ay, az not found among the columns {shown(', '.join(columns))}; name them: {_OPTION}"
+        )
     _raise(columns, path, "the columns' names do not state the accelerations; give them", proposed)
 
 
 def proposals(columns: Sequence[str], readings: Readings) -> list[Triple]:
-    """Neighbouring columns whose values may be accelerations, the most likely first: constant lengths of the size of gravity."""
+    """Neighbouring columns whose values may be accelerations, the most likely first: constant lengths of about gravity."""
     values = readings(columns[:_MOST_COLUMNS])
-    varied = [k for k, column in enumerate(values.T) if np.isfinite(column).any() and np.nanmax(column) > np.nanmin(column)]
+    varied = [
+        k for k, column in enumerate(values.T) if np.isfinite(column).any() and np.nanmax(column) > np.nanmin(column)
+    ]
     varied = [k for k in varied if (np.diff(values[:, k]) < 0).any()]
     found = []
     for first in varied:
@@ -131,8 +157,8 @@ def proposals(columns: Sequence[str], readings: Readings) -> list[Triple]:
 
 
 def _raise(columns: Sequence[str], path: str, words: str, triples: Sequence[Triple]) -> None:
-    shown = [f"{_option(columns, one.columns)} (size {one.size:.4g})" for one in triples[:_MOST_SHOWN]]
-    raise InputError(f"{path}: {words}: {' or '.join(shown)}")
+    options = [f"{_option(columns, one.columns)} (size {one.size:.4g})" for one in triples[:_MOST_SHOWN]]
+    raise InputError(f"{path}: {words}: {' or '.join(options)}")
 
 
 def _option(columns: Sequence[str], three: Sequence[str]) -> str:
@@ -140,9 +166,3 @@ def _option(columns: Sequence[str], three: Sequence[str]) -> str:
     if any(re.search(r"[^\w.\[\]/]", name) or name.isdecimal() for name in three):
         three = [str(columns.index(name) + 1) for name in three]
     return f"--columns {shlex.quote(','.join(f'a{axis}={name}' for axis, name in zip('xyz', three, strict=True)))}"
-
-
-def _shown(columns: Sequence[str]) -> str:
-    from tumblecal.ground.text_file import shown
-
-    return shown(", ".join(columns))

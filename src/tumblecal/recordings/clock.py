@@ -13,6 +13,7 @@ from tumblecal.ground.errors import InputError
 TIME_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "100us": 1e-4}
 # Sample rates of inertial sensors, and of the slowest logs, Hz.
 _SLOWEST_HZ, _FASTEST_HZ, _SLOWEST_LOG_HZ = 8.0, 20000.0, 0.01
+_SLOW_STEPS_S = (1, 2, 3, 4, 5, 6, 10, 12, 15, 20, 30, 60, 100, 120)
 # Numbers of a clock that counts from 1970, between 2001 and 2100.
 _EPOCH_S = (1e9, 4.2e9)
 _MOST_OTHER, _MOST_BACK = 0.2, 0.01
@@ -69,11 +70,13 @@ def rises(times: NDArray[np.float64]) -> bool:
     return len(steps) > 0 and bool((steps > 0).any()) and float(np.mean(steps < 0)) <= _MOST_BACK
 
 
-def unit_of_times(times: NDArray[np.float64], name: str, stated: str, rate_hz: float | None, path: str) -> tuple[str, str]:
+def unit_of_times(
+    times: NDArray[np.float64], name: str, stated: str, rate_hz: float | None, path: str
+) -> tuple[str, str]:
     """The unit of times, and a note if it was not stated.
 
     Dates from 1970 have one possible unit, and so has a stated rate. Otherwise it is the first unit in which the rate is one
-    of a sensor, unless the times may also be seconds of a log below one sample a second.
+    of a sensor, unless the steps may also be the seconds of a slow log.
 
     **Raises:** `InputError` with the options, if more than one unit is possible, or none.
     """
@@ -94,7 +97,7 @@ def unit_of_times(times: NDArray[np.float64], name: str, stated: str, rate_hz: f
         found = [unit for unit, rate in rates.items() if _SLOWEST_HZ < rate < _FASTEST_HZ][:1]
         if step < 1 and _SLOWEST_LOG_HZ < rates.get("s", 0.0) < _FASTEST_HZ:
             found = ["s"]
-        elif _SLOWEST_LOG_HZ < rates.get("s", 0.0) <= 1:
+        elif any(abs(step / usual_s - 1) < 0.01 for usual_s in _SLOW_STEPS_S):
             found = ["s", *found]
     if len(found) != 1:
         shown = " or ".join(f"--time-unit {unit} ({rates[unit]:.4g} Hz)" for unit in found)
@@ -102,4 +105,5 @@ def unit_of_times(times: NDArray[np.float64], name: str, stated: str, rate_hz: f
             f"{path}: column {name}: no unit of the times is stated, and its steps are {step:g}; give "
             f"{shown or '--time-unit, or --rate 100 without the times'}"
         )
-    return found[0], f"time unit: {found[0]} ({rates.get(found[0], np.nan):.4g} samples a second; to change it: --time-unit)"
+    rate = rates.get(found[0], np.nan)
+    return found[0], f"time unit guessed: {found[0]} ({rate:.4g} samples a second; to change it: --time-unit)"

@@ -1,31 +1,26 @@
 """The columns of a recording with their quantities and units: by option, by the format, or by name."""
 
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
 from tumblecal.data.cells import LARGEST_NUMBER
-from tumblecal.data.table import DIFFERENT_UNITS
-from tumblecal.data.text_layout import ROW
+from tumblecal.data.column_names import FORCE, QUANTITIES, RATE, exact_role, role_of
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.text_file import shown
-from tumblecal.recordings.choice import chosen
-from tumblecal.recordings.clock import FORMS, TIME_S, form_of, rises, seconds_of, unit_of_times
-from tumblecal.data.column_names import FORCE, NUMBERS, QUANTITIES, RATE, exact_role, parsed, role_of
+from tumblecal.recordings.clock import seconds_of
 from tumblecal.recordings.options import RecordingOptions
 from tumblecal.recordings.table import Table
-from tumblecal.recordings.units import FORCE_UNITS, PER_G, RATE_UNITS, signed_words, size_of, stated_unit, unit_by_size
 
 
 # Keys of statements of the sample rate.
 RATE_KEYS = (
     *("rate_hz", "fs", "fs_hz", "sample_rate", "sampling_rate", "sampling_rate_hz", "sampling_frequency"),
-    *("update_rate", "outputrate", "measurement_frequency"),
+    *("update_rate", "output_rate", "measurement_frequency"),
 )
-_CLOCK_ROWS = 1000
 
 
 @dataclass(frozen=True)
@@ -87,55 +82,6 @@ class Layout:
         return self.columns["ax"].unit
 
 
-def layout_of(
-    table: Table, first: pl.DataFrame, options: RecordingOptions, path: str, only: Collection[str] | None = None
-) -> Layout:
-    """The quantities and units of the columns of a table.
-
-    **Arguments:**
-
-    - `first`: the first rows. `only`: the quantities that are needed, if no option names others.
-
-    **Raises:** `InputError` if the accelerations, a unit or the clock are not stated, with an option that can be pasted.
-    """
-    columns = given_columns(table, options)
-    notes: list[str] = []
-    free = [name for name in table.columns if name not in {one.name for one in columns.values()} and name != ROW]
-
-    def readings(names: Sequence[str]) -> NDArray[np.float64]:
-        one = [Column(name, bits=options.signed or 0) for name in names]
-        return np.stack([column.numbers(table, first) for column in one], axis=1) if names else np.zeros((len(first), 0))
-
-    if not {*FORCE} & {*columns}:
-        force, rate, notes = chosen(free, readings, path)
-        for roles, triple in ((FORCE, force), (RATE, rate)):
-            for role, name in zip(roles, triple.columns if triple else (), strict=False):
-                columns[role] = Column(name, parsed(name).unit, "name")
-    columns |= _others(table, first, columns, free, notes)
-    lacking = [role for role in FORCE if role not in columns]
-    if lacking:
-        raise InputError(
-            f"{path}: {', '.join(lacking)} not found among the columns {shown(', '.join(table.columns))}; name them: "
-            "--columns ax=...,ay=...,az=..."
-        )
-    if only is not None:
-        columns = {role: column for role, column in columns.items() if role in only or column.why == "option"}
-    columns = _readable(table, first, columns, options, path, notes)
-    columns = _scaled(columns, options)
-    values = np.stack([columns[role].numbers(table, first) for role in FORCE], axis=1)
-    size, _ = size_of(values)
-    if not np.isfinite(size):
-        there = ", ".join(columns[role].name for role in FORCE)
-        raise InputError(f"{path}: no row has a number in each of {there}; give the columns of the accelerations by --columns")
-    for roles, known in ((FORCE, FORCE_UNITS), (RATE, RATE_UNITS)):
-        _check_one_unit(table, columns, roles, options.unit if known is FORCE_UNITS else options.gyro_unit, path)
-    columns, per_g = _force_unit(table, columns, options, (size, values), path, notes)
-    columns = _rate_unit(table, columns, options, notes)
-    if "time" in columns:
-        columns = _clock(table, first, columns, options, path, notes)
-    return Layout(columns, per_g, size, tuple(notes))
-
-
 def given_columns(table: Table, options: RecordingOptions) -> dict[str, Column]:
     """Columns by quantity, of the option `--columns` first, then of the format.
 
@@ -152,10 +98,14 @@ def given_columns(table: Table, options: RecordingOptions) -> dict[str, Column]:
         if name not in table.columns:
             raise InputError(f"{option}: no such column; the recording has {shown(', '.join(table.columns))}")
         if other := next((other for other, column in columns.items() if column.name == name or other == quantity), ""):
-            raise InputError(f"{option}: column {columns[other].name} is {other} already; name another column for each quantity")
+            raise InputError(
+                f"{option}: column {columns[other].name} is {other} already; name another column for each quantity"
+            )
         named, named_unit = exact_role(table.roles.get(name, "")) or role_of(name)
         alike = named == quantity or any({named, quantity} <= {*roles} for roles in (FORCE, RATE))
-        columns[quantity] = Column(name, unit or (named_unit if alike else ""), "option", bits=_bits(quantity, options))
+        columns[quantity] = Column(
+            name, unit or (named_unit if alike else ""), "option", bits=bits_of(quantity, options)
+        )
     used = {column.name for column in columns.values()}
     for name, text in table.roles.items():
         role, unit = exact_role(text) or ("", "")
@@ -164,7 +114,8 @@ def given_columns(table: Table, options: RecordingOptions) -> dict[str, Column]:
     return columns
 
 
-def _bits(role: str, options: RecordingOptions) -> int:
+def bits_of(role: str, options: RecordingOptions) -> int:
+    """The bits of unsigned numbers of a quantity, by option; 0 for none."""
     return (options.signed or 0) if role in (*FORCE, *RATE) else 0
 
 
@@ -183,183 +134,6 @@ def pairs(text: str, option: str) -> dict[str, str]:
     return found
 
 
-def _others(
-    table: Table, first: pl.DataFrame, columns: Mapping[str, Column], free: Sequence[str], notes: list[str]
-) -> dict[str, Column]:
-    """Time, temperature, labels, angles, and single axes by the names of unassigned columns; of several times, the one whose
-    name has the fewest other words, if its values can be times."""
-    used = {column.name for column in columns.values()}
-    free = sorted((name for name in free if name not in used), key=lambda name: parsed(name).foreign)
-    others: dict[str, Column] = {}
-    clocks: list[str] = []
-    for name in free:
-        role, unit = role_of(name)
-        if role == "time":
-            clocks.append(name)
-        elif role and role not in columns and not (role in RATE and (parsed(name).quantity != "rate" or {*RATE} & {*columns})):
-            if not (role in FORCE and {*FORCE} <= {*columns}):
-                others.setdefault(role, Column(name, unit, "name", bits=0))
-    if "time" not in columns:
-        usable = [name for name in clocks if _may_be_times(table, first, name)]
-        if parted := _parted(table, first, clocks, usable):
-            others["time"] = parted
-        elif usable or clocks:
-            others["time"] = Column((usable or clocks)[0], parsed((usable or clocks)[0]).unit, "name")
-        elif dated := [name for name in free if first[name].dtype == pl.String and form_of(_cells(first, name))]:
-            others["time"] = Column(dated[0], "", "dates")
-    alone = [name for name in free if name.strip() in ("t", "T") and name not in {column.name for column in others.values()}]
-    both = {"time", "temperature"} & {*columns, *others}
-    for name in sorted(alone, reverse=True):  # t before T
-        values = Column(name).numbers(table, first)
-        role = "time" if "time" not in both and (first[name].dtype == pl.String or rises(values)) else "temperature"
-        if role in both:
-            notes.append(f"column {name} may be the time or the temperature: not used (to use it: --columns temperature={name})")
-            continue
-        both.add(role)
-        others[role] = Column(name, "", "values")
-        notes.append(f"column {name} is the {role}, by its values; to override: --columns {role}=...")
-    return others
-
-
-def _may_be_times(table: Table, first: pl.DataFrame, name: str) -> bool:
-    kind = first[name].dtype
-    if kind == pl.String and form_of(_cells(first, name)):
-        return True
-    return rises(Column(name).numbers(table, first)) if kind == pl.String or kind.is_numeric() else len(first) > 0
-
-
-def _cells(first: pl.DataFrame, name: str) -> list[str]:
-    return first[name].drop_nulls().head(100).to_list()
-
-
-def _parted(table: Table, first: pl.DataFrame, clocks: Sequence[str], usable: Sequence[str]) -> Column | None:
-    """A clock in two columns: whole seconds, and their fraction in ms, us or ns by the names."""
-    whole, parts = "", None
-    for name in clocks if len(clocks) > 1 else ():
-        scale, values = TIME_S.get(parsed(name).unit, 0.0), Column(name).numbers(table, first)
-        values = values[np.isfinite(values)]
-        if scale == 1 and len(values) and (values == np.round(values)).all():
-            whole = whole or name
-        elif 0 < scale < 1 and len(values) and values.min() >= 0 and np.ptp(values) > 0 and values.max() < 1 / scale:
-            parts = parts or Column(name, "s", "name", scale)
-    if not whole or parts is None or [name for name in usable if name not in (whole, parts.name)]:
-        return None
-    return replace(parts, whole=whole)
-
-
-def _readable(
-    table: Table, first: pl.DataFrame, columns: dict[str, Column], options: RecordingOptions, path: str, notes: list[str]
-) -> dict[str, Column]:
-    """The columns that have numbers or need none.
-
-    **Raises:** `InputError` for accelerations, angles, and columns named by an option, without any number.
-    """
-    for role in (*FORCE, *RATE, "temperature", *NUMBERS):
-        column = columns.get(role)
-        if column is None or np.isfinite(column.numbers(table, first)).any():
-            continue
-        cells = first[column.name].drop_nulls()
-        cell = next((cell for cell in cells.cast(pl.String) if cell.strip()), "") if len(cells) else ""
-        words = f"column {column.name}: {f'{shown(cell)} is not a number' if cell else 'every cell is empty or NaN'}"
-        if role in FORCE or column.why == "option" or (cell and role in NUMBERS):
-            raise InputError(f"{path}: {words}; give the columns by --columns")
-        notes += [f"{words}: ignored as {role}"] * bool(cell)
-        columns = {name: other for name, other in columns.items() if name != role}
-    return columns
-
-
-def _scaled(columns: Mapping[str, Column], options: RecordingOptions) -> dict[str, Column]:
-    """The columns with the scales and offsets of the options."""
-    scale, offset = _per_axis(options.scale, "--scale", 1.0), _per_axis(options.offset, "--offset", 0.0)
-    if unknown := [role for role in (*scale, *offset) if role not in columns]:
-        raise InputError(f"--scale, --offset: {unknown[0]} is not among the columns; there are {', '.join(columns)}")
-    return {
-        role: replace(
-            column, scale=scale.get(role, column.scale), offset=offset.get(role, column.offset), bits=_bits(role, options)
-        )
-        for role, column in columns.items()
-    }
-
-
-def _per_axis(text: str, option: str, default: float) -> dict[str, float]:
-    """A finite number for all accelerations, or one for each named quantity; a scale must not be 0."""
-    try:
-        given = pairs(text, option) if "=" in text else dict.fromkeys(FORCE, text or str(default))
-        numbers = {role: float(value) for role, value in given.items()}
-    except ValueError:
-        raise InputError(f"{option} {text}: not a number; write 0.5, or ax=0.5,ay=0.4,az=0.5") from None
-    if not all(np.isfinite(value) and (value or not default) for value in numbers.values()):
-        raise InputError(f"{option} {text}: must be finite{' and other than 0' if default else ''}")
-    return numbers
-
-
-def _check_one_unit(table: Table, columns: Mapping[str, Column], roles: Sequence[str], option: str, path: str) -> None:
-    stated = [columns[role] for role in roles if role in columns and columns[role].unit]
-    if not option and len({column.unit for column in stated}) > 1:
-        place = path if table.header is None else f"{path}:{table.row_word} {table.header}"
-        raise InputError(f"{place}: {', '.join(column.name for column in stated)} {DIFFERENT_UNITS}")
-
-
-def _with_unit(columns: Mapping[str, Column], roles: Sequence[str], unit: str, per: float = 1.0) -> dict[str, Column]:
-    changed = {role: replace(columns[role], unit=unit, scale=columns[role].scale / per) for role in roles if role in columns}
-    return {**columns, **changed}
-
-
-def _force_unit(
-    table: Table,
-    columns: Mapping[str, Column],
-    options: RecordingOptions,
-    found: tuple[float, NDArray[np.float64]],
-    path: str,
-    notes: list[str],
-) -> tuple[dict[str, Column], float | None]:
-    """The unit of the accelerations: by option, by name or format, or the one in which their size is about one g."""
-    size, values = found
-    named = next((columns[role].unit for role in FORCE if columns[role].unit), "")
-    if options.unit:
-        unit, per_g = stated_unit(options.unit, "--unit", FORCE_UNITS, "g")
-        return _with_unit(columns, FORCE, unit), per_g
-    if named and named != "counts":
-        other = unit_by_size(size)
-        if not 1 / 3 < size / PER_G[named] < 3 and other and not other.endswith("/g"):
-            notes.append(f"unit by name: {named}, but the readings' size is about {size:.5g}, one g in {other}; to change it: --unit")
-        return _with_unit(columns, FORCE, named), None
-    if "a" in table.per_unit and not options.scale:
-        return _with_unit(columns, FORCE, "counts"), table.per_unit["a"]
-    if named and "counts_per_g" in table.stated:
-        return _with_unit(columns, FORCE, "counts"), float(table.stated["counts_per_g"])
-    near = unit_by_size(size)
-    if not near or (named and not near.endswith("/g")):
-        _ask_signed(columns, values, path)
-        return _with_unit(columns, FORCE, "counts"), None
-    notes.append(f"unit guessed: {near} (the readings' size is about {size:.5g}; to change it: --unit)")
-    unit, per_g = stated_unit(near, "unit", FORCE_UNITS, "g")
-    return _with_unit(columns, FORCE, unit), per_g
-
-
-def _ask_signed(columns: Mapping[str, Column], values: NDArray[np.float64], path: str) -> None:
-    if words := signed_words([columns[role].name for role in FORCE], values):
-        raise InputError(f"{path}: {words}")
-
-
-def _rate_unit(
-    table: Table, columns: Mapping[str, Column], options: RecordingOptions, notes: list[str]
-) -> dict[str, Column]:
-    """The unit of the angular rates; counts remain counts unless the counts for one deg/s are known."""
-    rates = [role for role in RATE if role in columns]
-    if not rates:
-        return {**columns}
-    unit, per_dps = next((columns[role].unit for role in rates if columns[role].unit), ""), None
-    if options.gyro_unit:
-        unit, per_dps = stated_unit(options.gyro_unit, "--gyro-unit", RATE_UNITS, "dps")
-    elif unit == "counts":
-        per_dps = table.per_unit.get("g")
-    if per_dps:
-        return _with_unit(columns, rates, "dps", per_dps)
-    notes += [] if unit else ["unit of the angular rates not known: not converted (to set it: --gyro-unit)"]
-    return _with_unit(columns, rates, unit or ("counts" if columns["ax"].unit == "counts" else "raw"))
-
-
 def stated_rate(table: Table) -> float | None:
     """The sample rate that the source states, Hz."""
     for key in RATE_KEYS:
@@ -368,42 +142,3 @@ def stated_rate(table: Table) -> float | None:
         except (KeyError, ValueError):
             continue
     return None
-
-
-def _clock(
-    table: Table, first: pl.DataFrame, columns: dict[str, Column], options: RecordingOptions, path: str, notes: list[str]
-) -> dict[str, Column]:
-    """The columns with the form and unit of the clock.
-
-    **Raises:** `InputError` for times that cannot be read, or whose unit is not stated.
-    """
-    column = columns["time"]
-    if options.time_unit and options.time_unit not in TIME_S:
-        raise InputError(f"--time-unit {options.time_unit}: not known; write one of s, ms, us, ns")
-    cells = first[column.name].drop_nulls()
-    without = {role: other for role, other in columns.items() if role != "time"}
-    if column.whole:
-        return columns
-    if isinstance(cells.dtype, pl.Datetime | pl.Duration | pl.Time) and len(cells):
-        scale = TIME_S[getattr(cells.dtype, "time_unit", "ns")]
-        return columns | {"time": replace(column, unit="s", scale=scale, offset=float(cells.to_physical()[0]))}
-    texts = pl.concat([cells.head(_CLOCK_ROWS), cells.tail(_CLOCK_ROWS)]).to_list() if cells.dtype == pl.String else []
-    if form := form_of(texts):
-        begin = first.select(seconds_of(column.name, form)).to_series().drop_nulls()
-        day = float(begin[0] // 86400) if len(begin) and "<year>" in FORMS[form] else 0.0
-        return columns | {"time": replace(column, unit="s", form=form, offset=day)}
-    if not len(cells):
-        notes.append(f"column {column.name} is empty: ignored")
-        return without
-    times = column.numbers(table, first)
-    if not np.isfinite(times).any() or cells.dtype == pl.Date:
-        words = f"column {column.name}: {shown(str(cells[0]))} cannot be read as a time"
-        if options.rate:
-            notes.append(f"{words}: ignored, --rate is used")
-            return without
-        raise InputError(
-            f"{path}: {words}; write seconds, h:m:s.f or dates such as 2026-03-29T01:59:30.010, or give --rate 100 to go without"
-        )
-    unit, note = unit_of_times(times, column.name, options.time_unit or column.unit, options.rate or stated_rate(table), path)
-    notes += [note] if note else []
-    return columns | {"time": replace(column, unit="s", scale=TIME_S[unit])}

@@ -20,7 +20,8 @@ class DamageRecord:
     **Arguments:**
 
     - `kind`: as in the table above. `words`: finding and action, one line. `action`: `reported` or `left out`.
-    - `rows`: number of rows concerned; None if unknown. `first_row`: the first of them, from 1.
+    - `rows`: number of rows concerned; None if unknown. `first_row`: the first of them, from 1, among the complete rows.
+    - `largest`, `unit`: the largest size of the damage, such as the rows that repeat a sample.
     """
 
     kind: str
@@ -28,6 +29,8 @@ class DamageRecord:
     action: str = "reported"
     rows: int | None = None
     first_row: int | None = None
+    largest: float | None = None
+    unit: str = ""
 
 
 @dataclass

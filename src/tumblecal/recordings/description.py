@@ -1,13 +1,15 @@
 """The description of a recording, `FILE.recording.toml`: what was stated or found, item by item, and where it comes from."""
 
+import json
+import os
 import tomllib
 from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tumblecal.data.column_names import RATE
 from tumblecal.ground.atomic import write_text
 from tumblecal.ground.errors import InputError
-from tumblecal.data.column_names import FORCE, RATE
 from tumblecal.recordings.options import RecordingOptions
 
 
@@ -27,7 +29,9 @@ def described(path: Path, options: RecordingOptions) -> tuple[Path, RecordingOpt
     try:
         content = tomllib.loads(path.read_text())
     except (OSError, UnicodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"{path}: not a description of a recording ({error}); write it with tumblecal import") from error
+        raise InputError(
+            f"{path}: not a description of a recording ({error}); write it with tumblecal import"
+        ) from error
     if content.get("schema") != _SCHEMA or not isinstance(content.get("file"), str):
         raise InputError(f"{path}: needs schema = {_SCHEMA!r} and file = the recording; write it with tumblecal import")
     known = {field.name: field for field in fields(RecordingOptions)}
@@ -45,14 +49,21 @@ def described(path: Path, options: RecordingOptions) -> tuple[Path, RecordingOpt
 def items_of(recording: "Recording") -> dict[str, tuple[object, str]]:
     """The options that state all that was found in a recording, and the source of each, in words."""
     layout, options = recording.layout, recording.options
-    columns = {role: column.name for role, column in layout.columns.items()}
+    order = recording.table.columns
+    columns = {
+        role: str(order.index(column.name) + 1) if {",", "="} & {*column.name} else column.name
+        for role, column in layout.columns.items()
+    }
     why = ", ".join(dict.fromkeys(column.why for column in layout.columns.values()))
     items: dict[str, tuple[object, str]] = {"columns": (columns, why)}
     if recording.table.name:
         items["topic"] = recording.table.name, "option" if options.topic else "accelerations and most rows"
     unit = layout.unit if layout.unit != "counts" else f"{layout.per_g:g}/g" if layout.per_g else ""
     if unit and options.unit != unit:
-        items["unit"] = unit.replace("ms2", "m/s2"), "guessed by the size of gravity" if any("unit guessed" in note for note in layout.notes) else "file"
+        items["unit"] = (
+            unit.replace("ms2", "m/s2"),
+            "guessed by the size of gravity" if any("unit guessed" in note for note in layout.notes) else "file",
+        )
     rates = {layout.columns[role].unit for role in RATE if role in layout.columns} & {"dps", "rads"}
     if rates:
         items["gyro_unit"] = rates.pop().replace("rads", "rad/s"), "option" if options.gyro_unit else "file"
@@ -72,16 +83,18 @@ def items_of(recording: "Recording") -> dict[str, tuple[object, str]]:
 def write_description(recording: "Recording", path: Path) -> None:
     """Write the description of a recording."""
     items = items_of(recording)
-    relative = recording.path.resolve()
-    lines = [f"schema = {_text(_SCHEMA)}", f"file = {_text(str(relative))}"]
+    there = os.path.relpath(recording.path, path.parent)
+    lines = [f"schema = {_text(_SCHEMA)}", f"file = {_text(there)}"]
     for name, (value, _) in items.items():
-        shown = "{" + ", ".join(f"{role} = {_text(column)}" for role, column in value.items()) + "}" if isinstance(value, dict) else _text(value)
+        shown = (
+            "{" + ", ".join(f"{role} = {_text(column)}" for role, column in value.items()) + "}"
+            if isinstance(value, dict)
+            else _text(value)
+        )
         lines.append(f"{name} = {shown}")
     lines += ["", "[source]", *(f"{name} = {_text(why)}" for name, (_, why) in items.items())]
     write_text(path, "\n".join(lines) + "\n")
 
 
 def _text(value: object) -> str:
-    import json
-
     return json.dumps(value, ensure_ascii=False)

@@ -9,6 +9,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from tumblecal.data.cells import LARGEST_NUMBER
+from tumblecal.data.column_names import FORCE, LABELS, NUMBERS, QUANTITIES, RATE
 from tumblecal.data.parquet import pieces_in_order, scan_parquet
 from tumblecal.data.text_layout import ROW
 from tumblecal.ground.counted import counted
@@ -18,7 +19,6 @@ from tumblecal.ground.plain_text import CONTROLS
 from tumblecal.ground.text_file import shown
 from tumblecal.recordings.columns import Layout
 from tumblecal.recordings.damage import DamageRecord
-from tumblecal.data.column_names import FORCE, LABELS, NUMBERS, QUANTITIES, RATE
 from tumblecal.recordings.table import Table
 
 
@@ -28,6 +28,8 @@ WHOLE, SOURCE_COLUMNS = "\x00whole", "\x00source"
 _MOST_UNREADABLE, _SHOWN = 0.2, 5
 # Fewest rows with equal readings that are erased memory; most rows that are late, before the clock goes on.
 _FEWEST_ERASED, _MOST_LATE = 20, 100
+# Share of equal readings among rows with one time that occur twice.
+_ALIKE = 0.7
 # Repeated samples: fewest runs of equal readings, and largest share of single ones.
 _FEWEST_RUNS, _MOST_SINGLE = 50, 0.02
 
@@ -75,13 +77,17 @@ def sample_frames(
                 begin += frame["time_s"].filter(frame["time_s"].abs() < LARGEST_NUMBER).drop_nans().head(1).to_list()
             frame = frame.with_columns(pl.col("time_s") - (begin[0] if begin else np.nan))
         # Numbers too large for any quantity are damage, and would overflow the sums of squares.
-        usual = [pl.col(name).abs().fill_nan(np.inf) < (LARGEST_NUMBER if name != "time_s" else np.inf) for name in needed]
+        usual = [
+            pl.col(name).abs().fill_nan(np.inf) < (LARGEST_NUMBER if name != "time_s" else np.inf) for name in needed
+        ]
         whole = frame.select(pl.all_horizontal(usual).fill_null(value=False)).to_series()
         places = piece[ROW] if ROW in piece.columns else pl.Series(np.arange(seen + 1, seen + len(piece) + 1))
         if not whole.all():
             rows = np.flatnonzero(~whole.to_numpy())
             unread.why = unread.why or _why(table, layout, piece, frame, int(rows[0]))
-            unread.places += places.gather(rows[: _SHOWN - len(unread.places)]).to_list() if len(unread.places) < _SHOWN else []
+            unread.places += (
+                places.gather(rows[: _SHOWN - len(unread.places)]).to_list() if len(unread.places) < _SHOWN else []
+            )
             unread.rows += len(rows)
         seen += len(piece)
         if unread.rows > max(_SHOWN, _MOST_UNREADABLE * seen) and not _blank(frame, named, whole):
@@ -92,7 +98,9 @@ def sample_frames(
         source = [piece.select(more).to_struct(SOURCE_COLUMNS)] if more else []
         yield frame.with_columns(whole.alias(WHOLE), places.alias(ROW), *source)
     if not seen or unread.rows == seen:
-        raise InputError(f"{path}: no rows" + (f" with a complete reading; the first {unread.why}" if unread.rows else ""))
+        raise InputError(
+            f"{path}: no rows" + (f" with a complete reading; the first {unread.why}" if unread.rows else "")
+        )
 
 
 def _label(name: str) -> pl.Expr:
@@ -102,8 +110,8 @@ def _label(name: str) -> pl.Expr:
 def _blank(frame: pl.DataFrame, named: dict[str, str], whole: pl.Series) -> bool:
     """Whether rows without a reading have no number at all, as those of erased memory."""
     force = frame.filter(~whole).select(named[role] for role in FORCE)
-    empty = pl.all_horizontal(pl.all().is_null() | pl.all().is_nan()) | pl.all_horizontal(pl.all().abs() >= LARGEST_NUMBER)
-    return bool(force.select(empty.mean()).item() or 0.0 > 1 - _MOST_UNREADABLE)
+    empty = pl.all_horizontal(pl.all().is_nan()) | pl.all_horizontal(pl.all().abs() >= LARGEST_NUMBER)
+    return bool((force.select(empty.mean()).item() or 0.0) > 1 - _MOST_UNREADABLE)
 
 
 def _why(table: Table, layout: Layout, piece: pl.DataFrame, frame: pl.DataFrame, row: int) -> str:
@@ -129,30 +137,38 @@ def left_out(samples: Path, layout: Layout, rate_hz: float | None) -> tuple[NDAr
     force = pl.col(channels[:3])
     numbers = [pl.col(named[role]) / layout.columns[role].scale + layout.columns[role].offset for role in FORCE]
     facts = scan_parquet(samples, check=False)[0].select(
-        pl.all_horizontal(pl.col(name) == pl.col(name).shift(1) for name in channels).fill_null(value=False).alias("same"),
+        pl.all_horizontal(pl.col(name) == pl.col(name).shift(1) for name in channels)
+        .fill_null(value=False)
+        .alias("same"),
         pl.all_horizontal(force == force.shift(1)).fill_null(value=False).alias("same_force"),
-        ((numbers[0] - numbers[1]).abs() + (numbers[0] - numbers[2]).abs() < 1e-9 * numbers[0].abs()).alias("flat"),
+        ((numbers[0] - numbers[1]).abs() + (numbers[0] - numbers[2]).abs() <= 1e-9 * numbers[0].abs()).alias("flat"),
         (pl.col("time_s") if timed else pl.int_range(pl.len()).cast(pl.Float64)).alias("time"),
     )
-    facts = facts.collect()
+    facts = facts.collect(engine="streaming")
     same, flat, time = (facts[name].to_numpy() for name in ("same", "flat", "time"))
     same_time = np.append(False, np.diff(time) == 0) if timed else np.zeros(len(same), bool)
     records: list[DamageRecord] = []
     kept = np.ones(len(same), bool)
 
-    def leave(rows: NDArray[np.bool_], kind: str, words: str) -> None:
+    def leave(rows: NDArray[np.bool_], kind: str, words: str, largest: float | None = None, unit: str = "") -> None:
         rows = rows & kept
         if (count := int(rows.sum())) and count < kept.sum():
             first = int(np.argmax(rows)) + 1
             kept[rows] = False
-            records.append(DamageRecord(kind, f"{counted(count, 'row')} {words}, first row {first}: left out", "left out", count, first))
+            words = f"{counted(count, 'row')} {words}, first row {first}: left out"
+            records.append(DamageRecord(kind, words, "left out", count, first, largest, unit))
 
-    leave(_long_runs(same & same_time) & _late_or_last(time, same_time) | (_long_runs(same) & flat), "erased", "of erased memory")
+    leave(
+        _long_runs(same & same_time) & (np.mean(same_time) < 0.5) | (_long_runs(same) & flat),
+        "erased",
+        "of erased memory",
+    )
     if timed:
         late = np.zeros(len(kept), bool)
         late[kept] = _late(time[kept])
         leave(late, "disorder", "earlier than a row before them")
-        leave(same & same_time, "duplicates", "that occur twice, with the same time and readings")
+        if same_time.any() and np.mean(same[same_time]) > _ALIKE and np.mean(same[~same_time]) < 1 - _ALIKE:
+            leave(same & same_time, "duplicates", "that occur twice, with the same time and readings")
     starts = np.flatnonzero(kept & ~facts["same_force"].to_numpy())
     lengths = np.diff(np.append(starts, len(kept)))
     if len(starts) > _FEWEST_RUNS and np.mean(lengths[1:-1] == 1) <= _MOST_SINGLE:
@@ -162,7 +178,7 @@ def left_out(samples: Path, layout: Layout, rate_hz: float | None) -> tuple[NDAr
         repeats = np.ones(len(kept), bool)
         repeats[np.repeat(starts, samples_of) + (within * ratio).astype(int)] = False
         rate = f" ({rate_hz / ratio:.4g} samples a second in {rate_hz:.4g} rows)" if rate_hz else ""
-        leave(repeats, "repeats", f"that repeat a sample{rate}, each {ratio:.3g} times")
+        leave(repeats, "repeats", f"that repeat a sample{rate}, each {ratio:.3g} times", ratio, "rows a sample")
     return kept, records
 
 
@@ -171,11 +187,6 @@ def _long_runs(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
     starts = np.flatnonzero(~flags)
     lengths = np.diff(np.append(starts, len(flags)))
     return np.repeat(lengths >= _FEWEST_ERASED, lengths)
-
-
-def _late_or_last(time: NDArray[np.float64], same_time: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Rows whose clock stops although usually each row has a time of its own; packets with one time are usual otherwise."""
-    return np.full(len(time), bool(np.mean(same_time) < 0.5) or bool(np.median(np.diff(time)) > 0))
 
 
 def _late(time: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -19,7 +19,8 @@ _ALIKE = 1.3
 # Size of readings with offsets to 0.6 g, relative to gravity.
 _SMALLEST, _LARGEST = 0.35, 1.9
 _FEWEST_ATTITUDES, _MOST_DISPERSION, _LARGEST_OFFSET = 6, 0.05, 0.8
-_BITS = (8, 12, 14, 16, 24, 32)
+# Relative distances of lengths from the usual one that are near it, and how many times as far others are.
+_BITS, _NEAR, _FAR = (8, 10, 12, 14, 16, 18, 20, 24, 32), 0.7, 3.0
 _WINDOWS, _FEWEST_ROWS, _MOST_ROWS = 2000, 12, 60
 
 
@@ -54,15 +55,30 @@ def may_be_gravity(size: float, unit: str) -> bool:
 
 
 def signed_words(names: Sequence[str], values: NDArray[np.float64]) -> str:
-    """The question about readings (n, 3) that have the size of gravity if the upper half of their range is negative; empty if
-    they are not so."""
-    top = float(np.nanmax(values, initial=0.0))
+    """The question about whole numbers (n, 3) of which negative ones are written as unsigned ones; empty for others.
+
+    Then rows with a number in the upper half of the range have lengths far from those of the other rows (or from one g in a
+    usual unit), and near them if the upper half is negative.
+    """
+    values = values[np.isfinite(values).all(1)]
+    top = float(np.max(values, initial=0.0))
+    if np.min(values, initial=0.0) < 0 or (values != np.round(values)).any():
+        return ""
     for bits in _BITS:
         full = 2.0**bits
-        if np.nanmin(values, initial=0.0) < 0 or not full / 2 <= top < full:
+        if not full / 2 <= top < full:
             continue
-        size, _ = size_of(values - full * (values >= full / 2))
-        if unit := unit_by_size(size):
+        upper = (values >= full / 2).any(1)
+        as_signed = np.linalg.norm(values - full * (values >= full / 2), axis=1)
+        others = as_signed[~upper] if (~upper).any() else as_signed
+        size = float(np.median(others))
+        unit = unit_by_size(size)
+        off, off_signed = (
+            np.median(np.abs(one[upper] / size - 1)) for one in (np.linalg.norm(values, axis=1), as_signed)
+        )
+        if (unit or (~upper).any()) and off_signed < _NEAR < off and off > _FAR * off_signed:
+            power = 2.0 ** np.round(np.log2(size))
+            unit = unit or (f"{power:g}/g" if 0.8 < size / power < 1.25 else f"{size:.0f}/g")
             return (
                 f"{', '.join(names)}: numbers up to {top:g} are negative ones, written as unsigned numbers of {bits} bits; to "
                 f"read them: --signed {bits} --unit {unit}"
@@ -70,18 +86,20 @@ def signed_words(names: Sequence[str], values: NDArray[np.float64]) -> str:
     return ""
 
 
-def size_of(values: NDArray[np.float64]) -> tuple[float, float]:
-    """The size of gravity in readings (n, 3), and the relative dispersion of the lengths.
+def size_of(values: NDArray[np.float64]) -> tuple[float, float, float]:
+    """The size of gravity in readings (n, 3), the largest relative change of nine tenths of the lengths, and the relative
+    dispersion of the lengths about a bias.
 
-    It is the radius of the sphere through the means at rest if there is one, because a bias changes the median length;
+    The size is the radius of the sphere through the means at rest if there is one, because a bias changes the median length;
     |m|^2 = 2 b.m + r^2 - |b|^2 is linear in the bias b.
     """
     # Equal numbers on all axes are erased memory, or a sensor that does not answer.
     values = values[np.isfinite(values).all(1) & (np.ptp(values, axis=1) > 0)]
     if not len(values):
-        return np.nan, np.nan
+        return np.nan, np.nan, np.inf
     lengths = np.linalg.norm(values, axis=1)
     usual = float(np.median(lengths))
+    changes = float(np.quantile(np.abs(lengths / usual - 1), 0.9)) if usual else np.inf
     rows = int(np.clip(len(values) // _WINDOWS, _FEWEST_ROWS, _MOST_ROWS))
     windows = values[: len(values) // rows * rows].reshape(-1, rows, 3)
     spread = windows.std(1).max(1, initial=0.0)
@@ -92,9 +110,13 @@ def size_of(values: NDArray[np.float64]) -> tuple[float, float]:
         found, _, rank, _ = np.linalg.lstsq(matrix, ((means / usual) ** 2).sum(1), rcond=1e-6)
         radii = np.linalg.norm(means / usual - found[:3], axis=1)
         radius, dispersion = float(radii.mean()), float(radii.std() / radii.mean())
-        if rank == len(found) and dispersion < _MOST_DISPERSION and (np.abs(found[:3]) < _LARGEST_OFFSET * radius).all():
-            return radius * usual, dispersion
-    return usual, float(np.quantile(np.abs(lengths / usual - 1), 0.9)) if usual else np.inf
+        if (
+            rank == len(found)
+            and dispersion < _MOST_DISPERSION
+            and (np.abs(found[:3]) < _LARGEST_OFFSET * radius).all()
+        ):
+            return radius * usual, changes, dispersion
+    return usual, changes, changes
 
 
 def _each_once(means: NDArray[np.float64], least: float) -> NDArray[np.float64]:

@@ -5,16 +5,15 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-
 from tumblecal.data.column_names import FORCE
 from tumblecal.ground.counted import counted, shortened
 from tumblecal.ground.gravity import unit_in_g
 
 
 if TYPE_CHECKING:
+    from tumblecal.recordings.recording import Recording
     from tumblecal.recordings.reduction.reduce_files import FilesReduction
     from tumblecal.recordings.reduction.reduce_recording import RecordingReduction
-    from tumblecal.recordings.recording import Recording
     from tumblecal.recordings.still.stillness import Stillness
 
 
@@ -82,7 +81,10 @@ def format_words(contents: "Recording", *, tables: bool) -> Iterator[str]:
 def left_out_words(contents: "Recording") -> Iterator[str]:
     """Number of rows without a complete reading, and the first of them; nothing if there are none."""
     if contents.unread.rows:
-        places = [*map(str, contents.unread.places), *(["..."] if contents.unread.rows > len(contents.unread.places) else [])]
+        places = [
+            *map(str, contents.unread.places),
+            *(["..."] if contents.unread.rows > len(contents.unread.places) else []),
+        ]
         left_out = counted(contents.unread.rows, contents.table.row_word)
         yield f"{left_out} left out, without a whole reading: {', '.join(places)}"
 

@@ -8,10 +8,7 @@ import numpy as np
 import polars as pl
 from jaxtyping import Float
 
-from tumblecal.recordings.correction.outside_range import OutsideRange
-from tumblecal.recordings.correction.uncorrected import Uncorrected
 from tumblecal.capture.decoding.sample_table import write_frames
-from tumblecal.recordings.rows import SOURCE_COLUMNS, WHOLE
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.files import stated
 from tumblecal.data.position_comments import serial_number_of
@@ -20,6 +17,9 @@ from tumblecal.data.reading_checks import ReadingChecks
 from tumblecal.data.text_layout import ROW
 from tumblecal.ground.errors import InputError, one_line
 from tumblecal.ground.gravity import SOURCE_KEY, STANDARD, VALUE_KEY, Gravity, comments_of, unit_in_g
+from tumblecal.recordings.correction.outside_range import OutsideRange
+from tumblecal.recordings.correction.uncorrected import Uncorrected
+from tumblecal.recordings.rows import SOURCE_COLUMNS, WHOLE
 
 
 # The comment with the rows of the source that have no reading and are not in the corrected file.

@@ -12,8 +12,10 @@ from tumblecal.data.column_names import FORCE, LABELS
 from tumblecal.data.named_layout import readings_among
 from tumblecal.data.raw import Raw, column_names, header_of, opened_raw
 from tumblecal.data.text_layout import ROW
+from tumblecal.recordings.description import SUFFIX
+from tumblecal.recordings.opening import opened
 from tumblecal.recordings.options import RecordingOptions
-from tumblecal.recordings.recording import Recording, opened
+from tumblecal.recordings.recording import Recording
 from tumblecal.recordings.rows import WHOLE, Unread, names_of, sample_frames
 
 
@@ -56,29 +58,31 @@ def uncorrected(
 
     **Raises:** `InputError` for a source that cannot be read, has no readings, or has corrected ones.
     """
-    if options == RecordingOptions() and source.is_file():
+    if options == RecordingOptions() and source.is_file() and not source.name.endswith(SUFFIX):
         names = column_names(source)
         if readings_among(names) or not names:
-            header, frames = opened_raw(source)
-            return Uncorrected(header, frames, header.frame.schema, header.columns)
+            header, pieces = opened_raw(source)
+            return Uncorrected(header, pieces, header.frame.schema, header.columns)
     needed = () if calibration is None else [name.partition("_")[0] for name in calibration.columns_needed]
     recording = opened(source, options, in_g=True, only=(*FORCE, *needed))
     table, layout = recording.table, recording.layout
     more = table.columns if table.sheet else ()
 
-    def frames(more: Sequence[str] = more) -> Iterator[pl.DataFrame]:
-        yield from sample_frames(table, layout, str(source), Unread(), [], more)
+    def frames(more: Sequence[str]) -> Iterator[pl.DataFrame]:
+        return sample_frames(table, layout, str(source), Unread(), [], more)
 
     left_out = _left_out_words(table.row_word, frames(()))
     schema = pl.Schema({name: pl.String if name in LABELS else pl.Float64 for name in names_of(layout).values()})
     axes = [layout.columns[axis] for axis in FORCE]
-    dropped = () if table.sheet and all(axis.scale == 1 and axis.offset == 0 for axis in axes) else (COUNTS, "imported_from")
+    dropped = (
+        () if table.sheet and all(axis.scale == 1 and axis.offset == 0 for axis in axes) else (COUNTS, "imported_from")
+    )
     comments = {key: value for key, value in recording.comments.items() if key not in dropped and key in table.stated}
     header = replace(header_of(source, schema.to_frame(), comments), row_word=table.row_word)
     if not table.sheet:
-        return Uncorrected(header, frames, recording=recording, left_out=left_out)
+        return Uncorrected(header, lambda: frames(()), recording=recording, left_out=left_out)
     columns = next(iter(table.pieces(more))).head(0).select(more).schema
-    return Uncorrected(header, frames, columns, tuple(axis.name for axis in axes), recording, left_out)
+    return Uncorrected(header, lambda: frames(more), columns, tuple(axis.name for axis in axes), recording, left_out)
 
 
 def _left_out_words(row_word: str, frames: Iterator[pl.DataFrame]) -> str:

@@ -20,14 +20,20 @@ PX4_CORRECTED_TOPICS = frozenset(("sensor_combined", "vehicle_imu", "vehicle_acc
 _PX4_IDS = [f"TC_A{k}_ID" for k in range(4)]
 
 
-def px4_correction(parameters: Mapping[str, float], selected: Collection[int], topics: Collection[str]) -> dict[str, str]:
+def px4_correction(
+    parameters: Mapping[str, float], selected: Collection[int], topics: Collection[str]
+) -> dict[str, str]:
     """The statement of a corrected topic of PX4; none if the thermal correction is disabled, or for other sensors.
 
     **Arguments:**
 
     - `selected`: device ids of the selected accelerometers; none if the log does not state them. `topics`: of the log.
     """
-    ids = [f"{name} {number}" for name in _PX4_IDS if (number := int(parameters.get(name, 0))) in (selected or {number}) and number]
+    ids = [
+        f"{name} {number}"
+        for name in _PX4_IDS
+        if (number := int(parameters.get(name, 0))) in (selected or {number}) and number
+    ]
     if parameters.get("TC_A_ENABLE") != 1 or not ids:
         return {}
     raw = "read --topic sensor_accel, which is not corrected, or " if "sensor_accel" in topics else ""

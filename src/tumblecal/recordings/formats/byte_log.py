@@ -10,10 +10,10 @@ from tumblecal.capture.decoding.samples import Stated
 from tumblecal.capture.decoding.sniff import ENOUGH, guesses
 from tumblecal.capture.log import MAGIC
 from tumblecal.capture.protocols import protocols
-from tumblecal.recordings.formats.parquet import READER as PARQUET
-from tumblecal.recordings.table import Reader, Source, Table
 from tumblecal.ground.atomic import scratch_folder
 from tumblecal.ground.errors import InputError
+from tumblecal.recordings.formats.parquet import READER as PARQUET
+from tumblecal.recordings.table import Reader, Source, Table
 
 
 _COLUMNS = ("time_s", "ax_g", "ay_g", "az_g", "gx_dps", "gy_dps", "gz_dps", "temperature_degc")

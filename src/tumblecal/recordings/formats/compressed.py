@@ -34,7 +34,9 @@ def _read(source: Source) -> list[Table]:
         try:
             yield
         except InputError as error:
-            raise InputError([fault.replace(str(Path(folder.name) / path.name), str(source.path)) for fault in error.faults]) from error
+            raise InputError(
+                [fault.replace(str(Path(folder.name) / path.name), str(source.path)) for fault in error.faults]
+            ) from error
 
     def kept(table: Table) -> Table:
         def pieces(columns: Sequence[str]) -> Iterator["pl.DataFrame"]:

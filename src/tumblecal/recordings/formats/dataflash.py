@@ -5,7 +5,6 @@ fields of each type. https://ardupilot.org/dev/docs/code-overview-adding-a-new-l
 """
 
 import re
-from collections import defaultdict
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -20,8 +19,29 @@ _MARK, _FMT, _HEADER = b"\xa3\x95", 0x80, 3
 _STATED = np.dtype([("type", "u1"), ("length", "u1"), ("name", "S4"), ("formats", "S16"), ("fields", "S64")])
 _FORMATS = dict(
     pair.split(":")
-    for pair in "b:i1 B:u1 h:<i2 H:<u2 i:<i4 I:<u4 q:<i8 Q:<u8 g:<f2 f:<f4 d:<f8 c:<i2 C:<u2 e:<i4 E:<u4 L:<i4 M:u1 "
-    "n:S4 N:S16 Z:S64 a:V64".split()
+    for pair in [
+        "b:i1",
+        "B:u1",
+        "h:<i2",
+        "H:<u2",
+        "i:<i4",
+        "I:<u4",
+        "q:<i8",
+        "Q:<u8",
+        "g:<f2",
+        "f:<f4",
+        "d:<f8",
+        "c:<i2",
+        "C:<u2",
+        "e:<i4",
+        "E:<u4",
+        "L:<i4",
+        "M:u1",
+        "n:S4",
+        "N:S16",
+        "Z:S64",
+        "a:V64",
+    ]
 )
 # Formats of numbers times 100.
 _HUNDREDTHS = "cCeE"
@@ -90,7 +110,7 @@ def _read(source: Source) -> list[Table]:
         for name, value in kind.values(log)[["Name", "Value"]].tolist()
         if value == 1 and (match := _CORRECTION.fullmatch(name))
     }
-    tables = [table for kind in kinds if FORCE <= {*kind.fields} for table in _tables(kind, kind.values(log), enabled)]
+    tables = [table for kind in kinds if {*kind.fields} >= FORCE for table in _tables(kind, kind.values(log), enabled)]
     if skipped:
         source.damage.report(
             f"{counted(skipped, 'byte')} outside messages, the first at byte {first}: messages there are lost"

@@ -28,7 +28,7 @@ def _read(source: Source) -> list[Table]:
         fields |= {name: names.split(b",") for name, names in _FORMAT.findall(piece)}
         enabled |= {*map(int, _CORRECTION.findall(piece))}
         for name in fields:
-            if FORCE <= {*map(bytes.decode, fields[name])}:
+            if {*map(bytes.decode, fields[name])} >= FORCE:
                 instances = {*re.findall(_message(name, fields[name], rb"(\d+)"), piece, re.MULTILINE)}
                 found |= {(name, instance): None for instance in sorted(instances)}
     if not found:

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from tumblecal.data.parquet import PIECE_ROWS
 from tumblecal.data.text_cells import pieces_of
 from tumblecal.data.text_layout import ROW
 from tumblecal.ground.decoding import damaged
@@ -144,7 +143,9 @@ def _tables(title: str, pieces: Pieces, row_word: str) -> list[Table]:
     def table(kind: str, own: Sequence[Row]) -> Table:
         # A name that is only the letter of an axis gets the word of its kind as a prefix.
         names = {f"{kind}.{name}" if kind and name in ("x", "y", "z") else name: name for row in own for name in row}
-        numeric = {column for column, name in names.items() if any(isinstance(row.get(name), int | float) for row in own)}
+        numeric = {
+            column for column, name in names.items() if any(isinstance(row.get(name), int | float) for row in own)
+        }
 
         plain = len(kinds) == 1 and "." not in "".join(names)
 
@@ -155,7 +156,11 @@ def _tables(title: str, pieces: Pieces, row_word: str) -> list[Table]:
                 if plain and (frame := _decoded(given, schema)) is not None:
                     yield frame.with_columns(pl.Series(ROW, lines, pl.Int64))
                     continue
-                rows = [(line, row or Row()) for line, row in zip(lines, map(_row, given), strict=True) if not row or kind_of(row) == kind]
+                rows = [
+                    (line, row or Row())
+                    for line, row in zip(lines, map(_row, given), strict=True)
+                    if not row or kind_of(row) == kind
+                ]
                 cells = {column: [row.get(names[column]) for _, row in rows] for column in schema}
                 frame = pl.DataFrame(cells, schema, strict=False)
                 yield frame.with_columns(pl.Series(ROW, [line for line, _ in rows], pl.Int64))

@@ -26,7 +26,9 @@ def _read(source: Source) -> list[Table]:
         with decoding(source.path, "MATLAB file"), silenced():
             _check_elements(content)
             variables = loadmat(source.path, squeeze_me=True)
-        arrays = {path: array for name in variables if name[:2] != "__" for path, array in _arrays(name, variables[name])}
+        arrays = {
+            path: array for name in variables if name[:2] != "__" for path, array in _arrays(name, variables[name])
+        }
     if tables := tables_of_arrays(arrays):
         return tables
     raise InputError(

@@ -4,8 +4,8 @@ from collections.abc import Iterator, Sequence
 
 import polars as pl
 
-from tumblecal.recordings.table import Reader, Source, Table
 from tumblecal.data.parquet import parquet_pieces, scan_parquet
+from tumblecal.recordings.table import Reader, Source, Table
 
 
 def _read(source: Source) -> list[Table]:

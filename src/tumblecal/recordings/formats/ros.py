@@ -28,7 +28,11 @@ _FORCE, _RATE = "linear_acceleration", "angular_velocity"
 # Types with a vector of acceleration, m/s^2, and its place (REP 103: SI units).
 _PLACES = {_IMU: _FORCE, "geometry_msgs/msg/AccelStamped": "accel.linear", "geometry_msgs/msg/Vector3Stamped": "vector"}
 _ROLES = {"time": "time_s", "temperature": "temperature_degc"}
-_ROLES |= {f"{name}.{axis}": f"{letter}{axis}_{unit}" for name, letter, unit in ((_FORCE, "a", "ms2"), (_RATE, "g", "rads")) for axis in "xyz"}
+_ROLES |= {
+    f"{name}.{axis}": f"{letter}{axis}_{unit}"
+    for name, letter, unit in ((_FORCE, "a", "ms2"), (_RATE, "g", "rads"))
+    for axis in "xyz"
+}
 
 
 def _check(path: Path) -> None:

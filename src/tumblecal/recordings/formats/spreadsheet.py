@@ -86,6 +86,4 @@ def _repeats(tag: bytes) -> int:
 
 
 _SUFFIXES, _MAGICS = (".xlsx", ".xlsm", ".ods", ".xls"), (b"PK\x03\x04", b"\xd0\xcf\x11\xe0")
-READER = Reader(
-    "spreadsheet", lambda path, head: path.suffix.lower() in _SUFFIXES and head.startswith(_MAGICS), _read
-)
+READER = Reader("spreadsheet", lambda path, head: path.suffix.lower() in _SUFFIXES and head.startswith(_MAGICS), _read)

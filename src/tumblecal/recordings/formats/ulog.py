@@ -41,7 +41,9 @@ def _fault(log: bytes) -> str:
                 break
             at += _MESSAGE.size + size
     # Data may be appended after a crash within a message: only the end of the file shows a truncation.
-    return f"the file ends within a message (byte {at} of {len(log)}): data after it are missing" if at < len(log) else ""
+    return (
+        f"the file ends within a message (byte {at} of {len(log)}): data after it are missing" if at < len(log) else ""
+    )
 
 
 def _read(source: Source) -> list[Table]:

@@ -88,7 +88,10 @@ def _columns(samples: Samples, good: NDArray[np.bool_]) -> dict[str, NDArray[np.
 def _recognised(path: object, head: bytes) -> bool:
     """Whether a file begins with contiguous messages."""
     found = messages_in(np.frombuffer(head, np.uint8), _PREAMBLE, final=True)
-    return int((found.starts + found.sizes)[:_FEWEST][-1:].sum()) == int(found.sizes[:_FEWEST].sum()) and len(found.sizes) >= _FEWEST
+    return (
+        int((found.starts + found.sizes)[:_FEWEST][-1:].sum()) == int(found.sizes[:_FEWEST].sum())
+        and len(found.sizes) >= _FEWEST
+    )
 
 
 READER = Reader("Xsens .mtb (Xbus messages)", _recognised, _read)

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 
 from tumblecal.capture.capture_plan import CapturePlan
-from tumblecal.recordings.reduction.file_names import stems_of
 from tumblecal.data.cells import labels_in, number_in
 from tumblecal.data.files import csv_table
 from tumblecal.data.table import Table
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.text_file import shown
+from tumblecal.recordings.reduction.file_names import stems_of
 
 
 _MOST = 4

@@ -7,18 +7,19 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from tumblecal.data.column_names import FORCE, role_of
-from tumblecal.recordings.units import unit_by_size
 from tumblecal.capture.decoding.sample_table import write_frames
-from tumblecal.recordings.guesses import guessed
-from tumblecal.recordings.options import RecordingOptions
-from tumblecal.recordings.recording import Recording
-from tumblecal.recordings.recording import opened, read_recording
+from tumblecal.data.column_names import FORCE, role_of
 from tumblecal.data.joined_clocks import TIME_ZERO
 from tumblecal.data.parquet import PIECE_ROWS, scan_parquet
 from tumblecal.data.positions import PositionSet
 from tumblecal.data.table import TIME_CLOCK
 from tumblecal.ground.errors import InputError
+from tumblecal.recordings.guesses import guessed
+from tumblecal.recordings.opening import opened
+from tumblecal.recordings.options import RecordingOptions
+from tumblecal.recordings.reading import read_recording
+from tumblecal.recordings.recording import Recording
+from tumblecal.recordings.units import unit_by_size
 
 
 # Step of the table's time between files, s: a gap, so that no interval extends across it.

@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 from tumblecal.capture.capture_plan import CapturePlan
 from tumblecal.data.column_names import FORCE, RATE
+from tumblecal.data.parquet import scan_parquet
+from tumblecal.data.positions import PositionSet, attitudes_of
+from tumblecal.ground.errors import InputError
 from tumblecal.recordings.options import Criterion
 from tumblecal.recordings.reduction.reduce_table import enough_samples
 from tumblecal.recordings.reduction.reduction import Reduction, reduction_of
 from tumblecal.recordings.still.blocks import blocks_of, pieces_of
 from tumblecal.recordings.still.stillness import Stillness, still_intervals
-from tumblecal.data.parquet import scan_parquet
-from tumblecal.data.positions import PositionSet, attitudes_of
-from tumblecal.ground.errors import InputError
 
 
 # Names, alpha and beta (deg), and approach of positions; None for unknown ones.

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tumblecal.capture.capture_plan import CapturePlan, names_of
-from tumblecal.recordings.still.rough_sensor import rough_sensor
 from tumblecal.data.gravity_size import sphere_of
+from tumblecal.recordings.still.rough_sensor import rough_sensor
 
 
 # Tolerance of a position before bias and scale are known: half the distance to the next direction, at most this.

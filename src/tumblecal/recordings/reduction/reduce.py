@@ -24,7 +24,6 @@ from tumblecal.capture.journal import (
 from tumblecal.capture.log import RecordKind, read_log
 from tumblecal.capture.protocols import Protocol, protocol
 from tumblecal.capture.protocols.stim300 import settings_of
-from tumblecal.recordings.reduction.reduction import Reduction, reduction_of
 from tumblecal.capture.run.dwell import losses_of
 from tumblecal.capture.run.run_folder import plan_of_run
 from tumblecal.data.joined_clocks import TIME_SPEED, TIME_ZERO, moment
@@ -33,6 +32,7 @@ from tumblecal.data.positions import PositionSet
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 from tumblecal.ground.suggested_command import suggested
+from tumblecal.recordings.reduction.reduction import Reduction, reduction_of
 
 
 def unconfirmed(state: RunState, attempts: Sequence[Attempt]) -> list[int]:

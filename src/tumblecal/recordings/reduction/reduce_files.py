@@ -10,8 +10,14 @@ from numpy.typing import NDArray
 
 from tumblecal.capture.capture_plan import CapturePlan, names_of
 from tumblecal.capture.journal import sha256_of
+from tumblecal.data.parquet import scan_parquet
+from tumblecal.ground.atomic import scratch_folder
+from tumblecal.ground.errors import InputError
+from tumblecal.ground.frames import gravity_in_head
+from tumblecal.ground.gravity import stated_gravity, unit_in_g
 from tumblecal.recordings.guesses import guessed
 from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptions
+from tumblecal.recordings.recording import Recording
 from tumblecal.recordings.reduction.file_positions import FilePosition, FilePositions, at_step
 from tumblecal.recordings.reduction.file_stream import FilePart, guesses_of, rate_of_files, with_clocks, write_files
 from tumblecal.recordings.reduction.means_at_rest import check_still, reduced_at_rest, stillness_of
@@ -25,14 +31,8 @@ from tumblecal.recordings.reduction.still_by_file import (
     within_files,
     without_still,
 )
-from tumblecal.recordings.recording import Recording
 from tumblecal.recordings.still.intervals import Interval
 from tumblecal.recordings.still.stillness import Stillness
-from tumblecal.data.parquet import scan_parquet
-from tumblecal.ground.atomic import scratch_folder
-from tumblecal.ground.errors import InputError
-from tumblecal.ground.frames import gravity_in_head
-from tumblecal.ground.gravity import stated_gravity, unit_in_g
 
 
 # Directions closer than this are equal for gravity.

@@ -9,8 +9,17 @@ import polars as pl
 
 from tumblecal.capture.capture_plan import CapturePlan, read_plan
 from tumblecal.capture.journal import sha256_of
+from tumblecal.data.parquet import read_parquet, scan_parquet
+from tumblecal.data.position_comments import ATTITUDES, UNKNOWN
+from tumblecal.data.positions import PositionSet
+from tumblecal.data.raw import Raw, read_raw
+from tumblecal.ground.atomic import scratch_folder
+from tumblecal.ground.errors import InputError
+from tumblecal.ground.gravity import STANDARD, comments_of, stated_gravity, unit_in_g
 from tumblecal.recordings.guesses import guessed
 from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptions
+from tumblecal.recordings.reading import read_recording
+from tumblecal.recordings.recording import Recording
 from tumblecal.recordings.reduction.axis_checks import require_axes_answer
 from tumblecal.recordings.reduction.means_at_rest import (
     Attitudes,
@@ -23,16 +32,7 @@ from tumblecal.recordings.reduction.means_at_rest import (
 from tumblecal.recordings.reduction.plan_match import PlanMatch, in_plan, matched
 from tumblecal.recordings.reduction.reduce_table import reduce_table
 from tumblecal.recordings.reduction.reduction import Reduction
-from tumblecal.recordings.recording import Recording
-from tumblecal.recordings.recording import read_recording
 from tumblecal.recordings.still.stillness import Stillness
-from tumblecal.data.parquet import read_parquet, scan_parquet
-from tumblecal.data.position_comments import ATTITUDES, UNKNOWN
-from tumblecal.data.positions import PositionSet
-from tumblecal.data.raw import Raw, read_raw
-from tumblecal.ground.atomic import scratch_folder
-from tumblecal.ground.errors import InputError
-from tumblecal.ground.gravity import STANDARD, comments_of, stated_gravity, unit_in_g
 
 
 @dataclass(frozen=True)

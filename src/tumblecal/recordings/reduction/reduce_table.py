@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 
 from tumblecal.capture.capture_plan import names_of
 from tumblecal.capture.journal import sha256_of
-from tumblecal.recordings.reduction.position_samples import FEWEST, labels_of, rate_of, stated_rate
-from tumblecal.recordings.reduction.reduction import Reduction, reduction_of
 from tumblecal.data.cells import labels_in
 from tumblecal.data.position_comments import ATTITUDES, UNKNOWN
 from tumblecal.data.positions import PositionSet, attitudes_of, stretches
@@ -20,6 +18,8 @@ from tumblecal.data.raw import Raw, read_raw
 from tumblecal.data.table import TIME_CLOCK
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import STANDARD, comments_of
+from tumblecal.recordings.reduction.position_samples import FEWEST, labels_of, rate_of, stated_rate
+from tumblecal.recordings.reduction.reduction import Reduction, reduction_of
 
 
 _SETTINGS = ("alpha_deg", "beta_deg", "approach")

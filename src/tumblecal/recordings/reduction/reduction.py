@@ -13,8 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tumblecal.recordings.reduction.axis_checks import require_axes_answer
-from tumblecal.recordings.reduction.dwell_checks import DwellChecks, check_dwell
 from tumblecal.data.files import write_positions
 from tumblecal.data.positions import PositionSet
 from tumblecal.ground.atomic import write_text
@@ -25,6 +23,8 @@ from tumblecal.noise.dwell_fit import ordinary_dwells
 from tumblecal.noise.dwell_sd import batch_means_sd, sd_of_means, white_sd
 from tumblecal.noise.recorded import NOISE_MODEL, RecordedNoise
 from tumblecal.noise.within_dwells import WithinDwells, within_dwells_comments, without_common_change
+from tumblecal.recordings.reduction.axis_checks import require_axes_answer
+from tumblecal.recordings.reduction.dwell_checks import DwellChecks, check_dwell
 
 
 @dataclass(frozen=True)

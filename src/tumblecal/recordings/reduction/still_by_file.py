@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from tumblecal.ground.errors import InputError
 from tumblecal.recordings.options import Criterion
 from tumblecal.recordings.reduction.file_stream import FilePart
 from tumblecal.recordings.still.stillness import Interval, Stillness
-from tumblecal.ground.errors import InputError
 
 
 # Intervals of a file whose attitude differs by more than this from its longest one are of a different position, deg.

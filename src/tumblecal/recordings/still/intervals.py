@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tumblecal.ground.axes import AXES
 from tumblecal.recordings.still.blocks import SignalBlocks
 from tumblecal.recordings.still.rough_sensor import rough_sensor
 from tumblecal.recordings.still.windows import Windows
-from tumblecal.ground.axes import AXES
 
 
 @dataclass(frozen=True)

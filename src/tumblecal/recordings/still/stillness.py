@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from tumblecal.ground.gravity import STANDARD, unit_in_g
 from tumblecal.recordings.options import Criterion
 from tumblecal.recordings.still.blocks import SignalBlocks
 from tumblecal.recordings.still.intervals import Interval, judged
 from tumblecal.recordings.still.windows import Windows, trimmed, windows_of
-from tumblecal.ground.gravity import STANDARD, unit_in_g
 
 
 # A knock of up to this many blocks, with the same mean before and after it, does not split an interval.

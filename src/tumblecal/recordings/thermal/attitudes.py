@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tumblecal.capture.capture_plan import CapturePlan
+from tumblecal.data.parquet import scan_parquet
 from tumblecal.recordings.options import KnownContext
 from tumblecal.recordings.reduction.file_positions import FilePosition
 from tumblecal.recordings.reduction.plan_match import matched
 from tumblecal.recordings.still.intervals import Interval
 from tumblecal.recordings.thermal.series import Attitude, RecordingSeries
-from tumblecal.data.parquet import scan_parquet
 
 
 ONE_ATTITUDE_G = 2 * float(np.sin(np.radians(10.0) / 2))

@@ -12,14 +12,14 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import NDArray
 
+from tumblecal.ground.blas import single_blas_thread
+from tumblecal.noise.dwell_sd import sd_of_means
+from tumblecal.noise.recorded import RecordedNoise
 from tumblecal.recordings.thermal.branches import Branches, branches_of
 from tumblecal.recordings.thermal.rounding import noise_before_rounding, rounding_sd
 from tumblecal.recordings.thermal.series import ThermalSeries
 from tumblecal.recordings.thermal.smoothed_temperature import TemperatureCourse, temperature_course
 from tumblecal.recordings.thermal.thermal_table import ThermalTable
-from tumblecal.ground.blas import single_blas_thread
-from tumblecal.noise.dwell_sd import sd_of_means
-from tumblecal.noise.recorded import RecordedNoise
 
 
 # Default width: this share of the range, and at least so many resolution steps and standard deviations of the thermometer.

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from tumblecal.recordings.still.blocks import SignalBlocks, pieces_of, without_single_outliers
 from tumblecal.data.conditions import are_kelvin, temperature_faults
 from tumblecal.ground.errors import InputError
+from tumblecal.recordings.still.blocks import SignalBlocks, pieces_of, without_single_outliers
 
 
 COLUMN = "temperature_degc"

@@ -11,12 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tumblecal.capture.journal import JOURNAL_NAME
-from tumblecal.recordings.options import KnownContext, RecordingOptions
-from tumblecal.recordings.reduction.reduce import reduce
-from tumblecal.recordings.reduction.reduce_recording import means_of
-from tumblecal.recordings.thermal.attitudes import grouped
-from tumblecal.recordings.thermal.branches import stretches_of_temperature, threshold_of, with_soaks
-from tumblecal.recordings.thermal.thermal_table import ThermalTable, joined
 from tumblecal.data.conditions import are_kelvin, temperature_faults
 from tumblecal.data.files import read_positions
 from tumblecal.data.positions import PositionSet
@@ -24,6 +18,12 @@ from tumblecal.data.raw import column_names
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.soaks import soak_numbers
+from tumblecal.recordings.options import KnownContext, RecordingOptions
+from tumblecal.recordings.reduction.reduce import reduce
+from tumblecal.recordings.reduction.reduce_recording import means_of
+from tumblecal.recordings.thermal.attitudes import grouped
+from tumblecal.recordings.thermal.branches import stretches_of_temperature, threshold_of, with_soaks
+from tumblecal.recordings.thermal.thermal_table import ThermalTable, joined
 
 
 # This many consecutive rows of one position are samples of a recording.

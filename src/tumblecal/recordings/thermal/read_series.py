@@ -10,15 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tumblecal.capture.capture_plan import CapturePlan
-from tumblecal.data.column_names import parsed
-from tumblecal.data.column_names import WORDS
+from tumblecal.data.column_names import WORDS, parsed
+from tumblecal.ground.atomic import scratch_folder
+from tumblecal.ground.errors import InputError
+from tumblecal.ground.gravity import stated_gravity, unit_in_g
 from tumblecal.recordings.guesses import guessed
 from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptions
+from tumblecal.recordings.reading import read_recording
+from tumblecal.recordings.recording import Recording
 from tumblecal.recordings.reduction.file_positions import FilePosition
 from tumblecal.recordings.reduction.means_at_rest import check_still, stillness_of
 from tumblecal.recordings.reduction.reduce_recording import stated_comments
-from tumblecal.recordings.recording import Recording
-from tumblecal.recordings.recording import Recording, read_recording
 from tumblecal.recordings.still.blocks import LONGEST_STEP_S
 from tumblecal.recordings.still.intervals import Interval, blocks_of_interval
 from tumblecal.recordings.still.stillness import Stillness
@@ -27,9 +29,6 @@ from tumblecal.recordings.thermal.block_temperature import block_temperatures, s
 from tumblecal.recordings.thermal.series import Attitude, RecordingSeries, ThermalSeries
 from tumblecal.recordings.thermal.smoothed_temperature import resolution_of
 from tumblecal.recordings.thermal.steps import Step, steps_of
-from tumblecal.ground.atomic import scratch_folder
-from tumblecal.ground.errors import InputError
-from tumblecal.ground.gravity import stated_gravity, unit_in_g
 
 
 # Names of columns in units that are not converted.

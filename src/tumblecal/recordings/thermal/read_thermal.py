@@ -7,10 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from tumblecal.capture.capture_plan import read_plan
+from tumblecal.data.positions import PositionSet
+from tumblecal.ground.counted import counted
+from tumblecal.ground.errors import InputError
 from tumblecal.recordings.guesses import guessed
 from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptions
-from tumblecal.recordings.reduction.file_positions import FilePosition, positions_by_table
 from tumblecal.recordings.recording import Recording
+from tumblecal.recordings.reduction.file_positions import FilePosition, positions_by_table
 from tumblecal.recordings.thermal.attitudes import labelled
 from tumblecal.recordings.thermal.bins import BINS, binned, course_of, default_width
 from tumblecal.recordings.thermal.branches import Branches
@@ -19,9 +22,6 @@ from tumblecal.recordings.thermal.read_series import RecordingSeries, read_serie
 from tumblecal.recordings.thermal.series import ThermalSeries
 from tumblecal.recordings.thermal.smoothed_temperature import TemperatureCourse
 from tumblecal.recordings.thermal.thermal_table import ThermalTable, joined
-from tumblecal.data.positions import PositionSet
-from tumblecal.ground.counted import counted
-from tumblecal.ground.errors import InputError
 
 
 # The temperature is constant if it changes by less than this many resolution steps, and standard deviations of its noise.

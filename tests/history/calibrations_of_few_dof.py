@@ -1,11 +1,8 @@
-"""False alarms and power of the tests of `compare` and `check` where the noise was estimated from few degrees of freedom.
+"""Calibrations whose noise was estimated from few degrees of freedom, for the tests of `compare` and `check`.
 
-`python benchmarks/few_dof.py [count]` draws hand-held calibrations: 9 parameters and 2 tilts of each of 12, 15, 20, 30
-attitudes, so 3, 6, 11 and 21 degrees of freedom, in random attitudes with noise of 1. Nothing moved, or one bias by 4 of the sd
-stated of its change. A line each: how many have p below 0.05, 0.01, 0.001 and 1e-4, by the law used and by chi-square.
+Hand-held calibrations: 9 parameters and 2 tilts of each of 12, 15, 20, 30 attitudes, so 3, 6, 11 and 21 degrees of freedom,
+in random attitudes with noise of 1. Nothing moved, or one bias by some of the sd stated of its change.
 """
-
-import sys
 
 import numpy as np
 from scipy.special import gammaincc
@@ -13,7 +10,6 @@ from scipy.special import gammaincc
 from tumblecal.history.few_dof import no_change
 
 
-LEVELS = (0.05, 0.01, 1e-3, 1e-4)
 ALL, BIASES = np.arange(9), np.arange(3, 6)
 # Attitudes that a matrix of this condition comes from determine nothing.
 _CONDITION = 1e6
@@ -57,35 +53,3 @@ def told(
         tails.append(tail)
         plain.append(float(gammaincc(dof / 2, t2 / 2)))
     return tails, plain
-
-
-def main(count: int) -> None:
-    """Print the table."""
-    shown = " ".join(f"p<{level:g}".rjust(8) for level in LEVELS)
-    print(f"{'':44} {shown} | chi-square: {shown}")
-    for words, chosen, sets, options in cases():
-        shares = [
-            " ".join(f"{np.mean(np.array(part) < level):8.4f}" for level in LEVELS)
-            for part in told(count, chosen, sets, **options)
-        ]
-        print(f"{words:44} {shares[0]} | {'':11} {shares[1]}", flush=True)
-
-
-def cases() -> list[tuple[str, np.ndarray, tuple[int, ...], dict]]:
-    """What is compared: words, parameters, attitudes of each calibration, options."""
-    listed = []
-    for n, dof in ((12, 3), (15, 6), (20, 11), (30, 21)):
-        listed += [
-            (f"{dof}, {dof} dof: 9 parameters", ALL, (n, n), {}),
-            (f"{dof}, {dof} dof: biases", BIASES, (n, n), {}),
-        ]
-        listed += [(f"{dof}, {dof} dof: biases, one by 4 sd", BIASES, (n, n), {"shift": 4.0})]
-    listed += [("stated: 9 parameters", ALL, (12, 12), {"known": True})]
-    listed += [("stated: biases, one by 4 sd", BIASES, (12, 12), {"known": True, "shift": 4.0})]
-    listed += [("3, 21 dof: 9 parameters", ALL, (12, 30), {}), ("3, 21 dof: biases", BIASES, (12, 30), {})]
-    listed += [("3, 3 dof, noise 1 and 5: 9 parameters", ALL, (12, 12), {"sds": (1.0, 5.0)})]
-    return listed
-
-
-if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 1000)

@@ -1,7 +1,7 @@
 """What each export target computes from its own file: the formulas of the devices and programs, in plain numpy.
 
 Nothing of tumblecal is imported: every function parses the exported text and applies it as the target does. The sources are
-cited at each function. Tests and benchmarks call `applied`.
+cited at each function. Tests call `applied`.
 """
 
 import ctypes

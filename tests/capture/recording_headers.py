@@ -1,32 +1,46 @@
-"""Recordings with the headers of loggers, phones, ROS, autopilots and vendors: does `tumblecal import` take the right columns?
+"""Files with the headers of loggers, phones, ROS, autopilots and vendors: `recording_headers.toml` explains the codes.
 
-    python benchmarks/recordings_as_people_have_them.py --files 2000 --seed 1
-
-Each file has one of the headers of `recording_headers.toml` or none, its columns and axes in another order, a prefix,
-another case, offsets of 0 to 0.6 g, 20 to 2000 Hz, 6 to 20 attitudes at rest or one. Judged by the numbers that are
-written: the accelerations with gravity of the sensor (correct), exit 2 with an option to paste (question), exit 2 without
-one (refused), anything else (WRONG).
-A file without a header keeps the order x, y, z: nothing in it could show another.
+Columns and axes may be in another order, with a prefix or another case; offsets of 0 to 0.6 g, attitudes at rest or one.
 """
 
-import argparse
-import contextlib
-import io
 import re
-import sys
-import time
-from collections import Counter
-from collections.abc import Mapping
+import tomllib
+from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
-
-from recording_headers import HEADERS, Header
 
 
 TURN_ROWS, MOST_ROWS = 25, 6000
 UNITS = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
+
+
+@dataclass(frozen=True)
+class Header:
+    """A header line.
+
+    **Arguments:**
+
+    - `source`: the program that writes it. `names`: of the columns, in order; `codes`: the quantities in them.
+    - `separator`: between cells. `per_g`: how many of its unit make one g; `per_dps` one deg/s.
+    - `asks`: whether a question is the right answer (no gravity in it, or two sensors).
+    """
+
+    source: str
+    names: tuple[str, ...]
+    codes: tuple[str, ...]
+    separator: str = ","
+    per_g: float = 9.80665
+    per_dps: float = 1.0
+    asks: bool = False
+
+
+def _header(names: str, codes: str, separator: str = ",", **more) -> Header:
+    return Header(names=tuple(names.split(separator)), codes=tuple(codes.split()), separator=separator, **more)
+
+
+_TABLE = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
+HEADERS = [_header(**header) for header in _TABLE["headers"]]
 
 
 def motion(rng: np.random.Generator, rate_hz: float, attitudes: int) -> dict[str, np.ndarray]:
@@ -131,91 +145,3 @@ def shuffled(header: Header, rng: np.random.Generator) -> list[int]:
     groups = [groups[k] for k in rng.permutation(len(groups))] if rng.random() < 0.5 else groups
     indexed = "012" in re.sub(r"\D", "", "".join(header.names))
     return [k for group in groups for k in (rng.permutation(group) if rng.random() < 0.5 and not indexed else group)]
-
-
-def in_axes(header: Header) -> list[int]:
-    """Times, accelerations, rates and fields of a file without a header, each triple as x, y, z."""
-    triples = {kind: sorted((code, k) for k, code in enumerate(header.codes) if code[0] == kind) for kind in "agm"}
-    others = [k for k, code in enumerate(header.codes) if code[0] in "tagm" and code not in ("tclock", "tdate")]
-    return [triples[header.codes[k][0]].pop(0)[1] if header.codes[k][0] in triples else k for k in others]
-
-
-def written(path: Path, rng: np.random.Generator) -> tuple[Header, np.ndarray, str]:
-    """A file; returns its header, the accelerations in it (n, 3), and its kind."""
-    header = HEADERS[rng.integers(len(HEADERS))]
-    rate_hz = float(np.exp(rng.uniform(np.log(20), np.log(2000))))
-    attitudes = 1 if rng.random() < 0.1 else int(rng.integers(6, 21))
-    cells, force = columns_of(header, rng, rate_hz, attitudes)
-    bare = rng.random() < 0.25 and not header.asks
-    order = in_axes(header) if bare else shuffled(header, rng)
-    names = renamed(header, rng)
-    separator = header.separator
-    lines = [] if bare else [separator.join(names[k] for k in order)]
-    lines += [separator.join(row) for row in zip(*(cells[k] for k in order), strict=True)]
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    kind = "no header" if bare else "asks" if header.asks else "named"
-    return header, force, f"{kind}, {'one attitude' if attitudes == 1 else 'attitudes'}"
-
-
-def judged(path: Path, out: Path, truth: tuple[Header, np.ndarray, str]) -> tuple[str, str]:
-    """correct, question, refused or WRONG; and what was printed."""
-    import polars as pl
-
-    from tumblecal.cli.commands import run
-
-    header, force, kind = truth
-    out.unlink(missing_ok=True)
-    said, faults = io.StringIO(), io.StringIO()
-    sys.argv = ["tumblecal", "import", str(path), "--out", str(out), "--rate", "100"]
-    with contextlib.redirect_stdout(said), contextlib.redirect_stderr(faults):
-        code = run()
-    if code == 2:
-        return ("question" if "--columns" in faults.getvalue() else "refused"), faults.getvalue()
-    frame = pl.read_parquet(out)
-    taken = frame.select([name for name in frame.columns if re.match("a[xyz]_", name)]).to_numpy()
-    right = not (header.asks and "no header" not in kind) and len(taken) == len(force)
-    right = right and np.allclose(
-        taken,
-        force,
-        rtol=1e-3,
-        atol=header.per_g * (2e-2 if "filtered" in header.source else 1e-4) + (header.per_g >= 256),
-    )
-    return ("correct" if right else "WRONG"), said.getvalue()
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--files", type=int, default=2000)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--keep", type=Path, help="folder for the files that are judged WRONG or refused")
-    asked = parser.parse_args()
-    counts: Counter[tuple[str, str]] = Counter()
-    began = time.monotonic()
-    with TemporaryDirectory() as folder:
-        for k in range(asked.files):
-            rng = np.random.default_rng([asked.seed, k])
-            path, out = Path(folder) / "recording.csv", Path(folder) / "samples.parquet"
-            truth = written(path, rng)
-            verdict, words = judged(path, out, truth)
-            counts[truth[2], verdict] += 1
-            expected = "asks" in truth[2] or "no header" in truth[2] or "one attitude" in truth[2]
-            if verdict in ("WRONG", "refused") or (verdict == "question" and not expected):
-                print(f"{k}: {truth[2]}, {verdict}: {truth[0].source}: {words.strip()[-400:]}", flush=True)
-                if asked.keep:
-                    (asked.keep / f"{k}.csv").write_bytes(path.read_bytes())
-    print(table(counts), f"{time.monotonic() - began:.0f} s, seed {asked.seed}")
-
-
-def table(counts: Mapping[tuple[str, str], int]) -> str:
-    """Verdicts by kinds of files."""
-    verdicts = ("correct", "question", "refused", "WRONG")
-    lines = ["".join([f"{'':24}", *(f"{verdict:>10}" for verdict in verdicts)])]
-    kinds = sorted({kind for kind, _ in counts})
-    for kind in kinds:
-        lines.append("".join([f"{kind:24}", *(f"{counts.get((kind, verdict), 0):10}" for verdict in verdicts)]))
-    total = [sum(counts.get((kind, verdict), 0) for kind in kinds) for verdict in verdicts]
-    return "\n".join([*lines, "".join([f"{'all':24}", *(f"{number:10}" for number in total)]), ""])
-
-
-if __name__ == "__main__":
-    main()
