@@ -1,12 +1,14 @@
 """Files compressed by gzip: any other format, decompressed into a temporary folder."""
 
 import gzip
+import shutil
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
+from weakref import finalize
 
 from tumblecal.ground.decoding import decoding
 from tumblecal.ground.errors import InputError
@@ -24,9 +26,8 @@ _LARGEST_FACTOR, _PIECE = 50, 1 << 22
 def _read(source: Source) -> list[Table]:
     from tumblecal.recordings.formats import tables_of
 
-    # The folder is removed when the last table is no longer in use.
-    folder = tempfile.TemporaryDirectory(prefix="tumblecal-")
-    path, most, size = Path(folder.name) / source.path.stem, _LARGEST_FACTOR * source.path.stat().st_size, 0
+    folder = Path(tempfile.mkdtemp(prefix="tumblecal-"))
+    path, most, size = folder / source.path.stem, _LARGEST_FACTOR * source.path.stat().st_size, 0
 
     @contextmanager
     def named() -> Iterator[None]:
@@ -34,9 +35,10 @@ def _read(source: Source) -> list[Table]:
         try:
             yield
         except InputError as error:
-            raise InputError(
-                [fault.replace(str(Path(folder.name) / path.name), str(source.path)) for fault in error.faults]
-            ) from error
+            raise InputError([fault.replace(str(path), str(source.path)) for fault in error.faults]) from error
+
+    # The folder is removed when the last table, or the program, ends.
+    finalize(named, shutil.rmtree, folder, ignore_errors=True)
 
     def kept(table: Table) -> Table:
         def pieces(columns: Sequence[str]) -> Iterator["pl.DataFrame"]:

@@ -18,30 +18,11 @@ from tumblecal.recordings.table import Reader, Source, Table, of_arrays
 _MARK, _FMT, _HEADER = b"\xa3\x95", 0x80, 3
 _STATED = np.dtype([("type", "u1"), ("length", "u1"), ("name", "S4"), ("formats", "S16"), ("fields", "S64")])
 _FORMATS = dict(
-    pair.split(":")
-    for pair in [
-        "b:i1",
-        "B:u1",
-        "h:<i2",
-        "H:<u2",
-        "i:<i4",
-        "I:<u4",
-        "q:<i8",
-        "Q:<u8",
-        "g:<f2",
-        "f:<f4",
-        "d:<f8",
-        "c:<i2",
-        "C:<u2",
-        "e:<i4",
-        "E:<u4",
-        "L:<i4",
-        "M:u1",
-        "n:S4",
-        "N:S16",
-        "Z:S64",
-        "a:V64",
-    ]
+    re.findall(
+        r"(\w):(\S+)",
+        "b:i1 B:u1 h:<i2 H:<u2 i:<i4 I:<u4 q:<i8 Q:<u8 g:<f2 f:<f4 d:<f8 c:<i2 C:<u2 e:<i4 E:<u4 L:<i4 M:u1 "
+        "n:S4 N:S16 Z:S64 a:V64",
+    )
 )
 # Formats of numbers times 100.
 _HUNDREDTHS = "cCeE"

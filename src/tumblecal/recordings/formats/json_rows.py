@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import islice
 from typing import Any
 
@@ -27,7 +27,7 @@ _AROUND = " \t\r,[]\ufeff"
 
 Row = dict[str, object]
 # The numbers and texts (or objects) of the rows from the first on, in pieces.
-Pieces = Callable[[], Iterator[Sequence[tuple[int, str | Row]]]]
+Pieces = Callable[[], Iterable[Sequence[tuple[int, str | Row]]]]
 
 
 def _recognised(path: object, head: bytes) -> bool:
@@ -69,7 +69,7 @@ def _row(given: str | Row) -> Row | None:
 def _read(source: Source) -> list[Table]:
     path = source.path
 
-    def lines() -> Iterator[list[tuple[int, str | Row]]]:
+    def lines() -> Iterator[Sequence[tuple[int, str | Row]]]:
         first = 1
         for piece in pieces_of(path):
             texts = enumerate(piece.decode("utf-8", "replace").split("\n"), first)

@@ -14,7 +14,7 @@ from tumblecal.recordings.table import Reader, Source, Table, library, of_arrays
 _HEADER_SIZE = 16
 _MESSAGE = struct.Struct("<HB")
 _TYPES = frozenset(b"BFIMPQARDLCSO")
-# Flag bits, the first message: eight bytes of compatible flags, eight of others, three places where a later writer appended data.
+# The first message, of flags: eight bytes of compatible ones, eight of others, three places of data appended by a later writer.
 _FLAGS = struct.Struct("<HB8xB7x3Q")
 _TIMES = ("timestamp_sample", "timestamp")
 # https://docs.px4.io/main/en/msg_docs/: the fields of these topics are SI units of the body's axes.
