@@ -33,11 +33,7 @@ def reader_of(path: Path) -> Reader | None:
 
     **Raises:** `InputError` for a source that does not exist, cannot be read or is empty.
     """
-    if not path.exists():
-        raise InputError(f"{path}: no such file or folder")
-    head = _head(path) if path.is_file() else b""
-    if path.is_file() and not head:
-        raise InputError(f"{path}: the file is empty")
+    head = _head(path)
     return next((reader for reader in readers() if reader.recognises(path, head)), None)
 
 
@@ -47,26 +43,33 @@ def tables_of(path: Path, options: RecordingOptions, damage: Damage) -> tuple[Re
     **Raises:** `InputError` for a source that no format recognises or that is damaged, and for a library that is not
     installed.
     """
-    reader = reader_of(path)
-    if reader is None:
-        head = _head(path) if path.is_file() else b""
-        if words := no_text_words(head):
-            raise InputError(f"{path}: this is {words}")
-        if (path / "journal.log").is_file():
-            raise InputError(
-                f"{path}: this is the folder of a capture. For its samples, give {path / 'raw.log'}. For its position "
-                f"means, run: {suggested('reduce', path, less=EVERY)}"
-            )
-        check_zero_bytes(path, head, "text")
-        known = "; ".join(reader.title for reader in readers())
-        words = f": {unknown_words(head)}" if head else ""
-        raise InputError(f"{path}: no format recognises it{words}. Supported formats: {known}")
-    return reader, [table.plain() for table in reader.read(Source(path, options, damage))]
+    if reader := reader_of(path):
+        return reader, [table.plain() for table in reader.read(Source(path, options, damage))]
+    head = _head(path)
+    if words := no_text_words(head):
+        raise InputError(f"{path}: this is {words}")
+    if (path / "journal.log").is_file():
+        raise InputError(
+            f"{path}: this is the folder of a capture. For its samples, give {path / 'raw.log'}. For its position "
+            f"means, run: {suggested('reduce', path, less=EVERY)}"
+        )
+    check_zero_bytes(path, head, "text")
+    words = f": {unknown_words(head)}" if head else ""
+    known = "; ".join(reader.title for reader in readers())
+    raise InputError(f"{path}: no format recognises it{words}. Supported formats: {known}")
 
 
 def _head(path: Path) -> bytes:
+    """The first bytes of a file; none of a folder."""
+    if path.is_dir():
+        return b""
     try:
         with path.open("rb") as file:
-            return file.read(_HEAD)
+            head = file.read(_HEAD)
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file or folder") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+    if not head:
+        raise InputError(f"{path}: the file is empty")
+    return head

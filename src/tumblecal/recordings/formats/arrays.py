@@ -8,7 +8,8 @@ from tumblecal.recordings.table import Reader, Source, Table, tables_of_arrays
 
 
 def _read(source: Source) -> list[Table]:
-    with decoding(source.path, "npz archive"), silenced(), np.load(source.path, allow_pickle=False) as archive:
+    with decoding(source.path, "npz archive"), silenced(), source.path.open("rb") as file:
+        archive = np.load(file, allow_pickle=False)
         infos = archive.zip.infolist()
         needed, there = sum(info.file_size for info in infos), source.path.stat().st_size
         require_size(source.path, "its arrays", needed, 100 * there, "save them again")

@@ -24,9 +24,9 @@ def arrays_of(path: Path) -> dict[str, np.ndarray]:
     arrays: dict[str, np.ndarray] = {}
 
     def collect(name: str, item: Any) -> None:
-        if not isinstance(item, h5py.Dataset) or item.ndim not in (1, 2) or name.startswith("#"):
-            return
-        if not (item.dtype.names or item.dtype.kind in "iufb"):
+        with_numbers = isinstance(item, h5py.Dataset) and (item.dtype.names or item.dtype.kind in "iufb")
+        # Objects of MATLAB are references to values in the group #subsystem#.
+        if not with_numbers or item.ndim not in (1, 2) or name.startswith("#") or "MATLAB_object_decode" in item.attrs:
             return
         if item.external or item.is_virtual:
             raise InputError(
@@ -35,10 +35,8 @@ def arrays_of(path: Path) -> dict[str, np.ndarray]:
         # Chunks that were never written have no size in the file, but in memory.
         held = item.id.get_num_chunks() * int(np.prod(item.chunks)) if item.chunks else item.size
         require_size(path, f"{name}: {item.size} values", item.nbytes, held * item.dtype.itemsize, _EXPORT)
-        if item.dtype.names:
-            arrays.update({f"{name}/{field}": item[field] for field in item.dtype.names})
-        else:
-            arrays[name] = item[()]
+        values = item[()]
+        arrays.update({f"{name}/{field}": values[field] for field in item.dtype.names or ()} or {name: values})
 
     with decoding(path, "HDF5 file"), silenced(), h5py.File(path, "r") as file:
         file.visititems(collect)

@@ -6,9 +6,8 @@ are therefore removed first, and the grid is bounded.
 
 import re
 import zipfile
-from collections.abc import Iterator
+from functools import reduce
 from io import BytesIO
-from pathlib import Path
 
 import polars as pl
 
@@ -17,9 +16,8 @@ from tumblecal.recordings.memory import require_size
 from tumblecal.recordings.table import Reader, Source, Table, library, of_arrays
 
 
-# The sheets of .xls; where those of .xlsx are.
-_XLS = "sheets"
-_SHEETS = "xl/worksheets/"
+# The part of the sheets of .xls; of .ods; the folder of those of .xlsx.
+_XLS, _ODS, _XLSX = "sheets", "content.xml", "xl/worksheets/"
 _EXPORT = "it is damaged, or most of its cells are empty: export the used columns and rows again"
 # Bytes of a cell in memory: in the grid of the library and in the columns made from it.
 _CELL_BYTES = 80
@@ -35,67 +33,51 @@ _XLS_CELL = re.compile(rb"(?:\x03\x02\x0e\x00|\xfd\x00\x0a\x00|\x7e\x02\x0a\x00)
 
 
 def _read(source: Source) -> list[Table]:
-    library("fastexcel", source.path)
-    with decoding(source.path, "spreadsheet"), silenced():
-        zipped = zipfile.is_zipfile(source.path)
-        content = _bounded(source.path) if zipped else source.path
-        if not zipped:
-            _require_grid(source.path, _XLS, source.path.read_bytes())
-        sheets = pl.read_excel(content, sheet_id=0, raise_if_empty=False)
-    tables = []
-    for name, sheet in sheets.items():
-        if len(sheet):
-            tables.append(of_arrays(name, {column: sheet[column].to_numpy() for column in sheet.columns}, sheet=True))
-    return tables
+    path = source.path
+    library("fastexcel", path)
+    with decoding(path, "spreadsheet"), silenced():
+        parts = {_XLS: path.read_bytes()}
+        if zipfile.is_zipfile(path):
+            with zipfile.ZipFile(path) as archive:
+                parts = {part: archive.read(part) for part in archive.namelist()}
+        used = {part: _BLANK.sub(b"", xml) if part.startswith(_XLSX) else xml for part, xml in parts.items()}
+        for part, content in used.items():
+            for rows, columns in _grids(part, content):
+                what = f"{part}: {rows} rows of {columns} columns up to the last cell"
+                require_size(path, what, rows * columns * _CELL_BYTES, len(content), _EXPORT)
+        sheets = pl.read_excel(path if used == parts else _archive(used), sheet_id=0, raise_if_empty=False)
+    return [
+        of_arrays(name, {column: sheet[column].to_numpy() for column in sheet.columns}, sheet=True)
+        for name, sheet in sheets.items()
+        if len(sheet)
+    ]
 
 
-def _bounded(path: Path) -> Path | BytesIO:
-    """The file, or its content without blank cells.
-
-    **Raises:** `InputError` for a sheet whose grid is too large; `zipfile.BadZipFile` for a wrong checksum.
-    """
-    with zipfile.ZipFile(path) as archive:
-        parts = {part: archive.read(part) for part in archive.namelist()}
-    sheets = {part: _BLANK.sub(b"", xml) for part, xml in parts.items() if part.startswith(_SHEETS)}
-    for part, xml in (parts | sheets).items():
-        _require_grid(path, part, xml)
-    if all(parts[part] == xml for part, xml in sheets.items()):
-        return path
+def _archive(parts: dict[str, bytes]) -> BytesIO:
     copied = BytesIO()
     with zipfile.ZipFile(copied, "w") as copy:
-        for part, xml in (parts | sheets).items():
-            copy.writestr(part, xml)
+        for part, content in parts.items():
+            copy.writestr(part, content)
     return copied
 
 
-def _require_grid(path: Path, part: str, content: bytes) -> None:
-    for rows, columns in _grids(part, content):
-        what = f"{part}: {rows} rows of {columns} columns up to the last cell"
-        require_size(path, what, rows * columns * _CELL_BYTES, len(content), _EXPORT)
-
-
-def _grids(part: str, xml: bytes) -> Iterator[tuple[int, int]]:
-    """Rows and columns of the grid of a sheet; of .xls, whose sheets are in one stream, of the largest."""
+def _grids(part: str, content: bytes) -> list[tuple[int, int]]:
+    """Rows and columns of the grids of a part; of .xls, whose sheets are in one stream, of the largest."""
+    if part == _ODS:
+        rows = [(_repeats(row[1]), sum(map(_repeats, _VALUE.findall(row[2])))) for row in _ROW.finditer(content)]
+        return [row for row in rows if row[1]]
+    cells = [(0, 0)]
     if part == _XLS:
-        cells = [(int.from_bytes(found[1], "little"), found[2][0]) for found in _XLS_CELL.finditer(xml)]
-        yield max((row for row, _ in cells), default=-1) + 1, max((column for _, column in cells), default=-1) + 1
-    if part.startswith(_SHEETS):
-        rows = columns = 0
-        for found in _CELL.finditer(xml):
-            columns, rows = max(columns, _column(found[1])), max(rows, int(found[2]))
-        yield rows, columns
-    elif part == "content.xml":
-        for row in _ROW.finditer(xml):
-            values = sum(_repeats(cell[0]) for cell in _VALUE.finditer(row[2]))
-            yield _repeats(row[1]) if values else 0, values
+        cells += [(int.from_bytes(row, "little") + 1, column[0] + 1) for row, column in _XLS_CELL.findall(content)]
+    elif part.startswith(_XLSX):
+        cells += [(int(row), _number(letters)) for letters, row in _CELL.findall(content)]
+    rows, columns = map(max, zip(*cells, strict=True))
+    return [(rows, columns)]
 
 
-def _column(letters: bytes) -> int:
+def _number(letters: bytes) -> int:
     """Number of a column from its letters: A is 1, XFD is 16384."""
-    number = 0
-    for letter in letters:
-        number = 26 * number + letter - ord("A") + 1
-    return number
+    return reduce(lambda number, letter: 26 * number + letter - ord("@"), letters, 0)
 
 
 def _repeats(tag: bytes) -> int:
@@ -103,10 +85,5 @@ def _repeats(tag: bytes) -> int:
     return int(found[1]) if found else 1
 
 
-READER = Reader(
-    "spreadsheet",
-    lambda path, head: (
-        path.suffix.lower() in (".xlsx", ".xlsm", ".ods", ".xls") and head[:4] in (b"PK\x03\x04", b"\xd0\xcf\x11\xe0")
-    ),
-    _read,
-)
+_SUFFIXES, _MAGICS = (".xlsx", ".xlsm", ".ods", ".xls"), (b"PK\x03\x04", b"\xd0\xcf\x11\xe0")
+READER = Reader("spreadsheet", lambda path, head: path.suffix.lower() in _SUFFIXES and head.startswith(_MAGICS), _read)

@@ -4,8 +4,6 @@ A log begins with the messages that state the configuration; the samples are MTD
 SampleTimeFine counts steps of 0.1 ms. MT Low-Level Communication Protocol Documentation, section 4.
 """
 
-from pathlib import Path
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,29 +16,36 @@ from tumblecal.ground.errors import InputError
 from tumblecal.recordings.table import Reader, Source, Table, of_arrays
 
 
-_PREAMBLE, _MASTER = b"\xfa", 0xFF
+_PREAMBLE, _MASTER, _FEWEST = b"\xfa", 0xFF, 3
 _TICKS_PER_S = 1e4
-_FEWEST = 3
 # Bytes that are searched, and messages that are decoded, at once.
 _PIECE, _BLOCK = 1 << 22, 1 << 16
-_Layout = list[tuple[int, int, int]]
 
 
 def _read(source: Source) -> list[Table]:
     data = np.memmap(source.path, np.uint8, "r")
     starts, sizes = _messages(data)
-    begins, ends = np.append(starts, len(data)), np.append(0, starts + sizes)
-    if skipped := int((begins - ends).sum()):
-        first = int(ends[np.argmax(begins > ends)])
+    before = starts - np.append(0, starts + sizes)[:-1]
+    if skipped := len(data) - int(sizes.sum()):
+        first = int((starts - before)[before > 0][0]) if before.any() else int(sizes.sum())
         source.damage.report(
             f"{counted(skipped, 'byte')} outside messages with a correct sum, the first at byte {first}: left out"
         )
     measured = data[starts + 2] == MTDATA2
     starts, sizes = starts[measured], sizes[measured]
+    tables, refused = list[Table](), list[str]()
+
+    def decode(starts: NDArray[np.int64], size: int, layout: list[tuple[int, int, int]]) -> Samples | None:
+        samples = samples_of(data, starts, layout)
+        refused.extend(filter(None, [no_force_words(layout)] if samples is None else []))
+        return samples
+
     buses = data[starts + 1]
-    tables, refused = list[Table](), dict[str, None]()
     for bus in dict.fromkeys(buses.tolist()):
-        samples = _decoded(data, starts[buses == bus], sizes[buses == bus], refused)
+        own = np.flatnonzero(buses == bus)
+        blocks = [own[first : first + _BLOCK] for first in range(0, len(own), _BLOCK)]
+        found = [Found(starts[block], sizes[block], len(data)) for block in blocks]
+        samples = joined([decoded_by_layout(data, one, 0, layout_of, decode) for one in found])
         good = samples.status == 0
         if not good.any():
             continue
@@ -59,55 +64,34 @@ def _read(source: Source) -> list[Table]:
 
 def _messages(data: NDArray[np.uint8]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Starts and sizes of all messages; the file is searched in pieces."""
-    parts, at = [(np.zeros(0, np.int64),) * 2], 0
+    starts, sizes, at = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], 0
     while at < len(data):
         last = at + _PIECE >= len(data)
         found = messages_in(data[at : at + _PIECE], _PREAMBLE, final=last)
-        parts.append((found.starts + at, found.sizes))
+        starts.append(found.starts + at)
+        sizes.append(found.sizes)
         at = len(data) if last else at + max(found.limit, 1)
-    starts, sizes = map(np.concatenate, zip(*parts, strict=True))
-    return starts, sizes
-
-
-def _decoded(
-    data: NDArray[np.uint8], starts: NDArray[np.int64], sizes: NDArray[np.int64], refused: dict[str, None]
-) -> Samples:
-    """The samples of messages."""
-
-    def decode(starts: NDArray[np.int64], size: int, layout: _Layout) -> Samples | None:
-        samples = samples_of(data, starts, layout)
-        if samples is None and (why := no_force_words(layout)):
-            refused[why] = None
-        return samples
-
-    return joined(
-        [
-            decoded_by_layout(data, Found(starts[block], sizes[block], len(data)), 0, layout_of, decode)
-            for first in range(0, len(starts), _BLOCK)
-            for block in [slice(first, first + _BLOCK)]
-        ]
-    )
+    return np.concatenate(starts), np.concatenate(sizes)
 
 
 def _columns(samples: Samples, good: NDArray[np.bool_]) -> dict[str, NDArray[np.float64]]:
     columns = table_of(samples[good], columns_of(samples[good]))
     del columns["counter"], columns["status"]
-    ticks = samples.clock
-    if np.isfinite(ticks).all():
-        # The counter of 32 bits overflows after five days.
-        steps = np.diff(ticks) + np.where(np.diff(ticks) < -(2.0**31), 2.0**32, 0.0)
-        times = (ticks[0] + np.concatenate([[0.0], np.cumsum(steps)])) / _TICKS_PER_S
-        columns = {"time_s": times[good], **columns}
-    return columns
+    if not np.isfinite(samples.clock).all():
+        return columns
+    # The counter of 32 bits overflows after five days.
+    steps = np.diff(samples.clock, prepend=0.0)
+    ticks = np.cumsum(steps + np.where(steps < -(2.0**31), 2.0**32, 0.0))
+    return {"time_s": ticks[good] / _TICKS_PER_S, **columns}
 
 
-def _recognised(path: Path, head: bytes) -> bool:
-    """Whether a file begins with contiguous messages; the last may extend beyond the head."""
+def _recognised(path: object, head: bytes) -> bool:
+    """Whether a file begins with contiguous messages."""
     found = messages_in(np.frombuffer(head, np.uint8), _PREAMBLE, final=True)
-    ends = found.starts + found.sizes
-    count = int(np.argmin(np.append(found.starts == np.append(0, ends)[:-1], False)))
-    at = int(ends[count - 1]) if count else 0
-    return count >= _FEWEST or (count > 0 and head[at : at + 1] == _PREAMBLE and at + (1 << 15) > len(head))
+    return (
+        int((found.starts + found.sizes)[:_FEWEST][-1:].sum()) == int(found.sizes[:_FEWEST].sum())
+        and len(found.sizes) >= _FEWEST
+    )
 
 
 READER = Reader("Xsens .mtb (Xbus messages)", _recognised, _read)
