@@ -91,7 +91,8 @@ def _read(source: Source) -> list[Table]:
         for name, value in kind.values(log)[["Name", "Value"]].tolist()
         if value == 1 and (match := _CORRECTION.fullmatch(name))
     }
-    tables = [table for kind in kinds if {*kind.fields} >= FORCE for table in _tables(kind, kind.values(log), enabled)]
+    found = [(kind, kind.values(log)) for kind in kinds if {*kind.fields} >= FORCE]
+    tables = [table for kind, values in found if values.dtype.names for table in _tables(kind, values, enabled)]
     if skipped:
         source.damage.report(
             f"{counted(skipped, 'byte')} outside messages, the first at byte {first}: messages there are lost"

@@ -171,10 +171,13 @@ def _tables(title: str, pieces: Pieces, row_word: str) -> list[Table]:
     return [table(kind, own) for kind, own in kinds.items()]
 
 
-def _decoded(given: Sequence[str | Row], schema: Mapping[str, pl.DataType]) -> pl.DataFrame | None:
+def _decoded(given: Sequence[str | Row], schema: Mapping[str, Any]) -> pl.DataFrame | None:
     """The cells of lines of objects without objects in them; None if some are other lines, which need more time."""
     try:
         lines = pl.Series(given, dtype=pl.String).str.strip_chars(_AROUND)
+        # Of a name that occurs twice in a line, the decoder reads the first value, and JSON means the last.
+        if any(lines.str.count_matches(json.dumps(name), literal=True).max() != 1 for name in schema):
+            return None
         return lines.str.json_decode(pl.Struct(schema)).struct.unnest()
     except (TypeError, pl.exceptions.PolarsError, pl.exceptions.PanicException):
         return None

@@ -42,7 +42,7 @@ def _check(path: Path) -> None:
     """
     content = np.memmap(path, np.uint8, "r")
     if content[: len(_MCAP)].tobytes() == _MCAP:
-        _check_mcap(content)
+        _check_mcap(content.data)
     elif content[: len(_SQLITE)].tobytes() == _SQLITE:
         # The tables are compared with their indices, including the times of messages.
         with contextlib.closing(sqlite3.connect(f"{path.absolute().as_uri()}?immutable=1", uri=True)) as database:
@@ -51,7 +51,7 @@ def _check(path: Path) -> None:
             raise ValueError(found.splitlines()[-1])
 
 
-def _check_mcap(content: np.ndarray) -> None:
+def _check_mcap(content: memoryview) -> None:
     """Compare the CRC-32 of data and summary, if the writer stated them."""
     at = len(content) - len(_MCAP) - _FOOTER.size
     if at < 0 or content[-len(_MCAP) :].tobytes() != _MCAP:
