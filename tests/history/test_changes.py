@@ -41,7 +41,14 @@ def test_the_repeatability_is_that_of_the_population():
 
 
 @pytest.mark.parametrize(
-    ("dates", "sizes", "least"), [(4, 10, 0.7), (5, 5, 0.35), (5, 10, 0.9), (8, 5, 0.8), (8, 10, 0.98), (12, 5, 0.95)]
+    ("dates", "sizes", "least"),
+    [
+        (5, 10, 0.9),
+        *(
+            pytest.param(*own, marks=pytest.mark.long)
+            for own in ((4, 10, 0.7), (5, 5, 0.35), (8, 5, 0.8), (8, 10, 0.98), (12, 5, 0.95))
+        ),
+    ],
 )
 def test_a_step_is_found_with_its_date_and_its_size(dates, sizes, least):
     """Steps of 5 and 10 repeatability standard deviations, in one parameter and in all biases."""
@@ -61,7 +68,7 @@ def test_a_step_is_found_with_its_date_and_its_size(dates, sizes, least):
     assert np.mean(np.abs(pulls) < 2.2) >= 0.88  # Student's t with eleven degrees of freedom or more: 0.95
 
 
-@pytest.mark.parametrize(("dates", "size", "least"), [(5, 12, 0.85), (12, 8, 0.9)])
+@pytest.mark.parametrize(("dates", "size", "least"), [(5, 12, 0.85), pytest.param(12, 8, 0.9, marks=pytest.mark.long)])
 def test_a_drift_is_found_with_its_rate(dates, size, least):
     rng, named, pulls, count = np.random.default_rng(6), 0, [], 40
     for _ in range(count):

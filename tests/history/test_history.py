@@ -153,13 +153,6 @@ def test_table2_s_runs_are_within_the_paper_s_limits_and_too_few_for_a_change(tu
     assert judged.repeats[1].largest == pytest.approx(max(np.ptp(table[f"bias_{axis}"]) for axis in "xyz"))
 
 
-def test_e_n_beyond_1_are_as_many_as_k_says():
-    en = [trend.en for _ in range(40) for trend in unit_history(results(5), PAPER_LIMITS).trends]
-    assert np.mean(np.abs(en) > 1) == pytest.approx(0.04, abs=0.02)  # k = 2, and a small sd between dates
-    scattered = [trend.en for _ in range(40) for trend in unit_history(results(5, extra=3e-4), PAPER_LIMITS).trends]
-    assert np.mean(np.abs(scattered) > 1) == pytest.approx(0.0455, abs=0.025)  # with the repeatability
-
-
 def test_drift_its_sd_and_the_interval():
     drift, pulls, due = 4e-5, [], []
     for _ in range(15):
