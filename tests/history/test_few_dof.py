@@ -8,6 +8,7 @@ import pytest
 from scipy.special import fdtrc, gammaincc, stdtrit
 from test_history import covariance, results
 
+from few_dof import ALL, BIASES, told
 from tumblecal import InputError
 from tumblecal.data import write_positions
 from tumblecal.data.calibration import read_calibration
@@ -46,6 +47,14 @@ def test_the_behrens_fisher_law_is_that_of_two_student_distributions():
         tail = no_change(np.array([size]), [np.array([[sd**2]]) for sd in sds], dofs)[2]
         share = np.mean(np.abs(drawn[1] - drawn[0]) > size)
         assert tail == pytest.approx(share, abs=4 * np.sqrt(share / 400_000))
+
+
+def test_unmoved_pairs_are_told_to_have_moved_as_seldom_as_they_should():
+    for chosen in (ALL, BIASES):
+        tails, plain = told(250, chosen, (12, 30))
+        assert np.mean(np.array(tails) < 0.05) < 0.05 + 3 * np.sqrt(0.05 * 0.95 / 250) and min(tails) > 1e-4
+    # What chi-square says of the same.
+    assert np.mean(np.array(plain) < 0.05) > 0.1 and min(plain) < 1e-5
 
 
 def test_the_file_states_the_degrees_of_freedom_and_compare_takes_them(tumblecal, tmp_path, table1):

@@ -159,7 +159,13 @@ def test_the_linear_fit_s_error_grows_with_the_square_of_the_size(problem):
     assert np.sqrt(np.mean((linear - truth) ** 2, axis=0)) == pytest.approx(large, rel=0.5)
 
 
-def test_readings_of_another_plan_are_one_message(problem):
+def test_readings_of_another_plan_are_one_message(problem, readings):
+    with pytest.raises(ValueError, match="the truth of given readings is unknown"):
+        tumblecal.fit_many(problem, readings[:1]).coverage()
+    with pytest.raises(InputError, match="first 7: must be a multiple of 1024"):
+        monte_carlo(problem, 10, first=7)
+    with pytest.raises(InputError, match="trials 0: must be at least 1"):
+        coverage(problem, 0)
     with pytest.raises(InputError, match=r"shape \(5, 20, 3\); 24 positions need \(fits, 24, 3\)"):
         tumblecal.fit_many(problem, np.zeros((5, 20, 3)))
 
