@@ -108,6 +108,12 @@ def readings(setup: Setup, nominal: dict[str, np.ndarray], effects: dict[str, np
     level = setup.pitch + (setup.pitch.max() + 1) * mounting
     f = _in_the_fixture(setup, nominal["dbeta"][level], effects)
     f = _in_the_case(setup, f, nominal["dtheta"].reshape(-1, 3)[mounting], mounting, effects)
+    return sensed(setup, f, nominal, effects)
+
+
+def sensed(setup: Setup, f: np.ndarray, nominal: dict[str, np.ndarray], effects: dict[str, np.ndarray]) -> np.ndarray:
+    """Readings of the triad, g, of forces `f` in the frame of its case."""
+    mounting = np.zeros(len(setup.alpha), int) if setup.mounting is None else setup.mounting
     g21, g31, g32 = nominal["gamma"]
     u = np.stack([f[:, 0], f[:, 1] + g21 * f[:, 0], f[:, 2] + g31 * f[:, 0] + g32 * f[:, 1]], axis=1)
     out = (1 + nominal["dK"]) * u + nominal["bias"]
@@ -132,6 +138,7 @@ def readings(setup: Setup, nominal: dict[str, np.ndarray], effects: dict[str, np
         out[:, axis] += size * shapes[kind]
     if "settling" in effects:
         *amplitudes, tau = effects["settling"]
+        level = setup.pitch + (setup.pitch.max() + 1) * mounting
         began = np.array([setup.time_s[np.flatnonzero(level == own)[0]] for own in level])
         out = out + np.exp(-(setup.time_s - began) / tau)[:, None] * np.array(amplitudes)
     return out

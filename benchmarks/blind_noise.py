@@ -1,9 +1,9 @@
-"""One hidden effect in noise that is not as assumed: is the effect named, and is the noise? Population `noise` of `blind`.
+"""One hidden effect in noise that is not as assumed: is the effect named, and is the noise?
 
 Instruments and effects are those of the catalogue study. The assumption is white Gaussian noise, equal on all axes, its sd
 stated or unknown; the truth is one axis five times as noisy, Student's t, noise correlated from position to position, or
 an attitude that every position repeats only to some extent. The effect's size d is the norm of its part that the nominal
-model cannot reach, in the metric of the true noise. `nothing` rows have no effect: there nothing may be named but noise.
+model cannot reach, in the metric of the true noise.
 """
 
 import numpy as np
@@ -20,13 +20,7 @@ tumblecal.enable_float64()
 PLANS = {"3x8": (3, 8), "4x12": (4, 12)}
 TAIL = 2.5
 NOISES = ("unequal", "heavy", "coloured", "attitude")
-LABELS = {
-    "unequal": "noise_unequal",
-    "heavy": "noise_heavy_tail",
-    "coloured": "noise_coloured",
-    "attitude": "noise_attitude",
-}
-KINDS = {f"{noise} {words}": (noise, d) for noise in NOISES for words, d in (("d=10", 10.0), ("nothing", 0.0))}
+LABELS = {noise: f"noise_{noise}" for noise in NOISES} | {"heavy": "noise_heavy_tail"}
 
 
 def covariance(kind: str, setup: blind.Setup, rng: np.random.Generator) -> np.ndarray:

@@ -18,14 +18,14 @@ from in_process import ran
 from tumblecal.capture.capture_plan import read_plan
 from tumblecal.capture.emulator.config import read_emulation
 from tumblecal.capture.protocols import protocols
-from tumblecal.capture.recordings.options import RecordingOptions
-from tumblecal.capture.reduction.position_samples import read_position_samples
-from tumblecal.capture.rows.sample_file import write_samples
 from tumblecal.chain.rig_file import read_rig
 from tumblecal.data.calibration import Calibration, calibration_text
 from tumblecal.data.files import read_positions, write_positions
 from tumblecal.devices import TARGETS
 from tumblecal.effects.catalogue import catalogue, links_and_units
+from tumblecal.recordings.options import RecordingOptions
+from tumblecal.recordings.reading import read_recording as write_samples
+from tumblecal.recordings.reduction.position_samples import read_position_samples
 from tumblecal.studies.study_tables import read_study, rig_of_study
 
 

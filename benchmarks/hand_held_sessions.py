@@ -10,27 +10,18 @@ dwells are drawn for each session.
 
 writes a session of a million rows (250 positions at 1 kHz) as text, for `tumblecal reduce million.csv --static`.
 
-    python benchmarks/hand_held_sessions.py --offset 0.6
-
-adds an offset to each axis, and scale errors of up to 10 %, drawn for each session.
-
-    python benchmarks/hand_held_sessions.py --joined
-
-says the same of faces that follow one another without turns, at all rates, lengths, offsets and kinds of noise.
 """
 
 import argparse
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from itertools import product
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 import polars as pl
 
-from tumblecal.capture.still.blocks import blocks_of
-from tumblecal.capture.still.stillness import still_intervals
+from tumblecal.recordings.still.blocks import blocks_of
+from tumblecal.recordings.still.stillness import still_intervals
 
 
 _EDGE_S = 0.1
@@ -156,34 +147,6 @@ def counts(s: Session, *, with_rates: bool) -> tuple[int, int, int, int]:
     return len(s.still), int(found.sum()), len(spans), int((~within.any(1)).sum())
 
 
-def with_offset(s: Session, offset_g: float, seed: int) -> Session:
-    """The session as an imperfect sensor shows it."""
-    rng = np.random.default_rng([seed, 18])
-    scales, offsets = 1 + rng.uniform(-0.1, 0.1, 3), offset_g * rng.choice([-1, 0.5, 1], 3)
-    return replace(s, force=s.force * scales + offsets) if offset_g else s
-
-
-def joined(seed: int, rate_hz: float, length_s: float, offset_g: float, noise: tuple[float, float]) -> Session:
-    """Six faces without turns between, lengths from `length_s` to a third more; sd and steps of the samples in g."""
-    rng = np.random.default_rng([seed, 19])
-    faces = np.concatenate([np.eye(3), -np.eye(3)])[rng.permutation(6)] @ (np.eye(3) + 0.02 * rng.normal(size=(3, 3)))
-    faces = faces * (1 + rng.uniform(-0.1, 0.1, 3)) + offset_g * rng.choice([-1, 1], 3)
-    rows = np.ceil(rate_hz * length_s * rng.uniform(1, 4 / 3, 6)).astype(int)
-    ends, count = np.cumsum([0, *rows]), int(rows.sum())
-    force = np.repeat(faces, rows, axis=0) + noise[0] * rng.normal(size=(count, 3))
-    force = noise[1] * np.round(force / noise[1]) if noise[1] else force
-    still = np.stack([ends[:-1], ends[1:]], axis=1)
-    return Session(np.arange(count) / rate_hz, force, np.zeros((count, 3)), np.zeros(count), still)
-
-
-def joined_sessions() -> Iterator[Session]:
-    """Rates of 20 to 2000 Hz, faces of 1.5 s to a minute, offsets to 0.6 g, noise of 0.3 to 15 mg or below the steps."""
-    rates, lengths = (20.0, 25.0, 31.25, 50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0), (1.5, 2.0, 3.0, 7.0, 20.0, 60.0)
-    noises = ((3e-4, 0.0), (5e-3, 0.0), (15e-3, 0.0), (1e-3, 1 / 64), (2e-3, 1 / 256))
-    kinds = [kind for kind in product(rates, lengths, (0.0, 0.3, 0.6), noises) if kind[0] * kind[1] < 4e4]
-    return (joined(seed, *kind) for seed, kind in enumerate(kinds))
-
-
 def write_log(path: Path | str, positions: int = 250, seed: int = 1) -> None:
     """A session of a million rows: time, accelerations in m/s^2, rates in rad/s, temperature."""
     dwell_s = 1000.0 / positions - 1.0
@@ -199,18 +162,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--sessions", type=int, default=200)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--offset", type=float, default=0.0)
-    parser.add_argument("--joined", action="store_true")
     parser.add_argument("--log", type=Path)
     asked = parser.parse_args()
     if asked.log:
         write_log(asked.log)
         return
     for with_rates in (False, True):
-        if asked.joined and with_rates:
-            break
-        seeds = range(asked.seed, asked.seed + asked.sessions)
-        sessions = joined_sessions() if asked.joined else (with_offset(drawn(k), asked.offset, k) for k in seeds)
+        sessions = (drawn(asked.seed + number) for number in range(asked.sessions))
         rows = [counts(s, with_rates=with_rates) for s in sessions]
         true, found, taken, false = np.sum(rows, axis=0)
         words = "with angular rates" if with_rates else "accelerations alone"

@@ -1,6 +1,6 @@
-"""The history's file: kill -9 while two processes write to it, and how long a long one takes to list.
+"""The history's file: kill -9 while two processes write to it.
 
-python benchmarks/history_file.py [--kills 200] [--creations 150] [--rows 10000]
+python benchmarks/history_file.py [--kills 200] [--creations 150]
 
 Two writers add entries to one new file and print the number of each one after `add` has returned; at a random moment one of
 them is killed, then the other. Everything that was printed must be in the file, whole, and SQLite must find no fault in it.
@@ -10,7 +10,6 @@ Then four processes add to a file that is not there yet, at the same moment. End
 import argparse
 import os
 import random
-import resource
 import signal
 import sqlite3
 import subprocess
@@ -107,39 +106,10 @@ def created_at_once(rounds: int, folder: Path) -> list[str]:
     return told
 
 
-def listing(rows: int, folder: Path) -> None:
-    """Time the whole command on a long history, and its parts."""
-    path = folder / "long.db"
-    add(path, entry("a", 0))
-    with sqlite3.connect(path) as database:
-        columns = "kind, serial, date_utc, source, sha256, outcome, rms_g, p_value"
-        numbers = f"WITH RECURSIVE n(k) AS (SELECT 1 UNION ALL SELECT k + 1 FROM n WHERE k < {rows - 1})"
-        database.execute(f"{numbers} INSERT INTO entry (key, {columns}) SELECT k, {columns} FROM entry, n")
-        for table in ("parameters", "document"):
-            names = [row[1] for row in database.execute(f"PRAGMA table_info({table})")][1:]
-            own = ", ".join(names)
-            database.execute(
-                f"INSERT INTO {table} SELECT entry.number, {own} FROM entry, {table} WHERE entry.number > 1"
-            )
-    database.close()
-    times, before = [], resource.getrusage(resource.RUSAGE_CHILDREN)
-    for _ in range(5):
-        begun = time.perf_counter()
-        command = [sys.executable, "-m", "tumblecal.cli", "history", str(path)]
-        done = subprocess.run(command, capture_output=True, text=True, check=True)
-        times.append(time.perf_counter() - begun)
-    assert f"{rows} results" in done.stdout
-    after, size = resource.getrusage(resource.RUSAGE_CHILDREN), path.stat().st_size / 1e6
-    cpu = (after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime) / len(times)
-    wall = f"{np.median(times):.2f} s (median of 5), {cpu:.2f} s of a core"
-    print(f"{rows} results ({size:.0f} MB) listed by the whole command in {wall}")
-
-
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--creations", type=int, default=150)
-    parser.add_argument("--rows", type=int, default=10_000)
     parser.add_argument("--write", type=Path)
     parser.add_argument("--writer", default="a")
     arguments = parser.parse_args()
@@ -159,9 +129,6 @@ def main() -> None:
         print(
             f"{arguments.creations} files made by {_AT_ONCE} processes at once; refused or lost: {len(refused)} {refused[:1]}"
         )
-    if arguments.rows:
-        with tempfile.TemporaryDirectory() as name:
-            listing(arguments.rows, Path(name))
     sys.exit(1 if bad else 0)
 
 

@@ -1,12 +1,16 @@
-"""Whole instruments for `in_use.py`: a triad on a dividing head with every effect at once, in plain numpy.
+"""Whole instruments for `blind use`: a triad on a dividing head with every effect at once, in plain numpy.
 
-It imports nothing of the program under test, and no other benchmark: frames, effects and plans are derived here separately.
+Frames and effects are those of `blind_instrument.py`; nothing of the program under test is imported.
 Angles in rad, specific force in g of the site, time in s, temperature in degC.
 """
 
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+
+import blind_instrument as blind
 
 
 MG, MRAD = 1e-3, 1e-3
@@ -53,7 +57,22 @@ _SHAPES = {
     "cross_coupling": (3, 3), "cross_axis_square": (3, 2), "misalignment_drift": (3, 2), "misalignment_temperature": (3, 2),
 }  # fmt: skip
 _BY_PITCH = {"index_zero": (), "bias_by_pitch": (3,), "scale_by_pitch": (3,)}
-REFERENCE_DEGC = 25.0
+REFERENCE_DEGC, WARM_UP_S, SETTLING_S = 25.0, 900.0, 120.0
+# Names in the catalogue that differ.
+IDS = {
+    "levelling": "base_levelling",
+    "perpendicularity": "axis_perpendicularity",
+    "eccentricity": "index_eccentricity",
+    "ellipticity": "index_ellipticity",
+    "backlash": "index_backlash",
+    "wobble_1": "spindle_wobble_1",
+    "wobble_2": "spindle_wobble_2",
+    "flexure": "fixture_flexure",
+}
+HEAD = {*IDS, "index_gain", "index_zero", "mount_drift", "mount_temperature"}
+HISTORY = {"memory", "hysteresis", "temperature_rate", "warm_up", "settling", "bias_by_pitch", "scale_by_pitch"}
+LINEAR = {f"{own}_{by}" for own in ("bias", "scale", "misalignment") for by in ("drift", "temperature")}
+LINEAR |= {"bias_temperature_square"}
 
 
 @dataclass(frozen=True)
@@ -100,7 +119,7 @@ def schedule(name: str, rng: np.random.Generator) -> tuple[Schedule, np.ndarray]
     if name == "two mountings":
         mounting = np.repeat([0, 1], len(alpha))
         alpha, beta = np.tile(alpha, 2), np.tile(beta, 2)
-        turns = np.stack([np.eye(3), _passive("y", np.array([np.pi / 2]))[0]])
+        turns = np.stack([np.eye(3), blind.turned("y", np.pi / 2, np.eye(3)).T])
     count = len(alpha)
     time = np.cumsum(rng.uniform(55, 75, count)) + 1800.0 * mounting
     rise = rng.uniform(2, 6) * (time - time[0]) / np.ptp(time)
@@ -130,134 +149,83 @@ def _shape(name: str, plan: Schedule) -> tuple[int, ...]:
     return _SHAPES.get(name, (3,))
 
 
-def _passive(axis: str, angle: np.ndarray) -> np.ndarray:
-    """Matrices (..., 3, 3) that give a vector's components in a frame turned about `axis` by `angle`."""
-    c, s, one, nil = np.cos(angle), np.sin(angle), np.ones_like(angle), np.zeros_like(angle)
-    rows = {
-        "x": ((one, nil, nil), (nil, c, s), (nil, -s, c)),
-        "y": ((c, nil, -s), (nil, one, nil), (s, nil, c)),
-        "z": ((c, s, nil), (-s, c, nil), (nil, nil, one)),
-    }[axis]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+def _setup(own: Instrument, plan: Schedule) -> blind.Setup:
+    """The instrument as `blind_instrument` has it."""
+    nominal = {"dK": own.scale, "bias": own.bias, "gamma": own.gamma}
+    nominal |= {"dtheta": own.mounts.ravel(), "dbeta": own.pitch_errors.ravel()}
+    return blind.Setup(**vars(plan), nominal=nominal, turns=own.turns)
 
 
-def _turn(axis: str, angle: np.ndarray | float, f: np.ndarray) -> np.ndarray:
-    return np.einsum("nij,nj->ni", _passive(axis, np.broadcast_to(angle, len(f)).astype(float)), f)
+def _listed(effects: dict[str, np.ndarray], names: Collection[str]) -> dict[str, np.ndarray]:
+    """The effects of some names by the names of `blind_instrument`, axis by axis."""
+    found: dict[str, np.ndarray] = {}
+    for name in names & effects.keys() - {"settling"}:
+        values = effects[name]
+        if name == "warm_up":
+            found[name] = np.append(values, WARM_UP_S)
+        elif name in HEAD:
+            found[IDS.get(name, name)] = values
+        elif name == "bias_temperature_square":
+            found |= {
+                f"temperature_polynomial.{a}": np.array([v, REFERENCE_DEGC]) for a, v in zip("xyz", values, strict=True)
+            }
+        elif name == "cross_coupling":
+            pairs = ("xy", "xz", "yz")
+            found |= {f"{name}.{a}.{pair}": values[k, [n]] for k, a in enumerate("xyz") for n, pair in enumerate(pairs)}
+        else:
+            rows = values.T if name in _BY_PITCH else values
+            found |= {f"{name}.{a}": np.atleast_1d(row) for a, row in zip("xyz", rows, strict=True)}
+    return found
 
 
 def readings(own: Instrument, plan: Schedule) -> np.ndarray:
     """Noise-free readings of a plan, g, (positions, 3)."""
-    f = _in_fixture(own, plan)
-    f = np.einsum("nij,nj->ni", own.turns[plan.mounting], f)
-    angles = own.mounts[plan.mounting].T
-    f = _turn("x", angles[0], _turn("y", angles[1], _turn("z", angles[2], f)))
-    since = plan.time_s - plan.time_s[0]
-    for name, follows in (("mount_drift", since), ("mount_temperature", plan.temperature_degc - REFERENCE_DEGC)):
-        if name in own.effects:
-            turn = own.effects[name][:, None] * follows
-            f = _turn("x", turn[0], _turn("y", turn[1], _turn("z", turn[2], f)))
-    settled = output(own, f, since, plan.temperature_degc)
-    return settled + _of_procedure(own, plan, f, since)
+    setup = _setup(own, plan)
+    out = blind.readings(setup, setup.nominal, _listed(own.effects, SIZES.keys()))
+    if "settling" in own.effects:
+        changed = np.append(True, (np.diff(plan.pitch) != 0) | (np.diff(plan.mounting) != 0))
+        began = plan.time_s[np.maximum.accumulate(np.where(changed, np.arange(len(out)), 0))]
+        out = out + np.exp(-(plan.time_s - began) / SETTLING_S)[:, None] * own.effects["settling"]
+    return out
 
 
-def _in_fixture(own: Instrument, plan: Schedule) -> np.ndarray:
-    get = lambda name, size: own.effects.get(name, np.zeros(size))  # noqa: E731
-    a = plan.alpha
-    f = np.tile([0.0, 0.0, 1.0], (len(a), 1))
-    f = _turn("x", get("levelling", 1)[0], f)
-    f = _turn("y", plan.beta + own.pitch_errors[plan.mounting, plan.pitch], f)
-    f = _turn("z", get("perpendicularity", 1)[0], f)
-    index = a + get("eccentricity", 2) @ [np.cos(a), np.sin(a)] + get("ellipticity", 2) @ [np.cos(2 * a), np.sin(2 * a)]
-    index = index + get("index_gain", 1)[0] * a + get("backlash", 1)[0] * plan.approach
-    index = index + np.append(0.0, get("index_zero", plan.pitch.max()))[plan.pitch]
-    for order in (1, 2):
-        c_y, s_y, c_z, s_z = get(f"wobble_{order}", 4)
-        f = _turn("y", c_y * np.cos(order * a) + s_y * np.sin(order * a), f)
-        f = _turn("z", c_z * np.cos(order * a) + s_z * np.sin(order * a), f)
-    f = _turn("x", index, f)
-    bend_y, bend_z = get("flexure", 2)
-    along_y = f[:, 1].copy()
-    return _turn("z", -bend_z * along_y, _turn("y", bend_y * f[:, 2], f))
+def output(
+    own: Instrument, f: np.ndarray, since: float, degc: float, names: Collection[str] = SIZES.keys() - HISTORY
+) -> np.ndarray:
+    """Readings of forces in the triad's frame, a time after the start, by the effects of some names (without the history)."""
+    # The first row is the start.
+    rows, nil = len(f) + 1, np.zeros(len(f) + 1)
+    number = np.zeros(rows, int)
+    plan = Schedule(nil, nil, number, number, np.append(0.0, np.full(rows - 1, since)), np.full(rows, degc), nil)
+    setup = _setup(own, plan)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return blind.sensed(setup, np.vstack([nil[:3], f]), setup.nominal, _listed(own.effects, names - HEAD))[1:]
 
 
 def linear(own: Instrument, since: float, degc: float) -> tuple[np.ndarray, np.ndarray]:
     """Matrix (force to readings) and bias (g) of the sensor's linear part at a time and a temperature."""
-    get = lambda name, size: own.effects.get(name, np.zeros(size))  # noqa: E731
-    warm = degc - REFERENCE_DEGC
-    g21, g31, g32 = own.gamma
-    triad = np.array([[1, 0, 0], [g21, 1, 0], [g31, g32, 1]])
-    gain = 1 + own.scale + get("scale_drift", 3) * since + get("scale_temperature", 3) * warm
-    mixed = np.diag(gain)
-    for name, follows in (("misalignment_drift", since), ("misalignment_temperature", warm)):
-        for axis, shares in enumerate(get(name, (3, 2))):
-            mixed[axis, [other for other in range(3) if other != axis]] += shares * follows
-    bias = own.bias + get("bias_drift", 3) * since + get("bias_temperature", 3) * warm
-    return mixed @ triad, bias + get("bias_temperature_square", 3) * warm**2
-
-
-def output(own: Instrument, f: np.ndarray, since: np.ndarray | float, degc: np.ndarray | float) -> np.ndarray:
-    """Settled readings of forces in the triad's frame: linear part and nonlinear response, without what the history adds."""
-    since, degc = np.broadcast_to(since, len(f)), np.broadcast_to(degc, len(f))
-    out = np.empty_like(f)
-    for row, (time, warm) in enumerate(zip(since, degc, strict=True)):
-        matrix, bias = linear(own, time, warm)
-        out[row] = matrix @ f[row] + bias
-    u = _inputs(own, f)
-    get = lambda name, size: own.effects.get(name, np.zeros(size))  # noqa: E731
-    out += get("second_order", 3) * u**2 + get("third_order", 3) * u**3 + get("fifth_order", 3) * u**5
-    out += get("scale_asymmetry", 3) * np.abs(u) + get("bias_asymmetry", 3) * np.sign(u)
-    pairs = np.stack([u[:, 0] * u[:, 1], u[:, 0] * u[:, 2], u[:, 1] * u[:, 2]], axis=1)
-    out += pairs @ get("cross_coupling", (3, 3)).T
-    for axis, shares in enumerate(get("cross_axis_square", (3, 2))):
-        out[:, axis] += u[:, [other for other in range(3) if other != axis]] ** 2 @ shares
-    return out
-
-
-def _inputs(own: Instrument, f: np.ndarray) -> np.ndarray:
-    g21, g31, g32 = own.gamma
-    return f @ np.array([[1, 0, 0], [g21, 1, 0], [g31, g32, 1]]).T
-
-
-def _of_procedure(own: Instrument, plan: Schedule, f: np.ndarray, since: np.ndarray) -> np.ndarray:
-    """What the order of the measurement and the setting add to the readings."""
-    get = lambda name, size: own.effects.get(name, np.zeros(size))  # noqa: E731
-    u, count = _inputs(own, f), len(f)
-    before = np.maximum(np.arange(count) - 1, 0)
-    before = np.where(plan.mounting[before] == plan.mounting, before, np.arange(count))
-    step = u - u[before]
-    added = -get("memory", 3) * step + get("hysteresis", 3) * np.clip(step / 0.1, -1, 1)
-    rate = np.append(0.0, np.diff(plan.temperature_degc) / np.diff(plan.time_s)) * 60
-    added += rate[:, None] * get("temperature_rate", 3)
-    added += np.exp(-since / 900.0)[:, None] * get("warm_up", 3)
-    changed = np.append(True, (np.diff(plan.pitch) != 0) | (np.diff(plan.mounting) != 0))
-    began = plan.time_s[np.maximum.accumulate(np.where(changed, np.arange(count), 0))]
-    added += np.exp(-(plan.time_s - began) / 120.0)[:, None] * get("settling", 3)
-    later = plan.pitch > 0
-    for name, factor in (("bias_by_pitch", np.ones_like(u)), ("scale_by_pitch", u)):
-        table = get(name, (plan.pitch.max(), 3))
-        added[later] += table[plan.pitch[later] - 1] * factor[later]
-    return added
+    bias, *columns = output(own, np.vstack([np.zeros(3), np.eye(3)]), since, degc, LINEAR)
+    return (np.array(columns) - bias).T, bias
 
 
 def shown_share(own: Instrument, plan: Schedule, sigma: float) -> tuple[float, np.ndarray]:
     """The signal of the effects that the nominal parameters cannot absorb, in sigma: its norm, and itself."""
     bare = replace(own, effects={})
     signal = (readings(own, plan) - readings(bare, plan)).ravel() / sigma
-    basis, _ = np.linalg.qr(_nominal_columns(bare, plan))
+    basis = reachable(bare, plan, readings)
     remaining = signal - basis @ (basis.T @ signal)
     return float(np.linalg.norm(remaining)), remaining
 
 
-def _nominal_columns(own: Instrument, plan: Schedule) -> np.ndarray:
-    """Derivatives of the readings by the nominal parameters, central differences."""
+def reachable(own: Any, plan: Schedule, readings: Callable[[Any, Schedule], np.ndarray]) -> np.ndarray:
+    """Orthonormal basis of the readings that the nominal parameters can make near the truth, by central differences."""
     columns, step = [], 1e-6
     for name in ("scale", "bias", "gamma", "mounts", "pitch_errors"):
         values = getattr(own, name)
         for place in np.ndindex(values.shape):
-            moved = []
-            for sign in (1, -1):
-                changed = values.copy()
-                changed[place] += sign * step
-                moved.append(readings(replace(own, **{name: changed}), plan).ravel())
-            columns.append((moved[0] - moved[1]) / (2 * step))
-    return np.stack(columns, axis=1)
+            unit = np.zeros_like(values)
+            unit[place] = step
+            both = [readings(replace(own, **{name: values + sign * unit}), plan).ravel() for sign in (1, -1)]
+            columns.append((both[0] - both[1]) / (2 * step))
+    basis, size, _ = np.linalg.svd(np.stack(columns, axis=1), full_matrices=False)
+    return basis[:, size > 1e-9 * size[0]]

@@ -1,12 +1,10 @@
 """Public recordings from their original files to positions and verdicts, against the answers that are known of them.
 
     python benchmarks/recordings.py DATA --imu-tk FOLDER
-    python benchmarks/recordings.py DATA --imu-tk FOLDER --verdicts --only mikoff
 
 DATA contains the folders `mikoff_mpu9150`, `suarez_mpu6050`, `carlsson_mimu4444`, `hassan_lis3dh_30pos`, `imucal_ferraris`
 and `bmi270_thermal` (origins: docs/recordings.md); FOLDER contains imu_tk's `xsens_acc.mat`. The commands of
-docs/recordings.md are run. Each comparison is one line, and the exit code is 1 if one differs. `--verdicts`: for each file
-whether `calibrate` says that its positions can be used, and the first line of `diagnose`.
+docs/recordings.md are run. Each comparison is one line, and the exit code is 1 if one differs.
 """
 
 import argparse
@@ -38,19 +36,6 @@ MEANS_HASSAN = "--means --columns ax=vx_g,ay=vy_g,az=vz_g"
 STATIC_BMI = "--static --rate 50 --scale 4 --unit g --columns temperature=1,ax=2,ay=3,az=4,gx=5,gy=6,gz=7"
 IMU_TK = "--static --columns time=1,ax=2,ay=3,az=4 --unit 4069/g --offset ax=33124,ay=33275,az=32364"
 PHONE = "hassan_lis3dh_30pos/MobileAccData30orientationRawSample01.mat"
-# Options of `reduce` for each file of the verdicts.
-COMMANDS = {
-    **{f"mikoff_mpu9150/imu{unit}.log": STATIC_MIKOFF for unit in range(5)},
-    "suarez_mpu6050/example_data_calibration.csv": "--static",
-    "suarez_mpu6050/example_data_tinit_calc.csv": "--static",
-    **{f"carlsson_mimu4444/exp_{k}.bin": STATIC_CARLSSON.format(imu="imu1") for k in (1, 7)},
-    **{f"hassan_lis3dh_30pos/tab{count}.csv": MEANS_HASSAN for count in (24, 31, 49)},
-    PHONE: "--static --rate 30",
-    "imucal_ferraris/annotated_session.csv": "--by part --plan {six} --rate 102.4",
-    "imucal_ferraris/example_ferraris_session.csv": "--plan {six} --rate 102.4",
-    "bmi270_thermal/BMI_270_hot_test.csv": STATIC_BMI,
-    "bmi270_thermal/BMI_270_cold_test_.csv": STATIC_BMI,
-}
 # Printed by mikoff/imu-calib for its five units: scale %, misalignment deg (yz, xy, xz), bias m/s^2.
 MIKOFF = [
     ((0.363, 0.315, 0.647), (0.123, 0.02, 0.317), (0.103, 0.097, 0.344)),
@@ -157,7 +142,7 @@ def hassan(data: Path, out: Path) -> Iterator[Line]:
     p = least_squares(residuals, [1, 0, 0, 1, 0, 1, 0, 0, 0], xtol=1e-15, ftol=1e-15, gtol=1e-15).x
     yield near("hassan: bias, g", p[6:], HASSAN_BIAS, 1e-9)
     yield near("hassan: symmetric matrix", p[:6], HASSAN_MATRIX, 1e-9)
-    phone, _ = reduced(data / PHONE, out / "hp", COMMANDS[PHONE])
+    phone, _ = reduced(data / PHONE, out / "hp", "--static --rate 30")
     # 30 orientations; in two of them the phone was moved by 5 degrees.
     yield counted("hassan: intervals of the phone", len(positions_of(phone)), 32)
 
@@ -194,39 +179,14 @@ def imu_tk(folder: Path, out: Path) -> Iterator[Line]:
     yield counted("imu_tk: intervals", len(positions_of(own)), 38)
 
 
-def verdicts(listed: dict[Path, str], out: Path) -> None:
-    """The judging line of `calibrate` and `diagnose` for each file."""
-    for source, options in listed.items():
-        folder = out / f"{source.parent.name}-{source.stem}"
-        code, printed = command("reduce", source, *shlex.split(options), "--out", folder, "--no-figures")
-        print(f"{source.parent.name}/{source.name}: reduce {options}")
-        for name in ("reduce",) if code else ("calibrate", "diagnose"):
-            if not code:
-                # Six faces alone cannot separate the pitch errors of a head from the axes' angles.
-                fixed = ["--fix", "dbeta"] if source.parent.name == "imucal_ferraris" else []
-                out_of = ("--out", folder / name, "--no-figures", *fixed)
-                _, printed = command(name, folder / "positions.csv", *out_of)
-            lines = printed.strip().splitlines() or [""]
-            judging = [line for line in lines if line.startswith(("Usable", "Use it only", "Do not use", "Not tested"))]
-            print(f"    {name}: {[*judging, *lines][0].replace(str(folder), '')[:260]}", flush=True)
-
-
 def main() -> None:
-    """Compare, or print the verdicts."""
+    """Compare."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("data", type=Path)
     parser.add_argument("--imu-tk", type=Path)
-    parser.add_argument("--verdicts", action="store_true")
-    parser.add_argument("--only", default="", help="files of the verdicts with this text in their name")
     asked = parser.parse_args()
     with TemporaryDirectory() as name:
         out = Path(name)
-        if asked.verdicts:
-            (out / "six.toml").write_text(SIX)
-            listed = {asked.data / file: options.format(six=out / "six.toml") for file, options in COMMANDS.items()}
-            listed |= {asked.imu_tk / "xsens_acc.mat": IMU_TK} if asked.imu_tk else {}
-            verdicts({file: options for file, options in listed.items() if asked.only in str(file)}, out)
-            return
         parts = [(part, asked.data) for part in (mikoff, suarez, carlsson, hassan, imucal, bmi270)]
         parts += [(imu_tk, asked.imu_tk)] if asked.imu_tk else []
         differ = 0

@@ -12,19 +12,9 @@ import in_use_instrument as listed
 from second_head import Instrument, Schedule
 
 
-_IDS = {
-    "levelling": "base_levelling",
-    "perpendicularity": "axis_perpendicularity",
-    "eccentricity": "index_eccentricity",
-    "ellipticity": "index_ellipticity",
-    "backlash": "index_backlash",
-    "wobble_1": "spindle_wobble_1",
-    "wobble_2": "spindle_wobble_2",
-    "flexure": "fixture_flexure",
-}
 # Least visible part of a signal of norm 1.
 _VISIBLE = 0.03
-_WHOLE = ("mount_drift", "mount_temperature", "warm_up", "settling", "index_gain", "index_zero")
+_WHOLE = {*listed.HEAD, "warm_up", "settling"}
 
 
 def columns(
@@ -49,8 +39,8 @@ def columns(
 
 
 def _id(name: str, place: tuple[int, ...]) -> str:
-    if name in _IDS or name in _WHOLE:
-        return _IDS.get(name, name)
+    if name in _WHOLE:
+        return listed.IDS.get(name, name)
     axis = "xyz"[place[-1] if name.endswith("by_pitch") else place[0]]
     return f"{name}.{axis}" + (f".{('xy', 'xz', 'yz')[place[1]]}" if name == "cross_coupling" else "")
 

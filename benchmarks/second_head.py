@@ -5,13 +5,13 @@ Ground: x along the level spindle, z up. Angles in rad, specific force in g of t
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from in_use_instrument import Schedule
+from in_use_instrument import Schedule, reachable
 
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -118,16 +118,7 @@ def outputs(own: Instrument, attitude: np.ndarray, degc: np.ndarray) -> np.ndarr
 
 def unreachable(own: Instrument, plan: Schedule) -> np.ndarray:
     """Projector on readings that the nominal parameters cannot make near the truth."""
-    columns, step = [], 1e-6
-    for name in ("scale", "bias", "gamma", "mounts", "pitch_errors"):
-        values = getattr(own, name)
-        for place in np.ndindex(values.shape):
-            unit = np.zeros_like(values)
-            unit[place] = step
-            both = [readings(replace(own, **{name: values + sign * unit}), plan).ravel() for sign in (1, -1)]
-            columns.append((both[0] - both[1]) / (2 * step))
-    basis, size, _ = np.linalg.svd(np.stack(columns, axis=1), full_matrices=False)
-    basis = basis[:, size > 1e-9 * size[0]]
+    basis = reachable(own, plan, readings)
     return np.eye(len(basis)) - basis @ basis.T
 
 

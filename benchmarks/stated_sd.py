@@ -1,19 +1,16 @@
 """Is the noise that `reduce` states correct, and does `diagnose` report nothing where the noise alone is coloured?
 
     python benchmarks/stated_sd.py --recordings 60 --processes 2
-    python benchmarks/stated_sd.py --white --recordings 5
 
 Recordings of 24 dwells in plain numpy (1/f by its spectrum), in five noises. Each is reduced as `tumblecal reduce` does and
 written to positions.csv. Printed for each noise: dispersion of neighbouring means over the stated standard deviation,
-chi-squared per degree of freedom under the stated covariance, and recordings in which `diagnose` finds a cause. `--white`:
-standard uncertainties of the parameters over those by the true white noise.
+chi-squared per degree of freedom under the stated covariance, and recordings in which `diagnose` finds a cause.
 """
 
 import argparse
 import tempfile
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import replace
 from functools import cache, partial
 from multiprocessing import get_context
 from pathlib import Path
@@ -120,37 +117,14 @@ def one_recording(kind: str, schedule: tuple[float, float], seed: int) -> tuple[
     return np.array(honesty(data, readings)), list(diagnosis.labels)
 
 
-def against_white(seeds: range) -> None:
-    """Standard uncertainties by the recording's noise over those by the true white noise."""
-    import tumblecal
-    from tumblecal.estimation import exact, problem_of
-
-    tumblecal.enable_float64()
-    for schedule in SCHEDULES:
-        ratios, chi2 = [], []
-        for seed in seeds:
-            data, _ = recorded("white", seed, schedule)
-            own, plain = exact.fit(problem_of(data)), replace(data, sd=None, recorded_noise=None, comments={})
-            true = exact.fit(problem_of(plain, noise_sd=WHITE_G_PER_RTHZ / np.sqrt(schedule[0])))
-            ratios.append(own.sd / true.sd)
-            chi2.append(own.chi2 / own.dof)
-        print(f"{schedule[0]:g} s: chi2/dof {min(chi2):.2f} to {max(chi2):.2f}")
-        for name, low, high in zip(own.names, np.min(ratios, axis=0), np.max(ratios, axis=0), strict=True):
-            print(f"  {name:10s} u {low:.2f} to {high:.2f} times that of white noise")
-
-
 def main() -> None:
     """A row for each length of dwell and each noise."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--recordings", type=int, default=60, help="of each noise and length of dwell")
     parser.add_argument("--first", type=int, default=0, help="seed of the first recording")
     parser.add_argument("--processes", type=int, default=1)
-    parser.add_argument("--white", action="store_true", help="uncertainties for white noise")
     asked = parser.parse_args()
     seeds = range(asked.first, asked.first + asked.recordings)
-    if asked.white:
-        against_white(seeds)
-        return
     print(
         "| dwell / s | noise | dispersion / stated | chi2 / dof | a cause found | a noise found |\n|---|---|---|---|---|---|"
     )

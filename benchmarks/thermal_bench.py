@@ -1,57 +1,36 @@
 """`tumblecal thermal` on a simulator that is not the chain.
 
-    python benchmarks/thermal_bench.py population --units 16 --seed 4113   use, U of corrected readings, orders
-    python benchmarks/thermal_bench.py methods --units 10 --seed 38        next to the polynomials of PX4 and ArduPilot
+    python benchmarks/thermal_bench.py --units 16 --seed 4113
 
-`population`: bias of order 1 to 3, scale factor of order 0 to 2, non-orthogonality of 3 mrad, constant or linear; half of
-the units have hysteresis of 0.05 to 0.6 mg, and 30 % of those on ramps a lag of the thermometer or an effect of the rate. A
-sixth has an effect that the model lacks: a quadratic term, a face that moved, or a drift. Each calibration is applied to
-readings without noise at 40 new attitudes, temperatures and states of the hysteresis. `adequate`: no effect that the model
-lacks (in files of one face at one soak, no hysteresis either), and enough soaks: they determine the orders, and the sizes
-of gravity outnumber the parameters. `u(T)`: 95 % intervals of the changes of bias and scale factor that contain the mean of
-both branches. `order too high`: of units without hysteresis, lag or effect of the rate.
-
-`methods`: one attitude, warming from cold with an hour at the hot end. The methods of PX4 (process_sensor_caldata.py) and
-ArduPilot (tempcal_IMU.py) are third-order polynomials over all samples, about the middle of the range and about 35 degC.
-Printed: root mean square of the change that each method leaves on the cooling branch.
+Printed: use, U of corrected readings, orders. Units have a bias of order 1 to 3, a scale factor of order 0 to 2 and a
+non-orthogonality of 3 mrad, constant or linear; half of them have hysteresis of 0.05 to 0.6 mg, and 30 % of those on ramps a
+lag of the thermometer or an effect of the rate. A sixth has an effect that the model lacks: a quadratic term, a face that
+moved, or a drift. Each calibration is applied to readings without noise at 40 new attitudes, temperatures and states of the
+hysteresis. `adequate`: no effect that the model lacks (in files of one face at one soak, no hysteresis either), and enough
+soaks: they determine the orders, and the sizes of gravity outnumber the parameters. `u(T)`: 95 % intervals of the changes of
+bias and scale factor that contain the mean of both branches. `order too high`: of units without hysteresis, lag or effect of
+the rate.
 """
 
 import argparse
-import json
-import subprocess
-import sys
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from thermal_instrument import (
-    Programme,
-    Unit,
-    attitudes,
-    history,
-    instrument,
-    means,
-    readings,
-    recording,
-    soak_means,
-    truth,
-    write_recording,
-)
-from tumblecal.capture.thermal.thermal_table import table_of
-from tumblecal.data.calibration import Calibration, read_calibration
+from thermal_instrument import Programme, Unit, attitudes, instrument, means, readings, soak_means, truth
+from tumblecal.data.calibration import Calibration
 from tumblecal.data.calibration_use import Use
 from tumblecal.data.sensor_parameters import SENSOR, SensorParameters
 from tumblecal.ground.blas import single_blas_thread
 from tumblecal.ground.precision import enable_float64
+from tumblecal.recordings.thermal.thermal_table import table_of
 from tumblecal.thermal.choice import Stated
 from tumblecal.thermal.result import ThermalResult, thermal_calibration
 
 
-NEW, BASE_SD, RATE_HZ = 40, np.full(9, 1e-4), 2.0
+NEW, BASE_SD = 40, np.full(9, 1e-4)
 FACES = {6: np.concatenate([np.eye(3), -np.eye(3)])}
 EDGES = np.array([(1, 1, 0), (1, -1, 0), (0, 1, 1), (0, 1, -1), (1, 0, 1), (-1, 0, 1)]) / np.sqrt(2)
 FACES[12] = np.concatenate([FACES[6], EDGES])
@@ -212,58 +191,14 @@ def population(units: int, seed: int) -> None:
     row("all", everything)
 
 
-def remaining_mg(rng: np.random.Generator, order: int, folder: Path) -> tuple[list[float], int]:
-    """The change that no correction and each method leave, mg; the order that tumblecal chose."""
-    unit = instrument(rng, bias_order=order, scale_order=0)
-    force, programme = attitudes(rng, 1)[0], Programme(unit.low, ((unit.high, 1.0),), soak_min=60.0)
-    times, values, degc = recording(rng, unit, force, programme, rate_hz=RATE_HZ)
-    # The hour at the start of `history` is not recorded: the unit is switched on cold.
-    begun = int(np.argmax(np.abs(history(programme, 1 / RATE_HZ)[2]) > 0))
-    times, values, degc = times[begun:], values[begun:], degc[begun:]
-    write_recording(folder / "still.csv", times, values, degc)
-    command = (sys.executable, "-m", "tumblecal", "thermal", folder / "still.csv", "--out", folder, "--quiet")
-    done = subprocess.run([*map(str, command)], capture_output=True, text=True)
-    if done.returncode not in (0, 3):
-        raise RuntimeError(done.stderr)
-    calibration = read_calibration(folder / "calibration.json")
-    grid = np.linspace(unit.high - 1, unit.low + 1, 60)
-    cooling = readings(unit, np.repeat(force[None], len(grid), 0), grid)
-    corrected = [cooling]
-    for about in ((degc.min() + degc.max()) / 2, 35.0):
-        fits = [np.polyfit(degc - about, values[:, axis], 3) for axis in range(3)]
-        corrected.append(cooling - np.column_stack([np.polyval(fit, grid - about) for fit in fits]))
-    corrected.append(calibration.corrected(cooling, grid, extrapolate=True))
-    chosen = json.loads((folder / "thermal.json").read_text())["orders"]["bias"]
-    return [1e3 * float(np.sqrt(np.mean((own - own.mean(0)) ** 2))) for own in corrected], chosen
-
-
-def methods(units: int, seed: int) -> None:
-    """A row for each order of the bias."""
-    print(
-        "| order of the bias | units | not corrected / mg | PX4 / mg | ArduPilot / mg | tumblecal / mg | orders chosen |"
-    )
-    print("|---" * 7 + "|")
-    for order in range(1, 6):
-        made = []
-        for k in range(units):
-            with TemporaryDirectory() as folder:
-                made.append(remaining_mg(np.random.default_rng([seed, order, k]), order, Path(folder)))
-        sizes = " | ".join(f"{size:.4f}" for size in np.sqrt(np.mean([np.square(own) for own, _ in made], axis=0)))
-        print(
-            f"| {order} | {units} | {sizes} | {', '.join(map(str, sorted({chosen for _, chosen in made})))} |",
-            flush=True,
-        )
-
-
 def main() -> None:
-    """One of the two parts."""
+    """Calibrate the population."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("part", choices=("population", "methods"))
-    parser.add_argument("--units", type=int, default=16, help="of each plan, or order of the bias")
+    parser.add_argument("--units", type=int, default=16, help="of each plan")
     parser.add_argument("--seed", type=int, default=4113)
     asked = parser.parse_args()
     enable_float64()
-    (population if asked.part == "population" else methods)(asked.units, asked.seed)
+    population(asked.units, asked.seed)
 
 
 if __name__ == "__main__":

@@ -3,10 +3,9 @@
     python benchmarks/blind catalogue --instruments 148 --seed 461 --workers 2
     python benchmarks/blind stress --only "two, d" --only "unlisted*d = 10"
 
-Populations whose causes are named: catalogue, stress, second, noise, repeats, located, units, laws (`--list`: their kinds; a
-row for each, columns in `blind/judge.py`). Populations whose numbers are judged: use (intervals, corrected readings and the
-statement `use`), next (predictions of NEXT), slow (slow noise of a rig), hand (cubes set by hand), head (a measured head),
-chance (noise that looks like several causes).
+Populations whose causes are named: catalogue, stress, second (`--list`: their kinds; a row for each,
+columns in `blind/judge.py`). Populations whose numbers are judged: use (intervals, corrected readings and the statement
+`use`), next (predictions of NEXT), slow (slow noise of a rig).
 """
 
 import sys
@@ -19,9 +18,6 @@ NUMBERS = {
     "use": "blind.use",
     "next": "blind.next_positions",
     "slow": "blind.slow_noise",
-    "hand": "blind.hand",
-    "head": "blind.known_head",
-    "chance": "blind.chance",
 }
 
 

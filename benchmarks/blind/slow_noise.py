@@ -1,10 +1,9 @@
 """The population `slow`: instruments with slow noise that the rig states.
 
-    python benchmarks/blind slow diagnoses --runs 60 --seed 48
-    python benchmarks/blind slow coverage --trials 8192 --seed 48
+    python benchmarks/blind slow --runs 60 --seed 48
 
 24 positions (3 pitch settings, 8 spindle angles, one every 75 s) and slow noise that is drawn second by second in plain numpy.
-`diagnoses`: false alarms, with the noise stated and not, and how often a hidden effect is named. `coverage`: of 95 % intervals.
+Printed: false alarms, with the noise stated and not, and how often a hidden effect is named.
 """
 
 import argparse
@@ -20,10 +19,7 @@ from tumblecal.chain.rig_file import rig_of
 from tumblecal.diagnosis import Diagnoser
 from tumblecal.estimation import where_of
 from tumblecal.estimation.visits import with_repeatability
-from tumblecal.simulation.coverage import coverage_table
-from tumblecal.simulation.experiment import experiment
 from tumblecal.simulation.position_means import simulated
-from tumblecal.simulation.sums import chunk_sums
 
 
 ARCMIN = np.radians(1 / 60)
@@ -87,36 +83,11 @@ def diagnoses(runs: int, seed: int) -> None:
             print(f"| {words} | {stated} | {1e3 * hidden:g} | {runs} | {alarms} | {named} |", flush=True)
 
 
-def coverage(trials: int, seed: int) -> None:
-    """The lowest and the highest interval coverage of the parameters."""
-    for words, noise in NOISES.items():
-        rig = rig_with(noise)
-        assert rig.noise_sd_g is not None
-        made = experiment(
-            rig.true_chain(rig.where),
-            rig.where,
-            sd=rig.noise_sd_g,
-            spread=SPREAD | {"dbeta": 3 * ARCMIN},
-            priors=rig.priors,
-            ability=rig.ability,
-        )
-        covered = coverage_table(made, chunk_sums(made, seed)(0, trials))["covered_95_stated"].to_numpy()
-        print(
-            f"{words}: coverage of 95 % intervals {covered.min():.2%} to {covered.max():.2%}, {trials} trials",
-            flush=True,
-        )
-
-
 def main(words: Sequence[str]) -> None:
-    """One of the two parts."""
+    """Draw and diagnose."""
     parser = argparse.ArgumentParser(prog="blind slow")
-    parser.add_argument("part", choices=("diagnoses", "coverage"))
     parser.add_argument("--runs", type=int, default=60)
-    parser.add_argument("--trials", type=int, default=8192)
     parser.add_argument("--seed", type=int, default=48)
     asked = parser.parse_args(words)
     tumblecal.enable_float64()
-    if asked.part == "coverage":
-        coverage(asked.trials, asked.seed)
-    else:
-        diagnoses(asked.runs, asked.seed)
+    diagnoses(asked.runs, asked.seed)

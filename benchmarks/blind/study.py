@@ -9,41 +9,22 @@ from fnmatch import fnmatchcase
 from importlib import import_module
 from multiprocessing import get_context
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 
 from blind.judge import Outcome, interval, judged, print_reliability
 
 
-# Module, and the names in it of the kinds, of the function that draws cases, and of the function that answers them.
-POPULATIONS = {
-    "catalogue": ("blind.catalogue", "KINDS", "cases", "answered"),
-    "stress": ("blind.conditions", "CONDITIONS", "cases", "answered"),
-    "second": ("blind.second", "KINDS", "cases", "answered"),
-    "noise": ("blind.noises", "KINDS", "cases", "answered"),
-    "repeats": ("blind.noises", "REPEATED", "repeated", "answered"),
-    "located": ("blind.located", "KINDS", "cases", "answered"),
-    "units": ("blind.units", "KINDS", "cases", "answered"),
-    "laws": ("blind.laws", "KINDS", "cases", "answered"),
-}
+# Modules with `KINDS`, `cases` (which draws them) and `answered`, and perhaps a `summary`.
+POPULATIONS = {"catalogue": "blind.catalogue", "stress": "blind.conditions", "second": "blind.second"}
 COUNTED = ("detected", "right", "strict", "alone", "identified", "wrong")
 HEADS = ("hidden", "instruments", *COUNTED, "right, 95 %")
-
-
-def population(name: str) -> SimpleNamespace:
-    """The parts of a population."""
-    module, kinds, cases, answered = POPULATIONS[name]
-    found = import_module(module)
-    parts = {"kinds": kinds, "cases": cases, "answered": answered}
-    named = {part: getattr(found, own) for part, own in parts.items()}
-    return SimpleNamespace(**named, summary=getattr(found, "summary", lambda outcomes: None))
 
 
 def run(job: tuple[str, Sequence[str], int, int]) -> list[Outcome]:
     """All cases of some kinds of a population."""
     name, kinds, count, seed = job
-    own = population(name)
+    own = import_module(POPULATIONS[name])
     drawn = (case for kind in kinds for case in own.cases(kind, count, seed))
     return [judged(*both) for both in own.answered(drawn)]
 
@@ -102,10 +83,10 @@ def main(name: str, words: Sequence[str]) -> None:
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--detail", action="store_true", help="list the cases that are not right, or not alone")
     parser.add_argument("--json", type=Path, help="file for all outcomes")
-    asked, own = parser.parse_args(words), population(name)
-    kinds = [kind for kind in own.kinds if not asked.only or any(chosen(kind, text) for text in asked.only)]
+    asked, own = parser.parse_args(words), import_module(POPULATIONS[name])
+    kinds = [kind for kind in own.KINDS if not asked.only or any(chosen(kind, text) for text in asked.only)]
     if asked.list or not kinds:
-        print(*own.kinds, sep="\n")
+        print(*own.KINDS, sep="\n")
         return
     started = time.time()
     jobs = [(name, [kind], asked.instruments, asked.seed) for kind in kinds]
@@ -115,7 +96,7 @@ def main(name: str, words: Sequence[str]) -> None:
         with ProcessPoolExecutor(asked.workers, mp_context=get_context("spawn")) as pool:
             outcomes = [outcome for done in pool.map(run, jobs) for outcome in done]
     report(outcomes, kinds, asked.detail)
-    own.summary(outcomes)
+    getattr(own, "summary", lambda outcomes: None)(outcomes)
     print(f"\n{len(outcomes)} instruments in {time.time() - started:.0f} s")
     if asked.json:
         listed = [{"kind": own.case.kind, "number": own.case.number, "line": line(own).strip()} for own in outcomes]

@@ -1,33 +1,25 @@
-"""Plans against the bound of any plan, and against a published exchange algorithm."""
+"""Plans of random heads against the bound of any plan."""
 
 import time
-import tomllib
 from collections import Counter
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
-from plan.rigs import TURNS, head
+from plan.promises import head
 from tumblecal.chain.head_ability import HeadAbility, Times
-from tumblecal.chain.rig_file import rig_of
 from tumblecal.design.criteria.criterion import attitudes_in_use, in_use, mean, volume, worst
-from tumblecal.design.criteria.measure import measures
 from tumblecal.design.model.cells import cells_of
-from tumblecal.design.model.limits import in_order, limits_of
+from tumblecal.design.model.limits import limits_of
 from tumblecal.design.model.one_visit import one_visit
 from tumblecal.design.model.responses import responses_of
-from tumblecal.design.model.schedule import schedule
 from tumblecal.design.positions.bounded_search import best_plan
-from tumblecal.design.positions.bounds import bounds
-from tumblecal.design.positions.exchange import exchange
 from tumblecal.ground.errors import InputError
 
 
 PITCH = np.arange(-90.0, 91.0, 15.0)
 STEPS = np.array([15, 30, 30, 45, 45, 60, 90])
 MOUNTINGS = 10
-PAPER = Path(__file__).parents[2] / "configs" / "paper24.toml"
 
 
 def heads(count: int, seed: int) -> None:
@@ -79,94 +71,3 @@ def planned(rng: np.random.Generator, seed: int, whole, use):
         return best_plan(one_visit(few), criterion(few), limits_of(few.cells, ability, **limit), seed=seed)
     except InputError:
         return None
-
-
-def speed() -> None:
-    """24 and 240 positions out of 24 spindle angles x 7 pitch settings x 3 mountings, each at most once."""
-    rig, begin = head(15, range(-90, 91, 30), TURNS), time.process_time()
-    responses = responses_of(rig, cells_of(rig.ability))
-    compiled = time.process_time()
-    responses = responses_of(rig, responses.cells)
-    print(f"derivatives: {compiled - begin:.2f} s, after compilation {time.process_time() - compiled:.3f} s\n")
-    model = one_visit(responses)
-    measures(model, worst(responses))(range(24)).if_added()
-    print("| positions | criterion | method | restarts | processor time, s | value, mg | bound / value |")
-    print("|---|---|---|---|---|---|---|")
-    for count, restarts in ((24, 4), (240, 2)):
-        limits = limits_of(responses.cells, rig.ability, count=count)
-
-        def own(criterion, limits=limits, restarts=restarts):
-            return exchange(limits, measures(model, criterion), restarts=restarts).cells
-
-        methods = {"`exchange`": (own, restarts)}
-        published = {"Cook and Nachtsheim": (lambda _, count=count: cook_nachtsheim(model, count), 1)}
-        for criterion, listed in ((volume(responses), methods | published), (worst(responses), methods)):
-            for name, (method, starts) in listed.items():
-                begin = time.process_time()
-                cells = method(criterion)
-                took = time.process_time() - begin
-                bound = bounds(model, criterion, limits, cells)
-                print(f"| {count} | {criterion.name} | {name} | {starts} | {took:.2f} | {bound.value:.5f} "
-                      f"| {bound.efficiency:.3f} |")  # fmt: skip
-
-
-def cook_nachtsheim(model, count: int) -> list[int]:
-    """D-optimal positions by the modified Fedorov exchange (1980, Technometrics 22, 315): the best exchange for each
-    position in turn, until a pass gains less than 1e-4 of log det."""
-    columns, nuisance = model.columns, slice(len(model.names), None)
-    taken = list(np.random.default_rng(0).permutation(len(columns))[:count])
-
-    def information(cells):
-        rows = columns[cells].reshape(-1, columns.shape[2])
-        return 1e-6 * np.eye(columns.shape[2]) + rows.T @ rows
-
-    def gains(total, part):
-        block = columns[:, :, part]
-        return np.linalg.slogdet(np.eye(3) + block @ np.linalg.inv(total[part, part]) @ block.transpose(0, 2, 1))[1]
-
-    value, before = 0.0, -np.inf
-    while value > before + 1e-4:
-        before = value if np.isfinite(before) else -1e300
-        for k in range(count):
-            rest = taken[:k] + taken[k + 1 :]
-            total = information(rest)
-            gain = gains(total, slice(None)) - gains(total, nuisance)
-            gain[rest] = -np.inf
-            taken[k] = int(np.argmax(gain))
-        total = information(taken)
-        value = np.linalg.slogdet(total)[1] - np.linalg.slogdet(total[nuisance, nuisance])[1]
-    return taken
-
-
-def remount() -> None:
-    """The paper's head in the minutes of the paper's plan (24 positions in one mounting), with a remount if it pays.
-
-    dbeta is free at every setting, dtheta in every mounting. In N positions gravity acts N times on three axes, so the largest
-    uncertainty of a scale factor is at least sd sqrt(3 / N).
-    """
-    table = tomllib.loads(PAPER.read_text())
-    alpha = {"start": 0, "step": 15, "count": 24}
-    table["chain"]["leaves"] = {"dbeta": {"by": "mount.pitch"}, "dtheta": {"by": "mount"}}
-    table["mounts"] = {"1": {"rotation_deg": [0, 0, 0]}, "2": {"rotation_deg": [0, 0, 90]}}
-    table["head"] = {"alpha_deg": alpha, "beta_deg": PITCH.tolist(), "mounts": ["1", "2"]}
-    rig = rig_of(table, PAPER)
-    responses = responses_of(rig, cells_of(rig.ability))
-    cells, model, criterion = responses.cells, one_visit(responses), worst(responses)
-    of_paper = np.isin(cells.beta_deg, (0, 45, 90)) & (cells.alpha_deg % 45 == 0) & (np.array(cells.mounts) == "1")
-    papers = np.flatnonzero(of_paper)
-    value = float(criterion.of(model.covariance(papers)))
-    minutes = schedule(cells, in_order(cells, papers), rig.ability.times).minutes
-    print(f"The paper's plan: {minutes:.1f} min, largest uncertainty {value:.3f} (mg, mrad or 1e-3)\n")
-    print("| pitch settings | minutes | remount, min | mountings | positions | times smaller | bound | sqrt(3/N) |")
-    print("|---|---|---|---|---|---|---|---|")
-    for lowest in (0, -90):
-        for factor, pause in ((1, 30), (1, 5), (1, 0), (2, 30), (4, 30), (5, 30)):
-            ability = replace(rig.ability, times=replace(rig.ability.times, remount_s=60.0 * pause))
-            limits = limits_of(cells, ability, minutes=factor * minutes, allowed=cells.beta_deg >= lowest)
-            found = best_plan(model, criterion, limits, seed=1)
-            taken = found.chosen.cells
-            least = 1e3 * responses.sd * np.sqrt(3 / len(taken))
-            ratios = (value / other for other in (found.chosen.value, found.bounds.white, least))
-            mounted = len(np.unique(cells.mounting[taken]))
-            print(f"| {lowest} to 90° | {factor * minutes:.1f} | {pause} | {mounted} | {len(taken)} | "
-                  f"{' | '.join(f'{ratio:.2f}' for ratio in ratios)} | {found.bounds.reason}", flush=True)  # fmt: skip

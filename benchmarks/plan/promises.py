@@ -1,26 +1,26 @@
-"""Promises of a plan against simulations: standard deviations, and the forecast that an effect is detected, named, identified.
+"""Promises of a plan against simulations: the forecast that an effect is detected, named, identified.
 
 Readings are simulated in plain numpy (`blind_instrument.py`), with random errors of the instrument, of settings, and of
 settings that are set again.
 """
 
+from collections.abc import Sequence
+from pathlib import Path
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 import blind_instrument as blind
-import tumblecal
 from blind.acting import direction
-from plan.rigs import TURNS, head
 from tumblecal.chain.rig import Rig
+from tumblecal.chain.rig_file import rig_of
 from tumblecal.data import PositionSet
-from tumblecal.data.sensor_parameters import SENSOR
 from tumblecal.design.criteria.criterion import worst
 from tumblecal.design.criteria.measure import measures
 from tumblecal.design.criteria.naming_measures import naming_measures
 from tumblecal.design.forecast.effects_of_plan import EffectsOfPlan, effects_of_plan
 from tumblecal.design.forecast.naming import Rates
 from tumblecal.design.model.cells import cells_of
-from tumblecal.design.model.evaluation import uncertainties
 from tumblecal.design.model.limits import limits_of
 from tumblecal.design.model.one_visit import one_visit
 from tumblecal.design.model.planned_rig import planned_rig
@@ -30,7 +30,7 @@ from tumblecal.design.positions.exchange import exchange
 from tumblecal.diagnosis import Diagnoser
 from tumblecal.effects import catalogue
 from tumblecal.effects.catalogue import links_and_units
-from tumblecal.estimation.position_problem import problem_of, where_of
+from tumblecal.estimation.position_problem import where_of
 from tumblecal.estimation.visits import with_repeatability
 from tumblecal.ground.errors import InputError
 
@@ -55,12 +55,32 @@ EFFECTS = [
     *(f"cross_axis_square.{axis}" for axis in "xyz"),
     *("axis_perpendicularity", "index_eccentricity", "index_ellipticity", "spindle_wobble_1", "spindle_wobble_2"),
 ]
-# Plans of `agreement` and `sd`: step of the spindle, pitch settings, mountings; effects with their visible norms.
-PLANS = {
-    "4 x 12": (30, (0, 30, 60, 90), "A", {"second_order.z": 6.0, "index_eccentricity": 5.5}),
-    "3 x 8, two mountings": (45, (0, 45, 90), "AB", {"second_order.x": 6.0, "axis_perpendicularity": 8.0}),
-    "3 x 8": (45, (0, 45, 90), "A", {"second_order.z": 7.0, "index_ellipticity": 5.0}),
-}
+TURNS = {"A": (0, 0, 0), "B": (0, 0, 90), "C": (0, 90, 0)}
+
+
+def head(
+    step_deg: float,
+    beta_deg: Sequence[float],
+    turns: dict[str, Sequence[float]],
+    *extensions,
+    sd_mg: float = 0.15,
+    prior: str = "",
+    **ability: object,
+) -> Rig:
+    """A head with a step of its spindle, pitch settings and orientations of its mountings (Rx Ry Rz, deg).
+
+    `prior`: of the pitch errors. `ability`: further tables of [head]. `extensions`: links and units of effects.
+    """
+    alpha = {"start": 0, "step": step_deg, "count": round(360 / step_deg)}
+    table = {
+        "schema": "tumblecal.rig/1",
+        "plan": {"alpha_deg": alpha, "beta_deg": list(beta_deg), "mounts": list(turns)},
+        "chain": {"leaves": {"dbeta": {"by": "mount.pitch"}, "dtheta": {"by": "mount"}}},
+        "mounts": {name: {"rotation_deg": list(turn)} for name, turn in turns.items()},
+        "noise": {"sd": f"{sd_mg} mg"},
+        "head": {"alpha_deg": alpha, "beta_deg": list(beta_deg), **ability},
+    }
+    return rig_of(table | ({"priors": {"dbeta": prior}} if prior else {}), Path("rig.toml"), *extensions)
 
 
 def rig_with(step: float, beta_deg, mounts: str, **options) -> Rig:
@@ -80,12 +100,6 @@ class Head:
         self.again = rig.ability.repeatability.pitch or 0.0
         self.chain = self.rig.chain(self.rig.where)
         self.priors = with_repeatability(self.rig.priors, rig.ability.repeatability, self.chain, self.rig.where)
-
-    @classmethod
-    def whole(cls, rig: Rig) -> "Head":
-        """Every cell in turn."""
-        responses = responses_of(rig, cells_of(rig.ability))
-        return cls(rig, responses, np.arange(len(responses.cells)))
 
     def setup(self, rng: np.random.Generator) -> blind.Setup:
         """The measurement of a random instrument."""
@@ -155,42 +169,6 @@ class OfModel(Diagnoser):
 def promised(of: EffectsOfPlan, id: str, size: float, draws: int) -> list[float]:
     """The forecast of a plan for an effect of a size."""
     return list(Rates(of, id, np.random.default_rng(0).standard_normal((draws, of.pool.dof)))(size))
-
-
-def standard_deviations(runs: int) -> None:
-    """Errors of fits over predicted standard deviations, of the sensor parameters."""
-    for name, (step, beta, mounts, _) in PLANS.items():
-        for kind, options in {"free pitch errors": {}, "prior and repeatability": {"prior": PRIOR, **AGAIN}}.items():
-            own = Head.whole(rig_with(step, beta, mounts, **options))
-            predicted = uncertainties(own.responses, own.schedule, own.rig.ability)
-            rng, errors = np.random.default_rng(1), []
-            for _ in range(runs):
-                setup = own.setup(rng)
-                problem = problem_of(
-                    own.data(rng, setup, {}), own.chain, noise_sd=own.rig.noise_sd_g, priors=own.priors
-                )
-                fit, truth = tumblecal.fit(problem), np.concatenate([setup.nominal[k] for k in ("dK", "bias", "gamma")])
-                errors.append([fit.value(one) - true for one, true in zip(SENSOR, truth, strict=True)])
-            sd = dict(zip(predicted.names, predicted.sd, strict=True))
-            ratios = np.std(errors, axis=0) / [sd[one] for one in SENSOR]
-            print(
-                f"{name}, {kind}: observed / predicted {ratios.min():.3f} to {ratios.max():.3f} ({runs} runs)",
-                flush=True,
-            )
-
-
-def agreement(runs: int) -> None:
-    """Promised and observed rates of three plans, in per cent."""
-    print("| plan | effect | detected | named | identified |\n|---|---|---|---|---|")
-    for name, (step, beta, mounts, effects) in PLANS.items():
-        own = Head.whole(rig_with(step, beta, mounts))
-        of, diagnoser = effects_of_plan(own.rig, ENTRIES), Diagnoser(ENTRIES, nested=False)
-        for id, norm in effects.items():
-            size, rng = norm / float(np.linalg.norm(of.shown(id))), np.random.default_rng(3)
-            observed = np.mean([own.judged(diagnoser, rng, id, size) for _ in range(runs)], axis=0)
-            pairs = zip(promised(of, id, size, 4000), observed, strict=True)
-            cells = " | ".join(f"{100 * a:.1f} / {100 * b:.1f}" for a, b in pairs)
-            print(f"| {name} | `{id}` {size:.3g} {ENTRIES[id].unit} | {cells} |", flush=True)
 
 
 def random_head(rng: np.random.Generator) -> Head:

@@ -1,7 +1,8 @@
 """Calibration of accelerometer triads on a dividing head, and diagnosis of errors of the model.
 
 Importing this package loads neither JAX nor matplotlib; they load with the folder that needs them. The first names of a script
-are here, each loaded when it is used: `read_positions`, `read_rig`, `simulate`, `calibrate`, `diagnose`, `next_plan`, `load`.
+are here, each loaded when it is used: `read_positions`, `read_recording`, `reduce`, `read_rig`, `simulate`, `calibrate`,
+`diagnose`, `next_plan`, `load`.
 """
 
 # This file is read by Pythons that can read nothing else here: no syntax newer than 3.6 before the check.
@@ -21,6 +22,9 @@ __version__ = "0.1.0"
 # The module of each name; `__init__.pyi` states the same to type checkers.
 _FROM = {
     "read_positions": "tumblecal.data.files:read_positions",
+    "read_recording": "tumblecal.recordings.library:read_recording",
+    "reduce": "tumblecal.recordings.library:reduce",
+    "thermal_calibration": "tumblecal.thermal.of_recordings:thermal",
     "PositionSet": "tumblecal.data.positions:PositionSet",
     "Chain": "tumblecal.chain.chain:Chain",
     "Link": "tumblecal.chain.link:Link",

@@ -13,8 +13,11 @@ from tumblecal.ground.errors import InputError as InputError
 from tumblecal.ground.precision import enable_float64 as enable_float64
 from tumblecal.ground.program_cache import keep_programs as keep_programs
 from tumblecal.planning.next_plan import next_plan as next_plan
+from tumblecal.recordings.library import read_recording as read_recording
+from tumblecal.recordings.library import reduce as reduce
 from tumblecal.simulation.many_fits import fit_many as fit_many
 from tumblecal.simulation.position_means import simulated as simulate
+from tumblecal.thermal.of_recordings import thermal as thermal_calibration
 
 __all__ = [
     "Chain",
@@ -32,7 +35,10 @@ __all__ = [
     "load",
     "next_plan",
     "read_positions",
+    "read_recording",
     "read_rig",
+    "reduce",
     "simulate",
+    "thermal_calibration",
 ]
 __version__: str

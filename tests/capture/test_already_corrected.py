@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from test_binary_logs import dataflash, fmt
 
-from tumblecal.capture.recordings.options import RecordingOptions
-from tumblecal.capture.rows.sample_file import write_samples
-from tumblecal.capture.thermal.read_thermal import thermal_reading
 from tumblecal.cli.output import Output
 from tumblecal.cli.thermal import _printed
+from tumblecal.recordings.options import RecordingOptions
+from tumblecal.recordings.reading import read_recording as write_samples
+from tumblecal.recordings.thermal.read_thermal import thermal_reading
 
 
 ROWS = np.random.default_rng(2).normal([0, 0, 0, 1.0, -2.0, 9.5], 0.01, size=(300, 6))

@@ -5,11 +5,11 @@ import polars as pl
 import pytest
 from recordings_made import made
 
-from tumblecal.capture.recordings.options import KnownContext
-from tumblecal.capture.reduction.axis_checks import require_axes_answer
-from tumblecal.capture.reduction.reduce_recording import means_of, reduce_recording
-from tumblecal.capture.reduction.reduce_table import reduce_table
 from tumblecal.ground.errors import InputError
+from tumblecal.recordings.options import KnownContext
+from tumblecal.recordings.reduction.axis_checks import require_axes_answer
+from tumblecal.recordings.reduction.reduce_recording import means_of, reduce_recording
+from tumblecal.recordings.reduction.reduce_table import reduce_table
 
 
 SIX = np.array([[0, 0, 1], [0, 0, -1], [0, 1, 0], [0, -1, 0], [1, 0, 0], [-1, 0, 0]], float)

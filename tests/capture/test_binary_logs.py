@@ -6,10 +6,10 @@ import numpy as np
 import polars as pl
 import pytest
 
-from tumblecal.capture.recordings import xbus as xbus_file
-from tumblecal.capture.recordings.options import RecordingOptions
-from tumblecal.capture.rows.sample_file import write_samples
 from tumblecal.ground.errors import InputError
+from tumblecal.recordings.formats import xbus as xbus_file
+from tumblecal.recordings.options import RecordingOptions
+from tumblecal.recordings.reading import read_recording as write_samples
 
 
 IMU = "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ,EG,EA,T,GH,AH,GHz,AHz"
@@ -153,6 +153,6 @@ def test_dataflash_of_old_firmware_has_milliseconds_and_a_name_for_each_sensor(t
     log += b"".join(b"\xa3\x95\x82" + struct.pack("<I6f", 20 * k, *row) for k, row in enumerate(rows))
     (tmp_path / "old.bin").write_bytes(log)
     contents, force, frame = imported(tmp_path / "old.bin", tmp_path / "out.parquet")
-    assert contents.layout.table.name == "IMU2"
+    assert contents.table.name == "IMU2"
     np.testing.assert_array_equal(force, rows[:, 3:])
     np.testing.assert_allclose(frame["time_s"], 0.02 * np.arange(200), atol=1e-12)

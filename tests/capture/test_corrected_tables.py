@@ -65,7 +65,9 @@ TABLES = {
         "Logger;7\nt;AccX;AccY;AccZ;\xb0C\n1;@0;@0;@1;20\n2;@0;@1;@0;20\n", OWN, ["t,\xb0C", "1,20", "2,20"]
     ),
     "decimal commas within quotation marks": (
-        'AccX,AccY,AccZ,n\n"@0,125","@0,2","@1,5","1,5"\n"@0,25","@0,5","@0,25",7\n', OWN, ["n", "1.5", "7.0"]
+        'AccX,AccY,AccZ,n\n"@0,125","@0,2","@1,5","1,5"\n"@0,25","@0,5","@0,25",7\n',
+        [*OWN, "--decimal", "comma"],
+        ["n", "1.5", "7"],
     ),
 }  # fmt: skip
 
@@ -126,7 +128,7 @@ def test_counts_become_g_and_all_other_columns_remain(tumblecal, tmp_path):
     (tmp_path / "log.txt").write_text("# a: b\n id  X Y Z\n 7  100 -200 1000\n 8 200  0 900\n x torn\n9 300 5 950\n")
     options = ["--columns", "ax=X,ay=Y,az=Z", "--unit", "1000/g"]
     outcome = tumblecal("apply", tmp_path / "cal.json", tmp_path / "log.txt", *options)
-    assert outcome.code == 0 and "1 line left out, without a whole reading: 5" in outcome.out
+    assert outcome.code == 0 and "left out: line 5" in outcome.out
     note, _, lines, names, *rows = (tmp_path / "log_corrected.csv").read_text().splitlines()
     assert (note, lines, names) == ("# a: b", "# left_out: line 5", "id,ax_g,ay_g,az_g")
     assert [float(row.split(",")[0]) for row in rows] == [7, 8, 9]

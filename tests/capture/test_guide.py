@@ -15,12 +15,12 @@ from tumblecal.capture.journal import JOURNAL_NAME, Journal, RunState, replayed
 from tumblecal.capture.log import read_log
 from tumblecal.capture.port.live import Arrived, Tally
 from tumblecal.capture.protocols import protocol
-from tumblecal.capture.reduction.reduce import identity_comments, identity_content
 from tumblecal.capture.run.guide import Guide, Phase
 from tumblecal.capture.run.identity import Identity
 from tumblecal.capture.run.run_folder import RunFolder
 from tumblecal.capture.run.session import view_of
 from tumblecal.ground.errors import InputError
+from tumblecal.recordings.reduction.reduce import identity_comments, identity_content
 
 
 def arrived(count: int, *events: str) -> Arrived:

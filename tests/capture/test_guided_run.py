@@ -10,12 +10,12 @@ from bench import CaptureProcess, Emulator
 
 from tumblecal.capture.journal import JOURNAL_NAME, RAW_NAME, read_journal, replayed
 from tumblecal.capture.log import LogWriter
-from tumblecal.capture.reduction.reduce import reduce
-from tumblecal.capture.reduction.reduction import write_reduction
 from tumblecal.data import read_positions
 from tumblecal.estimation import exact
 from tumblecal.estimation.position_problem import problem_of
 from tumblecal.ground.errors import InputError
+from tumblecal.recordings.reduction.reduce import reduce
+from tumblecal.recordings.reduction.reduction import write_reduction
 
 
 PLAN = """

@@ -12,13 +12,13 @@ from bench import CaptureProcess, Emulator
 
 from tumblecal.capture.decoding.samples import Event
 from tumblecal.capture.journal import read_journal, replayed
-from tumblecal.capture.reduction.reduce import reduce
-from tumblecal.capture.reduction.reduction import write_reduction
 from tumblecal.capture.run.identity import WAITS_S, Answer, Identity
 from tumblecal.capture.run.instrument_doubt import LEAST_P, compare, mean_variance
 from tumblecal.capture.run.stationarity import BlockCutter
 from tumblecal.data import read_positions
 from tumblecal.ground.errors import InputError
+from tumblecal.recordings.reduction.reduce import reduce
+from tumblecal.recordings.reduction.reduction import write_reduction
 
 
 PLAN = """

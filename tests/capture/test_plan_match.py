@@ -7,11 +7,11 @@ from recordings_made import imu_columns, made, text
 
 from hand_held_sessions import Hand
 from tumblecal.capture.capture_plan import CapturePlan, read_plan
-from tumblecal.capture.recordings.options import KnownContext, RecordingOptions
-from tumblecal.capture.reduction.plan_match import matched
-from tumblecal.capture.reduction.reduce_recording import means_of, reduce_recording
 from tumblecal.data import read_positions
 from tumblecal.ground.errors import InputError
+from tumblecal.recordings.options import KnownContext, RecordingOptions
+from tumblecal.recordings.reduction.plan_match import matched
+from tumblecal.recordings.reduction.reduce_recording import means_of, reduce_recording
 
 
 PLAN = """

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from tumblecal.capture.reduction.position_samples import read_position_samples
 from tumblecal.ground.errors import InputError
+from tumblecal.recordings.reduction.position_samples import read_position_samples
 
 
 def table(path, header="position,time_s,ax_mg,ay_mg,az_mg", comment="", count=20, step=0.01):

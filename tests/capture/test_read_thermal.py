@@ -7,12 +7,12 @@ import numpy as np
 import polars as pl
 import pytest
 
-from tumblecal.capture.recordings.options import KnownContext, RecordingOptions
-from tumblecal.capture.thermal.read_thermal import thermal_reading
-from tumblecal.capture.thermal.thermal_table import ThermalTable
 from tumblecal.data.files import write_positions
 from tumblecal.data.positions import PositionSet
 from tumblecal.ground.errors import InputError
+from tumblecal.recordings.options import KnownContext, RecordingOptions
+from tumblecal.recordings.thermal.read_thermal import thermal_reading
+from tumblecal.recordings.thermal.thermal_table import ThermalTable
 
 
 RATE = 20.0

@@ -7,16 +7,16 @@ import polars as pl
 import pytest
 from recordings_made import ATTITUDES, G, imu_columns, made, ros1_bag, ros2_bag, text, ulog
 
-import tumblecal.capture.recordings.table as formats
-from tumblecal.capture.correction.correction import Correction, write_corrected
-from tumblecal.capture.correction.uncorrected import uncorrected
+import tumblecal.recordings.table as formats
 from tumblecal.capture.decoding.samples import Settings, blank
 from tumblecal.capture.protocols import protocol
-from tumblecal.capture.recordings.options import KnownContext, RecordingOptions
-from tumblecal.capture.reduction.reduce_recording import reduce_recording
 from tumblecal.data import read_positions
 from tumblecal.data.calibration import Calibration
 from tumblecal.ground.errors import InputError
+from tumblecal.recordings.correction.correction import Correction, write_corrected
+from tumblecal.recordings.correction.uncorrected import uncorrected
+from tumblecal.recordings.options import KnownContext, RecordingOptions
+from tumblecal.recordings.reduction.reduce_recording import reduce_recording
 
 
 @pytest.fixture(scope="module")
@@ -145,8 +145,8 @@ def test_torn_lines_are_left_out_and_told(tmp_path, s, expected):
     lines[1303] = lines[1303].replace(",", ",x", 1)
     path.write_text("\n".join(lines))
     reduction = reduce_recording(path, KnownContext(static=True))
-    assert reduction.contents.unreadable == 4
-    assert reduction.contents.places == [502, 701, 905, 1304]
+    assert reduction.contents.unread.rows == 4
+    assert reduction.contents.unread.places == [502, 701, 905, 1304]
     np.testing.assert_allclose(reduction.table.data.readings, expected.readings, atol=1e-4)
 
 

@@ -8,10 +8,10 @@ import numpy as np
 import polars as pl
 import pytest
 
-from tumblecal.capture.reduction.reduce import reduce
-from tumblecal.capture.reduction.reduce_table import reduce_table
 from tumblecal.data import read_positions
 from tumblecal.ground.errors import InputError
+from tumblecal.recordings.reduction.reduce import reduce
+from tumblecal.recordings.reduction.reduce_table import reduce_table
 
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "cli"))

@@ -14,8 +14,8 @@ from test_signals import PLAN, entries_of
 from disk import file_size_limited
 from tumblecal.capture.journal import Journal, read_journal, replayed
 from tumblecal.capture.log import LogWriter
-from tumblecal.capture.reduction.reduce import _wall_s, reduce
 from tumblecal.ground.errors import InputError
+from tumblecal.recordings.reduction.reduce import _wall_s, reduce
 
 
 QUICK = PLAN.replace("400.0", "2.0")

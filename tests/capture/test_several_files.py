@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from tumblecal.capture.capture_plan import read_plan
-from tumblecal.capture.recordings.options import Criterion, KnownContext, RecordingOptions
-from tumblecal.capture.reduction.file_names import recording_files
-from tumblecal.capture.reduction.file_positions import positions_by_names, positions_by_table
-from tumblecal.capture.reduction.reduce_files import reduce_files
 from tumblecal.data import read_positions
 from tumblecal.ground.errors import InputError
+from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptions
+from tumblecal.recordings.reduction.file_names import recording_files
+from tumblecal.recordings.reduction.file_positions import positions_by_names, positions_by_table
+from tumblecal.recordings.reduction.reduce_files import reduce_files
 
 
 FACES = {"x_p": (1, 0, 0), "x_n": (-1, 0, 0), "y_p": (0, 1, 0), "y_n": (0, -1, 0), "z_p": (0, 0, 1), "z_n": (0, 0, -1)}

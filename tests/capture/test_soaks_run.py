@@ -7,10 +7,10 @@ import pytest
 from bench import CaptureProcess, Emulator
 
 from tumblecal.capture.journal import read_journal, replayed
-from tumblecal.capture.reduction.reduce import reduce
-from tumblecal.capture.reduction.reduction import write_reduction
 from tumblecal.data import read_positions
 from tumblecal.estimation import default_chain
+from tumblecal.recordings.reduction.reduce import reduce
+from tumblecal.recordings.reduction.reduction import write_reduction
 
 
 PLAN = """

@@ -8,10 +8,10 @@ import pytest
 from recordings_made import ATTITUDES, imu_columns, made
 
 from hand_held_sessions import Hand, counts, drawn
-from tumblecal.capture.recordings.options import Criterion, KnownContext, RecordingOptions
-from tumblecal.capture.reduction.reduce_recording import reduce_recording
-from tumblecal.capture.still.blocks import blocks_of
-from tumblecal.capture.still.stillness import still_intervals
+from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptions
+from tumblecal.recordings.reduction.reduce_recording import reduce_recording
+from tumblecal.recordings.still.blocks import blocks_of
+from tumblecal.recordings.still.stillness import still_intervals
 from tumblecal.report.recording_words import reduction_words
 
 

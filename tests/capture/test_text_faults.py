@@ -5,9 +5,9 @@ import re
 import polars as pl
 import pytest
 
-from tumblecal.capture.recordings.options import RecordingOptions
-from tumblecal.capture.rows.sample_file import write_samples
 from tumblecal.ground.errors import InputError
+from tumblecal.recordings.options import RecordingOptions
+from tumblecal.recordings.reading import read_recording as write_samples
 
 
 GOOD = "t,ax,ay,az", "{t},0.1,0.2,0.97"
@@ -22,17 +22,20 @@ FAULTS = [
     (*GOOD, {"scale": "ax=0"}, "--scale ax=0: must be finite and other than 0"),
     (*GOOD, {"offset": "nan"}, "--offset nan: must be finite"),
     (*GOOD, {"topic": "imu7"}, "no topic imu7"),
-    ("t,ay,az", "{t},0.2,0.97", {}, "ax not found among the columns"),
-    ("time,ax,ay,az", "{k}e-12,0.1,0.2,0.97", {}, "not sample times in s, ms, us or ns; give --time-unit"),
+    ("t,ay,az", "{t},0.2,0.97", {}, "only ay, az among the columns 't, ay, az'; name the three: --columns ax"),
+    ("time,ax,ay,az", "{k}e-12,0.1,0.2,0.97", {}, "no unit of the times is stated, and its steps are 1e-12"),
     ("time,ax,ay,az", "{t},0.1,0.2,0.97g", {}, "log.csv:line 2, column az: '0.97g': no number; write 0.97, without the unit"),
     ("warmth,ax,ay,az", "cold,0.1,0.2,0.97", {"columns": "temperature=warmth"}, "line 2, column warmth: 'cold': no number"),
     ("alpha_deg,ax,ay,az", "45:30,0.1,0.2,0.97", {}, "column alpha_deg: '45:30': no number; write degrees with decimals"),
-    ("time,ax,ay,az", "10:05:01:123,0.1,0.2,0.97", {}, "column time: '10:05:01:123' cannot be read as a time; write"),
+    ("time,ax,ay,az", "10h05,0.1,0.2,0.97", {}, "column time: '10h05' cannot be read as a time; write"),
+    ("time,ax,ay,az", "{k}0,0.1,0.2,0.97", {}, "give --time-unit s (0.1 Hz) or --time-unit ms (100 Hz)"),
+    ("time,sensor,ax,ay,az", "{t},{d},0.1,0.2,0.97", {}, "select one: --rows sensor=0 or --rows sensor=1"),
+    ("t,ax,ay,az", GOOD[1], {"rows": "sensor=1"}, "--rows sensor=1: no such column; the table has t, ax, ay, az"),
     ("t,ax_g,ay_mg,az_g", GOOD[1], {}, "ax_g, ay_mg, az_g are in different units; give the three axes in one unit"),
     ("t,ax_g,ax_g,az_g", GOOD[1], {}, "line 1, column ax_g: this name occurs twice; remove one, or give"),
-    ("t,ax,ay,az", "0,{k},0,10,0,20,0,97", {}, "line 1: names 4 columns, but the rows have 8 cells; commas between"),
+    ("t,ax,ay,az", "0,{k},0,10,0,20,0,97", {}, "line 1: commas between cells are indistinguishable from decimal commas"),
     ("ax,ay,az,temp", "{k},0.1,0.2,0.97,25.0", {}, "line 1: names 4 columns, but the rows have 5 cells; correct the header"),
-    ("t;ax;ay;az", "{k}0;-5,599;8,86{d};7,051", {}, "line 2, column ax: '-5,599' is -5599, or -5.599: the mark may separate"),
+    ("ax ay az", "-5,59 8,8{d} 7,05", {}, "line 2, column ax: '-5,59': no number; its comma may be decimal: --decimal comma"),
     ("hello world", "no table", {}, "its first line 'hello world' has 2 cells separated by spaces, 0 of them numbers"),
     ("<html><body>x</body></html>", "", {}, "this is HTML or XML, not a table"),
     ('{"a": {"b": 1},\n "c": [\n]}', "", {}, "JSON without samples; samples are read from one object a line"),

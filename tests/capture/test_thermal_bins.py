@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tumblecal.capture.thermal.bins import binned, course_of, default_width
-from tumblecal.capture.thermal.block_temperature import stuck_readings
-from tumblecal.capture.thermal.branches import branches_of
-from tumblecal.capture.thermal.rounding import rounding_sd
-from tumblecal.capture.thermal.series import Attitude, ThermalSeries
-from tumblecal.capture.thermal.smoothed_temperature import resolution_of, temperature_course
+from tumblecal.recordings.thermal.bins import binned, course_of, default_width
+from tumblecal.recordings.thermal.block_temperature import stuck_readings
+from tumblecal.recordings.thermal.branches import branches_of
+from tumblecal.recordings.thermal.rounding import rounding_sd
+from tumblecal.recordings.thermal.series import Attitude, ThermalSeries
+from tumblecal.recordings.thermal.smoothed_temperature import resolution_of, temperature_course
 
 
 def _triangle(time_s: np.ndarray, low: float, high: float) -> np.ndarray:

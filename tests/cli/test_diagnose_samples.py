@@ -8,7 +8,7 @@ import pytest
 from capture_folder import write_capture
 
 import blind_instrument as blind
-from tumblecal.capture.reduction.position_samples import read_position_samples
+from tumblecal.recordings.reduction.position_samples import read_position_samples
 
 
 pytestmark = pytest.mark.usefixtures("few_effects")
@@ -24,8 +24,8 @@ def recorded(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def means(recorded):
-    from tumblecal.capture.reduction.reduce import reduce
-    from tumblecal.capture.reduction.reduction import write_reduction
+    from tumblecal.recordings.reduction.reduce import reduce
+    from tumblecal.recordings.reduction.reduction import write_reduction
 
     return write_reduction(reduce(recorded.folder), recorded.folder)[0]
 

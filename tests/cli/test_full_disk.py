@@ -49,7 +49,7 @@ def full_disk(tumblecal):
 COMMANDS = {
     "simulate": (["simulate", "{configs}/paper24.toml", "--out", "{tmp}/out.csv"], "out.csv"),
     "simulate to Parquet": (["simulate", "{configs}/paper24.toml", "--out", "{tmp}/out.parquet"], "out.parquet"),
-    "apply": (["apply", "{calibration}", "{data}", "--out", "{tmp}/out.csv"], "table1.csv: temporary file in "),
+    "apply": (["apply", "{calibration}", "{data}", "--out", "{tmp}/out.csv"], "out.csv"),
     "apply to Parquet": (["apply", "{calibration}", "{tmp}/table1.parquet", "--out", "{tmp}/out.parquet"], "out.parquet"),
     "calibrate": (["calibrate", "{data}", "--out", "{tmp}/out"], "out/result.json"),
     "diagnose": (["diagnose", "{data}", "--out", "{tmp}/out", "--no-figures"], "out/diagnosis.json"),

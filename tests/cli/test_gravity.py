@@ -5,11 +5,11 @@ import polars as pl
 import pytest
 from capture_folder import PLAN, write_capture
 
-from tumblecal.capture.reduction.position_samples import read_position_samples
-from tumblecal.capture.reduction.reduce import reduce
 from tumblecal.data import read_positions
 from tumblecal.data.raw import read_raw
 from tumblecal.ground.gravity import Gravity
+from tumblecal.recordings.reduction.position_samples import read_position_samples
+from tumblecal.recordings.reduction.reduce import reduce
 
 
 LOCAL, STANDARD = 9.8333, 9.80665

@@ -100,3 +100,21 @@ def test_a_rig_without_a_head_gets_settings_that_are_printed_as_assumed(configs)
         and rig.ability.beta_deg == (0, 30, 60, 90)
     )
     assert {"beta_deg", "mounts", "times.dwell_s"} <= {*rig.ability.assumed} and "alpha_deg" not in rig.ability.assumed
+
+
+def test_plans_to_compare_are_refused_by_a_mounting_that_the_rig_lacks(tumblecal, tmp_path, configs):
+    """Of capture, as a position file, or hand-held; a rig is read before them."""
+    rig = configs / "plan_head.toml"
+    (tmp_path / "captured.toml").write_text(
+        '[session]\nmount = "Q"\n[positions]\nlisted = [{name = "a", alpha_deg = 0, beta_deg = 0}]\n'
+    )
+    (tmp_path / "measured.csv").write_text("position,alpha_deg,beta_deg,mount,ax_g,ay_g,az_g\na,0,0,Q,0,0,1\n")
+    (tmp_path / "hand.csv").write_text("# attitudes: unknown\nposition,ax_g,ay_g,az_g\na,0,0,1\nb,0,1,0\nc,1,0,0\n")
+    for name, fault in (
+        ("captured.toml", "mounting 'Q' is not in"),
+        ("measured.csv", "mounting 'Q' is not in"),
+        ("hand.csv", "unknown attitudes; a plan needs alpha_deg and beta_deg"),
+    ):
+        outcome = tumblecal("plan", rig, "--compare", rig, tmp_path / name, "--out", tmp_path / "p")
+        assert outcome.code == 2 and fault in outcome.lines[-1], outcome.lines
+        assert not (tmp_path / "p").exists()

@@ -27,8 +27,8 @@ pytestmark = pytest.mark.usefixtures("few_effects")
 @pytest.fixture(scope="module")
 def means(tmp_path_factory):
     """A null run in a wander of 80 ug and 60 s, seven times the white noise of a mean; reduced."""
-    from tumblecal.capture.reduction.reduce import reduce
-    from tumblecal.capture.reduction.reduction import write_reduction
+    from tumblecal.recordings.reduction.reduce import reduce
+    from tumblecal.recordings.reduction.reduction import write_reduction
 
     setup = blind.random_setup(np.random.default_rng(4), 3, 8)
     readings = blind.readings(setup, setup.nominal, {})

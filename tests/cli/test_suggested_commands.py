@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.cli.commands import app
 from tumblecal.cli.model_options import StatedModel
 from tumblecal.cli.options import ModelOptions
@@ -20,6 +19,7 @@ from tumblecal.data.positions import joined_arguments
 from tumblecal.estimation.methods import all_methods, checked
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.suggested_command import EVERY, SHARED, suggested
+from tumblecal.recordings.options import RecordingOptions
 from tumblecal.report.calibration_words import noise_words, temperature_words
 from tumblecal.report.narrow import folded
 
@@ -48,6 +48,9 @@ STATED = {
     "--rate": "100",
     "--topic": "imu0",
     "--protocol": "text",
+    "--rows": "sensor=1",
+    "--signed": "16",
+    "--decimal": "comma",
     "--range-g": "4",
     "--run": "second run",
     "--mount": "B",

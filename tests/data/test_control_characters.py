@@ -14,13 +14,13 @@ from hypothesis import strategies as st
 
 from tumblecal.capture.decoding.samples import Event
 from tumblecal.capture.port.transport import Identity
-from tumblecal.capture.recordings.table import SourceTable
 from tumblecal.data import read_positions, write_positions
 from tumblecal.data.raw import opened_raw, read_raw
 from tumblecal.ground.atomic import write_text
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.json_file import read_json
 from tumblecal.ground.strict_toml import read_toml
+from tumblecal.recordings.table import Table
 
 
 TURNING = {"LRE", "RLE", "PDF", "LRO", "RLO", "LRI", "RLI", "FSI", "PDI"}  # Unicode TR 9
@@ -91,8 +91,8 @@ def test_what_devices_and_recordings_say_is_kept_with_escapes(text):
         *(Event(0, "reply", {"text": text}).content.values()),
         str(Identity("/dev/ttyUSB0", serial_number=text, description=text).as_dict().get("serial_number")),
     ]
-    table = SourceTable(text, ("ax", text), lambda names: iter(()), comments={text: text}, description=text)
-    said += [table.name, *table.columns, *table.comments, *table.comments.values(), table.description]
+    table = Table(text, ("ax", text), lambda names: iter(()), stated={text: text}, words=text).plain()
+    said += [table.name, *table.columns, *table.stated, *table.stated.values(), table.words]
     for one in said:
         assert not any(map(is_control, one))
     if not any(map(is_control, text)) and "\ufeff" not in text and "\ufffe" not in text and "\uffff" not in text:

@@ -5,11 +5,13 @@ import pytest
 from position_text import HEADER, ROWS, faults, written
 
 from tumblecal import InputError
-from tumblecal.capture.recordings import source_tables
 from tumblecal.cli.model_options import StatedModel
 from tumblecal.cli.options import ModelOptions
 from tumblecal.data import read_positions
 from tumblecal.data.raw import opened_raw, read_raw
+from tumblecal.recordings.damage import Damage
+from tumblecal.recordings.formats import tables_of
+from tumblecal.recordings.options import RecordingOptions
 
 
 def with_labels(path, name, *labels):
@@ -48,8 +50,8 @@ def test_a_spreadsheets_padding_and_quotation_marks_are_no_part_of_a_comment(tmp
     path = written(tmp_path / "a.csv", comment, "# attitudes: unknown" + 5 * separator, *lines)
     assert read_positions(path).comments == stated | {"attitudes": "unknown"}
     assert opened_raw(path)[0].comments == stated | {"attitudes": "unknown"}
-    _, (table,) = source_tables(path)
-    assert table.comments == stated | {"attitudes": "unknown"}
+    _, (table,) = tables_of(path, RecordingOptions(), Damage())
+    assert table.stated == stated | {"attitudes": "unknown"}
 
 
 def test_contradictory_comments_are_refused(tmp_path):

@@ -1,4 +1,4 @@
-"""Curves of temperature in every target, by its own formula (benchmarks/device_formulas.py) next to apply."""
+"""Curves of temperature in every target, by its own formula (tests/device_formulas.py) next to apply."""
 
 import json
 import re

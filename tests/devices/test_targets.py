@@ -1,26 +1,21 @@
-"""Every target by its own formula (benchmarks/device_formulas.py) gives apply's numbers but for what was said to be lost."""
+"""Every target by its own formula (tests/device_formulas.py) gives apply's numbers but for what was said to be lost."""
 
 import json
 import re
 import shutil
 import subprocess
-import sys
 from dataclasses import replace
-from pathlib import Path
 from typing import get_args
 
 import numpy as np
 import pytest
 
+from device_formulas import FORMULAS, applied, numbers
 from tumblecal import InputError
 from tumblecal.cli.export import Format
 from tumblecal.data.calibration import Calibration, write_calibration
 from tumblecal.devices import TARGETS, Export, losses
 from tumblecal.ground.gravity import Gravity
-
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-from device_formulas import FORMULAS, applied, numbers
 
 
 G = 9.8123

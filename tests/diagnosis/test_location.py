@@ -1,11 +1,11 @@
-"""An effect that acts in a part of the data alone is told as such; what is larger is measured by benchmarks/blind located."""
+"""An effect that acts in a part of the data alone is told as such."""
 
 import json
 
+import cases_in_a_part as study
 import numpy as np
 import pytest
 
-from blind import located as study
 from blind_noise import position_set
 from tumblecal.diagnosis.findings.location import located
 from tumblecal.planning import next_plan
@@ -26,7 +26,7 @@ def test_most_effects_are_found_in_their_part(diagnoser, known):
         for seed in range(5)
         for part in ("one setting", "second half")
     ]
-    # Seven of ten are (benchmarks/blind located); fewer than four of ten once in a hundred runs.
+    # Seven of ten are (docs/measured_appendix.md); fewer than four of ten once in a hundred runs.
     assert judged.count("right") >= 4
     assert judged.count("wrong and sure") <= 3
 

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 import blind_instrument as blind
-from tumblecal.capture.reduction.position_samples import PositionSamples
 from tumblecal.data import PositionSet
 from tumblecal.estimation.mean_noise import sample_noises
 from tumblecal.ground.errors import InputError
 from tumblecal.noise import Dwells, Flicker, GaussMarkov, Noise, RandomWalk, White
 from tumblecal.noise.sampling import dwell_records
+from tumblecal.recordings.reduction.position_samples import PositionSamples
 from tumblecal.report.diagnosis_verdict import verdict_of_diagnosis
 
 

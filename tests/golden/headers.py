@@ -3,10 +3,9 @@
 from pathlib import Path
 
 import numpy as np
+from recording_headers import HEADERS, columns_of, renamed, shuffled
 
 from commands import run
-from recording_headers import HEADERS
-from recordings_as_people_have_them import columns_of, renamed, shuffled
 
 
 CHOSEN = HEADERS[:: max(len(HEADERS) // 60, 1)][:60]

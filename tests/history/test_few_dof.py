@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from calibrations_of_few_dof import ALL, BIASES, told
 from scipy.special import fdtrc, gammaincc, stdtrit
 from test_history import covariance, results
 
-from few_dof import ALL, BIASES, told
 from tumblecal import InputError
 from tumblecal.data import write_positions
 from tumblecal.data.calibration import read_calibration

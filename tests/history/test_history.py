@@ -263,7 +263,7 @@ def test_mistakes_are_one_line(tumblecal, tmp_path):
 def test_kills_and_two_writers_lose_nothing():
     """The short version of benchmarks/history_file.py."""
     script = Path(__file__).parents[2] / "benchmarks" / "history_file.py"
-    counts = ["--kills", "2", "--creations", "12", "--rows", "0"]
+    counts = ["--kills", "2", "--creations", "12"]
     done = subprocess.run([sys.executable, script, *counts], capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "2 kills; lost or torn: 0" in done.stdout and "at once; refused or lost: 0" in done.stdout

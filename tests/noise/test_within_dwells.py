@@ -39,7 +39,7 @@ def recording(seed, colour, plan):
 @pytest.mark.parametrize("plan", PLANS)
 @pytest.mark.parametrize("colour", COLOURS)
 def test_slow_noise_is_no_change_in_common(colour, plan):
-    """At most one false report in a hundred is allowed; benchmarks/within_dwells.py counts 500 of each."""
+    """At most one false report in a hundred is allowed."""
     false = sum(bool(without_common_change(own[0], RATE_HZ, own[1])[1]) for own in (
         recording(seed, colour, plan) for seed in range(40)))  # fmt: skip
     assert false <= 2

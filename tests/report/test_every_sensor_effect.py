@@ -5,14 +5,13 @@ program's chain, and the calibration is applied at other attitudes and temperatu
 """
 
 import shutil
-import sys
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from device_formulas import FORMULAS, applied
 from independent import Instrument, mount, passive, specific_force
 from independent import readings as linear_readings
 from tumblecal.data import PositionSet
@@ -25,10 +24,6 @@ from tumblecal.effects.effect import NO_FORMS, OF_BRANCH, OF_GROUPS, OF_MOUNT, O
 from tumblecal.estimation import problem_of
 from tumblecal.estimation.fit import Code, Fit
 from tumblecal.report.result_file import calibration_of
-
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-from device_formulas import FORMULAS, applied
 
 
 G = 9.81

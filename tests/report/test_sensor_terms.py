@@ -1,8 +1,6 @@
 """Effects that a model is given with, such as a rig's, are in calibration.json: as terms, else named as what it cannot hold."""
 
 import json
-import sys
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,6 +8,7 @@ import polars as pl
 import pytest
 
 import tumblecal as package
+from device_formulas import applied
 from independent import Instrument
 from independent import readings as linear_readings
 from tumblecal.cli.model_options import started_from_amplitudes
@@ -23,10 +22,6 @@ from tumblecal.estimation import exact, problem_of, where_of
 from tumblecal.ground.errors import InputError
 from tumblecal.lab.sensor_terms import undetermined_order
 from tumblecal.report.diagnosis_details import warning_words
-
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-from device_formulas import applied
 
 
 NOISE_MG = 0.1

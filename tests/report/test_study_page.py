@@ -66,3 +66,25 @@ def test_linearization_is_a_table_and_a_page(tmp_path):
 def test_the_headline_follows_the_coverage(covered, tone):
     answer = answer_of("coverage", *coverage(covered))
     assert answer.tone == tone and ("Do not trust" in answer.headline) == (tone == "bad")
+
+
+def test_convergence_draws_the_errors_and_the_data_sets_needed(tmp_path):
+    methods, sets = ("exact", "kalman"), [1, 10, 100, 1000]
+    names = [f"{leaf}_{k}" for leaf in ("dK", "bias", "dtheta", "gamma", "dbeta") for k in (1, 2)]
+    errors = [(m, p, n, 1e-4 / np.sqrt(n)) for m in methods for p in names for n in sets]
+    needed = [
+        (m, p, limit, 10.0, 20.0 * (k + 1), 40.0 * (k + 1))
+        for m in methods for k, p in enumerate(names) for limit in (1e-4, 1e-5)
+    ]  # fmt: skip
+    frames = {
+        "errors": pl.DataFrame(errors, ["method", "parameter", "data_sets", "rms"], orient="row"),
+        "consistency": pl.DataFrame(
+            [(m, n, 15.0) for m in methods for n in sets], ["method", "data_sets", "nees"], orient="row"
+        ),
+        "needed": pl.DataFrame(needed, ["method", "parameter", "threshold", "p10", "median", "p90"], orient="row"),
+    }
+    content = GIVEN | {"methods": list(methods), "nees_expected": 15, "data_sets": 1000}
+    figures = draw("convergence", content, frames, tmp_path)
+    assert [path.name for path in figures] == ["convergence.svg", "data_sets_needed.svg"]
+    shown = (tmp_path / "data_sets_needed.svg").read_text(encoding="utf-8")
+    assert shown.count("below ") >= 2 and "kalman" in (tmp_path / "convergence.svg").read_text(encoding="utf-8")

@@ -7,10 +7,10 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from tumblecal.capture.recordings.guesses import guessed
-from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.cli.output import Quiet, warn
 from tumblecal.ground.counted import counted
+from tumblecal.recordings.guesses import guessed
+from tumblecal.recordings.options import RecordingOptions
 
 
 def apply(
@@ -54,8 +54,6 @@ def apply(
     use_anyway
         Use of a calibration with the judgement `use: no`. Default: an error.
     """
-    from tumblecal.capture.correction.correction import Correction, write_corrected
-    from tumblecal.capture.correction.uncorrected import uncorrected
     from tumblecal.data.calibration_terms import undetermined_words
     from tumblecal.data.not_applied import losses_words
     from tumblecal.data.overwriting import protect_inputs
@@ -64,7 +62,9 @@ def apply(
     from tumblecal.ground.atomic import writable_file
     from tumblecal.ground.errors import InputError
     from tumblecal.ground.gravity import gravity_of_option
-    from tumblecal.report.recording_words import recording_words
+    from tumblecal.recordings.correction.correction import Correction, write_corrected
+    from tumblecal.recordings.correction.uncorrected import uncorrected
+    from tumblecal.report.recording_words import layout_words
 
     local = gravity_of_option(options.gravity) if options.gravity else None
     read = read_checked(calibration)
@@ -82,15 +82,15 @@ def apply(
     if out.suffix not in (".csv", ".parquet") and not out.is_dir():
         raise InputError(f"{out}: must end in .csv or .parquet")
     writable_file(out)
-    with guessed(source.contents.layout.guesses if source.contents else ()):
+    with guessed(source.recording.layout.notes if source.recording else ()):
         checks, outside, one_g = write_corrected(out, source, correction)
     for words in [*checks.words(), *(outside.words() if outside else ())]:
         print(f"WARNING: {raw}: {words}", file=sys.stderr)
     if undetermined := correction.calibration.sensor.of(SENSOR).undetermined_words:
         print(f"WARNING: {calibration}: the data did not determine {undetermined}", file=sys.stderr)
-    warn(raw, source.damage.lines)
+    warn(raw, source.recording.damage.lines if source.recording else [])
     print(f"use of {calibration}: {read.use.words}")
-    for line in recording_words(source.contents, kept=source.schema is not None) if source.contents else ():
+    for line in layout_words(source.recording) if source.recording else ():
         print(line)
     if one_g is not None:
         print(f"one g is {one_g}{', as in the calibration' if calibrated_gravity else ''}")

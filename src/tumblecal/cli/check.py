@@ -7,21 +7,21 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from tumblecal.capture.recordings.options import Criterion, KnownContext, RecordingOptions
 from tumblecal.cli.calibrate import NOT_USABLE
 from tumblecal.cli.check_options import ConditionOptions, UpdateOptions
 from tumblecal.cli.options import ResultOptions
 from tumblecal.cli.output import Output, warn
 from tumblecal.ground.errors import InputError
+from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptions
 
 
 if TYPE_CHECKING:
-    from tumblecal.check.attitudes import StillAttitudes
     from tumblecal.check.drift import ProcessNoise
     from tumblecal.check.gravity import LocalSize
     from tumblecal.check.result import CheckResult, Model
     from tumblecal.check.update import Update
     from tumblecal.data.calibration import Calibration
+    from tumblecal.recordings.reduction.sources import Reduced
 
 _SET = ("check.json", "check.html")
 # Beginnings of lines on intervals at rest that matter here: steps of the readings, and rejected intervals.
@@ -62,7 +62,6 @@ def check(
 
     output.begin()
     start()
-    from tumblecal.capture.reduction.file_names import recording_files
     from tumblecal.check.attitudes import still_attitudes
     from tumblecal.check.drift import by_parameter
     from tumblecal.check.result import check as checked
@@ -70,6 +69,7 @@ def check(
     from tumblecal.data.overwriting import protect_inputs
     from tumblecal.data.result_records import read_checked
     from tumblecal.ground.blas import single_blas_thread
+    from tumblecal.recordings.reduction.file_names import recording_files
 
     require_calibration_and_recording("check", calibration, recording)
     read = read_checked(calibration)
@@ -115,7 +115,7 @@ def check(
     return NOT_USABLE if result.use.refused else 0
 
 
-def _printed(output: Output, found: "StillAttitudes") -> None:
+def _printed(output: Output, found: "Reduced") -> None:
     """Print layout, guesses and warnings of the recording."""
     from tumblecal.report.recording_words import interval_words, layouts_words, left_out_words
 
@@ -131,7 +131,7 @@ def _printed(output: Output, found: "StillAttitudes") -> None:
         warn(source, lines)
 
 
-def _require_unit(read: "Calibration", path: Path, found: "StillAttitudes", *, other: bool) -> None:
+def _require_unit(read: "Calibration", path: Path, found: "Reduced", *, other: bool) -> None:
     """Reject a recording of a different unit.
 
     **Raises:** `InputError` if the serial numbers differ, unless `other` is set.
@@ -144,20 +144,22 @@ def _require_unit(read: "Calibration", path: Path, found: "StillAttitudes", *, o
         )
 
 
-def _require_new(read: "Calibration", path: Path, found: "StillAttitudes") -> None:
+def _require_new(read: "Calibration", path: Path, found: "Reduced") -> None:
     """Reject the data of the calibration itself, which agree with it whatever happened since.
 
     **Raises:** `InputError` with the file.
     """
+    from tumblecal.check.attitudes import provenance
+
     used = read.provenance.get("sha256")
-    for record in found.provenance(path)["recording"]:
+    for record in provenance(found, path)["recording"]:
         if used is not None and record["sha256"] == used:
             raise InputError(f"{record['file']}: {path} was made from this file; check it with a new recording")
 
 
 def _gravity(
-    read: "Calibration", path: Path, found: "StillAttitudes", stated: str, u: float | None
-) -> "tuple[LocalSize, StillAttitudes]":
+    read: "Calibration", path: Path, found: "Reduced", stated: str, u: float | None
+) -> "tuple[LocalSize, Reduced]":
     from tumblecal.check.gravity import local_size
     from tumblecal.ground.gravity import gravity_of_option
 
@@ -168,7 +170,7 @@ def _gravity(
     return gravity, replace(found, data=data)
 
 
-def _model(test: ConditionOptions, found: "StillAttitudes") -> "Model":
+def _model(test: ConditionOptions, found: "Reduced") -> "Model":
     """The model of known angles: of --rig and --prior."""
     from tumblecal.check.result import Model
     from tumblecal.cli.model_options import StatedModel
@@ -189,7 +191,7 @@ def _model(test: ConditionOptions, found: "StillAttitudes") -> "Model":
 
 def _updated(
     result: "CheckResult",
-    found: "StillAttitudes",
+    found: "Reduced",
     updating: UpdateOptions,
     rates: Mapping[str, float],
     history: Path | None,
@@ -200,6 +202,7 @@ def _updated(
     """
     if updating.update is None:
         return None
+    from tumblecal.check.attitudes import provenance
     from tumblecal.check.drift import process_noise
     from tumblecal.check.update import freed_names, updated
     from tumblecal.history.database import of_unit
@@ -208,7 +211,7 @@ def _updated(
     serial = found.data.serial_number or result.calibration.serial_number
     entries = of_unit(history, serial) if history is not None and serial else None
     process = process_noise(result.calibration, found.data, rates, updating.months, entries, str(history))
-    return updated(result.test, process, freed, found.provenance(result.path)), process
+    return updated(result.test, process, freed, provenance(found, result.path)), process
 
 
 def _stated(context: KnownContext, test: ConditionOptions) -> list[Path | str]:
@@ -224,7 +227,7 @@ def _stated(context: KnownContext, test: ConditionOptions) -> list[Path | str]:
 
 def _written(
     result: "CheckResult",
-    found: "StillAttitudes",
+    found: "Reduced",
     made: "tuple[Update, ProcessNoise] | None",
     given: tuple[Path | None, list[Path | str]],
     results: ResultOptions,
@@ -232,6 +235,7 @@ def _written(
     output: Output,
 ) -> None:
     """Write and print the results. `given`: the file of the update, and the words of suggested commands."""
+    from tumblecal.check.attitudes import provenance
     from tumblecal.data.calibration import write_calibration
     from tumblecal.ground.atomic import output_folders, writable_file
     from tumblecal.ground.result_set import result_set
@@ -246,7 +250,7 @@ def _written(
     if file is not None:
         writable_file(file)
     with output_folders([out]), result_set(out, _SET) as aside:
-        write_check(aside / "check.json", result, verdict, found.provenance(result.path), update)
+        write_check(aside / "check.json", result, verdict, provenance(found, result.path), update)
         written = ["check.json"]
         if results.figures is not False:
             written += write_check_page(aside / "check.html", result, verdict)

@@ -17,8 +17,8 @@ from tumblecal.ground.errors import InputError
 
 
 if TYPE_CHECKING:
-    from tumblecal.capture.reduction.position_samples import PositionSamples
     from tumblecal.data import PositionSet
+    from tumblecal.recordings.reduction.position_samples import PositionSamples
 
 
 # Files in the output folders of one file or a batch.
@@ -97,7 +97,7 @@ class InputOptions:
                 f"--samples {self.samples}: samples of one position file, but {len(data)} files are given; diagnose each file "
                 "separately"
             )
-        from tumblecal.capture.reduction.position_samples import read_position_samples
+        from tumblecal.recordings.reduction.position_samples import read_position_samples
 
         return read_position_samples(self.samples)
 

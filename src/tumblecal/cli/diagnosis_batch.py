@@ -13,7 +13,6 @@ from tumblecal.ground.errors import InputError
 
 
 if TYPE_CHECKING:
-    from tumblecal.capture.reduction.position_samples import PositionSamples
     from tumblecal.chain.head_file import MeasuredHead
     from tumblecal.chain.rig import Rig
     from tumblecal.cli.options import ModelOptions, ResultOptions
@@ -22,6 +21,7 @@ if TYPE_CHECKING:
     from tumblecal.diagnosis.screening.screened import Screened
     from tumblecal.effects import Catalogue
     from tumblecal.planning import Allowed
+    from tumblecal.recordings.reduction.position_samples import PositionSamples
 
 
 _FILES_A_PROCESS = 40

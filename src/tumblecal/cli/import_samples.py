@@ -6,10 +6,10 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from tumblecal.capture.recordings.options import RecordingOptions
 from tumblecal.cli.output import Output, warn
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
+from tumblecal.recordings.options import RecordingOptions
 
 
 def import_samples(
@@ -22,6 +22,9 @@ def import_samples(
 ) -> None:
     """Describe a recording (rows, rate, columns with their evidence, gaps, repeats, damage), and write its samples as a table.
 
+    The description, FILE.recording.toml, states the columns, units, clock, rate and gravity that were found or given, each with
+    its source. reduce, thermal, check and apply accept it in place of the recording and its options.
+
     Text of any layout, Parquet, .mat, HDF5, ROS bags, MCAP, PX4 ULog, DataFlash, Xsens .mtb, spreadsheets and byte logs of
     the serial protocols are read. Column names include units: ax_ms2, gx_rads, temperature_degc; counts are not converted.
     Next: tumblecal reduce TABLE --static (or --plan).
@@ -33,8 +36,9 @@ def import_samples(
     out
         Table of samples (.parquet or .csv). Default: SOURCE.samples.parquet in the current folder. Example: --out log.csv.
     """
-    from tumblecal.capture.rows.sample_file import write_samples
     from tumblecal.data.overwriting import protect_inputs
+    from tumblecal.recordings.description import SUFFIX, write_description
+    from tumblecal.recordings.reading import read_recording
     from tumblecal.report.recording_words import import_document, import_lines, left_out_words
 
     output.begin()
@@ -43,9 +47,12 @@ def import_samples(
     if path.suffix not in (".csv", ".parquet"):
         raise InputError(f"{path}: must end in .csv or .parquet")
     protect_inputs([source], out=path)
-    contents = write_samples(source, path, options)
+    contents = read_recording(source, path, options)
     warn(source, contents.damage.lines)
+    description = path.with_name(f"{contents.path.name}{SUFFIX}")
+    write_description(contents, description)
     output.say("\n".join([*import_lines(contents), f"{path}: {counted(contents.rows, 'sample')}"]))
+    output.say(f"{description}: its description, for reduce, thermal, check and apply")
     if output.json:
         print(json.dumps(import_document(source, path, contents)))
     output.warn(str(source), left_out_words(contents))

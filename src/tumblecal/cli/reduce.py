@@ -7,19 +7,19 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from tumblecal.capture.recordings.guesses import guessed
-from tumblecal.capture.recordings.options import Criterion, KnownContext, RecordingOptions
 from tumblecal.cli.output import Output, Quiet, warn
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
+from tumblecal.recordings.guesses import guessed
+from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptions
 
 
 if TYPE_CHECKING:
-    from tumblecal.capture.reduction.reduce_files import FilesReduction
-    from tumblecal.capture.reduction.reduce_recording import RecordingReduction
-    from tumblecal.capture.reduction.reduction import Reduction
-    from tumblecal.capture.still.stillness import Stillness
     from tumblecal.data import PositionSet
+    from tumblecal.recordings.reduction.reduce_files import FilesReduction
+    from tumblecal.recordings.reduction.reduce_recording import RecordingReduction
+    from tumblecal.recordings.reduction.reduction import Reduction
+    from tumblecal.recordings.still.stillness import Stillness
 
 # With fewer attitudes a bias may change the median size of the readings.
 _FEWEST_SIZES = 6
@@ -57,8 +57,8 @@ def reduce(
     figures
         Figure intervals.svg of the still intervals. Example: --no-figures.
     """
-    from tumblecal.capture.reduction.file_names import recording_files
     from tumblecal.ground.blas import single_blas_thread
+    from tumblecal.recordings.reduction.file_names import recording_files
 
     if context.static and context.plan:
         raise InputError(
@@ -112,12 +112,12 @@ def _moved(folder: Path, paths: list[Path]) -> list[Path]:
 def _captured(source: Path, folder: Path, output: Output) -> None:
     """A run of tumblecal capture."""
     from tumblecal.capture.journal import read_journal, replayed
-    from tumblecal.capture.reduction.reduce import reduce as reduced
-    from tumblecal.capture.reduction.reduction import write_reduction
     from tumblecal.capture.run.run_folder import plan_of_run
     from tumblecal.data.position_comments import identity_words
     from tumblecal.ground.atomic import output_folders
     from tumblecal.ground.result_set import result_set
+    from tumblecal.recordings.reduction.reduce import reduce as reduced
+    from tumblecal.recordings.reduction.reduction import write_reduction
 
     reduction = reduced(source)
     with output_folders([folder]), result_set(folder, _WRITTEN) as aside:
@@ -130,8 +130,8 @@ def _captured(source: Path, folder: Path, output: Output) -> None:
 
 def _table(source: Path, folder: Path, output: Output) -> None:
     """A table of samples with a column for their positions."""
-    from tumblecal.capture.reduction.reduce_table import reduce_table
-    from tumblecal.capture.reduction.reduction import write_reduction
+    from tumblecal.recordings.reduction.reduce_table import reduce_table
+    from tumblecal.recordings.reduction.reduction import write_reduction
 
     with _results_folder([source], folder) as aside:
         table = reduce_table(source)
@@ -141,8 +141,8 @@ def _table(source: Path, folder: Path, output: Output) -> None:
 
 def _means(source: Path, context: KnownContext, options: RecordingOptions, folder: Path, output: Output) -> None:
     """A table of means."""
-    from tumblecal.capture.reduction.reduce_recording import means_of
     from tumblecal.data.files import write_positions
+    from tumblecal.recordings.reduction.reduce_recording import means_of
     from tumblecal.report.recording_words import layout_words, left_out_words
 
     paths = [folder / name for name in _WRITTEN[:2]]
@@ -167,13 +167,13 @@ def _files(
 ) -> None:
     """Several files of one recording. Their positions, which may be guesses, are printed before any fault."""
     from tumblecal.capture.capture_plan import read_plan
-    from tumblecal.capture.reduction.file_positions import (
+    from tumblecal.recordings.reduction.file_positions import (
         FilePosition,
         FilePositions,
         positions_by_names,
         positions_by_table,
     )
-    from tumblecal.capture.reduction.reduce_files import reduce_files
+    from tumblecal.recordings.reduction.reduce_files import reduce_files
     from tumblecal.report.recording_words import files_words
 
     if context.means:
@@ -210,7 +210,7 @@ def _recording(
     output: Output,
 ) -> None:
     """A recording of another program."""
-    from tumblecal.capture.reduction.reduce_recording import reduce_recording
+    from tumblecal.recordings.reduction.reduce_recording import reduce_recording
     from tumblecal.report.recording_words import reduction_words
 
     inputs = [source, context.plan]
@@ -233,8 +233,8 @@ def _still_reduction(
     output: Output,
 ) -> None:
     """Write a reduction by still intervals, and print its `words`; if no interval is still, only the figure."""
-    from tumblecal.capture.reduction.means_at_rest import NothingStill
-    from tumblecal.capture.reduction.reduction import write_reduction
+    from tumblecal.recordings.reduction.means_at_rest import NothingStill
+    from tumblecal.recordings.reduction.reduction import write_reduction
     from tumblecal.report.recording_words import left_out_words
 
     try:

@@ -81,7 +81,7 @@ def _sniff_file(path) -> None:
     from tumblecal.capture.decoding.byte_file import pieces_of
     from tumblecal.capture.decoding.sniff import guesses, unknown_words
     from tumblecal.capture.protocols import protocols
-    from tumblecal.capture.recordings import reader_of
+    from tumblecal.recordings.formats import reader_of
 
     data = next(pieces_of(path), b"")
     fitting = [g for g in guesses(data) if g.frames + g.special]

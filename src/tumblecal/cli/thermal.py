@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from tumblecal.capture.recordings.options import Criterion, KnownContext, RecordingOptions
 from tumblecal.cli.calibrate import NOT_USABLE
 from tumblecal.cli.options import NoiseSd
 from tumblecal.cli.output import Output, warn
 from tumblecal.ground.errors import InputError
+from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptions
 
 
 if TYPE_CHECKING:
-    from tumblecal.capture.thermal.read_thermal import ThermalReading
+    from tumblecal.recordings.thermal.read_thermal import ThermalReading
     from tumblecal.thermal.choice import Stated
 
 _WRITTEN = ("calibration.json", "thermal.json", "bins.csv", "parameters.csv", "thermal.html")
@@ -87,13 +87,13 @@ def thermal(
 
     output.begin()
     start()
-    from tumblecal.capture.reduction.file_names import recording_files
-    from tumblecal.capture.thermal.read_thermal import thermal_reading
     from tumblecal.cli.model_options import stated_noise_sd
     from tumblecal.data.overwriting import protect_inputs
     from tumblecal.ground.atomic import output_folders
     from tumblecal.ground.blas import single_blas_thread
     from tumblecal.ground.result_set import result_set
+    from tumblecal.recordings.reduction.file_names import recording_files
+    from tumblecal.recordings.thermal.read_thermal import thermal_reading
     from tumblecal.report.thermal_files import write_thermal
     from tumblecal.report.thermal_page import write_thermal_page
     from tumblecal.thermal.result import thermal_calibration

@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tumblecal.capture.reduction.position_samples import PositionSamples
 from tumblecal.chain import Chain, Forward
 from tumblecal.chain.head_ability import HeadAbility
 from tumblecal.data import PositionSet
@@ -43,6 +42,7 @@ from tumblecal.estimation.slow_noise import with_slow_noise
 from tumblecal.ground.blas import single_blas_thread
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
+from tumblecal.recordings.reduction.position_samples import PositionSamples
 
 
 # Kinds of plans whose compiled models are kept; one needs 60 to 100 MB.

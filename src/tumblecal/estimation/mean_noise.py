@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.capture.reduction.position_samples import PositionSamples, require_samples_of
 from tumblecal.data import PositionSet
 from tumblecal.effects import AXES
 from tumblecal.estimation.problem import Problem
@@ -22,6 +21,7 @@ from tumblecal.noise import Covariance, Flicker, GaussMarkov, Noise, RandomWalk,
 from tumblecal.noise.dwell_fit import LEAST_G
 from tumblecal.noise.dwell_sd import sd_of_means, white_sd
 from tumblecal.noise.recorded import RecordedNoise, against_neighbours, recorded_covariance, recordings
+from tumblecal.recordings.reduction.position_samples import PositionSamples, require_samples_of
 
 
 # A mean this much (sd) noisier than white noise is mostly slow noise.

@@ -14,8 +14,19 @@ from tumblecal.ground.result_set import final_place
 
 _MODEL = ("--rig", "--noise-sd", "--prior", "--fix", "--head", "--gravity", "--columns", "--effects", "--attitudes")
 _RECORDING = (
-    *("--columns", "--unit", "--gyro-unit", "--time-unit", "--scale", "--offset", "--rate", "--topic", "--protocol"),
-    "--range-g",
+    *(
+        "--columns",
+        "--rows",
+        "--unit",
+        "--gyro-unit",
+        "--time-unit",
+        "--scale",
+        "--offset",
+        "--signed",
+        "--decimal",
+        "--rate",
+    ),
+    *("--topic", "--protocol", "--range-g"),
 )
 # Options with a value that commands share. The --gravity of apply is that of a different site.
 SHARED = {

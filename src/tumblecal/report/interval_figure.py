@@ -3,7 +3,7 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from tumblecal.capture.still.stillness import Stillness
+from tumblecal.recordings.still.stillness import Stillness
 from tumblecal.report.drawing import AXIS_COLOUR, MUTED, OUTSIDE, new_figure
 
 

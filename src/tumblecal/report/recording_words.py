@@ -1,21 +1,20 @@
 """Messages of `tumblecal import` and `tumblecal reduce` about a recording, a line each, and the document of an import."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from tumblecal.capture.columns.units import FORCE
+from tumblecal.data.column_names import FORCE
 from tumblecal.ground.counted import counted, shortened
 from tumblecal.ground.gravity import unit_in_g
 
 
 if TYPE_CHECKING:
-    from tumblecal.capture.reduction.reduce_files import FilesReduction
-    from tumblecal.capture.reduction.reduce_recording import RecordingReduction
-    from tumblecal.capture.rows.contents import Contents
-    from tumblecal.capture.still.stillness import Stillness
+    from tumblecal.recordings.recording import Recording
+    from tumblecal.recordings.reduction.reduce_files import FilesReduction
+    from tumblecal.recordings.reduction.reduce_recording import RecordingReduction
+    from tumblecal.recordings.still.stillness import Stillness
 
 
 # Units as people write them.
@@ -24,24 +23,23 @@ _MOST, _MOST_NAMES = 12, 8
 _SIZE = ", size about "
 
 
-def temperature_words(contents: "Contents") -> Iterator[str]:
+def temperature_words(contents: "Recording") -> Iterator[str]:
     """The range of the temperature, if there is one."""
-    low, high = contents.temperature
-    if low <= high:
-        lacking = contents.without_temperature
-        without = f", none in {counted(lacking, contents.layout.table.row_word)}" if lacking else ""
+    if found := contents.temperature:
+        low, high, lacking = found
+        without = f", none in {counted(lacking, contents.table.row_word)}" if lacking else ""
         yield f"temperature {low:.2f} to {high:.2f} degC{without}"
 
 
-def recording_words(contents: "Contents", *, kept: bool = False) -> Iterator[str]:
-    """Contents of a recording; for a table whose columns are `kept`, only its readings."""
+def recording_words(contents: "Recording", *, kept: bool = False) -> Iterator[str]:
+    """Recording of a recording; for a table whose columns are `kept`, only its readings."""
     yield from layout_words(contents)
     yield from () if kept else rate_words(contents)
     yield from left_out_words(contents)
     yield from () if kept else temperature_words(contents)
 
 
-def layout_words(contents: "Contents") -> Iterator[str]:
+def layout_words(contents: "Recording") -> Iterator[str]:
     """The columns of a recording, with the assumptions about them."""
     layout = contents.layout
     yield from format_words(contents, tables=False)
@@ -49,10 +47,10 @@ def layout_words(contents: "Contents") -> Iterator[str]:
     yield f"columns: {', '.join(columns)}"
     per_g = f" ({layout.per_g:g} a g)" if layout.per_g else ""
     yield f"accelerations in {UNITS[layout.unit]}{per_g}{_SIZE}{layout.size:.5g}"
-    yield from layout.guesses
+    yield from layout.notes
 
 
-def layouts_words(read: Sequence[tuple[object, "Contents"]]) -> Iterator[str]:
+def layouts_words(read: Sequence[tuple[object, "Recording"]]) -> Iterator[str]:
     """The layout of several files: that of the first, then the lines in which others differ, except the mean size."""
     of_all = list(layout_words(read[0][1]))
     yield from of_all
@@ -70,25 +68,28 @@ def grouped_lines(lines: Sequence[str]) -> Iterator[str]:
     yield from (f"{shortened(each, _MOST_NAMES)}: {words}" for words, each in names.items())
 
 
-def format_words(contents: "Contents", *, tables: bool) -> Iterator[str]:
+def format_words(contents: "Recording", *, tables: bool) -> Iterator[str]:
     """The format of a recording and its tables, if it has several."""
-    table = contents.layout.table
-    yield f"{contents.reader.title}{f': {table.description}' if table.description else ''}"
+    table = contents.table
+    yield f"{contents.reader.title}{f': {table.words}' if table.words else ''}"
     if tables and len(contents.tables) > 1:
         for each in contents.tables:
             rows = "" if each.rows is None else f", {counted(each.rows, each.row_word)}"
-            yield f"  {'*' if each is table else ' '} {each.name}{f' ({each.description})' if each.description else ''}{rows}"
+            yield f"  {'*' if each is table else ' '} {each.name}{f' ({each.words})' if each.words else ''}{rows}"
 
 
-def left_out_words(contents: "Contents") -> Iterator[str]:
+def left_out_words(contents: "Recording") -> Iterator[str]:
     """Number of rows without a complete reading, and the first of them; nothing if there are none."""
-    if contents.unreadable:
-        places = [*map(str, contents.places), *(["..."] if contents.unreadable > len(contents.places) else [])]
-        left_out = counted(contents.unreadable, contents.layout.table.row_word)
+    if contents.unread.rows:
+        places = [
+            *map(str, contents.unread.places),
+            *(["..."] if contents.unread.rows > len(contents.unread.places) else []),
+        ]
+        left_out = counted(contents.unread.rows, contents.table.row_word)
         yield f"{left_out} left out, without a whole reading: {', '.join(places)}"
 
 
-def rate_words(contents: "Contents") -> Iterator[str]:
+def rate_words(contents: "Recording") -> Iterator[str]:
     """Number of samples, their rate, and missing samples."""
     rate = contents.rate_hz
     yield counted(contents.rows, "sample") + (
@@ -109,7 +110,7 @@ def rate_words(contents: "Contents") -> Iterator[str]:
         yield f"{counted(len(ahead), 'gap')}, {total:.1f} s in all, first at {ahead[0][0]:.2f} s; no interval goes across"
 
 
-def _gaps(contents: "Contents") -> tuple[list, list]:
+def _gaps(contents: "Recording") -> tuple[list, list]:
     """Gaps (time, duration) of the clock, and its jumps back."""
     return [gap for gap in contents.gaps if gap[1] > 0], [gap for gap in contents.gaps if gap[1] < 0]
 
@@ -175,47 +176,47 @@ _REPEATS = "repeats"
 _RATE_BY = {True: "from the times, without gaps", False: "asked for, or stated in the file"}
 
 
-def import_document(source: Path, out: Path, contents: "Contents") -> dict[str, object]:
+def import_document(source: Path, out: Path, contents: "Recording") -> dict[str, object]:
     """The document of `tumblecal import` for programs; what is not known is null.
 
     `{"schema": "tumblecal.import/1", "source", "output", "format", "tables": [{"name", "rows", "taken"}], "rows",
     "left_out": {"rows", "first"}, "rate_hz", "duration_s", "columns": {"ax": {"column", "unit", "why"}}, "accelerations":
     {"unit", "counts_per_g", "size"}, "guesses": [line], "gaps": {"count", "total_s", "first_s"}, "clock_back": {"count",
     "first_s"}, "temperature_degc": [low, high], "repeats": record or null, "damage": [record]}`; records as in
-    `capture.recordings.damage`.
+    `recordings.damage`.
     """
     layout, damage = contents.layout, contents.damage.records
     ahead, back = _gaps(contents)
-    rate, (low, high) = contents.rate_hz, contents.temperature
+    rate, degc = contents.rate_hz, contents.temperature
     return {
         "schema": SCHEMA,
         "source": str(source),
         "output": str(out),
         "format": contents.reader.title,
-        "tables": [{"name": one.name, "rows": one.rows, "taken": one is layout.table} for one in contents.tables],
+        "tables": [{"name": one.name, "rows": one.rows, "taken": one is contents.table} for one in contents.tables],
         "rows": contents.rows,
-        "left_out": {"rows": contents.unreadable, "first": contents.places},
+        "left_out": {"rows": contents.unread.rows, "first": contents.unread.places},
         "rate_hz": rate,
         "duration_s": contents.rows / rate if rate else None,
         "columns": {
-            role: {"column": column.name, "unit": column.unit or None, "why": layout.why[role]}
+            role: {"column": column.name, "unit": column.unit or None, "why": column.why}
             for role, column in layout.columns.items()
         },
         "accelerations": {"unit": layout.unit, "counts_per_g": layout.per_g, "size": layout.size},
-        "guesses": list(layout.guesses),
+        "guesses": list(layout.notes),
         "gaps": {
             "count": len(ahead),
             "total_s": sum(gap[1] for gap in ahead),
             "first_s": ahead[0][0] if ahead else None,
         },
         "clock_back": {"count": len(back), "first_s": back[0][0] if back else None},
-        "temperature_degc": [low, high] if np.isfinite([low, high]).all() and low <= high else None,
-        "repeats": next((record.as_dict() for record in damage if record.kind == _REPEATS), None),
-        "damage": [record.as_dict() for record in damage],
+        "temperature_degc": list(degc[:2]) if degc else None,
+        "repeats": next((asdict(record) for record in damage if record.kind == _REPEATS), None),
+        "damage": [asdict(record) for record in damage],
     }
 
 
-def import_lines(contents: "Contents") -> list[str]:
+def import_lines(contents: "Recording") -> list[str]:
     """The table for people: what was found, and by what evidence; below it the guesses, with the options that override them."""
     layout, damage = contents.layout, contents.damage.records
     first, *clock = rate_words(contents)
@@ -227,15 +228,14 @@ def import_lines(contents: "Contents") -> list[str]:
     ]
     for role, column in layout.columns.items():
         unit = UNITS.get(column.unit, column.unit) + (per_g if role in FORCE else "")
-        rows.append((role, column.name, unit, layout.why[role]))
+        rows.append((role, column.name, unit, column.why))
     rows.append(("size", f"about {layout.size:.5g}", UNITS[layout.unit], "of gravity in ax, ay, az"))
     repeats = [record.words for record in damage if record.kind == _REPEATS]
     others = [record.words for record in damage if record.kind != _REPEATS]
-    low, high = contents.temperature
     rest = {"gaps": clock, "repeats": repeats, "damage": others, "temperature": list(temperature_words(contents))}
-    if low > high:
+    if not rest["temperature"]:
         del rest["temperature"]
     wide = [max(len(row[k]) for row in [*rows, *((name, "", "") for name in rest)]) for k in range(3)]
     table = ["  ".join(cell.ljust(width) for cell, width in zip(row, (*wide, 0), strict=True)).rstrip() for row in rows]
     table += [f"{name:{wide[0]}}  {words}" for name, lines in rest.items() for words in lines or ["none"]]
-    return [*format_words(contents, tables=True), *table, *layout.guesses]
+    return [*format_words(contents, tables=True), *table, *layout.notes]

@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
 
-from tumblecal.capture.reduction.reduction import Reduction
 from tumblecal.data.positions import PositionSet
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.counted import shortened
 from tumblecal.noise.dwell_sd import white_sd
+from tumblecal.recordings.reduction.reduction import Reduction
 from tumblecal.report.narrow import print_table
 from tumblecal.report.tables import Table
 

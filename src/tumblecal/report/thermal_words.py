@@ -4,11 +4,11 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from tumblecal.capture.thermal.thermal_table import ThermalTable
 from tumblecal.data.sensor_parameters import SENSOR, leaf_of
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.counted import counted
 from tumblecal.ground.numbers_shown import changed
+from tumblecal.recordings.thermal.thermal_table import ThermalTable
 from tumblecal.thermal.model import LEAVES
 from tumblecal.thermal.result import FoundSignal, ThermalResult, measured_range
 from tumblecal.thermal.usual_sizes import HISTORY

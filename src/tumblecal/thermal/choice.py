@@ -5,7 +5,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from tumblecal.capture.thermal.thermal_table import ThermalTable
 from tumblecal.chain.following import CHANGE
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.sensor_parameters import SENSOR, SensorParameters, leaf_of
@@ -14,6 +13,7 @@ from tumblecal.estimation.priors import Priors
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.soaks import soaks
 from tumblecal.ground.temperature_functions import HIGHEST_ORDER, TemperatureFunctions
+from tumblecal.recordings.thermal.thermal_table import ThermalTable
 from tumblecal.thermal import signals as kinds
 from tumblecal.thermal.design import Design, design_of, estimate
 from tumblecal.thermal.hysteresis import FORMS, forms_of

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool
 
-from tumblecal.capture.thermal.thermal_table import ThermalTable
 from tumblecal.ground.soaks import soaks
+from tumblecal.recordings.thermal.thermal_table import ThermalTable
 from tumblecal.thermal.choice import Choice, selected
 from tumblecal.thermal.orders import folds_of, predictable, temperatures_outside, without_signals
 from tumblecal.thermal.signals import NAMES

@@ -12,7 +12,7 @@ compared; the parameters over temperature are those of the middle between the br
 import numpy as np
 from jaxtyping import Bool, Float
 
-from tumblecal.capture.thermal.thermal_table import ThermalTable
+from tumblecal.recordings.thermal.thermal_table import ThermalTable
 
 
 FORMS = ("hysteresis", "hysteresis_closed", "hysteresis_memory")

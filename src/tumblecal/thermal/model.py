@@ -11,7 +11,6 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.capture.thermal.thermal_table import ThermalTable
 from tumblecal.chain import Chain, Where, coefficients, settings
 from tumblecal.chain.nominal import HAND_HELD, NOMINAL, Leaf, nominal_link
 from tumblecal.data.positions import PositionSet, attitudes_of
@@ -19,6 +18,7 @@ from tumblecal.estimation.priors import Priors
 from tumblecal.estimation.problem import Problem
 from tumblecal.ground.axes import AXES
 from tumblecal.ground.temperature_functions import TemperatureFunctions
+from tumblecal.recordings.thermal.thermal_table import ThermalTable
 from tumblecal.thermal.given_signals import GivenSignals
 from tumblecal.thermal.signals import Signals
 

@@ -16,8 +16,8 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from tumblecal.capture.thermal.thermal_table import ThermalTable
 from tumblecal.ground.soaks import soaks
+from tumblecal.recordings.thermal.thermal_table import ThermalTable
 from tumblecal.thermal.design import RANK, Design, free_of
 from tumblecal.thermal.hysteresis import FORMS
 from tumblecal.thermal.signals import NAMES

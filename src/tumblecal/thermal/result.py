@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.capture.thermal.thermal_table import ThermalTable
 from tumblecal.chain.following import CHANGE
 from tumblecal.data.calibration import Calibration
 from tumblecal.data.calibration_use import Use, combined
@@ -18,6 +17,7 @@ from tumblecal.estimation.fit import Fit
 from tumblecal.estimation.intrinsic import sensor_of
 from tumblecal.estimation.linear_calibration import calibration_with
 from tumblecal.ground.axes import AXES
+from tumblecal.recordings.thermal.thermal_table import ThermalTable
 from tumblecal.thermal import signals as kinds
 from tumblecal.thermal.choice import Choice, Stated, chosen_model
 from tumblecal.thermal.expanded import Test, expanded_g, span_of_bias

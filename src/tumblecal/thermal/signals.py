@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from tumblecal.capture.thermal.thermal_table import ThermalTable
 from tumblecal.ground.axes import AXES
+from tumblecal.recordings.thermal.thermal_table import ThermalTable
 from tumblecal.thermal.hysteresis import FORMS, forms_of
 
 

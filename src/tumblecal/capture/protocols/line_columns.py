@@ -10,8 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tumblecal.capture.columns.column_names import WITHOUT_GRAVITY, parsed, role_of
-from tumblecal.capture.columns.units import FORCE, RATE
+from tumblecal.data.column_names import FORCE, RATE, parsed, role_of
 from tumblecal.data.text_cells import separator_of
 from tumblecal.ground.decimal_marks import marks_of
 from tumblecal.ground.errors import InputError
@@ -99,7 +98,7 @@ def _role_of(word: str) -> tuple[str, str]:
         return _SHORT_NAMES[plain], ""
     role, unit = role_of(word)
     role = {"temperature": "t", "T": "t"}.get(role or "-", role)
-    return (role, unit) if role in _ROLES and not parsed(word).states & WITHOUT_GRAVITY else ("-", "")
+    return (role, unit) if role in _ROLES and parsed(word).state not in ("linear", "world", "free") else ("-", "")
 
 
 def _unit_of_length(length: float) -> str | None:

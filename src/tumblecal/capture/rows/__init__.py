@@ -1,1 +1,0 @@
-"""The rows of a recording as samples: order, damage and repair."""

@@ -1,0 +1,144 @@
+"""The columns of a recording with their quantities and units: by option, by the format, or by name."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from tumblecal.data.cells import LARGEST_NUMBER
+from tumblecal.data.column_names import FORCE, QUANTITIES, RATE, exact_role, role_of
+from tumblecal.ground.errors import InputError
+from tumblecal.ground.text_file import shown
+from tumblecal.recordings.clock import seconds_of
+from tumblecal.recordings.options import RecordingOptions
+from tumblecal.recordings.table import Table
+
+
+# Keys of statements of the sample rate.
+RATE_KEYS = (
+    *("rate_hz", "fs", "fs_hz", "sample_rate", "sampling_rate", "sampling_rate_hz", "sampling_frequency"),
+    *("update_rate", "output_rate", "measurement_frequency"),
+)
+
+
+@dataclass(frozen=True)
+class Column:
+    """The column of a quantity: a reading is `scale (number - offset)` in `unit`.
+
+    **Arguments:**
+
+    - `name`: in the source. `why`: the evidence for it. `form`: of times written as text; `offset` is then the first day.
+    - `whole`: the column of the whole seconds of a clock whose fractions are in `name`.
+    - `bits`: of numbers of which negative ones are written as unsigned ones; 0 for others.
+    """
+
+    name: str
+    unit: str = ""
+    why: str = ""
+    scale: float = 1.0
+    offset: float = 0.0
+    form: str = ""
+    whole: str = ""
+    bits: int = 0
+
+    def reading(self, table: Table) -> pl.Expr:
+        """The readings, or the seconds of a clock; null for a cell that is no number."""
+        if self.form:
+            return seconds_of(self.name, self.form, self.offset)
+        values = number(self.name, table)
+        if self.bits:
+            values = values - 2.0**self.bits * (values >= 2.0 ** (self.bits - 1))
+        values = (values - self.offset) * self.scale
+        return values + number(self.whole, table) if self.whole else values
+
+    def numbers(self, table: Table, frame: pl.DataFrame) -> NDArray[np.float64]:
+        """The readings of some rows, (n,); NaN for cells that are no number, or too large for any quantity."""
+        values = frame.select(self.reading(table)).to_series().to_numpy()
+        return np.where(np.abs(values) < LARGEST_NUMBER, values, np.nan)
+
+
+def number(name: str, table: Table) -> pl.Expr:
+    """The numbers of a column; null for other cells."""
+    if table.decimal == ",":
+        return pl.col(name).cast(pl.String).str.replace(",", ".", literal=True).cast(pl.Float64, strict=False)
+    return pl.col(name).cast(pl.Float64, strict=False)
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The columns of a table by quantity; `per_g`: counts for one g, if readings are counts and it is known; `size` of gravity
+    in the readings; `notes`: what was assumed, with the options that override it."""
+
+    columns: Mapping[str, Column]
+    per_g: float | None
+    size: float
+    notes: tuple[str, ...]
+
+    @property
+    def unit(self) -> str:
+        """Unit of the accelerations: g, mg, ms2 or counts."""
+        return self.columns["ax"].unit
+
+
+def given_columns(table: Table, options: RecordingOptions) -> dict[str, Column]:
+    """Columns by quantity, of the option `--columns` first, then of the format.
+
+    **Raises:** `InputError` for an unknown quantity, or a column that does not exist.
+    """
+    columns: dict[str, Column] = {}
+    for role, given in pairs(options.columns, "--columns").items():
+        quantity, unit = exact_role(role) or ("", "")
+        option = f"--columns {role}={given}"
+        if not quantity:
+            raise InputError(f"{option}: no such quantity; there are {', '.join(QUANTITIES)}")
+        at = int(given) if given.isdecimal() and given not in table.columns else 0
+        name = table.columns[at - 1] if 1 <= at <= len(table.columns) else given
+        if name not in table.columns:
+            raise InputError(f"{option}: no such column; the recording has {shown(', '.join(table.columns))}")
+        if other := next((other for other, column in columns.items() if column.name == name or other == quantity), ""):
+            raise InputError(
+                f"{option}: column {columns[other].name} is {other} already; name another column for each quantity"
+            )
+        named, named_unit = exact_role(table.roles.get(name, "")) or role_of(name)
+        alike = named == quantity or any({named, quantity} <= {*roles} for roles in (FORCE, RATE))
+        columns[quantity] = Column(
+            name, unit or (named_unit if alike else ""), "option", bits=bits_of(quantity, options)
+        )
+    used = {column.name for column in columns.values()}
+    for name, text in table.roles.items():
+        role, unit = exact_role(text) or ("", "")
+        if role and role not in columns and name in table.columns and name not in used:
+            columns[role] = Column(name, unit, "format")
+    return columns
+
+
+def bits_of(role: str, options: RecordingOptions) -> int:
+    """The bits of unsigned numbers of a quantity, by option; 0 for none."""
+    return (options.signed or 0) if role in (*FORCE, *RATE) else 0
+
+
+def pairs(text: str, option: str) -> dict[str, str]:
+    """The pairs of an option, `ax=AccX,ay=AccY`.
+
+    **Raises:** `InputError` for other text.
+    """
+    found: dict[str, str] = {}
+    for part in filter(None, text.split(",")):
+        key, equals, value = (word.strip() for word in part.partition("="))
+        if not equals or not value:
+            raise InputError(f"{option} {text}: write pairs such as ax=AccX,ay=AccY,az=AccZ")
+        if found.setdefault(key, value) != value:
+            raise InputError(f"{option} {text}: {key} is given twice; keep one")
+    return found
+
+
+def stated_rate(table: Table) -> float | None:
+    """The sample rate that the source states, Hz."""
+    for key in RATE_KEYS:
+        try:
+            return float(table.stated[key].lower().removesuffix("hz"))
+        except (KeyError, ValueError):
+            continue
+    return None

@@ -1,0 +1,68 @@
+"""Byte logs of the MIMU4444 and similar devices (Inertial Elements, OpenShoe): several IMUs in a frame, one table for each.
+
+A frame is AA, a running number (u16), the length of the payload (u8), ticks of 64 MHz (u32), for each IMU ax ay az gx gy gz
+(i16), and the sum of all bytes before it (u16); numbers are big-endian.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tumblecal.capture.decoding.framing import column, places_of, select
+from tumblecal.ground.decoding import damaged
+from tumblecal.recordings.table import Reader, Source, Table, of_arrays
+
+
+_MARK, _HEADER, _CHECK, _TICKS, _OF_IMU = b"\xaa", 4, 2, 4, 12
+_TICKS_PER_S = 64e6
+# MPU-9150 at the ranges that the firmware sets: 16 g and 2000 deg/s.
+_PER_UNIT = {"a": 2048.0, "g": 16.4}
+_NAMES = [f"{kind}{axis}" for kind in "ag" for axis in "xyz"]
+
+
+def _frames(data: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """The complete frames with a correct checksum (n, length), from the first one that is followed by a second one."""
+    starts = places_of(data[: 1 - _HEADER], _MARK)
+    payload = data[starts + 3].astype(np.int64)
+    ends = starts + _HEADER + payload + _CHECK
+    fits = (payload >= _TICKS + _OF_IMU) & ((payload - _TICKS) % _OF_IMU == 0) & (ends <= len(data))
+    starts, ends = starts[fits], ends[fits]
+    sums = np.cumsum(np.append(np.uint8(0), data), dtype=np.uint32)
+    right = (sums[ends - _CHECK] - sums[starts]) & 0xFFFF == column(data, ends, -_CHECK, ">u2")
+    starts, ends = starts[right], ends[right]
+    for k in np.flatnonzero(np.isin(ends, starts))[:1]:
+        length = ends[k] - starts[k]
+        same = (starts >= starts[k]) & (ends - starts == length)
+        found = select(starts[same], np.full(same.sum(), length), np.ones(same.sum(), bool), len(data), final=True)
+        return data[found.starts[:, None] + np.arange(length)]
+    return np.zeros((0, 0), np.uint8)
+
+
+def _read(source: Source) -> list[Table]:
+    data = np.memmap(source.path, np.uint8, "r")
+    frames = _frames(data)
+    if not len(frames):
+        raise damaged(source.path, "MIMU log", "no frame")
+    if outside := len(data) - frames.size:
+        source.damage.report(
+            f"{outside} of {len(data)} bytes are outside complete frames with a correct checksum and are left out"
+        )
+    ticks = np.ascontiguousarray(frames[:, _HEADER : _HEADER + _TICKS]).view(">u4")[:, 0].astype(np.int64)
+    time_s = np.concatenate([[0], np.cumsum(np.diff(ticks) % (1 << 32))]) / _TICKS_PER_S
+    values = np.ascontiguousarray(frames[:, _HEADER + _TICKS : -_CHECK]).view(">i2").reshape(len(frames), -1, 6)
+    return [
+        of_arrays(
+            f"imu{k + 1}",
+            {"time": time_s} | dict(zip(_NAMES, values[:, k].T.astype(float), strict=True)),
+            roles={"time": "time_s"} | {name: f"{name}_counts" for name in _NAMES},
+            per_unit=_PER_UNIT,
+            words=f"{len(frames)} frames",
+        )
+        for k in range(values.shape[1])
+    ]
+
+
+def _recognised(path: object, head: bytes) -> bool:
+    return bool(_frames(np.frombuffer(head, np.uint8)).size)
+
+
+READER = Reader("MIMU4444 bytes", _recognised, _read, rank=1)
