@@ -147,13 +147,3 @@ def test_effects_of_the_sensor_that_are_one_function_at_1_g():
     assert pairs == {(f"second_order.{axis}", f"cross_axis_square.{axis}") for axis in "xyz"}
     text = (ROOT / "docs/diagnosis_rules.md").read_text()
     assert all(f"| `{a}` | `{b}` |" in text for a, b in pairs)
-
-
-def test_sets_of_effects_are_compared_as_a_whole():
-    slots = {id: replace(NO_SLOT, id=id, make=ENTRIES[id].make, columns=(0,)) for id in ENTRIES if ENTRIES[id].make}
-    x, y = ([slots[f"second_order.{axis}"], slots[f"cross_axis_square.{axis}"]] for axis in "xy")
-    assert one_function_at_1_g([x[0], y[0]], [x[1], y[1]])
-    assert not one_function_at_1_g([x[0], y[0]], [x[1], slots["third_order.y"]])
-    assert not one_function_at_1_g([x[0]], [slots["bias_drift.x"], y[1]])
-    # A shape of the head at some angles is no identity, nor is an error of a position.
-    assert not one_function_at_1_g([x[0]], [slots["fixture_flexure"]]) and not one_function_at_1_g([x[0]], [NO_SLOT])

@@ -156,16 +156,7 @@ def test_every_entry_belongs_to_the_head_or_to_the_sensor():
     belongs = {id: belongs_to(effect) for id, effect in catalogue().items()}
     head = {id for id, owner in belongs.items() if owner == "head"}
     assert head == {
-        "base_levelling",
-        "axis_perpendicularity",
-        "index_eccentricity",
-        "index_ellipticity",
-        "index_gain",
-        "index_zero",
-        "index_backlash",
-        "spindle_wobble_1",
-        "spindle_wobble_2",
-        "fixture_flexure",
-        "gravity_value",
-    }
+        "base_levelling", "axis_perpendicularity", "index_eccentricity", "index_ellipticity", "index_gain", "index_zero",
+        "index_backlash", "spindle_wobble_1", "spindle_wobble_2", "fixture_flexure", "gravity_value",
+    }  # fmt: skip
     assert {belongs[id] for id in PHYSICS} == {"head", "sensor"} and belongs["swapped_positions"] == ""

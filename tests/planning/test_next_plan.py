@@ -41,19 +41,19 @@ def plan12(runs=1, mounts=("1",)):
     return np.array(alpha), np.array(beta), run, mount
 
 
-def measured(alpha, beta, run, mount, *, seed=0, dbeta=None, intended=None, sd=SIGMA):
+def measured(alpha, beta, run, mount, *, seed=0, dbeta=None):
     """Position means of an adequate instrument, by scipy's rotations."""
     rng = np.random.default_rng(seed)
     groups = np.unique([f"{r} {m} {b}" for r, m, b in zip(run, mount, beta, strict=True)], return_inverse=True)[1]
     errors = rng.normal(0, 2e-4, groups.max() + 1)[groups] if dbeta is None else dbeta
     true = Instrument(*rng.normal(0, 1e-3, (4, 3)), errors)
-    readings = independent.readings(np.radians(alpha), np.radians(beta), true, intended)
+    readings = independent.readings(np.radians(alpha), np.radians(beta), true)
     return PositionSet(
         tuple(str(k) for k in range(len(alpha))),
         alpha,
         beta,
-        readings + sd * rng.normal(size=readings.shape),
-        sd=np.full(readings.shape, sd),
+        readings + SIGMA * rng.normal(size=readings.shape),
+        sd=np.full(readings.shape, SIGMA),
         run=run if len(set(run)) > 1 else None,
         mount=mount if len(set(mount)) > 1 else None,
     )
