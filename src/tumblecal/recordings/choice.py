@@ -138,7 +138,11 @@ def _ask(
         raise InputError(
             f"{path}: ax, ay, az not found among the columns {shown(', '.join(columns))}; name them: {_OPTION}"
         )
-    _raise(columns, path, "the columns' names do not state the accelerations; give them", proposed)
+    steps = np.diff(readings(columns[:_MOST_COLUMNS]), axis=0)
+    rising = np.flatnonzero((steps > 0).all(0) & ~(steps == 1).all(0)) if len(steps) else ()
+    named_time = any(parsed(column).quantity == "time" for column in columns)
+    clock = "" if named_time or axes_only or not len(rising) else f",time={rising[0] + 1}"
+    _raise(columns, path, "the columns' names do not state the accelerations; give them", proposed, clock)
 
 
 def proposals(columns: Sequence[str], readings: Readings) -> list[Triple]:
@@ -156,8 +160,8 @@ def proposals(columns: Sequence[str], readings: Readings) -> list[Triple]:
     return sorted(found, key=lambda triple: (not triple.with_gravity, triple.dispersion))
 
 
-def _raise(columns: Sequence[str], path: str, words: str, triples: Sequence[Triple]) -> None:
-    options = [f"{_option(columns, one.columns)} (size {one.size:.4g})" for one in triples[:_MOST_SHOWN]]
+def _raise(columns: Sequence[str], path: str, words: str, triples: Sequence[Triple], clock: str = "") -> None:
+    options = [f"{_option(columns, one.columns)}{clock} (size {one.size:.4g})" for one in triples[:_MOST_SHOWN]]
     raise InputError(f"{path}: {words}: {' or '.join(options)}")
 
 

@@ -46,7 +46,7 @@ def described(path: Path, options: RecordingOptions) -> tuple[Path, RecordingOpt
     return path.parent / content["file"], replace(RecordingOptions(), **{**stated, **given})
 
 
-def items_of(recording: "Recording") -> dict[str, tuple[object, str]]:
+def items_of(recording: "Recording") -> dict[str, tuple[object, object]]:
     """The options that state all that was found in a recording, and the source of each, in words."""
     layout, options = recording.layout, recording.options
     order = recording.table.columns
@@ -54,15 +54,16 @@ def items_of(recording: "Recording") -> dict[str, tuple[object, str]]:
         role: str(order.index(column.name) + 1) if {",", "="} & {*column.name} else column.name
         for role, column in layout.columns.items()
     }
-    why = ", ".join(dict.fromkeys(column.why for column in layout.columns.values()))
-    items: dict[str, tuple[object, str]] = {"columns": (columns, why)}
+    items: dict[str, tuple[object, object]] = {
+        "columns": (columns, {role: column.why for role, column in layout.columns.items()})
+    }
     if recording.table.name:
         items["topic"] = recording.table.name, "option" if options.topic else "accelerations and most rows"
     unit = layout.unit if layout.unit != "counts" else f"{layout.per_g:g}/g" if layout.per_g else ""
     if unit and options.unit != unit:
         items["unit"] = (
             unit.replace("ms2", "m/s2"),
-            "guessed by the size of gravity" if any("unit guessed" in note for note in layout.notes) else "file",
+            "the size of gravity" if layout.columns["ax"].why.endswith("size") else "file",
         )
     rates = {layout.columns[role].unit for role in RATE if role in layout.columns} & {"dps", "rads"}
     if rates:
@@ -71,7 +72,9 @@ def items_of(recording: "Recording") -> dict[str, tuple[object, str]]:
     if clock and not clock.form and not clock.whole:
         by = {1.0: "s", 1e-3: "ms", 1e-6: "us", 1e-9: "ns"}
         if clock.scale in by:
-            items["time_unit"] = by[clock.scale], "option" if options.time_unit else "file"
+            by_rate = any("time unit guessed" in note for note in layout.notes)
+            source = "option" if options.time_unit else "the rate that it gives" if by_rate else "file"
+            items["time_unit"] = by[clock.scale], source
     elif recording.rate_hz and not clock:
         items["rate"] = recording.rate_hz, "option" if options.rate else "file"
     for name, value in asdict(options).items():
@@ -85,16 +88,13 @@ def write_description(recording: "Recording", path: Path) -> None:
     items = items_of(recording)
     there = os.path.relpath(recording.path, path.parent)
     lines = [f"schema = {_text(_SCHEMA)}", f"file = {_text(there)}"]
-    for name, (value, _) in items.items():
-        shown = (
-            "{" + ", ".join(f"{role} = {_text(column)}" for role, column in value.items()) + "}"
-            if isinstance(value, dict)
-            else _text(value)
-        )
-        lines.append(f"{name} = {shown}")
+    lines += [f"{name} = {_text(value)}" for name, (value, _) in items.items()]
     lines += ["", "[source]", *(f"{name} = {_text(why)}" for name, (_, why) in items.items())]
     write_text(path, "\n".join(lines) + "\n")
 
 
 def _text(value: object) -> str:
+    """A value of TOML: a number, a text, or a table in one line."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{role} = {_text(text)}" for role, text in value.items()) + "}"
     return json.dumps(value, ensure_ascii=False)
