@@ -30,7 +30,7 @@ def _frames(data: NDArray[np.uint8]) -> NDArray[np.uint8]:
     right = (sums[ends - _CHECK] - sums[starts]) & 0xFFFF == column(data, ends, -_CHECK, ">u2")
     starts, ends = starts[right], ends[right]
     for k in np.flatnonzero(np.isin(ends, starts))[:1]:
-        length = ends[k] - starts[k]
+        length = int(ends[k] - starts[k])
         same = (starts >= starts[k]) & (ends - starts == length)
         found = select(starts[same], np.full(same.sum(), length), np.ones(same.sum(), bool), len(data), final=True)
         return data[found.starts[:, None] + np.arange(length)]
