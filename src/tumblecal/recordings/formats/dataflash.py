@@ -87,8 +87,8 @@ def _read(source: Source) -> list[Table]:
     enabled = {
         int(match[1])
         for kind in kinds
-        if kind.name == "PARM" and {"Name", "Value"} <= {*kind.fields}
-        for name, value in kind.values(log)[["Name", "Value"]].tolist()
+        if kind.name == "PARM" and {"Name", "Value"} <= {*((values := kind.values(log)).dtype.names or ())}
+        for name, value in values[["Name", "Value"]].tolist()
         if value == 1 and (match := _CORRECTION.fullmatch(name))
     }
     found = [(kind, kind.values(log)) for kind in kinds if {*kind.fields} >= FORCE]
@@ -113,6 +113,8 @@ def _tables(kind: _Kind, values: np.ndarray, enabled: set[int]) -> list[Table]:
         for name in values.dtype.names or ()
         if name in (*ROLES, _INSTANCE) and np.issubdtype(values[name].dtype, np.number)
     }
+    if not {*columns} >= FORCE:
+        return []
     known = [name for name in TIMES if name in columns and columns[name].any()]
     roles = {name: role for name, role in ROLES.items() if name in columns and (name not in TIMES or name in known[:1])}
     instances = columns.pop(_INSTANCE, None)

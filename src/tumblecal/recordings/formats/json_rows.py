@@ -171,7 +171,7 @@ def _tables(title: str, pieces: Pieces, row_word: str) -> list[Table]:
     return [table(kind, own) for kind, own in kinds.items()]
 
 
-def _decoded(given: Sequence[str | Row], schema: Mapping[str, Any]) -> pl.DataFrame | None:
+def _decoded(given: Sequence[str | Row], schema: Mapping[str, type[pl.DataType]]) -> pl.DataFrame | None:
     """The cells of lines of objects without objects in them; None if some are other lines, which need more time."""
     try:
         lines = pl.Series(given, dtype=pl.String).str.strip_chars(_AROUND)

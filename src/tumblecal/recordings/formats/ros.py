@@ -40,10 +40,11 @@ def _check(path: Path) -> None:
 
     **Raises:** `ValueError` if it is damaged.
     """
-    content = np.memmap(path, np.uint8, "r")
-    if content[: len(_MCAP)].tobytes() == _MCAP:
-        _check_mcap(content.data)
-    elif content[: len(_SQLITE)].tobytes() == _SQLITE:
+    mapped: Any = np.memmap(path, np.uint8, "r")
+    content = memoryview(mapped)
+    if content[: len(_MCAP)] == _MCAP:
+        _check_mcap(content)
+    elif content[: len(_SQLITE)] == _SQLITE:
         # The tables are compared with their indices, including the times of messages.
         with contextlib.closing(sqlite3.connect(f"{path.absolute().as_uri()}?immutable=1", uri=True)) as database:
             (found,) = database.execute("PRAGMA integrity_check(1)").fetchone()
@@ -54,7 +55,7 @@ def _check(path: Path) -> None:
 def _check_mcap(content: memoryview) -> None:
     """Compare the CRC-32 of data and summary, if the writer stated them."""
     at = len(content) - len(_MCAP) - _FOOTER.size
-    if at < 0 or content[-len(_MCAP) :].tobytes() != _MCAP:
+    if at < 0 or content[-len(_MCAP) :] != _MCAP:
         raise ValueError("the end of the file is missing")
     code, _, summary, _, of_summary = _FOOTER.unpack_from(content, at)
     start = summary or at

@@ -51,6 +51,9 @@ def _read(source: Source) -> list[Table]:
     with decoding(source.path, "ULog"), silenced():
         log = pyulog.ULog(str(source.path))
         fault = _fault(source.path.read_bytes())
+        selections = [data.data.get("accel_device_id", ()) for data in log.data_list if data.name == "sensor_selection"]
+        selected = {int(number) for numbers in selections for number in numbers if number}
+        corrected = px4_correction(log.initial_parameters, selected, [data.name for data in log.data_list])
     if not fault and log.file_corruption:
         fault = "messages that do not fit their formats were left out; messages next to them may be wrong"
     if fault:
@@ -58,9 +61,6 @@ def _read(source: Source) -> list[Table]:
     if log.dropouts:
         lost_ms = sum(dropout.duration for dropout in log.dropouts)
         source.damage.report(f"the logger lost messages {counted(len(log.dropouts), 'time')}, {lost_ms} ms in all")
-    selections = [data.data.get("accel_device_id", ()) for data in log.data_list if data.name == "sensor_selection"]
-    selected = {int(number) for numbers in selections for number in numbers if number}
-    corrected = px4_correction(log.initial_parameters, selected, [data.name for data in log.data_list])
     tables = []
     for data in log.data_list:
         columns = {name: np.asarray(values) for name, values in data.data.items()}
