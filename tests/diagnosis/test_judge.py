@@ -1,4 +1,4 @@
-"""The simulators of benchmarks/ are what they say, and their judge is fair; the studies themselves are run by hand."""
+"""The judge of the blind studies of benchmarks/ is fair; the studies themselves are run by hand."""
 
 import pytest
 
