@@ -139,7 +139,7 @@ def _ask(
             f"{path}: ax, ay, az not found among the columns {shown(', '.join(columns))}; name them: {_OPTION}"
         )
     steps = np.diff(readings(columns[:_MOST_COLUMNS]), axis=0)
-    rising = np.flatnonzero((steps > 0).all(0) & ~(steps == 1).all(0)) if len(steps) else ()
+    rising = np.flatnonzero((steps > 0).all(0) & ~(steps == 1).all(0)) if len(steps) else np.zeros(0, int)
     named_time = any(parsed(column).quantity == "time" for column in columns)
     clock = "" if named_time or axes_only or not len(rising) else f",time={rising[0] + 1}"
     _raise(columns, path, "the columns' names do not state the accelerations; give them", proposed, clock)
