@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from test_chunks import Squares
 
@@ -131,9 +132,12 @@ def test_a_worker_that_ends_while_it_is_compared_is_no_foreign_one(study):
 
 
 class Thirty(Squares):
-    """A study of thirty chunks."""
+    """A study of thirty chunks, whose numbers are those of the workers in the test below."""
 
     chunks = trials = 30
+
+    def compute(self, chunk):
+        return {"square": np.array([float(chunk)]), "trials": np.array(1.0)}
 
 
 def work(folder: Path, name: str, lines: str) -> Callable:
