@@ -7,6 +7,7 @@ import pytest
 
 from tumblecal.chain import nominal_chain
 from tumblecal.data import PositionSet
+from tumblecal.data.calibration import read_calibration
 from tumblecal.estimation import problem_of, where_of
 from tumblecal.estimation.attitude_scatter import LEAST_ODDS
 from tumblecal.estimation.methods import all_methods, exact_fit
@@ -119,6 +120,24 @@ def test_noise_that_the_positions_do_not_show_is_assumed_and_said_so():
     np.testing.assert_allclose(fit.values[bias], truth[3:6], atol=0.4e-3)
     assert 0.3e-3 < np.max(fit.sd[bias]) < 1.5e-3
     assert calibrated.use.answer == "not tested" and "harmonic" in calibrated.skipped
+
+
+@pytest.mark.long
+@pytest.mark.usefixtures("few_effects")
+def test_diagnose_names_tilts_rather_than_outlier_positions(tumblecal, tmp_path):
+    """Without tilts two outlier positions are the most probable cause here."""
+    readings = """1.004186,0.002788,0.003451 -0.996339,0.002972,0.008447 -0.001382,1.000639,0.001907
+        0.001836,-0.999781,-0.005778 0.001594,-0.011383,0.999790 -0.001226,-0.005663,-1.003565"""
+    angles = ("0,-90", "0,90", "90,0", "-90,0", "0,0", "180,0")
+    rows = [",".join(row) for row in zip(NAMES, angles, readings.split(), strict=True)]
+    (tmp_path / "six.csv").write_text("\n".join(["position,alpha_deg,beta_deg,ax_g,ay_g,az_g", *rows, ""]))
+    given = ("diagnose", tmp_path / "six.csv", "--fix", "dbeta", "--noise-sd", "0.1mg", "--no-figures")
+    outcome = tumblecal(*given, "--out", tmp_path / "dia")
+    assert "the attitude scatters by 9.2 mrad (0.53 deg)" in " ".join(outcome.out.split())
+    found = read_calibration(tmp_path / "dia/calibration.json")
+    np.testing.assert_allclose(found.bias, [4.0e-3, 0.4e-3, -1.9e-3], atol=0.15e-3)
+    assert np.all(np.sqrt(np.diag(found.covariance)[9:]) < 0.2e-3) and found.use.answer == "not tested"
+    assert found.provenance["attitudes"] == "hand"
 
 
 def test_positions_that_are_exchanged_are_no_scatter():

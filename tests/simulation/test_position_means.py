@@ -1,17 +1,20 @@
 """Simulated position means: the chain's readings plus noise of the stated size, by an explicit key."""
 
+import jax
 import numpy as np
 import pytest
+from scipy import stats
 
 import independent
 from tumblecal import InputError
 from tumblecal.capture.capture_plan import CapturePlan, PositionsTable, Session, read_plan
+from tumblecal.chain import nominal_chain, settings
 from tumblecal.chain.rig_file import read_rig
 from tumblecal.data import paper
 from tumblecal.effects import catalogue
 from tumblecal.effects.catalogue import read_rig_with_effects
 from tumblecal.simulation.next_measurement import simulated_after
-from tumblecal.simulation.position_means import simulated
+from tumblecal.simulation.position_means import position_means, simulated
 
 
 pytestmark = pytest.mark.usefixtures("quickly_compiled")
@@ -22,6 +25,17 @@ def test_without_noise_it_is_the_chain(configs):
     truth = np.array(list(paper.SIMULATION_TRUTH.values()))
     expected = independent.nominal(truth, data.alpha, data.beta, np.repeat([0, 1, 2], 8))
     np.testing.assert_allclose(data.readings, expected, rtol=0, atol=1e-15)
+
+
+def test_noise_is_white_normal_and_of_the_stated_size():
+    where = settings(np.zeros(20000), np.zeros(20000))
+    chain = nominal_chain(where)
+    noise = np.asarray(position_means(chain, where, 2e-4, jax.random.key(1)) - chain(where)) / 2e-4
+    assert stats.kstest(noise.ravel(), stats.norm.cdf).pvalue > 1e-3
+    count = noise.size
+    assert np.std(noise) == pytest.approx(1.0, abs=4 / np.sqrt(2 * count))
+    lags = [np.mean(noise[1:] * noise[:-1]), np.mean(noise[:, 0] * noise[:, 1])]
+    assert np.max(np.abs(lags)) < 4 / np.sqrt(20000)
 
 
 def test_a_second_measurement_continues_the_first_one_s_drift_at_its_own_temperature(configs, tmp_path):

@@ -1,4 +1,4 @@
-"""The judge of the blind studies of benchmarks/ is fair; the studies themselves are run by hand."""
+"""The simulators of benchmarks/ are what they say, and their judge is fair; the studies themselves are run by hand."""
 
 import pytest
 
