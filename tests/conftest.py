@@ -72,14 +72,17 @@ def pytest_configure() -> None:
 # the same are not begun together.
 LONGEST = (
     "golden/test_golden",
+    "studies/test_resumed_studies",
     "capture/test_recorder",
     "certificate/test_certificate",
     "capture/test_run_folder",
     "capture/test_recordings",
+    "diagnosis/test_rates",
     "cli/test_set_up_mistakes",
     "tests/test_docs",
     "tests/test_readme",
     "thermal/test_thermal_calibration",
+    "history/test_changes",
     "simulation/test_many_fits",
     "estimation/test_attitude_scatter",
     "simulation/test_batch",

@@ -126,16 +126,13 @@ def test_combined_expanded_and_degrees_of_freedom_by_hand(table1):
 
 
 @pytest.mark.parametrize(
-    ("stated", "words"),
-    [
-        ({}, "give either what"),
-        ({"what": "x", "distribution": "arcsine", "coverage": 2}, "coverage applies only to a normal distribution"),
-        ({"adds_to": "bias", "per": "position"}, "per applies only to what"),
-    ],
+    ("distribution", "standard"),
+    [("normal", 0.5), ("rectangular", 3**-0.5), ("triangular", 6**-0.5), ("arcsine", 2**-0.5)],
 )
-def test_an_input_that_contradicts_itself_is_refused(stated, words):
-    with pytest.raises(ValueError, match=words):
-        Considered.model_validate({"size": "1 mg"} | stated)
+def test_standard_uncertainties_of_distributions(distribution, standard):
+    coverage = {"coverage": 2} if distribution == "normal" else {}
+    own = Considered.model_validate({"what": "x", "size": "1 mg", "distribution": distribution, **coverage})
+    assert own.standard == pytest.approx(standard)
 
 
 @pytest.mark.long

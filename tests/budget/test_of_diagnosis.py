@@ -4,16 +4,13 @@ import hashlib
 import json
 import re
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.stats import t
 
-from tumblecal import InputError
-from tumblecal.budget.of_diagnosis import of_diagnosis
 from tumblecal.certificate.results import results_of
-from tumblecal.data.calibration import read_calibration, write_calibration
+from tumblecal.data.calibration import write_calibration
 from tumblecal.data.calibration_use import Use
 from tumblecal.data.sensor_parameters import SENSOR
 from tumblecal.estimation import exact, problem_of
@@ -117,6 +114,7 @@ def test_an_effect_is_not_counted_twice_in_silence(tumblecal, folder, table1_fil
         ({"uncertainty_parts": None}, (), "give the folder of tumblecal diagnose"),
         ({"uncertainty_parts": {"noise": {}, "explanations": {}, "undetected_effects": {}}}, (), "dK_x, .* missing"),
         ({}, ("--monte-carlo", "500"), "--diagnosis cannot be combined with --monte-carlo"),
+        ({}, ("--fix", "gamma"), r"of another model than the budget \(gamma_21, gamma_31, gamma_32 not fitted\)"),
     ],
 )
 def test_a_diagnosis_that_does_not_fit_is_one_line(tumblecal, folder, table1_file, tmp_path, changed, options, words):
@@ -126,15 +124,6 @@ def test_a_diagnosis_that_does_not_fit_is_one_line(tumblecal, folder, table1_fil
     assert outcome.code == 2 and len(outcome.lines) == 1, outcome.lines
     assert re.search(words, outcome.lines[0]), outcome.lines
     assert not (tmp_path / "b").exists()
-
-
-def test_a_diagnosis_of_another_model_is_one_line(folder, fitted):
-    path = folder()[0] / "calibration.json"
-    smaller = SimpleNamespace(names=[name for name in fitted.names if not name.startswith("gamma")])
-    with pytest.raises(
-        InputError, match=r"of another model than the budget \(gamma_21, gamma_31, gamma_32 not fitted\)"
-    ):
-        of_diagnosis(smaller, path, read_calibration(path), {}, "lab.toml")
 
 
 def test_contributions_that_contradict_the_covariance_are_refused(tumblecal, folder, table1_file, tmp_path):

@@ -13,13 +13,11 @@ import numpy as np
 import pytest
 from dcc_schema import schema_of_dcc
 
-from few_effects import few_entries
 from tumblecal import read_rig, simulate
 from tumblecal.certificate.results import VERDICTS, Result, results_of
 from tumblecal.data.calibration import read_calibration, write_calibration
 from tumblecal.data.sensor_parameters import SENSOR
 from tumblecal.diagnosis import Diagnoser
-from tumblecal.effects import catalogue
 from tumblecal.estimation import exact, problem_of
 from tumblecal.planning import NextPlan
 from tumblecal.report.diagnosis_files import write_diagnosis
@@ -45,8 +43,7 @@ HIDDEN = {"adequate": {}, "identified": {"axis_perpendicularity": (5e-4,)}}
 @pytest.fixture(scope="module")
 def folder_of(tmp_path_factory, configs):
     """Results as the commands write them, of simulated instruments of the rigs that come with the program."""
-    squares = {id: entry for id, entry in catalogue().items() if id.startswith("cross_axis_square")}
-    diagnose, root = Diagnoser(nested=False, entries=few_entries() | squares), tmp_path_factory.mktemp("results")
+    diagnose, root = Diagnoser(nested=False), tmp_path_factory.mktemp("results")
 
     @cache
     def made(case: str) -> Path:
@@ -79,12 +76,27 @@ def test_the_page_has_what_17025_asks_and_prints_on_a4(tumblecal, tmp_path, cali
     assert "type A" in outcome.out and "conformity: conditional pass; written" in outcome.out
     page = (calibrated / "certificate.html").read_text()
     for words in (
-        "Calibration certificate", "ACC-2026-0117", "Inertial Metrology Laboratory", "accreditation 0815",
-        "Drones and &lt;Sons&gt; &amp; &#34;Co&#34; Ltd", "serial number A-17", "as received, no adjustment",
-        "received 2026-11-10; calibrated 2026-11-20 to 2026-11-21", "least squares over the chain", "room temperature",
-        "9.8123 m/s^2", "certificate G-12", "coverage factor k", "Statement of conformity", "guard band", "data sheet M-3",
-        "relate only to the item", "A. Muster, head of laboratory", "End of certificate ACC-2026-0117", "type A",
-    ):  # fmt: skip
+        "Calibration certificate",
+        "ACC-2026-0117",
+        "Inertial Metrology Laboratory",
+        "accreditation 0815",
+        "Drones and &lt;Sons&gt; &amp; &#34;Co&#34; Ltd",
+        "serial number A-17",
+        "as received, no adjustment",
+        "received 2026-11-10; calibrated 2026-11-20 to 2026-11-21",
+        "least squares over the chain",
+        "room temperature",
+        "9.8123 m/s^2",
+        "certificate G-12",
+        "coverage factor k",
+        "Statement of conformity",
+        "guard band",
+        "data sheet M-3",
+        "relate only to the item",
+        "A. Muster, head of laboratory",
+        "End of certificate ACC-2026-0117",
+        "type A",
+    ):
         assert words in page, words
     chromium = next(
         (found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))), None
@@ -192,6 +204,17 @@ def test_a_budget_made_with_another_noise_gives_its_inputs_alone(tumblecal, tmp_
         )
     outcome = tumblecal("certificate", calibrated, "--admin", admin, "--budget", tmp_path / "right" / "budget.json")
     assert outcome.code == 0 and not outcome.lines
+
+
+@pytest.mark.long
+def test_a_budget_of_another_model_is_refused(tumblecal, tmp_path, calibrated, admin, configs):
+    given = ["budget", tmp_path / "positions.csv", configs / "considered_lab.toml", "--fix", "dbeta"]
+    assert tumblecal(*given, "--out", tmp_path / "b").code == 0
+    before = sorted(calibrated.iterdir())
+    outcome = tumblecal("certificate", calibrated, "--admin", admin, "--budget", tmp_path / "b" / "budget.json")
+    assert outcome.code == 2 and len(outcome.lines) == 1
+    assert re.search(r"its model differs from that of the calibration \(.* differ\)", outcome.lines[0])
+    assert sorted(calibrated.iterdir()) == before
 
 
 @pytest.mark.parametrize("case", CASES)

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import independent
-from independent import Instrument
+from independent import Instrument, passive
 from tumblecal.chain import Link, Place, coefficients, nominal_chain, settings
 from tumblecal.chain.link import turned
 from tumblecal.chain.plan import grid
@@ -61,6 +61,21 @@ def test_leaves_of_runs_and_mounts_reach_their_rows_alone(seed):
     np.testing.assert_allclose(chain.named(value)(where), theirs, rtol=0, atol=1e-14)
 
 
+def test_base_levelling_turns_about_the_horizontal_spindle():
+    where = settings(PLAN.alpha, PLAN.beta)
+    chain = nominal_chain(where).named({"levelling": 0.03})
+    up = passive("x", np.full(len(PLAN), 0.03)).apply(np.tile([0.0, 0.0, 1.0], (len(PLAN), 1)))
+    f = passive("x", PLAN.alpha).apply(passive("y", PLAN.beta).apply(up))
+    np.testing.assert_allclose(chain(where), f, rtol=0, atol=1e-14)
+
+
+def test_ideal_instrument_reads_what_the_paper_tabulates():
+    """0-1 reads +z, the 90 degree setting reads -x whatever the spindle does, alpha = 90 degrees reads +y."""
+    where = settings(np.radians([0, 90, 0, 123]), np.radians([0, 0, 90, 90]))
+    expected = [[0, 0, 1], [0, 1, 0], [-1, 0, 0], [-1, 0, 0]]
+    np.testing.assert_allclose(nominal_chain(where)(where), expected, atol=1e-15)
+
+
 class Doubled(Link):
     """A link for the order test: multiplies the specific force."""
 
@@ -80,6 +95,24 @@ def test_a_link_is_inserted_after_its_place():
     assert [type(link).__name__ for link in with_two.links][3:5] == ["Doubled", "Doubled"]
     np.testing.assert_allclose(with_two(where), 4 * np.asarray(chain(where)), rtol=1e-15)
     assert len(chain.links) == 6
+
+
+def test_names_units_and_order_are_the_papers():
+    chain = nominal_chain(settings(PLAN.alpha, PLAN.beta))
+    assert chain.names == (
+        "dK_x", "dK_y", "dK_z", "bias_x", "bias_y", "bias_z", "dtheta_x", "dtheta_y", "dtheta_z",
+        "gamma_21", "gamma_31", "gamma_32", "dbeta_0", "dbeta_1", "dbeta_2", "dbeta_3",
+    )  # fmt: skip
+    assert chain.units == ("1",) * 3 + ("g",) * 3 + ("rad",) * 10
+    assert chain.scales.shape == chain.vector.shape == (16,)
+
+
+def test_vector_named_and_at_agree():
+    chain = nominal_chain(settings(PLAN.alpha, PLAN.beta))
+    vector = random_vector(8, 16)
+    np.testing.assert_array_equal(chain.at(vector).vector, vector)
+    np.testing.assert_array_equal(chain.named(dict(zip(chain.names, vector, strict=True))).vector, vector)
+    np.testing.assert_array_equal(chain.named({"gamma_31": 0.5}).vector, np.eye(16)[10] * 0.5)
 
 
 def test_wrong_vectors_and_names_are_refused():

@@ -64,9 +64,6 @@ sd = "200 ug"
     assert "SmallAngleMount" in [type(link).__name__ for link in chain.links]
     (mount,) = [link for link in chain.links if type(link).__name__ == "SmallAngleMount"]
     np.testing.assert_allclose(mount.nominal[1], rotation_matrix(np.radians([0, 90, 0])))
-    shown = rig.screen().text()
-    assert "plan: 2 positions; beta 0, 45 deg; runs 1, 2; mountings up, side" in shown
-    assert "noise: 0.2 mg" in shown and "truth: bias 0.001, 0.002" in shown and "priors: dtheta 0 +- 0.001745" in shown
 
 
 def test_all_faults_of_a_config_are_told_at_once(tmp_path):
@@ -125,11 +122,6 @@ PLAN = 'schema = "tumblecal.rig/1"\n[plan]\nalpha_deg = [0]\nbeta_deg = [0]\n'
         (f'title = 2026-11-22\n{PLAN}', "1: title: must be a text in quotation marks (got 2026-11-22)"),
         (f'noise = "1 mg"\n{PLAN}', "1: noise: must be a table, such as { key = value } (got '1 mg')"),
         (f"{PLAN}[chain]\nlinks = [\n  'base',\n  7]\n", "6: chain.links.1: must be 'base'"),
-        (f"{PLAN}[head]\nalpha_deg = []\n", "5: head: alpha_deg is empty; list the spindle angles that can be set"),
-        (f"{PLAN}[head]\nbeta_deg = [0, 95]\n", "5: head: beta_deg: pitch settings are from -90 to 90 deg"),
-        (f"{PLAN}[head]\nbeta_deg = [0, 0]\n", "5: head: beta_deg: a value is listed twice; list each once"),
-        (f'{PLAN}[head.noise]\ndrift = "-1 mg/h"\n', "6: head.noise.drift: '-1 mg/h' must not be below 0"),
-        (f'{PLAN}[head.noise]\ndrift = "1"\n', "6: head.noise.drift: '1' has no unit"),
     ],
 )  # fmt: skip
 def test_a_fault_says_the_line_and_what_to_write(tmp_path, text, words):

@@ -38,6 +38,14 @@ def test_reference_and_range_are_stated_or_of_the_data(tmp_path):
     assert functions("range_degc = [-20, 80]", [30.0, 60.0]).range_degc == (-20.0, 80.0)
 
 
+def test_the_truth_does_not_depend_on_the_positions_asked_for(tmp_path):
+    truth = 'order = 2\ntruth = { x = ["0.1 mg/degC", "1 ug/degC^2"] }'
+    rig = rig_with(tmp_path, f"[temperature.bias]\n{truth}")
+    where = settings([0.0, 0.0], [0.0, 0.0], temperature_degc=[25.0, 35.0])
+    x, _, _ = np.asarray(rig.true_chain(where)(where)).T
+    assert x[1] - x[0] == pytest.approx(0.1e-3 * 10 + 1e-6 * 100, rel=1e-12)
+
+
 def test_soaks_are_groups_of_temperatures_with_larger_steps_between():
     noise = np.random.default_rng(1).uniform(-0.3, 0.3, len(DEGC))
     np.testing.assert_allclose(soaks(DEGC + noise), [0, 15, 28, 41, 60], atol=0.2)

@@ -117,6 +117,15 @@ def test_rounding_to_float32_is_no_contradiction(tmp_path, fitted, scale):
     assert read_calibration(tmp_path / "c.json").sensor.values.tobytes() == values.tobytes()
 
 
+def test_calibration_that_is_not_json(tmp_path):
+    (tmp_path / "a.json").write_text('{"schema":\n nothing}')
+    with pytest.raises(InputError, match=r"a\.json:line 2, column 2: not JSON"):
+        read_calibration(tmp_path / "a.json")
+    (tmp_path / "b.json").write_text("[1]")
+    with pytest.raises(InputError, match="schema is None"):
+        read_calibration(tmp_path / "b.json")
+
+
 def test_an_interrupted_file_is_absent_and_an_older_one_stays(tmp_path):
     path = tmp_path / "a.json"
     write_text(path, "old")

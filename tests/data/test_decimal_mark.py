@@ -10,7 +10,6 @@ from tumblecal.data import read_positions
 
 
 HEADER = ("position", "alpha_deg", "beta_deg", "ax_g", "ay_g", "az_g")
-COMMAS = "with decimal commas in this file, may be"
 READINGS = (("0.001", "0.002", "1.003"), ("0.001", "1.002", "-0.003"), ("-0.703", "0.001", "0.704"))
 
 
@@ -42,17 +41,33 @@ def test_one_mark_for_a_whole_file(tmp_path, mark, column, values):
 
 
 @pytest.mark.parametrize(
-    ("mark", "column", "words"),
+    ("mark", "columns", "words"),
     [
-        (",", ("time_s", "1.000", "1.010", "1.020"), f"line 2, column time_s: '1.000', {COMMAS} 1000"),
-        (",", ("time_s", "0", "1200", "2.400"), f"line 4, column time_s: '2.400', {COMMAS} 2400 or 2.400"),
-        (",", ("temperature_degc", "20,5", "20.5", "21"), "line 3, column temperature_degc: '20.5' has a decimal point, but"),
-        (".", ("temperature_degc", "20", "20,5", "21"), "'20,5' has a decimal comma, but '0.001' (line 2, column ax_g)"),
+        (
+            ",",
+            [("time_s", "1.000", "1.010", "1.020")],
+            "line 2, column time_s: '1.000', with decimal commas in this file, may be 1000",
+        ),
+        (
+            ",",
+            [("time_s", "0", "1200", "2.400")],
+            "line 4, column time_s: '2.400', with decimal commas in this file, may be 2400 or 2.400",
+        ),
+        (
+            ",",
+            [("temperature_degc", "20,5", "20.5", "21")],
+            "line 3, column temperature_degc: '20.5' has a decimal point, but",
+        ),
+        (
+            ".",
+            [("temperature_degc", "20", "20,5", "21")],
+            "'20,5' has a decimal comma, but '0.001' (line 2, column ax_g)",
+        ),
     ],
-)  # fmt: skip
-def test_what_may_be_either_is_refused_with_its_place(tmp_path, mark, column, words):
+)
+def test_what_may_be_either_is_refused_with_its_place(tmp_path, mark, columns, words):
     with pytest.raises(InputError) as refused:
-        read_positions(written(tmp_path / "a.csv", column, mark=mark))
+        read_positions(written(tmp_path / "a.csv", *columns, mark=mark))
     assert any(words in fault for fault in refused.value.faults), refused.value.faults
 
 

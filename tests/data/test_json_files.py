@@ -76,16 +76,26 @@ def test_good_files_are_read(tmp_path):
         ("calibration", ("covariance", 11), [0.0] * 11, ": covariance.11: must have 12 or more entries, not 11"),
         ("calibration", ("covariance", 0, 0), -1e-3, ": covariance: no variance of a covariance may be negative; use"),
         ("calibration", ("provenance", "dof"), 0.5, ": provenance.dof: must be 1 or more (got 0.5)"),
-        ("calibration", ("provenance", "losses"), [{"effect": "a", "reason": 1}], ": provenance.losses.0.reason: must be a"),
+        (
+            "calibration",
+            ("provenance", "losses"),
+            [{"effect": "a", "reason": 1}],
+            ": provenance.losses.0.reason: must be a",
+        ),
         ("budget", ("schema",), MISSING, ": schema is None, not 'tumblecal.budget_result/1'; make a budget with"),
         ("budget", ("inputs", "floor", "dof"), 0.4, ": inputs.floor.dof: must be 0.5 or more (got 0.4)"),
         ("budget", ("parameters", "dK_x"), MISSING, ": parameters: dK_x missing; make a budget of a whole sensor"),
-        ("budget", ("parameters", "bias_z", "k"), 1.0, ": parameters.bias_z.k: 1 is no coverage factor at a probability"),
+        (
+            "budget",
+            ("parameters", "bias_z", "k"),
+            1.0,
+            ": parameters.bias_z.k: 1 is no coverage factor at a probability",
+        ),
         ("budget", ("type_b_covariance", 8), MISSING, ": type_b_covariance: a covariance must be symmetric"),
         ("result", ("noise", "rms_g"), [1], ": noise.rms_g: must be a number (got [1])"),
         ("result", ("implausible", 0), {}, ": implausible.0.parameter: is missing; add it"),
     ],
-)  # fmt: skip
+)
 def test_a_fault_is_one_line_with_file_key_and_remedy(tmp_path, name, keys, value, words):
     content, reader = READERS[name]
     table = content = copy.deepcopy(content)

@@ -211,28 +211,6 @@ def test_a_fault_names_the_key(tmp_path, root):
     )
 
 
-def test_curves_made_in_python_are_checked_too():
-    linear, other = TemperatureFunctions(1, T0, RANGE), TemperatureFunctions(1, T0, (0.0, 50.0))
-    one = Curve("bias_x", linear, np.ones(1))
-    for make, words in (
-        (lambda: Curve("bias_w", linear, np.ones(1)), "bias_w: no parameter of a sensor"),
-        (lambda: Hysteresis("bias_w", 1e-4, "g"), "bias_w: no parameter of a sensor"),
-        (lambda: Hysteresis("bias_x", -1e-4, "g"), "half_width -0.0001 of bias_x: it must be 0 or more"),
-        (lambda: Hysteresis("bias_x", 1e-4, "rad"), "unit 'rad' of bias_x: it must be 'g'"),
-        (lambda: TemperatureCurves((), np.zeros((9, 9)), ()), "no curves of temperature"),
-        (
-            lambda: TemperatureCurves((one, Curve("bias_y", other, np.ones(1))), np.zeros((11, 11)), ()),
-            "different reference temperatures or ranges",
-        ),
-        (
-            lambda: TemperatureCurves((one,), np.zeros((9, 9)), order_of_covariance([one])),
-            "covariance of 9 x 9 numbers",
-        ),
-    ):
-        with pytest.raises(InputError, match=words):
-            make()
-
-
 def test_the_lookup_table_is_the_calibration_at_each_temperature(root):
     own = calibration(curves(root, (Hysteresis("bias_y", 6e-5, "g"),)))
     rows = calibration_table(own, [-10.0, 30.0, 60.0])

@@ -17,6 +17,7 @@ from tumblecal.diagnosis.detection.reference import Reference
 from tumblecal.diagnosis.screening.screen import Screening
 from tumblecal.diagnosis.sets.explanation import verdict_of
 from tumblecal.diagnosis.sets.search import Search
+from tumblecal.effects import catalogue
 from tumblecal.ground.errors import InputError
 
 
@@ -65,6 +66,14 @@ def test_sizes_with_probability_0_8(plan, forecast):
     for number, size in enumerate((own.detection_limit, own.smallest_named, own.smallest_identified)):
         rate = np.mean(decisions(plan, EFFECT, noise + size * plan.shown(EFFECT))[number])
         assert rate == pytest.approx(0.8, abs=0.11)  # three standard deviations of 120 draws
+
+
+@pytest.mark.long
+def test_two_mountings_show_every_effect_of_second_and_third_order():
+    whole = forecast_of(effects_of_plan(tumblecal.read_rig("remount"), catalogue()), {EFFECT: 0.6}, draws=120)
+    assert "cross_axis_square.z" in whole.effects[0].identical
+    assert {id for id in whole.undetectable if id.startswith(("second", "third", "cross", "scale"))} == set()
+    assert "gravity_value" in whole.undetectable  # the same as three equal scale factor errors
 
 
 def test_error_in_use_is_that_of_a_fit_without_the_effect(plan):

@@ -65,6 +65,27 @@ def _nominal(u):
     return np.column_stack([np.ones(len(u)), u])
 
 
+@pytest.mark.long
+def test_smallest_size_that_is_named(head, cells):
+    """second_order.z: the largest of what detection and each separation need."""
+    measure = naming_measures(*head[:3], {"second_order.z": 0.5}, head[3])(cells)
+    u = _inputs(head)[cells]
+    square = u[:, 2] ** 2 * 1e-3 / SD  # of 1 mg/g^2, in noise sd
+
+    def left(columns):
+        columns = np.column_stack([_nominal(u), *columns])
+        return np.linalg.norm(square - columns @ np.linalg.lstsq(columns, square, rcond=None)[0])
+
+    detection = measure._measures[0].value * 0.5 * left([])
+    assert 4.0 < detection < 5.0
+    separation = 0.8416 + np.sqrt(0.8416**2 + 2 * np.log(4))
+    values = [one.value * 0.5 / separation for one in measure._measures[1:]]
+    assert 1 / left([np.abs(u[:, 2])]) == pytest.approx(
+        min(values, key=lambda one: abs(one * left([np.abs(u[:, 2])]) - 1)), rel=1e-3
+    )
+    assert measure.value == max(one.value for one in measure._measures)
+
+
 def test_largest_error_in_use_at_the_detection_limit(head, cells):
     measure = alias_measures(*head[:3], ["second_order.z"], head[3])(cells)
     detected = naming_measures(*head[:3], {"second_order.z": 1.0}, head[3])(cells)._measures[0].value  # mg/g^2

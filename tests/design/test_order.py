@@ -11,6 +11,7 @@ from tumblecal.design.model.cells import cells_of
 from tumblecal.design.model.responses import Responses, Setting
 from tumblecal.design.model.schedule import schedule
 from tumblecal.design.order.best_order import best_order
+from tumblecal.ground.errors import InputError
 
 
 SD, SCALE = 0.2e-3, 1e-3
@@ -112,6 +113,35 @@ def test_the_search_finds_the_best_of_all_orders(slow, trend, walk):
     best = min(sd for sd, end_s in every.values() if end_s <= limit)
     assert found.schedule.end_s <= limit
     assert worst_sd(responses, ability, found.schedule.cells.tolist(), trend, walk)[0] == pytest.approx(best, rel=3e-3)
+
+
+@pytest.mark.long
+def test_changes_of_settings_are_paid_for():
+    ability = head(SlowNoise())
+    responses = responses_to(ability)
+    chosen = np.array([26, 3, 17, 9, 31, 0, 20, 14])
+    # Four visits: two pitch settings of two mountings. 8 dwells with 5 s each, 7 moves of which one is a remount.
+    shortest = 8 * 65 + 7 * 10 + 3 * 90 + 900
+    for kind in ("best", "random"):
+        found = best_order(responses, ability, Worst(), chosen, kind=kind).schedule
+        assert sorted(found.cells.tolist()) == sorted(chosen.tolist())
+        assert found.pitch_visit[-1] == 3 and found.mount_visit[-1] == 1
+        assert shortest - 40 <= found.end_s <= shortest
+    with pytest.raises(InputError, match="8 positions need at least 30 min"):
+        best_order(responses, ability, Worst(), chosen, minutes=20)
+    # Positions that are repeated without a turn: the search may not exceed the least time.
+    twice = np.repeat(chosen[:4], 2)
+    least = best_order(responses, ability, Worst(), twice, kind="keep").schedule
+    tight = best_order(responses, ability, Worst(), np.sort(twice)[::-1], minutes=least.minutes)
+    assert tight.schedule.minutes <= least.minutes
+    # One mounting: 16 dwells, 15 turns and one change of the pitch setting fit into the first limit.
+    walking, chosen = replace(ability, slow_noise=WALK), np.arange(16)
+    limited = best_order(responses, walking, Worst(), chosen, minutes=22)
+    longer = best_order(responses, walking, Worst(), chosen, minutes=30)
+    assert limited.schedule.minutes <= 22 and limited.schedule.pitch_visit[-1] == 1
+    assert 22 < longer.schedule.minutes <= 30 and longer.value < limited.value
+    again = best_order(responses, walking, Worst(), chosen, minutes=22)
+    assert again.schedule.cells.tolist() == limited.schedule.cells.tolist()
 
 
 def test_an_order_continues_measured_positions():

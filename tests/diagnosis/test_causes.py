@@ -1,12 +1,85 @@
 """Faults of the procedure undone: what was hidden in exact readings is put right, and nothing else is touched."""
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 
 import blind_instrument as blind
 from blind_noise import position_set
 from tumblecal.diagnosis.causes import exchanged_pairs
+from tumblecal.diagnosis.causes.faults import mislabel, outlier, swap
 from tumblecal.diagnosis.causes.jumps import jumps
+from tumblecal.diagnosis.causes.plan_steps import plan_steps
 from tumblecal.diagnosis.causes.pool import Pool
+from tumblecal.estimation import exact, problem_of
+
+
+@pytest.fixture(scope="module")
+def problem():
+    """Readings without noise."""
+    setup = blind.random_setup(np.random.default_rng(3), 3, 8)
+    return problem_of(position_set(setup, blind.readings(setup, setup.nominal, {}), known=True))
+
+
+def moved(problem, position, stood):
+    """A mislabel of one position that stood where `stood` has it."""
+    return mislabel(f"mislabelled_angle:{problem.names[position]}", (0.0, 0.0), None, position, "", stood)
+
+
+def test_a_swap_undone_twice_is_the_swap(problem):
+    exchange = swap("swapped_positions:a+b", (0.0, 0.0), None, (3, 10))
+    swapped = exchange.undone(problem)
+    np.testing.assert_array_equal(swapped.readings[[3, 10]], problem.readings[[10, 3]])
+    others = np.setdiff1d(np.arange(24), [3, 10])
+    np.testing.assert_array_equal(swapped.readings[others], problem.readings[others])
+    right = exchange.undone(swapped)
+    np.testing.assert_array_equal(right.readings, problem.readings)
+    assert right.where is problem.where and right.retained is None
+    assert exact.fit(swapped).rms > 1e-3 and exact.fit(right).rms < 1e-12
+
+
+def test_an_outlier_undone_is_left_out_and_nothing_else(problem):
+    readings = np.array(problem.readings)
+    readings[7] += [8e-3, -6e-3, 7e-3]
+    knocked = replace(problem, readings=readings)
+    knock = outlier("outlier_position:a", (0.0, 0.0), None, 7)
+    right = knock.undone(knocked)
+    assert np.flatnonzero(~right.takes_part).tolist() == [7] == list(knock.left_out)
+    assert right.readings is readings and right.where is problem.where
+    np.testing.assert_array_equal(knock.undone(right).takes_part, right.takes_part)
+    assert exact.fit(knocked).rms > 1e-3 and exact.fit(right).rms < 1e-12
+    np.testing.assert_allclose(exact.fit(right).residuals[7], [8e-3, -6e-3, 7e-3], atol=1e-11)
+
+
+@pytest.mark.parametrize(
+    ("there", "back"),
+    [
+        ("next spindle angle", "previous spindle angle"),
+        ("previous pitch setting", "next pitch setting"),
+    ],
+)
+def test_a_mislabelled_angle_goes_there_and_back(problem, there, back):
+    options = {step.words: (step.of(problem.where), step.valid) for step in plan_steps(problem.where)}
+    assert set(options) == {
+        f"{way} {what}" for way in ("next", "previous") for what in ("spindle angle", "pitch setting")
+    }
+    stood, valid = options[there]
+    assert np.sum(valid) == (24 if "spindle" in there else 16)
+    for position in np.flatnonzero(valid).tolist():
+        wrong = moved(problem, position, stood).undone(problem)
+        changed = "alpha" if "spindle" in there else "beta"
+        angles = getattr(wrong.where, changed), getattr(problem.where, changed)
+        assert np.flatnonzero(angles[0] != angles[1]).tolist() == [position]
+        assert wrong.readings is problem.readings
+        returned = next(step.of(wrong.where) for step in plan_steps(wrong.where) if step.words == back)
+        right = moved(wrong, position, returned).undone(wrong)
+        # Steps of the spindle are told apart, and taken, to 1e-9 rad.
+        np.testing.assert_allclose(right.where.alpha, problem.where.alpha, rtol=0, atol=1e-9)
+        np.testing.assert_array_equal(right.where.beta, problem.where.beta)
+        for name, index in problem.where.groups.items():
+            np.testing.assert_array_equal(right.where.groups[name], index)
+    assert exact.fit(wrong).rms > 1e-4 and exact.fit(right).rms < 1e-9
 
 
 def test_of_many_positions_any_two_that_were_exchanged(diagnoser, monkeypatch):

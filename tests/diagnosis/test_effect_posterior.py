@@ -53,6 +53,30 @@ def test_equals_the_sum_over_normal_densities(case, size):
     np.testing.assert_allclose(found.second, products, atol=4e-3 * max(1.0, np.abs(products).max()))
 
 
+def test_only_products_of_the_rows_count(case):
+    """In more rows than directions, in which most of the residual is in none of the signals."""
+    signals, shown, always, candidates, rng = case
+    z = signals @ np.array([4.0, -2.0, 0, 0, 0.1, 0.1, 0.0]) + rng.normal(size=20)
+    few = effect_posterior(signals[:6], z[:6], shown, always, candidates, dof=20, known=True)
+    turned = np.linalg.qr(rng.normal(size=(20, 6)))[0]
+    many = effect_posterior(turned @ signals[:6], turned @ z[:6], shown, always, candidates, dof=20, known=True)
+    np.testing.assert_allclose(many.mean, few.mean, rtol=1e-9)
+    np.testing.assert_allclose(many.second, few.second, atol=1e-9 * few.second.max())
+
+
+def test_a_hidden_coefficient_is_as_large_as_the_others_of_its_effect(case):
+    signals, shown, always, candidates, rng = case
+    hidden = np.array([False] * 6 + [True])
+    z = signals @ np.array([20.0, -25.0, 0, 0, 0, 0, 0]) + rng.normal(size=20)
+    without = effect_posterior(signals, z, shown, always, candidates, dof=len(z), known=True)
+    candidates.of_same_size[1] = hidden
+    found = effect_posterior(signals, z, shown, always, candidates, dof=len(z), known=True)
+    assert without.second[6, 6] < 1.0
+    # Student's t of two draws about their root mean square, by its 95 % interval: 2.2 times 22.6.
+    assert np.sqrt(found.second[6, 6]) == pytest.approx(2.2 * 22.6, rel=0.25)
+    np.testing.assert_allclose(found.mean, without.mean)
+
+
 def test_an_unlikely_explanation_with_a_huge_coefficient_is_not_followed():
     """Many small effects together may look like one that hardly shows, with a coefficient of dozens of typical sizes: its mean
     stays near zero, where least squares has the whole coefficient."""

@@ -62,3 +62,22 @@ def test_sets_side_by_side_are_those_alone(known, out, size):
         for k in set(range(len(pool.causes))) - set(members):
             expected = alone(pool, z, members, k, known, aside.T)
             assert own[k] == pytest.approx(expected, rel=1e-9), (members, k)
+
+
+@pytest.mark.parametrize("known", [True, False])
+@pytest.mark.parametrize("size", [1.0, 10.0, 1000.0])
+def test_no_evidence_exceeds_its_bound(known, size):
+    for seed in range(10):
+        rng = np.random.default_rng([seed, known, int(size)])
+        pool = pool_of(rng)
+        z = rng.normal(size=DOF) + size * sum(
+            pool.causes[k].block @ rng.normal(size=RANKS[k]) for k in rng.choice(10, 2, replace=False)
+        )
+        enlarged = Enlarged(pool, known, partial_sets(pool, z, SETS))
+        bounds, bound = enlarged.evidence.copy(), enlarged.open.copy()
+        assert np.sum(bound) > 20
+        evidence = enlarged.settled()
+        assert not np.any(enlarged.open)
+        np.testing.assert_array_equal(evidence[~bound], bounds[~bound])
+        # To within what the table of `gain` leaves between its nodes.
+        assert np.all(evidence[bound] <= bounds[bound] + 1e-3)

@@ -13,6 +13,7 @@ from tumblecal.diagnosis.findings.factors import factors_of
 from tumblecal.diagnosis.sets.explanation import Explanation, verdict_of
 from tumblecal.diagnosis.sets.prior import given_found
 from tumblecal.effects import catalogue
+from tumblecal.effects.added_terms import output_effect
 from tumblecal.report.cause_words import less_probable_words
 
 
@@ -147,3 +148,27 @@ def test_effects_of_the_sensor_that_are_one_function_at_1_g():
     assert pairs == {(f"second_order.{axis}", f"cross_axis_square.{axis}") for axis in "xyz"}
     text = (ROOT / "docs/diagnosis_rules.md").read_text()
     assert all(f"| `{a}` | `{b}` |" in text for a, b in pairs)
+
+
+def test_sets_of_effects_are_compared_as_a_whole():
+    slots = {id: replace(NO_SLOT, id=id, make=ENTRIES[id].make, columns=(0,)) for id in ENTRIES if ENTRIES[id].make}
+    x, y = ([slots[f"second_order.{axis}"], slots[f"cross_axis_square.{axis}"]] for axis in "xy")
+    assert one_function_at_1_g([x[0], y[0]], [x[1], y[1]])
+    assert not one_function_at_1_g([x[0], y[0]], [x[1], slots["third_order.y"]])
+    assert not one_function_at_1_g([x[0]], [slots["bias_drift.x"], y[1]])
+    # A shape of the head at some angles is no identity, nor is an error of a position.
+    assert not one_function_at_1_g([x[0]], [slots["fixture_flexure"]]) and not one_function_at_1_g([x[0]], [NO_SLOT])
+
+
+def test_an_identity_of_an_effect_of_the_users():
+    """By Legendre's polynomial, 3 u_z^2 - 1, on the sphere u_x^2 + u_y^2 - 2 u_z^2 = 1 - 3 u_z^2."""
+
+    def term(u, where):
+        return u[0] ** 2 + u[1] ** 2 - 2 * u[2] ** 2
+
+    own = output_effect("mine.z", "z", term, unit="mg", typical=0.1, physics="", cause="")
+    slots = [
+        replace(NO_SLOT, id=effect.id, make=effect.make, columns=(0,))
+        for effect in (own, ENTRIES["second_order.z"], ENTRIES["second_order.y"])
+    ]
+    assert one_function_at_1_g(slots[:1], slots[1:2]) and not one_function_at_1_g(slots[:1], slots[2:])

@@ -1,13 +1,16 @@
 """What coefficients that the positions do not show may do to the parameters beside them: held in the covariance, and said."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import blind_instrument as blind
+from blind import catalogue as study
 from tumblecal.data.calibration import read_calibration
 from tumblecal.data.sensor_parameters import SENSOR
+from tumblecal.diagnosis.refine.insert import fit_with
 from tumblecal.planning import next_plan
 from tumblecal.report.diagnosis_files import write_diagnosis
 from tumblecal.report.diagnosis_page import write_diagnosis_page
@@ -61,3 +64,31 @@ def test_what_is_hidden_changes_no_reading_at_the_positions_measured(hidden, dia
     together = blind.readings(setup, nominal, {"bias_by_pitch.y": moved}) - before
     alone = blind.readings(setup, nominal, {"bias_by_pitch.y": there}) - before
     assert np.linalg.norm(together) < 0.03 * np.linalg.norm(alone)
+
+
+@pytest.mark.long
+def test_intervals_of_the_sensor_hold_the_truth_whatever_effect_is_fitted():
+    """95 % intervals of dK, bias and gamma beside effects of 30 to 300 sigma with coefficients that do not show."""
+    rng, bench, inside, undetermined = np.random.default_rng(41), study.Bench(), [], []
+    setup = blind.random_setup(rng, 3, 8)
+    projector, clean = blind.unreachable(setup), blind.readings(setup, setup.nominal, {})
+    measured = clean + blind.SIGMA * np.random.default_rng(99).normal(size=clean.shape)
+    screened, noise_wrong = bench(study.Hidden(setup, measured, (), clean, {}), known=True)
+    assert noise_wrong == () and screened.problem.known
+    for id in ("bias_by_pitch.y", "bias_by_pitch.z", "spindle_wobble_1", "fixture_flexure", "cross_axis_square.x"):
+        (cause,) = (own for own in screened.pool.causes if own.label == id)
+        for number in range(60):
+            sized = blind.sized(setup, projector, id, (30, 100, 300)[number % 3], rng, least_share=0.02)
+            if sized is None:
+                continue
+            readings = blind.readings(setup, setup.nominal, {id: sized[0]}) + blind.SIGMA * rng.normal(size=clean.shape)
+            fit = fit_with(replace(screened.at, problem=replace(screened.at.problem, readings=readings)), [cause])
+            here = [fit.names.index(name) for name in SENSOR]
+            inside.append(np.abs(fit.values[here] - truth_of(setup)) < 1.96 * fit.sd[here])
+            undetermined.append([name in fit.undetermined for name in SENSOR])
+    held, undetermined = np.array(inside), np.array(undetermined)
+    assert len(held) > 250 and undetermined.sum() > 200
+    # 95 % within four standard deviations of so many; what is assumed holds more than that of what is not determined, less of
+    # none: all of a file's together.
+    assert 0.925 < np.mean(held[~undetermined]) < 0.975
+    assert np.mean(held[undetermined]) > 0.92

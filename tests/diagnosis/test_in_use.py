@@ -1,10 +1,34 @@
 """What a calibration states is meant for the middle of what was measured, and its uncertainty holds what is left open."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from made import measured
 
 import blind_instrument as blind
+from blind.plans import remounted
 from tumblecal.data.sensor_parameters import SENSOR
+
+
+# Files of each condition; a ramp shares its compiled plan, so that more of them cost little.
+FILES = {"two mountings": 2, "a ramp": 12}
+# Of bias (g/degC) and scale factor (1/degC), as data sheets have them.
+BIAS, SCALE = 5e-5, 6e-5
+
+
+def two_mountings(rng):
+    """One plan twice, the second time turned about z and at 35 instead of 15 degC."""
+    setup = remounted(blind.random_setup(rng, 3, 8), ((0, 0, 0), (0, 0, 90)), rng)
+    degc = np.where(setup.mounting == 0, 15.0, 35.0) + rng.normal(0, 0.05, len(setup.alpha))
+    return replace(setup, temperature_degc=degc)
+
+
+def ramp(rng):
+    """The room warms by 12 degrees while one plan is measured."""
+    setup = blind.random_setup(rng, 3, 8)
+    rise = np.linspace(-6.0, 6.0, len(setup.alpha))
+    return replace(setup, temperature_degc=25.0 + rise - rise.mean())
 
 
 def in_use(diagnosis):
@@ -16,6 +40,32 @@ def in_use(diagnosis):
     terms = calibration.extra.get("terms", [])
     with_term = {(term["axis"], sum(term["powers"])) for term in terms if term.get("per_degc")}
     return own.values[at], np.sqrt(np.diag(own.covariance))[at], with_term
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("condition", FILES)
+def test_intervals_hold_the_truth_where_the_temperature_changes_with_something_else(diagnoser, condition):
+    """Coefficients of temperature on all axes; biases were wrong by up to 46 sd, scale factors by 12."""
+    off = []
+    for seed in range(FILES[condition]):
+        rng = np.random.default_rng([seed, 5])
+        setup = ramp(rng) if condition == "a ramp" else two_mountings(rng)
+        size = {
+            f"{kind}_temperature.{axis}": [typical * rng.normal()]
+            for kind, typical in {"bias": BIAS, "scale": SCALE}.items()
+            for axis in blind.AXES
+        }
+        data = measured(setup, size, rng)
+        if setup.mounting is not None:
+            data = replace(data, mount=tuple(np.array(["A", "B"])[setup.mounting].tolist()))
+        values, sd, with_term = in_use(diagnoser(data))
+        truth = np.concatenate([setup.nominal[kind] for kind in ("dK", "bias", "gamma")])
+        warm = np.mean(setup.temperature_degc) - 25.0
+        for k, axis in enumerate(blind.AXES):
+            truth[k] += warm * size[f"scale_temperature.{axis}"][0] * ((axis, 1) not in with_term)
+            truth[3 + k] += warm * size[f"bias_temperature.{axis}"][0] * ((axis, 0) not in with_term)
+        off.append(np.abs(values - truth) / sd)
+    assert np.max(off) < 5 and np.mean(np.array(off) < 1.96) > 0.85
 
 
 def test_a_bias_that_drifts_is_written_for_the_mean_time(diagnoser, hidden):

@@ -42,9 +42,7 @@ def somewhere(model):
 
 
 @pytest.mark.parametrize(
-    ("by", "entries"),
-    [pytest.param({}, catalogue, marks=pytest.mark.long), ({"dtheta_by": "run", "bias_by": "run"}, few_entries)],
-    ids=["plain", "by run"],
+    ("by", "entries"), [({}, catalogue), ({"dtheta_by": "run", "bias_by": "run"}, few_entries)], ids=["plain", "by run"]
 )
 def test_jacobian_is_that_of_the_prediction(where, by, entries):
     model = model_of(nominal_chain(where, **by), where, entries())

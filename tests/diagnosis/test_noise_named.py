@@ -11,6 +11,7 @@ import blind_instrument as blind
 import blind_noise
 from blind import plans as blind_plans
 from tumblecal.diagnosis.detection import detect
+from tumblecal.diagnosis.noise.rounding import steps
 from tumblecal.diagnosis.screening.noise_change import screen_with_noise
 from tumblecal.diagnosis.screening.screen import Screening
 from tumblecal.estimation import problem_of
@@ -132,6 +133,13 @@ def test_an_error_that_comes_back_is_no_noise_and_one_that_does_not_is(diagnoser
     diagnosis = diagnoser(replace(blind_noise.position_set(setup, readings, known), run=runs))
     assert diagnosis.labels == ((label,) if label else ())
     assert ("repeats of an attitude agree" in verdict_of_diagnosis(diagnosis).words()) == (label == "unexplained")
+
+
+@pytest.mark.parametrize("step", [1e-2, 2e-4, 1e-6])
+def test_the_widest_decimal_step_is_found(step):
+    readings = np.random.default_rng(3).normal(size=(24, 3))
+    readings[:, :2] = np.round(readings[:, :2] / step) * step
+    assert steps(readings) == pytest.approx([step, step, 0.0], rel=1e-12)
 
 
 @pytest.mark.parametrize("digits", [3, 4])

@@ -41,6 +41,29 @@ def bounded(design, readings, number):
     return 2 * comb(POSITIONS, number) * least
 
 
+@pytest.mark.parametrize("off", [(), (2, 5), (1, 2, 7)])
+@pytest.mark.parametrize("scale", [1.0, 1e-6])
+def test_the_bound_is_that_of_f_tests_without_the_positions(plan, off, scale):
+    design, space, pool = plan
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        readings = rng.normal(size=3 * POSITIONS)
+        for position in off:
+            readings[3 * position : 3 * position + 3] += 6.0
+        expected = min(1.0, *(bounded(design, readings, number) for number in (2, 3)))
+        np.testing.assert_allclose(positions_off(pool, scale * (space @ readings)), expected, rtol=1e-3)
+
+
+@pytest.mark.long
+def test_noise_alone_comes_below_a_bound_no_more_often_than_it_says(plan):
+    pool = plan[2]
+    rng = np.random.default_rng(11)
+    values = np.array([positions_off(pool, rng.normal(size=DOF)) for _ in range(3000)])
+    for bound in (0.01, 0.05):
+        share = np.mean(values < bound)
+        assert 0.3 * bound < share < bound + 3 * np.sqrt(bound / len(values))
+
+
 @pytest.fixture(scope="module")
 def with_effects(plan):
     """The same with three effects: their signals in the readings, and the pool."""

@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import stats
 
-from tumblecal.diagnosis.findings.residuals import discrepancies, normal_quantiles
+from tumblecal.diagnosis.findings.residuals import QUANTILES, discrepancies, normal_quantiles, predictive
 
 
 @pytest.fixture(scope="module")
@@ -46,3 +47,10 @@ def test_one_percent_of_a_right_model_lies_outside_the_envelope(diagnosis):
     plot = normal_quantiles(diagnosis.nominal)
     assert np.any(plot.outside) and np.all(plot.low < plot.middle) and np.all(plot.middle < plot.high)
     np.testing.assert_allclose(plot.normal, -plot.normal[::-1], atol=1e-12)
+
+
+def test_quantiles_kept_of_a_check_are_those_of_its_distribution(diagnosis):
+    """The sum of squares of known noise is chi-squared with the fit's degrees of freedom."""
+    (check,) = [statistic for statistic in predictive(diagnosis.nominal) if statistic.name == "sum of squares"]
+    np.testing.assert_allclose(check.quantiles, stats.chi2.ppf(QUANTILES, diagnosis.nominal.dof), rtol=0.03)
+    assert check.low < check.quantiles[0] and check.quantiles[-1] < check.high and check.outside

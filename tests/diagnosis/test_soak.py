@@ -1,9 +1,12 @@
 """Effects of temperature are seen as well in an oven or a cold chamber as in the room: what counts is how it varies."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import blind_instrument as blind
+from tumblecal.diagnosis.refine.insert import fit_with
 
 
 IDS = ("bias_temperature.x", "scale_temperature.y")
@@ -32,3 +35,19 @@ def test_temperature_effects_are_named_at_any_soak(hidden, diagnoser, id, degc):
     assert said.extended.sd[k] == pytest.approx(room.extended.sd[k], rel=0.06)
     assert said.extended.values[k] == pytest.approx(room.extended.values[k], abs=0.2 * room.extended.sd[k])
     assert abs(said.extended.values[k] - size(id)[0]) < 4 * said.extended.sd[k]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("id", IDS)
+def test_intervals_of_a_temperature_coefficient_hold_the_truth_at_85_degc(hidden, diagnoser, id):
+    truth = size(id)
+    at = (screened := diagnoser(hidden(SEED, {}, degc=85.0)).screened).at
+    causes = [cause for cause in screened.pool.causes if cause.label == id]
+    clean, rng, inside = hidden(SEED, {id: truth}, degc=85.0, noise=0.0).readings, np.random.default_rng(8), 0
+    for _ in range(100):
+        readings = clean + blind.SIGMA * rng.normal(size=clean.shape)
+        fit = fit_with(replace(at, problem=replace(at.problem, readings=readings)), causes)
+        k = fit.names.index(id)
+        inside += abs(fit.values[k] - truth[0]) < 1.96 * fit.sd[k]
+    # 95 %: 87 of 100 or fewer once in 700 runs, all 100 once in 170.
+    assert 88 <= inside <= 99

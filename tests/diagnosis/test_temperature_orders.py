@@ -6,6 +6,11 @@ import pytest
 import tumblecal
 from tumblecal.data import PositionSet
 from tumblecal.diagnosis import Diagnoser
+from tumblecal.diagnosis.causes.identities import one_function_at_1_g
+from tumblecal.diagnosis.model.full_model import model_of
+from tumblecal.diagnosis.sets.classes import other_orders
+from tumblecal.effects import catalogue
+from tumblecal.estimation import problem_of
 from tumblecal.report.cause_words import order_sizes, temperature_orders
 from tumblecal.report.diagnosis_calibration import extended_calibration
 
@@ -108,3 +113,20 @@ def test_a_lag_between_thermometer_and_sensor_has_its_name():
     for name, value in true.items():
         k = fit.names.index(name)
         assert abs(fit.values[k] - value) < 4 * fit.sd[k]
+
+
+@pytest.mark.long
+def test_orders_of_one_parameter_are_one_explanation(data):
+    problem = problem_of(data, noise_sd=SD)
+    slots = model_of(problem.chain, problem.where, catalogue()).slots
+    of = {slot.id: number for number, slot in enumerate(slots)}
+    cubic, quartic = of["bias_temperature_cubic.x"], of["bias_temperature_quartic.x"]
+    pair = [of["bias_temperature.x"], of["bias_temperature_square.x"]]
+    scale = of["scale_temperature_cubic.x"]
+    linear, square = pair
+    rows = [[cubic], [quartic], pair, [linear], [square], [scale], [cubic, scale]]
+    sets = np.array([row + [-1] * (3 - len(row)) for row in rows])
+    same = other_orders(slots, sets)
+    assert np.flatnonzero(same[0]).tolist() == [1, 2, 3, 4]
+    assert np.flatnonzero(same[3]).tolist() == [0, 1]  # one power and another alone are two causes
+    assert not one_function_at_1_g([slots[cubic]], [slots[quartic]])

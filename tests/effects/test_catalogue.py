@@ -2,12 +2,14 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import blind_instrument as blind
 from blind.plans import remounted
 from tumblecal.chain import nominal_chain, settings
 from tumblecal.diagnosis.model.full_model import model_of
 from tumblecal.effects import catalogue
+from tumblecal.effects.added_terms import base_unit
 from tumblecal.effects.catalogue import belongs_to
 from tumblecal.effects.temperature import ENTRIES as OVER_TEMPERATURE
 from tumblecal.estimation.mountings import nominal_rotations
@@ -44,6 +46,14 @@ def nominal_values(setup):
         **{f"gamma_{pair}": n["gamma"][k] for k, pair in enumerate(("21", "31", "32"))},
         **{f"dbeta_{k}": value for k, value in enumerate(n["dbeta"])},
     }
+
+
+@pytest.mark.parametrize("axis", blind.AXES)
+def test_the_blind_instrument_turns_frames_as_scipy_does(axis):
+    rng = np.random.default_rng(5)
+    f, angle = rng.normal(size=(24, 3)), rng.uniform(-7, 7, 24)
+    expected = Rotation.from_euler(axis, -angle[:, None]).apply(f)
+    np.testing.assert_allclose(blind.turned(axis, angle, f), expected, rtol=0, atol=1e-14)
 
 
 def test_the_catalogue_has_every_id_that_the_blind_instrument_knows():
@@ -151,12 +161,35 @@ def test_the_readout_is_simulated_and_not_sought(id, setup):
     assert reason.startswith("it would be found as")
 
 
+@pytest.mark.parametrize(
+    ("unit", "base", "scale"),
+    [
+        ("mg/g^2", "g/g^2", 1e-3),
+        ("(mg/g)/h", "1/s", 1e-3 / 3600),
+        ("mrad/rad", "rad/rad", 1e-3),
+        ("mg/h", "g/s", 1e-3 / 3600),
+        ("1e-3", "1", 1e-3),
+    ],
+)
+def test_units(unit, base, scale):
+    assert base_unit(unit) == (base, pytest.approx(scale, rel=1e-12))
+
+
 def test_every_entry_belongs_to_the_head_or_to_the_sensor():
     """What acts before the triad's mount is the head's, the fixture that carries all units included."""
     belongs = {id: belongs_to(effect) for id, effect in catalogue().items()}
     head = {id for id, owner in belongs.items() if owner == "head"}
     assert head == {
-        "base_levelling", "axis_perpendicularity", "index_eccentricity", "index_ellipticity", "index_gain", "index_zero",
-        "index_backlash", "spindle_wobble_1", "spindle_wobble_2", "fixture_flexure", "gravity_value",
-    }  # fmt: skip
+        "base_levelling",
+        "axis_perpendicularity",
+        "index_eccentricity",
+        "index_ellipticity",
+        "index_gain",
+        "index_zero",
+        "index_backlash",
+        "spindle_wobble_1",
+        "spindle_wobble_2",
+        "fixture_flexure",
+        "gravity_value",
+    }
     assert {belongs[id] for id in PHYSICS} == {"head", "sensor"} and belongs["swapped_positions"] == ""

@@ -1,5 +1,6 @@
 """Attitudes that a hand-held set lacks, in words."""
 
+import json
 import re
 
 import numpy as np
@@ -73,3 +74,34 @@ def test_a_set_that_determines_nothing_gets_six_more():
     assert [attitude.words for attitude, _ in next_attitudes(rounded)] == [own.words for own, _ in proposed]
     everywhere = np.array([attitude.up for attitude in attitudes()] * 6)
     assert next_attitudes(everywhere) == []
+
+
+@pytest.fixture
+def one_sided(tmp_path):
+    """Seventeen attitudes of a hand that hardly turned the triad over."""
+    rng = np.random.default_rng(3)
+    ups = rng.normal(size=(17, 3)) * [1, 1, 0.6]
+    ups[:, 2] = np.abs(ups[:, 2])
+    ups /= np.linalg.norm(ups, axis=1, keepdims=True)
+    readings = ups * [1.001, 0.999, 1.002] + [0.01, -0.02, 0.03] + 1e-4 * rng.normal(size=ups.shape)
+    lines = ["# attitudes: unknown", "position,ax_g,ay_g,az_g"]
+    lines += [f"p{k},{','.join(map(repr, row.tolist()))}" for k, row in enumerate(readings)]
+    (tmp_path / "hand.csv").write_text("\n".join(lines) + "\n")
+    return tmp_path / "hand.csv"
+
+
+@pytest.mark.long
+@pytest.mark.usefixtures("few_effects")
+def test_both_commands_propose_directions(tumblecal, tmp_path, one_sided):
+    outcome = tumblecal("diagnose", one_sided, "--noise-sd", "0.1mg", "--out", tmp_path / "out")
+    assert outcome.code == 0
+    said = " ".join(outcome.out.split())
+    assert "Measure next, to reduce the standard uncertainty of the most poorly determined direction" in said
+    content = json.loads((tmp_path / "out" / "diagnosis.json").read_text())["next_plan"]
+    directions = [position["direction"] for position in content["together"]]
+    assert directions and all(words in said for words in directions)
+    assert "alpha" not in said.partition("Measure next")[2]
+    assert directions[0] in (tmp_path / "out" / "diagnosis.html").read_text()
+    assert not list((tmp_path / "out").glob("next_positions*"))
+    outcome = tumblecal("calibrate", one_sided, "--noise-sd", "0.1mg", "--no-figures", "--out", tmp_path / "cal")
+    assert directions[0] in " ".join(outcome.out.split())

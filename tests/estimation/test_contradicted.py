@@ -31,7 +31,6 @@ def calibrated_of(problem):
     return replace(all_methods(problem), entries=few_entries())
 
 
-@pytest.mark.long
 def test_p_values_are_uniform_where_nothing_is_wrong():
     priors, alarms = [], 0
     for seed in range(120):

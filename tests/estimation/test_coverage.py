@@ -1,11 +1,16 @@
 """Do 95 % intervals hold the truth 95 times in 100? Statistics, with tolerances from the binomial distribution."""
 
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from rigs import measured, random_vector
 from scipy import stats
 
 from tumblecal.estimation import exact, problem_of
+from tumblecal.estimation.linearised import linearised
 
 
 pytestmark = pytest.mark.usefixtures("quickly_compiled")
@@ -21,7 +26,35 @@ def check_coverage(inside: np.ndarray, level: float) -> None:
     assert np.max(np.abs(off)) < MOST_SD, f"coverage {inside.mean(axis=0).round(4)}"
 
 
-@pytest.mark.long
+def test_stated_noise_intervals_and_chi2():
+    """2000 calibrations at angles up to 5 degrees in one batch; each with its own covariance; normal intervals."""
+    truth, sd = random_vector(5), 2e-4
+    clean = measured(truth)
+    problem = problem_of(clean, noise_sd=sd)
+    noise = np.random.default_rng(2024).normal(size=(SETS, 24, 3)) * sd
+
+    def calibrate(readings):
+        here = replace(problem, readings=readings)
+        vector, converged, _ = exact.solve(here, jnp.asarray(problem.chain.vector))
+        residual, jacobian = linearised(here, vector)
+        return vector, converged, residual @ residual, jnp.linalg.inv(jacobian.T @ jacobian)
+
+    vectors, converged, chi2, inverse = map(np.asarray, jax.jit(jax.vmap(calibrate))(clean.readings + noise))
+    assert converged.all()
+    deviations = np.sqrt(np.diagonal(inverse, axis1=1, axis2=2)) * problem.scales
+    for level in (0.5, 0.95):
+        half = stats.norm.ppf(0.5 + level / 2) * deviations
+        check_coverage(np.abs(vectors - truth) < half, level)
+    dof = 72 - 15
+    assert stats.kstest(chi2, stats.chi2(dof).cdf).pvalue > 1e-3
+    assert np.mean(chi2) / dof == pytest.approx(1.0, abs=4 * np.sqrt(2 / dof / SETS))
+    # The estimates' scatter is the covariance, in all directions at once: squared lengths are chi-square of 15.
+    lengths = np.einsum(
+        "si,sij,sj->s", (vectors - truth) / problem.scales, np.linalg.inv(inverse), (vectors - truth) / problem.scales
+    )
+    assert stats.kstest(lengths, stats.chi2(15).cdf).pvalue > 1e-3
+
+
 def test_estimated_noise_intervals_use_students_t():
     """7 positions, 6 degrees of freedom: the normal quantile would hold the truth only 90 times in 100."""
     alpha, beta = [0.0, 120.0, 240.0, 30.0, 200.0, 90.0, 310.0], [0.0, 0.0, 0.0, 45.0, 45.0, 90.0, 90.0]

@@ -73,6 +73,16 @@ def test_too_few_attitudes_are_refused_in_words(tmp_path):
     assert "tilt_" not in str(refused.value)
 
 
+def test_marginal_directions_are_those_of_the_covariance(tmp_path):
+    """The weakest direction is the longest axis of the sensor's own block of the covariance."""
+    written(tmp_path / "hand.csv", 14, 1e-4)
+    fit = exact.fit(problem_of(read_positions(tmp_path / "hand.csv")))
+    scales = fit.problem.scales[:9]
+    block = fit.covariance[:9, :9] / np.outer(scales, scales)
+    own = np.sqrt(np.linalg.eigvalsh(block)) / fit.level
+    np.testing.assert_allclose(1.0 / fit.identifiability.singular_values, own, rtol=1e-6)
+
+
 def test_attitudes_in_one_plane_are_no_calibration(tmp_path):
     rng = np.random.default_rng(3)
     turn = rng.uniform(0, 2 * np.pi, 24)

@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
-from remounted import blind, measured, two
+from remounted import blind, measured, passive, two
 from tumblecal.chain.nominal import Mount
 from tumblecal.data.joined import joined
 from tumblecal.estimation import default_chain, exact, problem_of
@@ -95,6 +96,18 @@ def test_files_of_several_turns_are_told_apart():
     assert turned_mountings(joined(with_distinct_mounts(files))) == {"1": NONE, "b": Z90, "d": NONE, "b 2": Y90}
     named = [replace(one, mount=("A",) * 24) for one in files[:2]]
     assert set(with_distinct_mounts(named)[1].mount or ()) == {"A of b"}
+
+
+@pytest.mark.parametrize("turn", [(0.0, 0.0, 135.0), (60.0, 60.0, 60.0)], ids=str)
+def test_between_two_turns_any_near_one_will_do(turn):
+    """The fit takes the rest, up to some 60 degrees, as dtheta."""
+    data, *_ = two(1, NONE, turn)
+    taken = turned_mountings(data).get("B", NONE)
+    rest = Rotation.from_matrix(passive(turn) @ passive(taken).T).magnitude()
+    assert rest < np.radians(65)
+    problem = problem_of(data, noise_sd=blind.SIGMA)
+    result = exact.fit(problem)
+    assert result.code.good and result.chi2 < 1.6 * result.dof
 
 
 def test_a_turn_that_cannot_be_told_is_refused_with_what_to_write():

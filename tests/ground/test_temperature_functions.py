@@ -36,6 +36,18 @@ def test_a_spline_with_knots_contains_every_cubic_spline_with_these_knots():
     assert np.allclose((fitted @ functions.combination) @ functions.values(degc), change, atol=1e-12)
 
 
+def test_jax_and_numpy_agree():
+    import jax.numpy as jnp
+
+    from tumblecal.ground.precision import enable_float64
+
+    enable_float64()
+    functions = TemperatureFunctions(3, 20.0, (0.0, 40.0), KNOTS)
+    degc = np.linspace(0.0, 40.0, 9)
+    assert np.allclose(np.asarray(functions.orthonormal(jnp.asarray(degc))), functions.orthonormal(degc), atol=1e-14)
+    assert np.asarray(TemperatureFunctions(0, 20.0, (0.0, 40.0)).values(jnp.asarray(degc))).shape == (0, 9)
+
+
 @pytest.mark.parametrize(
     ("order", "knots", "range_degc", "words"),
     [
@@ -55,3 +67,8 @@ def test_impossible_functions_are_rejected(order, knots, range_degc, words):
 def test_an_impossible_reference_is_rejected(reference):
     with pytest.raises(InputError, match=r"reference temperature .* it must be from -273\.15 to 1000 degC"):
         TemperatureFunctions(2, reference, (0.0, 40.0))
+
+
+def test_a_knot_that_is_no_number_is_rejected():
+    with pytest.raises(InputError, match="must increase within the range"):
+        TemperatureFunctions(3, 20.0, (0.0, 40.0), (np.nan,))

@@ -14,8 +14,10 @@ import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
+from tumblecal import InputError
 from tumblecal.data import paper, write_positions
-from tumblecal.data.sensor_parameters import MOUNT, SENSOR, SensorParameters
+from tumblecal.data.calibration import read_calibration
+from tumblecal.data.sensor_parameters import MOUNT, SENSOR, SensorParameters, of_matrix
 from tumblecal.history.database import add, documents, listed, of_unit
 from tumblecal.history.entry import Entry
 from tumblecal.history.repeatability import PAPER_LIMITS, unit_history
@@ -44,8 +46,20 @@ def results(count, *, drift_a_month=0.0, extra=0.0, days=30.4375, own=None):
         values = values + extra * RNG.normal(size=12)
         date = np.datetime_as_string(np.datetime64("2020-01-01T00:00:00") + np.timedelta64(int(k * days * 86400), "s"))
         parameters = SensorParameters(NAMES, values, own)
-        said = (f"{k}.csv", f"{k:064d}", "converged", 1e-4, 0.5)
-        entries.append(Entry("calibration", "A-17", f"{date}Z", *said, parameters, number=k + 1))
+        entries.append(
+            Entry(
+                "calibration",
+                "A-17",
+                f"{date}Z",
+                f"{k}.csv",
+                f"{k:064d}",
+                "converged",
+                1e-4,
+                0.5,
+                parameters,
+                number=k + 1,
+            )
+        )
     return entries
 
 
@@ -97,6 +111,25 @@ def test_a_file_without_a_serial_number_is_kept_and_warned_of(tumblecal, tmp_pat
     assert "\n2 results of 1 unit; 2 results without a serial number (no unit; " in said
 
 
+def test_the_parameters_of_a_calibration_file_are_those_of_its_matrix(tumblecal, tmp_path, table1_file):
+    tumblecal("calibrate", table1_file, "--no-figures", "--out", tmp_path)
+    own = read_calibration(tmp_path / "calibration.json")
+    derived = of_matrix(own.matrix, own.bias, own.covariance)
+    np.testing.assert_allclose(own.sensor.of(SENSOR).values, derived.values, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(
+        own.sensor.of(SENSOR).covariance, derived.covariance, rtol=0, atol=1e-9 * own.covariance.max()
+    )
+    angle = 0.3
+    turn = np.array([[np.cos(angle), np.sin(angle), 0], [-np.sin(angle), np.cos(angle), 0], [0, 0, 1.0]])
+    turned = of_matrix(turn @ own.matrix, own.bias, np.zeros((12, 12)))
+    np.testing.assert_allclose(turned.values, derived.values, rtol=0, atol=1e-14)
+    spoilt = json.loads((tmp_path / "calibration.json").read_text())
+    for wrong in ({"names": 3}, {"names": ["dK_x"], "values": []}, 7):
+        (tmp_path / "calibration.json").write_text(json.dumps({**spoilt, "parameters": wrong}))
+        with pytest.raises(InputError, match=r"parameters|values"):
+            read_calibration(tmp_path / "calibration.json")
+
+
 def test_table2_s_runs_are_within_the_paper_s_limits_and_too_few_for_a_change(tumblecal, tmp_path):
     """The biases of the runs disperse by three times the noise."""
     outcome = tumblecal("history", tmp_path / "lab.db", "paper", "--example", "--out", tmp_path / "page")
@@ -118,6 +151,15 @@ def test_table2_s_runs_are_within_the_paper_s_limits_and_too_few_for_a_change(tu
     table = paper.table2()
     judged = unit_history(of_unit(tmp_path / "lab.db", "paper"), PAPER_LIMITS)
     assert judged.repeats[1].largest == pytest.approx(max(np.ptp(table[f"bias_{axis}"]) for axis in "xyz"))
+
+
+def test_e_n_beyond_1_are_as_many_as_k_says():
+    en = [trend.en for _ in range(40) for trend in unit_history(results(5), PAPER_LIMITS).trends]
+    assert np.mean(np.abs(en) > 1) == pytest.approx(
+        0.025, abs=0.02
+    )  # k = 2, and a small sd between dates; 0.025 of 2 880 results
+    scattered = [trend.en for _ in range(40) for trend in unit_history(results(5, extra=3e-4), PAPER_LIMITS).trends]
+    assert np.mean(np.abs(scattered) > 1) == pytest.approx(0.0455, abs=0.025)  # with the repeatability
 
 
 def test_drift_its_sd_and_the_interval():
@@ -252,7 +294,11 @@ def damage(path, statement, *values):
 FLIPPED = b"\x00not what was packed"
 # What is done to the second of three results, and the part that must be named.
 DAMAGES = {
-    "document": ("UPDATE document SET content = ? WHERE number = 2 AND name LIKE 'r%'", (FLIPPED,), "result.json"),
+    "document": (
+        "UPDATE document SET content = ? WHERE number = 2 AND name = 'result.json'",
+        (FLIPPED,),
+        "result.json",
+    ),
     "document lost": ("DELETE FROM document WHERE number = 2 AND name = 'result.json'", (), "result.json"),
     "parameters": ("UPDATE parameters SET estimate = ? WHERE number = 2", (b"123",), "its parameters"),
     "one number": ("UPDATE parameters SET estimate = ? WHERE number = 2", (np.zeros(12).tobytes(),), "its parameters"),

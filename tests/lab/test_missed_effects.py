@@ -10,6 +10,7 @@ import pytest
 
 import in_use_instrument as truth
 from few_effects import few_entries
+from tumblecal import InputError
 from tumblecal.data import PositionSet
 from tumblecal.estimation.methods import calibrate
 from tumblecal.lab.missed_effects import missed_effects
@@ -45,7 +46,7 @@ def calibrated(data, noise_sd=SIGMA):
 
 @pytest.mark.parametrize(
     ("noise_sd", "files"),
-    [(SIGMA, 6), pytest.param(SIGMA, 40, marks=pytest.mark.long), pytest.param(None, 25, marks=pytest.mark.long)],
+    [(SIGMA, 10), pytest.param(SIGMA, 40, marks=pytest.mark.long), pytest.param(None, 25, marks=pytest.mark.long)],
 )
 def test_adequate_data_may_be_used_and_an_effect_of_eight_sigma_not(noise_sd, files):
     """The bound on the p-value is valid; of 25 files 0.1 false alarms are expected."""
@@ -87,8 +88,15 @@ def test_u_covers_effects_that_the_data_did_not_show():
 
 def test_u_includes_the_attitudes_that_were_not_measured(table1):
     """The paper's plan has x between 0 and -1 g: at +1 g bias and scale factor errors add up."""
-    fitted = calibrated(table1)
+    fitted = calibrate(table1, noise_sd=SIGMA)
     places = [fitted.exact.names.index(name) for name in ("dK_x", "bias_x")]
     covariance = fitted.exact.covariance[np.ix_(places, places)]
     up, down = (2 * np.sqrt([share, 1.0] @ covariance @ [share, 1.0]) for share in (1.0, -1.0))
     assert up > 3 * down and fitted.use.expanded_g > up
+
+
+def test_without_a_residual_nothing_is_tested(table1):
+    with pytest.raises(InputError, match="no degree of freedom"):
+        calibrate(table1.chosen([0, 2, 9, 11, 19]))
+    use = calibrate(table1.chosen([0, 2, 9, 11, 19]), noise_sd=SIGMA).use
+    assert use.answer == "not tested" and not use.expanded_words

@@ -22,6 +22,19 @@ def test_agrees_with_allantools(kind: str) -> None:
     np.testing.assert_allclose(found.deviation, deviation, rtol=1e-9)
 
 
+def test_confidence_band_covers_the_truth() -> None:
+    """White noise: the 68 % band holds the true deviation in about 68 % of 300 records, at every averaging time."""
+    random = np.random.default_rng(2)
+    factors = np.array([1, 4, 16, 64, 256])
+    inside = np.zeros(len(factors))
+    for _ in range(300):
+        found = overlapping_allan([random.normal(size=1024)], 1.0, factors)
+        truth = 1 / np.sqrt(factors)
+        inside += (found.low < truth) & (truth < found.high)
+    # Binomial sd 0.027; the degrees of freedom are an approximation.
+    np.testing.assert_allclose(inside / 300, 0.68, atol=0.1)
+
+
 def test_markov_closed_form() -> None:
     """Against the autocovariance summed directly: the Allan variance of averages of a Gauss-Markov process."""
     time_s, rate = 2.0, 50.0

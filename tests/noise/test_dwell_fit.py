@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tumblecal.noise import Dwells
+from tumblecal.noise import Dwells, Noise, White
 from tumblecal.noise.dwell_fit import fit_dwells
 from tumblecal.noise.dwell_sd import batch_means_sd, sd_of_means
 from tumblecal.noise.recorded import RecordedNoise
@@ -37,6 +37,15 @@ def dwells_of(draw, count: int, n: int, seed: int) -> list[np.ndarray]:
     """`count` dwells apart, so far that the noise is new in each."""
     rng = np.random.default_rng(seed)
     return [np.stack([draw(rng, n) for _ in range(3)], axis=1) for _ in range(count)]
+
+
+def test_white_and_markov_noise_are_found() -> None:
+    draw = lambda rng, n: stated_sd.white(rng, n, 50e-6) + stated_sd.markov(rng, n, 100e-6, 10.0)  # noqa: E731
+    noise = fit_dwells(dwells_of(draw, 12, 15_000, 4), stated_sd.RATE, 12 * 300.0)
+    truth = 50e-6**2 / 300 + 2 * 100e-6**2 * 10 / 300 * (1 - 10 / 300)
+    found = noise.allan_deviation(np.array([300.0]))[0] ** 2
+    np.testing.assert_allclose(found, truth, rtol=0.4)
+    np.testing.assert_allclose(noise.coefficients()[0]["white_g_per_rthz"], 50e-6, rtol=0.4)
 
 
 @pytest.mark.parametrize("time_s", [0.5, 5.0])
@@ -71,3 +80,9 @@ def test_few_samples_and_one_dwell_still_give_a_model(count: int) -> None:
     recorded = RecordedNoise.of([dwell], 10.0, 0.0)
     sd = sd_of_means(recorded, [dwell], np.zeros(1))
     assert np.all(np.isfinite(sd)) and np.all(sd > 0.4e-3 / np.sqrt(count))
+
+
+def test_samples_that_never_move_have_a_small_sd() -> None:
+    noise = fit_dwells([np.full((100, 3), 0.5)] * 4, 10.0, 100.0)
+    assert isinstance(noise, Noise) and isinstance(noise.parts[0], White)
+    assert np.all(noise.allan_deviation(np.array([10.0])) < 1e-8)

@@ -7,7 +7,7 @@ from tumblecal.ground.errors import InputError
 from tumblecal.noise import Dwells, Flicker, GaussMarkov, Noise, Quantisation, RandomWalk, White, regular_dwells
 from tumblecal.noise.allan import overlapping_allan
 from tumblecal.noise.allan_fit import from_figures, from_record
-from tumblecal.noise.sampling import record
+from tumblecal.noise.sampling import dwell_records, record
 
 
 ONE = np.array([1.0, 2.0, 0.5])
@@ -66,6 +66,20 @@ def test_allan_deviation_of_records_has_its_closed_form(noise):
         spread = 1 / np.sqrt(2 * found.dof[kept])
         assert kept.sum() > 5
         assert np.all(np.abs(found.deviation[kept] / expected - 1) < 5 * spread + 0.01)
+
+
+def test_raw_samples_and_closed_covariance_agree():
+    noise = Noise(
+        (White(2e-4 * ONE), GaussMarkov(1e-4 * ONE, 5.0), RandomWalk(2e-5 * ONE), Quantisation(1e-4 * ONE, 0.05))
+    )
+    dwells = regular_dwells(4, dwell_s=2.0, move_s=1.0, rate_hz=20.0)
+    means = np.array([[d.mean(axis=0) for d in dwell_records(noise, dwells, seed)] for seed in range(3000)])
+    expected = noise.mean_covariance(dwells)
+    for axis in range(3):
+        found = means[:, :, axis].T @ means[:, :, axis] / len(means)
+        scale = np.sqrt(np.outer(np.diag(expected[axis]), np.diag(expected[axis])))
+        # The entries of a sample covariance have sd of at most sqrt(2/n) of the scale; 12 entries, 5 sd.
+        assert np.max(np.abs(found - expected[axis]) / scale) < 5 * np.sqrt(2 / len(means))
 
 
 def test_the_papers_figures_are_met():

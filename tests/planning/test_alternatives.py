@@ -9,7 +9,7 @@ import blind_instrument as blind
 from blind_noise import position_set
 from tumblecal.diagnosis import Diagnoser
 from tumblecal.effects import catalogue
-from tumblecal.planning.alternatives import competition
+from tumblecal.planning.alternatives import _rows_under, competition
 from tumblecal.planning.new_rows import rows_of
 from tumblecal.planning.next_plan import SEPARATE, next_plan
 from tumblecal.planning.proposals import Allowed, Proposal, proposals
@@ -87,6 +87,19 @@ def test_what_has_a_value_for_each_pitch_setting_predicts_none_for_another(of_se
     plan = next_plan(of_settings)
     assert plan.purpose == SEPARATE and {one.beta_deg for one in plan.together} <= {0.0, 45.0, 90.0}
     assert any("pitch setting" in note for note in plan.notes)
+
+
+def test_what_has_changed_for_good_is_so_at_new_positions(diagnosed):
+    """A mount that slipped at the sixth position: three angles more from there on, and at every new one."""
+    rows, label = present(diagnosed)[0].rows, f"mount_slip:{diagnosed.data.names[5]}"
+    slip = next(cause for cause in diagnosed.screened.pool.causes if cause.label == label)
+    slipped = _rows_under([slip], diagnosed, rows)
+    own = [diagnosed.model.names.index(f"dtheta_{axis}") for axis in "xyz"]
+    added = slice(rows.old.shape[1], None)
+    np.testing.assert_allclose(slipped.new[:, :, added], rows.new[:, :, own])
+    after = slipped.old[: 3 * len(diagnosed.data), added]
+    assert not np.any(after[:15]) and np.any(after[15:18])
+    np.testing.assert_allclose(after[15:], rows.old[15 : 3 * len(diagnosed.data), own])
 
 
 def test_what_is_measured_with_the_triad_turned_tells_how_it_stands(diagnosed):

@@ -60,3 +60,27 @@ def test_the_instrument_reads_what_is_predicted_under_the_cause_and_not_under_it
                 assert reading.rival_g == pytest.approx(without[axis], abs=0.05 * reading.sd_g)
     # One where the cause is right: 12 sd in all, so its size is known to a twelfth.
     assert told >= 10 and abs(np.mean(towards_cause) - 1.0) < 0.15
+
+
+@pytest.mark.long
+def test_the_sd_of_what_is_predicted_under_the_cause_holds_how_well_its_size_is_known(diagnoser):
+    """A drift is known to some tenth and counted on: the instrument read up to six sd of the rival's prediction beside it."""
+    away = []
+    for seed in range(12):
+        rng = np.random.default_rng(4200 + seed)
+        setup = blind.random_setup(rng, 3, 8)
+        drawn = blind.sized(setup, blind.unreachable(setup), "bias_drift.x", 8.0, rng)
+        assert drawn is not None
+        effects = {"bias_drift.x": drawn[0]}
+        data = measured(setup, effects, rng)
+        diagnosis = diagnoser(data)
+        if diagnosis.labels != ("bias_drift.x",):
+            continue
+        for reading in next_plan(diagnosis, Allowed(remount=False)).confirming[:1]:
+            more = blind.extended(setup, [(reading.alpha_deg, reading.beta_deg)], rng)
+            step = np.ptp(setup.time_s) / (len(setup.time_s) - 1)
+            more.time_s[-1] = setup.time_s.max() + step
+            true = blind.readings(more, more.nominal, effects)[-1, AXES.index(reading.axis)]
+            true += blind.SIGMA * rng.normal()
+            away.append((true - reading.expected_g) / reading.expected_sd_g)
+    assert len(away) >= 8 and np.sqrt(np.mean(np.square(away))) < 1.6

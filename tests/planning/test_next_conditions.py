@@ -6,14 +6,11 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from tumblecal.chain import settings
 from tumblecal.data import PositionSet
-from tumblecal.effects import catalogue
 from tumblecal.planning.alternatives import Competing, Predicted
 from tumblecal.planning.conditions import candidates, continued
 from tumblecal.planning.new_rows import Rows
 from tumblecal.planning.promise import promise_of
-from tumblecal.planning.temperature_notes import temperature_notes
 from tumblecal.planning.value import Separation
 
 
@@ -106,22 +103,3 @@ def test_a_promise_allows_for_what_is_not_among_the_explanations():
     # What has no name predicts nothing, and remains.
     unnamed = promise_of(separation(8.0), others(unnamed=[("unexplained",)]))
     assert unnamed.excluded == (("b",),) and unnamed.remaining == (("unexplained",),)
-
-
-def thermal(*causes, degc):
-    """The notes on temperature for data with these temperatures and a minute between positions, and these causes."""
-    count = len(degc)
-    where = settings(np.zeros(count), np.zeros(count), time_s=60.0 * np.arange(count), temperature_degc=degc)
-    best = SimpleNamespace(labels=causes, stated=())
-    problem, data = SimpleNamespace(where=where), SimpleNamespace(temperature_degc=degc)
-    return list(temperature_notes(SimpleNamespace(problem=problem, data=data, best=best, entries=catalogue())))
-
-
-def test_the_next_temperatures_are_those_that_test_the_causes():
-    up, both = np.repeat([0.0, 20.0, 50.0], 4), np.repeat([0.0, 20.0, 50.0, 20.0, 0.0], 4)
-    soak, one_way = thermal("bias_temperature_cubic.x", degc=up)
-    assert soak.startswith("A further soak at 35.0 degC, between those measured") and "one direction only" in one_way
-    reverse, rate = thermal("bias_hysteresis.y", "temperature_lag", degc=both)
-    assert "a hysteresis changes its sign with the direction" in reverse
-    assert rate.startswith("Repeat the change of temperature at half of its rate")
-    assert thermal("second_order.x", degc=both) == thermal("bias_hysteresis.y", degc=np.full(8, 20.0)) == []

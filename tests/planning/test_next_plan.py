@@ -1,18 +1,25 @@
 """Next positions: what is promised is what plain numpy finds, in every ordinary kind of measurement."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+import blind_instrument as blind
 import independent
 from independent import Instrument
+from tumblecal.capture.capture_plan import read_plan
 from tumblecal.chain.rig_file import read_rig
 from tumblecal.data import PositionSet
 from tumblecal.diagnosis import Diagnoser
 from tumblecal.effects import catalogue
+from tumblecal.estimation import exact, problem_of
 from tumblecal.estimation.position_problem import where_of
-from tumblecal.planning.next_plan import SHARPEN, next_plan
+from tumblecal.ground.atomic import write_texts
+from tumblecal.planning.next_plan import SEPARATE, SHARPEN, next_plan
 from tumblecal.planning.proposals import SIDES, Allowed
+from tumblecal.report.next_plan_files import LABELS, next_commands, next_plan_texts
 
 
 SIGMA = 1e-4
@@ -41,19 +48,19 @@ def plan12(runs=1, mounts=("1",)):
     return np.array(alpha), np.array(beta), run, mount
 
 
-def measured(alpha, beta, run, mount, *, seed=0, dbeta=None):
+def measured(alpha, beta, run, mount, *, seed=0, dbeta=None, intended=None, sd=SIGMA):
     """Position means of an adequate instrument, by scipy's rotations."""
     rng = np.random.default_rng(seed)
     groups = np.unique([f"{r} {m} {b}" for r, m, b in zip(run, mount, beta, strict=True)], return_inverse=True)[1]
     errors = rng.normal(0, 2e-4, groups.max() + 1)[groups] if dbeta is None else dbeta
     true = Instrument(*rng.normal(0, 1e-3, (4, 3)), errors)
-    readings = independent.readings(np.radians(alpha), np.radians(beta), true)
+    readings = independent.readings(np.radians(alpha), np.radians(beta), true, intended)
     return PositionSet(
         tuple(str(k) for k in range(len(alpha))),
         alpha,
         beta,
-        readings + SIGMA * rng.normal(size=readings.shape),
-        sd=np.full(readings.shape, SIGMA),
+        readings + sd * rng.normal(size=readings.shape),
+        sd=np.full(readings.shape, sd),
         run=run if len(set(run)) > 1 else None,
         mount=mount if len(set(mount)) > 1 else None,
     )
@@ -194,3 +201,111 @@ def test_a_rig_of_ones_own(planner, tmp_path):
         after = worst_sd(old_rows(data) + new_rows(data, [single]), **grouping)
         assert 1 - after / before == pytest.approx(single.value, abs=0.005) and single.value > 0.01
     assert any("[mounts] entry" in note for note in plan.notes) == any(turn.mount for turn in plan.together)
+
+
+def extended(setup, cells, rng):
+    """The blind instrument with more positions, none of them with the triad turned."""
+    assert not any(side for _, _, side in cells)
+    return blind.extended(setup, [(alpha, beta) for alpha, beta, _ in cells], rng)
+
+
+def as_data(setup, readings):
+    return PositionSet(
+        tuple(setup.names), np.degrees(setup.alpha), np.degrees(setup.beta), readings, sd=np.full(readings.shape, SIGMA)
+    )
+
+
+def log_odds(diagnosis, first, second):
+    """Log posterior odds of two single effects in the screen."""
+    ranked, causes = diagnosis.screened.search.ranked(), diagnosis.screened.pool.causes
+    single = ranked.members[:, 1] < 0
+    scores = {
+        causes[members[0]].label: value
+        for members, value in zip(ranked.members[single][::-1], ranked.log_posterior[single][::-1], strict=True)
+        if members[0] >= 0
+    }
+    return scores[first] - scores.get(second, min(scores.values()))
+
+
+@pytest.mark.long
+def test_the_proposed_positions_separate_the_explanations(planner):
+    """A quadratic z axis looks like a scale asymmetry; measured where proposed, the odds move as was said."""
+    allowed = Allowed(beta_deg=(0.0, 45.0, 90.0), remount=False)
+    said, got = [], []
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        setup = blind.random_setup(rng, 3, 8)
+        size, *_ = blind.sized(setup, blind.unreachable(setup), "second_order.z", 8.0, rng)
+        effects = {"second_order.z": np.abs(size)}
+        readings = blind.readings(setup, setup.nominal, effects) + SIGMA * rng.normal(size=(24, 3))
+        diagnosis = planner(as_data(setup, readings))
+        plan = next_plan(diagnosis, allowed)
+        if diagnosis.best.labels != ("second_order.z",) or plan.purpose != SEPARATE:
+            continue
+        # One function at 1 g is no alternative: no position would separate it.
+        assert not any("cross_axis_square.z" in note for note in plan.notes)
+        more = extended(setup, cells_of(plan.together), rng)
+        noisy = blind.readings(more, more.nominal, effects)[24:] + SIGMA * rng.normal(size=(plan.positions, 3))
+        again = planner(as_data(more, np.concatenate([readings, noisy])))
+        said.append(plan.value)
+        got.append(log_odds(again, "second_order.z", "scale_asymmetry.z"))
+        got[-1] -= log_odds(diagnosis, "second_order.z", "scale_asymmetry.z")
+        assert "second_order.z" in again.labels
+    assert len(said) >= 2
+    # The log Bayes factor of one measurement scatters by the root of twice its mean.
+    assert np.mean(got) == pytest.approx(np.mean(said), abs=2.5 * np.sqrt(2 * np.mean(said) / len(said)))
+
+
+@pytest.mark.long
+def test_plans_for_capture(planner, tmp_path):
+    """The files are good as they are: what they ask for is measured, and the sd fall as was said."""
+    data = measured(*plan12(), seed=5)
+    data.comments.update(protocol="adxl355", serial_number="N1", gravity_ms2="9.81")
+    diagnosis = planner(data)
+    proposed = next_plan(diagnosis)
+    texts = next_plan_texts(diagnosis, proposed, tmp_path)
+    names = [*texts]
+    write_texts(tmp_path, texts)
+    assert any("turned" in name for name in names)
+    steps, sides = [], []
+    for name in names:
+        plan = read_plan(tmp_path / name)
+        side = next((side for side, label in LABELS.items() if label == plan.session.mount), "")
+        assert plan.positions.mount_rotation_deg == (list(SIDES[side]) if side else None)
+        assert (plan.port.protocol, plan.port.serial_number, plan.site.gravity_ms2) == ("adxl355", "N1", 9.81)
+        steps += [(step.alpha_deg, step.beta_deg) for step in plan.steps]
+        sides += [plan.session.mount] * len(plan.steps)
+    assert sorted(steps) == sorted(cell[:2] for cell in cells_of(proposed.together))
+
+    alpha = np.concatenate([data.alpha_deg, [step[0] for step in steps]])
+    beta = np.concatenate([data.beta_deg, [step[1] for step in steps]])
+    mount = ("1",) * 12 + tuple(sides)
+    turns = {label: SIDES[side] for side, label in LABELS.items()}
+    intended = Rotation.from_quat([independent.mount(np.radians(turns.get(m, (0, 0, 0)))).as_quat() for m in mount])
+    both = measured(alpha, beta, ("1",) * len(alpha), mount, seed=5, intended=intended)
+    # The turn is found from the readings.
+    after = exact.fit(problem_of(both))
+    before = exact.fit(problem_of(data))
+    sensor = [name for name in before.names if name.startswith(("dK", "bias", "gamma"))]
+    fall = 1 - max(after.sd[after.names.index(n)] for n in sensor) / max(
+        before.sd[before.names.index(n)] for n in sensor
+    )
+    assert after.code.good and fall == pytest.approx(proposed.value, abs=0.02)
+    assert fall > 0.6
+
+    # Where the data state times, a position takes as long as in them; one command diagnoses all files.
+    files = ("m.csv", "next/positions.csv")
+    timed = replace(diagnosis.screened.problem.measured_data, time_s=150.0 * np.arange(12), files=files)
+    again = planner(timed)
+    plan = next_plan(again)
+    texts = next_plan_texts(again, plan, tmp_path)
+    assert all("[dwell]\nseconds = 120.0\nsettle_s = 30.0\n" in text for text in texts.values())
+    commands = next_commands(again, plan, tmp_path)
+    assert len(texts) > 1 and len(commands) == 2 * len(texts) + 1
+    # A folder of the data is not used a second time.
+    measured_in = [command.split()[4] for command in commands if "capture" in command]
+    assert measured_in[0] == "next_2" and len({*measured_in}) == len(texts)
+    positions = [f"{folder}/positions.csv" for folder in measured_in]
+    assert commands[-1].split()[1:] == ["diagnose", "--join", "--same-run", *files, *positions]
+    there = next_plan(diagnosis, Allowed(remount=False))
+    assert [*next_plan_texts(diagnosis, there, tmp_path)] == ["next_positions.toml"]

@@ -1,7 +1,5 @@
 """Batched fits against optimistix and the closed form."""
 
-from functools import cache
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -66,10 +64,14 @@ def data_of(alpha_deg, beta_deg, readings):
     return PositionSet(names, np.asarray(alpha_deg, float), np.asarray(beta_deg, float), readings)
 
 
-def test_harmonic_fits_are_the_closed_form():
-    plan = grid(np.arange(3) * 120.0, np.array([-20.0, 0.0, 35.0, 60.0, 80.0]))
+@pytest.mark.parametrize("size", [1e-3, 2e-2])
+@pytest.mark.parametrize(
+    ("betas", "angles"), [(np.array([0.0, 45.0, 90.0]), 8), (np.array([-20.0, 0.0, 35.0, 60.0, 80.0]), 3)]
+)
+def test_harmonic_fits_are_the_closed_form(betas, angles, size):
+    plan = grid(np.arange(angles) * 360 / angles, betas)
     where = settings(plan.alpha, plan.beta)
-    _, readings = readings_of(nominal_chain(where), where, 2e-2, seed=1)
+    _, readings = readings_of(nominal_chain(where), where, size, seed=1)
     uniform = uniform_plan(where.alpha, where.beta, where.index("pitch"))
     fits = fitted(uniform, readings)
     assert np.all(fits.converged)
@@ -95,7 +97,6 @@ def test_both_paths_and_optimistix_agree():
     assert np.all(fast.converged) and np.array_equal(general.converged, good)
 
 
-@cache
 def paper_experiment(**options):
     plan = grid(np.arange(8) * 45.0, np.array([0.0, 45.0, 90.0]))
     where = settings(plan.alpha, plan.beta)
