@@ -101,7 +101,7 @@ SIZE = 0.0085
 # 300 runs without an effect named a cause. (benchmarks/stated_sd.py, seeds 1000 to 1029)
 RECORDED_SIZE = 0.004
 # The same where the attitudes are unknown: p-values are uniform there as elsewhere, but with the size above something was named
-# in 21 of 2000 sets in which nothing was wrong, by chance or not. (benchmarks/hand_held_null.py, seeds 31, 41 and 42)
+# in 21 of 2000 sets in which nothing was wrong, by chance or not. (hand_held_null.py of commit 6ecf2b25, seeds 31, 41, 42)
 HAND_HELD_SIZE = 0.0065
 # Several causes together, in addition to the test of single ones: their share of the size, and the ratio of the p-value for
 # noise alone to Ville's bound on their Bayes factor. (benchmarks/blind chance)

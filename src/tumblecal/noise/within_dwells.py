@@ -21,7 +21,7 @@ from tumblecal.ground.numbers_shown import p_words
 
 
 # A change is reported if it occurs by chance less often than this on an axis, for one variable: three axes and two variables
-# are tried (benchmarks/within_dwells.py counts the false ones on noise of several colours).
+# are tried (benchmarks/within_dwells.py of commit 6ecf2b25 counted the false ones).
 _P_VALUE = 5e-4
 # Block means of a dwell, and the fewest samples in each.
 _BLOCKS, _FEWEST = 16, 4
