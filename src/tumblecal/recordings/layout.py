@@ -26,18 +26,23 @@ _CLOCK_ROWS, _EQUAL_STEPS, _DEGC = 1000, 0.8, (-60.0, 150.0)
 
 
 def layout_of(
-    table: Table, first: pl.DataFrame, options: RecordingOptions, path: str, only: Collection[str] | None = None
+    table: Table,
+    first: pl.DataFrame,
+    options: RecordingOptions,
+    path: str,
+    notes: list[str],
+    only: Collection[str] | None = None,
 ) -> Layout:
     """The quantities and units of the columns of a table.
 
     **Arguments:**
 
-    - `first`: the first rows. `only`: the quantities that are needed, if no option names others.
+    - `first`: the first rows. `notes`: gets what is assumed, also before an error that may follow from it.
+    - `only`: the quantities that are needed, if no option names others.
 
     **Raises:** `InputError` if the accelerations, a unit or the clock are not stated, with an option that can be pasted.
     """
     columns = given_columns(table, options)
-    notes: list[str] = []
     free = [name for name in table.columns if name not in {one.name for one in columns.values()} and name != ROW]
 
     def readings(names: Sequence[str]) -> NDArray[np.float64]:
@@ -47,7 +52,8 @@ def layout_of(
         )
 
     if not {*FORCE} & {*columns}:
-        force, rate, notes = chosen(free, readings, path)
+        force, rate, on_choice = chosen(free, readings, path)
+        notes += on_choice
         for roles, triple in ((FORCE, force), (RATE, rate)):
             for role, name in zip(roles, triple.columns if triple else (), strict=False):
                 columns[role] = Column(name, parsed(name).unit, "name")

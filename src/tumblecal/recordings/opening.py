@@ -72,9 +72,10 @@ def opened(
         raise InputError(f"{path}: no rows")
     if not options.rows:
         _ask_for_sensor(table, first, path, options)
-    layout = layout_of(table, first, options, str(path), only if table.sheet else None)
-    if in_g and layout.unit == "counts":
-        with guessed(layout.notes):
+    notes: list[str] = []
+    with guessed(notes):
+        layout = layout_of(table, first, options, str(path), notes, only if table.sheet else None)
+        if in_g and layout.unit == "counts":
             layout = _in_g(layout, path)
     return Recording(path, reader, tables, table, options, layout, damage)
 
