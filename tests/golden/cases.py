@@ -84,7 +84,7 @@ CALIBRATE = {
     "an effect": Case(_of_effects(2, "second_order", size=60), (_CALIBRATED,)),
     "two mountings": Case(_of_effects(3, plan="two mountings"), (_CALIBRATED,)),
     "angles alone": Case(_of_effects(4, conditions=False), (_CALIBRATED,)),
-    "prior and fixed": Case(POSITIONS, (_calibrate(f"{_STATED} --prior 'dbeta=3 arcmin' --fix gamma_21"),)),
+    "prior and fixed": Case(POSITIONS, (_calibrate(f"{_STATED} --prior 'dbeta=3 arcmin' --fix gamma"),)),
     "m/s2": Case(_file("p.csv", _in_ms2), (_calibrate("--gravity 9.8123"),)),
     "m/s2 without gravity": Case(_file("p.csv", _in_ms2), (_calibrate(),)),
     "exchanged rows": Case(_file("p.csv", _exchanged, (4, 5)), (_calibrate(),)),
