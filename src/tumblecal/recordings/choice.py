@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from tumblecal.data.column_names import STATES, Name, parsed
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.text_file import shown
+from tumblecal.recordings.columns import COLUMNS_OPTION
 from tumblecal.recordings.units import PER_G, may_be_gravity, signed_words, size_of
 
 
@@ -18,7 +19,6 @@ from tumblecal.recordings.units import PER_G, may_be_gravity, signed_words, size
 _LEAST_NOISE, _LEAST_GRAVITY = 1e-4, 0.25
 _MOST_SHOWN = 4
 _MOST_COLUMNS = 40
-_OPTION = "--columns ax=...,ay=...,az=..."
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,9 @@ def chosen(columns: Sequence[str], readings: Readings, path: str) -> tuple[Tripl
         names = "; ".join(map(str, others[:_MOST_SHOWN]))
         notes.append(f"accelerations: {force}, not {names}; to override: {_option(columns, others[0].columns)}")
     elif not named:
-        notes.append(f"accelerations: {force}, axes by their names, size {force.size:.5g}; to override: {_OPTION}")
+        notes.append(
+            f"accelerations: {force}, axes by their names, size {force.size:.5g}; to override: {COLUMNS_OPTION}"
+        )
     return force, _rate(triples, force), notes
 
 
@@ -124,30 +126,27 @@ def _ask(
         _raise(columns, path, f"{named[0]} are accelerations {why}: {remedy}", named)
     single = [column for column in columns if parsed(column).quantity == "acceleration"]
     if len(single) >= 3:
-        words, option = (
-            f"{', '.join(single)} are accelerations, but not of axes x, y, z; assign",
-            _option(columns, single[:3]),
-        )
-        raise InputError(f"{path}: {words} the axes: {option}")
+        words = f"{', '.join(single)} are accelerations, but not of axes x, y, z; assign the axes"
+        raise InputError(f"{path}: {words}: {_option(columns, single[:3])}")
     if single:
         raise InputError(
-            f"{path}: only {', '.join(single)} among the columns {shown(', '.join(columns))}; name the three: {_OPTION}"
+            f"{path}: only {', '.join(single)} among the columns {shown(', '.join(columns))}; name the three: {COLUMNS_OPTION}"
         )
-    proposed = axes_only or proposals(columns, readings)
+    values = readings(columns[:_MOST_COLUMNS])
+    proposed = axes_only or proposals(columns, values)
     if not proposed:
         raise InputError(
-            f"{path}: ax, ay, az not found among the columns {shown(', '.join(columns))}; name them: {_OPTION}"
+            f"{path}: ax, ay, az not found among the columns {shown(', '.join(columns))}; name them: {COLUMNS_OPTION}"
         )
-    steps = np.diff(readings(columns[:_MOST_COLUMNS]), axis=0)
+    steps = np.diff(values, axis=0)
     rising = np.flatnonzero((steps > 0).all(0) & ~(steps == 1).all(0)) if len(steps) else np.zeros(0, int)
     named_time = any(parsed(column).quantity == "time" for column in columns)
     clock = "" if named_time or axes_only or not len(rising) else f",time={rising[0] + 1}"
     _raise(columns, path, "the columns' names do not state the accelerations; give them", proposed, clock)
 
 
-def proposals(columns: Sequence[str], readings: Readings) -> list[Triple]:
-    """Neighbouring columns whose values may be accelerations, the most likely first: constant lengths of about gravity."""
-    values = readings(columns[:_MOST_COLUMNS])
+def proposals(columns: Sequence[str], values: NDArray[np.float64]) -> list[Triple]:
+    """Neighbouring columns whose values (n, k) may be accelerations, most likely first: constant lengths of about gravity."""
     varied = [
         k for k, column in enumerate(values.T) if np.isfinite(column).any() and np.nanmax(column) > np.nanmin(column)
     ]

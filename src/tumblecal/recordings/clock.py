@@ -17,7 +17,9 @@ _SLOW_STEPS_S = (1, 2, 3, 4, 5, 6, 10, 12, 15, 20, 30, 60, 100, 120)
 # Numbers of a clock that counts from 1970, between 2001 and 2100.
 _EPOCH_S = (1e9, 4.2e9)
 _MOST_OTHER, _MOST_BACK = 0.2, 0.01
-_DAY_S, _HOUR_S, _MINUTE_S = 86400, 3600, 60
+DAY_S, _HOUR_S, _MINUTE_S = 86400, 3600, 60
+# A longer step of time, or one backwards, is a gap: no interval extends across it.
+LONGEST_STEP_S = 0.5
 _TIME = (
     r"(?P<hour>\d{1,3}):(?P<minute>[0-5]\d):(?P<second>[0-5]\d(?:[.,:]\d*)?)"
     r"\s*(?P<half>[AaPp])?\.?(?:[Mm]\.?)?\s*(?P<zone>Z|UTC|[+-]\d\d:?\d\d)?\s*$"
@@ -61,7 +63,7 @@ def seconds_of(name: str, form: str, first_day: float = 0.0) -> pl.Expr:
         return of_day
     year = pl.when(group("year").str.len_chars() == 2).then("20" + group("year")).otherwise(group("year"))
     date = pl.concat_str([year, group("month"), group("day")], separator="-").str.to_date("%Y-%m-%d", strict=False)
-    return (date.cast(pl.Int64) - int(first_day)) * _DAY_S + of_day
+    return (date.cast(pl.Int64) - int(first_day)) * DAY_S + of_day
 
 
 def rises(times: NDArray[np.float64]) -> bool:

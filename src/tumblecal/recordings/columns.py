@@ -23,6 +23,10 @@ RATE_KEYS = (
 )
 
 
+# The option that names the columns of the accelerations, for messages.
+COLUMNS_OPTION = "--columns ax=...,ay=...,az=..."
+
+
 @dataclass(frozen=True)
 class Column:
     """The column of a quantity: a reading is `scale (number - offset)` in `unit`.
@@ -102,21 +106,14 @@ def given_columns(table: Table, options: RecordingOptions) -> dict[str, Column]:
                 f"{option}: column {columns[other].name} is {other} already; name another column for each quantity"
             )
         named, named_unit = exact_role(table.roles.get(name, "")) or role_of(name)
-        alike = named == quantity or any({named, quantity} <= {*roles} for roles in (FORCE, RATE))
-        columns[quantity] = Column(
-            name, unit or (named_unit if alike else ""), "option", bits=bits_of(quantity, options)
-        )
+        same_kind = named == quantity or any({named, quantity} <= {*roles} for roles in (FORCE, RATE))
+        columns[quantity] = Column(name, unit or (named_unit if same_kind else ""), "option")
     used = {column.name for column in columns.values()}
     for name, text in table.roles.items():
         role, unit = exact_role(text) or ("", "")
         if role and role not in columns and name in table.columns and name not in used:
             columns[role] = Column(name, unit, "format")
     return columns
-
-
-def bits_of(role: str, options: RecordingOptions) -> int:
-    """The bits of unsigned numbers of a quantity, by option; 0 for none."""
-    return (options.signed or 0) if role in (*FORCE, *RATE) else 0
 
 
 def pairs(text: str, option: str) -> dict[str, str]:

@@ -11,6 +11,7 @@ from tumblecal.data.column_names import RATE
 from tumblecal.ground.atomic import write_text
 from tumblecal.ground.errors import InputError
 from tumblecal.recordings.options import RecordingOptions
+from tumblecal.recordings.units import AS_OPTION
 
 
 if TYPE_CHECKING:
@@ -58,25 +59,23 @@ def items_of(recording: "Recording") -> dict[str, tuple[object, object]]:
         "columns": (columns, {role: column.why for role, column in layout.columns.items()})
     }
     if recording.table.name:
-        items["topic"] = recording.table.name, "option" if options.topic else "accelerations and most rows"
+        items["topic"] = recording.table.name, "accelerations and most rows"
     unit = layout.unit if layout.unit != "counts" else f"{layout.per_g:g}/g" if layout.per_g else ""
-    if unit and options.unit != unit:
-        items["unit"] = (
-            unit.replace("ms2", "m/s2"),
-            "the size of gravity" if layout.columns["ax"].why.endswith("size") else "file",
-        )
+    if unit:
+        by_size = layout.columns["ax"].why.endswith("size")
+        items["unit"] = AS_OPTION.get(unit, unit), "the size of gravity" if by_size else "file"
     rates = {layout.columns[role].unit for role in RATE if role in layout.columns} & {"dps", "rads"}
     if rates:
-        items["gyro_unit"] = rates.pop().replace("rads", "rad/s"), "option" if options.gyro_unit else "file"
+        unit = rates.pop()
+        items["gyro_unit"] = AS_OPTION.get(unit, unit), "file"
     clock = layout.columns.get("time")
     if clock and not clock.form and not clock.whole:
         by = {1.0: "s", 1e-3: "ms", 1e-6: "us", 1e-9: "ns"}
         if clock.scale in by:
             by_rate = any("time unit guessed" in note for note in layout.notes)
-            source = "option" if options.time_unit else "the rate that it gives" if by_rate else "file"
-            items["time_unit"] = by[clock.scale], source
+            items["time_unit"] = by[clock.scale], "the rate that it gives" if by_rate else "file"
     elif recording.rate_hz and not clock:
-        items["rate"] = recording.rate_hz, "option" if options.rate else "file"
+        items["rate"] = recording.rate_hz, "file"
     for name, value in asdict(options).items():
         if value and name != "columns":
             items[name] = value, "option"

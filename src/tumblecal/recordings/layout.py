@@ -16,7 +16,7 @@ from tumblecal.ground.text_file import shown
 from tumblecal.recordings.choice import chosen
 from tumblecal.recordings.clock import FORMS, TIME_S, form_of, rises, seconds_of, unit_of_times
 from tumblecal.recordings.column_units import check_one_unit, force_unit, rate_unit
-from tumblecal.recordings.columns import Column, Layout, bits_of, given_columns, pairs, stated_rate
+from tumblecal.recordings.columns import COLUMNS_OPTION, Column, Layout, given_columns, pairs, stated_rate
 from tumblecal.recordings.options import RecordingOptions
 from tumblecal.recordings.table import Table
 from tumblecal.recordings.units import FORCE_UNITS, RATE_UNITS, signed_words, size_of
@@ -65,7 +65,7 @@ def layout_of(
     if lacking:
         raise InputError(
             f"{path}: {', '.join(lacking)} not found among the columns {shown(', '.join(table.columns))}; name them: "
-            "--columns ax=...,ay=...,az=..."
+            f"{COLUMNS_OPTION}"
         )
     if only is not None:
         columns = {role: column for role, column in columns.items() if role in only or column.why.startswith("option")}
@@ -80,7 +80,7 @@ def layout_of(
         )
     for roles, known in ((FORCE, FORCE_UNITS), (RATE, RATE_UNITS)):
         check_one_unit(table, columns, roles, options.unit if known is FORCE_UNITS else options.gyro_unit, path)
-    if words := signed_words([columns[role].name for role in FORCE], values) if not options.signed else "":
+    if not options.signed and (words := signed_words([columns[role].name for role in FORCE], values)):
         raise InputError(f"{path}: {words}")
     columns, per_g = force_unit(table, columns, options, size, notes)
     columns = rate_unit(table, columns, options, notes)
@@ -208,7 +208,7 @@ def _readable(
 
 
 def _scaled(columns: Mapping[str, Column], options: RecordingOptions) -> dict[str, Column]:
-    """The columns with the scales and offsets of the options."""
+    """The columns with the scales, offsets and bits of the options."""
     scale, offset = _per_axis(options.scale, "--scale", 1.0), _per_axis(options.offset, "--offset", 0.0)
     if unknown := [role for role in (*scale, *offset) if role not in columns]:
         raise InputError(f"--scale, --offset: {unknown[0]} is not among the columns; there are {', '.join(columns)}")
@@ -217,7 +217,7 @@ def _scaled(columns: Mapping[str, Column], options: RecordingOptions) -> dict[st
             column,
             scale=scale.get(role, column.scale),
             offset=offset.get(role, column.offset),
-            bits=bits_of(role, options),
+            bits=(options.signed or 0) if role in (*FORCE, *RATE) else 0,
         )
         for role, column in columns.items()
     }

@@ -13,11 +13,12 @@ from tumblecal.data.column_names import FORCE, LABELS
 from tumblecal.data.parquet import pieces_in_order, scan_parquet
 from tumblecal.ground.atomic import scratch_folder
 from tumblecal.ground.errors import InputError
+from tumblecal.recordings.clock import DAY_S, LONGEST_STEP_S
 from tumblecal.recordings.columns import stated_rate
 from tumblecal.recordings.guesses import guessed
 from tumblecal.recordings.opening import opened
 from tumblecal.recordings.options import RecordingOptions
-from tumblecal.recordings.recording import _DAY_S, LONGEST_STEP_S, Recording
+from tumblecal.recordings.recording import Recording
 from tumblecal.recordings.rows import WHOLE, left_out, names_of, retained_frames, sample_frames
 from tumblecal.recordings.units import signed_words
 
@@ -48,20 +49,23 @@ def read_recording(
         rows = folder / "rows.parquet"
         frames = sample_frames(table, layout, str(recording.path), recording.unread, begin)
         write_frames(rows, (frame.filter(WHOLE).select(schema.names()) for frame in frames), schema)
-        _check_signed(rows, recording)
+        if not recording.options.signed:
+            _check_signed(rows, recording)
         stated = recording.options.rate or stated_rate(table)
-        kept, records = (np.ones(0, bool), []) if means else left_out(rows, layout, rate_of(rows) or stated)
+        facts = facts_of(rows, None, stated)
+        kept, records = (np.ones(0, bool), []) if means else left_out(rows, layout, facts["rate_hz"])
         for record in records:
             recording.damage.add(record)
             if record.kind == "repeats" and stated and record.rows:
                 stated *= 1 - record.rows / len(kept)
+        if records:
+            facts = facts_of(rows, kept, stated)
         clock, first = layout.columns.get("time"), scan_parquet(rows, check=False)[0]
         begin_s = np.nan
         if clock and begin:
-            begin_s = begin[0] + clock.offset * (_DAY_S if clock.form else clock.scale) + table.zero_s()
+            begin_s = begin[0] + clock.offset * (DAY_S if clock.form else clock.scale) + table.zero_s()
             if records:
                 begin_s += float(first.select("time_s").slice(int(np.argmax(kept)), 1).collect().item())
-        facts = facts_of(rows, kept if records else None, stated)
         recording = replace(recording, samples=out, begin_s=begin_s, **facts)
         pieces = retained_frames(rows, kept) if records else pieces_in_order(first)
         write_frames(out, pieces, schema, recording.comments)
@@ -76,13 +80,8 @@ def _check_signed(samples: Path, recording: Recording) -> None:
         table.select(named[role] for role in FORCE).gather_every(max(1, rows // _CHECKED_ROWS)).collect().to_numpy()
     )
     numbers = np.round(readings / [column.scale for column in columns] + [column.offset for column in columns], 9)
-    if words := signed_words([column.name for column in columns], numbers) if not recording.options.signed else "":
+    if words := signed_words([column.name for column in columns], numbers):
         raise InputError(f"{recording.path}: {words}")
-
-
-def rate_of(samples: Path) -> float | None:
-    """Samples a second of a table of samples, by its times without gaps; None without times."""
-    return facts_of(samples, None, None)["rate_hz"]
 
 
 def facts_of(samples: Path, kept: NDArray[np.bool_] | None, stated_hz: float | None) -> dict[str, Any]:

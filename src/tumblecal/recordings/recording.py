@@ -16,8 +16,8 @@ from tumblecal.recordings.rows import Unread
 from tumblecal.recordings.table import Reader, Table
 
 
-# Clocks with more seconds count from 1970; steps of time that are longer are gaps.
-_LEAST_MOMENT_S, LONGEST_STEP_S, _DAY_S = 1e9, 0.5, 86400
+# Clocks with more seconds count from 1970.
+_LEAST_MOMENT_S = 1e9
 
 
 @dataclass(frozen=True)

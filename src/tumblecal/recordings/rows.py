@@ -85,9 +85,7 @@ def sample_frames(
         if not whole.all():
             rows = np.flatnonzero(~whole.to_numpy())
             unread.why = unread.why or _why(table, layout, piece, frame, int(rows[0]))
-            unread.places += (
-                places.gather(rows[: _SHOWN - len(unread.places)]).to_list() if len(unread.places) < _SHOWN else []
-            )
+            unread.places += places.gather(rows[: _SHOWN - len(unread.places)]).to_list()
             unread.rows += len(rows)
         seen += len(piece)
         if unread.rows > max(_SHOWN, _MOST_UNREADABLE * seen) and not _blank(frame, named, whole):

@@ -13,6 +13,8 @@ from tumblecal.ground.gravity import UNITS_PER_G
 # The unit as this program writes it, for each unit as a user writes it.
 FORCE_UNITS = {"m/s2": "ms2", "m/s^2": "ms2", "m/s²": "ms2", "ms2": "ms2", "g": "g", "mg": "mg"}
 RATE_UNITS = {"dps": "dps", "deg/s": "dps", "°/s": "dps", "rad/s": "rads", "rads": "rads"}
+# Names of units in files, as an option is written.
+AS_OPTION = {"ms2": "m/s2", "rads": "rad/s"}
 PER_G = {"g": 1.0, "mg": 1000.0, "ms2": UNITS_PER_G["m/s2"]}
 # Readings whose size is one g in some unit to within this factor have this unit.
 _ALIKE = 1.3
@@ -34,7 +36,7 @@ def stated_unit(text: str, option: str, known: dict[str, str], per: str) -> tupl
     plain = text.lower().replace(" ", "")
     counts = re.fullmatch(rf"(?:lsb|counts)?([0-9.]+(?:e[+-]?\d+)?)(?:lsb|counts?)?/{per}", plain)
     if plain not in known and not counts and plain not in ("counts", "lsb"):
-        units = ", ".join(dict.fromkeys(known.values())).replace("ms2", "m/s2").replace("rads", "rad/s")
+        units = ", ".join(AS_OPTION.get(unit, unit) for unit in dict.fromkeys(known.values()))
         raise InputError(f"{option} {text}: not a unit; write {units}, or counts such as 16384/{per}")
     return known.get(plain, "counts"), float(counts[1]) if counts else None
 

@@ -31,12 +31,12 @@ def temperature_words(contents: "Recording") -> Iterator[str]:
         yield f"temperature {low:.2f} to {high:.2f} degC{without}"
 
 
-def recording_words(contents: "Recording", *, kept: bool = False) -> Iterator[str]:
-    """Recording of a recording; for a table whose columns are `kept`, only its readings."""
+def recording_words(contents: "Recording") -> Iterator[str]:
+    """The layout of a recording, its rate, the rows that are left out, and its temperature."""
     yield from layout_words(contents)
-    yield from () if kept else rate_words(contents)
+    yield from rate_words(contents)
     yield from left_out_words(contents)
-    yield from () if kept else temperature_words(contents)
+    yield from temperature_words(contents)
 
 
 def layout_words(contents: "Recording") -> Iterator[str]:

@@ -29,7 +29,6 @@ from tumblecal.recordings.table import Reader, Source, Table
 
 
 _HEAD, _LINES, _FEWEST_LINES, _TEXT_SHARE = 1 << 16, 200, 2, 0.95
-
 _ROLES = {"SampleTimeFine": "time_100us"}
 
 

@@ -16,25 +16,18 @@ from tumblecal.recordings.table import Source
 
 
 _MOST_KINDS = 20
-
-
 # A line before the rows with a name and a value: // Update Rate: 100.0Hz.
 _STATED = re.compile(r"[\W_]*([A-Za-z][\w .\-/()]{0,40}?)\s*[:=]\s*(\S.{0,200}?)\s*")
-
-
 _RATE = re.compile(r"\bat\s+(\d+(?:\.\d+)?)\s*Hz\b")
-
-
 _LABEL = re.compile(r"\W*(headers?|columns?|cols?|fields?|names?)\W*", re.IGNORECASE)
-
-
 # Columns of files without names, by a line of the preamble.
 _KNOWN = {
     "Device Type,GENEActiv": ("time", "x (g)", "y (g)", "z (g)", "light (lux)", "button", "temperature (degC)"),
 }  # fmt: skip
-
-
 _BY_NUMBER = "or give the columns by number: --columns time=1,ax=2,ay=3,az=4"
+_COMMAS = (
+    "commas between cells are indistinguishable from decimal commas; write decimal points, or semicolons between cells"
+)
 
 
 def row_width(lines: Sequence[str], rows: list[list[str]], separator: str, width: int) -> int:
@@ -97,11 +90,6 @@ def header_of(
     return by_number, None
 
 
-_COMMAS = (
-    "commas between cells are indistinguishable from decimal commas; write decimal points, or semicolons between cells"
-)
-
-
 def check_marks(path: Path, rows: list[list[str]], first: int, separator: str) -> None:
     """Raise for rows in which every second cell has digits with leading zeros, as in 0,0100,9,8067."""
     if separator != "," or not rows or len(rows[0]) % 2:
@@ -137,10 +125,10 @@ def kinds_of(middle: Sequence[str], separator: str) -> list[str]:
     rows = [row for row in rows if numbers_in(row[1:]) >= 2 and re.match(r"\$?[A-Za-z]", row[0])]
     kinds = Counter(row[0] for row in rows)
     widths = {(row[0], len(row)) for row in rows}
-    alike = len(widths) == len(kinds) and len({width for _, width in widths}) > 1
+    one_width_each = len(widths) == len(kinds) and len({width for _, width in widths}) > 1
     return (
         [kind for kind, _ in kinds.most_common()]
-        if alike and 2 * len(rows) > len(middle) and 2 <= len(kinds) <= _MOST_KINDS
+        if one_width_each and 2 * len(rows) > len(middle) and 2 <= len(kinds) <= _MOST_KINDS
         else []
     )
 

@@ -14,6 +14,7 @@ from tumblecal.data.parquet import PIECE_ROWS, scan_parquet
 from tumblecal.data.positions import PositionSet
 from tumblecal.data.table import TIME_CLOCK
 from tumblecal.ground.errors import InputError
+from tumblecal.recordings.columns import COLUMNS_OPTION
 from tumblecal.recordings.guesses import guessed
 from tumblecal.recordings.opening import opened
 from tumblecal.recordings.options import RecordingOptions
@@ -179,7 +180,7 @@ def _check_alike(written: Sequence[_Written]) -> None:
         if other.contents.table.columns == one.contents.table.columns and names[0] != names[1]:
             raise InputError(
                 f"{file}: accelerations in the columns {', '.join(names[0])}, but in {first} in {', '.join(names[1])}; say "
-                "which they are: --columns ax=...,ay=...,az=..."
+                f"which they are: {COLUMNS_OPTION}"
             )
     for key in _SAME_IN_ALL:
         stated = {entry.comments[key]: entry.file for entry in written if key in entry.comments}

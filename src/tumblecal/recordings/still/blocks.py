@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from tumblecal.data.parquet import scan_parquet
+from tumblecal.recordings.clock import LONGEST_STEP_S
 
 
-# A longer step of time, or one backwards, is a gap: no interval extends across it. Slower logs do not show movements; their
-# gaps are longer than this many of their steps, and their blocks have this many samples, others at least `_SAMPLES`.
-LONGEST_STEP_S, _SLOW_STEPS, _SLOW_SAMPLES, _SAMPLES = 0.5, 3, 2, 4
+# Logs whose steps are longer than `LONGEST_STEP_S` do not show movements; their gaps are longer than this many of their
+# steps, and their blocks have this many samples, others at least `_SAMPLES`.
+_SLOW_STEPS, _SLOW_SAMPLES, _SAMPLES = 3, 2, 4
 _PIECE_ROWS = 1 << 18
 # Most blocks: 29 hours of a tenth of a second.
 _MOST_BLOCKS = 1 << 20

@@ -9,7 +9,8 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import NDArray
 
-from tumblecal.recordings.still.blocks import LONGEST_STEP_S, SignalBlocks
+from tumblecal.recordings.clock import LONGEST_STEP_S
+from tumblecal.recordings.still.blocks import SignalBlocks
 from tumblecal.recordings.thermal.attitudes import ONE_ATTITUDE_G
 
 
