@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from tumblecal.capture.capture_plan import CapturePlan
 from tumblecal.data.parquet import scan_parquet
+from tumblecal.recordings.dwells.place import Place
+from tumblecal.recordings.dwells.plan_match import matched
 from tumblecal.recordings.options import KnownContext
-from tumblecal.recordings.reduction.file_positions import FilePosition
-from tumblecal.recordings.reduction.plan_match import matched
 from tumblecal.recordings.still.intervals import Interval
 from tumblecal.recordings.thermal.series import Attitude, RecordingSeries
 
@@ -31,7 +31,7 @@ def attitudes_of_intervals(
     means: NDArray[np.float64],
     context: KnownContext,
     plan: CapturePlan | None,
-    of_file: FilePosition | None,
+    of_file: Place | None,
 ) -> tuple[NDArray[np.int64], list[Attitude], list[str]]:
     """The attitude of each interval as an index, -1 for none; the attitudes; and warnings.
 
@@ -88,7 +88,7 @@ def _unknown(label: str, mean: NDArray[np.float64], mount: str) -> Attitude:
     return Attitude(label, np.asarray(mean, float), mount=mount)
 
 
-def _angles(position: FilePosition) -> dict[str, float | None]:
+def _angles(position: Place) -> dict[str, float | None]:
     return {"alpha_deg": position.alpha_deg, "beta_deg": position.beta_deg}
 
 

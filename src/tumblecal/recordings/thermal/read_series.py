@@ -15,13 +15,13 @@ from tumblecal.ground.atomic import scratch_folder
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import stated_gravity, unit_in_g
 from tumblecal.recordings.clock import LONGEST_STEP_S
+from tumblecal.recordings.dwells.dwells import stated_comments
+from tumblecal.recordings.dwells.place import Place
+from tumblecal.recordings.dwells.rest import check_still, stillness_of
 from tumblecal.recordings.guesses import guessed
 from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptions
 from tumblecal.recordings.reading import read_recording
 from tumblecal.recordings.recording import Recording
-from tumblecal.recordings.reduction.file_positions import FilePosition
-from tumblecal.recordings.reduction.means_at_rest import check_still, stillness_of
-from tumblecal.recordings.reduction.reduce_recording import stated_comments
 from tumblecal.recordings.still.intervals import Interval, blocks_of_interval
 from tumblecal.recordings.still.stillness import Stillness
 from tumblecal.recordings.thermal.attitudes import attitudes_of_intervals, grouped
@@ -50,7 +50,7 @@ def read_series(
     known: tuple[KnownContext, CapturePlan | None],
     options: RecordingOptions,
     criterion: Criterion,
-    of_file: FilePosition | None,
+    of_file: Place | None,
 ) -> RecordingSeries:
     """Read a recording.
 

@@ -10,10 +10,11 @@ from tumblecal.capture.capture_plan import read_plan
 from tumblecal.data.positions import PositionSet
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
+from tumblecal.recordings.dwells.file_places import places_by_table
+from tumblecal.recordings.dwells.place import Place
 from tumblecal.recordings.guesses import guessed
 from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptions
 from tumblecal.recordings.recording import Recording
-from tumblecal.recordings.reduction.file_positions import FilePosition, positions_by_table
 from tumblecal.recordings.thermal.attitudes import labelled
 from tumblecal.recordings.thermal.bins import BINS, binned, course_of, default_width
 from tumblecal.recordings.thermal.branches import Branches
@@ -37,7 +38,7 @@ class ThermalReading:
     """A table with its origin: contents of each recording (`read`), findings in words, and warnings for each file."""
 
     table: ThermalTable
-    read: tuple[tuple[str, Recording], ...]
+    read: tuple[Recording, ...]
     lines: tuple[str, ...]
     warnings: tuple[tuple[str, list[str]], ...]
 
@@ -70,9 +71,9 @@ def thermal_reading(
     if bin_degc is not None and not bin_degc > 0:
         raise InputError(f"width of the bins, {bin_degc:g} degC: it must be above 0")
     plan = None if context.plan is None else read_plan(context.plan)
-    of_file: dict[Path, FilePosition] = {}
+    of_file: dict[Path, Place] = {}
     if context.table is not None:
-        of_file = dict(zip(paths, positions_by_table(paths, context.table, plan).files, strict=True))
+        of_file = dict(zip(paths, places_by_table(paths, context.table, plan).places, strict=True))
     names = names_of_files(paths)
     recordings, means, faults = list[RecordingSeries](), list[tuple[str, PositionSet]](), list[str]()
     notes = list[str]()
@@ -136,7 +137,7 @@ def _table(
     files = tuple(dict.fromkeys(one.source for one in tables))
     table = replace(joined(tables, source), files=files)
     _check_range(table, courses)
-    read = tuple((str(one.path), one.contents) for one in recordings)
+    read = tuple(one.contents for one in recordings)
     warnings = tuple((str(one.path), [*one.contents.damage.lines, *one.warnings]) for one in recordings)
     warnings += tuple((one.source, _unusual(one)) for one in tables if one.range_degc[1] > _UNUSUAL_DEGC)
     return ThermalReading(table, read, tuple(lines), warnings)
