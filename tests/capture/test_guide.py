@@ -20,7 +20,7 @@ from tumblecal.capture.run.identity import Identity
 from tumblecal.capture.run.run_folder import RunFolder
 from tumblecal.capture.run.session import view_of
 from tumblecal.ground.errors import InputError
-from tumblecal.recordings.reduction.reduce import identity_comments, identity_content
+from tumblecal.recordings.dwells.captured import identity_comments, identity_of
 
 
 def arrived(count: int, *events: str) -> Arrived:
@@ -126,8 +126,9 @@ def test_an_instrument_of_a_kind_without_serial_numbers_is_compared(
         "compared",
     ]
     attempts, names = [attempt for _, attempt in sorted(state.accepted.items())], ["1", "2"]
-    assert identity_content(state, attempts, names)["positions_not_confirmed"] == ([] if other_g else ["2"])
-    comments = identity_comments(state, attempts, names)
+    identity = identity_of(state, attempts, names)
+    assert identity["positions_not_confirmed"] == ([] if other_g else ["2"])
+    comments = identity_comments(identity)
     assert "serial_number" not in comments and ("identity_not_confirmed" in comments) == (not other_g)
 
 

@@ -12,7 +12,7 @@ from tumblecal.data.positions import PositionSet
 from tumblecal.data.raw import column_names
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
-from tumblecal.recordings.dwells.dwells import Dwells
+from tumblecal.recordings.dwells.dwell_samples import DwellSamples
 from tumblecal.recordings.options import Criterion, KnownContext, RecordingOptions
 from tumblecal.recordings.reduce import reduced
 from tumblecal.recordings.reduction import Reduction
@@ -61,7 +61,7 @@ def still_attitudes(
         known = replace(context, static=context.static or unstated, run="", mount="")
         found = reduced(files, known, options, criterion)
     else:
-        found = Reduction(data, Dwells(data, files=tuple(files)))
+        found = Reduction(data, DwellSamples(data, files=tuple(files)))
     # Readings in m/s^2, and those of a capture, were divided by the gravity of the recording.
     in_ms2 = found.data.in_ms2 or any(recording.layout.unit == "ms2" for recording in found.dwells.read)
     data = replace(found.data, in_ms2=in_ms2 or "captured_in" in found.data.comments)

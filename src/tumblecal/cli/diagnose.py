@@ -18,7 +18,7 @@ from tumblecal.ground.errors import InputError
 
 if TYPE_CHECKING:
     from tumblecal.data import PositionSet
-    from tumblecal.recordings.dwells.dwells import Dwells
+    from tumblecal.recordings.dwells.dwell_samples import DwellSamples
 
 
 # Files in the output folders of one file or a batch.
@@ -83,7 +83,7 @@ class InputOptions:
             raise InputError(f"--holdout {self.holdout}: write a column and a value, such as run=3")
         return column.strip(), value.strip()
 
-    def raw(self, data: Sequence[Path], noise_sd: str | None, *, join: bool) -> "Dwells | None":
+    def raw(self, data: Sequence[Path], noise_sd: str | None, *, join: bool) -> "DwellSamples | None":
         """The raw samples; None if not given.
 
         **Raises:** `InputError` if they cannot be samples of the data, or if the noise is also stated.

@@ -104,7 +104,7 @@ def _printed(reduction: "Reduction", output: Output) -> None:
         warn(name, lines)
     output.say("\n".join(reduction_words(reduction.dwells)))
     for recording in reduction.dwells.read:
-        output.warn(str(recording.path), left_out_words(recording))
+        (warn if reduction.noise is None else output.warn)(str(recording.path), left_out_words(recording))
     if output.words and reduction.noise is not None:
         print_reduction(reduction)
     output.warn(source, unusual_words(reduction))

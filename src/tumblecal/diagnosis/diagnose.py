@@ -45,7 +45,7 @@ from tumblecal.ground.errors import InputError
 
 
 if TYPE_CHECKING:
-    from tumblecal.recordings.dwells.dwells import Dwells
+    from tumblecal.recordings.dwells.dwell_samples import DwellSamples
 
 # Kinds of plans whose compiled models are kept; one needs 60 to 100 MB.
 _MOST_MODELS = 8
@@ -117,7 +117,7 @@ class Diagnoser:
         noise_sd: float | None = None,
         priors: Priors | None = None,
         holdout: tuple[str, str] | None = None,
-        samples: "Dwells | None" = None,
+        samples: "DwellSamples | None" = None,
         ability: HeadAbility | None = None,
         from_rig: bool = True,
     ) -> Diagnosis:
@@ -152,7 +152,7 @@ class Diagnoser:
         chain: Chain | None = None,
         noise_sd: float | None = None,
         priors: Priors | None = None,
-        samples: "Dwells | None" = None,
+        samples: "DwellSamples | None" = None,
         ability: HeadAbility | None = None,
     ) -> Begun:
         """Screen one data set and insert its leading explanation; arguments and errors as for a call."""
@@ -288,7 +288,7 @@ def diagnose(
     noise_sd: float | None = None,
     priors: Priors | None = None,
     holdout: tuple[str, str] | None = None,
-    samples: "Dwells | None" = None,
+    samples: "DwellSamples | None" = None,
     ability: HeadAbility | None = None,
 ) -> Diagnosis:
     """Diagnose one data set.

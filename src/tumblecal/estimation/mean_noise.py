@@ -25,7 +25,7 @@ from tumblecal.recordings.dwells.samples_of_means import samples_of
 
 
 if TYPE_CHECKING:
-    from tumblecal.recordings.dwells.dwells import Dwells
+    from tumblecal.recordings.dwells.dwell_samples import DwellSamples
 
 # A mean this much (sd) noisier than white noise is mostly slow noise.
 _MOSTLY_SLOW = 1.5
@@ -155,7 +155,7 @@ class MeanNoise:
         return " ".join(sentences)
 
 
-def sample_noises(samples: "Dwells", data: PositionSet) -> list[MeanNoise]:
+def sample_noises(samples: "DwellSamples", data: PositionSet) -> list[MeanNoise]:
     """The noise of position means from their raw samples, one candidate for each way in which the slow noise may continue.
 
     **Arguments:**
@@ -247,7 +247,7 @@ def _diagonal(sd: Float[np.ndarray, "positions 3"]) -> Float[np.ndarray, "3 posi
     return np.array([np.diag(variance) for variance in sd.T**2])
 
 
-def _times(samples: "Dwells", data: PositionSet) -> np.ndarray | None:
+def _times(samples: "DwellSamples", data: PositionSet) -> np.ndarray | None:
     if data.time_s is not None and np.ptp(data.time_s) > 0:
         return np.asarray(data.time_s, float)
     if samples.positions.time_s is not None:

@@ -13,7 +13,7 @@ from tumblecal.ground.blas import single_blas_thread
 from tumblecal.ground.errors import InputError
 from tumblecal.recordings.dwells.by_columns import dwells_by_columns, table_with_plan
 from tumblecal.recordings.dwells.captured import captured_dwells
-from tumblecal.recordings.dwells.dwells import Dwells
+from tumblecal.recordings.dwells.dwell_samples import DwellSamples
 from tumblecal.recordings.dwells.file_places import FilePlaces, places_by_names, places_by_table
 from tumblecal.recordings.dwells.join import joined, notes_of
 from tumblecal.recordings.dwells.means import means_of
@@ -51,7 +51,9 @@ def reduced(
         return reduction_of(replace(dwells_of(files, context, options, criterion), files=tuple(files)))
 
 
-def dwells_of(files: Sequence[Path], context: KnownContext, options: RecordingOptions, criterion: Criterion) -> Dwells:
+def dwells_of(
+    files: Sequence[Path], context: KnownContext, options: RecordingOptions, criterion: Criterion
+) -> DwellSamples:
     """The dwells of one recording, or several files of one.
 
     **Arguments, raises:** as `reduced`.
@@ -102,7 +104,7 @@ def _of_recordings(
     known: tuple[KnownContext, CapturePlan | None],
     options: RecordingOptions,
     criterion: Criterion,
-) -> Dwells:
+) -> DwellSamples:
     """The dwells of files as one recording: by a column, otherwise by rest."""
     context, plan = known
     with scratch_folder(files[0]) as folder:

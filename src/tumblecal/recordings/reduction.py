@@ -24,7 +24,7 @@ from tumblecal.noise.recorded import NOISE_MODEL, RecordedNoise
 from tumblecal.noise.within_dwells import WithinDwells, within_dwells_comments, without_common_change
 from tumblecal.recordings.dwells.axis_checks import require_axes_answer
 from tumblecal.recordings.dwells.dwell_checks import DwellChecks, check_dwell
-from tumblecal.recordings.dwells.dwells import Dwells
+from tumblecal.recordings.dwells.dwell_samples import DwellSamples
 
 
 @dataclass(frozen=True)
@@ -37,14 +37,14 @@ class Reduction:
     """
 
     data: PositionSet
-    dwells: Dwells
+    dwells: DwellSamples
     checks: Sequence[DwellChecks] = ()
     noise: RecordedNoise | None = None
     within: tuple[WithinDwells, ...] = ()
     quiet: Sequence[NDArray[np.float64]] = ()
 
 
-def reduction_of(dwells: Dwells) -> Reduction:
+def reduction_of(dwells: DwellSamples) -> Reduction:
     """The means of dwells with their standard deviations, noise and checks; those of a source of means as they are.
 
     **Raises:** `InputError` for an axis that does not respond to gravity.

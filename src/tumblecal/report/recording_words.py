@@ -11,7 +11,7 @@ from tumblecal.ground.gravity import unit_in_g
 
 
 if TYPE_CHECKING:
-    from tumblecal.recordings.dwells.dwells import Dwells
+    from tumblecal.recordings.dwells.dwell_samples import DwellSamples
     from tumblecal.recordings.recording import Recording
     from tumblecal.recordings.still.stillness import Stillness
 
@@ -140,7 +140,7 @@ def interval_words(stillness: "Stillness") -> Iterator[str]:
         yield f"and {len(rejected) - _MOST} more (reduction.json)"
 
 
-def reduction_words(dwells: "Dwells") -> Iterator[str]:
+def reduction_words(dwells: "DwellSamples") -> Iterator[str]:
     """The recordings, their intervals at rest, and how the positions were found."""
     read = dwells.read
     if len(read) == 1:

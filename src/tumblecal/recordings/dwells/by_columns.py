@@ -17,7 +17,7 @@ from tumblecal.data.raw import Raw, header_of
 from tumblecal.data.table import TIME_CLOCK
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import STANDARD, comments_of
-from tumblecal.recordings.dwells.dwells import Dwells, require_samples, stated_comments
+from tumblecal.recordings.dwells.dwell_samples import DwellSamples, require_samples, stated_comments
 from tumblecal.recordings.options import KnownContext
 
 
@@ -25,7 +25,7 @@ _SETTINGS = ("alpha_deg", "beta_deg", "approach")
 _LABELS = ("position", "run", "mount", TIME_CLOCK)
 
 
-def dwells_by_columns(raw: Raw, recording: str) -> Dwells:
+def dwells_by_columns(raw: Raw, recording: str) -> DwellSamples:
     """The dwells of a table of samples; a position that occurs again is a second dwell.
 
     **Arguments:**
@@ -71,7 +71,7 @@ def dwells_by_columns(raw: Raw, recording: str) -> Dwells:
         source=source,
     )
     force = [raw.readings[rows] for rows in dwells]
-    return Dwells(positions, force, rate, recording, temperatures, entries={"source": source})
+    return DwellSamples(positions, force, rate, recording, temperatures, entries={"source": source})
 
 
 def table_with_plan(

@@ -24,7 +24,7 @@ from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 from tumblecal.ground.suggested_command import suggested
-from tumblecal.recordings.dwells.dwells import Dwells
+from tumblecal.recordings.dwells.dwell_samples import DwellSamples
 from tumblecal.recordings.dwells.place import Place, position_set
 from tumblecal.recordings.options import KnownContext
 
@@ -34,7 +34,7 @@ _AFTER_BYTES = 1 << 20
 _FEWEST = 8
 
 
-def captured_dwells(folder: Path, context: KnownContext = KnownContext()) -> Dwells:
+def captured_dwells(folder: Path, context: KnownContext = KnownContext()) -> DwellSamples:
     """The dwells of a capture; labels of run and mounting of the `context` precede those of its plan.
 
     **Raises:** `InputError` if the folder contains no capture, no position was accepted, or the raw log was changed.
@@ -87,7 +87,7 @@ def captured_dwells(folder: Path, context: KnownContext = KnownContext()) -> Dwe
     )
     entries = {"session": state.session, "device": state.device, "damage": faults, "identity": identity}
     warnings = [*faults, *filter(None, [identity_words(positions)])]
-    return Dwells(
+    return DwellSamples(
         positions,
         force,
         rate_hz,

@@ -9,14 +9,14 @@ from tumblecal.ground.atomic import scratch_folder
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.gravity import stated_gravity
 from tumblecal.recordings.dwells.axis_checks import require_axes_answer
-from tumblecal.recordings.dwells.dwells import Dwells, stated_comments
+from tumblecal.recordings.dwells.dwell_samples import DwellSamples, stated_comments
 from tumblecal.recordings.dwells.place import Place, position_set
 from tumblecal.recordings.dwells.plan_match import matched
 from tumblecal.recordings.options import KnownContext, RecordingOptions
 from tumblecal.recordings.reading import read_recording
 
 
-def means_of(path: Path, known: tuple[KnownContext, CapturePlan | None], options: RecordingOptions) -> Dwells:
+def means_of(path: Path, known: tuple[KnownContext, CapturePlan | None], options: RecordingOptions) -> DwellSamples:
     """The positions of a table of means: spreadsheets, .mat files and text of any layout.
 
     **Arguments:**
@@ -55,4 +55,4 @@ def means_of(path: Path, known: tuple[KnownContext, CapturePlan | None], options
     positions = position_set(str(path), raw.readings, places, comments, known, **columns)
     if named is not None and plan is None:
         positions = replace(positions, names=tuple(named))
-    return Dwells(positions, read=(recording,), warnings=((str(path), recording.damage.lines),))
+    return DwellSamples(positions, read=(recording,), warnings=((str(path), recording.damage.lines),))

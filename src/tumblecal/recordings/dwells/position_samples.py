@@ -10,12 +10,12 @@ from tumblecal.data.raw import read_raw
 from tumblecal.ground.errors import InputError
 from tumblecal.noise.within_dwells import without_common_change
 from tumblecal.recordings.dwells.by_columns import labels_of_samples, sample_times
-from tumblecal.recordings.dwells.dwells import Dwells, require_samples
+from tumblecal.recordings.dwells.dwell_samples import DwellSamples, require_samples
 from tumblecal.recordings.dwells.place import Place, position_set
 from tumblecal.recordings.options import KnownContext
 
 
-def read_position_samples(path: Path) -> Dwells:
+def read_position_samples(path: Path) -> DwellSamples:
     """Read the samples of positions, without the change within dwells that all share.
 
     **Arguments:**
@@ -36,7 +36,7 @@ def read_position_samples(path: Path) -> Dwells:
     return replace(dwells, force=quiet)
 
 
-def _of_table(path: Path) -> Dwells:
+def _of_table(path: Path) -> DwellSamples:
     """All rows with the name of a position, wherever they are, are its samples."""
     raw = read_raw(path)
     if "position" not in raw.frame.columns:
@@ -53,4 +53,4 @@ def _of_table(path: Path) -> Dwells:
     time_s = middle_s if "time_s" in raw.frame.columns else None
     places = [Place(name) for name in names]
     data = position_set(str(path), readings, places, {ATTITUDES: UNKNOWN}, (KnownContext(), None), time_s=time_s)
-    return Dwells(data, force, rate_hz, temperatures=None if warmth is None else [warmth[at] for at in rows])
+    return DwellSamples(data, force, rate_hz, temperatures=None if warmth is None else [warmth[at] for at in rows])

@@ -14,7 +14,7 @@ from tumblecal.ground.errors import InputError
 from tumblecal.ground.frames import gravity_in_head
 from tumblecal.ground.gravity import stated_gravity, unit_in_g
 from tumblecal.recordings.dwells.axis_checks import require_axes_answer
-from tumblecal.recordings.dwells.dwells import Dwells, require_samples, stated_comments
+from tumblecal.recordings.dwells.dwell_samples import DwellSamples, require_samples, stated_comments
 from tumblecal.recordings.dwells.file_places import FilePlaces
 from tumblecal.recordings.dwells.join import Joined
 from tumblecal.recordings.dwells.place import Place, angles_of, position_set
@@ -76,7 +76,7 @@ def check_still(source: Path, stillness: Stillness, to_g: float) -> None:
 
 def dwells_at_rest(
     joined: Joined, places: FilePlaces | None, known: tuple[KnownContext, CapturePlan | None], criterion: Criterion
-) -> Dwells:
+) -> DwellSamples:
     """The dwells by the intervals at rest.
 
     **Arguments:**
@@ -136,7 +136,7 @@ def dwells_at_rest(
         n=np.array([len(dwell) for dwell in force], float),
     )
     entries |= {"source": str(source)} | stillness.as_dict()
-    return Dwells(
+    return DwellSamples(
         positions,
         force,
         rate_hz,

@@ -12,7 +12,7 @@ from tumblecal.ground.errors import InputError
 
 
 if TYPE_CHECKING:
-    from tumblecal.recordings.dwells.dwells import Dwells
+    from tumblecal.recordings.dwells.dwell_samples import DwellSamples
 
 # Means that differ more from those of the samples (standard deviations of the mean, and g) are not of these samples.
 _FAR_SD, _FAR_G = 30.0, 2e-3
@@ -21,7 +21,7 @@ _GRAVITY_SHARE = 6e-3
 _SHOWN = 4
 
 
-def samples_of(dwells: "Dwells", data: PositionSet) -> list[NDArray[np.float64]]:
+def samples_of(dwells: "DwellSamples", data: PositionSet) -> list[NDArray[np.float64]]:
     """The samples of each of these positions.
 
     **Raises:** `InputError` if a position has no samples, or their mean is different.

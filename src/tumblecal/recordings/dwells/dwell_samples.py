@@ -23,12 +23,13 @@ FEWEST, _SHOWN = 16, 6
 
 
 @dataclass(frozen=True)
-class Dwells:
+class DwellSamples:
     """The samples of each position, and the evidence for them.
 
     - `positions`: a row for each dwell, with its mean, the time of its middle, and its number of samples; no uncertainties.
     - `force`: samples of each dwell, g, shape (n, 3); empty if the source has means only. `temperatures`: of the samples, degC.
-    - `time_s`: middle of each dwell in the samples, s, if it is not that of the positions. `rate_hz`: sample rate. `recording`: identifier of the recording.
+    - `time_s`: middle of each dwell in the samples, s, if it is not that of the positions. `rate_hz`: sample rate.
+      `recording`: identifier of the recording.
     - `counted`: missing and saturated samples of each dwell, and a fault of its rate, as arguments of `check_dwell`.
     - `entries`, `dwell_entries`: entries of reduction.json, for all dwells and for each.
     - `files`: as given. `read`: the recordings. `warnings`: lines for each source. `lines`: how the positions were found.
