@@ -12,7 +12,6 @@ from tumblecal.ground.atomic import scratch_folder
 from tumblecal.ground.blas import single_blas_thread
 from tumblecal.ground.errors import InputError
 from tumblecal.recordings.dwells.by_columns import dwells_by_columns, table_with_plan
-from tumblecal.recordings.dwells.captured import captured_dwells
 from tumblecal.recordings.dwells.dwell_samples import DwellSamples
 from tumblecal.recordings.dwells.file_places import FilePlaces, places_by_names, places_by_table
 from tumblecal.recordings.dwells.join import joined, notes_of
@@ -74,6 +73,8 @@ def dwells_of(
             found = _of_recordings(files, places, known, options, criterion)
         return replace(found, lines=(*places.words(), *found.lines))
     if usual and (path / JOURNAL_NAME).is_file() and context == KnownContext(run=context.run, mount=context.mount):
+        from tumblecal.recordings.dwells.captured import captured_dwells  # imports the protocols
+
         return captured_dwells(path, context)
     if context.means:
         return means_of(path, known, options)
