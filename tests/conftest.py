@@ -76,7 +76,7 @@ LONGEST = (
     "capture/test_recorder",
     "certificate/test_certificate",
     "capture/test_run_folder",
-    "capture/test_recordings",
+    "recordings/test_recordings",
     "diagnosis/test_rates",
     "cli/test_set_up_mistakes",
     "tests/test_docs",

@@ -64,8 +64,8 @@ def _content(path: Path) -> Any:
             return reduced(content)
         case ".toml":
             content = tomllib.loads(path.read_text(encoding="utf-8"))
-            if isinstance(listed := content.get("positions", {}).get("listed"), list):
-                content["positions"]["listed"] = len(listed)
+            if (path.parent / "plan.json").exists():
+                return searched_files(content)
             return reduced(content)
         case ".csv":
             return _table(pl.read_csv(path, comment_prefix="#", infer_schema_length=None, truncate_ragged_lines=True))
@@ -96,6 +96,14 @@ def searched_plan(content: dict[str, Any]) -> dict[str, Any]:
     """What a plan states besides its positions: many plans are equally good, and rounding decides between them."""
     kept = {name: entry for name, entry in content.items() if name not in _OF_PLANS}
     return reduced(kept | {"positions": len(content["positions"]), SEARCHED: content["criterion"]["value"]})
+
+
+def searched_files(content: dict[str, Any]) -> dict[str, Any]:
+    """A plan or rig of a search, with the number of its positions."""
+    for table, key in (("positions", "listed"), ("plan", "positions")):
+        if isinstance(listed := content.get(table, {}).get(key), list):
+            content[table][key] = len(listed)
+    return reduced(content)
 
 
 def reduced(value: Any) -> Any:
