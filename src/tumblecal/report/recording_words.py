@@ -22,26 +22,26 @@ _MOST, _MOST_NAMES = 12, 8
 _SIZE = ", size about "
 
 
-def temperature_words(contents: "Recording") -> Iterator[str]:
+def temperature_words(recording: "Recording") -> Iterator[str]:
     """The range of the temperature, if there is one."""
-    if found := contents.temperature:
+    if found := recording.temperature:
         low, high, lacking = found
-        without = f", none in {counted(lacking, contents.table.row_word)}" if lacking else ""
+        without = f", none in {counted(lacking, recording.table.row_word)}" if lacking else ""
         yield f"temperature {low:.2f} to {high:.2f} degC{without}"
 
 
-def recording_words(contents: "Recording") -> Iterator[str]:
+def recording_words(recording: "Recording") -> Iterator[str]:
     """The layout of a recording, its rate, the rows that are left out, and its temperature."""
-    yield from layout_words(contents)
-    yield from rate_words(contents)
-    yield from left_out_words(contents)
-    yield from temperature_words(contents)
+    yield from layout_words(recording)
+    yield from rate_words(recording)
+    yield from left_out_words(recording)
+    yield from temperature_words(recording)
 
 
-def layout_words(contents: "Recording") -> Iterator[str]:
+def layout_words(recording: "Recording") -> Iterator[str]:
     """The columns of a recording, with the assumptions about them."""
-    layout = contents.layout
-    yield from format_words(contents, tables=False)
+    layout = recording.layout
+    yield from format_words(recording, tables=False)
     columns = (f"{role}={column.name}" for role, column in layout.columns.items())
     yield f"columns: {', '.join(columns)}"
     per_g = f" ({layout.per_g:g} a g)" if layout.per_g else ""
@@ -67,41 +67,41 @@ def grouped_lines(lines: Sequence[str]) -> Iterator[str]:
     yield from (f"{shortened(each, _MOST_NAMES)}: {words}" for words, each in names.items())
 
 
-def format_words(contents: "Recording", *, tables: bool) -> Iterator[str]:
+def format_words(recording: "Recording", *, tables: bool) -> Iterator[str]:
     """The format of a recording and its tables, if it has several."""
-    table = contents.table
-    yield f"{contents.reader.title}{f': {table.words}' if table.words else ''}"
-    if tables and len(contents.tables) > 1:
-        for each in contents.tables:
+    table = recording.table
+    yield f"{recording.reader.title}{f': {table.words}' if table.words else ''}"
+    if tables and len(recording.tables) > 1:
+        for each in recording.tables:
             rows = "" if each.rows is None else f", {counted(each.rows, each.row_word)}"
             yield f"  {'*' if each is table else ' '} {each.name}{f' ({each.words})' if each.words else ''}{rows}"
 
 
-def left_out_words(contents: "Recording") -> Iterator[str]:
+def left_out_words(recording: "Recording") -> Iterator[str]:
     """Number of rows without a complete reading, and the first of them; nothing if there are none."""
-    if contents.unread.rows:
+    if recording.unread.rows:
         places = [
-            *map(str, contents.unread.places),
-            *(["..."] if contents.unread.rows > len(contents.unread.places) else []),
+            *map(str, recording.unread.places),
+            *(["..."] if recording.unread.rows > len(recording.unread.places) else []),
         ]
-        left_out = counted(contents.unread.rows, contents.table.row_word)
+        left_out = counted(recording.unread.rows, recording.table.row_word)
         yield f"{left_out} left out, without a whole reading: {', '.join(places)}"
 
 
-def rate_words(contents: "Recording") -> Iterator[str]:
+def rate_words(recording: "Recording") -> Iterator[str]:
     """Number of samples, their rate, and missing samples."""
-    rate = contents.rate_hz
-    yield counted(contents.rows, "sample") + (
-        f" at {rate:.6g} Hz, {contents.rows / rate:.1f} s" if rate else ", rate not known (--rate)"
+    rate = recording.rate_hz
+    yield counted(recording.rows, "sample") + (
+        f" at {rate:.6g} Hz, {recording.rows / rate:.1f} s" if rate else ", rate not known (--rate)"
     )
-    if contents.mixed_rates:
-        low, high = contents.mixed_rates
+    if recording.mixed_rates:
+        low, high = recording.mixed_rates
         yield f"the rate changes between {low:.4g} and {high:.4g} Hz; the sd of means use the average"
-    if contents.missing:
-        yield f"{counted(contents.missing, 'sample')} missing according to the clock"
-    if contents.equal_times:
-        yield f"{counted(contents.equal_times, 'sample')} with the time of the previous one"
-    ahead, back = _gaps(contents)
+    if recording.missing:
+        yield f"{counted(recording.missing, 'sample')} missing according to the clock"
+    if recording.equal_times:
+        yield f"{counted(recording.equal_times, 'sample')} with the time of the previous one"
+    ahead, back = _gaps(recording)
     if back:
         yield f"the clock jumps back {counted(len(back), 'time')}, first at {back[0][0]:.2f} s; no interval goes across"
     if ahead:
@@ -109,9 +109,9 @@ def rate_words(contents: "Recording") -> Iterator[str]:
         yield f"{counted(len(ahead), 'gap')}, {total:.1f} s in all, first at {ahead[0][0]:.2f} s; no interval goes across"
 
 
-def _gaps(contents: "Recording") -> tuple[list, list]:
+def _gaps(recording: "Recording") -> tuple[list, list]:
     """Gaps (time, duration) of the clock, and its jumps back."""
-    return [gap for gap in contents.gaps if gap[1] > 0], [gap for gap in contents.gaps if gap[1] < 0]
+    return [gap for gap in recording.gaps if gap[1] > 0], [gap for gap in recording.gaps if gap[1] < 0]
 
 
 def interval_words(stillness: "Stillness") -> Iterator[str]:
@@ -165,7 +165,7 @@ _REPEATS = "repeats"
 _RATE_BY = {True: "from the times, without gaps", False: "asked for, or stated in the file"}
 
 
-def import_document(source: Path, out: Path, contents: "Recording") -> dict[str, object]:
+def import_document(source: Path, out: Path, recording: "Recording") -> dict[str, object]:
     """The document of `tumblecal import` for programs; what is not known is null.
 
     `{"schema": "tumblecal.import/1", "source", "output", "format", "tables": [{"name", "rows", "taken"}], "rows",
@@ -174,19 +174,19 @@ def import_document(source: Path, out: Path, contents: "Recording") -> dict[str,
     "first_s"}, "temperature_degc": [low, high], "repeats": record or null, "damage": [record]}`; records as in
     `recordings.damage`.
     """
-    layout, damage = contents.layout, contents.damage.records
-    ahead, back = _gaps(contents)
-    rate, degc = contents.rate_hz, contents.temperature
+    layout, damage = recording.layout, recording.damage.records
+    ahead, back = _gaps(recording)
+    rate, degc = recording.rate_hz, recording.temperature
     return {
         "schema": SCHEMA,
         "source": str(source),
         "output": str(out),
-        "format": contents.reader.title,
-        "tables": [{"name": one.name, "rows": one.rows, "taken": one is contents.table} for one in contents.tables],
-        "rows": contents.rows,
-        "left_out": {"rows": contents.unread.rows, "first": contents.unread.places},
+        "format": recording.reader.title,
+        "tables": [{"name": one.name, "rows": one.rows, "taken": one is recording.table} for one in recording.tables],
+        "rows": recording.rows,
+        "left_out": {"rows": recording.unread.rows, "first": recording.unread.places},
         "rate_hz": rate,
-        "duration_s": contents.rows / rate if rate else None,
+        "duration_s": recording.rows / rate if rate else None,
         "columns": {
             role: {"column": column.name, "unit": column.unit or None, "why": column.why}
             for role, column in layout.columns.items()
@@ -205,14 +205,14 @@ def import_document(source: Path, out: Path, contents: "Recording") -> dict[str,
     }
 
 
-def import_lines(contents: "Recording") -> list[str]:
+def import_lines(recording: "Recording") -> list[str]:
     """The table for people: what was found, and by what evidence; below it the guesses, with the options that override them."""
-    layout, damage = contents.layout, contents.damage.records
-    first, *clock = rate_words(contents)
+    layout, damage = recording.layout, recording.damage.records
+    first, *clock = rate_words(recording)
     per_g = f" ({layout.per_g:g} a g)" if layout.per_g else ""
     rows: list[tuple[str, str, str, str]] = [
         ("item", "found", "unit", "evidence"),
-        ("rows", counted(contents.rows, "sample"), "", next(left_out_words(contents), "none left out")),
+        ("rows", counted(recording.rows, "sample"), "", next(left_out_words(recording), "none left out")),
         ("rate", first.partition(" at ")[2] or "not known (--rate)", "", _RATE_BY["time" in layout.columns]),
     ]
     for role, column in layout.columns.items():
@@ -221,10 +221,10 @@ def import_lines(contents: "Recording") -> list[str]:
     rows.append(("size", f"about {layout.size:.5g}", UNITS[layout.unit], "of gravity in ax, ay, az"))
     repeats = [record.words for record in damage if record.kind == _REPEATS]
     others = [record.words for record in damage if record.kind != _REPEATS]
-    rest = {"gaps": clock, "repeats": repeats, "damage": others, "temperature": list(temperature_words(contents))}
+    rest = {"gaps": clock, "repeats": repeats, "damage": others, "temperature": list(temperature_words(recording))}
     if not rest["temperature"]:
         del rest["temperature"]
     wide = [max(len(row[k]) for row in [*rows, *((name, "", "") for name in rest)]) for k in range(3)]
     table = ["  ".join(cell.ljust(width) for cell, width in zip(row, (*wide, 0), strict=True)).rstrip() for row in rows]
     table += [f"{name:{wide[0]}}  {words}" for name, lines in rest.items() for words in lines or ["none"]]
-    return [*format_words(contents, tables=True), *table, *layout.notes]
+    return [*format_words(recording, tables=True), *table, *layout.notes]

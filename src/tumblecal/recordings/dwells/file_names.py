@@ -37,7 +37,7 @@ def recording_files(given: Sequence[Path], others: Sequence[Path | None] = ()) -
         found = [recording for recording in _within(path) if recording.resolve() not in left_out]
         if not found:
             raise InputError(
-                f"{path}: no file of a recording; give files, a folder, or a pattern such as 'faces/*.csv'"
+                f"{path}: no file of a recording, and no capture; give files, a folder, or a pattern such as 'faces/*.csv'"
             )
         files += found
     files = list(dict.fromkeys(files))
@@ -61,7 +61,7 @@ def _within(path: Path) -> list[Path]:
     if path.is_dir() and not any((path / name).exists() for name in _WHOLE):
         inside = (inner for inner in path.rglob("*") if inner.suffix.lower() in _TEXTS + _OTHERS and inner.is_file())
         recordings = (inner for inner in inside if not inner.name.startswith(".") and not _is_result(inner))
-        return sorted(recordings, key=natural) or [path]
+        return sorted(recordings, key=natural)
     if not path.exists() and any(mark in str(path) for mark in "*?["):
         return sorted(map(Path, glob.glob(str(path), recursive=True)), key=natural)
     return [path]
