@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tumblecal.data import PositionSet
-from tumblecal.data.gravity_size import moving_fault, size_fault
+from tumblecal.data.gravity_size import gravity_size, moving_fault, size_fault
 from tumblecal.ground.frames import gravity_in_head
 
 
@@ -66,6 +66,13 @@ def test_positions_of_one_pitch_setting_at_1_g_from_an_axis_are_usual():
     alpha = np.radians(np.arange(0.0, 360.0, 15.0))
     force = np.asarray(gravity_in_head(alpha, np.full(len(alpha), np.radians(30.0))))
     assert not size_fault(measured(force))
+
+
+def test_readings_in_one_attitude_have_their_median_size():
+    """Their noise has all directions, as attitudes have; zeros have no size."""
+    readings = [0.6, 0.0, 0.8] + 5e-4 * np.random.default_rng(1).normal(size=(60, 3))
+    assert gravity_size(readings) == pytest.approx(1.0, abs=1e-3) and size_fault(readings) == ""
+    assert "a wrong scale" in size_fault(np.zeros((8, 3)))
 
 
 def test_a_triad_that_moved_is_named_with_the_command_for_recordings(monkeypatch):

@@ -1,4 +1,4 @@
-"""Words on units of one head, and of a hand-held session, from records made by hand: each kind of finding is in a stored text."""
+"""Words on units of one head and of a hand-held session, from records made by hand: each kind of finding is in one text."""
 
 from types import SimpleNamespace as Record
 
