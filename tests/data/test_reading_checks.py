@@ -37,13 +37,13 @@ CASES = {
     "two rows far beyond": (changed(1, slice(20, 22), -6.0), ["2 of 60 rows (the first: line 31) are beyond 2 g, up to 6 g"]),
     "saturated": (
         changed(2, slice(30, 37), 4.0),
-        ["7 of 60 rows (the first: line 41) are beyond 2 g", "axis z stays at its largest reading, 4 g in 7 of 60 rows (the first"],
+        ["7 of 60 rows (the first: line 41) are beyond 2 g", "axis z stays at its largest reading, 4 g in 7 of 60 rows"],
     ),
     "saturated below": (
-        changed(0, slice(3, 6), -1.9), ["axis x stays at its smallest reading, -1.9 g in 3 of 60 rows (the first: line 14): sat"],
+        changed(0, slice(3, 6), -1.9), ["axis x stays at its smallest reading, -1.9 g in 3 of 60 rows (the first: line 14)"],
     ),
-    "m/s^2 as g": (resting(9.80665), ["columns ax_g, ay_g, az_g: their norm is about 9.81 g in 60 of 60 rows (the first: line 11)"]),
-    "mg as g": (resting(1000.0), ["their norm is about 1e+03 g in 60 of 60 rows (the first: line 11), so they look like mg; name"]),
+    "m/s^2 as g": (resting(9.80665), ["ax_g, ay_g, az_g: their norm is about 9.81 g in 60 of 60 rows (the first: line 11)"]),
+    "mg as g": (resting(1000.0), ["their norm is about 1e+03 g in 60 of 60 rows (the first: line 11), so they look like mg"]),
     "counts": (resting(200.0), ["beyond 10 g in 60 of 60 rows"]),
 }  # fmt: skip
 
