@@ -1,4 +1,4 @@
-"""`tumblecal check` of positions in unknown attitudes, with a calibration that is written here: files, updates, what is refused."""
+"""`tumblecal check` of positions in unknown attitudes, with a calibration that is written here: files, updates, refusals."""
 
 import hashlib
 import json
