@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import stats
 
 import blind_instrument as blind
 from blind_noise import position_set
@@ -42,6 +43,15 @@ def test_p_values_are_uniform_where_nothing_is_wrong():
     # 12 of 120 are expected below 0.1: more than 22 once in a thousand. Half of the alarms are those of single positions, to
     # Bonferroni's bound (6 of 60); exchanged rows must agree in addition.
     assert 2 <= np.sum(np.array(priors) < 0.1) <= 22 and 1 <= alarms <= 14
+
+
+def test_the_statistic_of_the_priors_is_what_they_add_to_the_sum_of_squares():
+    """Chi-square of three for the biases: the fit with their priors less that without."""
+    for seed in range(4):
+        data = measured(seed)
+        fit = exact.fit(problem_of(data, noise_sd=blind.SIGMA, priors={"bias": (0.0, SD_BIAS)}))
+        added = fit.chi2 - exact.fit(problem_of(data, noise_sd=blind.SIGMA)).chi2
+        assert priors_p_value(fit) == pytest.approx(stats.chi2.sf(added, 3), rel=2e-2)
 
 
 def test_a_prior_that_other_parameters_contradict_is_said():
