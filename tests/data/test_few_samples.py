@@ -38,6 +38,16 @@ def test_where_positions_differ_each_keeps_most_of_its_own():
         assert 0.9 < np.exp(np.mean(np.log(told / truth))) < 1.1
 
 
+def test_the_weight_of_the_other_positions_is_that_of_the_distribution_of_the_sds():
+    """Variances drawn from a scaled inverse chi-square of 8 degrees of freedom: each is weighted by 19 of 19 + 8."""
+    rng = np.random.default_rng(8)
+    truth = 1e-4 * np.sqrt(8 / rng.chisquare(8, (3000, 3)))
+    own = truth * np.sqrt(rng.chisquare(19, truth.shape) / 19 / 20)
+    told = moderated(own, np.full(3000, 20.0))
+    slopes = [np.polyfit(own[:, axis] ** 2, told[:, axis] ** 2, 1)[0] for axis in range(3)]
+    assert np.mean(slopes) == pytest.approx(19 / (19 + 8), rel=0.03)
+
+
 def test_many_samples_and_stated_sds_are_not_changed(table1):
     sd = np.full((24, 3), 1e-4) * RNG.uniform(0.5, 2, (24, 3))
     columns = (table1.names, table1.alpha_deg, table1.beta_deg, table1.readings)

@@ -86,7 +86,8 @@ def test_each_finding_is_in_a_text(snapshot):
         "no direction": result(table=table((0,)), choice=choice(of_temperature=history[:1])),
         "one rate": result(choice=choice(unseparated=history)),
         "one attitude": result(
-            table=table(attitudes=1), choice=choice(inseparable=("dK", "gamma", "dtheta")), combinations=("bias_x - 0.98 dtheta_y",)
+            table=table(attitudes=1), choice=choice(inseparable=("dK", "gamma", "dtheta")),
+            combinations=("bias_x - 0.98 dtheta_y",),
         ),
     }  # fmt: skip
     snapshot("thermal", {title: "\n".join(thermal_lines(own)) for title, own in cases.items()})
