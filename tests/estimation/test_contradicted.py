@@ -106,3 +106,12 @@ def test_a_noise_that_is_stated_too_large_and_temperatures_limit_the_use():
     data = replace(measured(2), temperature_degc=np.linspace(24.0, 26.5, 24))
     use = calibrated_of(problem_of(data, noise_sd=blind.SIGMA)).use
     assert (use.answer, use.temperature_degc) == ("within", (24.0, 26.5))
+
+
+@pytest.mark.parametrize("noise_sd", [None, blind.SIGMA])
+def test_two_positions_in_error_are_not_called_exchanged(noise_sd):
+    data = measured(4)
+    data.readings[3] += 0.05 * np.array([1.0, -1.0, 0.5])
+    data.readings[17] += 0.04 * np.array([-0.5, 1.0, 1.0])
+    found = contradicted(exact.fit(problem_of(data, noise_sd=noise_sd)))
+    assert found and not any(own.exchanged for own in found)
