@@ -306,3 +306,44 @@ def test_each_outcome_is_a_sentence_with_the_next_step():
         text = words_of(check(calibration(), FILE, data, **more))
         assert headline in text and following in text, text
     assert "any change that leaves the size of gravity in this one attitude the same" in text
+
+
+def test_attitudes_that_are_proposed_separate_the_explanations():
+    """Three attitudes leave several explanations of a changed bias, with their mean; with those proposed it is named."""
+    change = 2e-3 * (np.arange(9) == 5)
+    few = check(calibration(), FILE, by_hand(VALUES + change, noise(2)[:3], up=UP[:3])).moved
+    assert few is not None and few.named is None and few.separating
+    assert sum(one.probability for one in few.possible) > 0.95 >= sum(one.probability for one in few.possible[:-1])
+    assert ("bias_z",) in [one.parameters for one in few.possible]
+    mean, spread = few.average
+    np.testing.assert_allclose(mean, sum(one.probability * one.change for one in few.explanations))
+    assert abs(mean[5] - 2e-3) < 2 * np.sqrt(spread[5, 5]) and spread[5, 5] >= few.explanations[0].covariance[5, 5]
+    up = np.vstack([UP[:3], *(own.up for own in few.separating)])
+    more = check(calibration(), FILE, by_hand(VALUES + change, noise(2)[: len(up)], up=up)).moved
+    assert more is not None and more.named is not None and more.named.parameters == ("bias_z",)
+
+
+def test_terms_of_a_calibration_are_a_part_of_its_state():
+    """A square of z that is known to 0.1 mg/g^2: counted in the readings, and improved with the parameters by an update."""
+    square, sd = 3e-3, 1e-4
+    term = {"axis": "z", "powers": [0, 0, 2], "coefficient": square, "effect": "second_order.z"}
+    plain = calibration()
+    joint = np.zeros((13, 13))
+    joint[:12, :12], joint[12, 12] = plain.covariance, sd**2
+    stated = {"order": [*map(str, range(12)), "second_order.z"], "covariance": joint.tolist()}
+    more = {"dof": None, "sigma_g": SD, "verdict": "identified"}
+    of = calibration(extra={"terms": [term], "covariance_with_terms": stated}, provenance=more)
+    up = np.concatenate([UP, -UP])
+    noise_of_all = SD * np.random.default_rng(3).normal(size=up.shape)
+    bent = by_hand(
+        VALUES, noise_of_all + np.outer((up @ triad(VALUES).T / (1 + VALUES[:3]))[:, 2] ** 2, [0, 0, square]), up=up
+    )
+    result = check(of, FILE, bent)
+    assert not result.test.rejected and len(result.expected.state) == 10
+    assert check(of, FILE, by_hand(VALUES, noise_of_all, up=up)).test.rejected
+    made = updated(result.test, NONE, (), {}).calibration
+    (coefficient,) = [own.coefficient for own in made.terms]
+    whole = np.array(made.extra["covariance_with_terms"]["covariance"])
+    assert whole[12, 12] < (0.7 * sd) ** 2 and abs(coefficient - square) < 3 * np.sqrt(whole[12, 12])
+    np.testing.assert_allclose(whole, whole.T, atol=1e-20)
+    assert np.linalg.eigvalsh(whole).min() > -1e-18

@@ -96,6 +96,19 @@ def test_python_runs_the_package_as_the_command():
     assert wrong.returncode == 2 and wrong.stderr.startswith("tumblecal: no.json: no such file")
 
 
+def test_help_versions_and_examples_are_listed(tumblecal, configs, monkeypatch):
+    assert tumblecal("help", "apply").out == tumblecal("apply", "--help").out
+    versions = dict(line.split(" ", 1) for line in tumblecal("--version", "-v").out.splitlines())
+    assert versions["tumblecal"] == __version__ and versions["numpy"] == np.__version__
+    listed = {line.split()[0] for line in tumblecal("example").out.splitlines()}
+    assert listed == {path.stem for path in configs.glob("*.toml")}
+    monkeypatch.setattr("tumblecal.ground.examples.example_names", lambda: [bytes(1)] * 10**13)
+    outcome = tumblecal("example")
+    assert outcome.code == 2 and outcome.lines == [
+        "tumblecal: not enough memory for this file or computation; split the file, or close other programs"
+    ]
+
+
 EARLY = """
 import signal, sys
 from tumblecal.cli import main

@@ -1,11 +1,14 @@
 """`tumblecal diagnose`: what it leaves for one file and for several."""
 
+import pickle
 import re
 from dataclasses import replace
 
+import numpy as np
 import polars as pl
 import pytest
 
+from tumblecal.cli import diagnosis_batch
 from tumblecal.data import read_positions, write_positions
 from tumblecal.diagnosis import Diagnoser
 
@@ -94,6 +97,53 @@ def test_an_interrupted_batch_leaves_the_lines_of_what_was_finished(tumblecal, t
     monkeypatch.setattr(Diagnoser, "__call__", interrupted)
     assert tumblecal("diagnose", *files, "--out", tmp_path / "out").code == 130
     assert pl.read_csv(tmp_path / "out" / "summary.csv")["verdict"].to_list() == ["adequate"]
+
+
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (MemoryError(), r"knocked.csv: not enough memory for 24 positions \(.*\); average repeats"),
+        (np.linalg.LinAlgError("Singular matrix"), r"cannot be fitted to these readings \(singular equations\)"),
+    ],
+    ids=["memory", "singular"],
+)
+def test_a_file_whose_diagnosis_fails_is_a_line_and_the_others_are_diagnosed(
+    tumblecal, tmp_path, files, monkeypatch, error, words
+):
+    whole = Diagnoser.__call__
+
+    def failing(self, data, **options):
+        if "knocked" in str(data.source):
+            raise error
+        return whole(self, data, **options)
+
+    monkeypatch.setattr(Diagnoser, "__call__", failing)
+    outcome = tumblecal("diagnose", *files[:2], "--out", tmp_path, "--workers", "1")
+    (line,) = outcome.lines
+    assert outcome.code == 2 and re.search(words, line)
+    assert pl.read_csv(tmp_path / "summary.csv")["verdict"].to_list() == ["adequate", "refused"]
+
+
+def test_a_worker_diagnoses_what_the_command_sends_it(one_process, tumblecal, tmp_path, files, monkeypatch):
+    """The pool in this process: what a worker gets is what can be sent; its answers are those of one process."""
+
+    class Pool:
+        def __init__(self, workers, context, initializer, initargs):
+            assert workers == 2
+            initializer(*pickle.loads(pickle.dumps(initargs)))
+
+        def map(self, function, *each):
+            return map(function, *pickle.loads(pickle.dumps(each)))
+
+        def shutdown(self, cancel_futures):
+            assert cancel_futures
+
+    monkeypatch.setattr(diagnosis_batch, "ProcessPoolExecutor", Pool)
+    monkeypatch.setattr(diagnosis_batch.signal, "signal", lambda *_: None)
+    outcome = tumblecal("diagnose", *files, "--out", tmp_path, "--workers", "2")
+    assert outcome.code == 2 and outcome.lines == one_process[0].lines
+    one, two = (pl.read_csv(folder / "summary.csv") for folder in (one_process[1], tmp_path))
+    assert one.equals(two)
 
 
 @pytest.mark.long

@@ -133,6 +133,13 @@ CELL_CASES = {
     "no reading": ("b,90,0,1e200,1,0.003", "column ax_g: 1e+200 g is not a possible reading"),
     "too few cells": ("b,90,0,1", "4 cells, but the header has 6"),
     "quotation mark": ('b,"90"x,0,0,1,0', "check the quotation marks"),
+    "no name": (",90,0,0.001,1,0.003", "column position: the cell is empty; write the position in every row"),
+    "missing": (
+        "b,90,0,0,1,n/a",
+        "column az_g: 'n/a' is a missing reading; measure the position again or remove the row",
+    ),
+    "names": (HEADER, "the names of the columns again"),
+    "units": ("-,deg,deg,g,g,g", "a line of units, not a row"),
 }
 
 
@@ -180,6 +187,21 @@ def test_radians_in_degree_columns(tmp_path):
     assert "look like radians; write degrees" in fault
 
 
+FURTHER = [
+    ("run", ("1", " ", "1"), "line 3, column run: the cell is empty; write the run in every row, or remove the whole"),
+    ("n", ("1", "100", "0.5"), "line 4, column n: a mean has at least one sample"),
+    ("approach", ("1", "2", "1"), "line 3, column approach: must be +1 or -1"),
+    ("temperature_degc", ("20", "-300", "20"), "line 3, column temperature_degc: -300 degC is below absolute zero"),
+]
+
+
+@pytest.mark.parametrize(("name", "cells", "words"), FURTHER, ids=[name for name, *_ in FURTHER])
+def test_faults_of_further_columns(tmp_path, name, cells, words):
+    rows = (f"{row},{cell}" for row, cell in zip(ROWS, cells, strict=True))
+    (fault,) = faults(written(tmp_path / "a.csv", f"{HEADER},{name}", *rows))
+    assert words in fault
+
+
 @pytest.mark.parametrize("sd", ["0", "1e-300"])
 def test_standard_deviations_must_be_positive(tmp_path, sd):
     header = HEADER + ",ax_sd_g,ay_sd_g,az_sd_g"
@@ -198,6 +220,11 @@ def test_files_that_are_no_table(tmp_path):
     assert ":line 2: not text (a zero byte)" in faults(tmp_path / "zero.csv")[0]
     assert "no header line" in faults(written(tmp_path / "comments.csv", "# only: this"))[0]
     assert "no rows below the header" in faults(written(tmp_path / "header.csv", HEADER))[0]
+    unnamed = faults(written(tmp_path / "unnamed.csv", "# p,alpha,beta,x,y,z", *ROWS))
+    assert "line 2: numbers instead of the names of the columns; write the names in the first line" in unnamed[0]
+    empty = {name: [0.0, 1.0] for name in HEADER.split(",")} | {"position": ["a", "b"], "ay_g": [1.0, None]}
+    pl.DataFrame(empty).write_parquet(tmp_path / "a.parquet")
+    assert ":row 2, column ay_g: the cell is empty" in faults(tmp_path / "a.parquet")[0]
     (tmp_path / "no.parquet").write_bytes(b"PAR1 not really")
     assert "not a complete Parquet file" in faults(tmp_path / "no.parquet")[0]
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tumblecal.data import PositionSet
-from tumblecal.data.gravity_size import moving_fault, size_fault
+from tumblecal.data.gravity_size import gravity_size, moving_fault, size_fault
 from tumblecal.ground.frames import gravity_in_head
 
 
@@ -68,6 +68,13 @@ def test_positions_of_one_pitch_setting_at_1_g_from_an_axis_are_usual():
     assert not size_fault(measured(force))
 
 
+def test_readings_in_one_attitude_have_their_median_size():
+    """Their noise has all directions, as attitudes have; zeros have no size."""
+    readings = [0.6, 0.0, 0.8] + 5e-4 * np.random.default_rng(1).normal(size=(60, 3))
+    assert gravity_size(readings) == pytest.approx(1.0, abs=1e-3) and size_fault(readings) == ""
+    assert "a wrong scale" in size_fault(np.zeros((8, 3)))
+
+
 def test_a_triad_that_moved_is_named_with_the_command_for_recordings(monkeypatch):
     monkeypatch.setattr(sys, "argv", ["tumblecal"])
     rng = np.random.default_rng(3)
@@ -75,6 +82,15 @@ def test_a_triad_that_moved_is_named_with_the_command_for_recordings(monkeypatch
     fault = moving_fault(positions(measured(force + 0.3 * rng.normal(size=force.shape))))
     assert fault.startswith("the sizes of the readings differ by ") and "the triad was not at rest" in fault
     assert fault.endswith("tumblecal reduce log.csv --static")
+
+
+@pytest.mark.parametrize("bias", [(0.0, 0.0, 0.0), (0.5, -0.4, 0.5)])
+def test_the_dispersion_of_the_sizes_is_that_of_the_force(bias):
+    """7 % of the force, whatever the bias of the readings."""
+    rng = np.random.default_rng(7)
+    force = hand_held(600) * (1 + 0.07 * rng.normal(size=(600, 1)))
+    fault = moving_fault(positions(measured(force, bias)))
+    assert float(fault.partition("differ by ")[2].partition(" %")[0]) == pytest.approx(7, rel=0.2), fault
 
 
 def test_means_at_rest_are_not_called_moving():

@@ -176,6 +176,13 @@ def test_the_file_is_read_and_written_without_a_change(tmp_path, root):
     np.testing.assert_array_equal(back.at(50.0).covariance, own.at(50.0).covariance)
 
 
+def test_a_covariance_of_few_soaks_is_read_though_it_is_singular(tmp_path, root):
+    for few in (root[:, :1], root[:, :4], np.zeros((len(root), 1))):
+        (tmp_path / "calibration.json").write_text(calibration_text(calibration(curves(few))))
+        back = read_calibration(tmp_path / "calibration.json")
+        np.testing.assert_allclose(back.temperature.covariance, few @ few.T, rtol=1e-12, atol=1e-30)
+
+
 def test_a_fault_names_the_key(tmp_path, root):
     path = tmp_path / "calibration.json"
     content = json.loads(calibration_text(calibration(curves(root, (Hysteresis("bias_x", 1e-4, "g"),)))))

@@ -7,7 +7,6 @@ import pytest
 
 import blind_instrument as blind
 from blind_noise import position_set
-from tumblecal.data import PositionSet
 from tumblecal.diagnosis.findings.gain import folds
 from tumblecal.estimation import exact, problem_of
 from tumblecal.ground.errors import InputError
@@ -127,28 +126,6 @@ def test_folds_of_a_held_out_run(hidden):
     for wrong, said in ((("run", "9"), "name one of several"), (("mount", "A"), "no column mount")):
         with pytest.raises(InputError, match=said):
             folds(both, wrong)
-
-
-@pytest.mark.long
-def test_held_out_run(diagnoser, hidden, monkeypatch):
-    parts = [hidden(11, {"third_order.y": [2e-3]}) for _ in range(2)]
-    both = PositionSet(
-        tuple(f"{name}r{k}" for k in range(2) for name in parts[0].names),
-        np.tile(parts[0].alpha_deg, 2),
-        np.tile(parts[0].beta_deg, 2),
-        np.concatenate([part.readings for part in parts]) + 1e-4 * np.random.default_rng(0).normal(size=(48, 3)),
-        run=("1",) * 24 + ("2",) * 24,
-        time_s=np.concatenate([parts[0].time_s, parts[1].time_s + 7200]),
-        temperature_degc=np.tile(parts[0].temperature_degc, 2),
-        approach=np.tile(parts[0].approach, 2),
-    )
-    diagnosis = diagnoser(both, holdout=("run", "2"))
-    assert {"third_order.y"} in names(diagnosis)
-    np.testing.assert_array_equal(folds(both, ("run", "2"))[0], np.repeat([-1, 0], 24))
-    assert diagnosis.gain.cv_kind == "run 2 left out" and diagnosis.gain.cv_rms_after_g < diagnosis.gain.cv_rms_before_g
-    monkeypatch.setattr(type(diagnoser), "begun", None)
-    with pytest.raises(InputError, match="name one of several"):
-        diagnoser(both, holdout=("run", "9"))
 
 
 def test_too_few_positions_are_refused_before_their_plan_is_compiled(diagnoser, table1, monkeypatch):

@@ -9,7 +9,7 @@ from tumblecal.chain import nominal_chain
 from tumblecal.data import PositionSet
 from tumblecal.data.calibration import read_calibration
 from tumblecal.estimation import problem_of, where_of
-from tumblecal.estimation.attitude_scatter import LEAST_ODDS
+from tumblecal.estimation.attitude_scatter import LEAST_ODDS, TILT, AttitudeScatter, Size, _posterior, _Rows
 from tumblecal.estimation.methods import all_methods, exact_fit
 from tumblecal.estimation.position_problem import default_chain
 
@@ -146,3 +146,37 @@ def test_positions_that_are_exchanged_are_no_scatter():
     data.readings[[6, 9]] = data.readings[[9, 6]]
     for noise_sd in (1e-4, None):
         assert fitted(data, noise_sd).scatter is None
+
+
+def test_a_posterior_is_the_integral_over_both_sizes():
+    """Against the sum over a fine grid; noise alone in closed form at a known size."""
+    rng = np.random.default_rng(4)
+    rows = _Rows(rng.normal(0, 3.0, 30), rng.normal(0, 1, (30, 4)), np.repeat([0.0, 1e6, 1e6], 10), 30)
+    noise = Size(1.0, 0.7)
+    x, y = np.linspace(-6, 6, 241), np.log(TILT.median) + np.linspace(-9, 9, 361)
+    sizes = np.exp(np.stack([grid.ravel() for grid in np.meshgrid(x, y, indexing="ij")]))
+    density = rows.log_likelihood(*sizes)
+    for size, prior in zip(sizes, (noise, TILT), strict=True):
+        density += -0.5 * (np.log(size / prior.median) / prior.spread) ** 2 - np.log(prior.spread * np.sqrt(2 * np.pi))
+    weights = np.exp(density - density.max())
+    expected = density.max() + np.log(weights.sum() * (x[1] - x[0]) * (y[1] - y[0]))
+    found = _posterior(rows, noise, TILT)
+    assert found.log_evidence == pytest.approx(expected, abs=0.02)
+    assert (found.noise, found.tilt) == pytest.approx(tuple(np.sqrt(sizes**2 @ weights / weights.sum())), rel=0.02)
+    alone = _posterior(rows, Size(2.0, 0.0), Size(0.0, 0.0))
+    residual = rows.residual - rows.design @ np.linalg.lstsq(rows.design, rows.residual, rcond=None)[0]
+    log_det = np.linalg.slogdet(rows.design.T @ rows.design / 4)[1]
+    assert alone.log_evidence == pytest.approx(-30 * np.log(2.0) - 0.5 * log_det - residual @ residual / 8)
+
+
+def test_tilts_have_the_covariance_of_the_priors_of_a_rig():
+    """A prior of several correlated parameters is a matrix: the tilts add their rows."""
+    data, _ = cube(5, 0.5, 1e-4, np.vstack([FACES, EDGES]))
+    chain, covariance = nominal_chain(where_of(data)).fixed({"dbeta"}), 1e-6 * np.array([[1.0, 0.5], [0.5, 1.0]])
+    problem = problem_of(data, chain, noise_sd=1e-4, priors={("dK_x", "dK_y"): (np.zeros(2), covariance)})
+    tilted = AttitudeScatter(1e-2, 1.0, 1e-4, 9.0, True).applied(problem)
+    root, names = tilted.prior_root, tilted.chain.names
+    own = [names.index(name) for name in ("dK_x", "dK_y")]
+    np.testing.assert_allclose(np.linalg.inv((root.T @ root)[np.ix_(own, own)]), covariance)
+    tilts = [k for k, name in enumerate(names) if name.startswith("tilt")]
+    np.testing.assert_allclose((root.T @ root)[np.ix_(tilts, tilts)], 1e4 * np.eye(24))

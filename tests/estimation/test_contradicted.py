@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import stats
 
 import blind_instrument as blind
 from blind_noise import position_set
@@ -44,6 +45,15 @@ def test_p_values_are_uniform_where_nothing_is_wrong():
     assert 2 <= np.sum(np.array(priors) < 0.1) <= 22 and 1 <= alarms <= 14
 
 
+def test_the_statistic_of_the_priors_is_what_they_add_to_the_sum_of_squares():
+    """Chi-square of three for the biases: the fit with their priors less that without."""
+    for seed in range(4):
+        data = measured(seed)
+        fit = exact.fit(problem_of(data, noise_sd=blind.SIGMA, priors={"bias": (0.0, SD_BIAS)}))
+        added = fit.chi2 - exact.fit(problem_of(data, noise_sd=blind.SIGMA)).chi2
+        assert priors_p_value(fit) == pytest.approx(stats.chi2.sf(added, 3), rel=2e-2)
+
+
 def test_a_prior_that_other_parameters_contradict_is_said():
     """Two pitch settings leave dK_x to the prior of bias_x. That of bias_y and bias_z showed that it is too narrow, and the
     calibration was called usable."""
@@ -75,3 +85,33 @@ def test_a_position_in_error_is_reported(noise_sd):
     judged = calibrated.judgements[0]
     assert f"position {data.names[9]}, axis y differs by +" in judged.headline
     assert calibrated.use.refused and judged.tone == "bad"
+
+
+def test_two_exchanged_rows_are_reported_with_the_fit_of_the_correct_order():
+    data = measured(4)
+    data.readings[[3, 17]] = data.readings[[17, 3]]
+    for noise_sd in (None, blind.SIGMA):
+        calibrated = calibrated_of(problem_of(data, noise_sd=noise_sd))
+        (found,) = calibrated.contradicted
+        assert found.exchanged and found.positions == (data.names[3], data.names[17])
+        words = f"positions {data.names[3]} and {data.names[17]} appear exchanged"
+        assert words in calibrated.judgements[0].headline and words in calibrated.use.reason and calibrated.use.refused
+        right = exact.fit(problem_of(measured(4), noise_sd=noise_sd))
+        np.testing.assert_allclose(found.fit.values, right.values, atol=1e-3 * right.sd.min())
+
+
+def test_a_noise_that_is_stated_too_large_and_temperatures_limit_the_use():
+    (judged,) = calibrated_of(problem_of(measured(2), noise_sd=10 * blind.SIGMA)).judgements
+    assert judged.tone == "open" and "smaller than the stated noise" in judged.headline
+    data = replace(measured(2), temperature_degc=np.linspace(24.0, 26.5, 24))
+    use = calibrated_of(problem_of(data, noise_sd=blind.SIGMA)).use
+    assert (use.answer, use.temperature_degc) == ("within", (24.0, 26.5))
+
+
+@pytest.mark.parametrize("noise_sd", [None, blind.SIGMA])
+def test_two_positions_in_error_are_not_called_exchanged(noise_sd):
+    data = measured(4)
+    data.readings[3] += 0.05 * np.array([1.0, -1.0, 0.5])
+    data.readings[17] += 0.04 * np.array([-0.5, 1.0, 1.0])
+    found = contradicted(exact.fit(problem_of(data, noise_sd=noise_sd)))
+    assert found and not any(own.exchanged for own in found)

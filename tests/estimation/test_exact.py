@@ -129,3 +129,12 @@ def test_not_finite_data_are_reported_by_name(table1):
     result = exact.fit(problem_of(broken))
     assert not result.code.good
     assert "not converged" in result.message
+
+
+def test_priors_take_the_degrees_of_freedom_of_what_they_determine(table1):
+    """`sigma`: with nearly exact priors that of the fit with these parameters fixed, with hardly any that without them."""
+    problem = problem_of(table1)
+    fixed = exact.fit(problem_of(table1, problem.chain.fixed({"dbeta"})))
+    for sd, expected in ((1e-9, fixed.sigma), (1e3, exact.fit(problem).sigma)):
+        found = exact.fit(problem_of(table1, noise_sd=1e-4, priors={"dbeta": (0.0, sd)}))
+        assert found.sigma == pytest.approx(expected, rel=1e-4)

@@ -8,7 +8,6 @@ import polars as pl
 import pytest
 
 import tumblecal as package
-from device_formulas import applied
 from independent import Instrument
 from independent import readings as linear_readings
 from tumblecal.cli.model_options import started_from_amplitudes
@@ -155,59 +154,6 @@ def test_a_users_effect_has_the_form_that_it_states(tumblecal, tmp_path, measure
         InputError, match=r"mine.py:line 5: effect 'my_square': 2 forms for 1 coefficient; give one for"
     ):
         catalogue(mine)
-
-
-BIAS = np.array([14e-3, -9e-3, 6e-3])
-LOWER = np.diag([1.03, 0.98, 1.011]) @ np.array([[1, 0, 0], [1e-3, 1, 0], [-2e-3, 5e-4, 1]])
-
-
-def of_instrument(f, degc, noise):
-    """Readings whose x bias bends with the temperature by 4.8 mg from 20 to 60 degC."""
-    return f @ LOWER.T + BIAS + np.outer(3e-6 * (degc - 20) ** 2, [1, 0, 0]) + noise
-
-
-@pytest.mark.long
-@pytest.mark.usefixtures("few_effects")
-def test_a_named_bend_of_the_bias_reaches_apply_and_px4(tumblecal, tmp_path):
-    """Five soaks of 24 positions: it was named but not in the file, and 1.4 mg remained; plain least squares leaves 0.1 mg."""
-    rng = np.random.default_rng(5)
-    alpha, beta = (np.tile(own.ravel(), 5) for own in np.meshgrid(np.arange(0, 360, 45.0), [-60.0, 0.0, 60.0]))
-    degc = np.repeat(FIVE_SOAKS, 24) + rng.normal(0, 0.2, 120)
-    true = Instrument(np.zeros(3), np.zeros(3), np.array([2e-3, -1e-3, 1.5e-3]), np.zeros(3), np.zeros(120))
-    f = linear_readings(np.radians(alpha), np.radians(beta), true)
-    data = of_instrument(f, degc, rng.normal(0, NOISE_MG * 1e-3, (120, 3)))
-    table = pl.DataFrame({"position": [f"p{k}" for k in range(120)], "alpha_deg": alpha, "beta_deg": beta})
-    columns = {f"a{axis}_g": data[:, k] for k, axis in enumerate("xyz")}
-    table.with_columns(**columns, time_s=np.arange(120) * 120.0, temperature_degc=degc).write_csv(
-        tmp_path / "soaks.csv"
-    )
-    out = tmp_path / "out"
-    ran = tumblecal(
-        "diagnose", tmp_path / "soaks.csv", "--noise-sd", "0.1mg", "--gravity", "9.81", "--no-figures", "--out", out
-    )
-    assert ran.code == 0 and "bias_temperature_square.x" in ran.out
-    content = json.loads((out / "calibration.json").read_text())
-    # Explanations in which it turns at another temperature, or another axis bends too, count with their probabilities.
-    terms = {term["effect"]: term for term in content["terms"]}
-    assert terms.keys() <= {"bias_temperature.x", "bias_temperature_square.x", "bias_temperature_square.z"}
-    assert terms["bias_temperature_square.x"]["degc_power"] == 2
-    assert content["provenance"]["not_applied"] == [] and "losses" not in content["provenance"]
-    f = rng.normal(size=(60, 3))
-    f /= np.linalg.norm(f, axis=1)[:, None]
-    degc = rng.choice([-15.0, 10.0, 50.0], 60)
-    readings = of_instrument(f, degc, rng.normal(0, NOISE_MG * 1e-3, (60, 3)))
-    log = pl.DataFrame({f"a{axis}_g": readings[:, k] for k, axis in enumerate("xyz")} | {"temperature_degc": degc})
-    log.write_csv(tmp_path / "log.csv")
-    applied_to = tumblecal("apply", out / "calibration.json", tmp_path / "log.csv", "--out", tmp_path / "corrected.csv")
-    assert applied_to.code == 0 and "not in this calibration" not in applied_to.out
-    force = pl.read_csv(tmp_path / "corrected.csv", comment_prefix="#").select("ax_g", "ay_g", "az_g").to_numpy()
-    assert 1e3 * np.sqrt(np.mean((force - f) ** 2)) < 0.13
-    exported = tumblecal("export", out / "calibration.json", "--to", "px4", "--out", tmp_path / "unit.params")
-    assert exported.code == 0 and "lost: temperature" not in exported.out
-    # But for the cross terms, for which PX4 has no place.
-    cross = f @ (LOWER / np.diag(LOWER)[:, None] - np.eye(3)).T
-    made = applied("px4", (tmp_path / "unit.params").read_text(), readings, degc, 9.81)
-    assert 1e3 * np.sqrt(np.mean((made - f - cross) ** 2)) < 0.13
 
 
 def test_three_temperatures_leave_the_third_order_open():
