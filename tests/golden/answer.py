@@ -89,11 +89,10 @@ def _table(table: pl.DataFrame) -> dict[str, Any]:
 def diagnosis(content: dict[str, Any]) -> dict[str, Any]:
     """What decides in a diagnosis; of its explanations the first two."""
     kept = {name: content[name] for name in _OF_DIAGNOSES if name in content}
-    explanations = [
+    explanations = content["explanations"][:2]
+    for one in explanations:
         # Rounding decides which of two combinations comes first if both are equally well determined.
-        one | {"combinations": sorted(one.get("combinations", ()), key=lambda each: sorted(each["weights"]))}
-        for one in content["explanations"][:2]
-    ]
+        one.get("combinations", []).sort(key=lambda each: sorted(each["weights"]))
     return reduced(kept | {"explanations": explanations})
 
 
