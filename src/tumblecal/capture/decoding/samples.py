@@ -171,12 +171,10 @@ class Settings:
     - `range_g`: full scale of the accelerometers in g, per axis; None if unknown.
     - `output`: "acceleration" (g or m/s^2), "increment" (velocity a sample), "average" or "integrated".
     - `rate_hz`: configured sample rate; None if the stream must state it.
-    - `lsb_g`: smallest step per axis in g; None if unknown.
     - `temperatures`: whether a virtual STIM300 sends temperatures.
     """
 
     range_g: tuple[float, float, float] | None = None
     output: str = "acceleration"
     rate_hz: float | None = None
-    lsb_g: tuple[float, float, float] | None = None
     temperatures: bool = False
