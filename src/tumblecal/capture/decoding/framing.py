@@ -6,6 +6,7 @@ This module finds the frames, stores the unfinished tail, and counts the bytes o
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -56,27 +57,29 @@ class Frames:
         head = data[at : at + len(self.sync)].tolist()
         return len(head) == len(self.sync) and all(map(bytes.__contains__, self.sync, head))
 
-    def candidates(self, data: NDArray[np.uint8]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Places where a frame may begin, and its size; one that the end of the data cuts off extends beyond it."""
-        places = places_of(data, *self.sync)
+    def sizes_at(self, data: NDArray[np.uint8], places: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Size of the frame that may begin at each place, 0 for none; one that the end of the data cuts off extends beyond it."""
         sizes = np.full(len(places), self.header)
-        known = places + self.header <= len(data)
+        for k, values in enumerate(self.sync):
+            beyond = places + k >= len(data)
+            sizes *= beyond | _members(values)[data.take(places + k, mode="clip")]
+        known = (sizes > 0) & (places + self.header <= len(data))
         sizes[known] = self.sizes(data, places[known])
-        return places[sizes > 0], sizes[sizes > 0]
+        return sizes
 
 
 # Reads intact frames: data, frames, place of `data[0]` in the stream, and whether these are the last.
 Reading = Callable[[NDArray[np.uint8], Found, int, bool], tuple[Samples, list[Event]]]
 
 
-def places_of(data: NDArray[np.uint8], *sync: bytes) -> NDArray[np.int64]:
-    """Places where the first bytes have some of the values `sync`, as far as there are data."""
-    first = np.isin(data, list(sync[0])) if len(sync[0]) > 1 else data == sync[0][0]
-    places = np.flatnonzero(first)
-    for k, values in enumerate(sync[1:], start=1):
-        allowed = np.isin(data.take(places + k, mode="clip"), list(values))
-        places = places[allowed | (places + k >= len(data))]
-    return places
+def places_of(data: NDArray[np.uint8], values: bytes) -> NDArray[np.int64]:
+    """Places of bytes with one of these values."""
+    return np.flatnonzero(_members(values)[data])
+
+
+@cache
+def _members(values: bytes) -> NDArray[np.bool_]:
+    return np.isin(np.arange(256), list(values))
 
 
 def rows_of(data: NDArray[np.uint8], starts: NDArray[np.int64], size: int) -> NDArray[np.uint8]:
@@ -111,38 +114,69 @@ def select(
         chosen = np.array(kept)
     if not final:
         unfinished = starts[ends > length]
-        unfinished = unfinished[~covered(unfinished, starts[chosen], ends[chosen])]
+        unfinished = unfinished[_uncovered(unfinished, Found(starts[chosen], sizes[chosen], length))]
         limit = int(unfinished[0]) if len(unfinished) else length
         chosen = chosen[starts[chosen] < limit]
     return Found(starts[chosen], sizes[chosen], limit)
 
 
-def covered(places: NDArray[np.int64], starts: NDArray[np.int64], ends: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Whether each place is within one of the stretches, which are in order."""
-    return places < np.append(0, ends)[np.searchsorted(starts, places, "right")]
+def _uncovered(places: NDArray[np.int64], found: Found) -> NDArray[np.bool_]:
+    """Whether each place is outside all frames."""
+    ends = found.starts + found.sizes
+    joint = found.starts[1:] == ends[:-1]
+    begins = found.starts[np.append(True, ~joint)[: len(ends)]]
+    ends = ends[np.append(~joint, True)[: len(ends)]]
+    return places >= np.append(0, ends)[np.searchsorted(begins, places, "right")]
 
 
-def find(kinds: tuple[Frames, ...], data: NDArray[np.uint8], final: bool) -> Found:
-    """All complete frames of these kinds; `final`: no further data will come."""
-    candidates = [kind.candidates(data) for kind in kinds]
-    starts, sizes = (np.concatenate(parts) for parts in zip(*candidates, strict=True))
-    of_kind = np.repeat(np.arange(len(kinds)), [len(places) for places, _ in candidates])
-    if len(kinds) > 1:
-        order = np.argsort(starts)
-        starts, sizes, of_kind = starts[order], sizes[order], of_kind[order]
-    complete = starts + sizes <= len(data)
-    good = np.zeros(len(starts), bool)
-    # Frames followed by their like or by a return are checked first; then only the candidates that these do not cover.
-    unchecked, following = complete.copy(), data.take(starts + sizes, mode="clip")
-    check = complete & ((following == data[starts]) | (following == 0x0D))
+def find(kinds: tuple[Frames, ...], data: NDArray[np.uint8], final: bool, between: bytes = b"") -> Found:
+    """All complete frames of these kinds.
+
+    **Arguments:**
+
+    - `final`: no further data will come. `between`: bytes that may be between two frames.
+    """
+    starts, size = _run(kinds, data, between)
+    end = int(starts[-1]) + size if len(starts) else 0
+    others = _search(kinds, data[end:], final)
+    sizes = np.concatenate([np.full(len(starts), size), others.sizes])
+    return Found(np.concatenate([starts, others.starts + end]), sizes, others.limit + end)
+
+
+def _run(kinds: tuple[Frames, ...], data: NDArray[np.uint8], between: bytes) -> tuple[NDArray[np.int64], int]:
+    """Starts and size of the frames of one size that follow one another from the beginning."""
+    for kind in kinds:
+        size = int(kind.sizes_at(data, np.zeros(min(len(data), 1), int)).sum())
+        if 0 < size <= len(data):
+            period = size + len(between) * (data[size : size + len(between)].tobytes() == between)
+            starts = np.arange(0, len(data) - size + 1, period)
+            rows = np.lib.stride_tricks.sliding_window_view(data, size)[::period]
+            good = (kind.sizes_at(data, starts) == size) & kind.intact(rows)
+            return starts[: len(good) if good.all() else np.argmin(good)], size
+    return np.zeros(0, int), 0
+
+
+def _search(kinds: tuple[Frames, ...], data: NDArray[np.uint8], final: bool) -> Found:
+    candidates = list[tuple[NDArray, ...]]()
+    for number, kind in enumerate(kinds):
+        places = places_of(data, kind.sync[0])
+        candidates.append((places, sizes := kind.sizes_at(data, places), sizes * len(kinds) + number))
+    starts, sizes, shapes = (np.concatenate(parts) for parts in zip(*candidates, strict=True))
+    order = np.argsort(starts) if len(kinds) > 1 else np.arange(len(starts))
+    order = order[sizes[order] > 0]
+    starts, sizes, shapes = starts[order], sizes[order], shapes[order]
+    unchecked, good = starts + sizes <= len(data), np.zeros(len(starts), bool)
+    # Frames followed by their like are checked first; then only the candidates that these do not cover.
+    check = unchecked & (data.take(starts + sizes, mode="clip") == data[starts])
     while True:
-        unchecked &= ~check
-        for size, kind in {*zip(sizes[check].tolist(), of_kind[check].tolist(), strict=True)}:
-            these = np.flatnonzero(check & (sizes == size) & (of_kind == kind))
+        for shape in np.flatnonzero(np.bincount(shapes[check])).tolist():
+            size, kind = divmod(shape, len(kinds))
+            these = np.flatnonzero(check & (shapes == shape))
             for some in np.array_split(these, 1 + len(these) * size // _CHECKED_BYTES):
                 good[some] = kinds[kind].intact(rows_of(data, starts[some], size))
+        unchecked &= ~check
         found = select(starts, sizes, good, len(data), final)
-        check = unchecked & (starts < found.limit) & ~covered(starts, found.starts, found.starts + found.sizes)
+        check = unchecked & (starts < found.limit) & _uncovered(starts, found)
         if not check.any():
             return found
 
@@ -178,7 +212,7 @@ class FrameDecoder:
         data = np.concatenate([self._tail, np.frombuffer(fresh, np.uint8)])
         if not len(data) and not final:
             return Decoded(blank(0))
-        found = find(self._kinds, data, final)
+        found = find(self._kinds, data, final, self._between)
         if self._needed > 1:
             found = self._believed(found, final)
         counts = self._count(data, found)
