@@ -239,11 +239,14 @@ def count_losses(
     last = _last_of_stamps(host_s)
     wraps, tick_s = _wraps(np.maximum.accumulate(ticks)[last], host_s[last], modulus)
     highest = np.maximum.accumulate(number)
+    leading = np.maximum.accumulate(np.where((number == highest) & ~repeated, np.arange(n), 0))
+    place = np.zeros(n, int)
+    place[order] = np.arange(len(order))
     for stamp, count, certain in wraps:
         # The gap is between the last sample of the stamp before and the first with a different step.
-        before = highest[last[stamp - 1] : last[stamp] + 1]
-        odd = before[:-1][np.diff(before) != 1]
-        gap = min(int(np.searchsorted(sent, (odd if len(odd) else before)[0], "right")) - 1, len(missing) - 1)
+        between = np.arange(last[stamp - 1], last[stamp])
+        odd = between[np.diff(highest)[between] != 1]
+        gap = min(int(place[leading[(odd if len(odd) else between)[0]]]), len(missing) - 1)
         missing[gap] += round(count * modulus / step)
         sure[gap] &= certain
     duplicates = int(np.count_nonzero(repeated) + (missing < 0).sum())
