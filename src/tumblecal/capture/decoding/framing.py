@@ -52,9 +52,8 @@ class Frames:
     sizes: Callable[[NDArray[np.uint8], NDArray[np.int64]], NDArray[np.integer]]
     intact: Callable[[NDArray[np.uint8]], NDArray[np.bool_]]
 
-    def begins(self, data: NDArray[np.uint8], at: int) -> bool:
-        """Whether a frame may begin here."""
-        head = data[at : at + len(self.sync)].tolist()
+    def begins(self, head: bytes) -> bool:
+        """Whether a frame may begin with these bytes."""
         return len(head) == len(self.sync) and all(map(bytes.__contains__, self.sync, head))
 
     def sizes_at(self, data: NDArray[np.uint8], places: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -104,29 +103,16 @@ def select(
     cannot be decided yet.
     """
     ends = starts + sizes
-    chosen, limit = np.flatnonzero(good & (ends <= length)), length
-    if (starts[chosen[1:]] < ends[chosen[:-1]]).any():
-        kept, end = [], 0
-        for k in chosen.tolist():
-            if starts[k] >= end:
-                kept.append(k)
-                end = ends[k]
-        chosen = np.array(kept)
-    if not final:
-        unfinished = starts[ends > length]
-        unfinished = unfinished[_uncovered(unfinished, Found(starts[chosen], sizes[chosen], length))]
-        limit = int(unfinished[0]) if len(unfinished) else length
-        chosen = chosen[starts[chosen] < limit]
-    return Found(starts[chosen], sizes[chosen], limit)
-
-
-def _uncovered(places: NDArray[np.int64], found: Found) -> NDArray[np.bool_]:
-    """Whether each place is outside all frames."""
-    ends = found.starts + found.sizes
-    joint = found.starts[1:] == ends[:-1]
-    begins = found.starts[np.append(True, ~joint)[: len(ends)]]
-    ends = ends[np.append(~joint, True)[: len(ends)]]
-    return places >= np.append(0, ends)[np.searchsorted(begins, places, "right")]
+    kept, end, limit = list[int](), 0, length
+    considered = np.flatnonzero(good | ((ends > length) & (not final)))
+    for k, start, stop in zip(*(each[considered].tolist() for each in (np.arange(len(starts)), starts, ends)), strict=True):
+        if start >= end and stop > length:
+            limit = start
+            break
+        if start >= end:
+            kept.append(k)
+            end = stop
+    return Found(starts[kept], sizes[kept], limit)
 
 
 def find(kinds: tuple[Frames, ...], data: NDArray[np.uint8], final: bool, between: bytes = b"") -> Found:
@@ -136,49 +122,33 @@ def find(kinds: tuple[Frames, ...], data: NDArray[np.uint8], final: bool, betwee
 
     - `final`: no further data will come. `between`: bytes that may be between two frames.
     """
-    starts, size = _run(kinds, data, between)
-    end = int(starts[-1]) + size if len(starts) else 0
-    others = _search(kinds, data[end:], final)
-    sizes = np.concatenate([np.full(len(starts), size), others.sizes])
-    return Found(np.concatenate([starts, others.starts + end]), sizes, others.limit + end)
-
-
-def _run(kinds: tuple[Frames, ...], data: NDArray[np.uint8], between: bytes) -> tuple[NDArray[np.int64], int]:
-    """Starts and size of the frames of one size that follow one another from the beginning."""
+    # Usually the data begin with a run of frames of one size: they are checked where they are.
+    run, size, end = np.zeros(0, int), 0, 0
     for kind in kinds:
         size = int(kind.sizes_at(data, np.zeros(min(len(data), 1), int)).sum())
         if 0 < size <= len(data):
             period = size + len(between) * (data[size : size + len(between)].tobytes() == between)
-            starts = np.arange(0, len(data) - size + 1, period)
+            run = np.arange(0, len(data) - size + 1, period)
             rows = np.lib.stride_tricks.sliding_window_view(data, size)[::period]
-            good = (kind.sizes_at(data, starts) == size) & kind.intact(rows)
-            return starts[: len(good) if good.all() else np.argmin(good)], size
-    return np.zeros(0, int), 0
-
-
-def _search(kinds: tuple[Frames, ...], data: NDArray[np.uint8], final: bool) -> Found:
+            good = (kind.sizes_at(data, run) == size) & kind.intact(rows)
+            run = run[np.logical_and.accumulate(good)]
+            end = int(run[-1]) + size if len(run) else 0
+            break
+    # Behind it, each place with the first byte of a frame is a candidate.
     candidates = list[tuple[NDArray, ...]]()
-    for number, kind in enumerate(kinds):
-        places = places_of(data, kind.sync[0])
-        candidates.append((places, sizes := kind.sizes_at(data, places), sizes * len(kinds) + number))
-    starts, sizes, shapes = (np.concatenate(parts) for parts in zip(*candidates, strict=True))
-    order = np.argsort(starts) if len(kinds) > 1 else np.arange(len(starts))
-    order = order[sizes[order] > 0]
-    starts, sizes, shapes = starts[order], sizes[order], shapes[order]
-    unchecked, good = starts + sizes <= len(data), np.zeros(len(starts), bool)
-    # Frames followed by their like are checked first; then only the candidates that these do not cover.
-    check = unchecked & (data.take(starts + sizes, mode="clip") == data[starts])
-    while True:
-        for shape in np.flatnonzero(np.bincount(shapes[check])).tolist():
-            size, kind = divmod(shape, len(kinds))
-            these = np.flatnonzero(check & (shapes == shape))
-            for some in np.array_split(these, 1 + len(these) * size // _CHECKED_BYTES):
-                good[some] = kinds[kind].intact(rows_of(data, starts[some], size))
-        unchecked &= ~check
-        found = select(starts, sizes, good, len(data), final)
-        check = unchecked & (starts < found.limit) & _uncovered(starts, found)
-        if not check.any():
-            return found
+    for kind in kinds:
+        places = end + places_of(data[end:], kind.sync[0])
+        sizes, good = kind.sizes_at(data, places), np.zeros(len(places), bool)
+        for one in np.unique(sizes[(sizes > 0) & (places + sizes <= len(data))]).tolist():
+            these = np.flatnonzero((sizes == one) & (places + one <= len(data)))
+            for some in np.array_split(these, 1 + len(these) * one // _CHECKED_BYTES):
+                good[some] = kind.intact(rows_of(data, places[some], one))
+        candidates.append((places, sizes, good))
+    places, sizes, good = (np.concatenate(parts) for parts in zip(*candidates, strict=True))
+    order = np.argsort(places)
+    found = select(places[order], sizes[order], good[order], len(data), final)
+    sizes = np.append(np.full(len(run), size), found.sizes)
+    return Found(np.append(run, found.starts), sizes, found.limit)
 
 
 class FrameDecoder:
@@ -195,10 +165,10 @@ class FrameDecoder:
         self._read, self._kinds, self._needed, self._between = read, kinds, lock_after, between
         # Whether the frame boundary is known, for protocols whose check alone is too weak to trust.
         self._locked = lock_after <= 1
-        self._tail = np.zeros(0, np.uint8)
-        self._offset = self._last_end = 0
+        # The unfinished bytes, their place in the stream, and the end of the last frame from there.
+        self._tail, self._offset, self._end = np.zeros(0, np.uint8), 0, 0
         self._seen_any = self._gap_begins_like_a_frame = False
-        self._refused: set[str] = set()
+        self._refused = set[str]()
 
     def feed(self, data: bytes) -> Decoded:
         """Decode what `data` completes."""
@@ -210,75 +180,59 @@ class FrameDecoder:
 
     def _advance(self, fresh: bytes, final: bool) -> Decoded:
         data = np.concatenate([self._tail, np.frombuffer(fresh, np.uint8)])
-        if not len(data) and not final:
-            return Decoded(blank(0))
         found = find(self._kinds, data, final, self._between)
         if self._needed > 1:
             found = self._believed(found, final)
-        counts = self._count(data, found)
         # A correct check does not imply correct numbers: numbers that are not finite are flagged.
         with np.errstate(over="ignore", invalid="ignore"):
             samples, events = self._read(data, found, self._offset, final)
-        counts.frames, counts.special = len(samples), len(found.starts) - len(samples)
-        self._keep_tail(data, found.limit, final, counts)
-        reported = []
-        for event in events:
-            # Valid frames that are not read: each reason is reported once.
-            if event.kind != "refused" or event.content["text"] not in self._refused:
-                reported.append(event)
-                self._refused |= {event.content["text"]} if event.kind == "refused" else set()
-        return Decoded(samples, reported, counts)
-
-    def _believed(self, found: Found, final: bool) -> Found:
-        """Drop isolated frames while the frame boundary is unknown."""
-        starts, ends = found.starts, found.starts + found.sizes
-        keep, last_end = np.zeros(len(starts), bool), self._last_end - self._offset
-        edges = np.flatnonzero(starts[1:] != ends[:-1]) + 1 if len(starts) else []
-        for group in np.split(np.arange(len(starts)), edges) if len(starts) else []:
-            near = self._locked and starts[group[0]] - last_end <= _LOCK_REACH_BYTES
-            if near or len(group) >= self._needed:
-                keep[group] = self._locked = True
-                last_end = ends[group[-1]]
-            elif ends[group[-1]] >= found.limit and not final:
-                return Found(starts[keep], found.sizes[keep], int(starts[group[0]]))
-            else:
-                self._locked = False
-        return Found(starts[keep], found.sizes[keep], found.limit)
-
-    def _count(self, data: NDArray[np.uint8], found: Found) -> Counts:
-        """Count the bytes between frames, and note the end of the last one."""
-        counts = Counts()
-        ends = np.append(self._last_end - self._offset, found.starts + found.sizes)
-        gaps = found.starts - ends[:-1]
-        for at, gap in zip(ends[:-1][gaps > 0].tolist(), gaps[gaps > 0].tolist(), strict=True):
-            if self._is_between(data, at, gap):
+        counts = Counts(frames=len(samples), special=len(found.starts) - len(samples))
+        # Bytes before each frame, and at the end of the stream.
+        ends = np.append(self._end, found.starts + found.sizes)
+        gaps = np.append(found.starts, [len(data)] * final) - ends[: len(found.starts) + final]
+        for k in np.flatnonzero(gaps).tolist():
+            at, gap = int(ends[k]), int(gaps[k])
+            if at >= 0 and data[at : at + gap].tobytes() == self._between:
                 continue
             counts.discarded += gap
-            if self._seen_any or at > ends[0]:
+            if k < len(found.starts) and (self._seen_any or k):
                 counts.resyncs += 1
                 counts.check_failures += self._begins(data, at) if at >= 0 else self._gap_begins_like_a_frame
         self._seen_any |= len(found.starts) > 0
-        self._last_end = int(ends[-1]) + self._offset
-        return counts
+        end, limit = int(ends[-1]), found.limit
+        if final:
+            end = limit = len(data)
+        elif limit - end <= len(self._between):
+            limit = max(end, 0)
+        elif end >= 0:
+            self._gap_begins_like_a_frame = self._begins(data, end)
+        self._tail, self._offset, self._end = data[limit:].copy(), self._offset + limit, end - limit
+        return Decoded(samples, [event for event in events if self._is_new(event)], counts)
+
+    def _is_new(self, event: Event) -> bool:
+        """Whether an event is to be reported: each reason for valid frames that are not read is reported once."""
+        known = len(self._refused)
+        if event.kind == "refused":
+            self._refused.add(event.content["text"])
+        return event.kind != "refused" or len(self._refused) > known
 
     def _begins(self, data: NDArray[np.uint8], at: int) -> bool:
-        return any(kind.begins(data, at) for kind in self._kinds)
+        return any(kind.begins(data[at : at + len(kind.sync)].tobytes()) for kind in self._kinds)
 
-    def _is_between(self, data: NDArray[np.uint8], at: int, gap: int) -> bool:
-        return at >= 0 and gap == len(self._between) and data[at : at + gap].tobytes() == self._between
-
-    def _keep_tail(self, data: NDArray[np.uint8], limit: int, final: bool, counts: Counts) -> None:
-        last_end = self._last_end - self._offset
-        if final:
-            rest, limit = len(data) - last_end, len(data)
-            counts.discarded += 0 if self._is_between(data, last_end, rest) else rest
-            self._last_end = self._offset + limit
-        elif limit - last_end <= len(self._between):
-            limit = max(last_end, 0)
-        elif 0 <= last_end < limit:
-            self._gap_begins_like_a_frame = self._begins(data, last_end)
-        self._tail = data[limit:].copy()
-        self._offset += limit
+    def _believed(self, found: Found, final: bool) -> Found:
+        """Drop isolated frames while the frame boundary is unknown."""
+        starts, sizes, limit = found
+        ends, keep, end = starts + sizes, np.zeros(len(starts), bool), self._end
+        edges = np.flatnonzero(starts[1:] != ends[:-1]) + 1
+        for first, stop in zip([0, *edges], [*edges, len(starts)], strict=True) if len(starts) else ():
+            near = self._locked and starts[first] - end <= _LOCK_REACH_BYTES
+            if not near and stop - first < self._needed and ends[stop - 1] >= limit and not final:
+                limit = int(starts[first])
+                break
+            self._locked = near or stop - first >= self._needed
+            keep[first:stop] = self._locked
+            end = ends[stop - 1] if self._locked else end
+        return Found(starts[keep], sizes[keep], limit)
 
 
 def decode_all(decoder: "Decoder", data: bytes, chunk: int = 1 << 22) -> Decoded:
