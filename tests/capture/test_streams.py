@@ -9,9 +9,8 @@ from streams import some_samples
 from tumblecal.capture.decoding.framing import decode_all
 from tumblecal.capture.decoding.samples import Counts, Samples, Settings, blank, joined
 from tumblecal.capture.protocols import protocol, protocols
-from tumblecal.capture.protocols.stim300_datagrams import LAYOUTS, SPECIALS
 from tumblecal.capture.protocols.stim300 import encode
-from tumblecal.capture.protocols.stim300_datagrams import encode_configuration, encode_special
+from tumblecal.capture.protocols.stim300_datagrams import LAYOUTS, SPECIALS, encode_configuration, encode_special
 
 
 NAMES = sorted(protocols())

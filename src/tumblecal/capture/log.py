@@ -250,7 +250,7 @@ class LogWriter:
         if not self.path.exists() or not os.path.samestat(self.path.stat(), own):
             moved = Path(f"/proc/self/fd/{self._descriptor}")
             if not own.st_nlink or not moved.exists():
-                words = "was deleted while capturing; recording stopped, and the contents of this file are lost. Begin a new run"
+                words = "was deleted while capturing; recording stopped, and this file is lost. Begin a new run"
             else:
                 folder = moved.resolve().parent
                 words = f"was moved while capturing; recording stopped, all data before are stored: --resume {folder}"

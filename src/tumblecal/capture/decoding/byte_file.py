@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from tumblecal.capture.decoding.frame_numbers import FrameNumbers
-from tumblecal.capture.decoding.losses import commonest_step
+from tumblecal.capture.decoding.frame_numbers import CountedStream
 from tumblecal.capture.decoding.sample_table import columns_of, table_of, write_frames
 from tumblecal.capture.decoding.samples import Counts, Decoded, Event, Samples, Stated, blank
 from tumblecal.capture.decoding.sniff import ENOUGH, guesses
@@ -84,7 +83,9 @@ class FileContents:
     # A typical specific force, and sums of the differences from it and of their squares.
     _typical: np.ndarray = field(default_factory=lambda: np.zeros(3))
     _sums: np.ndarray = field(default_factory=lambda: np.zeros((2, 3)))
-    _frames: FrameNumbers | None = None
+
+    def __post_init__(self) -> None:
+        self._stream = CountedStream(self.protocol.counter, self.rate_hz)
 
     def add(self, piece: Decoded) -> None:
         """Count a piece."""
@@ -101,18 +102,8 @@ class FileContents:
             self.good += len(force)
             with np.errstate(over="ignore", invalid="ignore"):
                 difference = force - self._typical
-                self._sums = self._sums + [difference.sum(0), (difference**2).sum(0)]
-        counter = self.protocol.counter
-        if counter is None or not len(samples) or samples.counter[0] < 0:
-            return
-        if self._frames is None:
-            step = commonest_step(samples.counter, counter.modulus)
-            if counter.ticks_per_s and self.rate_hz:
-                step = max(1, round(counter.ticks_per_s / self.rate_hz))
-            self._frames = FrameNumbers(counter.modulus, step)
-        # A file has no stamps: only losses that the counter shows can be counted.
-        replies = np.array([event.stop for event in piece.events if event.counted], int)
-        self._frames.take(samples.counter, samples.content, replies=np.searchsorted(samples.stop, replies))
+                self._sums = self._sums + np.array([difference.sum(0), (difference**2).sum(0)])
+        self._stream.add(piece)
 
     def faults(self) -> Iterator[str]:
         """Unreadable parts, one line each."""
@@ -127,7 +118,7 @@ class FileContents:
 
     def losses(self) -> str:
         """A line on lost samples; empty if there is no counter."""
-        counter, found = self.protocol.counter, self._frames
+        counter, found = self.protocol.counter, self._stream.numbers
         if counter is None or found is None or self.samples < 3:
             return ""
         wraps = f" (whole wraps of {counter.modulus} cannot be seen in a file)" if counter.modulus <= 65536 else ""

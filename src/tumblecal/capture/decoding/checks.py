@@ -8,6 +8,8 @@ from operator import xor
 import numpy as np
 from numpy.typing import NDArray
 
+from tumblecal.capture.decoding.samples import Bytes, Integers
+
 
 CRC32_MPEG2_POLYNOMIAL = 0x04C11DB7
 
@@ -21,14 +23,14 @@ def _crc32_columns(length: int) -> tuple[NDArray[np.uint32], np.uint32]:
     table = np.arange(256, dtype=np.uint32) << 24
     for _ in range(8):
         table = table << 1 ^ np.where(table >> 31, np.uint32(CRC32_MPEG2_POLYNOMIAL), np.uint32(0))
-    columns = np.tile(table, (length, 1))
+    columns = np.tile(table, (length, 1)).astype(np.uint32)
     for j in range(length - 1, 0, -1):
         columns[j - 1] = columns[j] << 8 ^ table[columns[j] >> 24]
     # An initial register of ones equals inverting the first four bytes.
-    return columns, np.bitwise_xor.reduce(columns[:4, 0xFF])
+    return columns, np.uint32(np.bitwise_xor.reduce(columns[:4, 0xFF]))
 
 
-def crc32_mpeg2(rows: NDArray[np.uint8], padding: int = 0) -> NDArray[np.uint32]:
+def crc32_mpeg2(rows: Bytes, padding: int = 0) -> NDArray[np.uint32]:
     """CRC-32/MPEG-2 of the rows of a (n, length) array, each followed by `padding` zero bytes that are not sent (STIM300).
 
     Polynomial 0x04C11DB7, initial register all ones, not reflected, no final inversion; `length` is at least 4.
@@ -50,11 +52,11 @@ def exclusive_or(text: bytes) -> int:
     return reduce(xor, text, 0)
 
 
-def byte_sum(rows: NDArray[np.uint8]) -> NDArray[np.int64]:
+def byte_sum(rows: Bytes) -> Integers:
     """The sum of the bytes of each row, shape (n,)."""
     return rows.sum(axis=1, dtype=np.int64)
 
 
-def ends_with(check: Callable[[NDArray[np.uint8]], NDArray[np.uint8]], size: int) -> Callable:
+def ends_with(check: Callable[[Bytes], Bytes], size: int) -> Callable:
     """A function for whether frames, shape (n, length), end with the `size` bytes that `check` computes from those before."""
     return lambda rows: (check(rows[:, :-size]) == rows[:, -size:]).all(axis=1)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from tumblecal.capture.decoding.framing import Found, Reading, rows_of
-from tumblecal.capture.decoding.samples import Event, Samples, blank, joined, not_a_number
+from tumblecal.capture.decoding.samples import Bytes, Event, Samples, blank, joined, not_a_number
 
 
 class Field(NamedTuple):
@@ -41,7 +41,7 @@ class Layout(NamedTuple):
     event: str = ""
 
 
-def filled(rows: NDArray[np.uint8], fields: dict[str, Field]) -> Samples:
+def filled(rows: Bytes, fields: dict[str, Field]) -> Samples:
     """Samples of frames of one layout, shape (n, size); `stop` is not set."""
     samples = blank(len(rows))
     for quantity, (at, kind, scaled) in fields.items():
@@ -55,7 +55,7 @@ def filled(rows: NDArray[np.uint8], fields: dict[str, Field]) -> Samples:
 def reading(layout_of: Callable[[bytes], Layout]) -> Reading:
     """A function that reads self-describing frames; frames of one layout are read together."""
 
-    def read(data: NDArray[np.uint8], found: Found, offset: int, final: bool) -> tuple[Samples, list[Event]]:
+    def read(data: Bytes, found: Found, offset: int, final: bool) -> tuple[Samples, list[Event]]:
         parts, events = [blank(0)], list[Event]()
         starts, sizes = found.starts, found.sizes
         while len(starts):
@@ -87,7 +87,7 @@ def in_order(parts: list[Samples]) -> Samples:
     return samples[np.argsort(samples.stop)] if len(parts) > 2 else samples
 
 
-def frames_of(n: int, *parts: bytes | NDArray) -> NDArray[np.uint8]:
+def frames_of(n: int, *parts: bytes | NDArray) -> Bytes:
     """`n` frames, shape (n, size): constant bytes, and columns of numbers, shape (n,) or (n, k), in their own type."""
     columns = [np.frombuffer(part * n, np.uint8) if isinstance(part, bytes) else part for part in parts]
     return np.hstack([np.ascontiguousarray(column).view(np.uint8).reshape(n, -1) for column in columns])

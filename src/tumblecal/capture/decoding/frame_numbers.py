@@ -6,19 +6,38 @@ is a repeat. Every other step of the counter is forward (modular arithmetic); wh
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tumblecal.capture.decoding.samples import Decoded, Integers, Mask, Samples, Status, joined
+
+
+if TYPE_CHECKING:
+    from tumblecal.capture.protocols import DeviceCounter
 
 # Contents of frames without their counter, for a slice of a piece: shape (n, k).
 Content = Callable[[slice], NDArray]
 
 # Number of later frames that may arrive before a frame that they overtook.
 WINDOW = 8
+# Number of samples from which the step of the counter is estimated.
+_ENOUGH_FOR_STEP = 8
 # A counter with a larger forward step was reset: counters of 64 bits do not wrap.
 _MOST_TICKS = 1 << 53
+
+
+def commonest_step(counter: Integers, modulus: int, restarted: Mask | None = None) -> int:
+    """The usual step of a counter: exact if it counts samples, the median if it is a clock."""
+    steps = np.diff(counter) % modulus
+    steps = steps if restarted is None else steps[~restarted]
+    # Steps of more than half the counter are backwards.
+    steps = steps[(steps > 0) & (steps <= modulus // 2)]
+    if not len(steps):
+        return 1
+    values, counts = np.unique(steps, return_counts=True)
+    return int(values[np.argmax(counts)] if counts.max() > len(steps) / 4 else np.median(steps))
 
 
 class Numbered(NamedTuple):
@@ -32,9 +51,9 @@ class Numbered(NamedTuple):
     - `repeated`: whether the same frame had arrived before.
     """
 
-    number: NDArray[np.int64]
-    ticks: NDArray[np.int64]
-    repeated: NDArray[np.bool_]
+    number: Integers
+    ticks: Integers
+    repeated: Mask
 
 
 class FrameNumbers:
@@ -62,10 +81,10 @@ class FrameNumbers:
 
     def take(
         self,
-        counter: NDArray[np.int64],
+        counter: Integers,
         content: Content | None = None,
-        restarted: NDArray[np.bool_] | None = None,
-        replies: NDArray[np.int64] | None = None,
+        restarted: Mask | None = None,
+        replies: Integers | None = None,
     ) -> Numbered:
         """Number the next frames.
 
@@ -141,7 +160,8 @@ class FrameNumbers:
         self.lost += missing - replaced
         self.gaps += missing > replaced
         if replaced < missing <= self.window:
-            self._missing |= dict.fromkeys(range(self._top + 1, self._top + ahead), [missing])
+            gap = [missing]
+            self._missing |= dict.fromkeys(range(self._top + 1, self._top + ahead), gap)
         self._recent[self._top + ahead] = content
         self._highest(self._top + ahead, self._top_ticks + forward, counter)
         return self._top, self._top_ticks, False
@@ -153,3 +173,41 @@ class FrameNumbers:
         gap = self._missing.pop(number, [0])
         gap[0] -= 1
         self.gaps -= gap[0] == 0
+
+
+class CountedStream:
+    """Numbers the samples of a stream without stamps: only losses that the device's counter shows are counted.
+
+    **Arguments:**
+
+    - `counter`: the device's counter, if there is one. `rate_hz`: the sample rate; otherwise the step is estimated.
+
+    `numbers`: None before the step is known; `restarts`: restarts of the device since then.
+    """
+
+    numbers: FrameNumbers | None
+
+    def __init__(self, counter: "DeviceCounter | None", rate_hz: float | None = None):
+        self._counter, self._rate_hz, self._starting = counter, rate_hz, False
+        self.numbers, self.restarts, self._early = None, 0, list[Samples]()
+
+    def add(self, piece: Decoded) -> None:
+        """Number the samples of the next piece."""
+        samples, counter = piece.samples, self._counter
+        if counter is None or not len(samples) or samples.counter[0] < 0:
+            return
+        starting = np.append(self._starting, (samples.status & Status.STARTING) != 0)
+        restarted, self._starting = starting[1:] & ~starting[:-1], bool(starting[-1])
+        if self.numbers is None:
+            self._early.append(samples)
+            samples = joined(self._early)
+            if len(samples) < _ENOUGH_FOR_STEP:
+                return
+            step = commonest_step(samples.counter, counter.modulus)
+            if counter.ticks_per_s and self._rate_hz:
+                step = max(1, round(counter.ticks_per_s / self._rate_hz))
+            self.numbers, restarted = FrameNumbers(counter.modulus, step), None
+        else:
+            self.restarts += int(restarted.sum())
+        replies = np.array([event.stop for event in piece.events if event.counted], int)
+        self.numbers.take(samples.counter, samples.content, restarted, np.searchsorted(samples.stop, replies))

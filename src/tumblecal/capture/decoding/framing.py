@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tumblecal.capture.decoding.samples import Counts, Decoded, Event, Samples, blank, joined
+from tumblecal.capture.decoding.samples import Bytes, Counts, Decoded, Event, Integers, Mask, Samples, joined
 
 
 if TYPE_CHECKING:
@@ -30,8 +30,8 @@ class Found(NamedTuple):
     `starts` and `sizes`: shape (n,); `limit`: end of the decided part (a frame that may begin at `limit` is not complete yet).
     """
 
-    starts: NDArray[np.int64]
-    sizes: NDArray[np.int64]
+    starts: Integers
+    sizes: Integers
     limit: int
 
 
@@ -49,15 +49,15 @@ class Frames:
 
     sync: tuple[bytes, ...]
     header: int
-    sizes: Callable[[NDArray[np.uint8], NDArray[np.int64]], NDArray[np.integer]]
-    intact: Callable[[NDArray[np.uint8]], NDArray[np.bool_]]
+    sizes: Callable[[Bytes, Integers], Integers]
+    intact: Callable[[Bytes], Mask]
 
     def begins(self, head: bytes) -> bool:
         """Whether a frame may begin with these bytes."""
         return len(head) == len(self.sync) and all(map(bytes.__contains__, self.sync, head))
 
-    def sizes_at(self, data: NDArray[np.uint8], places: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Size of the frame that may begin at each place, 0 for none; one that the end of the data cuts off extends beyond it."""
+    def sizes_at(self, data: Bytes, places: Integers) -> Integers:
+        """Size of the frame that may begin at each place: 0 for none; a frame that is cut off extends beyond the data."""
         sizes = np.full(len(places), self.header)
         for k, values in enumerate(self.sync):
             beyond = places + k >= len(data)
@@ -68,35 +68,33 @@ class Frames:
 
 
 # Reads intact frames: data, frames, place of `data[0]` in the stream, and whether these are the last.
-Reading = Callable[[NDArray[np.uint8], Found, int, bool], tuple[Samples, list[Event]]]
+Reading = Callable[[Bytes, Found, int, bool], tuple[Samples, list[Event]]]
 
 
-def places_of(data: NDArray[np.uint8], values: bytes) -> NDArray[np.int64]:
+def places_of(data: Bytes, values: bytes) -> Integers:
     """Places of bytes with one of these values."""
     return np.flatnonzero(_members(values)[data])
 
 
 @cache
-def _members(values: bytes) -> NDArray[np.bool_]:
+def _members(values: bytes) -> Mask:
     return np.isin(np.arange(256), list(values))
 
 
-def rows_of(data: NDArray[np.uint8], starts: NDArray[np.int64], size: int) -> NDArray[np.uint8]:
+def rows_of(data: Bytes, starts: Integers, size: int) -> Bytes:
     """The frames of `size` bytes that begin at `starts`, shape (n, size)."""
     if not len(starts):
         return np.zeros((0, size), np.uint8)
     return np.lib.stride_tricks.sliding_window_view(data, size)[starts]
 
 
-def column(data: NDArray[np.uint8], starts: NDArray[np.int64], at: int, kind: str, n: int = 1) -> NDArray:
+def column(data: Bytes, starts: Integers, at: int, kind: str, n: int = 1) -> NDArray:
     """`n` numbers of numpy type `kind` at `starts + at`, shape (frames, n), or (frames,) for one."""
     values = rows_of(data, starts + at, np.dtype(kind).itemsize * n).view(kind)
     return values[:, 0] if n == 1 else values
 
 
-def select(
-    starts: NDArray[np.int64], sizes: NDArray[np.integer], good: NDArray[np.bool_], length: int, final: bool
-) -> Found:
+def select(starts: Integers, sizes: Integers, good: Mask, length: int, final: bool) -> Found:
     """Select the first good candidate in order, then the first good one after its end, and so on.
 
     A candidate that extends beyond `length` and is not covered by a good frame ends the search unless `final`: later data
@@ -105,7 +103,9 @@ def select(
     ends = starts + sizes
     kept, end, limit = list[int](), 0, length
     considered = np.flatnonzero(good | ((ends > length) & (not final)))
-    for k, start, stop in zip(*(each[considered].tolist() for each in (np.arange(len(starts)), starts, ends)), strict=True):
+    for k, start, stop in zip(
+        *(each[considered].tolist() for each in (np.arange(len(starts)), starts, ends)), strict=True
+    ):
         if start >= end and stop > length:
             limit = start
             break
@@ -115,7 +115,7 @@ def select(
     return Found(starts[kept], sizes[kept], limit)
 
 
-def find(kinds: tuple[Frames, ...], data: NDArray[np.uint8], final: bool, between: bytes = b"") -> Found:
+def find(kinds: tuple[Frames, ...], data: Bytes, final: bool, between: bytes = b"") -> Found:
     """All complete frames of these kinds.
 
     **Arguments:**
@@ -216,7 +216,7 @@ class FrameDecoder:
             self._refused.add(event.content["text"])
         return event.kind != "refused" or len(self._refused) > known
 
-    def _begins(self, data: NDArray[np.uint8], at: int) -> bool:
+    def _begins(self, data: Bytes, at: int) -> bool:
         return any(kind.begins(data[at : at + len(kind.sync)].tobytes()) for kind in self._kinds)
 
     def _believed(self, found: Found, final: bool) -> Found:

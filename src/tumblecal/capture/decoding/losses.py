@@ -10,9 +10,9 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tumblecal.capture.decoding.frame_numbers import Content, FrameNumbers
+from tumblecal.capture.decoding.frame_numbers import Content, FrameNumbers, commonest_step
+from tumblecal.capture.decoding.samples import Floats, Integers
 
 
 # Time before and after a gap in which the lowest delay is searched, s.
@@ -43,7 +43,7 @@ class Rates(NamedTuple):
     half_s: float
 
     @classmethod
-    def of(cls, number: NDArray[np.int64], time_s: NDArray[np.float64]) -> "Rates":
+    def of(cls, number: Integers, time_s: Floats) -> "Rates":
         """From the numbers of the samples that completed each stamp, and their times (n,); NaN for too few."""
         if len(time_s) < 3 or not time_s[-1] > time_s[0]:
             return _NO_RATES
@@ -95,7 +95,7 @@ class Losses:
     counted: bool = True
     rates: Rates = _NO_RATES
 
-    def by_device(self, clock: NDArray[np.float64], host_s: NDArray[np.float64]) -> "Losses":
+    def by_device(self, clock: Floats, host_s: Floats) -> "Losses":
         """With the rates by the device's clock (n,), if it shows them; `host_s`: stamp of each sample (n,).
 
         The clock must rise from sample to sample, in a power of ten of seconds by the stamps.
@@ -113,12 +113,12 @@ class Losses:
         return replace(self, rates=rates, rate_hz=rates.mean_hz)
 
 
-def _last_of_stamps(host_s: NDArray[np.float64]) -> NDArray[np.int64]:
+def _last_of_stamps(host_s: Floats) -> Integers:
     """The last sample of each stamp."""
     return np.flatnonzero(np.append(host_s[1:] != host_s[:-1], True)[: len(host_s)])
 
 
-def _window(host_s: NDArray[np.float64], stamp: int) -> tuple[int, int]:
+def _window(host_s: Floats, stamp: int) -> tuple[int, int]:
     """The stamps shortly before and after a pause before `stamp`: the first, and the one behind the last."""
     return (
         int(np.searchsorted(host_s, host_s[stamp - 1] - _WINDOW_S)),
@@ -126,7 +126,7 @@ def _window(host_s: NDArray[np.float64], stamp: int) -> tuple[int, int]:
     )
 
 
-def _host_per_tick(ticks: NDArray[np.int64], host_s: NDArray[np.float64]) -> float:
+def _host_per_tick(ticks: Integers, host_s: Floats) -> float:
     """Host seconds a tick: the median slope over stretches of about a second, so gaps do not matter.
 
     **Arguments:**
@@ -142,7 +142,7 @@ def _host_per_tick(ticks: NDArray[np.int64], host_s: NDArray[np.float64]) -> flo
     return float(np.median(slopes)) if len(slopes) else np.nan
 
 
-def _envelope_slope(ticks: NDArray[np.int64], host_s: NDArray[np.float64], tick_s: float) -> float:
+def _envelope_slope(ticks: Integers, host_s: Floats, tick_s: float) -> float:
     """Host seconds a tick along the lower envelope: a line through the earliest stamps of many short stretches."""
     bins = int(np.clip(host_s[-1] - host_s[0], 2, 400))
     edges = np.unique(np.searchsorted(host_s, np.linspace(host_s[0], host_s[-1], bins + 1)[:-1]))
@@ -153,9 +153,7 @@ def _envelope_slope(ticks: NDArray[np.int64], host_s: NDArray[np.float64], tick_
     return tick_s + float(np.median((lowest[half:] - lowest[:-half]) / (middle[half:] - middle[:-half])))
 
 
-def _wraps(
-    ticks: NDArray[np.int64], host_s: NDArray[np.float64], modulus: int
-) -> tuple[list[tuple[int, int, bool]], float]:
+def _wraps(ticks: Integers, host_s: Floats, modulus: int) -> tuple[list[tuple[int, int, bool]], float]:
     """Missing whole wraps: (stamp before which they are missing, how many, certain), and host seconds a tick.
 
     A first pass with a rough slope finds most of them; the slope along the corrected envelope then decides.
@@ -171,7 +169,7 @@ def _wraps(
     return wraps, tick_s
 
 
-def _steps(delay: NDArray[np.float64], host_s: NDArray[np.float64], wrap_s: float) -> list[tuple[int, int, bool]]:
+def _steps(delay: Floats, host_s: Floats, wrap_s: float) -> list[tuple[int, int, bool]]:
     """Steps of the lower envelope of the delay by whole wraps, one after the other."""
     steps = list[tuple[int, int, bool]]()
     if wrap_s < _SHORTEST_WRAP_S:
@@ -197,12 +195,12 @@ def _steps(delay: NDArray[np.float64], host_s: NDArray[np.float64], wrap_s: floa
 
 
 def count_losses(
-    counter: NDArray[np.int64],
-    host_s: NDArray[np.float64],
+    counter: Integers,
+    host_s: Floats,
     modulus: int,
     step: int | None = None,
-    special_after: NDArray[np.int64] | None = None,
-    restarts: NDArray[np.int64] | None = None,
+    special_after: Integers | None = None,
+    restarts: Integers | None = None,
     content: Content | None = None,
 ) -> Losses:
     """Count the samples lost between the first and the last.
@@ -264,21 +262,7 @@ def count_losses(
     )
 
 
-def commonest_step(counter: NDArray[np.int64], modulus: int, restarted: NDArray[np.bool_] | None = None) -> int:
-    """The usual step of a counter: exact if it counts samples, the median if it is a clock."""
-    steps = np.diff(counter) % modulus
-    steps = steps if restarted is None else steps[~restarted]
-    # Steps of more than half the counter are backwards.
-    steps = steps[(steps > 0) & (steps <= modulus // 2)]
-    if not len(steps):
-        return 1
-    values, counts = np.unique(steps, return_counts=True)
-    return int(values[np.argmax(counts)] if counts.max() > len(steps) / 4 else np.median(steps))
-
-
-def _replaced(
-    missing: NDArray[np.int64], order: NDArray[np.int64], special_after: NDArray[np.int64] | None, window: int
-) -> NDArray[np.int64]:
+def _replaced(missing: Integers, order: Integers, special_after: Integers | None, window: int) -> Integers:
     """Number of samples of each gap replaced by replies: of the gap where the reply arrived, or one within the window."""
     replaced, after = np.zeros_like(missing), order[:-1]
     for special in [] if special_after is None else special_after[special_after >= 0].tolist():
@@ -288,7 +272,7 @@ def _replaced(
     return replaced
 
 
-def losses_from_time(host_s: NDArray[np.float64], rate_hz: float | None) -> Losses:
+def losses_from_time(host_s: Floats, rate_hz: float | None) -> Losses:
     """An estimate for a stream without counter: pauses of the stamps that no later burst compensates.
 
     **Arguments:**

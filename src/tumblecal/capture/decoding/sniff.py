@@ -53,7 +53,7 @@ def described(data: bytes, wanted: str | None = None) -> str:
     """One line for the operator on bytes that the expected protocol cannot read."""
     best = guesses(data)[0]
     if best.explained >= ENOUGH and best.name == wanted:
-        events = decode_all(protocols()[wanted].decoder(None), data).events
+        events = decode_all(protocols()[best.name].decoder(None), data).events
         refused = next((e.content["text"] for e in events if e.kind == "refused"), None)
         return refused or f"the device sends {wanted} without a specific force: enable it in the device"
     if best.explained >= ENOUGH:
@@ -82,7 +82,9 @@ def unknown_words(data: bytes) -> str:
         length = 3 + int(np.argmax(agreement > usual + 0.9 * (agreement.max() - usual)))
         rows = content[: len(content) // length * length].reshape(-1, length)
         usual_bytes = [np.bincount(column).argmax() for column in rows.T]
-        same = [f"{byte:02X}" for byte, column in zip(usual_bytes, rows.T, strict=True) if (column == byte).mean() > 0.9]
+        same = [
+            f"{byte:02X}" for byte, column in zip(usual_bytes, rows.T, strict=True) if (column == byte).mean() > 0.9
+        ]
         fixed = f"{len(same)} of them never change ({' '.join(same[:8]) or 'none'})"
         return f"the bytes repeat every {length} bytes, like frames of that length; {fixed}"
     kind = "like compressed data, or a wrong baud rate" if bits > 7.5 else "without frames of one length"

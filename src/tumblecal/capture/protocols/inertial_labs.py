@@ -5,12 +5,11 @@ the bytes behind the preamble. 0x23 specific force 1e-6 g, 0x21 rate 1e-5 deg/s,
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tumblecal.capture.decoding.checks import byte_sum, ends_with
 from tumblecal.capture.decoding.fields import Field, Layout, frames_of, reading
 from tumblecal.capture.decoding.framing import FrameDecoder, Frames, column
-from tumblecal.capture.decoding.samples import Samples, Settings, Status
+from tumblecal.capture.decoding.samples import Bytes, Integers, Samples, Settings, Status
 from tumblecal.capture.protocols import Protocol
 
 
@@ -24,12 +23,12 @@ _FIELDS = {
 }
 
 
-def _sizes(data: NDArray[np.uint8], places: NDArray[np.int64]) -> NDArray[np.int64]:
+def _sizes(data: Bytes, places: Integers) -> Integers:
     sizes = column(data, places, 4, "<u2").astype(int) + 2
     return np.where((sizes >= 8) & (sizes <= _LARGEST), sizes, 0)
 
 
-def _check(rows: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _check(rows: Bytes) -> Bytes:
     """The sum behind the preamble, shape (n, 2)."""
     return byte_sum(rows[:, 2:]).astype("<u2")[:, None].view(np.uint8)
 
@@ -53,9 +52,7 @@ def _layout(message: bytes) -> Layout:
     for identifier in identifiers:
         name, kind, scaled = _FIELDS.get(identifier, ("", "V", np.asarray))
         if not name and _FORCE in identifiers and "force" not in fields:
-            refused = (
-                f"a field 0x{identifier:02X} of unknown size precedes the specific force 0x23: make 0x23 the first field"
-            )
+            refused = f"a field 0x{identifier:02X} of unknown size precedes the specific force 0x23: make 0x23 the first field"
         if not name or at + np.dtype(kind).itemsize > stop:
             break
         fields[name], at = Field(at, kind, scaled), at + np.dtype(kind).itemsize

@@ -8,8 +8,8 @@ import re
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tumblecal.capture.decoding.samples import Floats
 from tumblecal.data.column_names import FORCE, RATE, parsed, role_of
 from tumblecal.data.text_cells import separator_of
 from tumblecal.ground.errors import InputError
@@ -62,11 +62,15 @@ class LineColumns:
 
         NaN for nan, inf and ovf, for quantities that are not in the lines, and for rates of fewer than three axes.
         """
-        cells = [_CELL.match(word) for word in _words(line.decode("ascii", "replace"), self.separator, self.decimal_comma)]
+        cells = [
+            _CELL.match(word) for word in _words(line.decode("ascii", "replace"), self.separator, self.decimal_comma)
+        ]
         if len(cells) != len(self.columns) or not all(cells) or not line.isascii():
             return None
         numbers = {
-            role: float(cell[1]) if cell[1] else math.nan for role, cell in zip(self.columns, cells, strict=True) if cell
+            role: float(cell[1]) if cell[1] else math.nan
+            for role, cell in zip(self.columns, cells, strict=True)
+            if cell
         }
         force = [numbers[role] / UNITS_PER_G[self.unit] for role in FORCE]
         known = _ROLES[3:] if set(RATE) <= set(numbers) else _ROLES[6:]
@@ -134,7 +138,7 @@ def learn(lines: list[str], header: list[str] | None = None, checked: bool = Fal
     return None if unit is None else LineColumns(tuple(roles), unit, separator, decimal_comma, checked)
 
 
-def roles_of_values(table: NDArray[np.float64], roles: list[str]) -> list[str]:
+def roles_of_values(table: Floats, roles: list[str]) -> list[str]:
     """Quantities from the numbers: the first triple of one g is the force, a triple after it the rate."""
     roles, width, steps = list(roles), table.shape[1], np.diff(table, axis=0)
     # A column that only rises is a time or a counter: by steady steps, or over many lines.

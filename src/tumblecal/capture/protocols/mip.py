@@ -5,19 +5,18 @@ Sensor set 0x80: 0x04 scaled acceleration in g, 0x05 angular rate in rad/s.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tumblecal.capture.decoding.checks import ends_with
 from tumblecal.capture.decoding.fields import Field, Layout, frames_of, reading
 from tumblecal.capture.decoding.framing import FrameDecoder, Frames
-from tumblecal.capture.decoding.samples import Samples, Settings
+from tumblecal.capture.decoding.samples import Bytes, Samples, Settings
 from tumblecal.capture.protocols import Protocol
 
 
 _SENSOR_SET, _FORCE, _RATE, _VECTOR_FIELD = 0x80, 0x04, 0x05, 14
 
 
-def _check(rows: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _check(rows: Bytes) -> Bytes:
     """Fletcher's pair modulo 256: the sum, and the sum of the running sums, shape (n, 2)."""
     running = np.cumsum(rows, axis=1, dtype=np.uint8)
     return np.stack([running[:, -1], running.sum(axis=1, dtype=np.uint8)], axis=1)

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from tumblecal.capture.decoding.checks import ends_with
 from tumblecal.capture.decoding.fields import Field, filled, frames_of, in_order
-from tumblecal.capture.decoding.framing import FrameDecoder, Found, Frames, Reading, rows_of
-from tumblecal.capture.decoding.samples import Event, Samples, Settings, Status, blank
+from tumblecal.capture.decoding.framing import Found, FrameDecoder, Frames, Reading, rows_of
+from tumblecal.capture.decoding.samples import Bytes, Event, Floats, Integers, Samples, Settings, Status, blank
 from tumblecal.capture.protocols import DeviceCounter, Protocol
 from tumblecal.capture.protocols.stim300_datagrams import (
     CRLF,
@@ -35,9 +35,7 @@ _STATUS_BITS = {
     Status.OUTSIDE_CONDITIONS: 0x20,
     Status.OVERLOAD: 0x10,
 }
-_FLAGS = np.array(
-    [sum(flag for flag, bits in _STATUS_BITS.items() if byte & bits) for byte in range(256)], np.uint8
-)
+_FLAGS = np.array([sum(flag for flag, bits in _STATUS_BITS.items() if byte & bits) for byte in range(256)], np.uint8)
 # Three 24-bit numbers: each is the first three bytes of 32 bits.
 _INT24 = np.dtype({"names": ["x", "y", "z"], "formats": [">i4"] * 3, "offsets": [0, 3, 6], "itemsize": 10})
 
@@ -49,18 +47,18 @@ _FRAMES = Frames(
 )
 
 
-def _words24(words: NDArray) -> NDArray[np.int32]:
+def _words24(words: NDArray) -> Integers:
     return np.stack([words[axis] >> 8 for axis in "xyz"], axis=-1)
 
 
 def _fields(places: dict[str, int]) -> dict[str, Field]:
     """The fields of a normal frame; the specific force as the device sends it."""
     at_status = [places[cluster] + 9 for cluster in "ga" if cluster in places]
-    flags = {"names": ["g", "a"][: len(at_status)], "formats": ["u1"] * len(at_status), "offsets": at_status}
+    status = np.dtype({"names": ["g", "a"][: len(at_status)], "formats": ["u1"] * len(at_status), "offsets": at_status})
     fields = {
         "rate": Field(places["g"], _INT24, lambda words: _words24(words) * 2.0**-_RATE_BITS),
         "counter": Field(places["counter"], "u1"),
-        "status": Field(0, np.dtype(flags), lambda words: _FLAGS[words["g"]] | _FLAGS[words[words.dtype.names[-1]]]),
+        "status": Field(0, status, lambda words: _FLAGS[words["g"]] | _FLAGS[words[words.dtype.names[-1]]]),
     }
     if "a" in places:
         fields["force"] = Field(places["a"], _INT24, _words24)
@@ -103,7 +101,7 @@ def _reading(settings: Settings | None) -> Reading:
             case _:
                 words[:] = np.nan
 
-    def read(data: NDArray[np.uint8], found: Found, offset: int, final: bool) -> tuple[Samples, list[Event]]:
+    def read(data: Bytes, found: Found, offset: int, final: bool) -> tuple[Samples, list[Event]]:
         nonlocal settings
         identifiers = data[found.starts]
         parts, events, scaled = [blank(0)], list[Event](), 0
@@ -142,7 +140,7 @@ def encode(samples: Samples, settings: Settings, identifier: int | None = None, 
     flags = [np.where(samples.status & flag, bits & 0xF0, 0) for flag, bits in _STATUS_BITS.items()]
     with_status = "a" if "a" in places else "g"
 
-    def cluster(name: str, values: NDArray[np.float64]) -> NDArray[np.uint8]:
+    def cluster(name: str, values: Floats) -> Bytes:
         words = np.clip(np.rint(values), -(2**23), 2**23 - 1).astype(">i4")
         status = np.bitwise_or.reduce(flags) * (name == with_status)
         return frames_of(n, words[:, :, None].view(np.uint8)[:, :, 1:], status.astype(np.uint8))

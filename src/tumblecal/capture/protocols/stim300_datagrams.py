@@ -9,11 +9,10 @@ from itertools import accumulate
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tumblecal.capture.decoding.checks import crc32_mpeg2
 from tumblecal.capture.decoding.fields import frames_of
-from tumblecal.capture.decoding.samples import Settings
+from tumblecal.capture.decoding.samples import Bytes, Settings
 
 
 def _places(clusters: str, temperatures: bool, extra: bool) -> dict[str, int]:
@@ -55,7 +54,7 @@ OUTPUTS = {0: "acceleration", 1: "increment", 2: "average", 3: "integrated in gs
 CRLF = b"\r\n"
 
 
-def check(rows: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def check(rows: Bytes) -> Bytes:
     """The CRC of frames without it, shape (n, 4); dummy bytes make their size a multiple of four."""
     return crc32_mpeg2(rows, -rows.shape[1] % 4).astype(">u4")[:, None].view(np.uint8)
 

@@ -9,12 +9,11 @@ from functools import lru_cache
 from struct import unpack_from
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tumblecal.capture.decoding.checks import crc16_xmodem, exclusive_or
 from tumblecal.capture.decoding.fields import Field, Layout, frames_of, in_order, reading
-from tumblecal.capture.decoding.framing import FrameDecoder, Frames, Found
-from tumblecal.capture.decoding.samples import Event, Samples, Settings, blank, not_a_number
+from tumblecal.capture.decoding.framing import Found, FrameDecoder, Frames
+from tumblecal.capture.decoding.samples import Bytes, Event, Integers, Samples, Settings, blank, not_a_number
 from tumblecal.capture.protocols import DeviceCounter, Protocol
 from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 
@@ -124,7 +123,7 @@ def _line_intact(line: bytes) -> bool:
 def _frames(sync: tuple[bytes, ...], header: int, size_of, is_intact, longest: int) -> Frames:
     """Frames whose size and check are those of their bytes, one after the other."""
 
-    def sizes(data: NDArray[np.uint8], places: NDArray[np.int64]) -> NDArray[np.int64]:
+    def sizes(data: Bytes, places: Integers) -> Integers:
         return np.array([size_of(data[at : at + longest].tobytes()) for at in places.tolist()], int)
 
     return Frames(sync, header, sizes, lambda rows: np.array([is_intact(row.tobytes()) for row in rows], bool))
@@ -151,7 +150,7 @@ def _row(text: str) -> list[float] | None:
     name, *words = text[1:].rpartition("*")[0].split(",")
     if name not in _LINES:
         return None
-    force, rate, temperature = *_LINES[name], *[None] * (3 - len(_LINES[name]))
+    force, rate, temperature = (*_LINES[name], -1, -1)[:3]
     while words and words[-1][:1] in ("I", "S", "T", "V"):
         # The device may add a count, a time or a status after the numbers.
         words = words[:-1]
@@ -159,10 +158,11 @@ def _row(text: str) -> list[float] | None:
         values = [float(word) for word in words]
     except ValueError:
         return None
-    if len(values) < max(force, rate or 0) + 3:
+    if len(values) < max(force, rate) + 3:
         return None
-    rates = [np.nan] * 3 if rate is None else values[rate : rate + 3]
-    return [*values[force : force + 3], *rates, (values[temperature:] or [np.nan])[0] if temperature else np.nan]
+    rates = [np.nan] * 3 if rate < 0 else values[rate : rate + 3]
+    degc = values[temperature] if 0 <= temperature < len(values) else np.nan
+    return [*values[force : force + 3], *rates, degc]
 
 
 def _event(stop: int, text: str) -> Event:
@@ -173,10 +173,12 @@ def _event(stop: int, text: str) -> Event:
     return Event(stop, "error" if text.startswith("$VNERR") else "reply", {"text": text})
 
 
-def _read(data: NDArray[np.uint8], found: Found, offset: int, final: bool) -> tuple[Samples, list[Event]]:
+def _read(data: Bytes, found: Found, offset: int, final: bool) -> tuple[Samples, list[Event]]:
     """One sample a line or message with a specific force; other lines become events."""
     binary = data[found.starts] == 0xFA
-    samples, events = reading(_layout)(data, Found(found.starts[binary], found.sizes[binary], found.limit), offset, final)
+    samples, events = reading(_layout)(
+        data, Found(found.starts[binary], found.sizes[binary], found.limit), offset, final
+    )
     rows, stops = [], []
     for start, size in zip(found.starts[~binary].tolist(), found.sizes[~binary].tolist(), strict=True):
         text = data[start : start + size].tobytes().decode("ascii", "replace").strip()

@@ -6,12 +6,11 @@ register was changed) is not in the stream.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tumblecal.capture.decoding.checks import byte_sum, ends_with
 from tumblecal.capture.decoding.fields import Field, filled, frames_of
-from tumblecal.capture.decoding.framing import FrameDecoder, Frames, Found, Reading, column, rows_of
-from tumblecal.capture.decoding.samples import Event, Samples, Settings, blank, joined
+from tumblecal.capture.decoding.framing import Found, FrameDecoder, Frames, Reading, column, rows_of
+from tumblecal.capture.decoding.samples import Bytes, Event, Floats, Samples, Settings, blank, joined
 from tumblecal.capture.protocols import Protocol
 
 
@@ -20,7 +19,7 @@ _FORCE, _RATE = 0x51, 0x52
 _DPS_PER_UNIT = 2000 / 32768
 
 
-def _check(rows: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _check(rows: Bytes) -> Bytes:
     return byte_sum(rows).astype(np.uint8)[:, None]
 
 
@@ -32,7 +31,7 @@ _FRAMES = Frames(
 )
 
 
-def _scale(settings: Settings | None) -> NDArray[np.float64]:
+def _scale(settings: Settings | None) -> Floats:
     return np.array((settings and settings.range_g) or (16.0,) * 3) / 32768
 
 
@@ -44,7 +43,7 @@ def _reading(settings: Settings | None) -> Reading:
     }
     waiting = blank(0)
 
-    def read(data: NDArray[np.uint8], found: Found, offset: int, final: bool) -> tuple[Samples, list[Event]]:
+    def read(data: Bytes, found: Found, offset: int, final: bool) -> tuple[Samples, list[Event]]:
         nonlocal waiting
         kinds = data[found.starts + 1]
         starts = found.starts[kinds == _FORCE]

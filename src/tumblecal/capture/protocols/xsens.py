@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from tumblecal.capture.decoding.checks import byte_sum, ends_with
 from tumblecal.capture.decoding.fields import Field, Layout, frames_of, reading
 from tumblecal.capture.decoding.framing import FrameDecoder, Frames, column
-from tumblecal.capture.decoding.samples import Samples, Settings, Status
+from tumblecal.capture.decoding.samples import Bytes, Floats, Integers, Samples, Settings, Status
 from tumblecal.capture.protocols import DeviceCounter, Protocol
 from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 
@@ -23,11 +23,11 @@ _LARGEST_EXTENDED = 4096
 FORMATS = (">f4", ">i4", [("fraction", ">u4"), ("whole", ">i2")], ">f8")
 
 
-def _status(words: NDArray[np.integer]) -> NDArray[np.integer]:
-    return np.where(words & 0x3F00, Status.OVERLOAD, 0) | np.where(words & 1, 0, Status.ERROR)
+def _status(words: Integers) -> Integers:
+    return np.where(words & 0x3F00, int(Status.OVERLOAD), 0) + np.where(words & 1, 0, int(Status.ERROR))
 
 
-def _force(ms2: NDArray[np.float64]) -> NDArray[np.float64]:
+def _force(ms2: Floats) -> Floats:
     return ms2 / STANDARD_GRAVITY_MS2
 
 
@@ -48,14 +48,14 @@ _NO_FORCE = {0x4030: "free acceleration (gravity removed)", 0x4010: "velocity in
 _OF_MTW = 0xC810
 
 
-def numbers(words: NDArray) -> NDArray[np.float64]:
+def numbers(words: NDArray) -> Floats:
     """The numbers of a field in one of `FORMATS`; others are not changed."""
     if words.dtype.names:
         return words["whole"] + words["fraction"] / 2.0**32
     return words / 2.0**20 if words.dtype.kind == "i" else words
 
 
-def _sizes(data: NDArray[np.uint8], places: NDArray[np.int64]) -> NDArray[np.int64]:
+def _sizes(data: Bytes, places: Integers) -> Integers:
     """Sizes of messages, with one byte of length or, after 0xFF, two."""
     length = data[places + 3].astype(int)
     readable = places + 6 <= len(data)
@@ -65,7 +65,7 @@ def _sizes(data: NDArray[np.uint8], places: NDArray[np.int64]) -> NDArray[np.int
     return np.where(length == 0xFF, extended, length + 5)
 
 
-def check(rows: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def check(rows: Bytes) -> Bytes:
     """The byte with which all bytes after the preamble add up to 0, shape (n, 1)."""
     return (-byte_sum(rows[:, 1:])).astype(np.uint8)[:, None]
 
