@@ -12,6 +12,8 @@ from tumblecal.capture.decoding.samples import Bytes, Integers
 
 
 CRC32_MPEG2_POLYNOMIAL = 0x04C11DB7
+# Frames that remain in the processor's cache.
+_BLOCK = 8192
 
 
 @cache
@@ -37,8 +39,10 @@ def crc32_mpeg2(rows: Bytes, padding: int = 0) -> NDArray[np.uint32]:
     """
     columns, initial = _crc32_columns(rows.shape[1] + padding)
     check = np.full(len(rows), initial)
-    for column, contribution in zip(rows.T, columns, strict=False):
-        check ^= contribution.take(column)
+    for first in range(0, len(rows), _BLOCK):
+        block = slice(first, first + _BLOCK)
+        for column, contribution in zip(rows[block].T, columns, strict=False):
+            check[block] ^= contribution.take(column)
     return check
 
 

@@ -235,7 +235,7 @@ class FrameDecoder:
         return Found(starts[keep], sizes[keep], limit)
 
 
-def decode_all(decoder: "Decoder", data: bytes, chunk: int = 1 << 22) -> Decoded:
+def decode_all(decoder: "Decoder", data: bytes, chunk: int = 1 << 19) -> Decoded:
     """Decode a whole byte log in pieces that fit into memory."""
     pieces = [decoder.feed(data[start : start + chunk]) for start in range(0, len(data), chunk)]
     pieces.append(decoder.finish())
