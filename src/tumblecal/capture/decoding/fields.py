@@ -56,7 +56,7 @@ def reading(layout_of: Callable[[bytes], Layout]) -> Reading:
     """A function that reads self-describing frames; frames of one layout are read together."""
 
     def read(data: Bytes, found: Found, offset: int, final: bool) -> tuple[Samples, list[Event]]:
-        parts, events = [blank(0)], list[Event]()
+        parts, events = list[Samples](), list[Event]()
         starts, sizes = found.starts, found.sizes
         while len(starts):
             size, frame = int(sizes[0]), data[starts[0] : starts[0] + sizes[0]]
@@ -84,7 +84,7 @@ def reading(layout_of: Callable[[bytes], Layout]) -> Reading:
 def in_order(parts: list[Samples]) -> Samples:
     """Samples of all parts in the order of the stream."""
     samples = joined(parts)
-    return samples[np.argsort(samples.stop)] if len(parts) > 2 else samples
+    return samples[np.argsort(samples.stop)] if len(parts) > 1 else samples
 
 
 def frames_of(n: int, *parts: bytes | NDArray) -> Bytes:

@@ -81,8 +81,7 @@ def blank(n: int) -> Samples:
 
 def joined(parts: list[Samples]) -> Samples:
     """Concatenate samples."""
-    if not parts:
-        return blank(0)
+    parts = [part for part in parts if len(part)] or [blank(0)]
     if len(parts) == 1:
         return parts[0]
     return Samples(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Samples)))

@@ -5,12 +5,11 @@ the specific force is NaN.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tumblecal.capture.decoding.checks import ends_with
 from tumblecal.capture.decoding.fields import Field, filled, frames_of, in_order
 from tumblecal.capture.decoding.framing import Found, FrameDecoder, Frames, Reading, rows_of
-from tumblecal.capture.decoding.samples import Bytes, Event, Floats, Integers, Samples, Settings, Status, blank
+from tumblecal.capture.decoding.samples import Bytes, Event, Floats, Integers, Samples, Settings, Status
 from tumblecal.capture.protocols import DeviceCounter, Protocol
 from tumblecal.capture.protocols.stim300_datagrams import (
     CRLF,
@@ -36,8 +35,6 @@ _STATUS_BITS = {
     Status.OVERLOAD: 0x10,
 }
 _FLAGS = np.array([sum(flag for flag, bits in _STATUS_BITS.items() if byte & bits) for byte in range(256)], np.uint8)
-# Three 24-bit numbers: each is the first three bytes of 32 bits.
-_INT24 = np.dtype({"names": ["x", "y", "z"], "formats": [">i4"] * 3, "offsets": [0, 3, 6], "itemsize": 10})
 
 _FRAMES = Frames(
     sync=(SIZES.nonzero()[0].astype(np.uint8).tobytes(),),
@@ -47,8 +44,9 @@ _FRAMES = Frames(
 )
 
 
-def _words24(words: NDArray) -> Integers:
-    return np.stack([words[axis] >> 8 for axis in "xyz"], axis=-1)
+def _words24(raw: Bytes) -> Integers:
+    """Three 24-bit numbers of each frame, shape (n, 3): the first three bytes of 32 bits, in ten bytes, shape (n, 10)."""
+    return np.ndarray((len(raw), 3), ">i4", raw, strides=(10, 3)) >> 8
 
 
 def _fields(places: dict[str, int]) -> dict[str, Field]:
@@ -56,12 +54,12 @@ def _fields(places: dict[str, int]) -> dict[str, Field]:
     at_status = [places[cluster] + 9 for cluster in "ga" if cluster in places]
     status = np.dtype({"names": ["g", "a"][: len(at_status)], "formats": ["u1"] * len(at_status), "offsets": at_status})
     fields = {
-        "rate": Field(places["g"], _INT24, lambda words: _words24(words) * 2.0**-_RATE_BITS),
+        "rate": Field(places["g"], "10u1", lambda raw: _words24(raw) * 2.0**-_RATE_BITS),
         "counter": Field(places["counter"], "u1"),
-        "status": Field(0, status, lambda words: _FLAGS[words["g"]] | _FLAGS[words[words.dtype.names[-1]]]),
+        "status": Field(0, status, lambda words: _FLAGS[words["g"] | words[words.dtype.names[-1]]]),
     }
     if "a" in places:
-        fields["force"] = Field(places["a"], _INT24, _words24)
+        fields["force"] = Field(places["a"], "10u1", _words24)
     if "a temperature" in places:
         fields["temperature"] = Field(places["a temperature"], "3>i2", lambda words: words.mean(axis=1) / 256.0)
     return fields
@@ -104,7 +102,7 @@ def _reading(settings: Settings | None) -> Reading:
     def read(data: Bytes, found: Found, offset: int, final: bool) -> tuple[Samples, list[Event]]:
         nonlocal settings
         identifiers = data[found.starts]
-        parts, events, scaled = [blank(0)], list[Event](), 0
+        parts, events, scaled = list[Samples](), list[Event](), 0
         for identifier in np.unique(identifiers).tolist():
             if identifier in PLACES:
                 starts, size = found.starts[identifiers == identifier], PLACES[identifier]["size"]

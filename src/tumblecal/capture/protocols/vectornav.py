@@ -192,7 +192,7 @@ def _read(data: Bytes, found: Found, offset: int, final: bool) -> tuple[Samples,
     lines.stop[:], lines.temperature[:] = stops, table[:, 6]
     lines.force[:], lines.rate[:] = table[:, :3] / STANDARD_GRAVITY_MS2, np.degrees(table[:, 3:6])
     lines.status[:] = not_a_number(lines.force)
-    return in_order([blank(0), samples, lines]), sorted(events, key=lambda event: event.stop)
+    return in_order([samples, lines]), sorted(events, key=lambda event: event.stop)
 
 
 def encode(samples: Samples, settings: Settings) -> bytes:
