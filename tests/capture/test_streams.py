@@ -81,29 +81,6 @@ def test_round_trip_however_it_is_cut(name: str, seed: int, n: int, cuts: list[i
     np.testing.assert_array_equal(whole.samples.stop, found.stop)
 
 
-@pytest.mark.parametrize("name", [n for n in NAMES if n != "text"])
-@settings(max_examples=10)
-@given(data=st.data())
-def test_garbage_anywhere(name: str, data: st.DataObject) -> None:
-    """Garbage in front, between and behind: the same result in one piece and in many, and no exception."""
-    samples = some_samples(24, data.draw(st.integers(0, 2**32)))
-    how = protocol(name)
-    frames = [how.encode(samples[k : k + 1], settings_for(name)) for k in range(24)]
-    pieces = []
-    for frame in frames:
-        if data.draw(st.integers(0, 5)) == 0:
-            pieces.append(data.draw(st.binary(max_size=40)))
-        pieces.append(frame)
-    stream = data.draw(st.binary(max_size=40)) + b"".join(pieces) + data.draw(st.binary(max_size=40))
-    whole = decode_all(decoder_for(name), stream)
-    cut, counts = in_pieces(decoder_for(name), stream, data.draw(st.lists(st.integers(1, 50), min_size=4, max_size=6)))
-    np.testing.assert_array_equal(whole.samples.stop, cut.stop)
-    assert counts == whole.counts
-    if name == "stim300":
-        assert len(whole.samples) == 24
-        np.testing.assert_array_equal(whole.samples.counter, samples.counter)
-
-
 @pytest.mark.parametrize("identifier", sorted(PLACES))
 @pytest.mark.parametrize("crlf", [False, True])
 def test_every_stim300_datagram(identifier: int, crlf: bool) -> None:
@@ -152,33 +129,20 @@ def test_stim300_velocity_outputs(output: str) -> None:
     np.testing.assert_allclose(found[1:], np.tile(force, (n - 1, 1)), atol=2e-5)
 
 
-def damaged(n: int, seed: int, rate: float) -> tuple[bytes, np.ndarray, np.ndarray]:
-    """A STIM300 stream with flips, lost and inserted bytes; which frames are whole, and the true force words."""
-    random = np.random.default_rng(seed)
-    samples = some_samples(n, seed)
-    data = np.frombuffer(encode(samples, settings_for("stim300")), np.uint8).reshape(n, 38)
-    hit = random.random(n) < rate
-    kind = random.integers(0, 3, n)
-    where = random.integers(0, 38, n)
-    pieces, whole = [], np.ones(n, bool)
-    for k in range(n):
-        row = data[k]
-        if hit[k]:
-            if kind[k] == 0:
-                row = row.copy()
-                row[where[k]] ^= 1 << random.integers(8)
-                whole[k] = False
-            elif kind[k] == 1:
-                row = np.delete(row, where[k])
-                whole[k] = False
-            else:
-                pieces.append(random.integers(0, 256, where[k] + 1, dtype=np.uint8).tobytes())
-        pieces.append(row.tobytes())
-    return b"".join(pieces), whole, samples.force
-
-
 def test_damage_costs_only_the_damaged_frames() -> None:
-    stream, whole, force = damaged(3000, 3, 0.2)
-    samples, _ = in_pieces(decoder_for("stim300"), stream, [997, 64, 4096])
-    assert len(samples) == whole.sum()
-    assert np.abs(samples.force - force[whole]).max() <= 2.0**-19
+    """Flips, lost and inserted bytes in a fifth of the frames."""
+    n, random, samples = 3000, np.random.default_rng(3), some_samples(3000, 3)
+    pieces, whole = [], np.ones(n, bool)
+    for k, row in enumerate(np.frombuffer(encode(samples, settings_for("stim300")), np.uint8).reshape(n, 38)):
+        kind, at, frame = random.integers(15), int(random.integers(38)), bytearray(row)
+        if kind == 0:
+            frame[at] ^= 1 << int(random.integers(8))
+        elif kind == 1:
+            del frame[at]
+        elif kind == 2:
+            frame = random.bytes(at + 1) + frame
+        whole[k] = kind > 1
+        pieces.append(bytes(frame))
+    found, _ = in_pieces(decoder_for("stim300"), b"".join(pieces), [997, 64, 4096])
+    assert len(found) == whole.sum() < n
+    assert np.abs(found.force - samples.force[whole]).max() <= 2.0**-19
