@@ -39,7 +39,11 @@ class Recording:
             self._reader = LogReader(log, log.stat().st_size)
         except OSError as error:
             raise InputError(f"{log}: cannot be written ({error.strerror})") from error
-        self._launch()
+        try:
+            self._launch()
+        except InputError:
+            self._reader.close()
+            raise
 
     @property
     def pid(self) -> int:
