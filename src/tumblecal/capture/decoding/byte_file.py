@@ -10,7 +10,7 @@ import polars as pl
 
 from tumblecal.capture.decoding.frame_numbers import CountedStream
 from tumblecal.capture.decoding.sample_table import columns_of, table_of, write_frames
-from tumblecal.capture.decoding.samples import Counts, Decoded, Event, Samples, Stated, blank
+from tumblecal.capture.decoding.samples import Counts, Decoded, Event, Stated, blank
 from tumblecal.capture.decoding.sniff import ENOUGH, guesses
 from tumblecal.capture.log import MAGIC, LogReader, RecordKind
 from tumblecal.capture.protocols import Protocol, protocol
@@ -179,42 +179,37 @@ def decode_file(
     settings, rate_hz = None if unknown else how.settings(stated.range_g, stated.rate_hz), stated.rate_hz
     columns = frozenset[str]()
 
-    def decoded(contents: FileContents) -> Iterator[Samples]:
-        nonlocal settings, rate_hz, columns
+    def decoded(contents: FileContents) -> Iterator[Decoded]:
         decoder = how.decoder(settings, **options)
+        for data in pieces_of(path, contents.of_log):
+            contents.size += len(data)
+            yield decoder.feed(data)
+            progress(contents.size)
+        yield decoder.finish()
 
-        def counted(piece: Decoded) -> Samples:
-            nonlocal settings, rate_hz, columns
+    def tables(contents: FileContents) -> Iterator[pl.DataFrame]:
+        nonlocal settings, rate_hz, columns
+        for piece in decoded(contents):
             for event in piece.events:
                 if settings is None and "range_g" in event.content:
                     settings, rate_hz = settings_of(event.content), event.content["rate_hz"] or rate_hz
                     raise _StatedLate
-            if len(piece.samples) and not columns_of(piece.samples) <= columns and out is not None:
-                columns |= columns_of(piece.samples)
+            first, samples = contents.samples, piece.samples
+            if out is not None and len(samples) and not columns_of(samples) <= columns:
+                columns |= columns_of(samples)
                 raise _StatedLate
             contents.add(piece)
-            return piece.samples
-
-        for data in pieces_of(path, contents.of_log):
-            contents.size += len(data)
-            yield counted(decoder.feed(data))
-            progress(contents.size)
-        yield counted(decoder.finish())
-
-    def frames(contents: FileContents) -> Iterator[pl.DataFrame]:
-        first = 0
-        for samples in decoded(contents):
-            yield pl.DataFrame(table_of(samples, columns, rate_hz, first))
-            first += len(samples)
+            if out is not None:
+                yield pl.DataFrame(table_of(samples, columns, rate_hz, first))
 
     while True:
         contents = FileContents(how, rate_hz)
         try:
             if out is not None and columns:
                 schema = pl.DataFrame(table_of(blank(0), columns, rate_hz)).schema
-                write_frames(out, frames(contents), schema)
+                write_frames(out, tables(contents), schema)
             else:
-                for _ in decoded(contents):
+                for _ in tables(contents):
                     pass
             return contents
         except _StatedLate:

@@ -30,18 +30,12 @@ FIELD_SIZES: dict[int, tuple[int, ...]] = {
     5: (2, 24, 24, 12, 12, 12, 12, 12, 12, 4, 4, 68, 64),
     6: _SATELLITES,
 }
-# Fields of each quantity (group, bit), the preferred first, and the place of the numbers in the field.
+# Numbers of each quantity, their conversion, and the fields that have it, the preferred first: group, bit, place in the field.
 _FIELDS = {
-    "force": (((2, 2), 0), ((0, 9), 0), ((2, 9), 0), ((0, 8), 0)),
-    "rate": (((2, 3), 0), ((0, 9), 12), ((2, 10), 0), ((0, 5), 0)),
-    "temperature": (((2, 4), 0),),
-    "counter": (((0, 0), 0),),
-}
-_NUMBERS = {
-    "force": ("3<f4", lambda ms2: ms2 / STANDARD_GRAVITY_MS2),
-    "rate": ("3<f4", np.degrees),
-    "temperature": ("<f4", np.asarray),
-    "counter": ("<u8", lambda ns: ns & (2**62 - 1)),
+    "force": ("3<f4", lambda ms2: ms2 / STANDARD_GRAVITY_MS2, ((2, 2, 0), (0, 9, 0), (2, 9, 0), (0, 8, 0))),
+    "rate": ("3<f4", np.degrees, ((2, 3, 0), (0, 9, 12), (2, 10, 0), (0, 5, 0))),
+    "temperature": ("<f4", np.asarray, ((2, 4, 0),)),
+    "counter": ("<u8", lambda ns: ns & (2**62 - 1), ((0, 0, 0),)),
 }
 # Columns of the text messages: specific force, angular rate, temperature.
 _LINES: dict[str, tuple[int, ...]] = {
@@ -135,12 +129,11 @@ _TEXT = _frames((b"$", b"V", b"N"), 3, _line_size, _line_intact, _LONGEST_LINE)
 
 def _layout(message: bytes) -> Layout:
     places, _ = _binary_places(_head(message))
-    fields = {}
-    for quantity, names in _FIELDS.items():
-        kind, scaled = _NUMBERS[quantity]
-        at = next((places[name] + place for name, place in names if name in places), None)
-        if at is not None:
-            fields[quantity] = Field(at, kind, scaled)
+    fields = dict[str, Field]()
+    for quantity, (kind, scaled, names) in _FIELDS.items():
+        for group, bit, at in names:
+            if (group, bit) in places and quantity not in fields:
+                fields[quantity] = Field(places[group, bit] + at, kind, scaled)
     why = next((f"a binary message has {why}, {_INSTEAD}" for name, why in _REFUSED.items() if name in places), "")
     return Layout(fields, list(range(1, 1 + len(_head(message)))), why)
 
