@@ -13,7 +13,7 @@ from tumblecal.capture.decoding.samples import Bytes, Integers
 
 CRC32_MPEG2_POLYNOMIAL = 0x04C11DB7
 # Frames that remain in the processor's cache.
-_BLOCK = 8192
+_BLOCK = 16384
 
 
 @cache
@@ -42,7 +42,7 @@ def crc32_mpeg2(rows: Bytes, padding: int = 0) -> NDArray[np.uint32]:
     for first in range(0, len(rows), _BLOCK):
         block = slice(first, first + _BLOCK)
         for column, contribution in zip(rows[block].T, columns, strict=False):
-            check[block] ^= contribution.take(column)
+            check[block] ^= contribution.take(column.astype(np.intp), mode="wrap")
     return check
 
 
