@@ -16,7 +16,8 @@ from tumblecal.capture.decoding.framing import decode_all
 from tumblecal.capture.decoding.samples import Settings, Stated, blank
 from tumblecal.capture.log import LogWriter, RecordKind, read_log
 from tumblecal.capture.protocols import protocol
-from tumblecal.capture.protocols.stim300_device import encode, encode_configuration
+from tumblecal.capture.protocols.stim300 import encode
+from tumblecal.capture.protocols.stim300_datagrams import encode_configuration
 from tumblecal.cli.sniff import sniff
 from tumblecal.ground.errors import InputError
 

@@ -1,5 +1,7 @@
 """Bytes with known content: from real devices, manuals, and an independent CRC."""
 
+import struct
+
 import numpy as np
 import pytest
 
@@ -7,8 +9,6 @@ from tumblecal.capture.decoding.checks import crc16_xmodem, exclusive_or
 from tumblecal.capture.decoding.framing import decode_all
 from tumblecal.capture.decoding.samples import Decoded, Settings, Status
 from tumblecal.capture.protocols import protocol
-from tumblecal.capture.protocols.vectornav import line_ok
-from tumblecal.capture.protocols.xsens import fields_of, numbers
 
 
 TEN_G = Settings((10.0, 10.0, 10.0), "acceleration", 125.0)
@@ -108,12 +108,6 @@ XSENS_CLIPPING = (
     "80 30 10 3F 7F F8 98 3B AA 9E E5 BC 53 9E C0 BB B9 06 0C C0 20 0C 3E DC 74 39 BE 75 2B 48 3F AF 9A 3F "
     "30 10 04 00 01 86 DE E0 20 04 00 48 14 01 8E"
 )
-XSENS_FORMATS = (
-    "FA FF 36 51 10 20 02 3B DD 20 31 0C FF F0 47 35 FF FD C8 86 07 3B 35 C8 "
-    "80 32 18 00 00 00 01 00 01 FF E3 E0 C4 FF FF FF EC 25 95 FF FF FF F4 64 E8 FF FF "
-    "C0 23 18 3F EA AE 0F C0 00 00 00 BF DB C9 A7 60 00 00 00 3F F9 E2 06 20 00 00 00 "
-    "08 10 04 41 DB 80 00 AC"
-)
 
 
 def test_xsens_clipping() -> None:
@@ -125,17 +119,20 @@ def test_xsens_clipping() -> None:
     assert samples.status[0] == Status.OVERLOAD
 
 
-def test_xsens_number_formats() -> None:
-    payload = bytes.fromhex(XSENS_FORMATS)[4:-1]
-    values = {
-        identifier: numbers(identifier, np.frombuffer(payload[at : at + size], np.uint8)[None])[0]
-        for identifier, at, size in fields_of(payload)
-    }
-    assert values[0x1020][0] == 15325
-    np.testing.assert_allclose(values[0x2031], [-0.9826154709, -0.1385440826, 115.7006301880], atol=5e-11)
-    np.testing.assert_allclose(values[0x8032][:2], [1.0000000002328306, -0.00042910780757665634], rtol=1e-12)
-    assert values[0x0810][0] == 27.4375
-    assert decoded("xsens", " ".join([XSENS_FORMATS] * 3)).counts.discarded == 0
+@pytest.mark.parametrize(
+    ("code", "content"),
+    [
+        (0, struct.pack(">3f", 0.5, -9.8125, 2.0)),
+        (1, struct.pack(">3i", *(round(v * 2**20) for v in (0.5, -9.8125, 2.0)))),
+        # 16.32: the fraction comes before the whole part.
+        (2, struct.pack(">IhIhIh", 2**31, 0, 3 * 2**28, -10, 0, 2)),
+        (3, struct.pack(">3d", 0.5, -9.8125, 2.0)),
+    ],
+)
+def test_xsens_number_formats(code: int, content: bytes) -> None:
+    body = bytes([0xFF, 0x36, len(content) + 3, 0x40, 0x20 | code, len(content)]) + content
+    found = decode_all(protocol("xsens").decoder(), 3 * (b"\xfa" + body + bytes([-sum(body) % 256])))
+    np.testing.assert_allclose(found.samples.force[2] * 9.80665, [0.5, -9.8125, 2.0], rtol=1e-15)
 
 
 VECTORNAV = [
@@ -205,7 +202,8 @@ def test_vectornav_binary_with_fields_of_all_groups() -> None:
 def test_vectornav_crc16_line() -> None:
     body = VECTORNAV[1][1:-3].encode()
     assert crc16_xmodem(body) == 0xA157 and crc16_xmodem(b"123456789") == 0x31C3
-    assert line_ok(b"$" + body + b"*A157") and not line_ok(b"$" + body + b"*A156")
+    for check, count in (("A157", 1), ("A156", 0)):
+        assert len(decode_all(protocol("vectornav").decoder(), b"$%s*%s\r\n" % (body, check.encode())).samples) == count
 
 
 def test_mip() -> None:

@@ -10,6 +10,7 @@ import errno
 import fcntl
 import json
 import os
+import re
 import struct
 import time
 import zlib
@@ -56,21 +57,18 @@ class DiskFull(OSError):
     """No room for the next record. All records before it are complete and on the disk."""
 
 
-def _packed(kind: int, stamp_ns: int, payload: bytes) -> bytes:
-    check = zlib.crc32(payload, zlib.crc32(_CHECKED.pack(kind, len(payload), stamp_ns)))
-    return _HEADER.pack(MAGIC, kind, len(payload), stamp_ns, check) + payload
+def _check(kind: int, stamp_ns: int, payload: bytes) -> int:
+    return zlib.crc32(payload, zlib.crc32(_CHECKED.pack(kind, len(payload), stamp_ns)))
 
 
-def _record_at(data: bytes | memoryview, at: int, base: int) -> Record | None:
+def _record_at(data: bytes, at: int, base: int) -> Record | None:
     """The record at `at`; None if there is no complete and valid one."""
     if at + HEADER_SIZE > len(data):
         return None
     magic, kind, length, stamp, check = _HEADER.unpack_from(data, at)
     stop = at + HEADER_SIZE + length
-    if magic != MAGIC or length > _LARGEST_PAYLOAD or stop > len(data):
-        return None
-    payload = bytes(data[at + HEADER_SIZE : stop])
-    if zlib.crc32(payload, zlib.crc32(_CHECKED.pack(kind, length, stamp))) != check:
+    payload = data[at + HEADER_SIZE : stop]
+    if magic != MAGIC or length > _LARGEST_PAYLOAD or stop > len(data) or _check(kind, stamp, payload) != check:
         return None
     return Record(base + at, base + stop, kind, stamp, payload)
 
@@ -124,32 +122,24 @@ class LogReader:
         size = _BLOCK
         while True:
             self._file.seek(self.position)
-            want = size if stop is None else min(size, max(stop - self.position, 0))
-            block = self._file.read(want)
+            block = self._file.read(size if stop is None else min(size, max(stop - self.position, 0)))
             at = 0
             while (record := _record_at(block, at, self.position)) is not None:
                 at = record.stop - self.position
                 yield record
-            self.position += at
-            if at == 0 and not self._skip_damage(stop):
-                return
-            # A record may be larger than a block.
-            size = 2 * _LARGEST_PAYLOAD if at == 0 else _BLOCK
-
-    def _skip_damage(self, stop: int | None) -> bool:
-        """Continue at the next complete record after `position`; False if there is none (yet)."""
-        self._file.seek(self.position)
-        rest = self._file.read(2 * _LARGEST_PAYLOAD if stop is None else max(stop - self.position, 0))
-        if _record_at(rest, 0, 0) is not None:
-            return True
-        at = rest.find(MAGIC, 1)
-        while at >= 0:
-            if _record_at(rest, at, 0) is not None:
+            if at == 0 and len(block) == size == _BLOCK:
+                # A record may be larger than a block.
+                size = 2 * _LARGEST_PAYLOAD
+                continue
+            if at == 0:
+                # Damage: continue at the next complete record, if there is one (yet).
+                marks = (mark.start() for mark in re.finditer(re.escape(MAGIC), block))
+                at = next((mark for mark in marks if _record_at(block, mark, 0)), 0)
+                if at == 0:
+                    return
                 self.damaged.append((self.position, self.position + at))
-                self.position += at
-                return True
-            at = rest.find(MAGIC, at + 1)
-        return False
+            self.position += at
+            size = _BLOCK
 
 
 def read_log(path: Path, start: int = 0, stop: int | None = None, faults: list[str] | None = None) -> list[Record]:
@@ -191,10 +181,16 @@ class LogWriter:
             raise InputError(f"{path}: cannot be written ({error.strerror})") from error
         try:
             self._lock(time.monotonic() + patience_s)
-        except BaseException:
+        except InputError:
             os.close(self._descriptor)
             raise
-        self.position, self.cut = self._cut_torn_tail()
+        with LogReader(path) as reader:
+            for _ in reader.records():
+                pass
+            self.position, self.cut = reader.position, reader.stat().st_size - reader.position
+        if self.cut:
+            os.ftruncate(self._descriptor, self.position)
+            os.fsync(self._descriptor)
         folder = os.open(path.parent, os.O_RDONLY)
         os.fsync(folder)
         os.close(folder)
@@ -206,32 +202,20 @@ class LogWriter:
                 return fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError as error:
                 if time.monotonic() > deadline_s:
-                    raise InputError(
-                        f"{self.path}: another capture is writing this log; end it first, or give another folder"
-                    ) from error
+                    words = "another capture is writing this log; end it first, or give another folder"
+                    raise InputError(f"{self.path}: {words}") from error
                 time.sleep(0.02)
             except OSError as error:
-                raise InputError(
-                    f"{self.path}: cannot be locked ({error.strerror}); give a folder on a local disk"
-                ) from error
-
-    def _cut_torn_tail(self) -> tuple[int, int]:
-        with LogReader(self.path) as reader:
-            for _ in reader.records():
-                pass
-            whole = reader.position
-        size = os.fstat(self._descriptor).st_size
-        if size > whole:
-            os.ftruncate(self._descriptor, whole)
-            os.fsync(self._descriptor)
-        return whole, size - whole
+                words = f"cannot be locked ({error.strerror}); give a folder on a local disk"
+                raise InputError(f"{self.path}: {words}") from error
 
     def append(self, kind: RecordKind, payload: bytes, stamp_ns: int) -> int:
         """Append one record and return the place just after it.
 
         **Raises:** `DiskFull`; the log then ends with the last whole record.
         """
-        data = memoryview(_packed(kind, stamp_ns, payload))
+        header = _HEADER.pack(MAGIC, kind, len(payload), stamp_ns, _check(kind, stamp_ns, payload))
+        data = memoryview(header + payload)
         written = 0
         try:
             while written < len(data):
@@ -262,24 +246,20 @@ class LogWriter:
         """
         # This check comes first: a log deleted between the two checks was not made read-only.
         writable = os.access(self.path.parent, os.W_OK) and os.access(self.path, os.W_OK)
-        try:
-            in_place = os.path.samestat(os.stat(self.path), os.fstat(self._descriptor))
-        except OSError:
-            in_place = False
-        if not in_place:
-            raise InputError(f"{self.path}: {self._whereabouts()}")
+        own = os.fstat(self._descriptor)
+        if not self.path.exists() or not os.path.samestat(self.path.stat(), own):
+            moved = Path(f"/proc/self/fd/{self._descriptor}")
+            if not own.st_nlink or not moved.exists():
+                words = "was deleted while capturing; recording stopped, and this file is lost. Begin a new run"
+            else:
+                folder = moved.resolve().parent
+                words = f"was moved while capturing; recording stopped, all data before are stored: --resume {folder}"
+            raise InputError(f"{self.path}: {words}")
         if not writable:
             raise InputError(
                 f"{self.path.parent}: was made read-only while capturing; recording stopped, everything before is "
                 "kept. Make it writable, then --resume"
             )
-
-    def _whereabouts(self) -> str:
-        moved = Path(f"/proc/self/fd/{self._descriptor}")
-        if os.fstat(self._descriptor).st_nlink and moved.exists():
-            folder = moved.resolve().parent
-            return f"was moved while capturing; recording stopped, all data before are stored: --resume {folder}"
-        return "was deleted while capturing; recording stopped, and the contents of this file are lost. Begin a new run"
 
     def close(self) -> None:
         """Write everything to the disk and release the log for other writers."""

@@ -2,18 +2,18 @@
 
 from collections import Counter
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 
-from tumblecal.capture.decoding.frame_numbers import FrameNumbers
-from tumblecal.capture.decoding.losses import commonest_step
-from tumblecal.capture.decoding.sample_table import columns_of, write_pieces
-from tumblecal.capture.decoding.samples import Counts, Decoded, Event, Samples, Settings, Stated
+from tumblecal.capture.decoding.frame_numbers import CountedStream
+from tumblecal.capture.decoding.sample_table import columns_of, table_of, write_frames
+from tumblecal.capture.decoding.samples import Counts, Decoded, Event, Stated, blank
 from tumblecal.capture.decoding.sniff import ENOUGH, guesses
 from tumblecal.capture.log import MAGIC, LogReader, RecordKind
-from tumblecal.capture.protocols import Decoder, Protocol, protocol
+from tumblecal.capture.protocols import Protocol, protocol
 from tumblecal.capture.protocols.stim300_datagrams import settings_of
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
@@ -59,23 +59,8 @@ def pieces_of(path: Path, faults: list[str] | None = None) -> Iterator[bytes]:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from error
 
 
-@dataclass(frozen=True)
-class _Known:
-    """Properties of a stream that are needed before the first row is written; the stream may state them late.
-
-    `columns`: columns of the table so far; None if no table is written.
-    """
-
-    settings: Settings | None
-    rate_hz: float | None
-    columns: frozenset[str] | None
-
-
-class _Again(Exception):
-    """The stream stated a property that the rows before it need."""
-
-    def __init__(self, known: _Known):
-        self.known = known
+class _StatedLate(Exception):
+    """The stream states a property that the rows before it need."""
 
 
 @dataclass
@@ -95,47 +80,30 @@ class FileContents:
     size: int = 0
     good: int = 0
     of_log: list[str] = field(default_factory=list)
-    _mean: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    _squares: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    _frames: FrameNumbers | None = None
+    # A typical specific force, and sums of the differences from it and of their squares.
+    _typical: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    _sums: np.ndarray = field(default_factory=lambda: np.zeros((2, 3)))
+
+    def __post_init__(self) -> None:
+        self._stream = CountedStream(self.protocol.counter, self.rate_hz)
 
     def add(self, piece: Decoded) -> None:
         """Count a piece."""
+        samples = piece.samples
         self.counts.add(piece.counts)
-        self.samples += len(piece.samples)
+        self.samples += len(samples)
         for event in piece.events:
             self.event_counts[event.kind] += 1
             if self.event_counts[event.kind] <= _STORED_EVENTS:
                 self.events.append(event)
-        self._add_statistics(piece.samples)
-        self._add_losses(piece)
-
-    def _add_statistics(self, samples: Samples) -> None:
         force = samples.force[(samples.status == 0) & np.isfinite(samples.force).all(1)]
-        n = len(force)
-        if not n:
-            return
-        # Combined means and squares of two stretches: Chan, Golub & LeVeque 1983.
-        with np.errstate(over="ignore", invalid="ignore"):
-            mean = force.mean(0)
-            change, total = mean - self._mean, self.good + n
-            self._squares = self._squares + ((force - mean) ** 2).sum(0) + change**2 * (self.good * n / total)
-            self._mean = self._mean + change * (n / total)
-        self.good = total
-
-    def _add_losses(self, piece: Decoded) -> None:
-        counter, samples = self.protocol.counter, piece.samples
-        if counter is None or not len(samples) or samples.counter[0] < 0:
-            return
-        if self._frames is None:
-            step = commonest_step(samples.counter, counter.modulus)
-            if counter.ticks_per_s and self.rate_hz:
-                step = max(1, round(counter.ticks_per_s / self.rate_hz))
-            self._frames = FrameNumbers(counter.modulus, step)
-        # A file has no stamps: only losses that the counter shows can be counted.
-        replies = [event.stop for event in piece.events if event.counted]
-        places = np.searchsorted(samples.stop, np.array(replies, np.int64))
-        self._frames.take(samples.counter, samples.content, replies=places)
+        if len(force):
+            self._typical = self._typical if self.good else force[0]
+            self.good += len(force)
+            with np.errstate(over="ignore", invalid="ignore"):
+                difference = force - self._typical
+                self._sums = self._sums + np.array([difference.sum(0), (difference**2).sum(0)])
+        self._stream.add(piece)
 
     def faults(self) -> Iterator[str]:
         """Unreadable parts, one line each."""
@@ -150,8 +118,7 @@ class FileContents:
 
     def losses(self) -> str:
         """A line on lost samples; empty if there is no counter."""
-        counter = self.protocol.counter
-        found = self._frames
+        counter, found = self.protocol.counter, self._stream.numbers
         if counter is None or found is None or self.samples < 3:
             return ""
         wraps = f" (whole wraps of {counter.modulus} cannot be seen in a file)" if counter.modulus <= 65536 else ""
@@ -164,9 +131,12 @@ class FileContents:
                 "no specific force in g: the stream does not state the range; "
                 "give --range-g (it is set in the device, do not guess)"
             )
-        mean = " ".join(f"{v:+.6f}" for v in self._mean)
-        sd = " ".join(f"{v * 1e3:.3f}" for v in np.sqrt(self._squares / self.good))
-        return f"{self.good} good samples: mean {mean} g, sd {sd} mg, size {np.linalg.norm(self._mean):.5f} g"
+        with np.errstate(over="ignore", invalid="ignore"):
+            first, second = self._sums / self.good
+            mean, sd = self._typical + first, np.sqrt(np.maximum(second - first**2, 0.0))
+        means = " ".join(f"{v:+.6f}" for v in mean)
+        sds = " ".join(f"{v * 1e3:.3f}" for v in sd)
+        return f"{self.good} good samples: mean {means} g, sd {sds} mg, size {np.linalg.norm(mean):.5f} g"
 
 
 def decode_file(
@@ -194,55 +164,56 @@ def decode_file(
     start = next(pieces_of(path), b"")
     if not start:
         raise InputError(f"{path}: the file is empty")
-    device_protocol = protocol(name) if name is not None else _guessed(path, start)
-    options = device_protocol.decoder_options(stated.columns, stated.unit, whole=True)
-    ignored = [f"--{name}" for name in ("columns", "unit") if getattr(stated, name) and name not in options]
-    if ignored:
+    how = protocol(name) if name is not None else _guessed(path, start)
+    options = how.decoder_options(stated.columns, stated.unit, whole=True)
+    if ignored := [f"--{name}" for name in ("columns", "unit") if getattr(stated, name) and name not in options]:
         raise InputError(
-            f"{path}: {device_protocol.title} states its columns itself; remove {' and '.join(ignored)}, which only lines of "
+            f"{path}: {how.title} states its columns itself; remove {' and '.join(ignored)}, which only lines of "
             "text take (or give another --protocol)"
         )
-    known = _Known(_settings(device_protocol, stated), stated.rate_hz, None if out is None else frozenset())
+    if stated.range_g is not None and stated.range_g not in how.ranges_g:
+        known = ", ".join(f"{r:g}" for r in how.ranges_g) or "none: its output is scaled already"
+        raise InputError(f"--range-g {stated.range_g:g}: not a range of {how.name}; its ranges: {known}")
+    # The stream may state these late; then it is decoded again.
+    unknown = stated.range_g is None and how.range_from_stream
+    settings, rate_hz = None if unknown else how.settings(stated.range_g, stated.rate_hz), stated.rate_hz
+    columns = frozenset[str]()
+
+    def decoded(contents: FileContents) -> Iterator[Decoded]:
+        decoder = how.decoder(settings, **options)
+        for data in pieces_of(path, contents.of_log):
+            contents.size += len(data)
+            yield decoder.feed(data)
+            progress(contents.size)
+        yield decoder.finish()
+
+    def tables(contents: FileContents) -> Iterator[pl.DataFrame]:
+        nonlocal settings, rate_hz, columns
+        for piece in decoded(contents):
+            for event in piece.events:
+                if settings is None and "range_g" in event.content:
+                    settings, rate_hz = settings_of(event.content), event.content["rate_hz"] or rate_hz
+                    raise _StatedLate
+            first, samples = contents.samples, piece.samples
+            if out is not None and len(samples) and not columns_of(samples) <= columns:
+                columns |= columns_of(samples)
+                raise _StatedLate
+            contents.add(piece)
+            if out is not None:
+                yield pl.DataFrame(table_of(samples, columns, rate_hz, first))
+
     while True:
-        contents = FileContents(device_protocol, known.rate_hz)
-        samples = _samples(path, device_protocol.decoder(known.settings, **options), known, contents, progress)
+        contents = FileContents(how, rate_hz)
         try:
-            if out is not None and known.columns:
-                write_pieces(out, samples, known.columns, known.rate_hz)
+            if out is not None and columns:
+                schema = pl.DataFrame(table_of(blank(0), columns, rate_hz)).schema
+                write_frames(out, tables(contents), schema)
             else:
-                for _ in samples:
+                for _ in tables(contents):
                     pass
             return contents
-        except _Again as again:
-            known = again.known
-
-
-def _samples(
-    path: Path, decoder: Decoder, known: _Known, contents: FileContents, progress: Callable[[int], None]
-) -> Iterator[Samples]:
-    """Samples piece by piece. **Raises:** `_Again` if a piece states a property that the rows before it need."""
-
-    def counted(piece: Decoded) -> Samples:
-        learned = _learned(known, piece)
-        if learned != known:
-            raise _Again(learned)
-        contents.add(piece)
-        return piece.samples
-
-    for data in pieces_of(path, contents.of_log):
-        contents.size += len(data)
-        yield counted(decoder.feed(data))
-        progress(contents.size)
-    yield counted(decoder.finish())
-
-
-def _learned(known: _Known, piece: Decoded) -> _Known:
-    configured = next((e.content for e in piece.events if e.kind == "configuration" and "range_g" in e.content), None)
-    if configured is not None and known.settings is None:
-        known = replace(known, settings=settings_of(configured), rate_hz=configured.get("rate_hz") or known.rate_hz)
-    if known.columns is not None and len(piece.samples):
-        known = replace(known, columns=known.columns | columns_of(piece.samples))
-    return known
+        except _StatedLate:
+            continue
 
 
 def _guessed(path: Path, data: bytes) -> Protocol:
@@ -253,12 +224,3 @@ def _guessed(path: Path, data: bytes) -> Protocol:
             f"{path}: no protocol fits these bytes (recognised: {seen}); to read them anyway, give --protocol"
         )
     return protocol(ranked[0].name)
-
-
-def _settings(device_protocol: Protocol, stated: Stated) -> Settings | None:
-    if stated.range_g is None and device_protocol.range_from_stream:
-        return None
-    if stated.range_g is not None and stated.range_g not in device_protocol.ranges_g:
-        known = ", ".join(f"{r:g}" for r in device_protocol.ranges_g) or "none: its output is scaled already"
-        raise InputError(f"--range-g {stated.range_g:g}: not a range of {device_protocol.name}; its ranges: {known}")
-    return device_protocol.settings(stated.range_g, stated.rate_hz)

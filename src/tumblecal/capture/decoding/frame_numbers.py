@@ -6,23 +6,41 @@ is a repeat. Every other step of the counter is forward (modular arithmetic); wh
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tumblecal.capture.decoding.samples import Decoded, Integers, Mask, Samples, Status, joined
+
+
+if TYPE_CHECKING:
+    from tumblecal.capture.protocols import DeviceCounter
 
 # Contents of frames without their counter, for a slice of a piece: shape (n, k).
 Content = Callable[[slice], NDArray]
 
 # Number of later frames that may arrive before a frame that they overtook.
 WINDOW = 8
+# Number of samples from which the step of the counter is estimated.
+_ENOUGH_FOR_STEP = 8
 # A counter with a larger forward step was reset: counters of 64 bits do not wrap.
 _MOST_TICKS = 1 << 53
 
 
-@dataclass(frozen=True)
-class Numbered:
+def commonest_step(counter: Integers, modulus: int, restarted: Mask | None = None) -> int:
+    """The usual step of a counter: exact if it counts samples, the median if it is a clock."""
+    steps = np.diff(counter) % modulus
+    steps = steps if restarted is None else steps[~restarted]
+    # Steps of more than half the counter are backwards.
+    steps = steps[(steps > 0) & (steps <= modulus // 2)]
+    if not len(steps):
+        return 1
+    values, counts = np.unique(steps, return_counts=True)
+    return int(values[np.argmax(counts)] if counts.max() > len(steps) / 4 else np.median(steps))
+
+
+class Numbered(NamedTuple):
     """Frames as they arrived, shape (n,) each.
 
     **Arguments:**
@@ -33,9 +51,9 @@ class Numbered:
     - `repeated`: whether the same frame had arrived before.
     """
 
-    number: NDArray[np.int64]
-    ticks: NDArray[np.int64]
-    repeated: NDArray[np.bool_]
+    number: Integers
+    ticks: Integers
+    repeated: Mask
 
 
 class FrameNumbers:
@@ -49,30 +67,24 @@ class FrameNumbers:
     `repeats`: frames that arrived before; `replaced`: frames that the device replaced by a reply.
     """
 
-    window: int
-    lost: int
-    gaps: int
-    repeats: int
-    replaced: int
-
     def __init__(self, modulus: int, step: int):
         self._modulus, self._step = modulus, step
         self.window = min(WINDOW, modulus // step // 4)
         self.lost = self.gaps = self.repeats = self.replaced = 0
-        self._top = self._top_ticks = self._top_counter = -1
-        self._last = -1  # number of the frame that arrived last
-        self._lowest = 0
-        self._floor = 0  # frames below this number belong to a device before its restart
-        self._recent: dict[int, object] = {}
-        self._short_gaps: list[set[int]] = []
-        self._replies = 0
+        # The highest number, and the number of the frame that arrived last.
+        self._top, self._last, self._top_ticks, self._top_counter = -1, -1, -step, 0
+        # Frames below `floor` belong to a device before its restart.
+        self._lowest, self._floor, self._replies = 0, -self.window, 0
+        # Contents of the last few frames, and for each missing frame how many are missing in its gap.
+        self._recent: dict[int, bytes | None] = {}
+        self._missing: dict[int, list[int]] = {}
 
     def take(
         self,
-        counter: NDArray[np.int64],
+        counter: Integers,
         content: Content | None = None,
-        restarted: NDArray[np.bool_] | None = None,
-        replies: NDArray[np.int64] | None = None,
+        restarted: Mask | None = None,
+        replies: Integers | None = None,
     ) -> Numbered:
         """Number the next frames.
 
@@ -84,123 +96,118 @@ class FrameNumbers:
         - `replies`: for each reply, the frame of this piece that follows it; n after the last frame.
         """
         n = len(counter)
-        number, ticks, repeated = np.empty(n, np.int64), np.empty(n, np.int64), np.zeros(n, bool)
-        if not n:
-            self._replies += 0 if replies is None else len(replies)
-            return Numbered(number, ticks, repeated)
-        replied = np.bincount(np.zeros(0, np.int64) if replies is None else replies, minlength=n + 1)
+        found = Numbered(np.empty(n, int), np.empty(n, int), np.zeros(n, bool))
+        again = np.zeros(n, bool) if restarted is None else restarted
+        replied = np.bincount(np.zeros(0, int) if replies is None else replies, minlength=n + 1)
         replied[0] += self._replies
         self._replies = int(replied[n])
-        before = np.concatenate([[self._top_counter if self._last == self._top else -1], counter[:-1]])
-        steps = (counter - before) % self._modulus
-        ordinary = np.abs(steps - self._step) < self._step / 2
-        if restarted is not None:
-            ordinary &= ~restarted
-        odd = np.flatnonzero(~ordinary)
+        steps = np.diff(counter, prepend=self._top_counter) % self._modulus
+        odd = np.append(np.flatnonzero((np.abs(steps - self._step) >= self._step / 2) | again), n)
         place = 0
         while place < n:
-            if self._in_order():
-                following = odd[np.searchsorted(odd, place)] if len(odd) and odd[-1] >= place else n
-                if following > place:
-                    run = slice(place, int(following))
-                    number[run] = self._top + np.arange(1, run.stop - place + 1)
-                    ticks[run] = self._top_ticks + np.cumsum(steps[run])
-                    end = slice(max(run.start, run.stop - self.window - 1), run.stop)
-                    self._advance(number[end], ticks[end], counter[end], None if content is None else content(end))
-                    place = run.stop
-                    continue
-            fields = None if content is None else content(slice(place, place + 1))[0]
-            again = restarted is not None and bool(restarted[place])
-            number[place], ticks[place], repeated[place] = self._one(
-                int(counter[place]), fields, int(replied[place]), restarted=again
-            )
-            place += 1
-        return Numbered(number, ticks, repeated)
+            # After a few frames in order, the next odd step ends a run.
+            in_order = self._last == self._top and len(self._recent) > self.window
+            stop = int(odd[np.searchsorted(odd, place)]) if in_order else place
+            run = slice(place, stop)
+            found.number[run] = self._top + np.arange(1, stop - place + 1)
+            found.ticks[run] = self._top_ticks + np.cumsum(steps[run])
+            if stop == place:
+                stop += 1
+                fields = None if content is None else content(slice(place, stop))[0].tobytes()
+                arrived = self._one(int(counter[place]), fields, int(replied[place]), bool(again[place]))
+                found.number[place], found.ticks[place], found.repeated[place] = arrived
+            else:
+                end = slice(max(place, stop - self.window - 1), stop)
+                rows = [None] * (stop - end.start) if content is None else [row.tobytes() for row in content(end)]
+                self._recent |= dict(zip(found.number[end].tolist(), rows, strict=True))
+                self._highest(int(found.number[stop - 1]), int(found.ticks[stop - 1]), int(counter[stop - 1]))
+            place = stop
+        return found
 
-    def _in_order(self) -> bool:
-        """Whether the last frame is the highest and none of the last few is missing: then a step of one is the next."""
-        return bool(self._recent) and self._last == self._top and len(self._recent) > self.window
+    def _highest(self, number: int, ticks: int, counter: int) -> None:
+        self._top, self._last, self._top_ticks, self._top_counter = number, number, ticks, counter
+        self._recent = {k: row for k, row in self._recent.items() if k >= number - self.window}
+        self._missing = {k: gap for k, gap in self._missing.items() if k >= number - self.window}
 
-    def _advance(self, number, ticks, counter, content) -> None:
-        """Register a run of frames in order, of which these are the last."""
-        self._top, self._top_ticks, self._top_counter = int(number[-1]), int(ticks[-1]), int(counter[-1])
-        self._last = self._top
-        rows = [None] * len(number) if content is None else content
-        self._recent |= dict(zip(number.tolist(), rows, strict=True))
-        self._forget()
-
-    def _forget(self) -> None:
-        oldest = self._top - self.window
-        if min(self._recent) < oldest:
-            self._recent = {number: row for number, row in self._recent.items() if number >= oldest}
-        if self._short_gaps:
-            self._short_gaps = [gap for gap in self._short_gaps if max(gap) >= oldest]
-
-    def _one(self, counter: int, content, replies: int, *, restarted: bool) -> tuple[int, int, bool]:
+    def _one(self, counter: int, content: bytes | None, replies: int, restarted: bool) -> tuple[int, int, bool]:
         """Number, ticks and whether it is a repeat, of one frame."""
-        if not self._recent:
-            self._top = self._top_ticks = self._last = 0
-            self._floor = -self.window
-            self._top_counter, self._recent = counter, {0: content}
-            return 0, 0, False
-        if restarted:
-            return self._begun_again(counter, content)
         forward = (counter - self._top_counter) % self._modulus
         back = self._modulus - forward
         ahead, behind = round(forward / self._step), round(back / self._step)
-        if ahead == 0 or behind == 0:
-            return self._same_counter(forward if ahead == 0 else -back, content)
         number = self._top - behind
-        if behind <= self.window and number >= self._floor:
-            if number not in self._recent:
-                return self._late(number, back, content)
-            if _same(self._recent[number], content):
+        if self._recent and not restarted:
+            if ahead == 0 or behind == 0:
+                # A repeat of the highest frame, or whole wraps that only stamps can show.
+                self._last, repeat = self._top, content is not None and self._recent[self._top] == content
+                self.repeats += repeat
+                return self._top, self._top_ticks + (forward if ahead == 0 else -back), repeat
+            near = behind <= self.window and number >= self._floor
+            if near and number not in self._recent:
+                self._late(number, content)
+                return number, self._top_ticks - back, False
+            if near and content is not None and self._recent[number] == content:
                 self.repeats += 1
                 self._last = number
                 return number, self._top_ticks - back, True
-        if forward > _MOST_TICKS:
-            return self._begun_again(counter, content)
-        return self._highest(ahead, forward, counter, content, replies)
+            restarted = forward > _MOST_TICKS
+        if restarted:
+            self._floor = self._top + 1
+        if restarted or not self._recent:
+            self._recent, ahead, forward, replies = {}, 1, self._step, 0
+        missing = ahead - 1
+        replaced = min(replies, missing)
+        self.replaced += replaced
+        self.lost += missing - replaced
+        self.gaps += missing > replaced
+        if replaced < missing <= self.window:
+            gap = [missing]
+            self._missing |= dict.fromkeys(range(self._top + 1, self._top + ahead), gap)
+        self._recent[self._top + ahead] = content
+        self._highest(self._top + ahead, self._top_ticks + forward, counter)
+        return self._top, self._top_ticks, False
 
-    def _begun_again(self, counter: int, content) -> tuple[int, int, bool]:
-        """The first frame after a restart of the counter."""
-        self._recent.clear()
-        self._floor = self._top + 1
-        return self._highest(1, self._step, counter, content, 0)
-
-    def _same_counter(self, ticks: int, content) -> tuple[int, int, bool]:
-        """The counter of the highest frame again: a repeat, or whole wraps that only stamps can show."""
-        self._last = self._top
-        repeat = _same(self._recent[self._top], content)
-        self.repeats += repeat
-        return self._top, self._top_ticks + ticks, repeat
-
-    def _late(self, number: int, back: int, content) -> tuple[int, int, bool]:
+    def _late(self, number: int, content: bytes | None) -> None:
         self._recent[number], self._last = content, number
         self.lost += self._lowest - number - 1 if number < self._lowest else -1
         self._lowest = min(self._lowest, number)
-        for gap in self._short_gaps:
-            gap.discard(number)
-        closed = [gap for gap in self._short_gaps if not gap]
-        self.gaps -= len(closed)
-        self._short_gaps = [gap for gap in self._short_gaps if gap]
-        return number, self._top_ticks - back, False
-
-    def _highest(self, ahead: int, forward: int, counter: int, content, replies: int) -> tuple[int, int, bool]:
-        replaced = min(replies, ahead - 1)
-        self.replaced += replaced
-        if ahead - 1 > replaced:
-            self.lost += ahead - 1 - replaced
-            self.gaps += 1
-            if ahead - 1 <= self.window:
-                self._short_gaps.append(set(range(self._top + 1, self._top + ahead)))
-        self._top += ahead
-        self._top_ticks += forward
-        self._top_counter, self._last = counter, self._top
-        self._recent[self._top] = content
-        self._forget()
-        return self._top, self._top_ticks, False
+        gap = self._missing.pop(number, [0])
+        gap[0] -= 1
+        self.gaps -= gap[0] == 0
 
 
-def _same(first, second) -> bool:
-    return first is not None and second is not None and bool(np.array_equal(first, second, equal_nan=True))
+class CountedStream:
+    """Numbers the samples of a stream without stamps: only losses that the device's counter shows are counted.
+
+    **Arguments:**
+
+    - `counter`: the device's counter, if there is one. `rate_hz`: the sample rate; otherwise the step is estimated.
+
+    `numbers`: None before the step is known; `restarts`: restarts of the device since then.
+    """
+
+    numbers: FrameNumbers | None
+
+    def __init__(self, counter: "DeviceCounter | None", rate_hz: float | None = None):
+        self._counter, self._rate_hz, self._starting = counter, rate_hz, False
+        self.numbers, self.restarts, self._early = None, 0, list[Samples]()
+
+    def add(self, piece: Decoded) -> None:
+        """Number the samples of the next piece."""
+        samples, counter = piece.samples, self._counter
+        if counter is None or not len(samples) or samples.counter[0] < 0:
+            return
+        starting = np.append(self._starting, (samples.status & Status.STARTING) != 0)
+        restarted, self._starting = starting[1:] & ~starting[:-1], bool(starting[-1])
+        if self.numbers is None:
+            self._early.append(samples)
+            samples = joined(self._early)
+            if len(samples) < _ENOUGH_FOR_STEP:
+                return
+            step = commonest_step(samples.counter, counter.modulus)
+            if counter.ticks_per_s and self._rate_hz:
+                step = max(1, round(counter.ticks_per_s / self._rate_hz))
+            self.numbers, restarted = FrameNumbers(counter.modulus, step), None
+        else:
+            self.restarts += int(restarted.sum())
+        replies = np.array([event.stop for event in piece.events if event.counted], int)
+        self.numbers.take(samples.counter, samples.content, restarted, np.searchsorted(samples.stop, replies))

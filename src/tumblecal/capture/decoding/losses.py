@@ -6,13 +6,13 @@ for each wrap that the unwrapped counter misses. The steps are resolved in order
 too few data follow, the gap is reported as unresolved instead of being guessed.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tumblecal.capture.decoding.frame_numbers import Content, FrameNumbers
+from tumblecal.capture.decoding.frame_numbers import Content, FrameNumbers, commonest_step
+from tumblecal.capture.decoding.samples import Floats, Integers
 
 
 # Time before and after a gap in which the lowest delay is searched, s.
@@ -43,7 +43,7 @@ class Rates(NamedTuple):
     half_s: float
 
     @classmethod
-    def of(cls, number: NDArray[np.int64], time_s: NDArray[np.float64]) -> "Rates":
+    def of(cls, number: Integers, time_s: Floats) -> "Rates":
         """From the numbers of the samples that completed each stamp, and their times (n,); NaN for too few."""
         if len(time_s) < 3 or not time_s[-1] > time_s[0]:
             return _NO_RATES
@@ -86,42 +86,47 @@ class Losses:
     - `counted`: False without a counter; `lost` is then an estimate from time.
     """
 
-    lost: int
-    unresolved: int
-    replaced: int
-    duplicates: int
-    gaps: list[Gap]
-    rate_hz: float
+    lost: int = 0
+    unresolved: int = 0
+    replaced: int = 0
+    duplicates: int = 0
+    gaps: list[Gap] = field(default_factory=list)
+    rate_hz: float = np.nan
     counted: bool = True
     rates: Rates = _NO_RATES
 
-    def by_device(self, clock: NDArray[np.float64], host_s: NDArray[np.float64]) -> "Losses":
-        """With the rates by the device's clock (n,), if it shows them; `host_s`: stamp of each sample (n,)."""
-        time_s = device_time_s(clock, host_s)
-        if time_s is None:
+    def by_device(self, clock: Floats, host_s: Floats) -> "Losses":
+        """With the rates by the device's clock (n,), if it shows them; `host_s`: stamp of each sample (n,).
+
+        The clock must rise from sample to sample, in a power of ten of seconds by the stamps.
+        """
+        if len(clock) < 3 or not (np.diff(clock) > 0).all() or not host_s[-1] > host_s[0]:
             return self
-        number = np.arange(len(time_s))
+        ticks_per_s = float((clock[-1] - clock[0]) / (host_s[-1] - host_s[0]))
+        unit = 10.0 ** round(np.log10(ticks_per_s))
+        if not abs(ticks_per_s / unit - 1) < _SAME_CLOCK:
+            return self
+        number = np.arange(len(clock))
         for gap in self.gaps:
             number[gap.after + 1 :] += gap.lost
-        rates = Rates.of(number, time_s)
+        rates = Rates.of(number, clock / unit)
         return replace(self, rates=rates, rate_hz=rates.mean_hz)
 
 
-def device_time_s(clock: NDArray[np.float64], host_s: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """Times by the device's clock; None if it does not rise from stamp to stamp, or its unit is not a power of ten of s.
-
-    **Arguments:**
-
-    - `clock`: the device's clock at each stamp, shape (m,). `host_s`: stamps, shape (m,), by which the unit is found.
-    """
-    if len(clock) < 3 or not (np.diff(clock) > 0).all() or not host_s[-1] > host_s[0]:
-        return None
-    ticks_per_s = float((clock[-1] - clock[0]) / (host_s[-1] - host_s[0]))
-    unit = 10.0 ** round(np.log10(ticks_per_s))
-    return clock / unit if abs(ticks_per_s / unit - 1) < _SAME_CLOCK else None
+def _last_of_stamps(host_s: Floats) -> Integers:
+    """The last sample of each stamp."""
+    return np.flatnonzero(np.append(host_s[1:] != host_s[:-1], True)[: len(host_s)])
 
 
-def host_per_tick(ticks: NDArray[np.int64], host_s: NDArray[np.float64]) -> float:
+def _window(host_s: Floats, stamp: int) -> tuple[int, int]:
+    """The stamps shortly before and after a pause before `stamp`: the first, and the one behind the last."""
+    return (
+        int(np.searchsorted(host_s, host_s[stamp - 1] - _WINDOW_S)),
+        int(np.searchsorted(host_s, host_s[stamp] + _WINDOW_S)),
+    )
+
+
+def _host_per_tick(ticks: Integers, host_s: Floats) -> float:
     """Host seconds a tick: the median slope over stretches of about a second, so gaps do not matter.
 
     **Arguments:**
@@ -130,70 +135,57 @@ def host_per_tick(ticks: NDArray[np.int64], host_s: NDArray[np.float64]) -> floa
     - `host_s`: stamps, shape (m,).
     """
     if len(ticks) < 3:
-        return float("nan")
+        return np.nan
     reach = int(np.clip(np.searchsorted(host_s, host_s[0] + 1.0), 1, max(1, len(ticks) // 3)))
     run = ticks[reach:] - ticks[:-reach]
-    slopes = (host_s[reach:] - host_s[:-reach]) / np.maximum(run, 1)
-    return float(np.median(slopes[run > 0])) if (run > 0).any() else float("nan")
+    slopes = (host_s[reach:] - host_s[:-reach])[run > 0] / run[run > 0]
+    return float(np.median(slopes)) if len(slopes) else np.nan
 
 
-def _envelope_slope(ticks: NDArray[np.int64], host_s: NDArray[np.float64], tick_s: float) -> float:
+def _envelope_slope(ticks: Integers, host_s: Floats, tick_s: float) -> float:
     """Host seconds a tick along the lower envelope: a line through the earliest stamps of many short stretches."""
-    bins = int(np.clip((host_s[-1] - host_s[0]) / 1.0, 2, 400))
-    edges = np.searchsorted(host_s, np.linspace(host_s[0], host_s[-1], bins + 1)[:-1])
-    edges = edges[np.concatenate([[True], np.diff(edges) > 0])]
+    bins = int(np.clip(host_s[-1] - host_s[0], 2, 400))
+    edges = np.unique(np.searchsorted(host_s, np.linspace(host_s[0], host_s[-1], bins + 1)[:-1]))
     if len(edges) < 4:
         return tick_s
-    delay = host_s - ticks * tick_s
-    lowest = np.minimum.reduceat(delay, edges)
+    lowest, half = np.minimum.reduceat(host_s - ticks * tick_s, edges), len(edges) // 2
     middle = ticks[edges].astype(float)
-    half = len(edges) // 2
-    slopes = (lowest[half:] - lowest[:-half]) / (middle[half:] - middle[:-half])
-    return tick_s + float(np.median(slopes))
+    return tick_s + float(np.median((lowest[half:] - lowest[:-half]) / (middle[half:] - middle[:-half])))
 
 
-def _wraps(
-    ticks: NDArray[np.int64], host_s: NDArray[np.float64], modulus: int
-) -> tuple[list[tuple[int, int, bool]], float]:
+def _wraps(ticks: Integers, host_s: Floats, modulus: int) -> tuple[list[tuple[int, int, bool]], float]:
     """Missing whole wraps: (stamp before which they are missing, how many, certain), and host seconds a tick.
 
     A first pass with a rough slope finds most of them; the slope along the corrected envelope then decides.
     """
-    tick_s = host_per_tick(ticks, host_s)
-    if not np.isfinite(tick_s):
-        return [], tick_s
-    steps = _steps(ticks, host_s, modulus, tick_s)
-    for _ in range(2):
-        corrected = ticks.copy()
-        for i, count, _certain in steps:
-            corrected[i:] += count * modulus
-        tick_s = _envelope_slope(corrected, host_s, tick_s)
-        steps = _steps(ticks, host_s, modulus, tick_s)
-    return steps, tick_s
+    tick_s, wraps = _host_per_tick(ticks, host_s), list[tuple[int, int, bool]]()
+    for sharper in (False, True, True) if np.isfinite(tick_s) else ():
+        if sharper:
+            corrected = ticks.copy()
+            for stamp, count, _ in wraps:
+                corrected[stamp:] += count * modulus
+            tick_s = _envelope_slope(corrected, host_s, tick_s)
+        wraps = _steps(host_s - ticks * tick_s, host_s, modulus * tick_s)
+    return wraps, tick_s
 
 
-def _steps(
-    ticks: NDArray[np.int64], host_s: NDArray[np.float64], modulus: int, tick_s: float
-) -> list[tuple[int, int, bool]]:
-    """Steps of the lower envelope by whole wraps, one after the other."""
-    wrap_s = modulus * tick_s
+def _steps(delay: Floats, host_s: Floats, wrap_s: float) -> list[tuple[int, int, bool]]:
+    """Steps of the lower envelope of the delay by whole wraps, one after the other."""
+    steps = list[tuple[int, int, bool]]()
     if wrap_s < _SHORTEST_WRAP_S:
         # Reads are late by the length of a wrap (only if a virtual instrument runs much faster than real time).
-        return []
-    delay = host_s - ticks * tick_s
+        return steps
     # Whole wraps are lost only if nothing arrives for that long, and for longer than a read may be late.
     silence_s = max(0.5 * wrap_s, _LATE_READ_S)
     late = np.flatnonzero((np.diff(delay) > 0.3 * wrap_s) & (np.diff(host_s) > silence_s)) + 1
-    steps = []
     fixed, floor = -_FEWEST_STAMPS, np.inf
     for i in late.tolist():
+        first, stop = _window(host_s, i)
         # A few stamps between two steps may all be late: then the floor before the first step is still used.
         if i - fixed >= _FEWEST_STAMPS:
-            oldest = min(int(np.searchsorted(host_s, host_s[i - 1] - _WINDOW_S)), i - 3 * _FEWEST_STAMPS)
-            floor = delay[max(oldest, 0) : i].min()
-        after = slice(i, int(np.searchsorted(host_s, host_s[i] + _WINDOW_S)))
-        wraps = round((delay[after].min() - floor) / wrap_s)
-        enough = after.stop - i >= _FEWEST_STAMPS and host_s[-1] - host_s[i] >= 0.9 * _WINDOW_S
+            floor = delay[max(min(first, i - 3 * _FEWEST_STAMPS), 0) : i].min()
+        wraps = round((delay[i:stop].min() - floor) / wrap_s)
+        enough = stop - i >= _FEWEST_STAMPS and host_s[-1] - host_s[i] >= 0.9 * _WINDOW_S
         enough &= i >= _FEWEST_STAMPS or wraps == 0
         if wraps or not enough:
             steps.append((i, wraps, enough))
@@ -203,12 +195,12 @@ def _steps(
 
 
 def count_losses(
-    counter: NDArray[np.int64],
-    host_s: NDArray[np.float64],
+    counter: Integers,
+    host_s: Floats,
     modulus: int,
     step: int | None = None,
-    special_after: NDArray[np.int64] | None = None,
-    restarts: NDArray[np.int64] | None = None,
+    special_after: Integers | None = None,
+    restarts: Integers | None = None,
     content: Content | None = None,
 ) -> Losses:
     """Count the samples lost between the first and the last.
@@ -227,85 +219,60 @@ def count_losses(
     """
     n = len(counter)
     if n < 2:
-        return Losses(0, 0, 0, 0, [], float("nan"))
+        return Losses()
     restarted = np.zeros(n, bool)
     if restarts is not None:
         restarted[restarts[(restarts >= 0) & (restarts < n - 1)] + 1] = True
-    if step is None:
-        step = commonest_step(counter, modulus, restarted[1:])
+    step = step or commonest_step(counter, modulus, restarted[1:])
     frames = FrameNumbers(modulus, step)
-    numbered = frames.take(counter, content, restarted)
-    # Place of each sample in the order of sending; a repeat has the place of the sample that it repeats.
-    order = np.argsort(np.where(numbered.repeated, numbered.number[0] - n, numbered.number), kind="stable")
-    order = order[np.count_nonzero(numbered.repeated) :]
-    sent = numbered.number[order]
+    number, ticks, repeated = frames.take(counter, content, restarted)
+    # The samples in the order of sending, without repeats.
+    order = np.argsort(number, kind="stable")
+    order = order[~repeated[order]]
+    sent = number[order]
     missing = np.diff(sent) - 1
-
-    ticks = np.maximum.accumulate(numbered.ticks)
-    last_of_stamp = np.flatnonzero(np.concatenate([host_s[1:] != host_s[:-1], [True]]))
-    wraps, tick_s = _wraps(ticks[last_of_stamp], host_s[last_of_stamp], modulus)
     sure = np.ones(len(missing), bool)
-    sure[np.searchsorted(sent, numbered.number[np.flatnonzero(restarted)]) - 1] = False
-    highest = np.maximum.accumulate(numbered.number)
-    leading = np.maximum.accumulate(np.where((numbered.number == highest) & ~numbered.repeated, np.arange(n), 0))
-    place = np.zeros(n, np.int64)
+    sure[np.searchsorted(sent, number[restarted]) - 1] = False
+
+    last = _last_of_stamps(host_s)
+    wraps, tick_s = _wraps(np.maximum.accumulate(ticks)[last], host_s[last], modulus)
+    highest = np.maximum.accumulate(number)
+    leading = np.maximum.accumulate(np.where((number == highest) & ~repeated, np.arange(n), 0))
+    place = np.zeros(n, int)
     place[order] = np.arange(len(order))
     for stamp, count, certain in wraps:
         # The gap is between the last sample of the stamp before and the first with a different step.
-        first, last = int(last_of_stamp[stamp - 1]), int(last_of_stamp[stamp])
-        odd = np.flatnonzero(np.diff(highest[first : last + 1]) != 1)
-        at = first + int(odd[0]) if len(odd) else first
-        gap = min(int(place[leading[at]]), len(missing) - 1)
+        between = np.arange(last[stamp - 1], last[stamp])
+        odd = between[np.diff(highest)[between] != 1]
+        gap = min(int(place[leading[(odd if len(odd) else between)[0]]]), len(missing) - 1)
         missing[gap] += round(count * modulus / step)
         sure[gap] &= certain
-    duplicates = int(np.count_nonzero(numbered.repeated) + (missing < 0).sum())
+    duplicates = int(np.count_nonzero(repeated) + (missing < 0).sum())
     missing = np.maximum(missing, 0)
     replaced = _replaced(missing, order, special_after, frames.window)
     lost = missing - replaced
-    gaps = [Gap(int(order[k]), int(lost[k]), bool(sure[k])) for k in np.flatnonzero((lost > 0) | ~sure)]
     return Losses(
         lost=int(lost.sum()),
         unresolved=int((~sure).sum()),
         replaced=int(replaced.sum()),
         duplicates=duplicates,
-        gaps=gaps,
-        rate_hz=float(1 / (tick_s * step)) if np.isfinite(tick_s) and tick_s > 0 else float("nan"),
-        rates=Rates.of(highest[last_of_stamp], host_s[last_of_stamp]),
+        gaps=[Gap(int(order[k]), int(lost[k]), bool(sure[k])) for k in np.flatnonzero((lost > 0) | ~sure)],
+        rate_hz=float(1 / (tick_s * step)) if tick_s > 0 else np.nan,
+        rates=Rates.of(highest[last], host_s[last]),
     )
 
 
-def commonest_step(counter: NDArray[np.int64], modulus: int, restarted: NDArray[np.bool_] | None = None) -> int:
-    """The usual step of a counter: exact if it counts samples, the median if it is a clock."""
-    difference = np.diff(counter) % modulus
-    if restarted is not None:
-        difference = difference[~restarted]
-    # Steps of more than half the counter are backwards.
-    positive = difference[(difference > 0) & (difference <= modulus // 2)]
-    if not len(positive):
-        return 1
-    values, counts = np.unique(positive, return_counts=True)
-    return int(values[np.argmax(counts)]) if counts.max() > len(positive) / 4 else int(np.median(positive))
-
-
-def _replaced(
-    missing: NDArray[np.int64], order: NDArray[np.int64], special_after: NDArray[np.int64] | None, window: int
-) -> NDArray[np.int64]:
+def _replaced(missing: Integers, order: Integers, special_after: Integers | None, window: int) -> Integers:
     """Number of samples of each gap replaced by replies: of the gap where the reply arrived, or one within the window."""
-    replaced = np.zeros_like(missing)
-    if special_after is None:
-        return replaced
-    gaps = np.flatnonzero(missing > 0)
-    gaps = gaps[np.argsort(order[gaps], kind="stable")]
-    after = order[gaps]
-    for special in special_after[special_after >= 0].tolist():
-        nearby = range(*np.searchsorted(after, [special - window, special + window + 1]))
-        free = [k for k in nearby if replaced[gaps[k]] < missing[gaps[k]]]
-        if free:
-            replaced[gaps[min(free, key=lambda k: abs(int(after[k]) - special))]] += 1
+    replaced, after = np.zeros_like(missing), order[:-1]
+    for special in [] if special_after is None else special_after[special_after >= 0].tolist():
+        free = np.flatnonzero((replaced < missing) & (np.abs(after - special) <= window))
+        if len(free):
+            replaced[min(free.tolist(), key=lambda k: (abs(after[k] - special), after[k]))] += 1
     return replaced
 
 
-def losses_from_time(host_s: NDArray[np.float64], rate_hz: float | None) -> Losses:
+def losses_from_time(host_s: Floats, rate_hz: float | None) -> Losses:
     """An estimate for a stream without counter: pauses of the stamps that no later burst compensates.
 
     **Arguments:**
@@ -313,19 +280,17 @@ def losses_from_time(host_s: NDArray[np.float64], rate_hz: float | None) -> Loss
     - `host_s`: stamp of each sample, shape (n,).
     - `rate_hz`: the device's rate; estimated from the stream if None.
     """
-    n = len(host_s)
-    last = np.flatnonzero(np.concatenate([host_s[1:] != host_s[:-1], [True]])) if n else np.zeros(0, int)
-    if n < 2 or len(last) < 3:
-        return Losses(0, 0, 0, 0, [], float("nan"), counted=False)
-    period = 1 / rate_hz if rate_hz else host_per_tick(last.astype(np.int64), host_s[last])
-    delay = host_s[last] - last * period
-    gaps = []
-    for i in (np.flatnonzero(np.diff(delay) > 0.2) + 1).tolist():
-        after = delay[i : int(np.searchsorted(host_s[last], host_s[last[i]] + _WINDOW_S))]
-        before = delay[int(np.searchsorted(host_s[last], host_s[last[i - 1]] - _WINDOW_S)) : i]
-        lost = round((after.min() - before.min()) / period)
+    last = _last_of_stamps(host_s)
+    if len(last) < 3:
+        return Losses(counted=False)
+    rates, host_s = Rates.of(last, host_s[last]), host_s[last]
+    period = 1 / rate_hz if rate_hz else _host_per_tick(last, host_s)
+    delay, gaps = host_s - last * period, list[Gap]()
+    for i in (np.flatnonzero(np.diff(delay) > _LATE_STAMP_S) + 1).tolist():
+        first, stop = _window(host_s, i)
+        lost = round((delay[i:stop].min() - delay[first:i].min()) / period)
         if lost > 0.02 / period:
             gaps.append(Gap(int(last[i - 1]), lost, False))
             delay[i:] -= lost * period
-    total = sum(g.lost for g in gaps)
-    return Losses(total, len(gaps), 0, 0, gaps, 1 / period, counted=False, rates=Rates.of(last, host_s[last]))
+    total = sum(gap.lost for gap in gaps)
+    return Losses(total, len(gaps), gaps=gaps, rate_hz=1 / period, counted=False, rates=rates)

@@ -10,6 +10,12 @@ from numpy.typing import NDArray
 from tumblecal.ground.plain_text import plain
 
 
+Bytes = NDArray[np.uint8]
+Integers = NDArray[np.int64]
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
 class Status(IntFlag):
     """Status of one sample as the device states it; zero means good."""
 
@@ -35,18 +41,18 @@ class Samples:
     - `clock`: the device's clock as sent, in any unit of time, shape (n,); NaN if not sent.
     """
 
-    stop: NDArray[np.int64]
-    force: NDArray[np.float64]
-    rate: NDArray[np.float64]
-    temperature: NDArray[np.float64]
-    counter: NDArray[np.int64]
-    status: NDArray[np.uint8]
-    clock: NDArray[np.float64]
+    stop: Integers
+    force: Floats
+    rate: Floats
+    temperature: Floats
+    counter: Integers
+    status: Bytes
+    clock: Floats
 
     def __len__(self) -> int:
         return len(self.stop)
 
-    def content(self, rows: slice) -> NDArray[np.float64]:
+    def content(self, rows: slice) -> Floats:
         """The contents of frames without their counter, shape (n, 8): frames with equal contents and counter are equal."""
         of = self[rows]
         return np.column_stack([of.force, of.rate, of.temperature, of.status.astype(np.float64)])
@@ -55,7 +61,7 @@ class Samples:
         return Samples(*(getattr(self, f.name)[rows] for f in fields(self)))
 
 
-def not_a_number(force: NDArray[np.float64]) -> NDArray[np.uint8]:
+def not_a_number(force: Floats) -> Bytes:
     """The status of samples by their specific force alone."""
     return np.where(np.isfinite(force).all(1), 0, Status.NOT_A_NUMBER).astype(np.uint8)
 
@@ -75,8 +81,7 @@ def blank(n: int) -> Samples:
 
 def joined(parts: list[Samples]) -> Samples:
     """Concatenate samples."""
-    if not parts:
-        return blank(0)
+    parts = [part for part in parts if len(part)] or [blank(0)]
     if len(parts) == 1:
         return parts[0]
     return Samples(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Samples)))
@@ -171,12 +176,10 @@ class Settings:
     - `range_g`: full scale of the accelerometers in g, per axis; None if unknown.
     - `output`: "acceleration" (g or m/s^2), "increment" (velocity a sample), "average" or "integrated".
     - `rate_hz`: configured sample rate; None if the stream must state it.
-    - `lsb_g`: smallest step per axis in g; None if unknown.
     - `temperatures`: whether a virtual STIM300 sends temperatures.
     """
 
     range_g: tuple[float, float, float] | None = None
     output: str = "acceleration"
     rate_hz: float | None = None
-    lsb_g: tuple[float, float, float] | None = None
     temperatures: bool = False

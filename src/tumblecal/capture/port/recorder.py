@@ -8,7 +8,6 @@ is safely on the disk. When its input ends (the guide was killed), it finishes c
 import contextlib
 import json
 import os
-import select
 import signal
 import sys
 import time
@@ -24,9 +23,9 @@ _SYNC_S = 1.0
 _ANCHOR_S = 60.0
 _SILENCE_S = 1.0
 _CLOCK_JUMP_S = 0.5
-_REOPEN_LONGEST_S = 0.5
+_REOPEN_S, _OTHER_DEVICE_S = 0.1, 2.0
 _PREDECESSOR_S = 5.0
-CANNOT_RECORD, DISK_FULL, DISK_FAILED = 2, 3, 4
+FAILED = 2
 
 
 def clocks() -> dict[str, int]:
@@ -54,17 +53,17 @@ class Recorder:
     """
 
     def __init__(self, log: LogWriter, url: str, baud: int):
-        self._log, self._url, self._baud = log, url, baud
-        self._port: Port | None = None
-        self._identity = None
-        self._last_byte_ns = time.monotonic_ns()
-        self._silent = False
-        self._lost_at_ns = 0
-        self._next_try_ns = 0
-        self._pause_s = 0.02
-        self._anchor = clocks()
+        self._log, self._url, self._baud, self._anchor = log, url, baud, clocks()
+        boot = Path("/proc/sys/kernel/random/boot_id")
+        boot_id = boot.read_text().strip() if boot.exists() else ""
+        self.event("started", pid=os.getpid(), cut_bytes=log.cut, boot_id=boot_id, url=url, baud=baud, **self._anchor)
+        self._port: Port | None = Port(url, baud)
+        self._identity = self._port.identity
+        self.event("opened", identity=self._identity.as_dict(), line_errors=self._port.line_errors())
+        tell(opened=url)
+        self._last_byte_s = self._lost_at_s = self._next_try_s = time.monotonic()
+        self._silent = self._ending = False
         self._commands = b""
-        self._ending = False
 
     def event(self, what: str, **content: object) -> None:
         """Write an event to the log and onto the disk."""
@@ -72,19 +71,6 @@ class Recorder:
 
     def run(self) -> None:
         """Record until the input ends or contains the stop command."""
-        self.event(
-            "started",
-            pid=os.getpid(),
-            cut_bytes=self._log.cut,
-            boot_id=_boot_id(),
-            url=self._url,
-            baud=self._baud,
-            **self._anchor,
-        )
-        self._port = Port(self._url, self._baud)
-        self._identity = self._port.identity
-        self.event("opened", identity=self._identity.as_dict(), line_errors=self._port.line_errors())
-        tell(opened=self._url)
         next_sync = time.monotonic()
         while self._obey():
             self._take()
@@ -113,132 +99,104 @@ class Recorder:
         try:
             data = self._port.read()
         except OSError as error:
-            self._lose(str(error))
+            self._lose(self._port, str(error))
             return
-        now = time.monotonic_ns()
+        stamp_ns = time.monotonic_ns()
+        now, silent_s = stamp_ns * 1e-9, stamp_ns * 1e-9 - self._last_byte_s
         if data:
-            self._log.append(RecordKind.BYTES, data, now)
+            self._log.append(RecordKind.BYTES, data, stamp_ns)
             if self._silent:
-                self.event("data_again", after_s=(now - self._last_byte_ns) * 1e-9)
-            self._last_byte_ns, self._silent = now, False
-        elif not self._silent and now - self._last_byte_ns > _SILENCE_S * 1e9:
+                self.event("data_again", after_s=silent_s)
+            self._last_byte_s, self._silent = now, False
+        elif not self._silent and silent_s > _SILENCE_S:
             self._silent = True
             self.event("silence", since_s=_SILENCE_S)
 
-    def _lose(self, why: str) -> None:
-        assert self._port is not None
-        self._port.close()
+    def _lose(self, port: Port, why: str) -> None:
+        port.close()
         self._port = None
-        self._lost_at_ns = self._next_try_ns = time.monotonic_ns()
-        self._pause_s = 0.02
+        self._lost_at_s = self._next_try_s = time.monotonic()
         self.event("port_lost", why=why)
 
     def _try_reopen(self) -> None:
-        now = time.monotonic_ns()
-        if now < self._next_try_ns:
+        """Open the same USB unit again: its name may have changed when it was plugged in again."""
+        now = time.monotonic()
+        if now < self._next_try_s:
             return
-        self._pause_s = min(self._pause_s * 1.5, _REOPEN_LONGEST_S)
-        self._next_try_ns = now + int(self._pause_s * 1e9)
+        self._next_try_s = now + _REOPEN_S
+        units = available() if self._identity.vendor is not None else []
         try:
-            port = Port(self._url_now(), self._baud)
+            port = Port(next((unit.url for unit in units if self._identity.same_unit(unit)), self._url), self._baud)
         except InputError:
             return
-        assert self._identity is not None
         if not self._identity.same_unit(port.identity):
             port.close()
             self.event("other_device", identity=port.identity.as_dict())
-            self._next_try_ns = now + int(2e9)
+            self._next_try_s = now + _OTHER_DEVICE_S
             return
-        self._port = port
-        self._last_byte_ns = now
-        self.event("reopened", gap_s=(now - self._lost_at_ns) * 1e-9, identity=port.identity.as_dict())
-
-    def _url_now(self) -> str:
-        """The present path of the same USB unit: its name may have changed when it was plugged in again."""
-        assert self._identity is not None
-        if self._identity.vendor is not None:
-            for found in available():
-                if self._identity.same_unit(found):
-                    return found.url
-        return self._url
+        self._port, self._last_byte_s = port, now
+        self.event("reopened", gap_s=now - self._lost_at_s, identity=port.identity.as_dict())
 
     def _obey(self) -> bool:
         """Execute commands of the parent; False after a stop command, the end of the parent, or a signal."""
-        if self._ending:
-            return False
-        while select.select([0], [], [], 0)[0]:
+        with contextlib.suppress(BlockingIOError):
             data = os.read(0, 65536)
-            if not data:
-                return False
+            self._ending |= not data
             *lines, self._commands = (self._commands + data).split(b"\n")
-            for line in lines:
-                command = json.loads(line)
-                if command.get("stop"):
-                    return False
-                if "send" in command:
-                    self._send(bytes.fromhex(command["send"]))
-        return True
+            for command in map(json.loads, lines):
+                self._ending |= "stop" in command
+                if "send" in command and self._port:
+                    self._send(self._port, command["send"])
+        return not self._ending
 
-    def _send(self, data: bytes) -> None:
-        if self._port is None:
-            return
+    def _send(self, port: Port, data: str) -> None:
         try:
-            self._port.write(data)
+            port.write(bytes.fromhex(data))
         except OSError as error:
-            self._lose(str(error))
-            return
-        self.event("sent", data=data.hex())
+            self._lose(port, str(error))
+        else:
+            self.event("sent", data=data)
 
     def _watch_clocks(self) -> None:
         now = clocks()
-        monotonic = now["monotonic_ns"] - self._anchor["monotonic_ns"]
-        jump = now["wall_ns"] - self._anchor["wall_ns"] - monotonic
-        asleep = now["boot_ns"] - self._anchor["boot_ns"] - monotonic
-        if abs(asleep) > _CLOCK_JUMP_S * 1e9:
-            self.event("suspended", seconds=asleep * 1e-9, **now)
-            self._anchor = now
-        elif abs(jump) > _CLOCK_JUMP_S * 1e9:
-            self.event("clock_jump", seconds=jump * 1e-9, **now)
-            self._anchor = now
-        elif monotonic > _ANCHOR_S * 1e9:
+        passed = {name: (now[name] - self._anchor[name]) * 1e-9 for name in now}
+        asleep, jump = (passed[name] - passed["monotonic_ns"] for name in ("boot_ns", "wall_ns"))
+        if abs(asleep) > _CLOCK_JUMP_S:
+            self.event("suspended", seconds=asleep, **now)
+        elif abs(jump) > _CLOCK_JUMP_S:
+            self.event("clock_jump", seconds=jump, **now)
+        elif passed["monotonic_ns"] > _ANCHOR_S:
             self.event("anchor", **now)
-            self._anchor = now
-
-
-def _boot_id() -> str:
-    path = Path("/proc/sys/kernel/random/boot_id")
-    return path.read_text().strip() if path.exists() else ""
+        else:
+            return
+        self._anchor = now
 
 
 def main(path: str, url: str, baud: str) -> int:
-    """Record `url` into the log `path`; the exit code gives the reason for the end."""
+    """Record `url` into the log `path`; the parent is sent the reason for an early end."""
     # The guide handles Ctrl-C and a closed terminal: it sends the stop command.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    os.set_blocking(0, False)
+    log = None
     try:
         log = LogWriter(Path(path), _PREDECESSOR_S)
-    except InputError as error:
-        tell(error=error.faults[0])
-        return CANNOT_RECORD
-    try:
         recorder = Recorder(log, url, int(baud))
         signal.signal(signal.SIGTERM, recorder.end)
         recorder.run()
+        log.close()
+        return 0
     except InputError as error:
-        with contextlib.suppress(OSError):
-            log.sync()
-        tell(error=error.faults[0])
-        return CANNOT_RECORD
+        words = error.faults[0]
     except DiskFull:
+        words = f"{path}: the disk is full; recording stopped, all data before are stored. Make room, then --resume"
+    except OSError as error:
+        words = f"{path}: the disk failed ({error.strerror}); recording stopped. Check the disk, then --resume"
+    if log:
         with contextlib.suppress(OSError):
             log.sync()
-        tell(error=f"{path}: the disk is full; recording stopped, all data before are stored. Make room, then --resume")
-        return DISK_FULL
-    except OSError as error:
-        tell(error=f"{path}: the disk failed ({error.strerror}); recording stopped. Check the disk, then --resume")
-        return DISK_FAILED
-    log.close()
-    return 0
+    tell(error=words)
+    return FAILED
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 
 from tumblecal.capture.log import LogReader, Record
-from tumblecal.capture.port.recorder import CANNOT_RECORD, DISK_FAILED, DISK_FULL
+from tumblecal.capture.port.recorder import FAILED
 from tumblecal.ground.errors import InputError
 
 
@@ -30,19 +30,20 @@ class Recording:
     **Raises:** `InputError` if the port or the log cannot be opened.
     """
 
-    log: Path
-    baud: int
-    synced: int
-    restarts: int
-
     def __init__(self, log: Path, url: str, baud: int):
         self.log, self._url, self.baud = log, url, baud
-        self._reader: LogReader | None = None
-        self._start = log.stat().st_size if log.exists() else 0
-        self.synced = 0
-        self._output = b""
-        self.restarts = 0
-        self._launch()
+        self.synced = self.restarts = 0
+        # The log exists before the recorder begins, and is followed from its present end.
+        try:
+            log.touch()
+            self._reader = LogReader(log, log.stat().st_size)
+        except OSError as error:
+            raise InputError(f"{log}: cannot be written ({error.strerror})") from error
+        try:
+            self._launch()
+        except InputError:
+            self._reader.close()
+            raise
 
     @property
     def pid(self) -> int:
@@ -52,40 +53,29 @@ class Recording:
     @property
     def position(self) -> int:
         """Place in the log up to which records were read."""
-        return self._reader.position if self._reader else self._start
+        return self._reader.position
 
     def _launch(self) -> None:
         command = [sys.executable, "-m", "tumblecal.capture.port.recorder", str(self.log), self._url, str(self.baud)]
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True)
-        assert self._process.stdout is not None
-        os.set_blocking(self._process.stdout.fileno(), False)
-        deadline = time.monotonic() + _START_S
-        while time.monotonic() < deadline:
-            for message in self._messages():
-                if "error" in message:
-                    self.stop()
-                    raise InputError(message["error"])
-                if "opened" in message:
-                    if self._reader is None:
-                        self._reader = self._opened_log()
-                    return
-            if self._process.poll() is not None:
+        self._output, deadline = b"", time.monotonic() + _START_S
+        words = f"{self.log}: the recorder did not start; check whether {sys.executable} can run"
+        while time.monotonic() < deadline and self._process.poll() is None:
+            messages = self._messages()
+            if any("opened" in message for message in messages):
+                return
+            if errors := [message["error"] for message in messages if "error" in message]:
+                words = errors[0]
                 break
             time.sleep(0.01)
-        self.stop()
-        raise InputError(f"{self.log}: the recorder did not start; check whether {sys.executable} can run")
-
-    def _opened_log(self) -> LogReader:
-        try:
-            return LogReader(self.log, self._start)
-        except OSError as error:
-            self.stop()
-            raise InputError(f"{self.log}: cannot be read ({error.strerror})") from error
+        words = next((message["error"] for message in self._messages() if "error" in message), words)
+        self._end()
+        raise InputError(words)
 
     def _messages(self) -> list[dict]:
         assert self._process.stdout is not None
-        with contextlib.suppress(OSError, ValueError):
-            self._output += self._process.stdout.read() or b""
+        os.set_blocking(self._process.stdout.fileno(), False)
+        self._output += self._process.stdout.read() or b""
         *lines, self._output = self._output.split(b"\n")
         messages = [json.loads(line) for line in lines]
         for message in messages:
@@ -97,11 +87,10 @@ class Recording:
 
         **Raises:** `InputError` if the disk is full or failed, or the port cannot be reopened.
         """
-        assert self._reader is not None
-        error = next((m["error"] for m in self._messages() if "error" in m), None)
-        records = list(self._reader.records())
         code = self._process.poll()
-        if error is not None or code in (CANNOT_RECORD, DISK_FULL, DISK_FAILED):
+        error = next((message["error"] for message in self._messages() if "error" in message), None)
+        records = list(self._reader.records())
+        if error is not None or code == FAILED:
             raise InputError(error or f"{self.log}: the recorder ended with code {code}")
         if code is not None:
             self.restarts += 1
@@ -114,7 +103,6 @@ class Recording:
 
         **Raises:** `InputError` if the disk fails.
         """
-        assert self._reader is not None
         try:
             self._reader.sync()
         except OSError as error:
@@ -132,18 +120,21 @@ class Recording:
 
     def stop(self) -> list[Record]:
         """End the recorder cleanly and return the last records."""
+        self._end()
+        records = list(self._reader.records())
+        self._reader.close()
+        return records
+
+    def _end(self) -> None:
         self._command({"stop": True})
         try:
             self._process.wait(_STOP_S)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
-        self._messages()
+        with contextlib.suppress(ValueError):
+            self._messages()
         self._close_pipes()
-        records = list(self._reader.records()) if self._reader else []
-        if self._reader:
-            self._reader.close()
-        return records
 
     def _close_pipes(self) -> None:
         for stream in (self._process.stdin, self._process.stdout):

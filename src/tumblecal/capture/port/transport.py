@@ -5,12 +5,11 @@ Reads never wait: one read returns the available bytes, so nothing is lost if it
 
 import contextlib
 import fcntl
-import grp
 import os
 import stat
 import struct
 import termios
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -65,14 +64,6 @@ def available() -> list[Identity]:
     ]
 
 
-def _identity_of(url: str) -> Identity:
-    real = os.path.realpath(url)
-    for port in list_ports.comports():
-        if port.device == real:
-            return Identity(url, port.vid, port.pid, port.serial_number, port.description)
-    return Identity(url)
-
-
 class Port:
     """An open serial port, for this process alone.
 
@@ -98,11 +89,13 @@ class Port:
             self._serial.open()
         except (OSError, ValueError, serial.SerialException) as error:
             raise InputError(_why_not(url, baud, error)) from error
-        self.identity = _identity_of(url)
+        real = os.path.realpath(url)
+        units = (unit for unit in available() if os.path.realpath(unit.url) == real)
+        self.identity = replace(next(units, Identity(url)), url=url)
         if native:
             # The kernel removes this mark at the last close. The other end of a virtual port keeps it open, so the mark
             # would remain after its recorder ended; there the lock of the file is used instead.
-            if not os.path.realpath(url).startswith("/dev/pts/"):
+            if not real.startswith("/dev/pts/"):
                 with contextlib.suppress(OSError):
                     fcntl.ioctl(self._serial.fileno(), termios.TIOCEXCL)
             with contextlib.suppress(OSError, ValueError, AttributeError, NotImplementedError):
@@ -151,7 +144,10 @@ def _why_not(url: str, baud: int, error: Exception) -> str:
         return f"port {url}: this is not a serial device"
     number = getattr(error, "errno", None)
     if number in (1, 13) or "Permission" in str(error):
-        group = _group_of(path)
+        try:
+            group = path.group()
+        except KeyError:
+            group = str(path.stat().st_gid)
         return (
             f"port {url}: no permission; the device belongs to the group {group}: "
             f"`sudo usermod -aG {group} $USER`, then log in again"
@@ -164,55 +160,32 @@ def _why_not(url: str, baud: int, error: Exception) -> str:
     return f"port {url}: cannot be opened ({error})"
 
 
-def _group_of(path: Path) -> str:
-    number = path.stat().st_gid
-    try:
-        return grp.getgrgid(number).gr_name
-    except KeyError:
-        return str(number)
-
-
 def _terminal_of(path: Path) -> str | None:
     """Program and process number of the process with this device as its controlling terminal (proc(5): stat, tty_nr)."""
     with contextlib.suppress(OSError):
         device = path.stat()
-        if not stat.S_ISCHR(device.st_mode):
-            return None
-        for process in Path("/proc").glob("[0-9]*"):
+        own = os.major(device.st_rdev), os.minor(device.st_rdev)
+        for process in Path("/proc").glob("[0-9]*") if stat.S_ISCHR(device.st_mode) else ():
             with contextlib.suppress(OSError):
                 name, fields = (process / "stat").read_text().split("(", 1)[1].rsplit(")", 1)
                 number = int(fields.split()[4])
-                if (os.major(device.st_rdev), os.minor(device.st_rdev)) == (
-                    number >> 8 & 0xFFF,
-                    number & 0xFF | number >> 12 & 0xFFF00,
-                ):
+                if own == (number >> 8 & 0xFFF, number & 0xFF | number >> 12 & 0xFFF00):
                     return f"{name} (process {process.name})"
     return None
 
 
 def holder_of(path: Path) -> str | None:
     """Program and process number of the process that locked the device, or has it open, if visible to this user."""
-    real, openers = os.path.realpath(path), []
+    real, openers, lockers = os.path.realpath(path), list[Path](), list[str]()
     for process in Path("/proc").glob("[0-9]*"):
-        if int(process.name) == os.getpid():
-            continue
         with contextlib.suppress(OSError):
-            if any(os.readlink(fd) == real for fd in (process / "fd").iterdir()):
+            if any(os.readlink(fd) == real for fd in (process / "fd").iterdir()) and int(process.name) != os.getpid():
                 openers.append(process)
-    lockers = _lockers_of(path)
-    for process in sorted(openers, key=lambda process: int(process.name) not in lockers):
+    with contextlib.suppress(OSError):
+        # proc(5), locks: the fifth field is the process, the sixth ends with the inode.
+        locks = map(str.split, Path("/proc/locks").read_text().splitlines())
+        lockers = [lock[4] for lock in locks if lock[5].endswith(f":{path.stat().st_ino}")]
+    for process in sorted(openers, key=lambda process: process.name not in lockers):
         with contextlib.suppress(OSError):
             return f"{(process / 'comm').read_text().strip()} (process {process.name})"
     return None
-
-
-def _lockers_of(path: Path) -> set[int]:
-    """Numbers of the processes with a lock on a file (proc(5): locks)."""
-    lockers = set()
-    with contextlib.suppress(OSError):
-        inode = path.stat().st_ino
-        for line in Path("/proc/locks").read_text().splitlines():
-            fields = line.split()
-            if len(fields) == 8 and fields[5].rpartition(":")[2] == str(inode):
-                lockers.add(int(fields[4]))
-    return lockers

@@ -41,10 +41,6 @@ class DeviceCounter:
     ticks_per_s: float | None
 
 
-def _set_range(settings: Settings, range_g: float) -> Settings:
-    return replace(settings, range_g=(range_g,) * 3)
-
-
 @dataclass(frozen=True)
 class Protocol:
     """A serial protocol.
@@ -61,7 +57,7 @@ class Protocol:
     - `range_from_stream`: the stream states the range on request, so it must not be assumed.
     - `checked`: whether frames have a checksum.
     - `answer`: the device's reply to a command.
-    - `with_range`: settings for a full scale.
+    - `options`: names of further arguments of the decoder.
     """
 
     name: str
@@ -75,13 +71,16 @@ class Protocol:
     range_from_stream: bool = False
     checked: bool = True
     answer: Callable[[bytes, Settings, str], bytes] = lambda command, settings, serial: b""
-    with_range: Callable[[Settings, float], Settings] = _set_range
     options: tuple[str, ...] = ()
 
     def decoder_options(self, columns: str, unit: str, *, whole: bool = False) -> dict[str, Any]:
         """The options that the decoder has: columns and unit of text lines, and whether the stream is complete."""
         given = {"columns": columns, "unit": unit, "whole": whole}
         return {name: value for name, value in given.items() if value and name in self.options}
+
+    def with_range(self, settings: Settings, range_g: float) -> Settings:
+        """Settings for a full scale."""
+        return replace(settings, range_g=(range_g,) * 3)
 
     def settings(self, range_g: float | None, rate_hz: float | None) -> Settings | None:
         """The settings of a device that states none itself; None without any."""

@@ -1,123 +1,78 @@
-"""STIM300's datagrams after datasheet TS1524: layout of all frames, and contents of the special ones.
+"""STIM300's datagrams after datasheet TS1524: places in all frames, and contents of the special ones.
 
 A frame is: identifier; the clusters that are switched on, each three 24-bit values and a status byte (temperatures:
 three 16-bit values and a status byte); with PPS or AUX a 24-bit value and a status byte; a counter of internal
 2000 Hz samples; a latency; the CRC, for which dummy zero bytes are added that are not sent. Big-endian.
 """
 
-from dataclasses import dataclass
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tumblecal.capture.decoding.samples import Event, Settings, Status
-from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
-
-
-@dataclass(frozen=True)
-class FrameLayout:
-    """One kind of normal frame: its clusters and their places."""
-
-    acceleration: int | None = None
-    inclination: int | None = None
-    gyro_temperature: int | None = None
-    acceleration_temperature: int | None = None
-    inclination_temperature: int | None = None
-    extra: int | None = None
-    counter: int = 0
-    size: int = 0
-    padding: int = 0
+from tumblecal.capture.decoding.checks import crc32_mpeg2
+from tumblecal.capture.decoding.fields import frames_of
+from tumblecal.capture.decoding.samples import Bytes, Settings
 
 
-def _layout(clusters: str, temperatures: bool, extra: bool) -> FrameLayout:
-    at, places = 11, {}
-    for letter, name in (("a", "acceleration"), ("i", "inclination")):
-        if letter in clusters:
-            places[name], at = at, at + 10
-    if temperatures:
-        for letter, name in (("g", "gyro"), ("a", "acceleration"), ("i", "inclination")):
-            if letter in clusters:
-                places[f"{name}_temperature"], at = at, at + 7
-    if extra:
-        places["extra"], at = at, at + 4
-    return FrameLayout(**places, counter=at, size=at + 7, padding=-(at + 3) % 4)
+def _places(clusters: str, temperatures: bool, extra: bool) -> dict[str, int]:
+    """Place of each part of a normal frame, in order: clusters g, a, i (gyros, accelerometers, inclinometers), and its size."""
+    parts = dict.fromkeys(clusters, 10) | {f"{c} temperature": 7 for c in clusters if temperatures}
+    parts |= {"extra": 4} if extra else {}
+    return dict(zip([*parts, "counter", "size"], accumulate([*parts.values(), 7], initial=1), strict=True))
 
 
 _KINDS = [(clusters, temperatures) for temperatures in (False, True) for clusters in ("g", "ga", "gi", "gai")]
 _PLAIN = (0x90, 0x91, 0x92, 0x93, 0x94, 0xA5, 0xA6, 0xA7)
 _PPS = (0xF0, 0xF1, 0xF2, 0xF3, 0xF4, 0xF5, 0xF6, 0xF7)
 _AUX = (0x98, 0x99, 0x9A, 0x9B, 0x9C, 0xAD, 0xAE, 0xAF)
-LAYOUTS: dict[int, FrameLayout] = {
-    identifier: _layout(*kind, extra=extra)
-    for ids, extra in ((_PLAIN, False), (_PPS, True), (_AUX, True))
+# Places in the normal frames, by identifier.
+PLACES = {
+    identifier: _places(*kind, extra=ids is not _PLAIN)
+    for ids in (_PLAIN, _PPS, _AUX)
     for identifier, kind in zip(ids, _KINDS, strict=True)
 }
-# Identifier: (what, size, dummy bytes). The second of each pair ends with CR LF.
-SPECIAL_PAIRS = {
-    "part_number": (0xB1, 0xB3, 20, 0),
-    "serial_number": (0xB5, 0xB7, 20, 0),
-    "configuration": (0xBC, 0xBD, 26, 2),
-    "error": (0xBE, 0xBF, 21, 3),
-    "bias_trim": (0xD1, 0xD2, 40, 0),
+# Identifiers of the special frames, the second of which ends with CR LF, and their size.
+SPECIALS = {
+    "part_number": (0xB1, 0xB3, 20),
+    "serial_number": (0xB5, 0xB7, 20),
+    "configuration": (0xBC, 0xBD, 26),
+    "error": (0xBE, 0xBF, 21),
+    "bias_trim": (0xD1, 0xD2, 40),
 }
-SPECIALS: dict[int, tuple[str, int, int]] = {
-    identifier: (what, size, padding)
-    for what, (plain, with_crlf, size, padding) in SPECIAL_PAIRS.items()
-    for identifier in (plain, with_crlf)
-}
-
-SIZES = np.zeros(256, np.int64)
-PADDINGS = np.zeros(256, np.int64)
-for _identifier, _kind in LAYOUTS.items():
-    SIZES[_identifier], PADDINGS[_identifier] = _kind.size, _kind.padding
-for _identifier, (_what, _size, _pad) in SPECIALS.items():
-    SIZES[_identifier], PADDINGS[_identifier] = _size, _pad
+KIND_OF = {identifier: kind for kind, (*pair, _) in SPECIALS.items() for identifier in pair}
+# Size of the frame of each identifier; 0 for none.
+SIZES = np.zeros(256, np.uint8)
+SIZES[list(PLACES)] = [places["size"] for places in PLACES.values()]
+SIZES[list(KIND_OF)] = [SPECIALS[kind][2] for kind in KIND_OF.values()]
 
 RATES_HZ = (125.0, 250.0, 500.0, 1000.0, 2000.0)
 BAUDS = (374400, 460800, 921600, 1843200)
 _RANGE_G = {0: 10.0, 3: 5.0, 4: 30.0, 6: 80.0}
-RANGE_CODES = {value: code for code, value in _RANGE_G.items()}
-ACCELERATION_BITS = {5.0: 20, 10.0: 19, 30.0: 18, 80.0: 16}
-VELOCITY_BITS = {5.0: 23, 10.0: 22, 30.0: 21, 80.0: 19}
+_RANGE_CODES = {value: code for code, value in _RANGE_G.items()}
 OUTPUTS = {0: "acceleration", 1: "increment", 2: "average", 3: "integrated in gs", 4: "integrated"}
 CRLF = b"\r\n"
 
 
-# Bits of the device's status byte: 7 integrity, 6 start-up, 5 outside conditions, 4 overload, 3 channel.
-STATUS_BITS = {
-    Status.ERROR: 0x88,
-    Status.STARTING: 0x40,
-    Status.OUTSIDE_CONDITIONS: 0x20,
-    Status.OVERLOAD: 0x10,
-}
+def check(rows: Bytes) -> Bytes:
+    """The CRC of frames without it, shape (n, 4); dummy bytes make their size a multiple of four."""
+    return crc32_mpeg2(rows, -rows.shape[1] % 4).astype(">u4")[:, None].view(np.uint8)
 
 
-def status_flags(status: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """`Status` bits of the device's status bytes, shape (n,)."""
-    flags = [np.where(status & bits, flag, 0) for flag, bits in STATUS_BITS.items()]
-    return np.bitwise_or.reduce(flags).astype(np.uint8)
-
-
-def special_event(identifier: int, frame: bytes, stop: int) -> Event:
-    """The event of a special frame; `stop` is the place in the stream just after it."""
-    kind = SPECIALS[identifier][0]
-    content: dict = {"raw": frame.hex()}
+def special_content(kind: str, frame: bytes) -> dict[str, Any]:
+    """The contents of a special frame."""
+    content: dict[str, Any] = {"raw": frame.hex()}
     if kind == "serial_number":
         content["serial_number"] = frame[1:2].decode("latin-1") + frame[2:9].hex()
     elif kind == "part_number":
         content["part_number"] = frame[1:9].hex() + "-" + frame[9:13].hex()
     elif kind == "configuration":
-        content |= configuration_of(frame)
-    return Event(stop, kind, content)
+        content |= _configuration(frame)
+    return content
 
 
-def configuration_of(frame: bytes) -> dict[str, Any]:
-    """The contents of a configuration datagram, in words and numbers."""
-    rate = frame[3] >> 5
-    baud = frame[4] >> 4
-    unit = frame[8] & 0x0F
-    ranges = (frame[17] >> 4, frame[17] & 0x0F, frame[18] >> 4)
+def _configuration(frame: bytes) -> dict[str, Any]:
+    rate, baud, unit = frame[3] >> 5, frame[4] >> 4, frame[8] & 0x0F
     return {
         "revision": chr(frame[1]) if 32 <= frame[1] < 127 else str(frame[1]),
         "firmware": frame[2],
@@ -128,16 +83,46 @@ def configuration_of(frame: bytes) -> dict[str, Any]:
         "crlf": bool(frame[3] & 0x01),
         "baud": BAUDS[baud] if baud < len(BAUDS) else None,
         "output": OUTPUTS.get(unit & 0x07, f"unknown ({unit})"),
-        "range_g": [_RANGE_G.get(code) for code in ranges],
+        "range_g": [_RANGE_G.get(code) for code in (frame[17] >> 4, frame[17] & 0x0F, frame[18] >> 4)],
     }
 
 
 def settings_of(content: dict[str, Any]) -> Settings:
     """The settings of a configuration datagram."""
-    ranges = content["range_g"]
-    known = tuple(ranges) if all(r is not None for r in ranges) else None
-    lsb = tuple(2.0 ** -ACCELERATION_BITS[r] for r in known) if known else None
-    if known and content["output"] in ("increment", "integrated") and content["rate_hz"]:
-        per_s = content["rate_hz"] / STANDARD_GRAVITY_MS2
-        lsb = tuple(2.0 ** -VELOCITY_BITS[r] * per_s for r in known)
-    return Settings(known, content["output"], content["rate_hz"], lsb)  # type: ignore[arg-type]
+    known = None if None in content["range_g"] else tuple(content["range_g"])
+    return Settings(known, content["output"], content["rate_hz"])
+
+
+def encode_special(kind: str, body: bytes) -> bytes:
+    """A special frame: `body` fills the bytes after the identifier, followed by zeros."""
+    identifier, _, size = SPECIALS[kind]
+    row = frames_of(1, bytes([identifier]) + body.ljust(size - 5, b"\0"))
+    return row.tobytes() + check(row).tobytes()
+
+
+def encode_configuration(settings: Settings) -> bytes:
+    """The reply to "C" for a device with these settings that sends all clusters, all low-pass filters at 16 Hz."""
+    rate = RATES_HZ.index(settings.rate_hz or 125.0) << 5
+    x, y, z = (_RANGE_CODES[range_g] for range_g in settings.range_g or (10.0,) * 3)
+    unit = next(code for code, name in OUTPUTS.items() if name == settings.output)
+    body = bytearray(21)
+    body[:4] = 0x2D, 5, rate | 0x06 | 0x08 * settings.temperatures, BAUDS.index(921600) << 4
+    body[4], body[7], body[10] = 0x70, 0x70 | unit, 0x70
+    body[16:18] = x << 4 | y, z << 4
+    return encode_special("configuration", bytes(body))
+
+
+def answer(command: bytes, settings: Settings, serial: str) -> bytes:
+    """The reply of the device; empty for a command without a reply."""
+    match command.strip():
+        case b"I":  # a letter and 14 digits
+            return encode_special("serial_number", serial[:1].encode() + bytes.fromhex(serial[1:].zfill(14)))
+        case b"N":
+            return encode_special("part_number", bytes.fromhex("8516710000002600 0100"))
+        case b"C":
+            return encode_configuration(settings)
+        case b"E":
+            return encode_special("error", b"")
+        case b"T":
+            return encode_special("bias_trim", b"")
+    return b""

@@ -11,31 +11,16 @@ from dataclasses import asdict
 import numpy as np
 
 from tumblecal.capture.decoding.checks import exclusive_or
-from tumblecal.capture.decoding.samples import (
-    Counts,
-    Decoded,
-    Event,
-    Samples,
-    Settings,
-    blank,
-    joined,
-    not_a_number,
-)
+from tumblecal.capture.decoding.samples import Counts, Decoded, Event, Samples, Settings, blank, not_a_number
 from tumblecal.capture.protocols import DeviceCounter, Protocol
-from tumblecal.capture.protocols.line_columns import (
-    LineColumns,
-    header_words,
-    learn,
-    looks_numeric,
-    names_of,
-    numbers_of,
-)
-from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2, UNITS_PER_G
+from tumblecal.capture.protocols.line_columns import LineColumns, header_words, learn, looks_numeric, names_of
+from tumblecal.ground.gravity import STANDARD_GRAVITY_MS2
 
 
 _LEARN_LINES = 25
 _GIVE_UP_LINES = 400
 _LONGEST_LINE = 1024
+_CHECKED_LINES = 3
 
 
 class TextDecoder:
@@ -48,167 +33,141 @@ class TextDecoder:
     """
 
     def __init__(self, layout: LineColumns | None = None, whole: bool = False):
-        self.layout = layout
-        self._given = layout is not None
-        self._tail = b""
-        self._offset = 0
-        self._drop_first = not whole
+        self.layout, self._given = layout, layout is not None
+        self._tail, self._offset, self._drop_first = b"", 0, not whole
         self._header: list[str] | None = None
-        self._waiting: list[tuple[int, bytes]] = []
-        self._numeric = 0
-        self._rows: list[tuple[int, list[float]]] = []
-        self._checks_seen = 0
-        self._rejecting = False
+        self._checks_seen, self._rejecting = 0, False
+        # Lines of a layout that is not known yet.
+        self._waiting, self._numeric = list[tuple[int, bytes]](), 0
+        self._begin()
+
+    def _begin(self) -> None:
+        self._rows, self._counts, self._events = list[list[float]](), Counts(), list[Event]()
 
     def feed(self, data: bytes) -> Decoded:
         """Decode the lines that `data` completes."""
-        text = self._tail + data
-        *lines, self._tail = text.split(b"\n")
-        numbered, place, counts = [], self._offset, Counts()
+        *lines, self._tail = (self._tail + data).split(b"\n")
         for line in lines:
-            place += len(line) + 1
+            self._offset += len(line) + 1
             if self._drop_first or len(line) > _LONGEST_LINE:
-                counts.discarded += len(line) + 1
+                self._counts.discarded += len(line) + 1
                 self._drop_first = False
             else:
-                numbered.append((place, line))
-        self._offset = place
+                self._line(self._offset, line.rstrip(b"\r"))
         if len(self._tail) > _LONGEST_LINE:
-            counts.discarded += len(self._tail)
+            self._counts.discarded += len(self._tail)
             self._offset += len(self._tail)
             self._tail, self._drop_first = b"", True
-        return self._lines(numbered, counts, final=False)
+        return self._decoded()
 
     def finish(self) -> Decoded:
         """Learn the layout from the available lines if this was not done yet; a last line without end is discarded."""
-        counts = Counts(discarded=len(self._tail))
+        self._counts.discarded += len(self._tail)
         self._tail = b""
-        return self._lines([], counts, final=True)
+        self._learn(ended=True)
+        return self._decoded()
 
-    def _lines(self, numbered: list[tuple[int, bytes]], counts: Counts, final: bool) -> Decoded:
-        events: list[Event] = []
-        parts: list[Samples] = []
-        for stop, line in numbered:
-            body = self._checked(line, counts)
-            if body is None:
-                continue
-            row = numbers_of(body, self.layout) if self.layout is not None else None
-            if row is not None:
-                self._rejecting = False
-                self._rows.append((stop, row))
-                continue
-            header = header_words(body)
-            if header is not None and header != self._header and not self._given:
-                if self.layout is not None or self._numeric:
-                    self._learn(counts, events, ended=True)
-                    parts.append(self._samples(counts))
-                self.layout, self._header = None, header
-            if self.layout is None:
-                self._wait(stop, body, counts, events)
-            else:
-                self._report_other_names(stop, header, events)
-                self._reject(stop, body, counts, events)
-        if final:
-            self._learn(counts, events, ended=True)
-        return Decoded(joined([*parts, self._samples(counts)]), events, counts)
+    def _decoded(self) -> Decoded:
+        samples = _samples(self._rows)
+        self._counts.frames = len(samples)
+        decoded = Decoded(samples, self._events, self._counts)
+        self._begin()
+        return decoded
 
-    def _checked(self, line: bytes, counts: Counts) -> bytes | None:
-        """The line without its checksum; None if it is wrong, or missing although lines have one."""
-        line = line.rstrip(b"\r")
+    def _line(self, stop: int, line: bytes) -> None:
+        """Read a line, or store it until the layout is known."""
         body, star, check = line.rpartition(b"*")
-        if star and re.fullmatch(rb"[0-9A-Fa-f]{2}", check):
-            if int(check, 16) == exclusive_or(body.removeprefix(b"$")):
-                self._checks_seen += 1
-                self._rejecting = False
-                return body
-        elif (self._checks_seen < 3 and not (self.layout and self.layout.checked)) or header_words(line):
-            return line
-        counts.check_failures += 1
-        counts.discarded += len(line) + 1
-        counts.resyncs += not self._rejecting
-        self._rejecting = True
-        return None
-
-    def _report_other_names(self, stop: int, header: list[str] | None, events: list[Event]) -> None:
-        """Report a header line that contradicts the layout given by the user, which is used."""
-        layout = self.layout
-        if header is None or layout is None or header == self._header:
+        has_check = bool(star and re.fullmatch(rb"[0-9A-Fa-f]{2}", check))
+        if has_check and int(check, 16) == exclusive_or(body.removeprefix(b"$")):
+            self._checks_seen += 1
+            self._rejecting, line = False, body
+        elif has_check or (self._has_checks() and not header_words(line)):
+            self._counts.check_failures += 1
+            self._discard(line)
             return
-        self._header = header
-        named = names_of(header)
-        if any(name not in ("-", role) for name, role in zip(named, layout.columns, strict=False)):
-            text = f"a header line names the columns {','.join(named)}; used as given: {','.join(layout.columns)}"
-            events.append(Event(stop, "refused", {"text": text}))
-
-    def _wait(self, stop: int, body: bytes, counts: Counts, events: list[Event]) -> None:
-        """Store a line until there are enough to learn the layout."""
-        self._waiting.append((stop, body))
-        if looks_numeric(body):
+        if self.layout and self._read(stop, line, self.layout):
+            return
+        header = header_words(line)
+        if header and header != self._header:
+            self._begin_layout(stop, header)
+        if self.layout:
+            self._other(stop, line)
+            return
+        self._waiting.append((stop, line))
+        if looks_numeric(line):
             self._numeric += 1
             if self._numeric % _LEARN_LINES == 0:
-                self._learn(counts, events)
+                self._learn()
         if len(self._waiting) >= _GIVE_UP_LINES:
-            self._learn(counts, events, ended=True)
+            self._learn(ended=True)
 
-    def _learn(self, counts: Counts, events: list[Event], ended: bool = False) -> None:
+    def _has_checks(self) -> bool:
+        return self._checks_seen >= _CHECKED_LINES or bool(self.layout and self.layout.checked)
+
+    def _begin_layout(self, stop: int, header: list[str]) -> None:
+        """A new header line: it begins a new layout, or is reported if it contradicts the layout given by the user."""
+        if not self._given:
+            if self._numeric:
+                self._learn(ended=True)
+            self.layout = None
+        self._header = header
+        if self.layout:
+            named, used = names_of(header), self.layout.columns
+            if any(name not in ("-", role) for name, role in zip(named, used, strict=False)):
+                text = f"a header line names the columns {','.join(named)}; used as given: {','.join(used)}"
+                self._events.append(Event(stop, "refused", {"text": text}))
+
+    def _learn(self, ended: bool = False) -> None:
         """Learn the layout of the stored lines and read them; discard them if their stretch has `ended`."""
-        if self.layout is not None or not self._waiting:
+        numeric = [line.decode("ascii", "replace").strip() for _, line in self._waiting if looks_numeric(line)]
+        if not self._waiting:
             return
-        numeric = [text.decode("ascii", "replace").strip() for _, text in self._waiting if looks_numeric(text)]
-        self.layout = learn(numeric, self._header, checked=self._checks_seen >= 3)
-        if self.layout is None and not ended:
+        layout = learn(numeric, self._header, checked=self._checks_seen >= _CHECKED_LINES)
+        if layout is None and not ended:
             return
         waiting, self._waiting, self._numeric = self._waiting, [], 0
-        if self.layout is None:
-            counts.discarded += sum(len(text) + 1 for _, text in waiting)
+        self.layout = layout
+        if layout is None:
+            self._counts.discarded += sum(len(line) + 1 for _, line in waiting)
             if numeric:
                 text = f"no specific force was found in the preceding {len(numeric)} lines of numbers: left out"
-                events.append(Event(waiting[-1][0], "refused", {"text": text}))
+                self._events.append(Event(waiting[-1][0], "refused", {"text": text}))
             return
-        content = asdict(self.layout) | {"unprotected": not self.layout.checked}
-        events.append(Event(waiting[0][0], "layout", content))
-        for stop, text in waiting:
-            row = numbers_of(text, self.layout)
-            if row is None:
-                self._reject(stop, text, counts, events)
-            else:
-                self._rejecting = False
-                self._rows.append((stop, row))
+        self._events.append(Event(waiting[0][0], "layout", asdict(layout) | {"unprotected": not layout.checked}))
+        for stop, line in waiting:
+            if not self._read(stop, line, layout):
+                self._other(stop, line)
 
-    def _samples(self, counts: Counts) -> Samples:
-        """The rows read since the last call, all with the present layout."""
-        rows, self._rows = self._rows, []
-        samples = blank(len(rows))
-        layout = self.layout
-        if not rows or layout is None:
-            return samples
-        counts.frames += len(rows)
-        table = np.array([row for _, row in rows])
-        places = {role: at for at, role in enumerate(layout.columns)}
-        samples.stop[:] = [stop for stop, _ in rows]
-        samples.force[:] = table[:, [places["ax"], places["ay"], places["az"]]] / UNITS_PER_G[layout.unit]
-        if {"gx", "gy", "gz"} <= set(places):
-            samples.rate[:] = table[:, [places["gx"], places["gy"], places["gz"]]]
-        if "t" in places:
-            samples.temperature[:] = table[:, places["t"]]
-        if "time" in places:
-            samples.clock[:] = table[:, places["time"]]
-        if "counter" in places:
-            values = table[:, places["counter"]]
-            known = np.abs(values) < 2.0**62
-            samples.counter[known] = values[known].astype(np.int64)
-        samples.status[:] = not_a_number(samples.force)
-        return samples
+    def _read(self, stop: int, line: bytes, layout: LineColumns) -> bool:
+        row = layout.row(line)
+        if row is not None:
+            self._rejecting = False
+            self._rows.append([stop, *row])
+        return row is not None
 
-    def _reject(self, stop: int, raw: bytes, counts: Counts, events: list[Event]) -> None:
-        text = raw.decode("ascii", "replace").strip()
-        if text and re.search(r"[A-Za-z]", text) and not re.search(r"\b(nan|inf|ovf)\b", text, re.I):
-            counts.special += 1
-            events.append(Event(stop, "reply", {"text": text[:200]}))
-            return
-        counts.discarded += len(raw) + 1
-        counts.resyncs += not self._rejecting
+    def _other(self, stop: int, line: bytes) -> None:
+        """A line that is no sample: text of the device, or damaged."""
+        text = line.decode("ascii", "replace").strip()
+        if re.search(r"[A-Za-z]", text) and not re.search(r"\b(nan|inf|ovf)\b", text, re.IGNORECASE):
+            self._counts.special += 1
+            self._events.append(Event(stop, "reply", {"text": text[:200]}))
+        else:
+            self._discard(line)
+
+    def _discard(self, line: bytes) -> None:
+        self._counts.discarded += len(line) + 1
+        self._counts.resyncs += not self._rejecting
         self._rejecting = True
+
+
+def _samples(rows: list[list[float]]) -> Samples:
+    samples, table = blank(len(rows)), np.array(rows, float).reshape(-1, 10).T
+    samples.stop[:], samples.force[:], samples.rate[:] = table[0], table[1:4].T, table[4:7].T
+    samples.temperature[:], samples.clock[:] = table[7], table[9]
+    counted = np.abs(table[8]) < 2.0**62
+    samples.counter[counted] = table[8][counted].astype(int)
+    samples.status[:] = not_a_number(samples.force)
+    return samples
 
 
 def encode(samples: Samples, settings: Settings) -> bytes:

@@ -5,109 +5,84 @@
 register was changed) is not in the stream.
 """
 
-from dataclasses import replace
-
 import numpy as np
-from numpy.typing import NDArray
 
-from tumblecal.capture.decoding.checks import RunningSums
-from tumblecal.capture.decoding.framing import Found, FrameDecoder, column, cut_header, places_of, select
-from tumblecal.capture.decoding.samples import Event, Samples, Settings, blank, joined
+from tumblecal.capture.decoding.checks import byte_sum, ends_with
+from tumblecal.capture.decoding.fields import Field, filled, frames_of
+from tumblecal.capture.decoding.framing import Found, FrameDecoder, Frames, Reading, column, rows_of
+from tumblecal.capture.decoding.samples import Bytes, Event, Floats, Samples, Settings, blank, joined
 from tumblecal.capture.protocols import Protocol
 
 
 SIZE = 11
-_FORCE, _RATE, _LAST_TYPE = 0x51, 0x52, 0x5F
-DEFAULT_RANGE_G = 16.0
+_FORCE, _RATE = 0x51, 0x52
+_DPS_PER_UNIT = 2000 / 32768
 
 
-class WitMotionFraming:
-    """Frames of a WitMotion device.
+def _check(rows: Bytes) -> Bytes:
+    return byte_sum(rows).astype(np.uint8)[:, None]
 
-    **Arguments:**
 
-    - `settings`: the full scale; 16 g without.
-    """
+_FRAMES = Frames(
+    sync=(b"\x55", bytes(range(0x50, 0x60))),
+    header=2,
+    sizes=lambda data, places: np.full(len(places), SIZE),
+    intact=ends_with(_check, 1),
+)
 
-    lock_after = 3
-    between = b""
 
-    def __init__(self, settings: Settings | None = None):
-        known = settings.range_g if settings is not None else None
-        self._scale = np.array(known or (DEFAULT_RANGE_G,) * 3) / 32768
-        self._pending = blank(0)
+def _scale(settings: Settings | None) -> Floats:
+    return np.array((settings and settings.range_g) or (16.0,) * 3) / 32768
 
-    def begins(self, data: NDArray[np.uint8], offset: int) -> bool:
-        """Whether the preamble and a known type are at this place."""
-        return offset + 1 < len(data) and data[offset] == 0x55 and 0x50 <= data[offset + 1] <= _LAST_TYPE
 
-    def find(self, data: NDArray[np.uint8], final: bool) -> Found:
-        """All frames with a correct checksum."""
-        places = places_of(data, b"\x55")
-        places = places[places + 1 < len(data)]
-        kinds = data[places + 1]
-        places = places[(kinds >= 0x50) & (kinds <= _LAST_TYPE)]
-        whole = places + SIZE <= len(data)
-        good = np.zeros(len(places), bool)
-        sums = RunningSums(data)
-        good[whole] = sums.plain(places[whole], places[whole] + 10) % 256 == data[places[whole] + 10]
-        limit = cut_header(data, b"\x55", 2, final)
-        return select(places, np.full(len(places), SIZE), good, len(data), final, limit)
+def _reading(settings: Settings | None) -> Reading:
+    """Reads one sample a force frame, with the rate of the same burst if there is one."""
+    fields = {
+        "force": Field(2, "3<i2", lambda words: words * _scale(settings)),
+        "temperature": Field(8, "<i2", lambda words: words / 100.0),
+    }
+    waiting = blank(0)
 
-    def parse(self, data: NDArray[np.uint8], found: Found, offset: int, final: bool) -> tuple[Samples, list[Event]]:
-        """One sample a force frame, with the rate frame of the same burst if there is one."""
+    def read(data: Bytes, found: Found, offset: int, final: bool) -> tuple[Samples, list[Event]]:
+        nonlocal waiting
         kinds = data[found.starts + 1]
-        at = np.flatnonzero(kinds == _FORCE)
-        fresh = blank(len(at))
-        words = column(data, found.starts[at], 2, "<i2", 4)
-        fresh.stop[:] = found.starts[at] + SIZE + offset
-        fresh.force[:] = words[:, :3] * self._scale
-        fresh.temperature[:] = words[:, 3] / 100.0
-        rates = np.flatnonzero(kinds == _RATE)
-        values = column(data, found.starts[rates], 2, "<i2", 4)[:, :3] / 32768 * 2000.0
-        owner = np.searchsorted(at, rates) - 1
-        samples = joined([self._pending, fresh])
-        owner = owner + len(self._pending)
+        starts = found.starts[kinds == _FORCE]
+        fresh = filled(rows_of(data, starts, SIZE), fields)
+        fresh.stop[:] = starts + SIZE + offset
+        samples = joined([waiting, fresh])
         # The rate directly follows the force of its burst; a rate before any force belongs to none.
-        rates, values, owner = rates[owner >= 0], values[owner >= 0], owner[owner >= 0]
-        belongs = found.starts[rates] + offset - samples.stop[owner] < 2 * SIZE
-        samples.rate[owner[belongs]] = values[belongs]
-        if final or not len(samples) or (len(kinds) and kinds[-1] != _FORCE):
-            self._pending = blank(0)
-            return samples, []
-        if not len(kinds):
-            return blank(0), []
-        self._pending = samples[len(samples) - 1 :]
-        return samples[: len(samples) - 1], []
+        rates = found.starts[kinds == _RATE]
+        owner = np.searchsorted(samples.stop, rates + offset, "right") - 1
+        rates, owner = rates[owner >= 0], owner[owner >= 0]
+        belongs = rates + offset - samples.stop[owner] < 2 * SIZE
+        samples.rate[owner[belongs]] = column(data, rates[belongs], 2, "<i2", 3) * _DPS_PER_UNIT
+        # The last sample waits for its rate.
+        complete = len(samples) if final else max(len(samples) - 1, 0)
+        waiting = samples[complete:]
+        return samples[:complete], []
 
-
-def _frames(kind: int, words: NDArray[np.float64]) -> NDArray[np.uint8]:
-    rows = np.zeros((len(words), SIZE), np.uint8)
-    rows[:, 0], rows[:, 1] = 0x55, kind
-    rows[:, 2:10] = np.clip(np.rint(words), -32768, 32767).astype("<i2").view(np.uint8).reshape(-1, 8)
-    rows[:, 10] = rows[:, :10].sum(1) % 256
-    return rows
+    return read
 
 
 def encode(samples: Samples, settings: Settings) -> bytes:
     """Bursts of a force and a rate frame."""
-    scale = np.array(settings.range_g or (DEFAULT_RANGE_G,) * 3) / 32768
     temperature = np.nan_to_num(samples.temperature)[:, None] * 100
-    force = _frames(_FORCE, np.hstack([samples.force / scale, temperature]))
-    rate = _frames(_RATE, np.hstack([np.nan_to_num(samples.rate) / 2000 * 32768, temperature]))
-    return np.hstack([force, rate]).tobytes()
-
-
-def _with_range(settings: Settings, range_g: float) -> Settings:
-    return replace(settings, range_g=(range_g,) * 3, lsb_g=(range_g / 32768,) * 3)
+    bursts = []
+    for kind, words in (
+        (_FORCE, samples.force / _scale(settings)),
+        (_RATE, np.nan_to_num(samples.rate) / _DPS_PER_UNIT),
+    ):
+        words = np.clip(np.rint(np.hstack([words, temperature])), -32768, 32767).astype("<i2")
+        rows = frames_of(len(samples), bytes([0x55, kind]), words)
+        bursts += [rows, _check(rows)]
+    return np.hstack(bursts).tobytes()
 
 
 PROTOCOL = Protocol(
     name="witmotion",
     title="WitMotion JY61, WT61, WT901, HWT905 and clones",
-    decoder=lambda settings=None: FrameDecoder(WitMotionFraming(settings)),
+    decoder=lambda settings=None: FrameDecoder(_reading(settings), _FRAMES, lock_after=3),
     encode=encode,
     bauds=(115200, 9600, 230400, 921600),
     ranges_g=(2.0, 4.0, 8.0, 16.0),
-    with_range=_with_range,
 )

@@ -7,16 +7,17 @@ SampleTimeFine counts steps of 0.1 ms. MT Low-Level Communication Protocol Docum
 import numpy as np
 from numpy.typing import NDArray
 
-from tumblecal.capture.decoding.framing import Found, decoded_by_layout
+from tumblecal.capture.decoding.fields import reading
+from tumblecal.capture.decoding.framing import Found, find
 from tumblecal.capture.decoding.sample_table import columns_of, table_of
 from tumblecal.capture.decoding.samples import Samples, joined
-from tumblecal.capture.protocols.xsens import MTDATA2, layout_of, messages_in, no_force_words, samples_of
+from tumblecal.capture.protocols.xsens import MTDATA2, layout_of, messages
 from tumblecal.ground.counted import counted
 from tumblecal.ground.errors import InputError
 from tumblecal.recordings.table import Reader, Source, Table, of_arrays
 
 
-_PREAMBLE, _MASTER, _FEWEST = b"\xfa", 0xFF, 3
+_MESSAGES, _MASTER, _FEWEST = (messages(b"\xfa"),), 0xFF, 3
 _TICKS_PER_S = 1e4
 # Bytes that are searched, and messages that are decoded, at once.
 _PIECE, _BLOCK = 1 << 22, 1 << 16
@@ -34,18 +35,15 @@ def _read(source: Source) -> list[Table]:
     measured = data[starts + 2] == MTDATA2
     starts, sizes = starts[measured], sizes[measured]
     tables, refused = list[Table](), list[str]()
-
-    def decode(starts: NDArray[np.int64], size: int, layout: list[tuple[int, int, int]]) -> Samples | None:
-        samples = samples_of(data, starts, layout)
-        refused.extend(filter(None, [no_force_words(layout)] if samples is None else []))
-        return samples
-
+    read = reading(layout_of)
     buses = data[starts + 1]
     for bus in dict.fromkeys(buses.tolist()):
         own = np.flatnonzero(buses == bus)
         blocks = [own[first : first + _BLOCK] for first in range(0, len(own), _BLOCK)]
         found = [Found(starts[block], sizes[block], len(data)) for block in blocks]
-        samples = joined([decoded_by_layout(data, one, 0, layout_of, decode) for one in found])
+        decoded = [read(data, one, 0, True) for one in found]
+        refused += [event.content["text"] for _, events in decoded for event in events if event.kind == "refused"]
+        samples = joined([samples for samples, _ in decoded])
         good = samples.status == 0
         if not good.any():
             continue
@@ -67,7 +65,7 @@ def _messages(data: NDArray[np.uint8]) -> tuple[NDArray[np.int64], NDArray[np.in
     starts, sizes, at = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], 0
     while at < len(data):
         last = at + _PIECE >= len(data)
-        found = messages_in(data[at : at + _PIECE], _PREAMBLE, final=last)
+        found = find(_MESSAGES, data[at : at + _PIECE], final=last)
         starts.append(found.starts + at)
         sizes.append(found.sizes)
         at = len(data) if last else at + max(found.limit, 1)
@@ -87,7 +85,7 @@ def _columns(samples: Samples, good: NDArray[np.bool_]) -> dict[str, NDArray[np.
 
 def _recognised(path: object, head: bytes) -> bool:
     """Whether a file begins with contiguous messages."""
-    found = messages_in(np.frombuffer(head, np.uint8), _PREAMBLE, final=True)
+    found = find(_MESSAGES, np.frombuffer(head, np.uint8), final=True)
     return (
         int((found.starts + found.sizes)[:_FEWEST][-1:].sum()) == int(found.sizes[:_FEWEST].sum())
         and len(found.sizes) >= _FEWEST
