@@ -87,7 +87,7 @@ class ChamberOptions:
 
         **Raises:** `InputError` for a value that is not above 0, or for options that the plan does not need.
         """
-        from tumblecal.capture.chamber.chamber import OPERATOR
+        from tumblecal.capture.chamber.soak import OPERATOR
 
         criterion = {
             "tolerance_degc": self.soak_tolerance,
@@ -148,7 +148,7 @@ def capture(
             print(_end(run_folder))
             return
         given = {name: value for name, value in vars(temperature).items() if value is not None}
-        temperature = ChamberOptions(**(run_folder.state.temperature_options | given))
+        temperature = ChamberOptions(**(run_folder.journal.state.temperature_options | given))
         run_folder.plan = temperature.applied(run_folder.plan)
         if given:
             run_folder.journal.write("temperature_options", options=given)
@@ -178,7 +178,7 @@ def _end(run: "RunFolder") -> str:
 
 
 def _done(run: "RunFolder") -> str:
-    return f"{len(run.state.accepted)} of {len(run.plan.steps)} positions"
+    return f"{len(run.journal.state.accepted)} of {len(run.plan.steps)} positions"
 
 
 def _run_folder(plan: Path | None, out: Path | None, resume: Path | None, port: str | None) -> "RunFolder":
@@ -195,7 +195,7 @@ def _run_folder(plan: Path | None, out: Path | None, resume: Path | None, port: 
         if out is not None:
             raise InputError("capture: --out contradicts --resume, which continues in its folder; remove --out")
         resumed = resume_run(resume, port)
-        warn(resume, resumed.damage)
+        warn(resume, resumed.journal.damage)
         if not resumed.complete:
             print(f"{resume}: {_done(resumed)} done")
         return resumed

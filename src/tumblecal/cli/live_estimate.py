@@ -4,7 +4,7 @@ from dataclasses import replace
 from functools import cache
 
 from tumblecal.capture.capture_plan import CapturePlan
-from tumblecal.capture.run.estimate_worker import Estimate
+from tumblecal.capture.run.session import Estimate
 
 
 def live_estimate(plan: CapturePlan) -> Estimate:

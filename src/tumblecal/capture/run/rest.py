@@ -1,6 +1,9 @@
-"""Test whether the head is at rest and stays at rest: block means against a robust baseline, and a CUSUM for creep."""
+"""The head at rest: means of blocks of about a second, found at rest, knocked or creeping.
 
-from dataclasses import dataclass
+Blocks are an array of shape (k, 2, 3): for each block the mean and the standard deviation of its samples per axis, g.
+"""
+
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,24 +11,15 @@ from numpy.typing import NDArray
 from tumblecal.capture.port.live import Arrived
 
 
-_RECENT_BLOCKS = 3
+Blocks: TypeAlias = NDArray[np.float64]
+
 _TURNING_DPS = 2.0
-_KNOCK_Z = 5.0
-_SHAKEN = 2.0
+_KNOCK_Z, _SHAKEN = 5.0, 2.0
 _CUSUM_SLACK, _CUSUM_LIMIT = 0.5, 12.0
 _BASELINE_BLOCKS = 10
 # Number of stretches of a dwell whose means show its slow noise.
 _STRETCHES = 6
 _ARCSEC_PER_RAD = 180 / np.pi * 3600
-
-
-@dataclass(frozen=True)
-class Block:
-    """About a second of samples: means and standard deviations per axis in g, and the number of good samples."""
-
-    mean: NDArray[np.float64]
-    sd: NDArray[np.float64]
-    n: int
 
 
 def block_size(rate_hz: float) -> int:
@@ -44,42 +38,23 @@ class BlockCutter:
     size: int
 
     def __init__(self, size: int):
-        self.size = max(size, 4)
-        self._rest = np.zeros((0, 3))
+        self.size = size
+        self.clear()
 
-    def add(self, force: NDArray[np.float64]) -> list[Block]:
+    def add(self, force: NDArray[np.float64]) -> Blocks:
         """The blocks that these samples (n, 3) complete."""
         data = np.vstack([self._rest, force])
         count = len(data) // self.size
-        whole = data[: count * self.size].reshape(count, self.size, 3)
         self._rest = data[count * self.size :]
-        return [Block(b.mean(0), b.std(0, ddof=1), self.size) for b in whole]
+        whole = data[: count * self.size].reshape(count, self.size, 3)
+        return np.stack([whole.mean(1), whole.std(1, ddof=1)], axis=1)
 
     def clear(self) -> None:
         """Forget the unfinished block."""
         self._rest = np.zeros((0, 3))
 
 
-def is_still(blocks: list[Block], limit_g: float) -> bool:
-    """Whether the head is at rest in these blocks: steady means, and no more noise than the quietest block explains.
-
-    **Arguments:**
-
-    - `blocks`: the last few.
-    - `limit_g`: largest spread of the block means.
-    """
-    if len(blocks) < 2:
-        return False
-    means = np.array([b.mean for b in blocks])
-    noise = np.array([b.sd for b in blocks])
-    quiet = noise.min(0)
-    spread = np.ptp(means, axis=0)
-    allowed = np.maximum(limit_g, 6 * quiet / np.sqrt(blocks[0].n))
-    return bool((spread < allowed).all() and (noise < np.maximum(3 * quiet, limit_g)).all())
-
-
-@dataclass(frozen=True)
-class Stationarity:
+class Stationarity(NamedTuple):
     """Stationarity of a dwell.
 
     **Arguments:**
@@ -94,55 +69,43 @@ class Stationarity:
     drift_g: NDArray[np.float64]
     tilt_arcsec: float
 
-    @property
-    def good(self) -> bool:
-        """Whether nothing was found."""
-        return not self.knocks and not self.creep
 
-
-def stationarity(blocks: list[Block]) -> Stationarity:
-    """Judge the blocks of one dwell.
+def stationarity(blocks: Blocks, size: int) -> Stationarity:
+    """Judge the blocks of one dwell, each of `size` samples.
 
     The baseline of each axis is the median and the median absolute deviation of the block means; with fewer than ten
     blocks the noise of the samples is used.
     """
-    means = np.array([b.mean for b in blocks]).reshape(-1, 3)
-    n = len(means)
+    means, noise, n = blocks[:, 0], blocks[:, 1], len(blocks)
     if n < 3:
         return Stationarity([], [], np.zeros(3), 0.0)
-    sampling = np.median([b.sd for b in blocks], axis=0) / np.sqrt(blocks[0].n)
-    baseline = means[: max(_BASELINE_BLOCKS, n // 3)]
+    quiet, centre = np.median(noise, axis=0), np.median(means, axis=0)
     scatter = 1.4826 * np.median(np.abs(np.diff(means, axis=0)), axis=0) / np.sqrt(2)
-    scale = np.maximum(np.maximum(scatter, sampling), 1e-9)
-    centre = np.median(means, axis=0)
-    noise = np.array([b.sd for b in blocks])
-    stands_out = np.abs(means - centre) > _KNOCK_Z * scale
-    shaken = noise > _SHAKEN * np.median(noise, axis=0)
-    knocks = np.flatnonzero((stands_out | shaken).any(1)).tolist()
-    creep = _cusum((means - np.median(baseline, axis=0)) / scale)
+    scale = np.maximum(np.maximum(scatter, quiet / np.sqrt(size)), 1e-9)
+    outlier = (np.abs(means - centre) > _KNOCK_Z * scale) | (noise > _SHAKEN * quiet)
+    baseline = np.median(means[: max(_BASELINE_BLOCKS, n // 3)], axis=0)
     line = np.polyfit(np.arange(n), means, 1)[0] * (n - 1)
     perpendicular = line - np.dot(line, centre) / max(np.dot(centre, centre), 1e-9) * centre
-    return Stationarity(knocks, creep, line, float(np.linalg.norm(perpendicular) * _ARCSEC_PER_RAD))
+    tilt_arcsec = float(np.linalg.norm(perpendicular) * _ARCSEC_PER_RAD)
+    return Stationarity(np.flatnonzero(outlier.any(1)).tolist(), _cusum((means - baseline) / scale), line, tilt_arcsec)
 
 
 def _cusum(z: NDArray[np.float64]) -> list[int]:
     """Blocks at which a two-sided CUSUM of any axis exceeds its limit; it restarts after each."""
-    found = []
-    high = low = np.zeros(z.shape[1])
+    found, sums = [], np.zeros((2, z.shape[1]))
     for k, row in enumerate(np.clip(z, -4, 4)):
-        high, low = np.maximum(high + row - _CUSUM_SLACK, 0), np.maximum(low - row - _CUSUM_SLACK, 0)
-        if (high > _CUSUM_LIMIT).any() or (low > _CUSUM_LIMIT).any():
+        sums = np.maximum(sums + np.stack([row, -row]) - _CUSUM_SLACK, 0)
+        if (sums > _CUSUM_LIMIT).any():
             found.append(k)
-            high = low = np.zeros(z.shape[1])
+            sums[:] = 0
     return found
 
 
-def mean_variance(blocks: list[Block]) -> NDArray[np.float64]:
+def mean_variance(blocks: Blocks, size: int) -> NDArray[np.float64]:
     """Variance of a dwell's mean per axis: from its white noise, and from the slow noise between stretches of it, which
     averaging over one dwell does not reduce."""
-    n = sum(block.n for block in blocks)
-    white = np.mean([block.sd**2 for block in blocks], axis=0)
-    means = np.array([block.mean for block in blocks])
+    means, n = blocks[:, 0], size * len(blocks)
+    white = np.mean(blocks[:, 1] ** 2, axis=0)
     count = min(_STRETCHES, len(means))
     if count < 2:
         return white / n
@@ -155,38 +118,35 @@ class HeadWatch:
 
     **Arguments:**
 
-    - `block`: samples in a block of about a second. `to_local_g`: factor from standard g to local g. `still_g`: limit
-      for rest.
+    - `size`: samples in a block. `to_local_g`: factor from standard g to local g. `still_g`: limit for rest.
 
-    `moved`: whether the head moved since this was last set to False.
+    `blocks`: the last two. `moved`: whether the head moved since this was last set to False.
     """
 
+    blocks: Blocks
     moved: bool
 
-    def __init__(self, block: int, to_local_g: float, still_g: float):
-        self._cutter = BlockCutter(block)
-        self._to_local_g, self._still_g = to_local_g, still_g
+    def __init__(self, size: int, to_local_g: float, still_g: float):
+        self._cutter, self._to_local_g, self._still_g = BlockCutter(size), to_local_g, still_g
         self._quiet_rate: NDArray[np.float64] | None = None
-        self.blocks: list[Block] = []
+        self.blocks = np.zeros((0, 2, 3))
         self.moved = False
 
     @property
-    def last(self) -> Block | None:
-        """The newest block."""
-        return self.blocks[-1] if self.blocks else None
-
-    @property
     def still(self) -> bool:
-        """Whether the head is at rest."""
-        return len(self.blocks) >= 2 and is_still(self.blocks[-2:], self._still_g)
+        """Whether the head is at rest: steady means, and no more noise than the quietest block explains."""
+        if len(self.blocks) < 2:
+            return False
+        means, noise = self.blocks[:, 0], self.blocks[:, 1]
+        quiet = noise.min(0)
+        allowed = np.maximum(self._still_g, 6 * quiet / np.sqrt(self._cutter.size))
+        return bool((np.ptp(means, axis=0) < allowed).all() and (noise < np.maximum(3 * quiet, self._still_g)).all())
 
     def take(self, part: Arrived) -> int:
         """Add new samples; returns the number of blocks they complete."""
-        if not len(part.samples):
-            return 0
         good = part.samples.status == 0
         fresh = self._cutter.add(part.samples.force[good] * self._to_local_g)
-        self.blocks = (self.blocks + fresh)[-_RECENT_BLOCKS:]
+        self.blocks = np.concatenate([self.blocks, fresh])[-2:]
         self._watch_rotation(part.samples.rate)
         return len(fresh)
 
@@ -196,14 +156,14 @@ class HeadWatch:
 
     def _watch_rotation(self, rate: NDArray[np.float64]) -> None:
         """Detect by the angular rate a turn without effect on gravity (about the vertical)."""
-        if len(rate) < 8 or not np.isfinite(rate).all():
-            return
         eighth = len(rate) // 8
+        if not eighth or not np.isfinite(rate).all():
+            return
         means = rate[: 8 * eighth].reshape(8, eighth, 3).mean(1)
         noise = rate.std(0) / np.sqrt(eighth) if self._quiet_rate is None else self._quiet_rate
         if (np.abs(means).max(0) > _TURNING_DPS + 6 * noise).any():
             self.moved = True
             self._cutter.clear()
-            self.blocks.clear()
+            self.blocks = self.blocks[:0]
         elif self._quiet_rate is None:
             self._quiet_rate = noise
