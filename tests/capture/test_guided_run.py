@@ -69,7 +69,7 @@ def test_disturbed_run_ends_in_the_same_calibration(tmp_path: Path) -> None:
     """A wrong position, an unplug and a kill -9 in the middle change the result by no more than its sd allows."""
     (tmp_path / "plan.toml").write_text(PLAN)
     with Emulator(tmp_path, EMULATOR.replace("SEED", "1"), follow="quiet"):
-        capture = CaptureProcess(tmp_path, "plan.toml", "--out", "quiet", "--plain", "--no-estimate")
+        capture = CaptureProcess(tmp_path, "plan.toml", "--out", "quiet", "--plain")
         assert capture.close() == 0, capture.seen[-20:]
     with Emulator(tmp_path, EMULATOR.replace("SEED", "2") + DISTURBED, follow="rough") as emulator:
         capture = CaptureProcess(tmp_path, "plan.toml", "--out", "rough", "--plain")
@@ -124,7 +124,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "plan.toml").write_text(ONE)
     faults = "[faults]\nexchanged_frames_per_s = 4.0\nrepeated_frames_per_s = 2.0\n"
     with Emulator(folder, f"[noise]\nseed = 3\n{faults}") as emulator:
-        capture = CaptureProcess(folder, "plan.toml", "--out", "run", "--plain", "--no-estimate")
+        capture = CaptureProcess(folder, "plan.toml", "--out", "run", "--plain")
         done: set[str] = set()
         turned = ""
         deadline = time.monotonic() + 600

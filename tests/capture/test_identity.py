@@ -57,7 +57,7 @@ def accepted(folder: Path, count: int) -> Callable[[], bool]:
 def test_an_instrument_that_does_not_answer_is_compared_and_another_one_stops_the_run(tmp_path: Path) -> None:
     """Unplugged twice: first the same instrument comes back, then one with scale factors 0.4e-3 larger; neither answers."""
     (tmp_path / "plan.toml").write_text(PLAN)
-    run, words = tmp_path / "run", ("--plain", "--no-estimate", "--yes")
+    run, words = tmp_path / "run", ("--plain", "--yes")
     with Emulator(tmp_path, emulator(), follow="run"):
         capture = CaptureProcess(tmp_path, "plan.toml", "--out", "run", *words, questions=QUESTIONS)
         capture.wait_for(accepted(run, 1))

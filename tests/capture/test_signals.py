@@ -35,7 +35,7 @@ def entries_of(folder: Path) -> list[str]:
 def test_a_signal_restores_the_terminal_and_is_written_down(tmp_path: Path, number: signal.Signals) -> None:
     (tmp_path / "plan.toml").write_text(PLAN)
     with Emulator(tmp_path, "") as emulator:
-        capture = CaptureProcess(tmp_path, "plan.toml", "--out", "run", "--no-estimate", rows=24, columns=80)
+        capture = CaptureProcess(tmp_path, "plan.toml", "--out", "run", rows=24, columns=80)
         before = capture.flags()
         capture.wait_for(lambda: capture.raw.count(b"RECORDING") > 3)
         assert not capture.flags() & termios.ECHO and emulator.port.exists()
@@ -59,7 +59,7 @@ def test_a_signal_restores_the_terminal_and_is_written_down(tmp_path: Path, numb
 def test_a_closed_terminal_ends_the_run_in_order(tmp_path: Path) -> None:
     (tmp_path / "plan.toml").write_text(PLAN)
     with Emulator(tmp_path, ""):
-        capture = CaptureProcess(tmp_path, "plan.toml", "--out", "run", "--no-estimate")
+        capture = CaptureProcess(tmp_path, "plan.toml", "--out", "run")
         capture.wait_for(lambda: "recording" in entries_of(tmp_path / "run"))
         capture.hang_up()
         assert capture.process.wait(600) == -signal.SIGHUP

@@ -53,7 +53,7 @@ hysteresis_mg = [0.0, 0.5, 0.0]
 def test_a_run_over_soaks_is_interrupted_resumed_and_reduced(tmp_path: Path) -> None:
     """The chamber does not accept 40 degC: two positions are stored, and the run goes on with a chamber that does."""
     (tmp_path / "plan.toml").write_text(PLAN)
-    run, words = tmp_path / "run", ("--plain", "--no-estimate")
+    run, words = tmp_path / "run", ("--plain")
     with Emulator(tmp_path, EMULATOR.replace("HIGHEST", "35.0"), follow="run", chamber="oven"):
         capture = CaptureProcess(tmp_path, "plan.toml", "--out", "run", *words)
         assert capture.close() == 2, capture.seen[-20:]
@@ -93,7 +93,7 @@ def test_without_temperatures_in_the_stream_those_of_the_chamber_are_written(tmp
     (tmp_path / "run").mkdir()
     emulator = EMULATOR.replace("HIGHEST", "80.0") + "[instrument]\ntemperatures = false\n"
     with Emulator(tmp_path, emulator, follow="run", chamber="oven"):
-        capture = CaptureProcess(tmp_path, "plan.toml", "--out", "run", "--plain", "--no-estimate")
+        capture = CaptureProcess(tmp_path, "plan.toml", "--out", "run", "--plain")
         assert capture.close() == 0, capture.seen[-20:]
     data = reduce(tmp_path / "run").data
     assert data.run == ("1.1", "1.2") and data.comments["temperature_source"] == "chamber"

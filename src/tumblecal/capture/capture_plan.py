@@ -4,7 +4,7 @@ import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from itertools import groupby, pairwise, product
+from itertools import groupby, product
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -266,23 +266,6 @@ class CapturePlan(_SetupTables):
         """The soak of each position, from 0: a new one begins where the temperature changes; 0 without temperatures."""
         grouped = groupby(step.temperature_degc for step in self.steps)
         return [number for number, (_, same) in enumerate(grouped) for _ in same]
-
-    @property
-    def order_warning(self) -> str:
-        """The cost of a plan that returns to a temperature in the same direction; empty if it does not.
-
-        Arriving from below and from above are different soaks, which show hysteresis. A temperature that is reached twice in
-        one direction could be measured in one soak.
-        """
-        visits = [degc for degc, _ in groupby(step.temperature_degc for step in self.steps)]
-        arrivals = {(after, after > before) for before, after in pairwise(visits)}  # type: ignore[operator]
-        if (surplus := len(visits) - 1 - len(arrivals)) <= 0:
-            return ""
-        return (
-            f"the plan changes the temperature {len(visits) - 1} times for {len(arrivals) + 1} soaks: {surplus} changes too "
-            f"many cost at least {surplus * self.soak.stable_min:g} min of waiting and their ramps; list the positions of each "
-            "temperature together"
-        )
 
     @property
     def over_temperature(self) -> bool:

@@ -58,8 +58,8 @@ class RunState:
     - `attempts`: number of attempts, per position.
     - `skipped`: postponed positions. `postponed`: numbers of postponed soaks.
     - `session`: the entry that began the run. `devices`: the entries about the device, one for each start of the recording.
-    - `to_compare`: whether the instrument may be different, so that a finished position is measured again first.
-    - `doubts`: entries on an instrument that was not confirmed, and on the comparisons made for it.
+    - `to_confirm`: whether the instrument may be different, so that the operator must confirm it first.
+    - `doubts`: entries on an instrument that was not confirmed, and on its confirmation (older runs: a comparison).
     - `temperature_options`: options of the command about soaks and the chamber, the last of each.
     """
 
@@ -69,7 +69,7 @@ class RunState:
     postponed: set[int] = field(default_factory=set)
     session: dict[str, Any] = field(default_factory=dict)
     devices: list[dict[str, Any]] = field(default_factory=list)
-    to_compare: bool = False
+    to_confirm: bool = False
     doubts: list[dict[str, Any]] = field(default_factory=list)
     temperature_options: dict[str, Any] = field(default_factory=dict)
 
@@ -103,11 +103,11 @@ class RunState:
                 self.session = entry
             case "device":
                 self.devices.append(entry)
-                self.to_compare &= not entry.get("serial_number")
+                self.to_confirm &= not entry.get("serial_number")
             case "identity_not_confirmed" | "identity_confirmed" | "identity_trusted" | "compared":
                 self.doubts.append(entry)
                 unknown = kind == "identity_not_confirmed" and bool(self.accepted)
-                self.to_compare = unknown or (kind == "compared" and not entry["agrees"])
+                self.to_confirm = unknown or (kind == "compared" and not entry["agrees"])
             case "recording":
                 self.attempts[position] = entry["attempt"]
             case "accepted":

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 from cyclopts import Parameter
 
-from tumblecal.cli.live_estimate import live_estimate
 from tumblecal.cli.output import warn
 from tumblecal.ground.errors import InputError
 from tumblecal.ground.suggested_command import EVERY, suggested
@@ -31,8 +30,6 @@ class OperatorOptions:
     ----------
     wait
         Seconds to wait for a port that is not available yet. Example: --wait 60.
-    estimate
-        Display of the parameters and their standard uncertainties after each position. Example: --no-estimate.
     plain
         Printed lines instead of a redrawn screen. Example: --plain.
     yes
@@ -43,7 +40,6 @@ class OperatorOptions:
     """
 
     wait: float = 30.0
-    estimate: bool = True
     plain: bool = False
     yes: bool = False
     trust_instrument: bool = False
@@ -152,10 +148,9 @@ def capture(
         run_folder.plan = temperature.applied(run_folder.plan)
         if given:
             run_folder.journal.write("temperature_options", options=given)
-        live = live_estimate(run_folder.plan) if operator.estimate else None
         try:
             how = {"plain": operator.plain, "wait_s": operator.wait, "trust": operator.trust_instrument}
-            run(run_folder, estimate=live, confirm=operator.still_mounted, **how)
+            run(run_folder, confirm=operator.still_mounted, **how)
         except Stopped as stop:
             stopped_by = stop.number
     folder = run_folder.folder

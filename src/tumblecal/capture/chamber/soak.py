@@ -2,7 +2,6 @@
 
 import time
 from collections import deque
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -65,44 +64,40 @@ class Soak:
 
     **Arguments:**
 
-    - `plan`: positions, criterion. `journal`: for the requests and their results. `size`: samples in a block of about a second.
-    - `chamber`: None for the operator. It is asked by `threads`, so a slow answer does not delay a capture.
+    - `plan`: positions, criterion. `journal`: for the requests and their results. `rate_hz`: sample rate.
+    - `chamber`: None for the operator.
 
     `wanted_degc`: the requested temperature, and its `stability`: None before the first request. `waiting`: whether it is not
-    stable yet; `left`: whether it left the tolerance since it was. `alarm`: its present fault; empty for none.
+    stable yet; `left`: whether it left the tolerance since it was. `alarm`, `fault`: the present faults of the temperature and of
+    the chamber; empty for none.
     """
 
     stability: Stability | None
 
-    def __init__(
-        self,
-        plan: CapturePlan,
-        journal: Journal,
-        size: int,
-        chamber: Chamber | None = None,
-        threads: Executor | None = None,
-    ):
-        self._plan, self._journal, self._size = plan, journal, size
-        self._chamber, self._threads = chamber, threads or ThreadPoolExecutor(1)
-        self._answer: Future[float | None] | None = None
-        self._soak, self._to_set, self._chamber_degc = None, None, None
+    def __init__(self, plan: CapturePlan, journal: Journal, rate_hz: float, chamber: Chamber | None = None):
+        self._plan, self._journal, self._chamber = plan, journal, chamber
+        self._soak, self._chamber_degc = None, None
         self._ask_at_s = self._began_s = 0.0
-        self._sensor, self._values = False, np.zeros(0)
-        self.wanted_degc, self.stability = np.nan, None
-        self.waiting = self.left = self._failed = False
-        self.alarm = ""
+        # Temperatures of about a second are averaged.
+        self._count, self._values, self._sensor = round(rate_hz), np.zeros(0), False
+        self.wanted_degc, self.stability, self.alarm, self.fault = np.nan, None, "", ""
+        self.waiting = self.left = False
 
     def begin(self, position: int) -> None:
-        """Request the temperature of a position, unless it is there or already waited for."""
+        """Request the temperature of a position, unless it is there or already waited for.
+
+        **Raises:** `InputError` if the chamber does not accept it.
+        """
         wanted, soak = self._plan.steps[position].temperature_degc, self._plan.soaks[position]
         if wanted is None or (soak == self._soak and not self.left):
             return
-        self._soak, self.wanted_degc, self._to_set = soak, wanted, wanted
+        self._soak, self.wanted_degc, self._began_s = soak, wanted, time.monotonic()
         self.waiting, self.left, self.alarm = True, False, ""
         self.stability = Stability(self._plan.soak, wanted + self._plan.soak.offset_degc)
-        self._began_s, self._ask_at_s = time.monotonic(), 0.0
         name = OPERATOR if self._chamber is None else self._chamber.name
         self._write("soak", position=position, chamber=name, criterion=self._plan.soak.model_dump())
+        if self._chamber is not None:
+            self._chamber.set_temperature(wanted)
 
     def take(self, part: Arrived) -> None:
         """Continue with new samples.
@@ -111,14 +106,13 @@ class Soak:
         """
         if self.stability is None:
             return
-        answered = self._asked()
-        degc = part.samples.temperature[np.isfinite(part.samples.temperature)]
-        self._values = np.append(self._values, degc)
-        if len(self._values) >= self._size:
+        answered, degc = self._ask(), part.samples.temperature
+        self._values = np.append(self._values, degc[np.isfinite(degc)])
+        if len(self._values) >= self._count:
             self._sensor = True
             self._follow(float(part.host_s[-1]), float(self._values.mean()))
             self._values = self._values[:0]
-        elif answered is not None and not self._sensor and not len(self._values):
+        elif answered is not None and not self._sensor:
             self._follow(time.monotonic(), answered)
         elif self.waiting and not self._sensor and self._chamber_degc is None:
             self.alarm = "neither instrument nor chamber state a temperature; press Enter when it is stable"
@@ -128,27 +122,21 @@ class Soak:
                 f"{self.alarm and f': {self.alarm}'}. The positions done are stored; correct it, then --resume"
             )
 
-    def _asked(self) -> float | None:
-        """Set or ask the chamber when it is due; a new temperature of it."""
-        chamber, answered = self._chamber, None
-        if chamber is None:
+    def _ask(self) -> float | None:
+        """Ask the chamber for its temperature when it is due; a new one."""
+        if self._chamber is None or time.monotonic() < self._ask_at_s:
             return None
-        if self._answer is not None and self._answer.done():
-            answer, self._answer, self._chamber_degc = self._answer, None, None
-            try:
-                self._chamber_degc = answered = answer.result()
-                self._failed, self.alarm = False, "" if self._failed else self.alarm
-            except InputError as error:
-                # During a dwell the temperature is still measured; the next soak needs the chamber.
-                if self.waiting:
-                    raise
-                if not self._failed:
-                    self._write("warned", text=str(error))
-                self._failed, self.alarm = True, str(error)
-        if self._answer is None and time.monotonic() >= self._ask_at_s:
-            self._ask_at_s = time.monotonic() + max(_QUERY_S / self._plan.port.speed, _LEAST_QUERY_S)
-            self._answer, self._to_set = self._threads.submit(_exchange, chamber, self._to_set), None
-        return answered
+        try:
+            self._chamber_degc, self.fault = self._chamber.temperature(), ""
+        except InputError as error:
+            # During a dwell the temperature is still measured; the next soak needs the chamber.
+            if self.waiting:
+                raise
+            if not self.fault:
+                self._write("warned", text=str(error))
+            self._chamber_degc, self.fault = None, str(error)
+        self._ask_at_s = time.monotonic() + max(_QUERY_S / self._plan.port.speed, _LEAST_QUERY_S)
+        return self._chamber_degc
 
     def accept_as_is(self) -> None:
         """End the wait: the operator accepts the present temperature."""
@@ -173,19 +161,18 @@ class Soak:
         """The state of the wait in words."""
         if (seen := self.stability) is None:
             return ""
-        asked = "set the chamber" if self._chamber is None else f"chamber {self._chamber.name} is set"
-        sensor = f"sensor {seen.degc:.2f} degC" if self._sensor else "no temperature from the instrument"
-        rate = "" if np.isnan(seen.rate_degc_per_min) else f", {seen.rate_degc_per_min:+.3f} degC/min"
-        chamber = "" if self._chamber_degc is None else f", chamber {self._chamber_degc:.2f} degC"
-        stable = f"stable for {seen.stable_min:.1f} of {seen.criterion.stable_min:g} min"
-        return f"{asked} to {self.wanted_degc:g} degC: {sensor}{rate}{chamber}; {stable}"
+        words = ["set the chamber" if self._chamber is None else f"chamber {self._chamber.name} is set"]
+        words[0] += f" to {self.wanted_degc:g} degC: "
+        words[0] += f"sensor {seen.degc:.2f} degC" if self._sensor else "no temperature from the instrument"
+        words += [] if np.isnan(seen.rate_degc_per_min) else [f"{seen.rate_degc_per_min:+.3f} degC/min"]
+        words += [] if self._chamber_degc is None else [f"chamber {self._chamber_degc:.2f} degC"]
+        return ", ".join([*words, f"stable for {seen.stable_min:.1f} of {seen.criterion.stable_min:g} min"])
 
     def close(self, *, finished: bool) -> None:
-        """Release the chamber after the exchange in progress; when the run has finished, set its last temperature first.
+        """Release the chamber; when the run has finished, set its last temperature first.
 
         **Raises:** `InputError` if this temperature cannot be set.
         """
-        self._threads.shutdown(wait=True, cancel_futures=True)
         if self._chamber is not None:
             try:
                 if finished and self._plan.chamber.finish_degc is not None:
@@ -230,10 +217,3 @@ class Soak:
 
     def _write(self, entry: str, **content: object) -> None:
         self._journal.write(entry, soak=self._soak, requested_degc=self.wanted_degc, **content)
-
-
-def _exchange(chamber: Chamber, to_set: float | None) -> float | None:
-    """Set a temperature, if one is given; the temperature of the chamber."""
-    if to_set is not None:
-        chamber.set_temperature(to_set)
-    return chamber.temperature()

@@ -59,11 +59,12 @@ class Questions:
 
 
 class Device(NamedTuple):
-    """The device as it identified itself, and the sample rate for counting."""
+    """The device as it identified itself after so many questions, and the sample rate for counting."""
 
     serial_number: str | None
     rate_hz: float
     events: list[Event]
+    tries: int
 
 
 def await_port(url: str, limit_s: float, pause: Pause = time.sleep) -> None:
@@ -83,39 +84,33 @@ def meet(stream: LiveStream, plan: CapturePlan, state: RunState, pause: Pause = 
 
     **Raises:** `InputError` in one line for silence, a wrong protocol, a wrong baud rate, or unreadable data.
     """
-    protocol, url = stream.protocol, plan.port.url
+    protocol, events, frames, begun = stream.protocol, list[Event](), 0, time.monotonic()
     wanted = {"serial_number"} if protocol.queries else set()
     wanted |= {"configuration"} if protocol.range_from_stream else set()
     # An instrument that stated its serial number before can do so again: its answer may only be late.
     patient = protocol.range_from_stream or state.serial_number is not None
     questions = Questions(stream.recording.send, protocol.queries, None if patient else 1)
-    events, frames, begun = list[Event](), 0, time.monotonic()
-    while True:
-        complete, late = wanted <= {e.kind for e in events}, time.monotonic() > begun + _FIRST_DATA_S
+    complete = late = False
+    while frames < (1 if late else _FEWEST_FRAMES) or not (complete or not questions.open()):
         if late and not frames:
             raise InputError(_why_no_samples(stream, plan))
-        if frames and ((complete and (frames >= _FEWEST_FRAMES or late)) or not (complete or questions.open())):
-            break
-        if not frames and not complete:
-            questions.open()
         part = stream.poll()
         events += part.events
         frames += len(part.samples)
+        complete, late = wanted <= {e.kind for e in events}, time.monotonic() > begun + _FIRST_DATA_S
         pause(0.05)
     content = {key: value for event in events for key, value in event.content.items()}
     serial, range_g = content.get("serial_number"), content.get("range_g")
     if protocol.range_from_stream and range_g is plan.port.range_g is state.configuration is None:
         raise InputError(
-            f"port {url}: the {protocol.title} does not state its range when asked; "
+            f"port {plan.port.url}: the {protocol.title} does not state its range when asked; "
             "connect its receive line, or set port.range_g in the plan"
         )
-    known_hz = content.get("rate_hz") or state.device.get("rate_hz") or plan.port.rate_hz
-    rate_hz = float(known_hz or _rate_of(stream, plan.port.speed, pause))
-    asked = f" (asked {questions.tries} times)" if questions.tries else ""
-    print(
-        f"{protocol.title}, serial number {serial or f'not stated{asked}'}, {rate_hz:g} Hz, range {range_g or 'not stated'}"
-    )
-    return Device(serial, rate_hz, events)
+    rate_hz = content.get("rate_hz") or state.device.get("rate_hz") or plan.port.rate_hz
+    rate_hz = float(rate_hz or _rate_of(stream, plan.port.speed, pause))
+    stated = serial or f"not stated{f' (asked {questions.tries} times)' if questions.tries else ''}"
+    print(f"{protocol.title}, serial number {stated}, {rate_hz:g} Hz, range {range_g or 'not stated'}")
+    return Device(serial, rate_hz, events, questions.tries)
 
 
 def _why_no_samples(stream: LiveStream, plan: CapturePlan) -> str:
@@ -134,15 +129,15 @@ def _rate_of(stream: LiveStream, speed: float, pause: Pause) -> float:
 
     Samples that the device sent before the port was opened arrive together at first.
     """
-    rates = list[float]()
-    while len(rates) < _MOST_STRETCHES:
+    rates, agree = list[float](), False
+    while not agree and len(rates) < _MOST_STRETCHES:
         start, first = time.monotonic(), stream.tally.counts.frames
         while time.monotonic() - start < _STRETCH_S:
             stream.poll()
             pause(0.05)
         rates.append((stream.tally.counts.frames - first) / (time.monotonic() - start))
-        if len(rates) > 1 and abs(rates[-1] - rates[-2]) <= _SAME_SHARE * rates[-1] + _SAME_COUNT / _STRETCH_S:
-            break
+        limit = _SAME_SHARE * rates[-1] + _SAME_COUNT / _STRETCH_S
+        agree = len(rates) > 1 and abs(rates[-1] - rates[-2]) <= limit
     measured = max((rates[-1] + min(rates[-2:])) / 2 / speed, 1.0)
     near = min(_USUAL_HZ, key=lambda usual: abs(usual / measured - 1))
     return float(near) if abs(near / measured - 1) < _SAME_SHARE else measured

@@ -1,4 +1,4 @@
-"""One attempt at one position: the samples as they arrive, intermediate statistics, and the summary at the end."""
+"""One attempt at one position: the samples as they arrive, their losses, and the summary at the end."""
 
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -11,7 +11,7 @@ from tumblecal.capture.decoding.losses import Losses, count_losses, losses_from_
 from tumblecal.capture.decoding.samples import Samples, Status
 from tumblecal.capture.port.live import Arrived, collected
 from tumblecal.capture.protocols import Protocol
-from tumblecal.capture.run.rest import BlockCutter, Blocks, Stationarity, mean_variance, stationarity
+from tumblecal.capture.run.rest import Blocks, Stationarity
 from tumblecal.ground.counted import counted
 
 
@@ -25,53 +25,34 @@ class Dwell:
 
     **Arguments:**
 
-    - `number`: number of the attempt. `needed`: required good samples. `size`: samples in a block of about a second.
+    - `number`: number of the attempt. `needed`: required good samples. `blocks`: for the good samples, empty.
     - `to_local_g`: factor from standard g to local g. `before`: the samples just before it: a late frame may belong there.
 
-    `good`, `flagged`: number of samples without and with a status bit; `blocks`: of the good ones.
+    `good`: number of samples without a status bit; only these are used. `flagged`: number of the others.
     """
 
     number: int
     needed: int
-    size: int
+    blocks: Blocks
     to_local_g: float
     before: list[Arrived]
     parts: list[Arrived] = field(default_factory=list)
-    blocks: Blocks = field(default_factory=lambda: np.zeros((0, 2, 3)))
     good: int = 0
     flagged: int = 0
 
-    def __post_init__(self) -> None:
-        self._cutter = BlockCutter(self.size)
-        # Sums of the samples minus the first one, and of their squares.
-        self._first, self._sums = np.full(3, np.nan), np.zeros((2, 3))
-
     def take(self, part: Arrived) -> None:
-        """Add new samples; samples with a status bit are counted but not used."""
-        if not len(part.samples):
-            return
-        self.parts.append(part)
-        use = (part.samples.status == 0) & np.isfinite(part.samples.force).all(1)
-        force = part.samples.force[use] * self.to_local_g
-        if not self.good and len(force):
-            self._first = force[0]
-        self.flagged += int((~use).sum())
-        self.good += len(force)
-        if len(force):
-            self._sums += [(force - self._first).sum(0), ((force - self._first) ** 2).sum(0)]
-        self.blocks = np.concatenate([self.blocks, self._cutter.add(force)])
+        """Add new samples."""
+        if len(part.samples):
+            self.parts.append(part)
+            force = self._good(part.samples)
+            self.good += len(force)
+            self.flagged += len(part.samples) - len(force)
+            self.blocks.add(force)
 
-    @property
-    def mean(self) -> NDArray[np.float64]:
-        """Mean specific force so far, local g; NaN before the first sample."""
-        return self._first + self._sums[0] / max(self.good, 1)
-
-    @property
-    def sd(self) -> NDArray[np.float64]:
-        """Standard deviation of a sample so far."""
-        if self.good < 2:
-            return np.full(3, np.nan)
-        return np.sqrt(np.maximum(self._sums[1] - self._sums[0] ** 2 / self.good, 0) / (self.good - 1))
+    def _good(self, samples: Samples) -> NDArray[np.float64]:
+        """Specific force of the good samples, local g."""
+        use = (samples.status == 0) & np.isfinite(samples.force).all(1)
+        return samples.force[use] * self.to_local_g
 
     @property
     def log_range(self) -> tuple[int, int]:
@@ -87,19 +68,51 @@ class Dwell:
         """Samples lost during the attempt; `after` are the samples after it, which resolve a late gap."""
         samples, host_s = collected([*self.before, *self.parts, *after])
         start = sum(len(p.samples) for p in self.before)
-        inside = range(start, start + sum(len(p.samples) for p in self.parts))
+        inside = range(start, start + self.good + self.flagged)
         specials = [event.stop for part in (*self.before, *self.parts) for event in part.events if event.counted]
         return losses_of(protocol, samples, host_s, rate_hz, inside, specials)
 
+    def refusal(self, losses: Losses, limits: LimitsTable) -> str:
+        """Why the attempt must be repeated; empty if it is good."""
+        if losses.lost > limits.lost_fraction * self.needed:
+            sent = self.good + self.flagged + losses.lost
+            return (
+                f"{losses.lost} of {sent} samples lost ({100 * losses.lost / sent:.1f} %) in {counted(len(losses.gaps), 'gap')}; "
+                f"limits.lost_fraction allows {100 * limits.lost_fraction:g} %"
+            )
+        if self.flagged > limits.flagged_fraction * self.needed:
+            return f"{self._flagged_words}; limits.flagged_fraction allows {100 * limits.flagged_fraction:g} %"
+        return ""
+
+    def warning(self, found: Stationarity, limits: LimitsTable) -> str:
+        """Faults so far, in words; empty for none."""
+        words = []
+        if found.knocks:
+            words.append(f"knock: {len(found.knocks)} outlier block(s)")
+        elif found.creep:
+            words.append(f"creeping: {found.tilt_arcsec:.0f} arcsec or {abs(found.drift_g).max() * 1e6:.0f} ug so far")
+        if self.flagged > max(limits.flagged_fraction * self.needed, 1):
+            words.append(self._flagged_words)
+        noise_mg = 1e3 * self.blocks.sd_g.mean(0).max()
+        if limits.noise_mg is not None and noise_mg > 3 * limits.noise_mg:
+            words.append(f"noise {noise_mg:.2f} mg, expected {limits.noise_mg:g} mg")
+        return "; ".join(words)
+
+    @property
+    def _flagged_words(self) -> str:
+        of = self.good + self.flagged
+        return f"{self.flagged} of {of} samples without a number or flagged by the device (overload, error)"
+
     def summary(self, losses: Losses) -> dict[str, Any]:
         """The summary for the journal."""
-        found = stationarity(self.blocks, self.size)
+        found, force = self.blocks.stationarity(), np.concatenate([self._good(p.samples) for p in self.parts])
         degc = np.concatenate([p.samples.temperature for p in self.parts])
         degc = degc[np.isfinite(degc)]
+        sd = force.std(0, ddof=1) if len(force) > 1 else np.full(3, np.nan)
         return {
-            "mean_g": self.mean.tolist(),
-            "sd_g": self.sd.tolist(),
-            "sd_of_mean_g": (np.sqrt(mean_variance(self.blocks, self.size)) if len(self.blocks) else self.sd).tolist(),
+            "mean_g": force.mean(0).tolist(),
+            "sd_g": sd.tolist(),
+            "sd_of_mean_g": (np.sqrt(self.blocks.mean_variance()) if len(self.blocks.mean_g) else sd).tolist(),
             "n": self.good,
             "flagged": self.flagged,
             "lost": losses.lost,
@@ -133,34 +146,3 @@ def losses_of(
     found = found.by_device(samples.clock, host_s)
     gaps = [gap for gap in found.gaps if attempt.start <= gap.after < attempt.stop - 1]
     return replace(found, lost=sum(g.lost for g in gaps), unresolved=sum(not g.resolved for g in gaps), gaps=gaps)
-
-
-def warning(dwell: Dwell, found: Stationarity, limits: LimitsTable) -> str:
-    """Faults of a dwell so far, in words; empty for none."""
-    words = []
-    if found.knocks:
-        words.append(f"knock: {len(found.knocks)} outlier block(s)")
-    elif found.creep:
-        words.append(f"creeping: {found.tilt_arcsec:.0f} arcsec or {abs(found.drift_g).max() * 1e6:.0f} ug so far")
-    if dwell.flagged > max(limits.flagged_fraction * dwell.needed, 1):
-        words.append(f"{dwell.flagged} samples without a number or flagged by the device (overload, error)")
-    if limits.noise_mg is not None and dwell.sd.max() > 3e-3 * limits.noise_mg:
-        words.append(f"noise {dwell.sd.max() * 1e3:.2f} mg, expected {limits.noise_mg:g} mg")
-    return "; ".join(words)
-
-
-def refusal(dwell: Dwell, losses: Losses, limits: LimitsTable) -> str:
-    """Why an attempt must be repeated; empty if it is good."""
-    received = dwell.good + dwell.flagged
-    if losses.lost > limits.lost_fraction * dwell.needed:
-        sent = received + losses.lost
-        return (
-            f"{losses.lost} of {sent} samples lost ({100 * losses.lost / sent:.1f} %) in {counted(len(losses.gaps), 'gap')}; "
-            f"limits.lost_fraction allows {100 * limits.lost_fraction:g} %"
-        )
-    if dwell.flagged > limits.flagged_fraction * dwell.needed:
-        return (
-            f"{dwell.flagged} of {received} samples without a number or flagged by the device (overload, error); "
-            f"limits.flagged_fraction allows {100 * limits.flagged_fraction:g} %"
-        )
-    return ""

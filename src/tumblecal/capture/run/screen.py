@@ -10,8 +10,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import numpy as np
-from rich import box
-from rich.columns import Columns
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
 from rich.table import Table
@@ -21,39 +19,35 @@ from tumblecal.capture.run.guide import Guide, Phase
 from tumblecal.ground.axes import AXES
 
 
-# Name, value, standard uncertainty and unit.
-Parameter = tuple[str, float, float, str]
-
-_KEYS = "Enter: accept as it is   r: repeat this position   b: repeat the previous one   s: skip   q: interrupt"
+_KEYS = " Enter: accept as it is   r: repeat this position   b: repeat the previous one   s: skip   q: interrupt"
 _STYLES = {
     Phase.SOAK: "bold magenta",
     Phase.TURN: "bold yellow",
     Phase.SETTLING: "bold cyan",
-    Phase.RECORDING: "bold green",
-    Phase.CLOSING: "bold green",
     Phase.FINISHED: "bold white",
 }
-# Parts that a low terminal shows smaller or not at all, the least important first; all other parts are always shown.
-_LEAST_FIRST = ("above", "between", "below", "parameters", "clock", "axes", "target")
+# A lower terminal shows small letters; what is below its last line is not shown.
+_LOWEST = 24
+# The five rows of each letter.
 _GLYPHS = {
-    "0": ("███", "█ █", "█ █", "█ █", "███"),
-    "1": (" █ ", "██ ", " █ ", " █ ", "███"),
-    "2": ("███", "  █", "███", "█  ", "███"),
-    "3": ("███", "  █", "███", "  █", "███"),
-    "4": ("█ █", "█ █", "███", "  █", "  █"),
-    "5": ("███", "█  ", "███", "  █", "███"),
-    "6": ("███", "█  ", "███", "█ █", "███"),
-    "7": ("███", "  █", "  █", "  █", "  █"),
-    "8": ("███", "█ █", "███", "█ █", "███"),
-    "9": ("███", "█ █", "███", "  █", "███"),
-    "-": ("   ", "   ", "███", "   ", "   "),
-    ".": (" ", " ", " ", " ", "█"),
-    ":": (" ", "█", " ", "█", " "),
-    "°": ("██", "██", "  ", "  ", "  "),
-    "C": ("███", "█  ", "█  ", "█  ", "███"),
-    " ": ("  ", "  ", "  ", "  ", "  "),
-    "α": ("     ", "██ █ ", "█ ██ ", "█ ██ ", "██ █ "),
-    "β": ("███ ", "█ █ ", "██▄ ", "█  █", "█▀▀ "),
+    "0": "███/█ █/█ █/█ █/███",
+    "1": " █ /██ / █ / █ /███",
+    "2": "███/  █/███/█  /███",
+    "3": "███/  █/███/  █/███",
+    "4": "█ █/█ █/███/  █/  █",
+    "5": "███/█  /███/  █/███",
+    "6": "███/█  /███/█ █/███",
+    "7": "███/  █/  █/  █/  █",
+    "8": "███/█ █/███/█ █/███",
+    "9": "███/█ █/███/  █/███",
+    "-": "   /   /███/   /   ",
+    ".": " / / / /█",
+    ":": " /█/ /█/ ",
+    "°": "██/██/  /  /  ",
+    "C": "███/█  /█  /█  /███",
+    " ": "  /  /  /  /  ",
+    "α": "     /██ █ /█ ██ /█ ██ /██ █ ",
+    "β": "███ /█ █ /██▄ /█  █/█▀▀ ",
 }
 
 
@@ -92,26 +86,19 @@ class Keyboard:
 
 
 class Screen:
-    """Shows the guide: redrawn in place on a terminal, otherwise one line for each change.
-
-    `parameters`: estimate from the positions so far; empty for none.
-    """
-
-    parameters: list[Parameter]
+    """Shows the guide: redrawn in place on a terminal, otherwise one line for each change."""
 
     def __init__(self, plain: bool = False):
-        self._console = Console(highlight=False)
+        self._console, self._last = Console(highlight=False), ""
         shown = not plain and self._console.is_terminal
         self._live = Live(console=self._console, screen=True, auto_refresh=False) if shown else None
-        self._last = ""
-        self.parameters = []
 
     def __enter__(self) -> "Screen":
         if self._live is not None:
             self._live.__enter__()
         return self
 
-    def __exit__(self, *error: object) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._live is not None:
             with self._terminal_may_be_gone():
                 self._live.__exit__(None, None, None)
@@ -121,7 +108,7 @@ class Screen:
         line = line_of(guide)
         with self._terminal_may_be_gone():
             if self._live is not None:
-                self._live.update(rendered(guide, self.parameters, self._console), refresh=True)
+                self._live.update(rendered(guide, self._console), refresh=True)
             elif line != self._last:
                 print(line, flush=True)
         self._last = line
@@ -143,12 +130,13 @@ class Screen:
             os.close(nowhere)
 
 
-def place_of(guide: Guide) -> str:
-    """The position, or the soak that comes before it, and the number of positions that are done."""
-    plan, position = guide.plan, max(guide.position, 0)
-    soak = f"soak {plan.soaks[position] + 1} of {plan.soaks[-1] + 1}"
-    place = soak if guide.phase == Phase.SOAK else f"position {plan.steps[position].name}"
-    return f"{place}, {len(guide.state.accepted)} of {len(plan.steps)} done"
+def header_of(guide: Guide) -> str:
+    """The phase; the position, or the soak that comes before it; and the number of positions that are done."""
+    plan, phase = guide.plan, Phase.RECORDING if guide.phase == Phase.CLOSING else guide.phase
+    place = f"position {plan.steps[guide.position].name}"
+    if phase == Phase.SOAK:
+        place = f"soak {plan.soaks[guide.position] + 1} of {plan.soaks[-1] + 1}"
+    return f"{phase.value} {place}, {len(guide.state.accepted)} of {len(plan.steps)} done"
 
 
 def note_of(guide: Guide) -> str:
@@ -156,123 +144,89 @@ def note_of(guide: Guide) -> str:
     match guide.phase:
         case Phase.SOAK:
             return guide.soak.note
-        case Phase.TURN if not guide.watch.still and guide.watch.moved:
+        case Phase.TURN if not guide.still and guide.watch.moved:
             return "moving"
         case Phase.TURN:
             seen = " (gravity looks the same as before: turn it, or press Enter)" if guide.must_move else ""
             return f"turn the head there and take your hands away{seen}"
         case Phase.SETTLING:
-            remaining_s = guide.plan.dwell.settle_s - guide.settled / guide.rate_hz
-            return f"hands off: {max(remaining_s, 0) / guide.plan.port.speed:.0f} s until recording"
+            remaining_s = max(guide.plan.dwell.settle_s - guide.settled_s, 0) / guide.plan.port.speed
+            return f"hands off: {remaining_s:.0f} s until recording"
         case Phase.CLOSING:
             return "done; checking for lost samples"
-        case Phase.FINISHED:
-            return "all positions are done"
     return "recording"
 
 
-def _progress(guide: Guide) -> tuple[int, int]:
-    """Good samples so far and needed; of a soak, seconds of stable temperature."""
+def _progress(guide: Guide) -> tuple[float, str]:
+    """The finished part of a dwell or a soak, and what it counts; an empty text for none."""
+    if guide.dwell is not None:
+        return guide.dwell.good / guide.dwell.needed, f"{guide.dwell.good} of {guide.dwell.needed} good samples"
     if guide.phase == Phase.SOAK and guide.soak.stability is not None:
-        return round(60 * guide.soak.stability.stable_min), round(60 * guide.plan.soak.stable_min)
-    return (guide.dwell.good, guide.dwell.needed) if guide.dwell else (0, 0)
-
-
-def _shown_phase(guide: Guide) -> str:
-    return (Phase.RECORDING if guide.phase == Phase.CLOSING else guide.phase).value
+        stable, needed = guide.soak.stability.stable_min, guide.plan.soak.stable_min
+        return stable / needed, f"{stable:.1f} of {needed:g} min stable"
+    return 0.0, ""
 
 
 def line_of(guide: Guide) -> str:
     """The state in one line."""
-    step, (done, needed) = guide.plan.steps[max(guide.position, 0)], _progress(guide)
+    step, (part, counted) = guide.plan.steps[guide.position], _progress(guide)
     target = f"alpha {step.alpha_deg:g} beta {step.beta_deg:g}"
     if guide.phase == Phase.SOAK:
         target = f"set the chamber to {guide.soak.wanted_degc:g} degC"
-    words = [
-        f"{_shown_phase(guide)} {place_of(guide)}: {target}",
-        f"{100 * done // needed // 25 * 25} %" if needed else "",
-    ]
-    words += [guide.alarm, f"[{guide.rejected}]" if guide.rejected and guide.rejected not in guide.alarm else ""]
-    words += [f"({guide.identity.text})" if guide.identity.text else ""]
+    words = [f"{header_of(guide)}: {target}", f"{25 * int(4 * part)} %" if counted else "", guide.alarm]
+    words.append(f"[{guide.rejected}]" if guide.rejected and guide.rejected not in guide.alarm else "")
+    words.append(f"({guide.identity.text})" if guide.identity.text else "")
     return " ".join(filter(None, words))
 
 
-def rendered(guide: Guide, parameters: list[Parameter], console: Console) -> RenderableType:
-    """The screen, no higher than the terminal: phase, alarm, rejection, progress, counters and keys are always visible."""
-    plan, style, (done, needed) = guide.plan, _STYLES[guide.phase], _progress(guide)
-    step = plan.steps[max(guide.position, 0)]
+def rendered(guide: Guide, console: Console) -> RenderableType:
+    """The screen: the axes come last, so that a low terminal has phase, alarm, rejection, progress, counters and keys."""
+    plan, style, (part, counted) = guide.plan, _STYLES.get(guide.phase, "bold green"), _progress(guide)
+    step = plan.steps[guide.position]
     target = f"α {step.alpha_deg:g}°  β {step.beta_deg:g}°"
     if guide.phase == Phase.SOAK:
         target = f"{guide.soak.wanted_degc:g} °C"
-    remaining_s = max(needed - done, 0) / guide.rate_hz / plan.port.speed
-    parts: dict[str, RenderableType] = {
-        "header": Text(f" {_shown_phase(guide)}   {place_of(guide)}", style=f"{style} reverse"),
-        "above": Text(""),
-        "target": Text(_big(target), style=style),
-        "between": Text(""),
-    }
+    left_s = (1 - part) * plan.dwell.seconds / plan.port.speed if guide.dwell is not None else 0.0
+    small = console.height < _LOWEST or max(map(len, _big(target).split("\n"))) > console.width
+    shown = (lambda text: f" {text}") if small else _big
+    lines = [Text(f" {header_of(guide)}", style=f"{style} reverse"), Text(shown(target), style=style)]
     if guide.dwell is not None:
-        filled = round(40 * min(done / needed, 1.0))
-        bar = f" {'█' * filled}{'░' * (40 - filled)} {done / needed:4.0%}  {done} of {needed} good samples"
-        parts |= {"clock": Text(_big(_clock(remaining_s)), style=style), "bar": Text(bar, style=style)}
-    alarm = Text(f" {guide.alarm}", style="bold white on red")
-    parts["note"] = alarm if guide.alarm else Text(f" {note_of(guide)}")
-    parts |= {
-        name: Text(f" {text}", style=f"{weight}yellow")
-        for name, text, weight in (("doubt", guide.identity.text, "bold "), ("rejected", guide.rejected, ""))
-        if text
-    }
-    parts["axes"] = _axes(guide)
-    if parameters:
-        entries = [f" {name} {value:+.3f} ± {u:.3f} {unit} " for name, value, u, unit in parameters]
-        parts["parameters"] = Columns(entries, title="estimate so far", equal=True, column_first=True)
-    parts |= {
-        "below": Text(""),
-        "counters": Text(
-            f" run: {_clock(_run_left_s(guide) + remaining_s)} left   {guide.stream.tally.line()}", style="dim"
-        ),
-        "keys": Text(f" {_KEYS}", style="dim"),
-    }
-    small = {"target": Text(f" {target}", style=style), "clock": Text(f" {_clock(remaining_s)} left", style=style)}
-    if len(_big(target).split("\n")[0]) > console.width:
-        parts["target"] = small["target"]
-    for name in _LEAST_FIRST:
-        if sum(len(console.render_lines(part)) for part in parts.values()) <= console.height:
-            break
-        if name in parts and name in small:
-            parts[name] = small[name]
-        else:
-            parts.pop(name, None)
-    return Group(*parts.values())
-
-
-def _run_left_s(guide: Guide) -> float:
-    """Shortest time for the positions and soaks after the present ones, s."""
-    plan, accepted = guide.plan, guide.state.accepted
-    positions = [k for k in range(len(plan.steps)) if k not in accepted]
-    dwells = max(len(positions) - (guide.dwell is not None), 0) * (plan.dwell.seconds + plan.dwell.settle_s)
-    soaks = (len({plan.soaks[k] for k in positions}) - (guide.phase != Phase.SOAK)) * plan.over_temperature
-    return (dwells + 60 * plan.soak.stable_min * max(soaks, 0)) / plan.port.speed
+        lines.append(Text(shown(_clock(left_s)), style=style))
+    if counted:
+        filled = round(40 * min(part, 1.0))
+        lines.append(Text(f" {'█' * filled}{'░' * (40 - filled)} {part:4.0%}  {counted}", style=style))
+    lines.append(Text(f" {guide.alarm}", "bold white on red") if guide.alarm else Text(f" {note_of(guide)}"))
+    doubts = ((guide.identity.text, "bold yellow"), (guide.rejected, "yellow"))
+    lines += [Text(f" {text}", style=colour) for text, colour in doubts if text]
+    # The shortest time for the positions and soaks after the present ones.
+    accepted, here = guide.state.accepted, guide.position
+    soaks = {plan.soaks[k] for k in range(len(plan.steps)) if k not in accepted} - {plan.soaks[here]}
+    rest_s = (len(plan.steps) - len({*accepted, here})) * (plan.dwell.seconds + plan.dwell.settle_s)
+    run_s = left_s + (rest_s + 60 * plan.soak.stable_min * len(soaks)) / plan.port.speed
+    counters = f" run: {_clock(run_s)} left   {guide.stream.tally.line()}"
+    return Group(*lines, Text(counters, style="dim"), Text(_KEYS, style="dim"), _axes(guide))
 
 
 def _axes(guide: Guide) -> Table:
     """Mean and noise of each axis, with the nominal output, mg."""
-    table = Table(box=box.SIMPLE, pad_edge=False)
+    table = Table(box=None, pad_edge=False)
     for name in ("axis", "mean mg", "expected mg", "difference mg", "sd of a sample mg", "drift mg"):
         table.add_column(name, justify="right")
-    dwell, expected = guide.dwell, guide.plan.expected(max(guide.position, 0))
-    mean, sd = (dwell.mean, dwell.sd) if dwell else np.vstack([np.full((2, 3), np.nan), *guide.watch.blocks[-1:]])[-2:]
-    for axis, cells in zip(AXES, np.transpose([mean, expected, mean - expected, sd, guide.drift_g]), strict=True):
-        table.add_row(axis, *(f"{cell * 1e3:+.3f}" if np.isfinite(cell) else "-" for cell in cells))
+    blocks = guide.watch if guide.dwell is None else guide.dwell.blocks
+    if len(blocks.mean_g):
+        mean, sd, expected = blocks.mean_g.mean(0), blocks.sd_g.mean(0), guide.plan.expected(guide.position)
+        for axis, cells in zip(AXES, np.transpose([mean, expected, mean - expected, sd, guide.drift_g]), strict=True):
+            table.add_row(axis, *(f"{1e3 * cell:+.3f}" if np.isfinite(cell) else "-" for cell in cells))
     return table
 
 
 def _big(text: str) -> str:
     """Text in letters five lines high; characters without a glyph are skipped."""
-    return "\n".join("  ".join(_GLYPHS[c][row] for c in text if c in _GLYPHS) for row in range(5))
+    rows = zip(*(_GLYPHS[letter].split("/") for letter in text if letter in _GLYPHS), strict=True)
+    return "\n".join(map("  ".join, rows))
 
 
 def _clock(seconds: float) -> str:
     """1:05:09 or 5:09."""
-    minutes, rest = divmod(max(0, round(seconds)), 60)
+    minutes, rest = divmod(round(seconds), 60)
     return f"{minutes // 60}:{minutes % 60:02d}:{rest:02d}" if minutes >= 60 else f"{minutes}:{rest:02d}"

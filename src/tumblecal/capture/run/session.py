@@ -1,11 +1,7 @@
 """The guided run on a locked folder: recorder, device, guide, screen and keys together."""
 
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
-
-import numpy as np
-from numpy.typing import NDArray
 
 from tumblecal.capture.chamber.chamber import Chamber, TextChamber
 from tumblecal.capture.chamber.soak import Soak
@@ -15,12 +11,11 @@ from tumblecal.capture.port.recorder import clocks
 from tumblecal.capture.port.recording import Recording
 from tumblecal.capture.protocols import protocol
 from tumblecal.capture.protocols.stim300_datagrams import settings_of
-from tumblecal.capture.run.contact import Device, Pause, await_port, meet
+from tumblecal.capture.run.contact import Pause, await_port, meet
 from tumblecal.capture.run.guide import Guide, Phase
 from tumblecal.capture.run.identity import Identity
-from tumblecal.capture.run.rest import block_size
 from tumblecal.capture.run.run_folder import RunFolder
-from tumblecal.capture.run.screen import Keyboard, Parameter, Screen
+from tumblecal.capture.run.screen import Keyboard, Screen
 from tumblecal.capture.run.stop_signals import Stopped, StopSignals
 from tumblecal.ground.errors import InputError
 
@@ -28,15 +23,10 @@ from tumblecal.ground.errors import InputError
 _LOOK_S, _FAST_LOOK_S = 0.25, 0.05
 _LOOKS_A_DRAWING = 2
 
-# (number in the plan, mean_g, sd_g) of the accepted positions -> the parameters.
-Measured = tuple[int, NDArray[np.float64], NDArray[np.float64]]
-Estimate = Callable[[list[Measured]], list[Parameter]]
-
 
 def capture(
     run: RunFolder,
     *,
-    estimate: Estimate | None = None,
     plain: bool = False,
     wait_s: float = 0.0,
     confirm: Callable[[], bool] = lambda: True,
@@ -48,7 +38,6 @@ def capture(
     **Arguments:**
 
     - `run`: from `begin` or `resume`.
-    - `estimate`: live estimate of the parameters, or None.
     - `plain`: lines instead of a redrawn screen.
     - `wait_s`: time to wait for a port that does not exist yet, s.
     - `confirm`: called on resuming: whether the instrument is still mounted as before.
@@ -58,39 +47,46 @@ def capture(
     **Raises:** `InputError` in one line for any fault that ends the run; `Stopped` after Ctrl-C, SIGTERM or SIGHUP. After
     both, the journal has an entry "stopped" and all accepted positions.
     """
-    plan, journal = run.plan, run.journal
-    device_protocol = protocol(plan.port.protocol)
-    if journal.state.device:
+    plan, journal, state = run.plan, run.journal, run.journal.state
+    spoken = protocol(plan.port.protocol)
+    if state.device:
         still = confirm()
         journal.write("resumed", still_mounted=still, clocks=clocks())
         if not still:
             raise InputError("the instrument was removed, so its angles to the head are new; begin a new run")
     if plan.port.range_g is not None:
-        device_protocol.check_range(plan.port.range_g, f"port.range_g: {plan.port.range_g:g}")
-    settings = device_protocol.settings(plan.port.range_g, plan.port.rate_hz)
-    stated = journal.state.configuration or {}
-    if device_protocol.range_from_stream and "range_g" in stated:
+        spoken.check_range(plan.port.range_g, f"port.range_g: {plan.port.range_g:g}")
+    settings, stated = spoken.settings(plan.port.range_g, plan.port.rate_hz), state.configuration or {}
+    if spoken.range_from_stream and "range_g" in stated:
         settings = settings_of(stated)
     with StopSignals() as signals:
         with _end_recorded(run):
             await_port(plan.port.url, wait_s, signals.pause)
-            recording = Recording(run.folder / RAW_NAME, plan.port.url, plan.port.baud or device_protocol.bauds[0])
+            recording = Recording(run.folder / RAW_NAME, plan.port.url, plan.port.baud or spoken.bauds[0])
         try:
-            options = device_protocol.decoder_options(plan.port.columns, plan.port.unit)
-            stream = LiveStream(recording, device_protocol, settings, options)
+            options = spoken.decoder_options(plan.port.columns, plan.port.unit)
+            stream = LiveStream(recording, spoken, settings, options)
             with _end_recorded(run, stream):
-                identity = Identity(journal, recording.send, device_protocol.queries, trust=trust)
-                device = _met(run, stream, identity, signals.pause, trust)
-                soak = _soak(run, device, chamber)
+                identity = Identity(journal, recording.send, spoken.queries, trust=trust)
+                rate_hz = _met(run, stream, identity, signals.pause, trust)
+                if plan.over_temperature:
+                    print(f"a temperature is stable if, {plan.soak.words}")
+                    chamber = chamber or (TextChamber(plan.chamber) if plan.chamber.url else None)
+                soak = Soak(plan, journal, rate_hz, chamber)
                 try:
                     with Screen(plain) as screen, Keyboard() as keyboard:
-                        guide = Guide(run, stream, device.rate_hz, identity, soak, screen.bell)
-                        _walk(run, guide, screen, keyboard, estimate, signals.pause)
+                        _walk(
+                            run,
+                            Guide(run, stream, rate_hz, identity, soak, screen.bell),
+                            screen,
+                            keyboard,
+                            signals.pause,
+                        )
                 finally:
                     soak.close(finished=run.complete)
         finally:
             recording.stop()
-    return journal.state
+    return state
 
 
 @contextmanager
@@ -104,12 +100,13 @@ def _end_recorded(run: RunFolder, stream: LiveStream | None = None) -> Iterator[
         raise
 
 
-def _met(run: RunFolder, stream: LiveStream, identity: Identity, pause: Pause, trust: bool) -> Device:
-    """Query the device and write it into the journal.
+def _met(run: RunFolder, stream: LiveStream, identity: Identity, pause: Pause, trust: bool) -> float:
+    """Query the device and write it into the journal; its sample rate.
 
     **Raises:** `InputError` if it is not the one of the plan or of the run.
     """
-    device, wanted = meet(stream, run.plan, run.journal.state, pause), run.plan.port.serial_number
+    state, wanted = run.journal.state, run.plan.port.serial_number
+    device = meet(stream, run.plan, state, pause)
     if wanted is not None and device.serial_number is None and not trust:
         raise InputError(
             f"the instrument does not state its serial number, and the plan is for {wanted}: connect its receive line, or give "
@@ -128,44 +125,19 @@ def _met(run: RunFolder, stream: LiveStream, identity: Identity, pause: Pause, t
         clocks=clocks(),
         log_position=stream.recording.position,
     )
-    return device
+    identity.begin(device.tries, state.open_after(-1, run.plan.soaks) or 0)
+    return device.rate_hz
 
 
-def _soak(run: RunFolder, device: Device, chamber: Chamber | None) -> Soak:
-    """The soaks of the plan, with its chamber; their criterion and a costly order are printed."""
-    plan = run.plan
-    if plan.over_temperature:
-        print(f"a temperature is stable if, {plan.soak.words}")
-        if text := plan.order_warning:
-            print(f"warning: {text}")
-            run.journal.write("warned", text=text)
-        if chamber is None and plan.chamber.url:
-            chamber = TextChamber(plan.chamber)
-    return Soak(plan, run.journal, block_size(device.rate_hz), chamber)
-
-
-def _walk(
-    run: RunFolder, guide: Guide, screen: Screen, keyboard: Keyboard, estimate: Estimate | None, pause: Pause
-) -> None:
-    """Feed the guide until it has finished; estimate the parameters after each accepted position."""
-    fast, looks, accepted = run.plan.port.speed > 1, 0, dict(run.journal.state.accepted)
-    # In its own thread: an estimate may take seconds, or fail, without stopping a capture.
-    thread, pending = ThreadPoolExecutor(1), list[Future[list[Parameter]]]()
+def _walk(run: RunFolder, guide: Guide, screen: Screen, keyboard: Keyboard, pause: Pause) -> None:
+    """Feed the guide until it has finished."""
+    fast, looks = run.plan.port.speed > 1, 0
     try:
         while guide.phase != Phase.FINISHED:
             run.journal.check()
             guide.take(guide.stream.poll())
             for key in keyboard.pressed():
                 guide.press(key)
-            if estimate is not None and accepted != run.journal.state.accepted:
-                accepted = dict(run.journal.state.accepted)
-                pending.append(thread.submit(estimate, _measured(run)))
-            if pending and pending[-1].done():
-                if error := pending[-1].exception():
-                    run.journal.write("warned", position=guide.position, text=f"live estimate: {error}")
-                else:
-                    screen.parameters = pending[-1].result()
-                pending.clear()
             looks += 1
             if looks % _LOOKS_A_DRAWING == 0 or fast:
                 screen.show(guide)
@@ -174,17 +146,3 @@ def _walk(
         with suppress(InputError):
             guide.interrupt(str(end))
         raise
-    finally:
-        # Without waiting: the thread ends with the program.
-        thread.shutdown(wait=False, cancel_futures=True)
-
-
-def _measured(run: RunFolder) -> list[Measured]:
-    """The accepted positions of the last soak: the parameters differ between temperatures."""
-    soaks, last, measured = run.plan.soaks, run.journal.state.last_accepted, list[Measured]()
-    for k, attempt in sorted(run.journal.state.accepted.items()):
-        if last is not None and soaks[k] == soaks[last.position]:
-            summary = attempt.summary
-            sd = np.maximum(np.array(summary["sd_g"]) / np.sqrt(max(summary["n"], 1)), 1e-7)
-            measured.append((k, np.array(summary["mean_g"]), sd))
-    return measured
